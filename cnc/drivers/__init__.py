@@ -1,0 +1,1 @@
+"""Boards: who takes pulses or lines."""

@@ -1,0 +1,1 @@
+"""Plan to pulses and samples."""

@@ -1,0 +1,1 @@
+"""Canonical blocks to curves: lines, true arcs and helices, NURBS."""

@@ -1,0 +1,1 @@
+"""Path and limits to a jerk-limited plan s(t)."""

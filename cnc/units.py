@@ -1,0 +1,17 @@
+"""Units: mm, s and mm/s inside, whatever the program or the operator speaks."""
+
+MM_PER_INCH = 25.4
+S_PER_MIN = 60.0
+NS_PER_S = 1_000_000_000
+STANDARD_GRAVITY = 9806.65
+"""mm/s^2 (ISO 80000-3: 9.80665 m/s^2)."""
+
+
+def per_second(per_minute: float) -> float:
+    """A rate given per minute (mm/min, rev/min) as a rate per second."""
+    return per_minute / S_PER_MIN
+
+
+def per_minute(per_second: float) -> float:
+    """A rate given per second as a rate per minute."""
+    return per_second * S_PER_MIN
