@@ -1,4 +1,4 @@
-"""A plan: constant-jerk phases over the arc length of a stretch of path. It is the only timing model: estimates, samples and pulses read it."""
+"""A plan: constant-jerk phases over the arc length of a stretch of path: the one timing model, which estimates, samples and pulses read."""
 
 from __future__ import annotations
 

@@ -1,0 +1,336 @@
+"""Bounds on speed, tangential acceleration and jerk along pieces of path, constant on short intervals.
+
+At a point of the path q(s), with speed v, tangential acceleration a and jerk j, each axis i moves with
+
+    velocity      q_i' v
+    acceleration  q_i'' v^2 + q_i' a
+    jerk          q_i''' v^3 + 3 q_i'' v a + q_i' j
+
+The curvature alone bounds v: sqrt(aN rho) for the normal acceleration aN, and (2/T) sqrt(h (2 rho - h)) so that the chord of one period T
+stays within h of the curve (Hui, Wei, Gao 2013, equations 6 and 7 mended, as speeds). The rest of each axis's limit is handed to a, then j.
+
+A junction of two pieces may turn by a small angle or change its curvature at once. Sampled with period T, a jump dv of an axis's velocity
+shows as an acceleration dv / T and a jerk dv / T^2, a jump da of its acceleration as a jerk 3/4 da / T at most (the third difference is
+a mean weighted by the quadratic B-spline, whose largest value is 3/4). A junction is crossed at the speed that keeps these within the limits,
+constant for two periods either side so that nothing adds to it; a real corner is a stop.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.curve import LINE, METRIC, METRICS, SPAN, curve_eval_s, curve_inv_arclen, curve_range
+from cnc.kernels.jit import njit
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+LEVELS = 7
+"""Levels of speed for the acceleration and jerk bounds: 1, 0.9 ... 0.4 of an interval's speed bound."""
+
+ACCEL_SHARE = 0.97
+JERK_SHARE = 0.9
+"""The part of an axis's limit that speed alone may take up on a curve; the rest is left to change speed."""
+
+VARIATION = 0.02
+"""How much the bounds may vary between neighbouring samples of one interval, relative to the limits."""
+
+TURN = 0.1
+"""Largest turn of the direction within an interval, rad."""
+
+SAMPLES = 5
+SHORTEST = 1e-6
+"""mm; intervals are not made shorter than this, where curvature grows without bound towards a cusp."""
+
+FLAT_PERIODS = 2.0
+"""Periods at constant speed either side of a junction."""
+
+FLAT_SHARE = 0.4
+"""The part of a piece that the flat stretch at one of its ends may take."""
+
+CORNER = 0.1
+"""rad; a sharper turn is a stop: crossed at (jerk limit T^2) / CORNER it would save next to no time."""
+
+UNSEEN = 1e-3
+"""The part of a limit that a jump may take without a flat stretch; the planner keeps that part of the jerk limits free."""
+
+
+@njit
+def speed_bound(data: Floats, at: int, q: Floats, feed: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats) -> float:
+    """Largest speed at a point of the piece at ``at``, from its derivatives by arc length ``q`` (4, n)."""
+    v = feed
+    squared = 0.0
+    for m in range(int(data[at + METRICS])):
+        squared += q[2, int(data[at + METRIC + m])] ** 2
+    curvature = math.sqrt(squared)
+    if curvature > 0.0:
+        radius = 1.0 / curvature
+        v = min(v, math.sqrt(rules[2] * radius))
+        if 2.0 * radius > rules[3]:
+            v = min(v, 2.0 / rules[4] * math.sqrt(rules[3] * (2.0 * radius - rules[3])))
+    for i in range(q.shape[1]):
+        if q[1, i] != 0.0:
+            v = min(v, axis_v[i] / abs(q[1, i]))
+        if q[2, i] != 0.0:
+            v = min(v, math.sqrt(ACCEL_SHARE * axis_a[i] / abs(q[2, i])))
+        if q[3, i] != 0.0:
+            v = min(v, (JERK_SHARE * axis_j[i] / abs(q[3, i])) ** (1.0 / 3.0))
+    return v
+
+
+@njit
+def tangential_bounds(
+    first: Floats, second: Floats, third: Floats, v: float, rules: Floats, axis_a: Floats, axis_j: Floats
+) -> tuple[float, float]:
+    """Acceleration and jerk bounds at speeds up to ``v`` from bounds on |q'|, |q''|, |q'''| of each axis."""
+    a = rules[0]
+    j = rules[1]
+    for i in range(len(first)):
+        left = axis_a[i] - second[i] * v * v
+        if first[i] > 0.0:
+            a = min(a, left / first[i])
+        if second[i] > 0.0 and v > 0.0:
+            a = min(a, 0.5 * (axis_j[i] - third[i] * v * v * v) / (3.0 * second[i] * v))
+    for i in range(len(first)):
+        if first[i] > 0.0:
+            left = axis_j[i] - third[i] * v * v * v
+            if second[i] > 0.0:
+                left -= 3.0 * second[i] * v * a
+            j = min(j, left / first[i])
+    return a, j
+
+
+@njit
+def junction(
+    data: Floats, at: int, before: Floats, after: Floats, v: float, rules: Floats, axis_a: Floats, axis_j: Floats
+) -> tuple[float, bool]:
+    """Speed for a junction between two pieces, given the derivatives (4, n) on both sides and the speed ``v`` wanted.
+
+    data, at: either piece, for its metric axes. Returns (speed, flat): 0 for a stop; flat where the motion must be at constant speed.
+    """
+    period = rules[4]
+    squared = 0.0
+    for m in range(int(data[at + METRICS])):
+        i = int(data[at + METRIC + m])
+        squared += (after[1, i] - before[1, i]) ** 2
+    turn = math.sqrt(squared)
+    # Per unit of speed (linear) and of speed squared: the part of a limit that the jump takes up.
+    by_v = 0.0
+    by_v2 = 0.0
+    if turn > 0.0:
+        by_v = turn / min(min(rules[0], rules[2]) * period, rules[1] * period * period)
+        # The chord across the corner cuts it by (v T / 2) sin(turn / 2).
+        by_v = max(by_v, turn * period / (4.0 * rules[3]))
+    for i in range(before.shape[1]):
+        jump = abs(after[1, i] - before[1, i])
+        if jump > 0.0:
+            by_v = max(by_v, jump / min(axis_a[i] * period, axis_j[i] * period * period))
+        bend = abs(after[2, i] - before[2, i])
+        if bend > 0.0:
+            by_v2 = max(by_v2, 0.75 * bend / (axis_j[i] * period))
+    if turn > CORNER:
+        return 0.0, True
+    if by_v * v + by_v2 * v * v <= UNSEEN:
+        return v, False
+    # What the curves themselves take up at constant speed is there as well.
+    for _ in range(200):
+        taken = by_v * v + by_v2 * v * v
+        for i in range(before.shape[1]):
+            bend = max(abs(before[2, i]), abs(after[2, i]))
+            twist = max(abs(before[3, i]), abs(after[3, i]))
+            if bend > 0.0:
+                taken = max(taken, by_v * v + bend * v * v / axis_a[i])
+            if twist > 0.0:
+                taken = max(taken, by_v * v + by_v2 * v * v + twist * v * v * v / axis_j[i])
+        if taken <= 1.0 - UNSEEN:
+            break
+        v *= 0.97
+    return v, True
+
+
+@njit
+def interval_samples(kind: int, data: Floats, at: int, start: float, end: float, q: Floats) -> None:
+    """Derivatives by arc length at SAMPLES points of [start, end] into ``q`` (SAMPLES, 4, n)."""
+    if kind == LINE:
+        curve_eval_s(kind, data, at, 0.0, q[0])
+        for m in range(1, SAMPLES):
+            q[m] = q[0]
+        return
+    for m in range(SAMPLES):
+        s = start + (end - start) * m / (SAMPLES - 1)
+        curve_eval_s(kind, data, at, curve_inv_arclen(kind, data, at, s), q[m])
+
+
+@njit
+def bounds_vary(q: Floats, v: float, speed: Floats, axis_a: Floats, axis_j: Floats) -> bool:
+    """Whether an interval with these samples is too long for constant bounds at speeds up to ``v``."""
+    lowest = speed[0]
+    highest = speed[0]
+    for m in range(1, SAMPLES):
+        lowest = min(lowest, speed[m])
+        highest = max(highest, speed[m])
+    if highest - lowest > VARIATION * lowest:
+        return True
+    per_axis = False
+    for i in range(q.shape[2]):
+        per_axis = per_axis or axis_a[i] < math.inf or axis_j[i] < math.inf
+    turn = TURN / (SAMPLES - 1) if per_axis else TURN
+    for m in range(1, SAMPLES):
+        for i in range(q.shape[2]):
+            if abs(q[m, 1, i] - q[m - 1, 1, i]) > turn:
+                return True
+            if abs(abs(q[m, 2, i]) - abs(q[m - 1, 2, i])) * v * v > VARIATION * axis_a[i]:
+                return True
+            if abs(abs(q[m, 3, i]) - abs(q[m - 1, 3, i])) * v * v * v > VARIATION * axis_j[i]:
+                return True
+    return False
+
+
+@njit
+def write_interval(
+    end: float, v: float, flat: bool, first: Floats, second: Floats, third: Floats,
+    rules: Floats, axis_a: Floats, axis_j: Floats, count: int,
+    out_end: Floats, out_speed: Floats, out_accel: Floats, out_jerk: Floats, out_flat: Flags,
+) -> int:  # fmt: skip
+    """Append an interval that reaches to ``end``, with its bounds at every level of speed; returns the new count."""
+    out_end[count] = end
+    out_speed[count] = v * (1.0 - 1e-9)
+    out_flat[count] = flat
+    for m in range(LEVELS):
+        a, j = tangential_bounds(first, second, third, v * (1.0 - 0.1 * m), rules, axis_a, axis_j)
+        out_accel[count, m] = a * (1.0 - 1e-6)
+        out_jerk[count, m] = j * (1.0 - 2.0 * UNSEEN)
+    return count + 1
+
+
+@njit
+def gather(q: Floats, speed: Floats, first: Floats, second: Floats, third: Floats) -> float:
+    """Fold the samples into bounds on |q'|, |q''|, |q'''| of each axis; returns the speed bound of the interval.
+
+    Between samples a bound may be passed by a fraction of its variation from sample to sample: that much is added.
+    """
+    lowest = speed[0]
+    highest = speed[0]
+    for m in range(1, SAMPLES):
+        lowest = min(lowest, speed[m])
+        highest = max(highest, speed[m])
+    for i in range(q.shape[2]):
+        first[i] = second[i] = third[i] = 0.0
+        for m in range(SAMPLES):
+            first[i] = max(first[i], abs(q[m, 1, i]))
+            second[i] = max(second[i], abs(q[m, 2, i]))
+            third[i] = max(third[i], abs(q[m, 3, i]))
+        for m in range(1, SAMPLES):
+            first[i] = max(first[i], abs(q[m, 1, i]) + 0.25 * abs(q[m, 1, i] - q[m - 1, 1, i]))
+            second[i] = max(second[i], abs(q[m, 2, i]) + 0.25 * abs(q[m, 2, i] - q[m - 1, 2, i]))
+            third[i] = max(third[i], abs(q[m, 3, i]) + 0.25 * abs(q[m, 3, i] - q[m - 1, 3, i]))
+    return lowest - 0.125 * min(highest - lowest, lowest)
+
+
+@njit
+def joint(
+    kind_a: int, data_a: Floats, at_a: int, length_a: float, feed_a: float,
+    kind_b: int, data_b: Floats, at_b: int, length_b: float, feed_b: float,
+    rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats, q: Floats,
+) -> tuple[float, bool]:  # fmt: skip
+    """Speed at the junction of piece a and the piece b after it, and whether it is flat (see :func:`junction`). q: scratch (2+, 4, n)."""
+    differ = data_a[at_a + METRICS] != data_b[at_b + METRICS]
+    for m in range(int(data_a[at_a + METRICS])):
+        differ = differ or data_a[at_a + METRIC + m] != data_b[at_b + METRIC + m]
+    singular = curve_eval_s(kind_a, data_a, at_a, curve_range(kind_a, data_a, at_a)[1], q[0])
+    singular += curve_eval_s(kind_b, data_b, at_b, curve_range(kind_b, data_b, at_b)[0], q[1])
+    if singular != 0 or differ:
+        return 0.0, True
+    v = min(
+        speed_bound(data_a, at_a, q[0], feed_a, rules, axis_v, axis_a, axis_j),
+        speed_bound(data_b, at_b, q[1], feed_b, rules, axis_v, axis_a, axis_j),
+    )
+    room = FLAT_SHARE * min(length_a, length_b) / (FLAT_PERIODS * rules[4])
+    speed, flat = junction(data_a, at_a, q[0], q[1], v, rules, axis_a, axis_j)
+    return (min(speed, room), True) if flat else (speed, False)
+
+
+@njit
+def chunk_intervals(
+    kind: NDArray[np.int8], at: Ints, data: Floats, length: Floats, feed: Floats, stop_after: Flags,
+    v_in: float, flat_in: bool, v_out: float, flat_out: bool, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats,
+    out_end: Floats, out_speed: Floats, out_accel: Floats, out_jerk: Floats, out_flat: Flags,
+) -> int:  # fmt: skip
+    """Cut the pieces of a chunk into intervals with constant bounds.
+
+    feed (m,): mm/s, inf where only the axes limit it. v_in, flat_in, v_out, flat_out: the junctions with the chunks before and after.
+    rules: tangential acceleration, jerk, normal acceleration, chord error, period. out_*: room for where each interval ends (arc length
+    from the chunk's start), its speed bound, its bounds by level of speed, its flatness. Returns the number of intervals, or -1 where there
+    was no room for them.
+    """
+    axes = len(axis_v)
+    q = np.zeros((SAMPLES, 4, axes))
+    speed = np.zeros(SAMPLES)
+    first = np.zeros(axes)
+    second = np.zeros(axes)
+    third = np.zeros(axes)
+    count = 0
+    base = 0.0
+    v_before, flat_before = v_in, flat_in
+    for k in range(len(kind)):
+        if k + 1 < len(kind):
+            v_after, flat_after = joint(
+                int(kind[k]), data, at[k], length[k], feed[k], int(kind[k + 1]), data, at[k + 1], length[k + 1], feed[k + 1],
+                rules, axis_v, axis_a, axis_j, q,
+            )  # fmt: skip
+        else:
+            v_after, flat_after = v_out, flat_out
+        if stop_after[k]:
+            v_after, flat_after = 0.0, True
+        shape = int(kind[k])
+        flat_from = FLAT_PERIODS * rules[4] * v_before if flat_before else 0.0
+        flat_to = length[k] - (FLAT_PERIODS * rules[4] * v_after if flat_after else 0.0)
+        start = 0.0
+        step = length[k] if shape != SPAN else length[k] / 16.0
+        while start < length[k]:
+            if count + 2 > len(out_end):
+                return -1
+            flat = False
+            end = min(start + step, flat_to)
+            if start < flat_from:
+                end = flat_from
+                flat = True
+            elif start >= flat_to:
+                end = length[k]
+                flat = True
+            if length[k] - end < 1e-9 * length[k]:
+                end = length[k]
+            while True:
+                interval_samples(shape, data, at[k], start, end, q)
+                for m in range(SAMPLES):
+                    speed[m] = speed_bound(data, at[k], q[m], feed[k], rules, axis_v, axis_a, axis_j)
+                v = gather(q, speed, first, second, third)
+                if flat or shape == LINE or end - start <= SHORTEST:
+                    break
+                if not bounds_vary(q, v, speed, axis_a, axis_j):
+                    break
+                end = start + 0.5 * (end - start)
+            if flat:
+                v = min(v, v_before if start < flat_from else v_after)
+            step = 2.0 * (end - start)
+            count = write_interval(
+                base + end, v, flat, first, second, third, rules, axis_a, axis_j, count,
+                out_end, out_speed, out_accel, out_jerk, out_flat,
+            )  # fmt: skip
+            start = end
+        if flat_after and v_after == 0.0:
+            if count + 1 > len(out_end):
+                return -1
+            second[:] = 0.0
+            third[:] = 0.0
+            count = write_interval(
+                base + length[k], 0.0, True, first, second, third, rules, axis_a, axis_j, count,
+                out_end, out_speed, out_accel, out_jerk, out_flat,
+            )  # fmt: skip
+        base += length[k]
+        v_before, flat_before = v_after, flat_after
+    return count

@@ -1,0 +1,200 @@
+r"""S-curve ramps: speed changes at bounded acceleration and jerk that start and end at zero acceleration.
+
+A ramp between speeds v0 and v1 has up to three phases (jerk, constant acceleration, jerk back); a profile over a length is a ramp up, a
+cruise and a ramp down: the seven phases of Hui, Wei and Gao (2013), section 4.1.
+
+        a                                     with dv = |v1 - v0|
+      A |    ________                           dv >= A^2/J:  t = dv/A + A/J          (the plateau is reached)
+        |   /        \                          else:         t = 2 sqrt(dv/J)        (triangle)
+        |  /          \                         distance = t (v0 + v1) / 2             (a ramp is symmetric about its middle)
+        +-/------------\----- t
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.jit import njit
+
+Floats = NDArray[np.float64]
+
+PEAK_ITERATIONS = 100
+"""Bisection halves the bracket to neighbouring floats in fewer steps than this."""
+
+ROUNDING = 1e-13
+"""Relative: more than what rounding adds to a speed in these formulas."""
+
+
+@njit
+def ramp_time(v0: float, v1: float, accel: float, jerk: float) -> float:
+    """Duration of the ramp between two speeds."""
+    change = abs(v1 - v0)
+    if change * jerk >= accel * accel:
+        return change / accel + accel / jerk
+    return 2.0 * math.sqrt(change / jerk)
+
+
+@njit
+def ramp_distance(v0: float, v1: float, accel: float, jerk: float) -> float:
+    """Distance covered by the ramp between two speeds, whichever is the larger."""
+    return 0.5 * (v0 + v1) * ramp_time(v0, v1, accel, jerk)
+
+
+@njit
+def reachable_speed(v0: float, distance: float, accel: float, jerk: float) -> float:
+    """Largest speed that a ramp from ``v0`` reaches within ``distance``; by symmetry the largest from which one brakes to ``v0``.
+
+    It is rounded down by more than the arithmetic's own rounding, so that the ramp fits.
+    """
+    if distance <= 0.0:
+        return v0
+    plateau = accel * accel / jerk
+    # With the plateau: v1^2 + plateau v1 + (plateau v0 - v0^2 - 2 accel distance) = 0.
+    discriminant = plateau * plateau - 4.0 * (plateau * v0 - v0 * v0 - 2.0 * accel * distance)
+    if discriminant > 0.0:
+        v1 = 0.5 * (math.sqrt(discriminant) - plateau)
+        if v1 - v0 >= plateau:
+            return max(v0, v1 * (1.0 - ROUNDING))
+    # Without: with x = sqrt((v1 - v0) / jerk), jerk x^3 + 2 v0 x = distance. Convex for x > 0, so Newton from above converges one-sidedly.
+    x = (distance / jerk) ** (1.0 / 3.0)
+    if v0 > 0.0:
+        x = min(x, distance / (2.0 * v0))
+        for _ in range(60):
+            step = ((jerk * x * x + 2.0 * v0) * x - distance) / (3.0 * jerk * x * x + 2.0 * v0)
+            x -= step
+            if abs(step) <= 1e-15 * x:
+                break
+    return max(v0, (v0 + jerk * x * x) * (1.0 - ROUNDING))
+
+
+@njit
+def peak_speed(v0: float, v1: float, distance: float, cap: float, accel: float, jerk: float) -> float:
+    """Largest speed up to ``cap`` for which the ramps v0 -> peak -> v1 fit into ``distance``; they must fit for the larger of v0 and v1."""
+    if ramp_distance(v0, cap, accel, jerk) + ramp_distance(cap, v1, accel, jerk) <= distance:
+        return cap
+    low = max(v0, v1)
+    high = cap
+    for _ in range(PEAK_ITERATIONS):
+        middle = 0.5 * (low + high)
+        if middle <= low or middle >= high:
+            break
+        if ramp_distance(v0, middle, accel, jerk) + ramp_distance(middle, v1, accel, jerk) <= distance:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@njit
+def ramp_distance_to_speed(v0: float, v1: float, accel: float, jerk: float, v: float) -> float:
+    """Distance from the start at which the rising ramp v0 -> v1 passes speed ``v`` (v0 <= v <= v1)."""
+    change = v1 - v0
+    if change * jerk >= accel * accel:
+        t_jerk = accel / jerk
+        t_const = change / accel - t_jerk
+        top = accel
+    else:
+        t_jerk = math.sqrt(change / jerk)
+        t_const = 0.0
+        top = jerk * t_jerk
+    gained = v - v0
+    by_jerk = 0.5 * jerk * t_jerk * t_jerk
+    if gained <= by_jerk:
+        t = math.sqrt(2.0 * gained / jerk)
+        return t * (v0 + jerk * t * t / 6.0)
+    if gained <= by_jerk + top * t_const:
+        t = (gained - by_jerk) / top
+        return t_jerk * (v0 + jerk * t_jerk * t_jerk / 6.0) + t * (v0 + by_jerk + 0.5 * top * t)
+    t = math.sqrt(2.0 * max(v1 - v, 0.0) / jerk)
+    return 0.5 * (v0 + v1) * (2.0 * t_jerk + t_const) - t * (v1 - jerk * t * t / 6.0)
+
+
+@njit
+def write_ramp(v0: float, v1: float, accel: float, jerk: float, s: float, phases: Floats, count: int) -> tuple[int, float]:
+    """Append the phases of a ramp that starts at ``s`` to ``phases`` (rows: duration, s, v, a, j); returns (count, s at the end)."""
+    change = abs(v1 - v0)
+    if change == 0.0:
+        return count, s
+    sign = 1.0 if v1 > v0 else -1.0
+    if change * jerk >= accel * accel:
+        t_jerk = accel / jerk
+        t_const = change / accel - t_jerk
+        top = accel
+    else:
+        t_jerk = math.sqrt(change / jerk)
+        t_const = 0.0
+        top = jerk * t_jerk
+    a = sign * top
+    j = sign * jerk
+    end = s + 0.5 * (v0 + v1) * (2.0 * t_jerk + t_const)
+    phases[count, 0] = t_jerk
+    phases[count, 1] = s
+    phases[count, 2] = v0
+    phases[count, 3] = 0.0
+    phases[count, 4] = j
+    count += 1
+    s += t_jerk * (v0 + j * t_jerk * t_jerk / 6.0)
+    v = v0 + 0.5 * j * t_jerk * t_jerk
+    if t_const > 0.0:
+        phases[count, 0] = t_const
+        phases[count, 1] = s
+        phases[count, 2] = v
+        phases[count, 3] = a
+        phases[count, 4] = 0.0
+        count += 1
+        s += t_const * (v + 0.5 * a * t_const)
+        v = v1 - 0.5 * j * t_jerk * t_jerk
+    phases[count, 0] = t_jerk
+    phases[count, 1] = s
+    phases[count, 2] = v
+    phases[count, 3] = a
+    phases[count, 4] = -j
+    return count + 1, end
+
+
+@njit
+def write_profile(
+    v0: float, v1: float, start: float, end: float, peak: float, accel: float, jerk: float, phases: Floats, count: int
+) -> int:
+    """Append ramp, cruise and ramp over [start, end] with the given peak speed; returns the new count.
+
+    What rounding leaves of the length goes into the cruise, so that the last phase ends on ``end``.
+    """
+    down = ramp_distance(peak, v1, accel, jerk)
+    count, s = write_ramp(v0, peak, accel, jerk, start, phases, count)
+    cruise = (end - down) - s
+    if cruise > 0.0 and peak > 0.0:
+        phases[count, 0] = cruise / peak
+        phases[count, 1] = s
+        phases[count, 2] = peak
+        phases[count, 3] = 0.0
+        phases[count, 4] = 0.0
+        count += 1
+        s = end - down
+    count, s = write_ramp(peak, v1, accel, jerk, s, phases, count)
+    return count
+
+
+@njit
+def phase_time(v: float, a: float, j: float, duration: float, distance: float) -> float:
+    """Time within a constant-jerk phase at which ``distance`` has been covered: bracketed Newton, speed being >= 0 throughout."""
+    low = 0.0
+    high = duration
+    t = duration * 0.5
+    for _ in range(PEAK_ITERATIONS):
+        error = t * (v + t * (0.5 * a + t * j / 6.0)) - distance
+        if error > 0.0:
+            high = t
+        else:
+            low = t
+        speed = v + t * (a + 0.5 * t * j)
+        following = t - error / speed if speed > 0.0 else low
+        if not (low < following < high):
+            following = 0.5 * (low + high)
+        if following == t or abs(following - t) <= 1e-16 * duration:
+            break
+        t = following
+    return t
