@@ -1,0 +1,208 @@
+"""TOML file to :class:`Machine`, with errors that name file, key and line in plain words."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from cnc.errors import Diagnostic, MachineFileError
+from cnc.machine.locate import locate
+from cnc.machine.models import AXIS_LETTERS, Axis, Board, Machine, PathLimits, Program
+
+DEFAULT = "default"
+
+_PLAIN: dict[str, str] = {
+    "missing": "is missing",
+    "greater_than": "must be greater than {gt:g}",
+    "finite_number": "must be a finite number",
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "bool_type": "must be true or false",
+    "string_type": "must be text in quotes",
+    "string_too_short": "must not be empty",
+    "tuple_type": "must be a list",
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "literal_error": "must be one of {expected}",
+    "path_type": "must be the name of a file in quotes",
+    "is_instance_of": "must be the name of a file in quotes",
+    "too_long": "must have at most {max_length} values",
+    "too_short": "must have at least {min_length} value(s)",
+}
+"""pydantic's error types in the words of somebody who has never heard of pydantic."""
+
+
+class _Header(BaseModel):
+    """The table [machine]: what the file says about itself."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    name: str = "machine"
+
+
+_SECTIONS: dict[str, type[BaseModel]] = {"machine": _Header, "path": PathLimits, "board": Board, "program": Program}
+
+
+def shipped_folder() -> Path:
+    """Folder of the machine files that come with the package: inside it when installed, beside it in a checkout."""
+    package = Path(__file__).resolve().parent.parent
+    inside = package / "config"
+    return inside if inside.is_dir() else package.parent / "config"
+
+
+def shipped() -> dict[str, Path]:
+    """Name and file of every machine that comes with the package."""
+    return {path.stem: path for path in sorted(shipped_folder().glob("*.toml"))}
+
+
+def load_machine(path: Path | str | None = None) -> Machine:
+    """The machine of a TOML file, of a shipped name such as ``paper-nurbs``, or the shipped default for None.
+
+    :raises MachineFileError: the file can't be read, is no TOML, or describes no machine; the message names file, key and line.
+    """
+    file = _resolve(path)
+    text = _read(file)
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _toml_error(file, text, str(error)) from None
+    try:
+        header = _Header.model_validate(tables.pop("machine", {}))
+    except ValidationError as error:
+        raise _plain(file, text, error, ("machine",)) from None
+    if "name" in tables:
+        raise _error(file, text, ("name",), "there is no such key", "the name belongs in [machine]")
+    try:
+        machine = Machine.model_validate({"name": header.name, **tables})
+    except ValidationError as error:
+        raise _plain(file, text, error) from None
+    for key, message, hint in machine.faults():
+        raise _error(file, text, key, message, hint)
+    return _with_absolute_files(machine, file, text)
+
+
+def _resolve(path: Path | str | None) -> Path:
+    """A path that exists is that file; a bare name is one of the shipped machines."""
+    machines = shipped()
+    if path is None:
+        return machines[DEFAULT]
+    file = Path(path)
+    if not file.exists() and str(path) in machines:
+        return machines[str(path)]
+    return file
+
+
+def _read(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        code, message = "no-such-file", "there is no such machine file"
+    except UnicodeDecodeError:
+        code, message = "machine-file-encoding", "the machine file is not UTF-8 text"
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        code, message = "machine-file-unreadable", f"the machine file can't be read: {reason}"
+    hint = f"shipped machines: {', '.join(shipped())}" if code == "no-such-file" else ""
+    raise MachineFileError(Diagnostic(code, message, file=str(file), hint=hint))
+
+
+def _toml_error(file: Path, text: str, message: str) -> MachineFileError:
+    """The TOML parser's message, its place taken out of the sentence."""
+    match = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)", message)
+    lines = text.splitlines()
+    line, column = (int(match[1]), int(match[2])) if match and match[1] else (max(len(lines), 1), 0)
+    return MachineFileError(
+        Diagnostic(
+            "machine-file-syntax",
+            message[: match.start()] if match else message,
+            file=str(file),
+            line=line,
+            column=column,
+            text=lines[line - 1] if line <= len(lines) else "",
+            hint="the machine file is TOML: [table] lines, and key = value with text in quotes",
+        )
+    )
+
+
+def _error(file: Path, text: str, key: tuple[str, ...], message: str, hint: str = "", code: str = "machine-file") -> MachineFileError:
+    place = locate(text, key)
+    return MachineFileError(
+        Diagnostic(
+            code,
+            f"{'.'.join(key)}: {message}",
+            file=str(file),
+            line=place.line if place else 0,
+            column=place.column if place else 0,
+            length=place.length if place else 1,
+            text=place.text if place else "",
+            hint=hint,
+        )
+    )
+
+
+def _plain(file: Path, text: str, error: ValidationError, table: tuple[str, ...] = ()) -> MachineFileError:
+    """The first of pydantic's errors in plain words, unknown keys first: a misspelt key is also a missing one."""
+    found = sorted(error.errors(include_url=False), key=lambda e: not _is_unknown_key(e))[0]
+    # pydantic adds places of its own behind the key (an index, "[key]"); only the keys of the file are shown.
+    key = table + tuple(part for part in found["loc"] if isinstance(part, str) and part != "[key]")
+    if _is_unknown_key(found):
+        return _unknown_key(file, text, key)
+    kind = found["type"]
+    context = found.get("ctx", {})
+    if kind == "value_error":
+        message = str(context["error"])
+    elif kind == "missing" and isinstance(found["loc"][-1], int):
+        message = "must be [lowest, highest]"
+    elif kind in _PLAIN:
+        message = _PLAIN[kind].format(**context)
+    else:
+        message = found["msg"]
+    if kind != "missing" and isinstance(found["input"], str | int | float):
+        message += f", not {_toml(found['input'])}"
+    return _error(file, text, key, message)
+
+
+def _is_unknown_key(error: Any) -> bool:
+    return bool(error["type"] == "extra_forbidden" or error["loc"][-1:] == ("[key]",))
+
+
+def _toml(value: str | int | float) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'"{value}"' if isinstance(value, str) else str(value)
+
+
+def _unknown_key(file: Path, text: str, key: tuple[str, ...]) -> MachineFileError:
+    known: list[str]
+    if len(key) == 1:
+        known = ["machine", *(field for field in Machine.model_fields if field != "name")]
+    elif key[0] == "axes":
+        known = list(Axis.model_fields) if len(key) > 2 else list(AXIS_LETTERS)
+    else:
+        known = list(_SECTIONS[key[0]].model_fields)
+    close = difflib.get_close_matches(key[-1].lower(), known, n=1, cutoff=0.6)
+    hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}"
+    return _error(file, text, key, "there is no such key", hint)
+
+
+def _with_absolute_files(machine: Machine, file: Path, text: str) -> Machine:
+    """The files of [program] are relative to the machine file, and have to be there."""
+    program = machine.program
+    folder = file.resolve().parent
+    for key, path in program.files():
+        if not (folder / path).exists():
+            raise _error(file, text, ("program", key), f"there is no {folder / path}")
+    absolute = program.model_copy(
+        update={
+            "tool_table": program.tool_table and folder / program.tool_table,
+            "parameters": program.parameters and folder / program.parameters,
+            "subroutines": tuple(folder / path for path in program.subroutines),
+        }
+    )
+    return machine.model_copy(update={"program": absolute})

@@ -1,0 +1,150 @@
+"""What a machine is: axes, limits of the path, board, and how its programs are to be read. Frozen; an unknown key is an error.
+
+Lengths are mm (degrees for rotary axes), times s. A limit that is absent is not a limit: a machine with ``max_acceleration`` on its axes
+need not have one on its path, and the other way round, but one of the two has to bound every axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, field_validator
+
+AxisLetter = Literal["x", "y", "z", "a", "b", "c", "u", "v", "w"]
+AXIS_LETTERS: tuple[AxisLetter, ...] = get_args(AxisLetter)
+DialectName = Literal["auto", "linuxcnc", "grbl", "fanuc", "paper"]
+
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+
+
+def _tuple(value: Any) -> Any:
+    """TOML arrays are lists; the frozen models hold tuples."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _path(value: Any) -> Any:
+    """TOML knows no paths."""
+    return Path(value) if isinstance(value, str) and value else value
+
+
+FilePath = Annotated[Path, BeforeValidator(_path)]
+
+
+class _Section(BaseModel):
+    """A table of the machine file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Axis(_Section):
+    """One axis.
+
+    ``steps_per_mm`` steps/mm (its inverse is the basic length unit, BLU); ``max_velocity`` mm/s; ``max_acceleration`` mm/s^2 and
+    ``max_jerk`` mm/s^3, None where the path alone limits them; ``travel`` lowest and highest machine coordinate, None without soft
+    limits; ``invert`` turns the direction pin.
+    """
+
+    steps_per_mm: Positive
+    max_velocity: Positive
+    max_acceleration: Positive | None = None
+    max_jerk: Positive | None = None
+    travel: Annotated[tuple[FiniteFloat, FiniteFloat], BeforeValidator(_tuple)] | None = None
+    invert: bool = False
+
+    @field_validator("travel")
+    @classmethod
+    def _travel_rises(cls, travel: tuple[float, float] | None) -> tuple[float, float] | None:
+        if travel is not None and not travel[0] < travel[1]:
+            raise ValueError("must be [lowest, highest]")
+        return travel
+
+    @property
+    def step_rate(self) -> float:
+        """Steps a second at ``max_velocity``."""
+        return self.max_velocity * self.steps_per_mm
+
+
+class PathLimits(_Section):
+    """Limits along the path, and the accuracy that is asked for.
+
+    ``max_feed`` mm/s; ``max_tangential_acceleration`` and ``max_normal_acceleration`` mm/s^2 and ``max_jerk`` mm/s^3 (tangential), None
+    where the axes alone limit them; ``chord_error`` mm, between the path and the straight line over one ``period`` s; ``tolerance`` mm,
+    of corners and smoothing under G64 without P; ``step_deviation``, relative, of a sample's step from the one commanded.
+    """
+
+    max_feed: Positive = 500.0
+    max_tangential_acceleration: Positive | None = None
+    max_normal_acceleration: Positive | None = None
+    max_jerk: Positive | None = None
+    chord_error: Positive = 0.001
+    tolerance: Positive = 0.01
+    period: Positive = 0.001
+    step_deviation: Positive = 0.001
+
+
+class Board(_Section):
+    """What takes the motion. ``max_step_rate`` steps/s is the fastest that one axis can be stepped at."""
+
+    kind: Annotated[str, Field(min_length=1)] = "loopback"
+    port: str | None = None
+    baud: Annotated[int, Field(gt=0)] = 115200
+    max_step_rate: Positive = 200_000.0
+
+
+class Program(_Section):
+    """How programs are read: dialect, and the files that belong to the machine (relative to the machine file)."""
+
+    dialect: DialectName = "auto"
+    tool_table: FilePath | None = None
+    parameters: FilePath | None = None
+    subroutines: Annotated[tuple[FilePath, ...], BeforeValidator(_tuple)] = ()
+
+    def files(self) -> Iterator[tuple[str, Path]]:
+        """Key and path of everything named."""
+        for key, path in (("tool_table", self.tool_table), ("parameters", self.parameters)):
+            if path is not None:
+                yield key, path
+        for path in self.subroutines:
+            yield "subroutines", path
+
+
+class Machine(_Section):
+    """A machine; ``axes`` in the order of the file, which is the order of the columns of every position."""
+
+    name: str = "machine"
+    axes: Annotated[dict[AxisLetter, Axis], Field(min_length=1)]
+    path: PathLimits = PathLimits()
+    board: Board = Board()
+    program: Program = Program()
+
+    @property
+    def axis_names(self) -> tuple[str, ...]:
+        """Names of the axes, one a column of every position."""
+        return tuple(self.axes)
+
+    def faults(self) -> Iterator[tuple[tuple[str, ...], str, str]]:
+        """What is wrong between the keys, each with its place, a message and a hint; nothing for a machine that can run."""
+        for letter, axis in self.axes.items():
+            if axis.step_rate > self.board.max_step_rate * (1 + 1e-12):
+                yield (
+                    ("axes", letter, "max_velocity"),
+                    f"{axis.max_velocity:g} mm/s at {axis.steps_per_mm:g} steps/mm is {axis.step_rate:.0f} steps/s, "
+                    f"but board.max_step_rate is {self.board.max_step_rate:.0f}",
+                    f"lower it to {self.board.max_step_rate / axis.steps_per_mm:g}, or raise board.max_step_rate if the board can do it",
+                )
+            if axis.max_acceleration is None and (
+                self.path.max_tangential_acceleration is None or self.path.max_normal_acceleration is None
+            ):
+                yield (
+                    ("axes", letter, "max_acceleration"),
+                    "nothing limits the acceleration of this axis",
+                    f"set axes.{letter}.max_acceleration, or path.max_tangential_acceleration and path.max_normal_acceleration",
+                )
+            if axis.max_jerk is None and self.path.max_jerk is None:
+                yield (
+                    ("axes", letter, "max_jerk"),
+                    "nothing limits the jerk of this axis",
+                    f"set axes.{letter}.max_jerk, or path.max_jerk",
+                )
