@@ -1,0 +1,124 @@
+"""Plans over intervals with constant bounds: legal everywhere, continuous, at rest at the end, and no slower than they need be."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support import share
+
+from cnc.kernels.limits import LEVELS
+from cnc.kernels.lookahead import PLANNED, START_TOO_FAST, plan_window
+
+A, J = 2400.0, 48000.0
+
+
+def plan(lengths, speeds, flat=None, v_start=0.0, accel=A, jerk=J):
+    n = len(lengths)
+    bound_s = np.concatenate(([0.0], np.cumsum(np.asarray(lengths, float))))
+    accels = np.broadcast_to(np.reshape(accel, (-1, 1)), (n, LEVELS)).copy()
+    jerks = np.broadcast_to(np.reshape(jerk, (-1, 1)), (n, LEVELS)).copy()
+    phases = np.empty((8 * n + 16, 5))
+    flags = np.zeros(n, bool) if flat is None else np.asarray(flat, bool)
+    status, count = plan_window(bound_s, np.asarray(speeds, float), accels, jerks, flags, v_start, phases)
+    phases = phases[:count]
+    return status, bound_s, phases[phases[:, 0] > 0]
+
+
+def assert_legal(bound_s, speeds, phases, accel, jerk, v_start=0.0):
+    dt, s, v, a, j = phases.T
+    s_end = s + dt * (v + dt * (a / 2 + dt * j / 6))
+    v_end = v + dt * (a + dt * j / 2)
+    assert v[0] == v_start and a[0] == 0
+    assert np.append(s[1:], bound_s[-1]) == pytest.approx(s_end, abs=1e-9 * (1 + bound_s[-1]))
+    assert np.append(v[1:], 0.0) == pytest.approx(v_end, abs=1e-6)
+    assert np.append(a[1:], 0.0) == pytest.approx(a + dt * j, abs=1e-6 * accel.max())
+    for k in range(len(dt)):
+        t = np.linspace(0, dt[k], 20)
+        here = s[k] + t * (v[k] + t * (a[k] / 2 + t * j[k] / 6))
+        n = len(speeds)
+        # At a boundary the bounds of both sides count for neither: allow the rounding of its place.
+        left = np.clip(np.searchsorted(bound_s, here - 1e-9, side="right") - 1, 0, n - 1)
+        right = np.clip(np.searchsorted(bound_s, here + 1e-9, side="right") - 1, 0, n - 1)
+        assert (v[k] + t * (a[k] + t * j[k] / 2) <= np.maximum(speeds[left], speeds[right]) * (1 + 1e-6) + 1e-6).all()
+        inside = slice(1, -1)
+        assert (np.abs(a[k] + t[inside] * j[k]) <= np.maximum(accel[left], accel[right])[inside] * (1 + 1e-9)).all()
+        assert (abs(j[k]) <= np.maximum(jerk[left], jerk[right])[inside] * (1 + 1e-9)).all()
+
+
+def random_window(rng):
+    n = int(rng.integers(1, 80))
+    lengths = 10 ** rng.uniform(-3, 1.5, n)
+    style = rng.integers(3)
+    if style == 0:
+        speeds = 10 ** rng.uniform(-1, 2.7, n)
+    elif style == 1:
+        speeds = 100 * np.exp(np.cumsum(rng.normal(0, 0.05, n)))
+    else:
+        speeds = np.repeat(10 ** rng.uniform(0, 2.7, n), rng.integers(1, 4, n))[:n]
+    flat = rng.random(n) < 0.1
+    flat[0] = flat[-1] = False
+    for k in range(1, n):
+        flat[k] &= not flat[k - 1]
+    accel = np.full(n, A) if rng.random() < 0.5 else 10 ** rng.uniform(2, 4, n)
+    jerk = np.full(n, J) if rng.random() < 0.5 else 10 ** rng.uniform(3, 6, n)
+    return lengths, speeds, flat, accel, jerk
+
+
+@settings(max_examples=share(20_000, 300))
+@given(seed=st.integers(0, 2**31))
+def test_random_windows_are_planned_legally(seed):
+    lengths, speeds, flat, accel, jerk = random_window(np.random.default_rng(seed))
+    status, bound_s, phases = plan(lengths, speeds, flat, 0.0, accel, jerk)
+    assert status == PLANNED
+    assert_legal(bound_s, speeds, phases, accel, jerk)
+    ends = np.concatenate((phases[:, 1], [bound_s[-1]]))
+    for k in np.flatnonzero(flat):
+        inside = (ends[:-1] >= bound_s[k] - 1e-9) & (ends[1:] <= bound_s[k + 1] + 1e-9)
+        assert phases[inside, 0].sum() > 0
+        assert (phases[inside, 3] == 0).all() and (phases[inside, 4] == 0).all()
+
+
+def test_a_stop_is_a_flat_interval_without_length():
+    _, _, both = plan([10.0, 0.0, 10.0], [100.0, 0.0, 100.0], [False, True, False])
+    _, _, one = plan([10.0], [100.0])
+    assert both[:, 0].sum() == pytest.approx(2 * one[:, 0].sum(), rel=1e-12)
+
+
+def test_a_start_that_cannot_be_braked_is_reported():
+    assert plan([0.5], [100.0], v_start=100.0)[0] == START_TOO_FAST
+
+
+def test_intervals_of_one_bound_cost_no_time():
+    _, _, whole = plan([100.0], [120.0])
+    for pieces in (2, 7, 100, 1000):
+        _, _, cut = plan([100.0 / pieces] * pieces, [120.0] * pieces)
+        assert cut[:, 0].sum() == pytest.approx(whole[:, 0].sum(), rel=1e-9)
+
+
+def test_a_valley_is_crossed_at_its_own_speed_with_full_ramps_on_both_sides():
+    # From rest to 200, down to 50 for 1 mm, up to 200 and to rest: every part has a time of its own.
+    _, _, phases = plan([60.0, 1.0, 60.0], [200.0, 50.0, 200.0])
+
+    def ramp(v0, v1):
+        t = abs(v1 - v0) / A + A / J
+        return t, t * (v0 + v1) / 2
+
+    (t1, d1), (t2, d2) = ramp(0, 200), ramp(200, 50)
+    expected = 2 * (t1 + t2 + (60.0 - d1 - d2) / 200.0) + 1.0 / 50.0
+    assert phases[:, 0].sum() == pytest.approx(expected, rel=1e-9)
+
+
+def test_slower_motion_may_use_more_acceleration():
+    # Where speed takes up the axes, the best top speed is not the highest.
+    bound_s = np.array([0.0, 20.0])
+    levels = 1 - 0.1 * np.arange(LEVELS)
+    accel = (2400 * (1 - 0.97 * levels**2))[None]
+    jerk = np.full((1, LEVELS), J)
+    phases = np.empty((24, 5))
+    status, count = plan_window(bound_s, np.array([150.0]), accel, jerk, np.array([False]), 0.0, phases)
+    assert status == PLANNED
+    fastest = phases[:count, 0].sum()
+    for m in range(LEVELS):
+        _, _, fixed = plan([20.0], [150.0 * levels[m]], accel=accel[0, m])
+        assert fastest <= fixed[:, 0].sum() * (1 + 1e-9)
+    assert fastest < 0.8 * plan([20.0], [150.0], accel=accel[0, 0])[2][:, 0].sum()
