@@ -69,12 +69,13 @@ def audit_phases(
 @njit
 def audit_samples(
     kind: NDArray[np.int8], at: Ints, data: Floats, piece_s: Floats, phase_t: Floats, phase_s: Floats, phase_v: Floats, phase_a: Floats,
-    phase_j: Floats, t0: float, period: float, index: int, known: int, last: Floats, largest: Floats,
+    phase_j: Floats, t0: float, period: float, shortest: float, index: int, known: int, last: Floats, largest: Floats,
     axis_v: Floats, axis_a: Floats, axis_j: Floats,
 ) -> tuple[int, int]:  # fmt: skip
     """Raise the maxima to what differences of positions show at the instants ``index * period`` on, up to the plan's end.
 
-    last (5, n): positions at the instants before, newest in row 0, of which ``known`` are valid; row 4 is scratch. Returns the next index
+    last (5, n): positions at the instants before, newest in row 0, of which ``known`` are valid; row 4 is scratch. The
+    step deviation counts in steps longer than ``shortest``: on a shorter one it is no length to speak of. Returns the next index
     and the number of valid rows.
     """
     n = len(axis_v)
@@ -109,7 +110,8 @@ def audit_samples(
                 axis_j[i] = max(axis_j[i], abs(p - 3.0 * last[0, i] + 3.0 * last[1, i] - last[2, i]) / period**3)
             last[4, i] = p
         if known > 0 and s_before >= 0.0 and s - s_before > 1e-9:
-            largest[STEP_DEVIATION] = max(largest[STEP_DEVIATION], abs(chord - (s - s_before)) / (s - s_before))
+            if s - s_before > shortest:
+                largest[STEP_DEVIATION] = max(largest[STEP_DEVIATION], abs(chord - (s - s_before)) / (s - s_before))
             # The curve's distance from its chord, in the middle of the step and at any junction inside it.
             for k in range(piece_before, piece + 1):
                 middle = piece_s[k + 1] if k < piece else 0.5 * (s + s_before)

@@ -7,12 +7,13 @@ At a point of the path q(s), with speed v, tangential acceleration a and jerk j,
     jerk          q_i''' v^3 + 3 q_i'' v a + q_i' j
 
 The curvature alone bounds v: sqrt(aN rho) for the normal acceleration aN, and (2/T) sqrt(h (2 rho - h)) so that the chord of one period T
-stays within h of the curve (Hui, Wei, Gao 2013, equations 6 and 7 mended, as speeds). The rest of each axis's limit is handed to a, then j.
+stays within h of the curve (Hui, Wei, Gao 2013, equations 6 and 7 mended, as speeds); sqrt(24 delta) rho / T keeps that chord shorter than its
+arc by no more than the part delta, the step deviation. The rest of each axis's limit is handed to a, then j.
 
 A junction of two pieces may turn by a small angle or change its curvature at once. Sampled with period T, a jump dv of an axis's velocity
 shows as an acceleration dv / T and a jerk dv / T^2, a jump da of its acceleration as a jerk 3/4 da / T at most (the third difference is
-a mean weighted by the quadratic B-spline, whose largest value is 3/4). A junction is crossed at the speed that keeps these within the limits,
-constant for two periods either side so that nothing adds to it; a real corner is a stop.
+a mean weighted by the quadratic B-spline, whose largest value is 3/4). A junction is crossed at the speed that keeps these within the
+limits, constant for two periods either side so that nothing adds to it; a real corner is a stop.
 """
 
 from __future__ import annotations
@@ -72,6 +73,7 @@ def speed_bound(data: Floats, at: int, q: Floats, feed: float, rules: Floats, ax
         v = min(v, math.sqrt(rules[2] * radius))
         if 2.0 * radius > rules[3]:
             v = min(v, 2.0 / rules[4] * math.sqrt(rules[3] * (2.0 * radius - rules[3])))
+        v = min(v, math.sqrt(24.0 * rules[5]) * radius / rules[4])
     for i in range(q.shape[1]):
         if q[1, i] != 0.0:
             v = min(v, axis_v[i] / abs(q[1, i]))
@@ -263,7 +265,7 @@ def chunk_intervals(
     """Cut the pieces of a chunk into intervals with constant bounds.
 
     feed (m,): mm/s, inf where only the axes limit it. v_in, flat_in, v_out, flat_out: the junctions with the chunks before and after.
-    rules: tangential acceleration, jerk, normal acceleration, chord error, period. out_*: room for where each interval ends (arc length
+    rules: tangential acceleration, jerk, normal acceleration, chord error, period, step deviation. out_*: room for where each interval ends (arc length
     from the chunk's start), its speed bound, its bounds by level of speed, its flatness. Returns the number of intervals, or -1 where there
     was no room for them.
     """

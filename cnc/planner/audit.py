@@ -133,7 +133,7 @@ class Audit:
                 self._known = 0
         self._index = max(self._index, ceil(chunk.t0 / limits.period - 1e-9))
         self._index, self._known = audit_samples(
-            path.kind, path.at, path.data, *phases, chunk.t0, limits.period, self._index, self._known, self._last,
+            path.kind, path.at, path.data, *phases, chunk.t0, limits.period, limits.chord_error, self._index, self._known, self._last,
             largest, axes[0], axes[1], axes[2],
         )  # fmt: skip
         self._clock = chunk.t0 + chunk.duration
@@ -143,6 +143,7 @@ class Audit:
             ("jerk", largest[JERK], limits.tangential_jerk),
             ("normal_accel", largest[NORMAL_ACCEL], limits.normal_acceleration),
             ("chord_error", largest[CHORD_ERROR], limits.chord_error),
+            ("step_deviation", largest[STEP_DEVIATION], limits.step_deviation),
         ]
         names = path.axes
         for row, (name, bounds) in enumerate(

@@ -29,6 +29,7 @@ class Limits:
     normal_acceleration: float
     chord_error: float
     period: float
+    step_deviation: float
     axis_velocity: Floats
     axis_acceleration: Floats
     axis_jerk: Floats
@@ -48,6 +49,7 @@ class Limits:
             normal_acceleration=inf if path.max_normal_acceleration is None else path.max_normal_acceleration,
             chord_error=path.chord_error,
             period=path.period,
+            step_deviation=path.step_deviation,
             axis_velocity=each("max_velocity"),
             axis_acceleration=each("max_acceleration"),
             axis_jerk=each("max_jerk"),
@@ -55,8 +57,17 @@ class Limits:
 
     @property
     def rules(self) -> Floats:
-        """The path's limits in the order that the kernels read: tangential acceleration, jerk, normal acceleration, chord error, period."""
-        return np.array([self.tangential_acceleration, self.tangential_jerk, self.normal_acceleration, self.chord_error, self.period])
+        """The path's limits in the order in which the kernels read them."""
+        return np.array(
+            [
+                self.tangential_acceleration,
+                self.tangential_jerk,
+                self.normal_acceleration,
+                self.chord_error,
+                self.period,
+                self.step_deviation,
+            ]
+        )
 
     def feeds(self, path: PathChunk) -> Floats:
         """The largest feed that each piece may have: programmed and within the machine's; infinite for a traverse, which the axes limit."""
