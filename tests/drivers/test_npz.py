@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from cnc.npz import NpzWriter
 
 
@@ -46,9 +47,14 @@ def test_same_data_same_bytes(tmp_path: Path) -> None:
 def test_failure_leaves_the_old_file(tmp_path: Path) -> None:
     write(tmp_path / "a.npz")
     before = (tmp_path / "a.npz").read_bytes()
-    with pytest.raises(RuntimeError), NpzWriter(tmp_path / "a.npz") as out:
-        out.append("t", np.zeros(3))
-        raise RuntimeError
+
+    def fail() -> None:
+        with NpzWriter(tmp_path / "a.npz") as out:
+            out.append("t", np.zeros(3))
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
     assert (tmp_path / "a.npz").read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["a.npz"]
 

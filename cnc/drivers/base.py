@@ -1,0 +1,116 @@
+"""What a board must do to be driven.
+
+A driver takes time-stamped chunks ahead of time and plays them; nothing here waits for a pulse. The life of a board:
+
+              start              finish
+      idle ---------> running ------------> idle
+                        |  stop, abort, a fault of the board
+                        v
+                     stopped    refuses everything with BoardError `board-stopped`, but for stop, abort and close
+
+Idle, a board takes only start, stop, abort and close; all else is BoardError `board-not-started`.
+
+Drivers are found by name (:mod:`cnc.drivers.registry`), and each passes the conformance suite in ``tests/drivers``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.errors import BoardError, Diagnostic
+from cnc.machine.models import Machine
+from cnc.stream import GcodeLine, PulseChunk
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What a board can take.
+
+    axes: how many it can move. max_step_rate: steps/s of one axis. tick_ns: the grid of its pulse times. pulses, lines: whether it
+    takes :class:`PulseChunk` or :class:`GcodeLine`.
+    """
+
+    axes: int
+    max_step_rate: float
+    tick_ns: float
+    pulses: bool
+    lines: bool
+
+
+class Command(Protocol):
+    """A canonical block that is not motion, as a board sees it (the drivers' floor does not know the canon)."""
+
+    @property
+    def file(self) -> str:
+        """The program."""
+
+    @property
+    def line(self) -> int:
+        """Source line, from 1."""
+
+
+class Board(Protocol):
+    """What the two kinds of board have in common. Every method but the properties may raise BoardError."""
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """What the board can take."""
+
+    @property
+    def confirmed_line(self) -> int:
+        """Source line of the last motion or command that the board has taken, 0 before the first."""
+
+    def start(self, origin_steps: NDArray[np.int64]) -> None:
+        """Get ready for a program that begins at the grid point ``origin_steps`` (axes,)."""
+
+    def execute(self, block: Command, time_ns: int) -> None:
+        """Carry out a block between moves, ``time_ns`` after the program's start."""
+
+    def finish(self) -> None:
+        """Return when everything sent has been carried out."""
+
+    def stop(self) -> None:
+        """Come to rest after what has been sent, and refuse what comes later."""
+
+    def abort(self) -> None:
+        """Stop at once, whatever is still waiting."""
+
+    def close(self) -> None:
+        """Let go of the board; the end of its life."""
+
+
+@runtime_checkable
+class PulseSink(Board, Protocol):
+    """A board that plays pulses."""
+
+    @property
+    def position_steps(self) -> NDArray[np.int64]:
+        """Where the board is on the grid, (axes,)."""
+
+    def send(self, chunk: PulseChunk) -> None:
+        """Take grid moves; returns when there is room for more."""
+
+
+@runtime_checkable
+class LineSink(Board, Protocol):
+    """A board that plans for itself."""
+
+    def send_line(self, line: GcodeLine) -> None:
+        """Take a line; returns when there is room for more."""
+
+
+class BoardFactory(Protocol):
+    """What the entry points of group ``cnc.boards`` name: a class of boards."""
+
+    def from_machine(self, machine: Machine, target: Path | None = None) -> PulseSink | LineSink:
+        """The board that the machine file describes. ``target``: the file to write, for a board that is one."""
+
+
+def board_error(code: str, message: str, *, line: int = 0, hint: str = "") -> BoardError:
+    """A fault of the board, at a source line where it is known."""
+    return BoardError(Diagnostic(code, message, line=line, hint=hint))
