@@ -1,0 +1,50 @@
+%
+(NURBS in FANUC's words: P order, K knot, R weight; the last knots stand alone)
+(Tool 3: 8 mm ball. Zero: lower left corner, top face)
+G21 G90 G17 G94 G40 G49 G80
+G54
+T3 M6
+S12000 M3
+M8
+G0 Z20
+
+(A circle of 30 mm as an exact quadratic NURBS: order 3, nine control points)
+G0 X80 Y50
+G0 Z2
+G1 Z-1 F400
+G06.2 P3 K0 X80 Y50 Z-1 R1 F2400
+K0 X80 Y80 Z-1 R0.7071067811865476
+K0 X50 Y80 Z-1 R1
+K0.25 X20 Y80 Z-1 R0.7071067811865476
+K0.25 X20 Y50 Z-1 R1
+K0.5 X20 Y20 Z-1 R0.7071067811865476
+K0.5 X50 Y20 Z-1 R1
+K0.75 X80 Y20 Z-1 R0.7071067811865476
+K0.75 X80 Y50 Z-1 R1
+K1
+K1
+K1
+G0 Z5
+
+(A wave in space, cubic: order 4, eight control points, weights left out)
+G0 X20 Y100
+G1 Z0 F400
+G06.2 P4 K0 X20 Y100 Z0 F3000
+K0 X35 Y120 Z-2
+K0 X50 Y80 Z-3
+K0 X70 Y120 Z-1
+K0.2 X90 Y80 Z-4
+K0.4 X110 Y120 Z-2
+K0.6 X125 Y90 Z-1
+K0.8 X140 Y100 Z0
+K1
+K1
+K1
+K1
+G0 Z20
+
+M9
+M5
+G0 X0 Y0
+M30
+%

@@ -1,0 +1,88 @@
+%
+(Circular pocket, 50 mm, 6 mm deep, in two passes; then a rounded slot around it)
+(Tool 2: 6 mm end mill, two flutes. Zero: lower left corner of the plate, top face)
+G21 G90 G17 G94 G40 G49 G80
+G54
+T2 M6
+S9000 M3
+G64 P0.01
+G0 Z20
+G0 X60 Y60
+M8
+G0 Z2
+
+(Pass 1: ramp down in a helix of 4 mm, then half circles outwards)
+G0 X64 Y60
+G1 Z1 F300
+G3 X64 Y60 Z0 I-4 J0 F400
+G3 X64 Y60 Z-1 I-4 J0 F400
+G3 X64 Y60 Z-2 I-4 J0 F400
+G3 X64 Y60 Z-3 I-4 J0 F400
+G3 X64 Y60 I-4 J0 (clean the bottom)
+G3 X54.5 Y60 I-4.75 J0 F900
+G3 X67 Y60 I6.25 J0
+G3 X51.5 Y60 I-7.75 J0
+G3 X70 Y60 I9.25 J0
+G3 X48.5 Y60 I-10.75 J0
+G3 X73 Y60 I12.25 J0
+G3 X45.5 Y60 I-13.75 J0
+G3 X76 Y60 I15.25 J0
+G3 X42.5 Y60 I-16.75 J0
+G3 X79 Y60 I18.25 J0
+G3 X39.5 Y60 I-19.75 J0
+G3 X82 Y60 I21.25 J0
+G3 X82 Y60 I-22 J0 (the wall)
+G3 X78 Y64 I-4 J0 F1200 (roll off the wall)
+G1 X60 Y60
+(Pass 2: ramp down in a helix of 4 mm, then half circles outwards)
+G0 Z2
+G0 X64 Y60
+G1 Z-3 F300
+G3 X64 Y60 Z-4 I-4 J0 F400
+G3 X64 Y60 Z-5 I-4 J0 F400
+G3 X64 Y60 Z-6 I-4 J0 F400
+G3 X64 Y60 I-4 J0 (clean the bottom)
+G3 X54.5 Y60 I-4.75 J0 F900
+G3 X67 Y60 I6.25 J0
+G3 X51.5 Y60 I-7.75 J0
+G3 X70 Y60 I9.25 J0
+G3 X48.5 Y60 I-10.75 J0
+G3 X73 Y60 I12.25 J0
+G3 X45.5 Y60 I-13.75 J0
+G3 X76 Y60 I15.25 J0
+G3 X42.5 Y60 I-16.75 J0
+G3 X79 Y60 I18.25 J0
+G3 X39.5 Y60 I-19.75 J0
+G3 X82 Y60 I21.25 J0
+G3 X82 Y60 I-22 J0 (the wall)
+G3 X78 Y64 I-4 J0 F1200 (roll off the wall)
+G1 X60 Y60
+G0 Z5
+
+(The slot: rounded rectangle 110 x 90, corners of 12 mm, 2 mm deep)
+G0 X60 Y5
+G1 Z0.5 F600
+G1 X103 Z-1 F500 (ramp along the side)
+G3 X115 Y17 I0 J12
+G1 Y93
+G3 X103 Y105 I-12 J0
+G1 X17
+G3 X5 Y93 R12
+G1 Y17
+G3 X17 Y5 R12
+G1 X60
+G1 X103 Z-2
+G3 X115 Y17 I0 J12
+G1 Y93
+G3 X103 Y105 I-12 J0
+G1 X17
+G3 X5 Y93 R12
+G1 Y17
+G3 X17 Y5 R12
+G1 X103
+G0 Z20
+M9
+M5
+G0 X0 Y0
+M30
+%
