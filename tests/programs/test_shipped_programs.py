@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cnc.gcode.interpreter import interpret
 
 from cnc.canon import ArcFeed, Coolant, End, NurbsFeed, Polyline, Spindle, Tool
+from cnc.gcode.interpreter import interpret
 from cnc.gcode.parser import read_lines
 
 FOLDER = Path(__file__).parents[2] / "programs"
