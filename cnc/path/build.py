@@ -1,0 +1,225 @@
+"""Canonical blocks to a path, as a stream: moving blocks become :class:`PathChunk`, the others pass through in their order.
+
+    blocks  ──►  records of the pieces, gathered to about a chunk  ──►  held until it is known whether the motion
+                                                                       must rest at their end  ──►  chunks and blocks
+
+Motion rests at the end of the stream, before every block that isn't motion (but a message), and under exact stop (G61.1) at the end of every block
+and every straight move. PathMode ends here: nothing below asks for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.canon import PLANE_AXES, ArcFeed, Block, Message, NurbsFeed, PathMode, Polyline
+from cnc.errors import Diagnostic, GcodeError
+from cnc.kernels.curve import START
+from cnc.path.chunk import PathChunk
+from cnc.path.records import Floats, Records, arc_records, axis_classes, line_records, moving, spline_records
+
+MOST_PIECES = 4096
+MOST_NUMBERS = 1 << 18
+"""A chunk is closed when it has this many pieces or this many numbers in its records."""
+JOIN = 1e-6
+"""mm. A NURBS whose first control point is this near to the position is moved there; farther off is an error."""
+
+
+class _Gatherer:
+    """Gathers records into chunks."""
+
+    def __init__(self, axes: tuple[str, ...]) -> None:
+        self.axes = axes
+        self.file = ""
+        self.clear()
+
+    def clear(self) -> None:
+        self.records: list[Records] = []
+        self.feeds: list[Floats] = []
+        self.lines: list[NDArray[np.int32]] = []
+        self.stops: list[NDArray[np.bool_]] = []
+        self.pieces = 0
+        self.numbers = 0
+
+    def add(self, records: Records, feeds: Floats, lines: NDArray[np.int32], stops: NDArray[np.bool_]) -> None:
+        self.records.append(records)
+        self.feeds.append(feeds)
+        self.lines.append(lines)
+        self.stops.append(stops)
+        self.pieces += len(records.at)
+        self.numbers += len(records.data)
+
+    def full(self) -> bool:
+        return self.pieces >= MOST_PIECES or self.numbers >= MOST_NUMBERS
+
+    def take(self) -> PathChunk:
+        """What was gathered, as one chunk; the gatherer is empty after it."""
+        offsets = np.cumsum([0] + [len(r.data) for r in self.records[:-1]])
+        chunk = PathChunk(
+            axes=self.axes,
+            file=self.file,
+            kind=np.concatenate([np.full(len(r.at), r.kind, np.int8) for r in self.records]),
+            at=np.concatenate([r.at + offset for r, offset in zip(self.records, offsets, strict=True)]),
+            data=np.concatenate([r.data for r in self.records]),
+            length=np.concatenate([r.length for r in self.records]),
+            feed=np.concatenate(self.feeds),
+            line=np.concatenate(self.lines),
+            stop_after=np.concatenate(self.stops),
+        )
+        self.clear()
+        return chunk
+
+
+def build(blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, accuracy: float = 1e-9) -> Iterator[PathChunk | Block]:
+    """Yield the path of ``blocks`` in chunks, and the blocks that don't move, in order.
+
+    axes: names, one a column; start (n,): position before the first block, mm; accuracy: largest error of arc length and its inverse, mm. Raises
+    GcodeError (``not-finite``, ``nurbs-not-continuous``, ``nurbs-start``) at the block's line.
+    """
+    classes = axis_classes(axes)
+    position = np.array(start, np.float64)
+    gatherer = _Gatherer(axes)
+    exact_stop = False
+    # a chunk and the messages behind it wait here until it is known whether the motion goes on
+    held: list[PathChunk | Block] = []
+
+    def close() -> Iterator[PathChunk | Block]:
+        """Hold what was gathered; what was held before it is followed by motion, so it may go."""
+        if gatherer.pieces:
+            chunk = gatherer.take()
+            yield from held
+            held[:] = [chunk]
+
+    def rest() -> Iterator[PathChunk | Block]:
+        """Let go of everything: motion rests here."""
+        yield from close()
+        if held and isinstance(held[0], PathChunk):
+            held[0].stop_after[-1] = True
+        yield from held
+        held.clear()
+
+    for block in blocks:
+        if isinstance(block, Polyline | ArcFeed | NurbsFeed):
+            if block.file != gatherer.file:
+                yield from close()
+                gatherer.file = block.file
+            for records, feeds, lines, stops in _pieces(block, position, axes, classes, accuracy, exact_stop):
+                gatherer.add(records, feeds, lines, stops)
+                if gatherer.full():
+                    yield from close()
+        elif isinstance(block, PathMode):
+            exact_stop = block.control == "exact-stop"
+        elif isinstance(block, Message):
+            yield from close()
+            held.append(block)
+            if not isinstance(held[0], PathChunk):
+                yield from held
+                held.clear()
+        else:
+            yield from rest()
+            yield block
+    yield from rest()
+
+
+def _pieces(
+    block: Polyline | ArcFeed | NurbsFeed, position: Floats, axes: tuple[str, ...], classes: NDArray[np.int64], accuracy: float, exact_stop: bool
+) -> Iterator[tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_]]]:
+    """Records of one block with feed, line and stop of each piece; ``position`` is moved along."""
+    if isinstance(block, Polyline):
+        _check_polyline(block)
+        for first in range(0, len(block.points), MOST_PIECES):
+            part = slice(first, first + MOST_PIECES)
+            points, feeds, lines = block.points[part], block.feeds[part], block.lines[part]
+            keep = moving(position, points)
+            if not keep.all():
+                points, feeds, lines = points[keep], feeds[keep], lines[keep]
+            if len(points):
+                records = line_records(position, points, classes)
+                position[:] = points[-1]
+                yield records, feeds.astype(np.float64), lines.astype(np.int32), np.full(len(points), exact_stop)
+        return
+    if isinstance(block, ArcFeed):
+        _check_finite(block, block.end, np.array([*block.center, block.radius, block.turns]), np.array(block.feed))
+        first_axis, second_axis = PLANE_AXES[block.plane]
+        plane = axes.index(first_axis), axes.index(second_axis)
+        end = np.array(block.end, np.float64)
+        runs = arc_records(position.copy(), end, plane, block.center, block.turns, classes, accuracy)
+    else:
+        _check_finite(block, block.knots, block.control_points, block.weights, np.array(block.feed))
+        points = _joined(block, position)
+        runs = spline_records(block.degree, block.knots, points, block.weights, classes, accuracy)
+    last: Records | None = None
+    for records in runs:
+        if last is not None:
+            yield _spread(block, last, False)
+        last = records
+    if last is not None:
+        position[:] = _end_of(last, len(axes))
+        yield _spread(block, last, exact_stop)
+
+
+def _spread(block: ArcFeed | NurbsFeed, records: Records, stop: bool) -> tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_]]:
+    """The block's feed and line for each of its pieces, and a stop after the last if it has one."""
+    count = len(records.at)
+    stops = np.zeros(count, np.bool_)
+    stops[-1] = stop
+    return records, np.full(count, block.feed), np.full(count, block.line, np.int32), stops
+
+
+def _end_of(records: Records, n: int) -> Floats:
+    """End point (n,) of the last piece."""
+    at = int(records.at[-1]) + START + n
+    return records.data[at : at + n]
+
+
+def _error(block: Block, code: str, message: str, hint: str, line: int | None = None) -> GcodeError:
+    return GcodeError(Diagnostic(code, message, file=block.file, line=block.line if line is None else line, hint=hint))
+
+
+def _not_finite(block: Block, line: int) -> GcodeError:
+    return _error(block, "not-finite", "a coordinate or feed of this move is not a finite number", "check the values the block computes", line)
+
+
+def _check_finite(block: Block, *arrays: Floats) -> None:
+    if not all(np.isfinite(array).all() for array in arrays):
+        raise _not_finite(block, block.line)
+
+
+def _check_polyline(block: Polyline) -> None:
+    """Points are finite; feeds too, or NaN for a traverse."""
+    if np.isfinite(block.points).all() and not np.isinf(block.feeds).any():
+        return
+    bad = ~np.isfinite(block.points).all(axis=1) | np.isinf(block.feeds)
+    raise _not_finite(block, int(block.lines[int(np.argmax(bad))]))
+
+
+def _joined(block: NurbsFeed, position: Floats) -> Floats:
+    """The control points, the first of them on ``position``; an error if the curve doesn't start there or jumps inside."""
+    points = np.array(block.control_points, np.float64)
+    gap = float(np.abs(points[0] - position).max())
+    if gap > JOIN:
+        raise _error(
+            block,
+            "nurbs-start",
+            f"the NURBS starts {gap:.6g} mm from where the motion is",
+            "make the first control point the position before the block",
+        )
+    points[0] = position
+    order = block.degree + 1
+    inner = slice(1, len(block.knots) - 1)
+    if len(block.knots) > 2 * order:
+        values, firsts, counts = np.unique(block.knots[inner], return_index=True, return_counts=True)
+        for value, first, count in zip(values, firsts + 1, counts, strict=True):
+            # order equal knots: the curve ends at the control point before them and starts anew at the last one that they leave over
+            if count >= order and block.knots[0] < value < block.knots[-1]:
+                jump = float(np.abs(points[first + count - order] - points[first - 1]).max())
+                if jump > JOIN:
+                    raise _error(
+                        block,
+                        "nurbs-not-continuous",
+                        f"the NURBS jumps {jump:.6g} mm at knot {value:.6g}, which occurs {count} times",
+                        f"a knot inside may occur {block.degree} times at most",
+                    )
+    return points

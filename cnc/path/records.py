@@ -1,0 +1,192 @@
+"""Records of pieces, as :mod:`cnc.kernels.curve` reads them, from end points, arcs and NURBS.
+
+A :class:`Records` is a run of pieces that follow each other; the streaming builder and the shells of the Curve protocol both make theirs here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels import curve
+from cnc.kernels.arclength import MAX_ROWS, measure
+from cnc.kernels.bspline import MAX_CUTS, NEGLIGIBLE, NOTICEABLE, nurbs_records, record_room
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+CLASS_OF_LETTER = {"x": 0, "y": 0, "z": 0, "u": 1, "v": 1, "w": 1, "a": 2, "b": 2, "c": 2}
+"""The first of these classes that moves measures the length."""
+TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True, slots=True)
+class Records:
+    """Pieces of one kind: at int64 (m,) into data, length (m,) mm."""
+
+    kind: int
+    at: Ints
+    data: Floats
+    length: Floats
+
+
+def axis_classes(axes: tuple[str, ...]) -> Ints:
+    """Class of each axis (n,): 0 for x y z, 1 for u v w, 2 for a b c."""
+    return np.array([CLASS_OF_LETTER[axis] for axis in axes], np.int64)
+
+
+def _metric_columns(classes: Ints) -> Floats:
+    """Row k: the head entries (count, columns) of a record measured over class k, shape (3, 4)."""
+    rows = np.full((3, 4), -1.0)
+    for k in range(3):
+        columns = np.flatnonzero(classes == k)
+        rows[k, 0] = len(columns)
+        rows[k, 1 : 1 + len(columns)] = columns
+    return rows
+
+
+def moving(start: Floats, points: Floats) -> NDArray[np.bool_]:
+    """Which of the moves start -> points[0] -> points[1] .. (m, n) count: those that end farther than NEGLIGIBLE from the last that did."""
+    steps = np.abs(np.diff(points, axis=0, prepend=start[None])).max(axis=1, initial=0.0)
+    keep: NDArray[np.bool_] = steps > NEGLIGIBLE
+    # a step of exactly nothing can be left out on its own; the tiny ones add up
+    if np.any((steps > 0.0) & ~keep):
+        last = start
+        for i, point in enumerate(points):
+            keep[i] = np.abs(point - last).max() > NEGLIGIBLE
+            if keep[i]:
+                last = point
+    return keep
+
+
+def line_records(start: Floats, points: Floats, classes: Ints) -> Records:
+    """Straight moves start (n,) -> points[0] -> .. (m, n), each longer than NEGLIGIBLE (see :func:`moving`)."""
+    m, n = points.shape
+    ends = np.concatenate((start[None], points))
+    squares = np.diff(ends, axis=0)
+    np.multiply(squares, squares, out=squares)
+    lengths = np.zeros((3, m))
+    for k in range(3):
+        for column in np.flatnonzero(classes == k):
+            lengths[k] += squares[:, column]
+    np.sqrt(lengths, out=lengths)
+    which = np.argmax(lengths > NOTICEABLE, axis=0)
+    rows = np.arange(m)
+    faint = lengths[which, rows] <= NOTICEABLE
+    if np.any(faint):
+        which[faint] = np.argmax(lengths[:, faint] > NEGLIGIBLE, axis=0)
+    length = lengths[which, rows]
+    stride = curve.START + 2 * n
+    data = np.zeros((m, stride))
+    data[:, curve.AXES] = n
+    data[:, curve.U1] = length
+    data[:, curve.LENGTH] = length
+    data[:, curve.METRICS : curve.METRICS + 4] = _metric_columns(classes)[which]
+    data[:, curve.START : curve.START + n] = ends[:-1]
+    data[:, curve.START + n :] = ends[1:]
+    return Records(curve.LINE, rows * stride, data.reshape(-1), length)
+
+
+def arc_records(
+    start: Floats,
+    end: Floats,
+    plane: tuple[int, int],
+    center: tuple[float, float],
+    turns: float,
+    classes: Ints,
+    accuracy: float,
+) -> Iterator[Records]:
+    """An arc, helix or spiral from start to end (n,) about ``center`` in the plane of two columns, ``turns`` counter-clockwise.
+
+    The angle follows from the end points, ``turns`` gives the number of whole turns: so the end is met whatever its rounding. An arc of more than a
+    turn becomes one piece a turn, with the parameter running on.
+    """
+    i, j = plane
+    x0, y0 = float(start[i]) - center[0], float(start[j]) - center[1]
+    x1, y1 = float(end[i]) - center[0], float(end[j]) - center[1]
+    r0, r1 = math.hypot(x0, y0), math.hypot(x1, y1)
+    sweep = TURN * turns
+    if max(r0, r1) <= NEGLIGIBLE or abs(sweep) <= 1e-15:
+        if moving(start, end[None])[0]:
+            yield line_records(start, end[None], classes)
+        return
+    if r0 > 0.0 and r1 > 0.0:
+        between = math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
+        exact = between + TURN * round(turns - between / TURN)
+        # never the other way round, nor nothing: half a turn's rounding must not swallow a short arc
+        if exact * sweep > 0.0:
+            sweep = exact
+    theta = math.atan2(y0, x0) if r0 > 0.0 else math.atan2(y1, x1) - sweep
+    ex, ey = (x0 / r0, y0 / r0) if r0 > 0.0 else (math.cos(theta), math.sin(theta))
+    grown = r1 - r0
+    if abs(grown) <= 4e-15 * (r0 + abs(center[0]) + abs(center[1])):
+        grown = 0.0
+    whole = max(1, math.ceil(abs(turns) - 1e-9))
+    moved = end - start
+    moved[i] = moved[j] = 0.0
+    others = np.sqrt(np.sum(np.square(moved[classes == 0])))
+    extent = math.hypot(sweep * 0.5 * (r0 + r1), float(others)) / whole
+    metrics = _metric_columns(classes)[0]
+    n = len(start)
+    here = start
+    for piece in range(whole):
+        last = piece == whole - 1
+        part = (piece + 1) / whole
+        radius, growth = r0 + grown * piece / whole, grown / whole
+        if last:
+            there = end
+        else:
+            there = start + part * moved
+            c, s = math.cos(part * sweep), math.sin(part * sweep)
+            there[i] = center[0] + (r0 + part * grown) * (ex * c - ey * s)
+            there[j] = center[1] + (r0 + part * grown) * (ex * s + ey * c)
+        turned = sweep * piece / whole
+        c, s = math.cos(turned), math.sin(turned)
+        px, py = ex * c - ey * s, ex * s + ey * c
+        swept = sweep / whole
+        # what rounding leaves open at the end of the piece
+        half = math.sin(0.5 * swept)
+        along = growth - (radius + growth) * 2.0 * half * half
+        across = (radius + growth) * 2.0 * half * math.cos(0.5 * swept)
+        open_x = float(there[i] - here[i]) - (along * px - across * py)
+        open_y = float(there[j] - here[j]) - (along * py + across * px)
+        size = curve.START + 2 * n + curve.ARC_BODY
+        data = np.zeros(size + (2 + curve.ROW * (MAX_ROWS + 1) if grown else 0))
+        data[: curve.START] = (n, piece * extent, (piece + 1) * extent, extent, *metrics, 0.0)
+        data[curve.START : curve.START + n] = here
+        data[curve.START + n : curve.START + 2 * n] = there
+        data[size - curve.ARC_BODY : size] = (i, j, radius, growth, swept, theta + turned, px, py, open_x, open_y)
+        if grown:
+            size = measure(curve.ARC, data, 0, size, accuracy, np.empty((4, n)))
+            data = data[:size].copy()
+        yield Records(curve.ARC, np.zeros(1, np.int64), data, data[curve.LENGTH : curve.LENGTH + 1].copy())
+        here = there
+
+
+def spline_records(
+    degree: int,
+    knots: Floats,
+    points: Floats,
+    weights: Floats,
+    classes: Ints,
+    accuracy: float,
+    *,
+    most: int = 1024,
+) -> Iterator[Records]:
+    """The spans of a NURBS, in runs of at most ``most`` pieces; knots rise from points (m, n) and weights (m,) > 0 to points + degree + 1."""
+    n = points.shape[1]
+    knots, points, weights = (np.ascontiguousarray(array, np.float64) for array in (knots, points, weights))
+    position = points[0].copy()
+    most = max(most, MAX_CUTS + 1)
+    data = np.empty((MAX_CUTS + 1) * record_room(n) + 512 * min(most, len(points)))
+    at = np.empty(most, np.int64)
+    length = np.empty(most)
+    span = degree
+    while span < len(points):
+        span, pieces, used = nurbs_records(degree, knots, points, weights, classes, span, position, accuracy, data, 0, at, length)
+        if pieces:
+            yield Records(curve.SPAN, at[:pieces].copy(), data[:used].copy(), length[:pieces].copy())
