@@ -25,6 +25,9 @@ FEED, ACCEL, JERK, NORMAL_ACCEL, CHORD_ERROR, STEP_DEVIATION, OVERSPEED = range(
 POINTS = 8
 """Least number of points looked at in a phase."""
 
+JOINT = 1e-9
+"""mm; a phase that starts this little before a junction starts at it, one that ends this little after it ends there."""
+
 
 @njit
 def phase_at(dt: float, s: float, v: float, a: float, j: float) -> tuple[float, float, float]:
@@ -48,7 +51,9 @@ def audit_phases(
         largest[JERK] = max(largest[JERK], abs(j))
         for m in range(points + 1):
             s, v, a = phase_at(duration * m / points, phase_s[k], phase_v[k], phase_a[k], j)
-            while piece + 1 < len(kind) and s > piece_s[piece + 1]:
+            # At a junction the phase that starts there belongs to the piece after it, the one that ends there to the piece before.
+            ahead = JOINT if m == 0 else -JOINT
+            while piece + 1 < len(kind) and s + ahead > piece_s[piece + 1]:
                 piece += 1
             local = min(max(s - piece_s[piece], 0.0), piece_s[piece + 1] - piece_s[piece])
             here = int(kind[piece])

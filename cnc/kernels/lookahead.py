@@ -79,10 +79,12 @@ def best_profile(
     best = (-1.0, 0.0, 0.0)
     last_a = -1.0
     last_j = -1.0
-    for m in range(accel.shape[1]):
-        cap = max(least, top * (1.0 - 0.1 * m))
+    levels = accel.shape[1]
+    for m in range(levels + 1):
+        # The last is the speed of the faster end, for which the caller has seen that a ramp fits.
+        cap = max(least, top * (1.0 - 0.1 * m)) if m < levels else least
         a, j = span_bounds(speed, accel, jerk, first, last, cap)
-        if a == last_a and j == last_j:
+        if a == last_a and j == last_j and best_time < math.inf:
             break
         last_a = a
         last_j = j

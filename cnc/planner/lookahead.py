@@ -187,7 +187,7 @@ class _Window:
         status, phases = _phases(self.start, known, self.v_start)
         if status == START_TOO_FAST and len(self.plan):
             # The plan made before the window grew is legal to its end: follow it to its next point without acceleration, and try again.
-            self._commit(_steady_after(self.plan, 0.0))
+            self._commit(_first_steady(self.plan))
             yield from self._taken()
             yield from self._plan_and_commit(beyond, at_rest=at_rest)
             return
@@ -201,7 +201,10 @@ class _Window:
             phases, count = _cut_steady(phases, commit_to)
         self.plan, self.rest_at = phases, end
         while count > 0:
-            step = min(_steady_after(self.plan, SLICE), count)
+            before = len(self.plan)
+            self.plan, step = _slice(self.plan)
+            count += len(self.plan) - before
+            step = min(step, count)
             self._commit(step)
             count -= step
             yield from self._taken()
@@ -277,11 +280,31 @@ def _stopping_distance(known: Intervals) -> float:
     return 0.5 * v * (v / a + a / j) if v * j >= a * a else v * sqrt(v / j)
 
 
-def _steady_after(phases: Floats, seconds: float) -> int:
-    """Number of phases up to the first point without acceleration that lies at least ``seconds`` on (or all: at rest)."""
-    elapsed = np.cumsum(phases[:-1, DURATION])
-    steady = np.flatnonzero((phases[1:, A] == 0.0) & (elapsed >= seconds))
+def _first_steady(phases: Floats) -> int:
+    """Number of phases up to the first point without acceleration after the start (or all: at rest)."""
+    steady = np.flatnonzero(phases[1:, A] == 0.0)
     return int(steady[0]) + 1 if len(steady) else len(phases)
+
+
+def _slice(phases: Floats) -> tuple[Floats, int]:
+    """The phases, and how many of them make a slice: up to the first point without acceleration after SLICE seconds; a cruise is cut there."""
+    elapsed = np.cumsum(phases[:, DURATION])
+    steady = (phases[:, A] == 0.0) & (elapsed >= SLICE)
+    cruise = np.flatnonzero(steady & (phases[:, J] == 0.0))
+    ends = np.flatnonzero(steady[1:] & (elapsed[:-1] >= SLICE))
+    k = int(cruise[0]) if len(cruise) else len(phases)
+    step = int(ends[0]) + 1 if len(ends) else len(phases)
+    if k >= step:
+        return phases, step
+    cut = SLICE - (float(elapsed[k]) - float(phases[k, DURATION]))
+    if cut <= 0.0 or phases[k, DURATION] - cut < SLICE:
+        return phases, step
+    tail = phases[k:].copy()
+    tail[0, DURATION] -= cut
+    tail[0, S] += cut * tail[0, V]
+    head = phases[: k + 1].copy()
+    head[k, DURATION] = cut
+    return np.concatenate((head, tail)), k + 1
 
 
 def _cut_steady(phases: Floats, limit: float) -> tuple[Floats, int]:

@@ -72,7 +72,13 @@ def test_profiles_are_legal_continuous_and_end_where_they_should(v0, v1, distanc
     assert (v <= cap * (1 + 1e-9)).all()
 
 
-@given(v0=st.floats(0.0, 200.0), v1=st.floats(0.0, 200.0), distance=st.floats(0.1, 500.0), accel=st.floats(100.0, 1e4), jerk=st.floats(1e3, 1e6))
+@given(
+    v0=st.floats(0.0, 200.0),
+    v1=st.floats(0.0, 200.0),
+    distance=st.floats(0.1, 500.0),
+    accel=st.floats(100.0, 1e4),
+    jerk=st.floats(1e3, 1e6),
+)
 def test_profiles_take_as_long_as_ruckig_with_the_same_ends(v0, v1, distance, accel, jerk):
     if ramp_distance(v0, v1, accel, jerk) > distance * 0.98:
         return
