@@ -1,0 +1,177 @@
+"""A plan on a board: chunks become pulses, blocks between them become commands, in the program's order.
+
+The executor works ahead of time. It never waits for a pulse: the board plays what it has been sent and holds the caller back when it is full.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.canon import Block, Dwell
+from cnc.drivers.base import PulseSink
+from cnc.errors import BoardError
+from cnc.planner.plan import PlanChunk
+from cnc.stream import PulseChunk
+
+REST = 1e-9
+"""Speed in mm/s below which a chunk's end is at rest."""
+
+
+class PulseInterpolator(Protocol):
+    """What turns a plan into pulses, such as :class:`cnc.interpolator.reference_pulse.ReferencePulse`."""
+
+    @property
+    def origin_steps(self) -> NDArray[np.int64]:
+        """Grid point at which the program begins (axes,)."""
+
+    @property
+    def position_steps(self) -> NDArray[np.int64]:
+        """Grid point after the pulses made so far (axes,)."""
+
+    def pulses(self, chunk: PlanChunk) -> Iterator[PulseChunk]:
+        """The grid moves of a stretch of the plan."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far the program has been sent: seconds of machine time, source line, grid moves."""
+
+    time: float
+    line: int
+    rows: int
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of a run.
+
+    duration: seconds of machine time sent, dwells included. position_steps (axes,): where the board is. steps (axes,): steps made by each
+    axis, in both directions together. rows: grid moves. stopped_at_line: None after a whole run; after a stop the source line of the last
+    motion or command sent, 0 if there was none.
+    """
+
+    duration: float
+    position_steps: NDArray[np.int64]
+    steps: NDArray[np.int64]
+    rows: int
+    stopped_at_line: int | None = None
+
+    @property
+    def finished(self) -> bool:
+        """Whether the program ran to its end."""
+        return self.stopped_at_line is None
+
+
+class _Run:
+    """One run: what has been sent, and how the next thing is sent."""
+
+    def __init__(
+        self,
+        board: PulseSink,
+        interpolator: PulseInterpolator,
+        on_pulses: Callable[[PulseChunk], None] | None,
+        on_progress: Callable[[Progress], None] | None,
+    ) -> None:
+        self.board = board
+        self.interpolator = interpolator
+        self.on_pulses = on_pulses
+        self.on_progress = on_progress
+        self.clock = 0.0
+        self.line = 0
+        self.rows = 0
+        self.steps = np.zeros(len(interpolator.origin_steps), dtype=np.int64)
+        self.file = ""
+
+    def command(self, block: Block) -> None:
+        """A block between moves: the board carries it out when the motion before it has come to rest."""
+        self.file = block.file
+        self.board.execute(block, round(self.clock * 1e9))
+        if isinstance(block, Dwell):
+            self.clock += block.seconds
+        self.line = block.line
+        self._tell()
+
+    def motion(self, chunk: PlanChunk, stop: threading.Event | None = None) -> None:
+        """A stretch of the plan, as far as ``stop`` lets it."""
+        self.file = chunk.path.file
+        for pulses in self.interpolator.pulses(chunk):
+            if stop is not None and stop.is_set():
+                return
+            self.board.send(pulses)
+            if self.on_pulses is not None:
+                self.on_pulses(pulses)
+            self.rows += len(pulses.step)
+            self.steps += np.count_nonzero(pulses.step, axis=0)
+            if len(pulses.step):
+                self.line = int(pulses.line[-1])
+                self.clock = float(pulses.time_ns[-1]) * 1e-9
+            self._tell()
+        self.clock = chunk.t0 + chunk.duration
+
+    def outcome(self, stopped: bool) -> Outcome:
+        return Outcome(self.clock, self.board.position_steps, self.steps, self.rows, self.line if stopped else None)
+
+    def _tell(self) -> None:
+        if self.on_progress is not None:
+            self.on_progress(Progress(self.clock, self.line, self.rows))
+
+
+def execute(
+    plan_stream: Iterable[PlanChunk | Block],
+    board: PulseSink,
+    interpolator: PulseInterpolator,
+    *,
+    on_pulses: Callable[[PulseChunk], None] | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+    stop: threading.Event | None = None,
+    ramp_down: Callable[[], Iterable[PlanChunk]] | None = None,
+) -> Outcome:
+    """Run a plan on a board.
+
+    on_pulses is shown every chunk that the board has taken, on_progress how far things are. When ``stop`` is set, no more than the stop
+    needs is sent: without ``ramp_down`` nothing at all; with it the rest of the stretch under way and then, unless that ends at rest, the
+    motion that ``ramp_down`` gives, which begins where the stretch ends. The board is left stopped.
+
+    Raises BoardError when the board fails, at the source line that the fault names, else at the last one that the board has taken. After
+    that, and after any other exception (a faulty program found on the way), the board has been told to abort.
+    """
+    run = _Run(board, interpolator, on_pulses, on_progress)
+    try:
+        board.start(interpolator.origin_steps)
+        at_rest = True
+        for item in plan_stream:
+            if stop is not None and stop.is_set():
+                break
+            if isinstance(item, PlanChunk):
+                run.motion(item, stop if ramp_down is None else None)
+                at_rest = float(item.phase_v[-1]) <= REST
+            else:
+                run.command(item)
+        if stop is not None and stop.is_set():
+            if ramp_down is not None and not at_rest:
+                for chunk in ramp_down():
+                    run.motion(chunk)
+            board.stop()
+            return run.outcome(stopped=True)
+        board.finish()
+        return run.outcome(stopped=False)
+    except BoardError as error:
+        _abort(board)
+        found = error.diagnostic
+        raise error.at(file=found.file or run.file, line=found.line or board.confirmed_line) from error
+    except BaseException:
+        _abort(board)
+        raise
+
+
+def _abort(board: PulseSink) -> None:
+    """Stop the board; what it says to that matters less than the fault that led here."""
+    with contextlib.suppress(BoardError):
+        board.abort()
