@@ -1,0 +1,133 @@
+"""Dialects as data: which codes are legal, what they mean where controllers differ, and the defaults.
+
+Each dialect is a TOML file beside this one; ``base`` names the file whose keys it starts from. ``known.toml`` names codes that no dialect
+here speaks, so that they are refused by name.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any
+
+from cnc.canon import PathControl
+from cnc.errors import Diagnostic, GcodeError, UsageError
+from cnc.gcode.words import Word, fault
+
+NAMES = ("auto", "linuxcnc", "grbl", "fanuc", "paper")
+
+
+@dataclass(frozen=True, slots=True)
+class ArcTolerance:
+    """How far an arc's data may contradict itself, in mm.
+
+    Centre format: the radii at both ends may differ by ``slack``, or by ``relative`` of the larger one, but never by more than ``limit``.
+    R format: the radius may fall short of half the chord by ``reach``.
+    """
+
+    slack: float
+    relative: float
+    limit: float
+    reach: float
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """What a dialect allows and means; ``g`` holds ten times the code numbers. The TOML files explain every key."""
+
+    name: str
+    g: frozenset[int]
+    m: frozenset[int]
+    axes: frozenset[str]
+    nurbs: tuple[str, ...]
+    motion: int | None
+    units_before_feed: bool
+    arc_turns: bool
+    path_stop: PathControl
+    path_words: frozenset[str]
+    offsets: tuple[int, ...]
+    offsets_current: bool
+    offsets_add: bool
+    program_number: bool
+    dwell: dict[str, float]
+    arc_mm: ArcTolerance
+    arc_inch: ArcTolerance
+
+    @property
+    def systems(self) -> int:
+        """Number of coordinate systems, G54 being the first."""
+        return 9 if 593 in self.g else 6
+
+    def check_g(self, word: Word) -> int:
+        """Ten times the code of a G word, or an error that names it."""
+        if word.tenths in self.g:
+            return word.tenths
+        raise _refused(word, self, "g", word.tenths / 10)
+
+    def check_m(self, word: Word) -> int:
+        """The code of an M word, or an error that names it."""
+        number = word.whole
+        if number in self.m and "-" not in word.written and number is not None:
+            return number
+        raise _refused(word, self, "m", word.number)
+
+
+def _read(name: str) -> dict[str, Any]:
+    table = tomllib.loads(files(__name__).joinpath(f"{name}.toml").read_text(encoding="utf-8"))
+    if base := table.pop("base", ""):
+        table = _read(base) | table
+    table["g"] += " " + table.pop("more_g", "")
+    return table
+
+
+def _codes(text: str) -> list[float]:
+    return [float(code) for code in text.split()]
+
+
+@lru_cache(maxsize=len(NAMES))
+def load(name: str) -> Dialect:
+    """The dialect of that name. Raises UsageError ``unknown-dialect``."""
+    if name not in NAMES:
+        raise UsageError(Diagnostic("unknown-dialect", f"there is no dialect {name!r}", hint=f"one of {', '.join(NAMES)}"))
+    table = _read(name)
+    arc = table["arc"]
+    return Dialect(
+        name=name,
+        g=frozenset(round(code * 10) for code in _codes(table["g"])),
+        m=frozenset(int(code) for code in _codes(table["m"])),
+        axes=frozenset(table["axes"]),
+        nurbs=tuple(table["nurbs"]),
+        motion=round(float(table["motion"]) * 10) if table["motion"] else None,
+        units_before_feed=table["units_before_feed"],
+        arc_turns=table["arc_turns"],
+        path_stop=table["path_stop"],
+        path_words=frozenset(table["path_words"]),
+        offsets=tuple(table["offsets"]),
+        offsets_current=table["offsets_current"],
+        offsets_add=table["offsets_add"],
+        program_number=table["program_number"],
+        dwell=table["dwell"],
+        arc_mm=ArcTolerance(arc["slack"], arc["relative"], arc["limit"], arc["reach"]),
+        arc_inch=ArcTolerance(arc["slack_inch"], arc["relative"], arc["limit_inch"], arc["reach"]),
+    )
+
+
+@lru_cache(maxsize=1)
+def _known() -> dict[str, dict[str, str]]:
+    return tomllib.loads(files(__name__).joinpath("known.toml").read_text(encoding="utf-8"))
+
+
+def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError:
+    """Why a code is refused: other dialects have it, other controllers have it, or nobody has."""
+    name = word.written
+    if "-" in name:
+        return fault("code-unknown", f"{name} is unknown", word)
+    elsewhere = [other for other in NAMES if other != "auto" and code in _codes(_read(other)[kind])]
+    if elsewhere:
+        hint = f"use --dialect {' or '.join(elsewhere)}"
+        return fault("code-not-in-dialect", f"{name} is not in the {dialect.name} dialect", word, hint)
+    if meaning := _known()[kind].get(f"{code:g}"):
+        return fault("code-not-supported", f"{name} ({meaning}) is not supported", word)
+    return fault("code-unknown", f"{name} is unknown", word)

@@ -1,0 +1,286 @@
+"""G6.2: a NURBS, written over many lines, collected into one block.
+
+Two forms of the same thing, as data below:
+
+    paper   G06.2 K3 U0 X Y Z W1 F / U X Y Z W / U         K degree, U knot, W weight
+    fanuc   G06.2 P4 K0 X Y Z R1 F / K X Y Z R / K         P order, K knot, R weight
+
+A line a control point, then as many lines with a knot alone as the order; points + order knots complete the curve. FANUC's rules hold for
+both: the first control point is the present position, both end knots have the multiplicity of the order, nothing but these words stands
+inside. In FANUC's form the first line may leave out its point (the present position) and its knot (taken from the second line). Source:
+FANUC Series 15i/150i operator's manual, NURBS interpolation, and its alarms 1002 to 1009; ERRATA of the NURBS look-ahead paper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cnc.canon import NurbsFeed
+from cnc.errors import GcodeError
+from cnc.gcode.modal import GROUP_OF_G, GROUP_OF_M
+from cnc.gcode.words import AXES, LineWords, Word, fault, whole
+
+MAX_ORDER = 10
+START_TOLERANCE = 1e-4
+"""mm that the first control point may be off the present position: the rounding of a post-processor. The curve starts at the position."""
+POINT_AXES = "XYZ"
+_ROTARY = frozenset("ABC")
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """A way to write it: the letters, what ``size`` counts (the order, or the degree), and the codes of the errors that FANUC numbers."""
+
+    name: str
+    size: str
+    size_is_order: bool
+    knot: str
+    weight: str
+    short_start: bool
+    knot_missing: str
+    knots_too_few: str
+    left_early: str
+    wrong_mode: str
+    end_multiplicity: str
+    inner_multiplicity: str
+    start_point: str
+
+
+FANUC = Form(
+    "fanuc", "P", True, "K", "R", True, "fanuc-1002", "fanuc-1004", "fanuc-1005", "fanuc-1006", "fanuc-1007", "fanuc-1008", "fanuc-1009"
+)
+PAPER = Form(
+    "paper", "K", False, "U", "W", False,
+    "nurbs-knot-missing", "nurbs-knots-too-few", "nurbs-left-early", "nurbs-wrong-mode",
+    "nurbs-end-multiplicity", "nurbs-inner-multiplicity", "nurbs-start-point",
+)  # fmt: skip
+FORMS = {form.name: form for form in (PAPER, FANUC)}
+
+
+def form_of(words: LineWords, allowed: tuple[str, ...]) -> Form:
+    """Which form the first line is written in, told by its words: U and W are the paper's, P and R are FANUC's, K alone is FANUC's knot."""
+    if len(allowed) == 1:
+        return FORMS[allowed[0]]
+    paper = [words.rest[letter] for letter in "UW" if letter in words.rest]
+    fanuc = [words.rest[letter] for letter in "PR" if letter in words.rest]
+    if paper and fanuc:
+        odd = max(paper[0], fanuc[0], key=lambda word: word.column)
+        raise fault("nurbs-mixed-forms", "G6.2 with words of both forms", odd, "K U W are the paper's form, P K R are FANUC's")
+    return PAPER if paper else FANUC
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A word in a line that has gone by: an error may have to point back at it."""
+
+    word: Word
+    line: int
+    text: str
+
+    def fault(self, code: str, message: str, hint: str = "") -> GcodeError:
+        """An error at this word."""
+        error = fault(code, message, self.word, hint)
+        return GcodeError(replace(error.diagnostic, line=self.line, text=self.text))
+
+
+Target = Callable[[LineWords, str, list[float]], list[float]]
+"""Takes a line's axis words for the user named; the machine position that they mean, seen from the position given."""
+
+
+class Collector:
+    """A NURBS in the making. ``first`` takes the G6.2 line and ``line`` each one after it, until it gives the block."""
+
+    def __init__(self, form: Form, start: Place, *, file: str, position: list[float], feed: float, target: Target) -> None:
+        self.form = form
+        self._start = start
+        self._file = file
+        self._feed = feed
+        self._target = target
+        self._order = 4
+        self._named: frozenset[str] | None = None
+        self._points = [position]
+        self._weights = [1.0]
+        self._knots: list[float] = []
+        self._places: list[Place] = []
+        self._knot_lines = 0
+        self._borrow_knot = False
+
+    @property
+    def position(self) -> list[float]:
+        """The last control point: where the curve ends, and what an incremental word counts from."""
+        return self._points[-1]
+
+    def first(self, words: LineWords) -> None:
+        """The words of the G6.2 line itself; words of no use here stay for the caller to refuse."""
+        form = self.form
+        if size := words.take(form.size, "G6.2"):
+            least, what = (2, "the order") if form.size_is_order else (1, "the degree")
+            most = MAX_ORDER if form.size_is_order else MAX_ORDER - 1
+            self._order = whole(size, what, least, most) + (0 if form.size_is_order else 1)
+        knot = words.take(form.knot, "G6.2")
+        weight = words.take(form.weight, "G6.2")
+        axes = self._axes(words)
+        if axes:
+            here = self._points[0]
+            point = self._target(words, "G6.2", here)
+            if max(abs(a - b) for a, b in zip(point, here, strict=True)) > START_TOLERANCE:
+                raise fault(
+                    form.start_point, "the first control point is not the present position", axes[0], "move there before G6.2, or mend it"
+                )
+            self._named = frozenset(word.letter for word in axes)
+        elif not form.short_start:
+            raise fault("nurbs-point-missing", "the first control point is missing", self._start.word, "give X Y Z of the present position")
+        if weight:
+            self._weights[0] = _weight(weight)
+        if knot:
+            self._add_knot(knot, self._start.line, self._start.text)
+        elif form.short_start:
+            self._borrow_knot = True
+        else:
+            raise fault(form.knot_missing, f"the first knot is missing: G6.2 needs a {form.knot} word", self._start.word)
+
+    def line(self, words: LineWords, line: int, text: str) -> NurbsFeed | None:
+        """A line inside the mode; the block when it completes the curve."""
+        if (words.g or words.m) and (leaving := _leaving(words)):
+            raise self._left(f"{leaving.written} before the curve is complete", leaving)
+        for word in (*words.g, *words.m):
+            raise _foreign(word, self.form)
+        form = self.form
+        knot = words.take(form.knot, "G6.2")
+        weight = words.take(form.weight, "G6.2")
+        axes = self._axes(words)
+        for word in words.rest.values():
+            if word not in axes:
+                raise _foreign(word, form)
+        if axes:
+            self._add_point(words, axes, knot, weight, line, text)
+        elif weight:
+            raise fault("nurbs-foreign-word", f"{weight.written} is a weight without a control point", weight)
+        elif knot:
+            return self._knot_only(knot, line, text)
+        return None
+
+    def end(self, what: str) -> GcodeError:
+        """The error for a program that ends inside the mode; it points at the G6.2."""
+        error = self._left(what, self._start.word)
+        return GcodeError(replace(error.diagnostic, line=self._start.line, text=self._start.text))
+
+    def _axes(self, words: LineWords) -> list[Word]:
+        """The axis words of a line; the first block with a point names the axes for all."""
+        found = sorted((word for word in words.rest.values() if word.letter in AXES), key=lambda word: word.column)
+        for word in found:
+            if word.letter in _ROTARY:
+                raise fault("nurbs-rotary-axis", f"{word.written}: rotary axes can't move along a NURBS", word)
+            if word.letter not in POINT_AXES:
+                raise _foreign(word, self.form)
+            if self._named is not None and word.letter not in self._named:
+                message = f"{word.letter} is not among the axes of the first control point"
+                raise fault("nurbs-mixed-axes", message, word, "name all axes in the first one")
+        return found
+
+    def _add_point(self, words: LineWords, axes: list[Word], knot: Word | None, weight: Word | None, line: int, text: str) -> None:
+        form = self.form
+        if self._knot_lines:
+            raise fault(
+                form.knots_too_few,
+                f"a control point after {self._knot_lines} of {self._order} lines with a knot alone",
+                axes[0],
+                f"the curve ends with {self._order} lines with {form.knot} alone",
+            )
+        if not knot:
+            raise fault(form.knot_missing, f"this control point has no knot ({form.knot} word)", axes[0])
+        if self._borrow_knot:
+            self._borrow_knot = False
+            self._add_knot(knot, line, text)
+        self._add_knot(knot, line, text)
+        self._weights.append(_weight(weight) if weight else 1.0)
+        if self._named is None:
+            self._named = frozenset(word.letter for word in axes)
+        self._points.append(self._target(words, "G6.2", self.position))
+
+    def _knot_only(self, knot: Word, line: int, text: str) -> NurbsFeed | None:
+        points = len(self._points)
+        if points == 1:
+            raise fault("nurbs-one-point", "a NURBS with one control point only", knot, "give at least as many as the order")
+        if points < self._order:
+            message = f"{points} control points are too few: a curve of degree {self._order - 1} has {self._order} or more"
+            raise fault("nurbs-too-few-points", message, knot)
+        self._add_knot(knot, line, text)
+        self._knot_lines += 1
+        if self._knot_lines < self._order:
+            return None
+        self._check_multiplicities()
+        return NurbsFeed(
+            self._file,
+            self._start.line,
+            self._order - 1,
+            np.array(self._knots, dtype=np.float64),
+            np.array(self._points, dtype=np.float64),
+            np.array(self._weights, dtype=np.float64),
+            self._feed,
+        )
+
+    def _add_knot(self, knot: Word, line: int, text: str) -> None:
+        if self._knots and knot.number < self._knots[-1]:
+            raise fault("nurbs-knots-decrease", f"knot {knot.number:g} after knot {self._knots[-1]:g}", knot, "knots must not decrease")
+        self._knots.append(knot.number)
+        self._places.append(Place(knot, line, text))
+
+    def _check_multiplicities(self) -> None:
+        """Both ends of multiplicity order, less inside: anything else leaves an end hanging or tears the curve apart."""
+        order, form = self._order, self.form
+        starts = [index for index, knot in enumerate(self._knots) if index == 0 or knot != self._knots[index - 1]]
+        runs = list(zip(starts, [*starts[1:], len(self._knots)], strict=True))
+        first, last = runs[0], runs[-1]
+        if first[1] != order:
+            raise self._places[min(first[1], order)].fault(
+                form.end_multiplicity, f"the first knot stands {first[1]} times", f"it must stand {order} times, the order"
+            )
+        if last[1] - last[0] != order:
+            count = last[1] - last[0]
+            place = self._places[len(self._knots) - order] if count < order else self._places[last[0]]
+            raise place.fault(form.end_multiplicity, f"the last knot stands {count} times", f"it must stand {order} times, the order")
+        for begin, end in runs[1:-1]:
+            if end - begin > order:
+                raise self._places[begin + order].fault(
+                    form.inner_multiplicity, f"an inner knot stands {end - begin} times", f"at most {order - 1} times: the order less one"
+                )
+            if end - begin == order:
+                raise self._places[end - 1].fault(
+                    "nurbs-position-jump",
+                    f"an inner knot that stands {order} times tears the curve apart",
+                    f"at most {order - 1} times: the order less one",
+                )
+
+    def _left(self, what: str, word: Word) -> GcodeError:
+        """The curve is left before it is complete."""
+        form, need = self.form, self._order
+        hint = f"the curve ends with {need} lines with {form.knot} alone"
+        if self._knot_lines:
+            return fault(form.knots_too_few, f"{what}: {self._knot_lines} of {need} lines with a knot alone", word, hint)
+        return fault(form.left_early, f"{what}: no line with a knot alone yet", word, hint)
+
+
+def _weight(word: Word) -> float:
+    if word.number <= 0:
+        raise fault("nurbs-weight-not-positive", f"{word.written}: a weight must be positive", word)
+    return word.number
+
+
+def _leaving(words: LineWords) -> Word | None:
+    """The word that would leave the mode: another motion code, or the end of the program."""
+    for word in words.g:
+        if GROUP_OF_G.get(word.tenths) == "motion":
+            return word
+    for word in words.m:
+        if word.whole is not None and GROUP_OF_M.get(word.whole) == "stop":
+            return word
+    return None
+
+
+def _foreign(word: Word, form: Form) -> GcodeError:
+    letters = f"{form.knot}, X, Y, Z and {form.weight}"
+    return fault("nurbs-foreign-word", f"{word.written} can't stand inside G6.2", word, f"the lines of a NURBS hold {letters} only")

@@ -1,0 +1,50 @@
+"""Canonical blocks on their way out: straight moves gather into runs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cnc.canon import Block, Polyline
+
+RUN = 4096
+"""Moves of a Polyline at most: long enough for arrays to pay, short enough for the first pulse not to wait."""
+
+
+class Output:
+    """Collects the blocks of a program in order. ``ready`` holds those that can be handed on; the caller empties it."""
+
+    def __init__(self, file: str, axes: int) -> None:
+        self.ready: list[Block] = []
+        self._file = file
+        self._axes = axes
+        self._points: list[float] = []
+        self._feeds: list[float] = []
+        self._lines: list[int] = []
+
+    def move(self, end: list[float], feed: float, line: int) -> None:
+        """A straight move; NaN feed for a traverse."""
+        self._points += end
+        self._feeds.append(feed)
+        self._lines.append(line)
+        if len(self._feeds) >= RUN:
+            self.flush()
+
+    def add(self, block: Block) -> None:
+        """Any other block."""
+        self.flush()
+        self.ready.append(block)
+
+    def flush(self) -> None:
+        """Close the run of straight moves."""
+        if not self._feeds:
+            return
+        self.ready.append(
+            Polyline(
+                self._file,
+                self._lines[0],
+                np.array(self._points, dtype=np.float64).reshape(-1, self._axes),
+                np.array(self._feeds, dtype=np.float64),
+                np.array(self._lines, dtype=np.int32),
+            )
+        )
+        self._points, self._feeds, self._lines = [], [], []

@@ -1,0 +1,31 @@
+"""Words that nothing in their line has use for."""
+
+from __future__ import annotations
+
+from cnc.errors import GcodeError
+from cnc.gcode.modal import NURBS, Modal
+from cnc.gcode.words import LineWords, fault
+
+_HINTS = {
+    "D": "D belongs to cutter compensation, which is not supported",
+    "E": "numbers have no exponent",
+    "F": "under G93 an F word belongs to the move in its line",
+    "H": "H belongs to tool length offsets, which are not supported",
+    "I": "I, J and K belong to G2 and G3: the centre's offset in the plane's two axes",
+    "J": "I, J and K belong to G2 and G3: the centre's offset in the plane's two axes",
+    "K": "I, J and K belong to G2 and G3: the centre's offset in the plane's two axes",
+    "L": "L belongs to G10",
+    "O": "subprograms are not supported",
+    "P": "P belongs to G4, G10, G64 and to the turns of an arc",
+    "Q": "Q belongs to G64",
+    "R": "R belongs to G2 and G3: the radius",
+}
+
+
+def unused(words: LineWords, state: Modal) -> GcodeError:
+    """The error for the leftmost word that is left."""
+    word = min(words.rest.values(), key=lambda word: word.column)
+    if state.motion == NURBS and word.letter in "KURPW":
+        message = f"{word.written} after the last knot: the curve was complete"
+        return fault("nurbs-still-active", message, word, "go on with G0, G1, G2, G3 or another G6.2")
+    return fault("word-unused", f"{word.written} has no use in this line", word, _HINTS.get(word.letter, ""))
