@@ -138,19 +138,24 @@ def junction(
         return 0.0, True
     if by_v * v + by_v2 * v * v <= UNSEEN:
         return v, False
-    # What the curves themselves take up at constant speed is there as well.
-    for _ in range(200):
+    # What the curves themselves take up at constant speed is there as well. The sum rises with the speed: bisect.
+    low = 0.0
+    high = v
+    for _ in range(60):
         taken = by_v * v + by_v2 * v * v
         for i in range(before.shape[1]):
             bend = max(abs(before[2, i]), abs(after[2, i]))
             twist = max(abs(before[3, i]), abs(after[3, i]))
-            if bend > 0.0:
-                taken = max(taken, by_v * v + bend * v * v / axis_a[i])
-            if twist > 0.0:
-                taken = max(taken, by_v * v + by_v2 * v * v + twist * v * v * v / axis_j[i])
+            taken = max(taken, by_v * v + bend * v * v / axis_a[i])
+            taken = max(taken, by_v * v + by_v2 * v * v + twist * v * v * v / axis_j[i])
         if taken <= 1.0 - UNSEEN:
-            break
-        v *= 0.97
+            low = v
+            if v == high:
+                break
+        else:
+            high = v
+        v = 0.5 * (low + high)
+    v = low
     return v, True
 
 

@@ -92,8 +92,7 @@ def best_profile(
             peak = peak_speed(v0, v1, distance, cap, a, j)
             time = ramp_time(v0, peak, a, j) + ramp_time(peak, v1, a, j)
             cruise = distance - ramp_distance(v0, peak, a, j) - ramp_distance(peak, v1, a, j)
-            if peak > 0.0:
-                time += max(cruise, 0.0) / peak
+            time += max(cruise, 0.0) / peak if peak > 0.0 else math.inf
             if time < best_time:
                 best_time = time
                 best = (peak, a, j)

@@ -151,7 +151,9 @@ def test_the_window_streams():
         for k in range(200):
             taken += 1
             turn = 0.2 * np.sin(np.linspace(k, k + 1, 200))
-            yield lines(np.cumsum(np.stack((np.cos(turn), np.sin(turn), 0 * turn), axis=1) * 0.1, axis=0) + [20.0 * k, 0, 0], 80.0, 200 * k + 1)
+            yield lines(
+                np.cumsum(np.stack((np.cos(turn), np.sin(turn), 0 * turn), axis=1) * 0.1, axis=0) + [20.0 * k, 0, 0], 80.0, 200 * k + 1
+            )
 
     ahead = LookAhead(machine())
     first_at = None
