@@ -1,6 +1,7 @@
 """A plan on a board: chunks become pulses, blocks between them become commands, in the program's order.
 
-The executor works ahead of time. It never waits for a pulse: the board plays what it has been sent and holds the caller back when it is full.
+The executor works ahead of time. It never waits for a pulse: the board plays what it has been sent and holds the caller back when it
+is full.
 """
 
 from __future__ import annotations

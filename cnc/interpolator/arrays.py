@@ -21,7 +21,7 @@ def plain(array: NDArray[Any], dtype: type[Number]) -> NDArray[Number]:
 
 
 def kernel_arrays(chunk: PlanChunk) -> Arrays:
-    """Kind, place and data of the records, ends and source lines of the pieces; time, length, speed, acceleration and jerk of the phases."""
+    """Pieces: kind, place and data of the records, ends, source lines. Phases: time, length, speed, acceleration, jerk."""
     path = chunk.path
     return (
         plain(path.kind, np.int64),

@@ -1,4 +1,4 @@
-"""Plan to pulses: every grid move of a whole path, in any number of axes, with its time. The method stands in the kernel of the same name."""
+"""Plan to pulses: every grid move of a whole path, in any number of axes, with its time. The kernel of the same name tells how."""
 
 from __future__ import annotations
 
@@ -66,4 +66,3 @@ class ReferencePulse:
             self._error = float(floats[kernel.ERROR])
             if rows:
                 yield PulseChunk(self._time_ns[:rows].copy(), self._step[:rows].copy(), self._line[:rows].copy())
-

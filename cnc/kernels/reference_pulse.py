@@ -75,15 +75,15 @@ def grid_after(g: int, p: float) -> int:
     """The grid point of an axis that had g and has moved to p BLU: g unless p is beyond the half-grid line next to g."""
     margin = 0.5 + slack(p)
     if p > g + margin:
-        return int(math.ceil(p - margin))
+        return math.ceil(p - margin)
     if p < g - margin:
-        return int(math.floor(p + margin))
+        return math.floor(p + margin)
     return g
 
 
 @njit
 def _speed(data: Floats, at: int, r: Floats, out: Floats) -> None:
-    """sigma = |dr/du| over the metric axes and its first two derivatives by u, from the derivatives r (4, n); infinite where sigma = 0."""
+    """Write |dr/du| over the metric axes and its first two derivatives by u, from r (4, n); where it vanishes, they are not finite."""
     d11 = 0.0
     d12 = 0.0
     d22_13 = 0.0
@@ -99,9 +99,7 @@ def _speed(data: Floats, at: int, r: Floats, out: Floats) -> None:
 
 
 @njit
-def _solve(
-    kind: int, data: Floats, at: int, axis: int, scale: float, line: float, sign: int, low: float, high: float, r: Floats
-) -> float:
+def _solve(kind: int, data: Floats, at: int, axis: int, scale: float, line: float, sign: int, low: float, high: float, r: Floats) -> float:
     """Where in [low, high] ``axis`` crosses ``line`` (BLU) in direction ``sign``; r (4, n): evaluation at low, then at the crossing."""
     close = 0.25 * slack(line)
     x = low
@@ -236,7 +234,9 @@ def pulses(
                 curve_eval(k, data, a, min(turns[i, first], upto), r[i])
                 stretch[i, 0] = first
                 stretch[i, 1] = grid_after(grid[i], r[i, 0, i] * steps_per_mm[i])
-                r[i] = here
+                for row in range(4):
+                    for column in range(n):
+                        r[i, row, column] = here[row, column]
                 place[i, 0] = begin
                 _next(k, data, a, i, steps_per_mm[i], grid[i], upto, turns[i], stretch[i], place[i], r[i])
         s = begin - u0
