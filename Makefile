@@ -1,0 +1,55 @@
+# Needs Python 3.11 or newer and make; everything else goes into .venv.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PROGRAM ?= programs/trident.nc
+
+.PHONY: run test soak bench lint picture clean
+
+# Run a program on the loopback board: make run PROGRAM=programs/pocket.nc
+run: $(VENV)/installed
+	$(BIN)/cncrun $(PROGRAM)
+
+# Everything that CI checks.
+test: lint
+	$(BIN)/python -m pytest
+
+# The same tests with the long amounts of work.
+soak: $(VENV)/installed-test
+	CNC_SOAK=1 $(BIN)/python -m pytest
+
+lint: $(VENV)/installed-test
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+# Speed of reading, planning and interpolating the shipped programs.
+bench: $(VENV)/installed
+	$(BIN)/python benchmarks/programs.py
+
+# The picture in the README.
+picture: $(VENV)/installed-view
+	$(BIN)/python docs/make_picture.py
+
+$(VENV)/python:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.12 ...")'
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+# Stamps: an install is repeated only when what it depends on has changed.
+$(VENV)/installed: $(VENV)/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	touch $@
+
+$(VENV)/installed-test: $(VENV)/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	touch $@ $(VENV)/installed
+
+$(VENV)/installed-view: $(VENV)/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[view]'
+	touch $@ $(VENV)/installed
+
+clean:
+	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache

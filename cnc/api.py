@@ -1,0 +1,110 @@
+"""The front door of the library: parse, plan, check, run.
+
+    from cnc.api import check
+    report = check("part.nc", "config/grbl-uno.toml")
+    print(report.ok, report.duration_s)
+
+A program goes by twice. The first pass reads it to the end and compares its path with the travel of the axes, so that nothing moves in a
+program that is wrong anywhere. The second plans it, makes pulses (and samples, if asked for) and sends them. Both passes stream: memory
+does not grow with the program. A path that is small enough is kept from the first pass to the second.
+
+:func:`check` and :func:`run` give a :class:`~cnc.report.result.Report`; what is wrong with the program or the board is in its ``faults``.
+They raise only what the caller has to mend: UsageError and MachineFileError.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+from cnc.canon import Block
+from cnc.drivers.base import PulseSink
+from cnc.drivers.registry import open_board
+from cnc.errors import Diagnostic, UsageError
+from cnc.gcode.interpreter import interpret
+from cnc.gcode.parser import read_lines
+from cnc.job import Job, Outputs, Watch, start_position
+from cnc.machine.load import load_machine
+from cnc.machine.models import DialectName, Machine
+from cnc.path.build import build
+from cnc.planner.lookahead import LookAhead
+from cnc.planner.plan import PlanChunk
+from cnc.report.result import Report
+
+__all__ = ["Outputs", "Report", "Watch", "check", "load_machine", "parse", "plan", "run", "start_position"]
+
+Interpolator = Literal["reference-pulse", "sampled"]
+
+
+def parse(program: Path | str, machine: Machine | Path | str | None = None, *, dialect: DialectName | None = None) -> Iterator[Block]:
+    """Yield the canonical blocks of a program file, as it is read. GcodeError at the first fault, UsageError if there is no such file."""
+    known = _machine(machine)
+    yield from interpret(
+        read_lines(Path(program)),
+        file=str(program),
+        axes=known.axis_names,
+        dialect=dialect or known.program.dialect,
+        start=start_position(known),
+    )
+
+
+def plan(
+    program: Path | str, machine: Machine | Path | str | None = None, *, dialect: DialectName | None = None
+) -> Iterator[PlanChunk | Block]:
+    """Yield the jerk-limited plan of a program file and the blocks between the moves, in order; MotionLimitError, and as :func:`parse`."""
+    known = _machine(machine)
+    blocks = parse(program, known, dialect=dialect)
+    yield from LookAhead(known).plan(build(blocks, axes=known.axis_names, start=start_position(known)))
+
+
+def check(
+    program: Path | str,
+    machine: Machine | Path | str | None = None,
+    *,
+    dialect: DialectName | None = None,
+    interpolator: Interpolator = "reference-pulse",
+    outputs: Outputs | None = None,
+    watch: Watch | None = None,
+) -> Report:
+    """Verify a program without a board: language, travel, the plan against every limit, and its pulses.
+
+    program: its file, ``-`` for standard input. machine: itself, its file or shipped name, None for the default. dialect: None for the
+    machine's. interpolator: ``sampled`` samples the motion at the machine's period, too; a trace does so in any case.
+    """
+    return Job(program, _machine(machine), dialect, interpolator == "sampled", outputs or Outputs(), watch or Watch()).carry_out()
+
+
+def run(
+    program: Path | str,
+    machine: Machine | Path | str | None = None,
+    *,
+    board: PulseSink | str | None = None,
+    port: str | None = None,
+    dialect: DialectName | None = None,
+    interpolator: Interpolator = "reference-pulse",
+    outputs: Outputs | None = None,
+    watch: Watch | None = None,
+) -> Report:
+    """Check a program, then run it on a board; the other arguments are those of :func:`check`.
+
+    board: itself, its name, None for the one of the machine file. port: where the board is; for the file board, the file to write.
+    """
+    known = _machine(machine)
+    job = Job(program, known, dialect, interpolator == "sampled", outputs or Outputs(), watch or Watch())
+    if board is not None and not isinstance(board, str):
+        return job.carry_out(board, type(board).__name__)
+    name = board or known.board.kind
+    opened = open_board(known, kind=name, target=Path(port) if port else None)
+    try:
+        if not isinstance(opened, PulseSink):
+            raise UsageError(
+                Diagnostic("board-takes-lines", f"the board {name!r} plans for itself; only boards that take pulses can be driven")
+            )
+        return job.carry_out(opened, name)
+    finally:
+        opened.close()
+
+
+def _machine(machine: Machine | Path | str | None) -> Machine:
+    return machine if isinstance(machine, Machine) else load_machine(machine)

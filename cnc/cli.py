@@ -1,0 +1,282 @@
+"""The command line: options to :mod:`cnc.api`, a report to text and an exit code.
+
+Whatever happens, the last thing on standard error is a message that says what, where and what to do, never a traceback. What takes long to
+import is imported when it is needed: ``cncrun --help`` has to be quick.
+"""
+
+from __future__ import annotations
+
+import glob
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import App, CycloptsError, Parameter
+
+from cnc import __version__
+from cnc.errors import EXIT_REJECTED, EXIT_STOPPED, CncError, Diagnostic, UsageError
+from cnc.screen import Screen
+
+if TYPE_CHECKING:
+    from cnc.api import Outputs
+    from cnc.report.result import Report
+
+SUFFIXES = (".nc", ".ngc", ".gcode", ".gc", ".cnc", ".tap", ".mpf")
+"""What `check` takes for programs in a folder."""
+
+EXIT_PIPE = 141
+"""Whoever read our output went away: 128 + SIGPIPE, as a shell shows it for other tools."""
+
+Dialect = Literal["auto", "linuxcnc", "grbl", "fanuc", "paper"]
+Interpolator = Literal["reference-pulse", "sampled"]
+
+app = App(
+    name="cncrun",
+    help="Run G-code: read it, plan jerk-limited motion over its true curves, and send the pulses to a board.",
+    version=__version__,
+    result_action="return_value",
+)
+
+
+def _option(text: str, **more: object) -> Parameter:
+    return Parameter(help=text, negative="", **more)  # type: ignore[arg-type]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Common:
+    """Options of run and check alike."""
+
+    machine: Annotated[str | None, _option("Machine file (TOML), or the name of a shipped one such as paper-nurbs.")] = None
+    dialect: Annotated[Dialect | None, _option("How to read the program; the machine file's choice if left out.")] = None
+    interpolator: Annotated[
+        Interpolator, _option("reference-pulse: grid moves alone. sampled: also positions at the machine's period.")
+    ] = "reference-pulse"
+    blocks: Annotated[str | None, _option("Write the canonical blocks to FILE.jsonl (- is standard output, here and below).")] = None
+    trace: Annotated[str | None, _option("Write position, feed, acceleration and jerk a period to FILE.npz or FILE.csv.")] = None
+    pulses: Annotated[str | None, _option("Write the grid moves to FILE.npz, or to FILE.vcd for a logic analyser.")] = None
+    json: Annotated[str | None, _option("Write the summary to FILE.json.")] = None
+    quiet: Annotated[bool, _option("Say nothing but errors.")] = False
+    verbose: Annotated[bool, _option("Say more: each axis's dynamics, computing times, details of an internal error.")] = False
+
+    def outputs(self) -> Outputs:
+        """The files to write; UsageError if two of them are the same."""
+        from cnc.api import Outputs
+
+        names = [name for name in (self.blocks, self.trace, self.pulses, self.json) if name is not None]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            what = "standard output" if twice == "-" else twice
+            raise UsageError(Diagnostic("output-twice", f"two outputs go to {what}", hint="give each output a file of its own"))
+        return Outputs(blocks=self.blocks, trace=self.trace, pulses=self.pulses)
+
+    @property
+    def summary_file(self) -> int:
+        """Where the summary for people goes: standard error if an output has taken standard output."""
+        return 2 if "-" in (self.blocks, self.trace, self.pulses, self.json) else 1
+
+
+_COMMON = Common()
+
+
+@app.default
+def run(
+    program: Annotated[str, Parameter(help="The program (- is standard input).")],
+    /,
+    *,
+    board: Annotated[str | None, _option("loopback, file, or an installed driver; the machine file's board if left out.")] = None,
+    port: Annotated[str | None, _option("Where the board is; for --board file, the .npz file to write.")] = None,
+    dry_run: Annotated[bool, _option("Only check, as `cncrun check` does.")] = False,
+    common: Common = _COMMON,
+) -> int:
+    """Run a program."""
+    if dry_run:
+        return check(program, common=common)
+    from cnc import api
+
+    with Screen(quiet=common.quiet) as screen:
+        machine = api.load_machine(common.machine)
+        report = api.run(
+            program,
+            machine,
+            board=board,
+            port=port,
+            dialect=common.dialect,
+            interpolator=common.interpolator,
+            outputs=common.outputs(),
+            watch=screen.watch(),
+        )
+    if common.json is not None:
+        _write_json(common.json, report)
+    _show(report, common)
+    return _end([report])
+
+
+@app.command
+def check(
+    *programs: Annotated[str, Parameter(help="Programs, folders of programs, and patterns such as 'parts/**/*.nc'.")],
+    format: Annotated[Literal["text", "json"], _option("What to print: a summary for people, or JSON.")] = "text",
+    common: Common = _COMMON,
+) -> int:
+    """Verify programs without a board: language, travel, the limits of the plan, the pulses."""
+    from cnc import api
+
+    if format == "json" and common.json is None:
+        common = _with_json(common)
+    outputs = common.outputs()
+    files = find_programs(programs)
+    listed = len(files) != 1 or list(programs) != files
+    if listed and outputs != api.Outputs():
+        raise UsageError(
+            Diagnostic("one-program-only", "--blocks, --trace and --pulses take one program", hint="check that program alone to get them")
+        )
+    machine = api.load_machine(common.machine)
+    reports: list[Report] = []
+    for file in files:
+        with Screen(quiet=common.quiet) as screen:
+            report = api.check(
+                file, machine, dialect=common.dialect, interpolator=common.interpolator, outputs=outputs, watch=screen.watch()
+            )
+        reports.append(report)
+        if report.stopped_at_line is not None:
+            break
+        if listed:
+            _show_line(report, common)
+    if common.json is not None:
+        _write_json(common.json, reports if listed else reports[0])
+    if not listed:
+        _show(reports[0], common)
+    return _end(reports)
+
+
+def find_programs(names: Sequence[str]) -> list[str]:
+    """Files in the order given: a folder stands for the programs anywhere in it, a pattern for what it matches, each sorted by name.
+
+    UsageError ``no-program`` where nothing is named, or a folder or pattern has no program.
+    """
+    if not names:
+        raise UsageError(Diagnostic("no-program", "no program is named", hint="cncrun check PROGRAM..."))
+    found: list[str] = []
+    for name in names:
+        path = Path(name)
+        if path.is_dir():
+            matches = sorted(str(file) for file in path.rglob("*") if file.suffix.lower() in SUFFIXES and file.is_file())
+            where = f"the folder {name} has no programs ({' '.join('*' + suffix for suffix in SUFFIXES)})"
+        elif not path.exists() and glob.has_magic(name):
+            matches = sorted(file for file in glob.glob(name, recursive=True) if os.path.isfile(file))
+            where = f"no file matches {name}"
+        else:
+            matches, where = [name], ""
+        if not matches:
+            raise UsageError(Diagnostic("no-program", where, hint="check the name and the folder"))
+        found += matches
+    return list(dict.fromkeys(found))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """The program ``cncrun``: carry out and exit. Codes: 0 well, 1 program, 2 usage, 3 board, 130 stopped; 1 for an internal error, too."""
+    sys.exit(exit_code(sys.argv[1:] if arguments is None else arguments))
+
+
+def exit_code(arguments: Sequence[str]) -> int:
+    """Carry out a command line; whatever is raised becomes a message and a code."""
+    try:
+        result = app(list(arguments), exit_on_error=False, print_error=False, result_action="return_value")
+        sys.stdout.flush()
+        return result if isinstance(result, int) else 0
+    except CycloptsError as error:
+        fault = UsageError(Diagnostic("usage", " ".join(str(error).split()), hint="cncrun --help lists the commands and options"))
+        return _fail(fault)
+    except CncError as error:
+        return _fail(error)
+    except KeyboardInterrupt:
+        print("stopped by the operator; nothing has moved", file=sys.stderr)
+        return EXIT_STOPPED
+    except BrokenPipeError:
+        # Python flushes standard output once more at its end: give it something to flush to.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_PIPE
+    except Exception as error:
+        return _internal_error(error, "--verbose" in arguments)
+
+
+def _fail(error: CncError) -> int:
+    sys.stdout.flush()
+    print(error.diagnostic.render(), file=sys.stderr)
+    return error.exit_code
+
+
+def _internal_error(error: Exception, verbose: bool) -> int:
+    """A fault of ours: said as such, with a way to learn more."""
+    if verbose:
+        import traceback
+
+        traceback.print_exception(error)
+    kind = type(error).__name__
+    hint = "please report the program, the machine file and this message; --verbose shows where it happened"
+    print(Diagnostic("internal-error", f"cncrun failed: {kind}: {error}", hint=hint).render(), file=sys.stderr)
+    return EXIT_REJECTED
+
+
+def _end(reports: Sequence[Report]) -> int:
+    """Faults of all reports on standard error, the exit code of the worst."""
+    sys.stdout.flush()
+    for report in reports:
+        if report.hidden_faults:
+            print(f"{report.program}: {report.hidden_faults} more places outside the travel are not shown", file=sys.stderr)
+        for fault in report.faults:
+            print(fault.diagnostic.render(), file=sys.stderr)
+    stopped = next((report for report in reports if report.stopped_at_line is not None), None)
+    code = max((report.exit_code for report in reports), default=0)
+    if stopped is not None and code == 0:
+        print(_where_stopped(stopped), file=sys.stderr)
+        return EXIT_STOPPED
+    return code
+
+
+def _where_stopped(report: Report) -> str:
+    from cnc.report.summary import position
+
+    if report.board is None or not report.stopped_at_line:
+        return "stopped by the operator; nothing has moved"
+    place = " ".join(f"{axis.upper()}{position(value)}" for axis, value in report.end_position.items())
+    return f"stopped by the operator at line {report.stopped_at_line}; the board has come to rest at {place}"
+
+
+def _with_json(common: Common) -> Common:
+    from dataclasses import replace
+
+    return replace(common, json="-")
+
+
+def _write_json(name: str, summary: Report | Sequence[Report]) -> None:
+    from cnc.report.outputs import write_json
+
+    write_json(name, summary)
+
+
+def _show(report: Report, common: Common) -> None:
+    """The summary; a program that never moved has none."""
+    if common.quiet or report.faults or report.stopped_at_line is not None:
+        return
+    from rich.console import Console
+
+    from cnc.report.summary import print_summary
+
+    stream = sys.stderr if common.summary_file == 2 else sys.stdout
+    console = Console(file=stream, highlight=False, width=None if stream.isatty() else 120)
+    print_summary(report, console, verbose=common.verbose)
+
+
+def _show_line(report: Report, common: Common) -> None:
+    if not common.quiet:
+        from cnc.report.summary import one_line
+
+        print(one_line(report), file=sys.stderr if common.summary_file == 2 else sys.stdout, flush=True)
+
+
+if __name__ == "__main__":
+    main()

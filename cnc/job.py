@@ -1,0 +1,353 @@
+"""One program on its way through both passes: surveyed to its end, then planned, interpolated and, with a board, sent."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.canon import ArcFeed, Block, Dwell, NurbsFeed, Polyline
+from cnc.drivers.base import PulseSink
+from cnc.errors import CncError, Diagnostic
+from cnc.executor.run import Progress, execute
+from cnc.gcode.interpreter import interpret
+from cnc.gcode.parser import read_lines
+from cnc.interpolator.reference_pulse import ReferencePulse
+from cnc.interpolator.sampled import Sampled
+from cnc.machine.models import DialectName, Machine
+from cnc.path.build import build
+from cnc.path.chunk import PathChunk
+from cnc.planner.lookahead import LookAhead
+from cnc.planner.plan import PlanChunk
+from cnc.report.outputs import JsonLines, Output, TraceWriter, check_formats, pulse_writer, trace_writer
+from cnc.report.result import Extremes, Report
+from cnc.report.survey import Survey
+from cnc.source import readable, shown_name, with_texts
+from cnc.stream import PulseChunk, SampleChunk
+
+Floats = NDArray[np.float64]
+Item = TypeVar("Item")
+Stage = Literal["checking", "running"]
+
+MOST_FAULTS = 20
+"""Soft-limit faults that are kept; the rest are counted."""
+KEPT_NUMBERS = 4_000_000
+"""Numbers of path data (32 MB) that are kept between the passes; a longer program is read twice."""
+LOOK_EVERY = 1024
+"""Lines between two looks at the operator's wish to stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """Files to write, ``-`` for standard output, None for none. Formats: see :mod:`cnc.report.outputs`."""
+
+    blocks: str | None = None
+    trace: str | None = None
+    pulses: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Watch:
+    """Who is told what while it happens.
+
+    on_progress(stage, done, total): lines of the program; total is None in the first pass. on_warning: findings that end nothing. stop: set
+    it to bring the machine to rest and end the run.
+    """
+
+    on_progress: Callable[[Stage, int, int | None], None] | None = None
+    on_warning: Callable[[Diagnostic], None] | None = None
+    stop: threading.Event | None = None
+
+
+def start_position(machine: Machine) -> Floats:
+    """Where a program is taken to begin, (axes,) mm: machine zero, or the nearest point of the travel to it."""
+    return np.array([0.0 if axis.travel is None else min(max(0.0, axis.travel[0]), axis.travel[1]) for axis in machine.axes.values()])
+
+
+class Stopped(Exception):
+    """The operator wants to stop, and nothing has moved yet."""
+
+
+class Stopwatch:
+    """Adds up the time that is spent inside an iterator."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def inside(self, source: Iterable[Item]) -> Iterator[Item]:
+        """The same items."""
+        iterator = iter(source)
+        while True:
+            began = perf_counter()
+            try:
+                item = next(iterator)
+            except StopIteration:
+                return
+            finally:
+                self.seconds += perf_counter() - began
+            yield item
+
+
+class TimedPulses:
+    """An interpolator with a stopwatch: what the executor asks of one."""
+
+    def __init__(self, interpolator: ReferencePulse, watch: Stopwatch) -> None:
+        self._interpolator = interpolator
+        self._watch = watch
+
+    @property
+    def origin_steps(self) -> NDArray[np.int64]:
+        """Grid point at which the program begins (axes,)."""
+        return self._interpolator.origin_steps
+
+    @property
+    def position_steps(self) -> NDArray[np.int64]:
+        """Grid point after the pulses made so far (axes,)."""
+        return self._interpolator.position_steps
+
+    def pulses(self, chunk: PlanChunk) -> Iterator[PulseChunk]:
+        """The grid moves of a stretch of the plan."""
+        return self._watch.inside(self._interpolator.pulses(chunk))
+
+
+class Job:
+    """Fills ``report`` as it goes; see :func:`cnc.api.run` for the arguments. UsageError ``output-format`` for an unknown suffix."""
+
+    def __init__(
+        self, program: Path | str, machine: Machine, dialect: DialectName | None, sampled: bool, outputs: Outputs, watch: Watch
+    ) -> None:
+        check_formats(outputs.trace, outputs.pulses)
+        self.program = program
+        self.name = shown_name(program)
+        self.path = Path(program)
+        self.machine = machine
+        self.dialect: DialectName = dialect or machine.program.dialect
+        self.sampled = sampled or outputs.trace is not None
+        self.outputs = outputs
+        self.watch = watch
+        self.start = start_position(machine)
+        self.report = Report(self.name, machine, limits=Extremes.limits(machine))
+        self._kept: list[PathChunk | Block] | None = []
+        self._reading, self._planning, self._interpolating = Stopwatch(), Stopwatch(), Stopwatch()
+        self._open: list[Output] = []
+        self._step_deviation = 0.0
+
+    def carry_out(self, board: PulseSink | None = None, board_name: str | None = None) -> Report:
+        """Both passes, the second on ``board`` or on none; what goes wrong with program or board ends up in the report."""
+        report, began = self.report, perf_counter()
+        report.board = board_name
+        try:
+            with ExitStack() as stack:
+                self.path = stack.enter_context(readable(self.program))
+                stack.callback(self._discard)
+                try:
+                    self._survey()
+                    if report.ok:
+                        self._move(board)
+                    if report.ok and report.stopped_at_line is None:
+                        self._close()
+                except CncError as error:
+                    report.faults.append(error)
+                report.faults = with_texts(report.faults, self.path)
+        except Stopped:
+            report.stopped_at_line = 0
+        except CncError as error:
+            report.faults.append(error)
+        timing = report.timing
+        timing.parse_s = self._reading.seconds
+        # The planner draws the program through the reader, so its watch ran meanwhile.
+        timing.plan_s = max(0.0, self._planning.seconds - self._reading.seconds)
+        timing.interpolate_s = self._interpolating.seconds
+        timing.total_s = perf_counter() - began
+        return report
+
+    def _survey(self) -> None:
+        """The first pass: read to the end; nothing moves."""
+        report, survey, room = self.report, Survey(self.machine), KEPT_NUMBERS
+        blocks = self._blocks(self._watched(read_lines(self.path)), self._warn)
+        if self.outputs.blocks is not None:
+            blocks = _written(blocks, self._opened(JsonLines(self.outputs.blocks, self.machine.axis_names)))
+        for item in self._planning.inside(self._path(self._counted(blocks))):
+            room -= len(item.data) + 8 * len(item) if isinstance(item, PathChunk) else 16
+            if room < 0:
+                self._kept = None
+            if self._kept is not None:
+                self._kept.append(item)
+            if isinstance(item, PathChunk):
+                for fault in survey.add(item):
+                    if len(report.faults) < MOST_FAULTS:
+                        report.faults.append(fault)
+                    else:
+                        report.hidden_faults += 1
+        report.path_length_mm = survey.length
+        report.bounding_box = survey.box()
+
+    def _move(self, board: PulseSink | None) -> None:
+        """The second pass: plan, interpolate, and send or only look."""
+        report, machine = self.report, self.machine
+        interpolator = ReferencePulse(np.array([axis.steps_per_mm for axis in machine.axes.values()]), self.start)
+        on_pulses = None
+        if self.outputs.pulses is not None:
+            on_pulses = self._opened(pulse_writer(self.outputs.pulses, machine, interpolator.origin_steps)).write
+        path = self._kept if self._kept is not None else self._path(self._blocks(read_lines(self.path), None))
+        ahead = LookAhead(machine)
+        planned = self._timed(self._planning.inside(ahead.plan(path)))
+        if self.sampled:
+            planned = self._sampled(planned)
+        pulses = TimedPulses(interpolator, self._interpolating)
+        try:
+            if board is None:
+                self._look(planned, pulses, on_pulses)
+            else:
+                self._send(planned, pulses, on_pulses, board, ahead)
+        finally:
+            audit = ahead.audit
+            largest = report.largest
+            largest.feed, largest.accel, largest.jerk = audit.feed, audit.accel, audit.jerk
+            largest.normal_accel, largest.chord_error = audit.normal_accel, audit.chord_error
+            largest.step_deviation = self._step_deviation if self.sampled else audit.step_deviation
+            each = zip(machine.axes, audit.axis_velocity.tolist(), audit.axis_acceleration.tolist(), audit.axis_jerk.tolist(), strict=True)
+            largest.axes = {axis: {"velocity": v, "acceleration": a, "jerk": j} for axis, v, a, j in each}
+            report.violations = dict(audit.violations)
+            report.pulse_error_blu = interpolator.error_blu
+
+    def _look(self, planned: Iterable[PlanChunk | Block], pulses: TimedPulses, on_pulses: Callable[[PulseChunk], None] | None) -> None:
+        """Without a board: make the pulses, count and write them."""
+        report = self.report
+        steps = np.zeros(len(self.machine.axes), np.int64)
+        for item in planned:
+            self._look_up("running", item)
+            if isinstance(item, PlanChunk):
+                for chunk in pulses.pulses(item):
+                    steps += np.count_nonzero(chunk.step, axis=0)
+                    report.pulse_rows += len(chunk.step)
+                    if on_pulses is not None:
+                        on_pulses(chunk)
+        report.steps = dict(zip(self.machine.axes, steps.tolist(), strict=True))
+
+    def _send(
+        self,
+        planned: Iterable[PlanChunk | Block],
+        pulses: TimedPulses,
+        on_pulses: Callable[[PulseChunk], None] | None,
+        board: PulseSink,
+        ahead: LookAhead,
+    ) -> None:
+        """With a board: the executor sends, and comes to rest on the path when the operator wishes."""
+        report, machine = self.report, self.machine
+
+        def on_progress(progress: Progress) -> None:
+            if self.watch.on_progress is not None:
+                self.watch.on_progress("running", progress.line, report.lines)
+
+        outcome = execute(
+            planned, board, pulses, on_pulses=on_pulses, on_progress=on_progress, stop=self.watch.stop, ramp_down=ahead.ramp_down
+        )
+        report.steps = dict(zip(machine.axes, outcome.steps.tolist(), strict=True))
+        report.pulse_rows = outcome.rows
+        report.stopped_at_line = outcome.stopped_at_line
+        if not outcome.finished:
+            report.duration_s = outcome.duration
+            grid = outcome.position_steps.tolist()
+            report.end_position = {
+                letter: steps / axis.steps_per_mm for (letter, axis), steps in zip(machine.axes.items(), grid, strict=True)
+            }
+
+    def _blocks(self, lines: Iterable[str], warn: Callable[[Diagnostic], None] | None) -> Iterator[Block]:
+        blocks = interpret(lines, file=self.name, axes=self.machine.axis_names, dialect=self.dialect, start=self.start, warn=warn)
+        return self._reading.inside(blocks)
+
+    def _path(self, blocks: Iterable[Block]) -> Iterator[PathChunk | Block]:
+        return build(blocks, axes=self.machine.axis_names, start=self.start)
+
+    def _watched(self, lines: Iterable[str]) -> Iterator[str]:
+        """Count the lines, tell how far things are, and give up if the operator wants to."""
+        number = 0
+        for number, line in enumerate(lines, start=1):
+            if number % LOOK_EVERY == 0:
+                self._look_up("checking", number)
+            yield line
+        self.report.lines = number
+        self._look_up("checking", number)
+
+    def _look_up(self, stage: Stage, item: int | PlanChunk | Block) -> None:
+        if self.watch.stop is not None and self.watch.stop.is_set():
+            raise Stopped
+        if self.watch.on_progress is not None:
+            line = item if isinstance(item, int) else int(item.path.line[-1]) if isinstance(item, PlanChunk) else item.line
+            self.watch.on_progress(stage, line, None if stage == "checking" else self.report.lines)
+
+    def _counted(self, blocks: Iterable[Block]) -> Iterator[Block]:
+        """Count blocks, each straight move as one, and note where the motion ends."""
+        report, end = self.report, self.start
+        for block in blocks:
+            report.blocks += 1
+            if isinstance(block, Polyline):
+                report.blocks += len(block.points) - 1
+                end = block.points[-1]
+            elif isinstance(block, ArcFeed):
+                end = block.end
+            elif isinstance(block, NurbsFeed):
+                end = block.control_points[-1]
+            yield block
+        report.end_position = dict(zip(self.machine.axes, end.tolist(), strict=True))
+
+    def _timed(self, planned: Iterable[PlanChunk | Block]) -> Iterator[PlanChunk | Block]:
+        """Follow the machine's clock."""
+        report = self.report
+        for item in planned:
+            if isinstance(item, PlanChunk):
+                report.duration_s = item.t0 + item.duration
+            elif isinstance(item, Dwell):
+                report.duration_s += item.seconds
+            yield item
+
+    def _sampled(self, planned: Iterable[PlanChunk | Block]) -> Iterator[PlanChunk | Block]:
+        """Sample every stretch of the plan as it goes by, and write the trace."""
+        sampler = Sampled(self.machine.path.period, self.start)
+        trace = self._opened(trace_writer(self.outputs.trace, self.machine)) if self.outputs.trace is not None else None
+        for item in planned:
+            if isinstance(item, PlanChunk):
+                self._note_samples(sampler.samples(item), trace)
+            yield item
+        self._note_samples(sampler.finish(self.report.duration_s), trace)
+
+    def _note_samples(self, chunks: Iterable[SampleChunk], trace: TraceWriter | None) -> None:
+        for chunk in self._interpolating.inside(chunks):
+            if len(chunk.step_deviation):
+                self._step_deviation = max(self._step_deviation, float(np.abs(chunk.step_deviation).max()))
+            if trace is not None:
+                trace.write(chunk)
+
+    def _warn(self, diagnostic: Diagnostic) -> None:
+        self.report.warnings.append(diagnostic)
+        if self.watch.on_warning is not None:
+            self.watch.on_warning(diagnostic)
+
+    def _opened(self, output: OutputKind) -> OutputKind:
+        self._open.append(output)
+        return output
+
+    def _close(self) -> None:
+        for output in self._open:
+            output.close()
+
+    def _discard(self) -> None:
+        for output in self._open:
+            output.discard()
+
+
+OutputKind = TypeVar("OutputKind", bound=Output)
+
+
+def _written(blocks: Iterable[Block], writer: JsonLines) -> Iterator[Block]:
+    for block in blocks:
+        writer.write(block)
+        yield block

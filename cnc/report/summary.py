@@ -1,0 +1,143 @@
+"""The summary that a machinist reads: how long, how far, how near the limits."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cnc.report.result import AXIS_LIMIT_NAMES, LIMIT_NAMES, UNITS, Extremes, Report
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+_TITLES = {
+    "feed": "feed",
+    "accel": "acceleration",
+    "jerk": "jerk",
+    "normal_accel": "normal acceleration",
+    "chord_error": "chord error",
+    "step_deviation": "step deviation",
+}
+
+
+def clock(seconds: float) -> str:
+    """Seconds as h:mm:ss, to the nearest second; below a minute with milliseconds."""
+    if seconds < 60.0 and round(seconds, 3) < 60.0:
+        return f"{seconds:.3f} s"
+    whole = round(seconds)
+    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+
+
+def number(value: float | None) -> str:
+    """Six digits at most, thousands apart; a dash for what doesn't exist."""
+    if value is None:
+        return "-"
+    if value == 0 or abs(value) >= 1e-3:
+        digits = f"{value:,.0f}" if abs(value) >= 1e5 else f"{value:,.6g}" if abs(value) < 1e3 else f"{value:,.2f}".rstrip("0").rstrip(".")
+        return "0" if digits == "-0" else digits.replace(",", " ")
+    return f"{value:.3g}"
+
+
+def position(value: float) -> str:
+    """A coordinate to a tenth of a micrometre."""
+    digits = f"{value:.4f}".rstrip("0").rstrip(".")
+    return "0" if digits == "-0" else digits
+
+
+def verdict(report: Report) -> str:
+    """One line: what came of it."""
+    if report.stopped_at_line is not None:
+        return f"stopped by the operator at line {report.stopped_at_line}"
+    if not report.ok:
+        count = len(report.faults) + report.hidden_faults
+        return f"{count} error{'s' if count > 1 else ''}"
+    done = "checked, nothing moved" if report.board is None else f"run on the board '{report.board}'"
+    return f"ok, {done}"
+
+
+def one_line(report: Report) -> str:
+    """A report in one line, for a list of many programs."""
+    motion = f", {clock(report.duration_s)}, {number(report.path_length_mm)} mm" if report.ok else ""
+    return f"{report.program}: {verdict(report)}{motion}"
+
+
+def print_summary(report: Report, console: Console, *, verbose: bool = False) -> None:
+    """Print a report as tables; ``verbose`` adds each axis's dynamics and where the computing time went."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    facts = Table.grid(padding=(0, 2))
+    facts.add_column(style="bold", no_wrap=True)
+    facts.add_column(overflow="fold")
+    facts.add_row("program", f"{escape(report.program)}  ({report.lines:,} lines, {report.blocks:,} blocks)".replace(",", " "))
+    facts.add_row("machine", escape(report.machine.name))
+    facts.add_row("result", ("[green]" if report.ok else "[red]") + escape(verdict(report)))
+    facts.add_row("time", clock(report.duration_s))
+    facts.add_row("path length", f"{number(report.path_length_mm)} mm")
+    if report.pulse_error_blu is not None:
+        facts.add_row("grid", f"{number(report.pulse_rows)} grid moves, at most {report.pulse_error_blu:.4f} BLU from the path")
+    broken = ", ".join(f"{name} {count}" for name, count in report.violations.items() if count)
+    facts.add_row("violations", broken or "none")
+    console.print(facts)
+    console.print(_axes(report, verbose))
+    console.print(_limits(report))
+    if verbose:
+        timing = report.timing
+        console.print(
+            f"computed in {timing.total_s:.3f} s: reading {timing.parse_s:.3f}, planning {timing.plan_s:.3f}, "
+            f"interpolating {timing.interpolate_s:.3f}"
+        )
+
+
+def _axes(report: Report, verbose: bool) -> RenderableType:
+    """Extent, end position and steps of each axis."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    columns = ["axis", "from", "to", "travel", "ends at", "steps"]
+    for name in columns + ([f"{each} (limit)" for each in AXIS_LIMIT_NAMES] if verbose else []):
+        table.add_column(name, justify="left" if name == "axis" else "right", no_wrap=True)
+    for letter, axis in report.machine.axes.items():
+        box = report.bounding_box.get(letter)
+        row = [letter.upper()]
+        row += [position(box[0]), position(box[1])] if box else ["-", "-"]
+        row += [f"{number(axis.travel[0])} .. {number(axis.travel[1])}" if axis.travel else "-"]
+        row += [position(report.end_position[letter]) if letter in report.end_position else "-"]
+        row += [f"{report.steps[letter]:,}".replace(",", " ") if letter in report.steps else "-"]
+        if verbose:
+            largest, limits = report.largest.axes.get(letter, {}), report.limits.axes.get(letter, {})
+            row += [f"{number(largest.get(name))} ({number(limits.get(name))})" for name in AXIS_LIMIT_NAMES]
+        table.add_row(*row)
+    return table
+
+
+def _limits(report: Report) -> RenderableType:
+    """Largest values along the path against what is allowed, and the axis that came nearest to a limit of its own."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
+    for name in ("along the path", "largest", "limit", "", "used"):
+        table.add_column(name, justify="left" if name in ("along the path", "") else "right", no_wrap=True)
+    for name in LIMIT_NAMES:
+        largest, limit = getattr(report.largest, name), getattr(report.limits, name)
+        if largest is not None:
+            table.add_row(_TITLES[name], number(largest), number(limit), UNITS[name], _share(largest, limit))
+    for name in AXIS_LIMIT_NAMES:
+        nearest = _nearest(report.largest, report.limits, name)
+        if nearest is not None:
+            letter, largest, limit = nearest
+            table.add_row(f"{name} of {letter.upper()}", number(largest), number(limit), UNITS[name], _share(largest, limit))
+    return table
+
+
+def _share(largest: float, limit: float | None) -> str:
+    return f"{100.0 * largest / limit:.0f} %" if limit else ""
+
+
+def _nearest(largest: Extremes, limits: Extremes, name: str) -> tuple[str, float, float] | None:
+    """The axis that used most of its limit called ``name``."""
+    found = [
+        (value / limit, letter, value, limit)
+        for letter, values in largest.axes.items()
+        if (value := values.get(name)) is not None and (limit := limits.axes.get(letter, {}).get(name))
+    ]
+    return max(found)[1:] if found else None

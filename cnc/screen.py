@@ -1,0 +1,119 @@
+"""What a terminal shows while a program is under way, and what Ctrl-C does."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+from cnc.errors import Diagnostic
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from cnc.api import Watch
+
+
+class Screen:
+    """What is shown while a program is under way, and the operator's Ctrl-C: the first asks for a stop, the second ends at once."""
+
+    def __init__(self, *, quiet: bool) -> None:
+        self._quiet = quiet
+        self._stop = threading.Event()
+        self._bar: _Bar | None = None
+        self._before: Any = None
+
+    def watch(self) -> Watch:
+        """For the library to call back."""
+        from cnc.api import Watch
+
+        return Watch(
+            on_progress=self._bar.update if self._bar is not None else None,
+            on_warning=None if self._quiet else self._warn,
+            stop=self._stop,
+        )
+
+    def __enter__(self) -> Screen:
+        if threading.current_thread() is threading.main_thread():
+            self._before = signal.signal(signal.SIGINT, self._on_interrupt)
+        if not self._quiet:
+            tell_when_compiling()
+            if sys.stderr.isatty():
+                self._bar = _Bar()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
+
+    def _on_interrupt(self, *_: object) -> None:
+        if self._stop.is_set():
+            raise KeyboardInterrupt
+        self._stop.set()
+
+    def _warn(self, diagnostic: Diagnostic) -> None:
+        print(f"warning: {diagnostic.render()}", file=sys.stderr)
+
+
+class _Bar:
+    """A progress bar on standard error, for programs that take longer than a moment."""
+
+    PATIENCE = 1.0
+
+    def __init__(self) -> None:
+        self._began = monotonic()
+        self._progress: Progress | None = None
+        self._drawn = 0.0
+
+    def update(self, stage: str, done: int, total: int | None) -> None:
+        """Lines done of ``total`` (None: not known yet)."""
+        now = monotonic()
+        if now - self._began < self.PATIENCE or now - self._drawn < 0.1:
+            return
+        self._drawn = now
+        if self._progress is None:
+            from rich.console import Console
+            from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+            columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f} lines"), TimeElapsedColumn())
+            bar = Progress(*columns, console=Console(stderr=True), transient=True)
+            bar.start()
+            self._progress = bar
+            self._task = bar.add_task(stage, total=total)
+        self._progress.update(self._task, description=stage, completed=done, total=total)
+
+    def close(self) -> None:
+        """Take the bar off the screen."""
+        if self._progress is not None:
+            self._progress.stop()
+
+
+_telling = False
+
+
+def tell_when_compiling() -> None:
+    """Say it, once, when the kernels are compiled: that takes a while, and happens once an installation."""
+    global _telling
+    if _telling:
+        return
+    _telling = True
+    from numba.core import event
+
+    import cnc.kernels.jit  # noqa: F401 - chooses the cache folder before numba reads its configuration
+
+    class Listener(event.Listener):
+        told = False
+
+        def on_start(self, event: object) -> None:
+            if not self.told:
+                self.told = True
+                print("compiling the kernels; this happens once and takes some seconds", file=sys.stderr, flush=True)
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]

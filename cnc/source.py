@@ -1,0 +1,80 @@
+"""The file that a program is read from, and the lines of it that a message shows."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+from cnc.errors import CncError, Diagnostic, UsageError
+from cnc.gcode.parser import read_lines
+
+STANDARD_INPUT = "-"
+COPIED_BYTES = 4_000_000
+"""A file longer than this is copied before it is read twice, so that what was checked is what runs."""
+
+
+def shown_name(program: Path | str) -> str:
+    """How messages call the program."""
+    return "<stdin>" if str(program) == STANDARD_INPUT else str(program)
+
+
+@contextmanager
+def readable(program: Path | str) -> Iterator[Path]:
+    """A file that can be read twice and does not change meanwhile: short ones are kept in memory between the passes, others are copied.
+
+    Standard input (``-``), pipes and long files are copied to the system's temporary folder. UsageError ``no-such-file``, ``is-a-folder``,
+    ``can-not-read``.
+    """
+    path = Path(program)
+    standard_input = str(program) == STANDARD_INPUT
+    try:
+        if not standard_input:
+            if path.is_dir():
+                raise UsageError(Diagnostic("is-a-folder", f"{program} is a folder", hint="name a program; `cncrun check` takes folders"))
+            if path.is_file() and path.stat().st_size <= COPIED_BYTES:
+                yield path
+                return
+        with tempfile.TemporaryDirectory(prefix="cnc-") as folder:
+            copy = Path(folder) / "program.nc"
+            with copy.open("wb") as target:
+                if standard_input:
+                    shutil.copyfileobj(sys.stdin.buffer, target)
+                else:
+                    with path.open("rb") as source:
+                        shutil.copyfileobj(source, target)
+            yield copy
+    except FileNotFoundError as error:
+        raise UsageError(Diagnostic("no-such-file", f"there is no file {program}", hint="check the name and the folder")) from error
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise UsageError(Diagnostic("can-not-read", f"{program} can't be read: {reason}")) from error
+
+
+def with_texts(faults: Sequence[CncError], path: Path) -> list[CncError]:
+    """The same faults; those that name a line and don't show it get its text, and a column: that of the axis they speak of, if any."""
+    wanted = {fault.diagnostic.line for fault in faults if fault.diagnostic.line and not fault.diagnostic.text}
+    if not wanted:
+        return list(faults)
+    texts = {}
+    for number, text in enumerate(islice(read_lines(path), max(wanted)), start=1):
+        if number in wanted:
+            texts[number] = text
+    return [_with_text(fault, texts.get(fault.diagnostic.line, "")) for fault in faults]
+
+
+def _with_text(fault: CncError, text: str) -> CncError:
+    found = fault.diagnostic
+    code = re.sub(r"\([^()]*\)|;.*", lambda comment: " " * len(comment[0]), text)
+    if found.text or not code.strip():
+        return fault
+    letter = found.message[0] if found.code == "soft-limit" else ""
+    word = (letter and re.search(rf"{letter}\s*[-+]?[\d.]+", code, re.IGNORECASE)) or re.search(r"\S(?:.*\S)?", code)
+    column, length = (word.start() + 1, len(word[0])) if word else (0, 1)
+    return type(fault)(replace(found, text=text, column=column, length=length))
