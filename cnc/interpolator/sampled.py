@@ -41,14 +41,15 @@ class Sampled:
         arrays = kernel_arrays(chunk)
         place = np.zeros(3, dtype=np.int64)
         history = np.zeros(4)
+        begin = self._next
         end = self._count_before(chunk.t0 + chunk.duration)
         while True:
             rows = min(end - self._next, ROWS)
             last = self._next + rows >= end
             out = self._empty(max(rows, 0))
             kernel.samples(
-                *arrays, chunk.s0, self._next * self.period - chunk.t0, self.period, place, history, self._floats, self._vertex, last,
-                out.position, out.s, out.feed, out.accel, out.jerk, out.step_deviation, out.line,
+                *arrays, chunk.s0, begin * self.period - chunk.t0, self._next - begin, self.period, place, history, self._floats, self._vertex,
+                last, out.position, out.s, out.feed, out.accel, out.jerk, out.step_deviation, out.line,
             )  # fmt: skip
             self._next += len(out.s)
             if len(out.s):

@@ -83,7 +83,7 @@ def grid_after(g: int, p: float) -> int:
 
 @njit
 def _speed(data: Floats, at: int, r: Floats, out: Floats) -> None:
-    """Write |dr/du| over the metric axes and its first two derivatives by u, from r (4, n); where it vanishes, they are not finite."""
+    """Write |dr/du| over the metric axes and its first two derivatives by u, from r (4, n); just 0 where it vanishes."""
     d11 = 0.0
     d12 = 0.0
     d22_13 = 0.0
@@ -94,8 +94,9 @@ def _speed(data: Floats, at: int, r: Floats, out: Floats) -> None:
         d22_13 += r[2, i] * r[2, i] + r[1, i] * r[3, i]
     sigma = math.sqrt(d11)
     out[0] = sigma
-    out[1] = d12 / sigma
-    out[2] = (d22_13 - out[1] * out[1]) / sigma
+    if sigma > 0.0:
+        out[1] = d12 / sigma
+        out[2] = (d22_13 - out[1] * out[1]) / sigma
 
 
 @njit
@@ -112,8 +113,9 @@ def _solve(kind: int, data: Floats, at: int, axis: int, scale: float, line: floa
         f2 = sign * r[2, axis] * scale
         under = f1 * f1 - 2.0 * f * f2
         step = math.inf
-        if under >= 0.0 and f1 >= 0.0:
-            step = -2.0 * f / (f1 + math.sqrt(under))
+        slope = f1 + math.sqrt(max(under, 0.0))
+        if under >= 0.0 and f1 >= 0.0 and slope > 0.0:
+            step = -2.0 * f / slope
             # the cubic term bends the parabola's root by one Newton step
             f3 = sign * r[3, axis] * scale
             slope = f1 + step * (f2 + 0.5 * step * f3)
@@ -267,7 +269,8 @@ def pulses(
                 bend = h * h * (before[1] - speed[1])
                 ds = ends + bend / 10.0 + h * h * h * (before[2] + speed[2]) / 120.0
                 unanchored += 1
-                if unanchored < ANCHOR and abs(ds - (ends + bend / 12.0)) <= SHARP * ds:
+                sharp = before[0] > 0.0 and speed[0] > 0.0 and abs(ds - (ends + bend / 12.0)) <= SHARP * ds
+                if sharp and unanchored < ANCHOR:
                     s += ds
                 else:
                     s = max(s, curve_arclen(k, data, a, u0, u))

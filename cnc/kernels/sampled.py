@@ -86,10 +86,10 @@ def deviation(chord: float, ds: float) -> float:
 def samples(
     kind: Ints, at: Ints, data: Floats, piece_s: Floats, source_line: NDArray[np.int32],
     phase_t: Floats, phase_s: Floats, phase_v: Floats, phase_a: Floats, phase_j: Floats,
-    s_before: float, first: float, period: float, place: Ints, history: Floats, floats: Floats, vertex: Floats, last: bool,
+    s_before: float, first: float, done: int, period: float, place: Ints, history: Floats, floats: Floats, vertex: Floats, last: bool,
     position: Floats, s: Floats, feed: Floats, accel: Floats, jerk: Floats, step_deviation: Floats, line: NDArray[np.int32],
 ) -> None:  # fmt: skip
-    """Rows at the times first + k period, counted from the chunk's start, for as many k as the outputs have rows.
+    """Rows at the times first + k period, counted from the chunk's start, from k = done on and for as many k as the outputs have rows.
 
     kind .. phase_j: as in PlanChunk; s_before: path length before local 0. Carried from call to call of one chunk, zeros at its
     start: place [piece, phase, samples in history], history [arc length made in the piece, u of the last samples]. Carried for
@@ -113,7 +113,7 @@ def samples(
         while piece < len(kind) - 1 and piece_s[piece + 1] <= phase_s[0]:
             piece += 1
     for row in range(rows + (1 if last else 0)):
-        t = first + row * period if row < rows else phase_t[-1]
+        t = first + (done + row) * period if row < rows else phase_t[-1]
         while phase < len(phase_j) - 1 and t >= phase_t[phase + 1]:
             phase += 1
         dt = max(t - phase_t[phase], 0.0)
@@ -142,8 +142,9 @@ def samples(
                 ds = wanted - made
                 guess = 0.25 * (9.0 * u - 6.0 * u1st + u2nd)
                 if known < 3:
-                    guess = u + ds / curve_speed(k, data, where, u)
-                    if not guess < u1:
+                    speed = curve_speed(k, data, where, u)
+                    guess = u + ds / speed if speed > 0.0 else u1
+                    if guess >= u1:
                         guess = curve_inv_arclen(k, data, where, wanted)
                 u2nd = u1st
                 u1st = u

@@ -49,8 +49,9 @@ def time_in_phase(v: float, a: float, j: float, ds: float, span: float, guess: f
         f1 = v + t * (a + t * (0.5 * j))
         under = f1 * f1 - 2.0 * f * (a + t * j)
         step = math.inf
-        if under >= 0.0 and f1 >= 0.0:
-            step = -2.0 * f / (f1 + math.sqrt(under))
+        slope = f1 + math.sqrt(max(under, 0.0))
+        if under >= 0.0 and f1 >= 0.0 and slope > 0.0:
+            step = -2.0 * f / slope
         near = t + step
         if not low <= near <= high:
             near = 0.5 * (low + high)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from cnc.canon import ArcFeed, Block, NurbsFeed, Polyline
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.plan import PlanChunk
-from numpy.typing import ArrayLike, NDArray
 
 FILE = "p.nc"
 NAMES = ("x", "y", "z", "a", "b", "c", "u", "v", "w")
