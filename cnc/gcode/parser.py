@@ -6,12 +6,10 @@ written, they are built anew. Parsed lines are memoised by their text, for progr
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
 import re
 import sys
-import tempfile
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -48,38 +46,21 @@ def cache_folder() -> Path:
     return Path(os.path.expanduser("~")) / ".cache" / "cnc"
 
 
-def _build(cache: str | bool) -> Lark:
-    from lark import Lark
-
-    return Lark.open_from_package("cnc", "line.lark", ("grammars",), parser="lalr", maybe_placeholders=False, cache=cache)
-
-
 @lru_cache(maxsize=1)
 def _grammar() -> Lark:
     """The grammar, from the cache where there is one.
 
-    Lark itself tells a stale or damaged cache from a good one. A new cache is written beside its place and then moved there, so that two
-    programs that start together never read half a file.
+    Lark tells a stale, damaged or half-written cache from a good one, and goes on without one that can't be written.
     """
     import lark
 
     folder = cache_folder()
-    place = folder / f"line-{__version__}-lark{lark.__version__}-py{sys.version_info[0]}{sys.version_info[1]}.bin"
-    if place.is_file():
-        return _build(str(place))
+    cache: str | bool = str(folder / f"line-{__version__}-lark{lark.__version__}-py{sys.version_info[0]}{sys.version_info[1]}.bin")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        handle, draft = tempfile.mkstemp(prefix="line-", suffix=".new", dir=folder)
     except OSError:
-        return _build(False)
-    os.close(handle)
-    built = _build(draft)
-    try:
-        os.replace(draft, place)
-    except OSError:
-        with contextlib.suppress(OSError):
-            os.unlink(draft)
-    return built
+        cache = False
+    return lark.Lark.open_from_package("cnc", "line.lark", ("grammars",), parser="lalr", maybe_placeholders=False, cache=cache)
 
 
 @lru_cache(maxsize=MEMO)

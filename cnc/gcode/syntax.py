@@ -8,24 +8,22 @@ from cnc.errors import GcodeError
 from cnc.gcode.words import fault
 
 _LETTER = re.compile(r"[A-Za-z]")
-_NUMBER_BEFORE = re.compile(r"([A-Za-z])[ \t]*[+-]?[ \t]*[0-9. \t]*$")
+_O_WORD = re.compile(r"[ \t/]*(?:[Nn][ \t]*[0-9]+[ \t]*)?[Oo]")
 
 
 def describe(text: str, at: int) -> GcodeError:
     """The error for a line that stops making sense at ``at`` (from 0)."""
-    while at < len(text) and text[at] in " \t":
-        at += 1
-    if at >= len(text):
-        return fault("syntax-error", "the line ends too early", column=len(text) or 1)
     char, column = text[at], at + 1
+    if subprogram := _O_WORD.match(text):
+        return fault("not-supported", "O words (subprograms and control flow) are not supported", column=subprogram.end())
     if _LETTER.fullmatch(char):
         return _number_missing(text, at)
     if char in "0123456789.+-":
-        before = _NUMBER_BEFORE.search(text, 0, at)
-        if before and char == ".":
-            return fault("number-malformed", f"the number after {before[1].upper()} has two decimal points", column=column)
-        if before:
-            return fault("number-malformed", f"the number after {before[1].upper()} goes on with a {char!r}", column=column)
+        letter = _letter_before(text, at)
+        if letter and char == ".":
+            return fault("number-malformed", f"the number after {letter} has two decimal points", column=column)
+        if letter:
+            return fault("number-malformed", f"the number after {letter} goes on with a {char!r}", column=column)
         hint = "a word is a letter and a number, such as X10"
         return fault("letter-missing", "a number without a letter before it", column=column, hint=hint)
     if char == "(":
@@ -41,6 +39,14 @@ def describe(text: str, at: int) -> GcodeError:
     return fault("character-unknown", f"the character {char!r} has no meaning here", column=column)
 
 
+def _letter_before(text: str, at: int) -> str:
+    """The letter of the word that ends at ``at``, upper-case; empty where no word ends there."""
+    word = text[:at].rstrip("0123456789. \t")
+    if word.endswith(("+", "-")):
+        word = word[:-1].rstrip(" \t")
+    return word[-1].upper() if word and _LETTER.fullmatch(word[-1]) else ""
+
+
 def _number_missing(text: str, at: int) -> GcodeError:
     """A letter that no number follows."""
     letter = text[at].upper()
@@ -53,8 +59,6 @@ def _number_missing(text: str, at: int) -> GcodeError:
         return fault("not-supported", message, column=text.index(follow[0], at) + 1)
     if follow[:1] and follow[0] in "+-" and follow[1:].lstrip(" \t")[:1] in ("+", "-"):
         return fault("number-malformed", f"the number after {letter} has two signs", column=column)
-    if letter == "O":
-        return fault("not-supported", "O words (subprograms and control flow) are not supported", column=column)
     hint = f"write {letter} and its number, such as {letter}10"
     return fault("number-missing", f"a number is missing after {letter}", column=column, hint=hint)
 

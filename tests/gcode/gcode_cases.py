@@ -1,0 +1,88 @@
+"""Programs as text, blocks as plain tuples: what the tests of this room share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cnc.canon import ArcFeed, Block, Coolant, Dwell, End, Message, NurbsFeed, PathMode, Polyline, Spindle, Stop, Tool
+from cnc.errors import Diagnostic, GcodeError
+from cnc.gcode.interpreter import interpret
+
+Row = tuple[Any, ...]
+
+
+def run(source: str, **options: Any) -> list[Block]:
+    """The blocks of a program."""
+    return list(interpret(source.split("\n"), file="test.nc", **options))
+
+
+def rows(blocks: list[Block]) -> Iterator[Row]:
+    """Blocks as tuples; feeds in mm/min, None for a traverse. Runs of straight moves one tuple a move."""
+    for block in blocks:
+        match block:
+            case Polyline():
+                for end, feed in zip(block.points.tolist(), block.feeds.tolist(), strict=True):
+                    yield ("rapid", *end) if math.isnan(feed) else ("line", *end, feed * 60)
+            case ArcFeed():
+                yield ("arc", block.plane, *block.center, *block.end.tolist(), block.radius, block.turns, block.feed * 60)
+            case NurbsFeed():
+                yield ("nurbs", block.degree, block.knots.tolist(), block.control_points.tolist(), block.weights.tolist(), block.feed * 60)
+            case PathMode():
+                yield ("path", block.control, block.tolerance)
+            case Dwell():
+                yield ("dwell", block.seconds)
+            case Spindle():
+                yield ("spindle", block.state, block.rpm)
+            case Coolant():
+                yield ("coolant", block.mist, block.flood)
+            case Tool():
+                yield ("tool", block.number)
+            case Stop():
+                yield ("optional-stop",) if block.optional else ("stop",)
+            case End():
+                yield ("end",)
+            case Message():
+                yield ("message", block.text)
+            case _:
+                raise AssertionError(block)
+
+
+def flat(row: Row) -> list[Any]:
+    """A row with its lists opened."""
+    out: list[Any] = []
+    for item in row:
+        out += flat(tuple(item)) if isinstance(item, list | tuple) else [item]
+    return out
+
+
+def same(found: list[Row], expected: list[Row], *, abs: float = 1e-12) -> None:
+    """Equal rows, numbers to rounding."""
+    assert [row[0] for row in found] == [row[0] for row in expected]
+    for got, want in zip(found, expected, strict=True):
+        for a, b in zip(flat(got), flat(want), strict=True):
+            exact = isinstance(b, str | bool) or b is None
+            assert a == (b if exact else pytest.approx(b, rel=1e-12, abs=abs)), (got, want)
+
+
+def means(source: str, *expected: Row, **options: Any) -> None:
+    """The program has exactly these blocks."""
+    same(list(rows(run(source, **options))), list(expected))
+
+
+def refused(source: str, **options: Any) -> Diagnostic:
+    """The diagnostic of a program that must be refused."""
+    with pytest.raises(GcodeError) as caught:
+        run(source, **options)
+    return caught.value.diagnostic
+
+
+def end_of(source: str, **options: Any) -> list[float]:
+    """Where a program of straight moves ends."""
+    block = run(source, **options)[-1]
+    assert isinstance(block, Polyline)
+    return np.asarray(block.points[-1]).tolist()

@@ -1,0 +1,103 @@
+"""What the dialects allow and what their words mean."""
+
+from __future__ import annotations
+
+import pytest
+from gcode_cases import means, refused, run
+
+from cnc.errors import UsageError
+from cnc.gcode import dialects
+from cnc.gcode.modal import GROUP_OF_G, GROUP_OF_M
+
+FULL = {
+    "linuxcnc": "0 1 2 3 4 10 17 18 19 20 21 40 49 53 54 55 56 57 58 59 59.1 59.2 59.3 61 61.1 64 80 "
+    "90 90.1 91 91.1 92 92.1 92.2 92.3 93 94",
+    "grbl": "0 1 2 3 4 10 17 18 19 20 21 40 49 53 54 55 56 57 58 59 61 80 90 91 91.1 92 92.1 93 94",
+    "fanuc": "0 1 2 3 4 6.2 10 17 18 19 20 21 40 49 53 54 55 56 57 58 59 61 64 80 90 91 92 93 94",
+}
+
+
+@pytest.mark.parametrize("name", dialects.NAMES)
+def test_every_code_has_a_modal_group(name: str) -> None:
+    dialect = dialects.load(name)
+    assert dialect.g <= GROUP_OF_G.keys()
+    assert dialect.m <= GROUP_OF_M.keys()
+    assert dialect.motion is None or GROUP_OF_G[dialect.motion] == "motion"
+
+
+@pytest.mark.parametrize("name", FULL)
+def test_the_codes(name: str) -> None:
+    assert dialects.load(name).g == {round(float(code) * 10) for code in FULL[name].split()}
+
+
+def test_auto_and_paper_are_linuxcnc_with_nurbs() -> None:
+    base = dialects.load("linuxcnc").g
+    assert dialects.load("auto").g == dialects.load("paper").g == base | {62}
+    assert dialects.load("linuxcnc").nurbs == dialects.load("grbl").nurbs == ()
+
+
+def test_an_unknown_dialect() -> None:
+    with pytest.raises(UsageError) as caught:
+        run("G0 X1", dialect="heidenhain")
+    assert caught.value.diagnostic.code == "unknown-dialect"
+
+
+@pytest.mark.parametrize(
+    ("dialect", "source", "code", "words"),
+    [
+        ("grbl", "G06.2 P3 K0", "code-not-in-dialect", "G06.2 is not in the grbl dialect use --dialect fanuc or paper"),
+        ("linuxcnc", "G6.2 K3 U0", "code-not-in-dialect", "G6.2 is not in the linuxcnc dialect use --dialect fanuc or paper"),
+        ("grbl", "G61.1", "code-not-in-dialect", "G61.1 is not in the grbl dialect use --dialect linuxcnc or paper"),
+        ("grbl", "G64", "code-not-in-dialect", "G64 is not in the grbl dialect use --dialect linuxcnc or fanuc or paper"),
+        ("grbl", "T1 M6", "code-not-in-dialect", "M6 is not in the grbl dialect"),
+        ("fanuc", "G92.2", "code-not-in-dialect", "G92.2 is not in the fanuc dialect"),
+        ("auto", "G43 H1", "code-not-supported", "G43 (tool length offset) is not supported"),
+        ("grbl", "G38.2 Z-1", "code-not-supported", "G38.2 (probe) is not supported"),
+        ("auto", "M98 P1", "code-not-supported", "M98 (subprogram call) is not supported"),
+        ("auto", "G123", "code-unknown", "G123 is unknown"),
+        ("auto", "M1000", "code-unknown", "M1000 is unknown"),
+    ],
+)
+def test_a_code_is_refused_by_name(dialect: str, source: str, code: str, words: str) -> None:
+    found = refused(source, dialect=dialect)
+    assert found.code == code
+    assert words in f"{found.message} {found.hint}"
+
+
+def test_grbl_moves_without_a_motion_code_are_traverses() -> None:
+    means("X1", ("rapid", 1.0, 0.0, 0.0), dialect="grbl")
+    assert refused("X1", dialect="linuxcnc").code == "motion-missing"
+
+
+def test_grbl_reads_the_feed_in_the_units_of_its_line() -> None:
+    means("G20 G1 X1 F1", ("line", 25.4, 0.0, 0.0, 25.4), dialect="grbl")
+
+
+def test_grbl_has_six_systems_and_three_axes_and_no_turns() -> None:
+    assert refused("G10 L2 P7 X1", dialect="grbl").code == "value-out-of-range"
+    assert refused("G0 A1", dialect="grbl", axes=("x", "a")).code == "axis-not-in-dialect"
+    assert refused("G2 I5 P2 F60", dialect="grbl").code == "word-not-in-dialect"
+
+
+def test_fanuc_dwells_in_milliseconds_or_by_x() -> None:
+    means("G4 P500\nG04 X1.5\nG1 F60\nG4 X2", ("dwell", 0.5), ("dwell", 1.5), ("dwell", 2.0), dialect="fanuc")
+    assert refused("G4 X1 P1", dialect="fanuc").code == "word-wanted-twice"
+    assert refused("G4 X1 G1 F60", dialect="fanuc").code == "word-wanted-twice"
+
+
+def test_fanuc_g61_stops_exactly() -> None:
+    means("G61", ("path", "exact-stop", 0.0), dialect="fanuc")
+    assert refused("G64 P1", dialect="fanuc").code == "word-unused"
+
+
+def test_fanuc_g10_adds_under_g91() -> None:
+    means("G10 L2 P1 X10\nG91 G10 L2 P1 X5\nG90 G0 X0", ("rapid", 15.0, 0.0, 0.0), dialect="fanuc")
+    means("G10 L2 P1 X10\nG91 G10 L2 P1 X5\nG90 G0 X0", ("rapid", 5.0, 0.0, 0.0), dialect="linuxcnc")
+    assert refused("G10 L2 P0 X1", dialect="fanuc").code == "value-out-of-range"
+    assert refused("G10 L20 P1 X1", dialect="fanuc").code == "code-not-supported"
+
+
+def test_a_program_number_is_no_word_of_linuxcnc() -> None:
+    assert refused("O1000", dialect="linuxcnc").code == "word-unused"
+    assert refused("G0 X1\nO1000", dialect="fanuc").code == "word-unused"
+    assert run("O1000\nG0 X1", dialect="fanuc")
