@@ -48,8 +48,8 @@ class Sampled:
             last = self._next + rows >= end
             out = self._empty(max(rows, 0))
             kernel.samples(
-                *arrays, chunk.s0, begin * self.period - chunk.t0, self._next - begin, self.period, place, history, self._floats, self._vertex,
-                last, out.position, out.s, out.feed, out.accel, out.jerk, out.step_deviation, out.line,
+                *arrays, chunk.s0, begin * self.period - chunk.t0, self._next - begin, self.period, place, history, self._floats,
+                self._vertex, last, out.position, out.s, out.feed, out.accel, out.jerk, out.step_deviation, out.line,
             )  # fmt: skip
             self._next += len(out.s)
             if len(out.s):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -64,7 +65,7 @@ def _spans(block: NurbsFeed) -> list[Segment]:
 
     segments = []
     breaks = np.unique(block.knots)
-    for a, b in zip(breaks[:-1], breaks[1:], strict=True):
+    for a, b in itertools.pairwise(breaks):
 
         def q(w: Floats, a: float = a, b: float = b) -> Floats:
             f = spline(a + (b - a) * np.asarray(w))

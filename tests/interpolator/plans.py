@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -86,6 +87,13 @@ def plan_of(path: PathChunk, phases: Sequence[tuple[float, float]] | None = None
     return PlanChunk(path, piece_s, t0, s0, *(np.ascontiguousarray(c) for c in table.T), np.array([jerk for _, jerk in todo]))
 
 
+def at_constant_speed(path: PathChunk, v: float) -> PlanChunk:
+    """The whole path in one phase without acceleration."""
+    piece_s = np.concatenate(([0.0], np.cumsum(path.length)))
+    s = np.array([0.0, piece_s[-1]])
+    return PlanChunk(path, piece_s, 0.0, 0.0, s / v, s, np.full(2, v), np.zeros(2), np.zeros(1))
+
+
 def state_at(plan: PlanChunk, t: NDArray[np.float64]) -> NDArray[np.float64]:
     """s, v, a at the times t from the chunk's start, (3, k)."""
     k = np.clip(np.searchsorted(plan.phase_t, t, side="right") - 1, 0, len(plan.phase_j) - 1)
@@ -105,7 +113,7 @@ def cut(plan: PlanChunk, times: Sequence[float]) -> list[PlanChunk]:
     """The same motion in several chunks, cut at ``times`` from its start: inside phases and pieces as it comes."""
     ends = sorted({0.0, *(float(t) for t in times if 0.0 < t < plan.duration), plan.duration})
     chunks = []
-    for begin, end in zip(ends[:-1], ends[1:], strict=True):
+    for begin, end in itertools.pairwise(ends):
         inner = plan.phase_t[(plan.phase_t > begin) & (plan.phase_t < end)]
         t = np.concatenate(([begin], inner, [end]))
         s, v, a = state_at(plan, t)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 from oracle import Segment, segments_of
-from plans import FILE, arc, cut, path_of, plan_of, polyline, state_at
+from plans import FILE, arc, at_constant_speed, cut, path_of, plan_of, polyline, state_at
 from scipy.optimize import brentq
 
 from cnc.canon import NurbsFeed
@@ -43,7 +44,7 @@ def run(plans: Sequence[PlanChunk], period: float, start: ArrayLike, end: float 
     interpolator = Sampled(period, start)
     chunks = [c for plan in plans for c in interpolator.samples(plan)]
     chunks += interpolator.finish(plans[-1].t0 + plans[-1].duration if end is None else end)
-    for before, after in zip(chunks[:-1], chunks[1:], strict=True):
+    for before, after in itertools.pairwise(chunks):
         assert after.first == before.first + len(before.s)
     assert chunks[0].first == 0
     names = ("position", "s", "feed", "accel", "jerk", "step_deviation", "line")
@@ -94,16 +95,11 @@ def test_third_differences_show_no_noise() -> None:
     """At 0.1 ms, below a thousandth of a jerk of 48 000 mm/s^3: 6e-12 mm."""
     start = WAVE.control_points[0]
     path = path_of([WAVE], start)
-    length = float(path.length.sum())
-    speed = 100.0
     # constant speed throughout, so that nothing but the curve is in the differences
-    plan = PlanChunk(
-        path, np.concatenate(([0.0], np.cumsum(path.length))), 0.0, 0.0, np.array([0.0, length / speed]), np.array([0.0, length]),
-        np.full(2, speed), np.zeros(2), np.zeros(1),
-    )  # fmt: skip
+    plan = at_constant_speed(path, 100.0)
     rows = run([plan], 1e-4, start)
     ends = np.searchsorted(rows.s, plan.piece_s)
-    for first, last in zip(ends[:-1], ends[1:], strict=True):
+    for first, last in itertools.pairwise(ends):
         assert noise_of(rows.position[first:last]) < 2e-13
     # over the joints too, where the curve is smooth up to the second derivative
     third = np.diff(rows.position, 3, axis=0)
