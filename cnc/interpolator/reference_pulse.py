@@ -14,21 +14,27 @@ from cnc.stream import PulseChunk
 
 ROWS = 65536
 """Most rows in a chunk of pulses."""
+REST = 1e-6
+"""mm/s: a chunk that ends no faster than this ends at rest."""
 
 
 class ReferencePulse:
     """Turns a plan, chunk by chunk, into grid moves.
 
     steps_per_mm (axes,): each axis's own, its inverse is the BLU. start (axes,) mm: where the path begins, on the grid or not. The grid
-    point of an axis is the integer nearest to its position in BLU; of two equally near ones, the one that it came from.
+    point of an axis is the integer nearest to its position in BLU; of two equally near ones, the one that it came from. min_pulse_ns: the
+    board's least time between two pulses of one axis; an axis that turns back sooner after a step makes neither step (see the kernel).
     """
 
-    def __init__(self, steps_per_mm: ArrayLike, start: ArrayLike) -> None:
+    def __init__(self, steps_per_mm: ArrayLike, start: ArrayLike, min_pulse_ns: float = 0.0) -> None:
         self.steps_per_mm = np.array(steps_per_mm, dtype=np.float64)
         self._grid = np.rint(np.asarray(start, dtype=np.float64) * self.steps_per_mm).astype(np.int64)
         self._origin = self._grid.copy()
+        self.min_pulse_ns = min_pulse_ns
         self._last_ns = 0
         self._error = 0.0
+        self._filled = 0
+        self._recent = np.full(len(self._grid), -1, dtype=np.int64)
         self._time_ns = np.empty(ROWS, dtype=np.int64)
         self._step = np.empty((ROWS, len(self._grid)), dtype=np.int8)
         self._line = np.empty(ROWS, dtype=np.int32)
@@ -49,20 +55,30 @@ class ReferencePulse:
         return self._error
 
     def pulses(self, chunk: PlanChunk) -> Iterator[PulseChunk]:
-        """The grid moves of a stretch of the plan, at most ROWS at a time; stretches must come in order."""
+        """The grid moves of a stretch of the plan, at most ROWS at a time; stretches must come in order.
+
+        Moves that a later one could still take back wait for the next stretch, unless this one ends at rest.
+        """
         arrays = kernel_arrays(chunk)
         whole = int(np.floor(chunk.t0))
         integers = np.zeros(kernel.INTEGERS, dtype=np.int64)
         integers[kernel.LAST_NS] = self._last_ns
         floats = np.zeros(kernel.FLOATS)
         floats[kernel.ERROR] = self._error
-        rows = ROWS
-        while rows == ROWS:
+        while integers[kernel.PIECE] < len(chunk.path):
             rows = kernel.pulses(
                 *arrays, whole * 1_000_000_000, chunk.t0 - whole, self.steps_per_mm, self._grid, integers, floats,
-                self._time_ns, self._step, self._line,
+                self._time_ns, self._step, self._line, self._filled, self._recent, self.min_pulse_ns,
             )  # fmt: skip
             self._last_ns = int(integers[kernel.LAST_NS])
             self._error = float(floats[kernel.ERROR])
-            if rows:
-                yield PulseChunk(self._time_ns[:rows].copy(), self._step[:rows].copy(), self._line[:rows].copy())
+            at_rest = integers[kernel.PIECE] == len(chunk.path) and chunk.phase_v[-1] <= REST
+            ready = rows if at_rest else int(np.searchsorted(self._time_ns[:rows], self._last_ns - self.min_pulse_ns, side="right"))
+            if ready == 0 and rows == ROWS:
+                ready = rows
+            self._filled = rows - ready
+            self._recent = np.maximum(self._recent - ready, -1)
+            if ready:
+                yield PulseChunk(self._time_ns[:ready].copy(), self._step[:ready].copy(), self._line[:ready].copy())
+                for buffer in (self._time_ns, self._step, self._line):
+                    buffer[: self._filled] = buffer[ready:rows].copy()

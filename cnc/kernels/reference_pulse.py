@@ -16,6 +16,10 @@ A line counts as crossed only when P is beyond it by more than SLACK. So an axis
 pulses, whatever the rounding, nor does one that turns back on reaching it; and which of two equally near grid points it has there is
 the one that it came from. Axes that are within SLACK of their lines at the same path point share a row. Both keep |g - P| <= 1/2 + SLACK.
 
+A graze, an axis that turns back so soon behind a half-grid line that its two pulses would come faster than the board takes them, is passed
+over: both pulses are taken out again. Grazes that rest exactly on the line are common in real programs, and SLACK deals with them; those
+that reach a hair beyond it are rare in one move but sure to come in a million.
+
 Times follow from s by the plan's phases. On a span s advances from row to row by the Hermite quadrature with two derivatives of the speed,
 which the evaluation gives free of cost, and is tied to the table of the arc length every ANCHOR rows and wherever the rule is not sharp.
 """
@@ -169,13 +173,15 @@ def pulses(
     kind: Ints, at: Ints, data: Floats, piece_s: Floats, source_line: NDArray[np.int32],
     phase_t: Floats, phase_s: Floats, phase_v: Floats, phase_a: Floats, phase_j: Floats,
     whole_ns: int, seconds: float, steps_per_mm: Floats, grid: Ints, integers: Ints, floats: Floats,
-    time_ns: Ints, step: NDArray[np.int8], line: NDArray[np.int32],
+    time_ns: Ints, step: NDArray[np.int8], line: NDArray[np.int32], filled: int, recent: Ints, min_pulse_ns: float,
 ) -> int:  # fmt: skip
-    """Fill the buffers with the next grid moves of a plan chunk; returns how many.
+    """Fill the buffers with the next grid moves of a plan chunk; returns how many rows they hold.
 
     kind .. source_line: the path's pieces, phase_*: the motion over them, as in PlanChunk. The chunk begins at whole_ns + seconds.
     grid (n,): grid point, carried on. integers, floats: state, zeros at the start of a chunk but for LAST_NS and ERROR, which go
-    on. time_ns (rows,), step (rows, n), line (rows,): buffers. A return of fewer rows than the buffers hold means that the chunk is done.
+    on; the chunk is done when integers[PIECE] is past its last piece. time_ns (rows,), step (rows, n), line (rows,): buffers, of which the
+    first ``filled`` rows are taken. recent (n,): row of each axis's last pulse, -1 if it is no longer there. min_pulse_ns: an axis that
+    steps back sooner after a step makes neither.
     """
     n = len(grid)
     room = len(time_ns)
@@ -194,7 +200,8 @@ def pulses(
     rate = np.empty(n)
     speed = np.empty(3)
     before = np.empty(3)
-    rows = 0
+    rows = filled
+    grazed = False
     piece = integers[PIECE]
     full = False
     while piece < len(kind) and not full:
@@ -307,7 +314,20 @@ def pulses(
                             place[i, 1] = _on_line(position[i], rate[i], grid[i], stretch[i, 1], u0, u, upto)
                     else:
                         _next(k, data, a, i, steps_per_mm[i], grid[i], upto, turns[i], stretch[i], place[i], r[i])
-            rows += 1
+            moves = False
+            for i in range(n):
+                if step[rows, i] != 0:
+                    back = recent[i]
+                    if back >= 0 and step[back, i] != step[rows, i] and last_ns - time_ns[back] < min_pulse_ns:
+                        step[back, i] = 0
+                        step[rows, i] = 0
+                        recent[i] = -1
+                        grazed = True
+                    else:
+                        recent[i] = rows
+                        moves = True
+            if moves:
+                rows += 1
         floats[U] = u
         if not full:
             piece += 1
@@ -317,7 +337,27 @@ def pulses(
     integers[LAST_NS] = last_ns
     floats[DT] = dt
     floats[ERROR] = error
-    return rows
+    return _close_ranks(rows, time_ns, step, line, recent) if grazed else rows
+
+
+@njit
+def _close_ranks(rows: int, time_ns: Ints, step: NDArray[np.int8], line: NDArray[np.int32], recent: Ints) -> int:
+    """Take rows without a step out of the buffers; returns how many remain."""
+    n = len(recent)
+    kept = 0
+    for row in range(rows):
+        moves = False
+        for i in range(n):
+            moves = moves or step[row, i] != 0
+        if moves:
+            time_ns[kept] = time_ns[row]
+            line[kept] = line[row]
+            for i in range(n):
+                step[kept, i] = step[row, i]
+                if recent[i] == row:
+                    recent[i] = kept
+            kept += 1
+    return kept
 
 
 @njit

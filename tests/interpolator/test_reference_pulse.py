@@ -349,3 +349,37 @@ def test_the_same_without_the_compiler() -> None:
     done = subprocess.run(command, cwd=root, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-3000:]
     assert "passed" in done.stdout
+
+
+def spacing(rows: PulseChunk) -> float:
+    """Least time between two pulses of one axis, ns."""
+    return min(float(np.diff(rows.time_ns[rows.step[:, i] != 0]).min(initial=10**18)) for i in range(rows.step.shape[1]))
+
+
+@pytest.mark.parametrize("beyond", [1e-7, 1e-5])
+@pytest.mark.parametrize("rows_at_once", [1, 2, 65536])
+def test_a_graze_faster_than_the_board_makes_no_steps(beyond: float, rows_at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tops of these waves lie a hair above a half-grid line: there and back again within microseconds."""
+    monkeypatch.setattr(reference_pulse, "ROWS", rows_at_once)
+    radius = (50.5 + beyond) / 100.0
+    start = np.array([-radius, 0.0])
+    p = start
+    waves = []
+    for _ in range(5):
+        waves.append(arc(p, (float(p[0] + radius), 0.0), -0.5))
+        p = waves[-1].end
+        waves.append(polyline([[p[0] + 0.01, -0.02], [p[0] + 0.02, 0.0]]))
+        p = waves[-1].points[-1]
+    plan = plan_of(path_of(waves, start), v=200.0, a=2000.0, j=1e5)
+    bare, plain = run([plan], [100.0, 100.0], start)
+    assert spacing(bare) < 20_000
+    for count in (0, 500):
+        parts = cut(plan, list(np.random.default_rng(2).uniform(0.0, plan.duration, count)))
+        interpolator = ReferencePulse([100.0, 100.0], start, 20_000)
+        chunks = [c for part in parts for c in interpolator.pulses(part)]
+        rows = PulseChunk(*(np.concatenate([getattr(c, name) for c in chunks]) for name in ("time_ns", "step", "line")))
+        if rows_at_once > 2:
+            assert spacing(rows) >= 20_000
+            assert len(rows.step) == len(bare.step) - 10
+        check_rows(rows, interpolator, p)
+        assert interpolator.position_steps.tolist() == plain.position_steps.tolist()
