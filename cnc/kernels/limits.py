@@ -263,7 +263,7 @@ def joint(
 
 @njit
 def chunk_intervals(
-    kind: NDArray[np.int8], at: Ints, data: Floats, length: Floats, feed: Floats, stop_after: Flags,
+    kind: Ints, at: Ints, data: Floats, length: Floats, feed: Floats, stop_after: Flags,
     v_in: float, flat_in: bool, v_out: float, flat_out: bool, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats,
     out_end: Floats, out_speed: Floats, out_accel: Floats, out_jerk: Floats, out_flat: Flags,
 ) -> int:  # fmt: skip
@@ -286,14 +286,14 @@ def chunk_intervals(
     for k in range(len(kind)):
         if k + 1 < len(kind):
             v_after, flat_after = joint(
-                int(kind[k]), data, at[k], length[k], feed[k], int(kind[k + 1]), data, at[k + 1], length[k + 1], feed[k + 1],
+                kind[k], data, at[k], length[k], feed[k], kind[k + 1], data, at[k + 1], length[k + 1], feed[k + 1],
                 rules, axis_v, axis_a, axis_j, q,
             )  # fmt: skip
         else:
             v_after, flat_after = v_out, flat_out
         if stop_after[k]:
             v_after, flat_after = 0.0, True
-        shape = int(kind[k])
+        shape = kind[k]
         flat_from = FLAT_PERIODS * rules[4] * v_before if flat_before else 0.0
         flat_to = length[k] - (FLAT_PERIODS * rules[4] * v_after if flat_after else 0.0)
         start = 0.0

@@ -37,6 +37,9 @@ STOPS_KEPT = 2.0
 SLICE = 0.5
 """s; motion is handed out in slices of about this, each ending without acceleration, so that a stop can be planned after any of them."""
 
+SLICE_LENGTH = 0.01
+"""mm; a crawl is not sliced finer than this."""
+
 DURATION, S, V, A, J = range(5)
 """Columns of an array of phases."""
 
@@ -296,8 +299,8 @@ def _slice(phases: Floats) -> tuple[Floats, int]:
     step = int(ends[0]) + 1 if len(ends) else len(phases)
     if k >= step:
         return phases, step
-    cut = SLICE - (float(elapsed[k]) - float(phases[k, DURATION]))
-    if cut <= 0.0 or phases[k, DURATION] - cut < SLICE:
+    cut = max(SLICE - (float(elapsed[k]) - float(phases[k, DURATION])), SLICE_LENGTH / float(phases[k, V]))
+    if phases[k, DURATION] - cut < SLICE:
         return phases, step
     tail = phases[k:].copy()
     tail[0, DURATION] -= cut

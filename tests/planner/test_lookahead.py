@@ -11,6 +11,7 @@ from support import share
 
 from cnc.canon import Block, Dwell, PathMode
 from cnc.errors import MotionLimitError
+from cnc.machine.models import Axis, Machine
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
@@ -202,3 +203,39 @@ def test_an_illegal_plan_is_not_handed_on():
     assert refusal.value.diagnostic.code == "plan-illegal"
     for word in ("feed", "accel", "jerk"):
         assert word in refusal.value.diagnostic.message
+
+
+@pytest.mark.parametrize(
+    "blocks",
+    [
+        pytest.param([lines([(10, 0, 0)], 1e-6)], id="a feed of 60 nm a minute"),
+        pytest.param([lines([(10, 0, 0), (10, 10, 0)], 1e6)], id="a feed beyond every machine"),
+        pytest.param([arc((0, 0, 0), (5e-4, 0), 1.0)], id="a circle of 1 um"),
+        pytest.param([arc((0, 0, 0), (0, 5e5), 0.01)], id="a circle of 1 km"),
+        pytest.param([lines([(k * 1e-5, 0, 0) for k in range(1, 200)])], id="pieces far below a step"),
+        pytest.param([lines([(k, (k % 2) * 1e-7, 0) for k in range(1, 50)])], id="a saw of rounding errors"),
+        pytest.param([lines([(5, 0, 0), (0, 0, 0), (5, 0, 0)])], id="there and back"),
+        pytest.param([nurbs([(0, 0, 0), (10, 10, 0), (0, 10, 0), (10, 0, 0)])], id="a cusp"),
+        pytest.param([nurbs([(0, 0, 0), (0, 0, 0), (5, 5, 0), (9, 0, 0), (9, 0, 0)])], id="double end points"),
+        pytest.param([nurbs([(0, 0, 0), (5, 5, 0), (5, 5, 0), (5, 5, 0), (9, 0, 0), (12, 3, 0)])], id="a corner made of three points"),
+    ],
+)
+@pytest.mark.parametrize("axis", [None, (2400.0, 48000.0), (5e3, 1e7)])
+def test_hard_inputs_are_planned_legally(blocks, axis):
+    chunks, _, audit = planned(blocks, machine(axis=axis))
+    assert_joined(chunks)
+    assert not audit.violations
+    assert all(np.isfinite(chunk.phase_t).all() and chunk.duration > 0 for chunk in chunks)
+
+
+def test_axes_may_differ_a_thousand_times():
+    slow = Axis(steps_per_mm=100.0, max_velocity=0.5, max_acceleration=2.0, max_jerk=50.0)
+    fast = Axis(steps_per_mm=100.0, max_velocity=500.0, max_acceleration=2000.0, max_jerk=50000.0)
+    mill = Machine(axes={"x": fast, "y": fast, "z": slow})
+    blocks = [lines([(50, 0, 0), (100, 0, 1), (50, 50, 1)], math.nan), arc((50, 50, 1), (40, 50), 1.0, rise=-1.0)]
+    chunks, _, audit = planned(blocks, mill)
+    assert_joined(chunks)
+    assert not audit.violations
+    # Along X alone nothing slows the fast axis; where the slow one moves along, it is the one that binds.
+    assert audit.axis_velocity[0] > 250.0
+    assert audit.axis_velocity[2] == pytest.approx(0.5, rel=0.01)
