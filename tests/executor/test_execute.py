@@ -1,0 +1,200 @@
+"""The executor: order, times of commands, stops and faults, on boards that note what they are sent."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cnc.canon import Block, Dwell, End, Message, Spindle
+from cnc.drivers.loopback import Loopback
+from cnc.errors import BoardError, Diagnostic, GcodeError
+from cnc.executor.run import Outcome, Progress, execute
+from cnc.path.chunk import PathChunk
+from cnc.planner.plan import PlanChunk
+from cnc.stream import PulseChunk
+
+FILE = "p.nc"
+
+
+def stretch(line: int, t0: float, seconds: float = 1.0, speed_at_end: float = 0.0) -> PlanChunk:
+    """A stretch of a plan of which only times, line and end speed matter here."""
+    one = np.ones(1)
+    path = PathChunk(
+        ("x",), FILE, one.astype(np.int8), one.astype(np.int64), one, one, one, np.array([line], np.int32), one.astype(np.bool_)
+    )
+    ends = np.array([0.0, 1.0])
+    return PlanChunk(path, ends, t0, 0.0, ends * seconds, ends, np.array([0.0, speed_at_end]), np.zeros(2), np.zeros(1))
+
+
+class Ticker:
+    """An interpolator that gives each stretch two chunks of two pulses, evenly spread."""
+
+    def __init__(self) -> None:
+        self.position_steps: NDArray[np.int64] = np.zeros(1, dtype=np.int64)
+        self.origin_steps: NDArray[np.int64] = np.zeros(1, dtype=np.int64)
+
+    def pulses(self, chunk: PlanChunk) -> Iterator[PulseChunk]:
+        line = chunk.path.line.repeat(2)
+        for part in (0.0, 0.5):
+            time = np.rint((chunk.t0 + (part + np.array([0.1, 0.3])) * chunk.duration) * 1e9).astype(np.int64)
+            self.position_steps += 2
+            yield PulseChunk(time, np.ones((2, 1), dtype=np.int8), line)
+
+
+def go(*items: PlanChunk | Block, board: Loopback | None = None, **options: Any) -> tuple[Outcome, Loopback]:
+    used = Loopback(1) if board is None else board
+    return execute(iter(items), used, Ticker(), **options), used
+
+
+def test_everything_in_order() -> None:
+    shown: list[PulseChunk] = []
+    told: list[Progress] = []
+    spindle, dwell, end = Spindle(FILE, 1, "cw", 100.0), Dwell(FILE, 3, 0.5), End(FILE, 5)
+    outcome, board = go(spindle, stretch(2, 0.0), dwell, stretch(4, 1.5), end, on_pulses=shown.append, on_progress=told.append)
+    assert outcome.finished
+    assert outcome.stopped_at_line is None
+    assert outcome.duration == 2.5
+    assert outcome.rows == 8
+    assert outcome.steps.tolist() == [8]
+    assert outcome.position_steps.tolist() == [8]
+    assert board.commands == [(0, spindle), (1_000_000_000, dwell), (2_500_000_000, end)]
+    assert board.state == "idle"
+    assert [c.line[0] for c in shown] == [2, 2, 4, 4]
+    assert [p.line for p in told] == [1, 2, 2, 3, 4, 4, 5]
+    assert [p.rows for p in told] == [0, 2, 4, 4, 6, 8, 8]
+    assert np.all(np.diff([p.time for p in told]) >= 0)
+
+
+def test_an_empty_program() -> None:
+    outcome, board = go()
+    assert outcome.finished
+    assert outcome.duration == 0.0
+    assert board.state == "idle"
+
+
+def test_begins_where_the_interpolator_does() -> None:
+    ticker = Ticker()
+    ticker.origin_steps[:] = 40
+    board = Loopback(1)
+    assert execute([stretch(1, 0.0)], board, ticker).position_steps.tolist() == [44]
+
+
+def test_a_dwell_without_motion_moves_the_clock() -> None:
+    outcome, board = go(Dwell(FILE, 1, 2.0), Message(FILE, 2, "hello"))
+    assert outcome.duration == 2.0
+    assert board.commands[1][0] == 2_000_000_000
+
+
+class TestStop:
+    """The operator stops the run while its first chunk of pulses is under way."""
+
+    def stopping(self, **options: Any) -> tuple[Outcome, Loopback, list[int]]:
+        stop = threading.Event()
+        lines: list[int] = []
+
+        def on_pulses(chunk: PulseChunk) -> None:
+            lines.append(int(chunk.line[0]))
+            stop.set()
+
+        items = (stretch(2, 0.0, speed_at_end=5.0), stretch(4, 1.0), Spindle(FILE, 5, "off", 0.0))
+        outcome, board = go(*items, on_pulses=on_pulses, stop=stop, **options)
+        return outcome, board, lines
+
+    def test_without_a_ramp_nothing_more_is_sent(self) -> None:
+        outcome, board, lines = self.stopping()
+        assert lines == [2]
+        assert not outcome.finished
+        assert outcome.stopped_at_line == 2
+        assert outcome.rows == 2
+        assert outcome.position_steps.tolist() == [2]
+        assert board.commands == []
+        assert board.state == "stopped"
+
+    def test_with_a_ramp_the_stretch_is_brought_to_rest(self) -> None:
+        outcome, board, lines = self.stopping(ramp_down=lambda: [stretch(4, 1.0, 0.25)])
+        assert lines == [2, 2, 4, 4]
+        assert outcome.stopped_at_line == 4
+        assert outcome.duration == 1.25
+        assert outcome.position_steps.tolist() == [8]
+        assert board.commands == []
+        assert board.state == "stopped"
+
+    def test_no_ramp_after_a_stretch_that_ends_at_rest(self) -> None:
+        stop = threading.Event()
+
+        def never() -> list[PlanChunk]:
+            raise AssertionError
+
+        outcome, _ = go(stretch(2, 0.0), stretch(3, 1.0), stop=stop, on_pulses=lambda _: stop.set(), ramp_down=never)
+        assert outcome.stopped_at_line == 2
+        assert outcome.rows == 4
+
+    def test_set_beforehand(self) -> None:
+        stop = threading.Event()
+        stop.set()
+        outcome, board = go(Spindle(FILE, 1, "cw", 1.0), stretch(2, 0.0), stop=stop)
+        assert outcome.stopped_at_line == 0
+        assert outcome.rows == 0
+        assert board.commands == []
+        assert board.state == "stopped"
+
+    def test_never_set(self) -> None:
+        outcome, board = go(stretch(2, 0.0), stop=threading.Event(), ramp_down=list)
+        assert outcome.finished
+        assert board.state == "idle"
+
+
+class Aborting(Loopback):
+    """Notes that it was told to abort; can fail at that too, and without a line."""
+
+    aborted = False
+
+    def abort(self) -> None:
+        self.aborted = True
+        super().abort()
+        raise BoardError(Diagnostic("link-lost", "nobody there"))
+
+
+class Silent(Loopback):
+    """Its faults don't say where."""
+
+    def send(self, chunk: PulseChunk) -> None:
+        if self.rows >= 4:
+            raise BoardError(Diagnostic("link-lost", "nobody there"))
+        super().send(chunk)
+
+
+def test_a_fault_aborts_and_names_file_and_line() -> None:
+    board = Aborting(1, fail_after=5)
+    with pytest.raises(BoardError) as caught:
+        go(stretch(2, 0.0), stretch(7, 1.0), board=board)
+    assert caught.value.diagnostic.code == "board-fault"
+    assert caught.value.diagnostic.place() == "p.nc:7"
+    assert board.aborted
+    assert board.state == "stopped"
+    assert board.position_steps.tolist() == [5]
+
+
+def test_a_fault_without_a_line_gets_that_of_the_last_confirmed_row() -> None:
+    with pytest.raises(BoardError) as caught:
+        go(stretch(2, 0.0), stretch(7, 1.0), board=Silent(1))
+    assert caught.value.diagnostic.place() == "p.nc:2"
+    assert caught.value.exit_code == 3
+
+
+@pytest.mark.parametrize("fault", [GcodeError(Diagnostic("bad-word", "no")), KeyboardInterrupt()])
+def test_any_other_exception_aborts_too(fault: BaseException) -> None:
+    def items() -> Iterator[PlanChunk | Block]:
+        yield stretch(2, 0.0)
+        raise fault
+
+    board = Aborting(1)
+    with pytest.raises(type(fault)) as caught:
+        execute(items(), board, Ticker())
+    assert caught.value is fault
+    assert board.aborted
