@@ -14,13 +14,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 
 from cnc import __version__
 from cnc.errors import EXIT_REJECTED, EXIT_STOPPED, CncError, Diagnostic, UsageError
 from cnc.screen import Screen
 
 if TYPE_CHECKING:
+    from cyclopts import Token
+
     from cnc.api import Outputs
     from cnc.report.result import Report
 
@@ -30,6 +32,9 @@ SUFFIXES = (".nc", ".ngc", ".gcode", ".gc", ".cnc", ".tap", ".mpf")
 EXIT_PIPE = 141
 """Whoever read our output went away: 128 + SIGPIPE, as a shell shows it for other tools."""
 
+HYPHEN = "\0-"
+"""Stands for a lone ``-`` while cyclopts parses, which would take it for an option; no argument can contain it."""
+
 Dialect = Literal["auto", "linuxcnc", "grbl", "fanuc", "paper"]
 Interpolator = Literal["reference-pulse", "sampled"]
 
@@ -38,11 +43,21 @@ app = App(
     help="Run G-code: read it, plan jerk-limited motion over its true curves, and send the pulses to a board.",
     version=__version__,
     result_action="return_value",
+    suppress_keyboard_interrupt=False,
 )
 
 
-def _option(text: str, **more: object) -> Parameter:
-    return Parameter(help=text, negative="", **more)  # type: ignore[arg-type]
+def _option(text: str) -> Parameter:
+    return Parameter(help=text, negative="")
+
+
+def _output(text: str) -> Parameter:
+    """An option that takes a file, or ``-``."""
+    return Parameter(help=text, converter=_file_or_hyphen)
+
+
+def _file_or_hyphen(_: object, tokens: Sequence[Token]) -> str:
+    return tokens[0].value.replace(HYPHEN, "-")
 
 
 @Parameter(name="*")
@@ -55,10 +70,10 @@ class Common:
     interpolator: Annotated[
         Interpolator, _option("reference-pulse: grid moves alone. sampled: also positions at the machine's period.")
     ] = "reference-pulse"
-    blocks: Annotated[str | None, _option("Write the canonical blocks to FILE.jsonl (- is standard output, here and below).")] = None
-    trace: Annotated[str | None, _option("Write position, feed, acceleration and jerk a period to FILE.npz or FILE.csv.")] = None
-    pulses: Annotated[str | None, _option("Write the grid moves to FILE.npz, or to FILE.vcd for a logic analyser.")] = None
-    json: Annotated[str | None, _option("Write the summary to FILE.json.")] = None
+    blocks: Annotated[str | None, _output("Write the canonical blocks to FILE.jsonl (- is standard output, here and below).")] = None
+    trace: Annotated[str | None, _output("Write position, feed, acceleration and jerk a period to FILE.npz or FILE.csv.")] = None
+    pulses: Annotated[str | None, _output("Write the grid moves to FILE.npz, or to FILE.vcd for a logic analyser.")] = None
+    json: Annotated[str | None, _output("Write the summary to FILE.json.")] = None
     quiet: Annotated[bool, _option("Say nothing but errors.")] = False
     verbose: Annotated[bool, _option("Say more: each axis's dynamics, computing times, details of an internal error.")] = False
 
@@ -84,7 +99,7 @@ _COMMON = Common()
 
 @app.default
 def run(
-    program: Annotated[str, Parameter(help="The program (- is standard input).")],
+    program: Annotated[str, _output("The program (- is standard input).")],
     /,
     *,
     board: Annotated[str | None, _option("loopback, file, or an installed driver; the machine file's board if left out.")] = None,
@@ -127,8 +142,9 @@ def check(
     if format == "json" and common.json is None:
         common = _with_json(common)
     outputs = common.outputs()
-    files = find_programs(programs)
-    listed = len(files) != 1 or list(programs) != files
+    names = [name.replace(HYPHEN, "-") for name in programs]
+    files = find_programs(names)
+    listed = len(files) != 1 or names != files
     if listed and outputs != api.Outputs():
         raise UsageError(
             Diagnostic("one-program-only", "--blocks, --trace and --pulses take one program", hint="check that program alone to get them")
@@ -184,16 +200,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def exit_code(arguments: Sequence[str]) -> int:
     """Carry out a command line; whatever is raised becomes a message and a code."""
     try:
-        result = app(list(arguments), exit_on_error=False, print_error=False, result_action="return_value")
+        result = app(
+            [HYPHEN if each == "-" else each for each in arguments], exit_on_error=False, print_error=False, result_action="return_value"
+        )
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except CycloptsError as error:
-        fault = UsageError(Diagnostic("usage", " ".join(str(error).split()), hint="cncrun --help lists the commands and options"))
-        return _fail(fault)
+        return _fail(UsageError(Diagnostic("usage", _usage(error), hint="cncrun --help lists the commands and options")))
     except CncError as error:
         return _fail(error)
-    except KeyboardInterrupt:
-        print("stopped by the operator; nothing has moved", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(str(stop) or "stopped by the operator; nothing has moved", file=sys.stderr)
         return EXIT_STOPPED
     except BrokenPipeError:
         # Python flushes standard output once more at its end: give it something to flush to.
@@ -201,6 +218,15 @@ def exit_code(arguments: Sequence[str]) -> int:
         return EXIT_PIPE
     except Exception as error:
         return _internal_error(error, "--verbose" in arguments)
+
+
+def _usage(error: CycloptsError) -> str:
+    """What is wrong with the command line, in one line and in our words where cyclopts speaks of its own."""
+    if isinstance(error, UnusedCliTokensError):
+        return (
+            f"cncrun runs one program, {' '.join(error.unused_tokens or [])} is too much; several can be checked: cncrun check PROGRAM..."
+        )
+    return " ".join(str(error).split())
 
 
 def _fail(error: CncError) -> int:

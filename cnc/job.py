@@ -149,6 +149,7 @@ class Job:
                 stack.callback(self._discard)
                 try:
                     self._survey()
+                    self._look_up("checking", report.lines)
                     if report.ok:
                         self._move(board)
                     if report.ok and report.stopped_at_line is None:
@@ -215,7 +216,7 @@ class Job:
             largest.step_deviation = self._step_deviation if self.sampled else audit.step_deviation
             each = zip(machine.axes, audit.axis_velocity.tolist(), audit.axis_acceleration.tolist(), audit.axis_jerk.tolist(), strict=True)
             largest.axes = {axis: {"velocity": v, "acceleration": a, "jerk": j} for axis, v, a, j in each}
-            report.violations = dict(audit.violations)
+            report.violations.update(audit.violations)
             report.pulse_error_blu = interpolator.error_blu
 
     def _look(self, planned: Iterable[PlanChunk | Block], pulses: TimedPulses, on_pulses: Callable[[PulseChunk], None] | None) -> None:
@@ -247,6 +248,8 @@ class Job:
             if self.watch.on_progress is not None:
                 self.watch.on_progress("running", progress.line, report.lines)
 
+        # The board is about to move: from here on a wish to stop is the executor's to carry out.
+        on_progress(Progress(0.0, 0, 0))
         outcome = execute(
             planned, board, pulses, on_pulses=on_pulses, on_progress=on_progress, stop=self.watch.stop, ramp_down=ahead.ramp_down
         )
@@ -269,13 +272,11 @@ class Job:
 
     def _watched(self, lines: Iterable[str]) -> Iterator[str]:
         """Count the lines, tell how far things are, and give up if the operator wants to."""
-        number = 0
         for number, line in enumerate(lines, start=1):
+            self.report.lines = number
             if number % LOOK_EVERY == 0:
                 self._look_up("checking", number)
             yield line
-        self.report.lines = number
-        self._look_up("checking", number)
 
     def _look_up(self, stage: Stage, item: int | PlanChunk | Block) -> None:
         if self.watch.stop is not None and self.watch.stop.is_set():

@@ -14,30 +14,31 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from cnc.api import Watch
+    from cnc.job import Stage
 
 
 class Screen:
-    """What is shown while a program is under way, and the operator's Ctrl-C: the first asks for a stop, the second ends at once."""
+    """What is shown while a program is under way, and the operator's Ctrl-C (or a termination from outside).
+
+    As long as nothing moves it ends the program. In motion the first asks for a stop, the second ends at once.
+    """
 
     def __init__(self, *, quiet: bool) -> None:
         self._quiet = quiet
         self._stop = threading.Event()
         self._bar: _Bar | None = None
-        self._before: Any = None
+        self._moving = False
+        self._before: dict[signal.Signals, Any] = {}
 
     def watch(self) -> Watch:
         """For the library to call back."""
         from cnc.api import Watch
 
-        return Watch(
-            on_progress=self._bar.update if self._bar is not None else None,
-            on_warning=None if self._quiet else self._warn,
-            stop=self._stop,
-        )
+        return Watch(on_progress=self._on_progress, on_warning=None if self._quiet else self._warn, stop=self._stop)
 
     def __enter__(self) -> Screen:
         if threading.current_thread() is threading.main_thread():
-            self._before = signal.signal(signal.SIGINT, self._on_interrupt)
+            self._before = {each: signal.signal(each, self._on_signal) for each in (signal.SIGINT, signal.SIGTERM)}
         if not self._quiet:
             tell_when_compiling()
             if sys.stderr.isatty():
@@ -47,12 +48,19 @@ class Screen:
     def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             self._bar.close()
-        if self._before is not None:
-            signal.signal(signal.SIGINT, self._before)
+        for each, handler in self._before.items():
+            signal.signal(each, handler)
 
-    def _on_interrupt(self, *_: object) -> None:
+    def _on_progress(self, stage: Stage, done: int, total: int | None) -> None:
+        self._moving = stage == "running"
+        if self._bar is not None:
+            self._bar.update(stage, done, total)
+
+    def _on_signal(self, *_: object) -> None:
+        if not self._moving:
+            raise KeyboardInterrupt("stopped by the operator; nothing has moved")
         if self._stop.is_set():
-            raise KeyboardInterrupt
+            raise KeyboardInterrupt("stopped by the operator at once; where the axes stand has to be found again (home them)")
         self._stop.set()
 
     def _warn(self, diagnostic: Diagnostic) -> None:
@@ -69,7 +77,7 @@ class _Bar:
         self._progress: Progress | None = None
         self._drawn = 0.0
 
-    def update(self, stage: str, done: int, total: int | None) -> None:
+    def update(self, stage: Stage, done: int, total: int | None) -> None:
         """Lines done of ``total`` (None: not known yet)."""
         now = monotonic()
         if now - self._began < self.PATIENCE or now - self._drawn < 0.1:

@@ -7,10 +7,11 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from typing import IO
 
 from cnc.errors import CncError, Diagnostic, UsageError
 from cnc.gcode.parser import read_lines
@@ -33,28 +34,28 @@ def readable(program: Path | str) -> Iterator[Path]:
     ``can-not-read``.
     """
     path = Path(program)
-    standard_input = str(program) == STANDARD_INPUT
-    try:
-        if not standard_input:
-            if path.is_dir():
-                raise UsageError(Diagnostic("is-a-folder", f"{program} is a folder", hint="name a program; `cncrun check` takes folders"))
-            if path.is_file() and path.stat().st_size <= COPIED_BYTES:
-                yield path
-                return
-        with tempfile.TemporaryDirectory(prefix="cnc-") as folder:
-            copy = Path(folder) / "program.nc"
-            with copy.open("wb") as target:
-                if standard_input:
-                    shutil.copyfileobj(sys.stdin.buffer, target)
-                else:
-                    with path.open("rb") as source:
-                        shutil.copyfileobj(source, target)
-            yield copy
-    except FileNotFoundError as error:
-        raise UsageError(Diagnostic("no-such-file", f"there is no file {program}", hint="check the name and the folder")) from error
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise UsageError(Diagnostic("can-not-read", f"{program} can't be read: {reason}")) from error
+    with ExitStack() as stack:
+        try:
+            if str(program) == STANDARD_INPUT:
+                path = _copy(sys.stdin.buffer, stack)
+            elif path.is_dir():
+                raise UsageError(Diagnostic("is-a-folder", f"{program} is a folder", hint="name a program; cncrun check takes folders"))
+            elif not path.is_file() or path.stat().st_size > COPIED_BYTES:
+                path = _copy(stack.enter_context(path.open("rb")), stack)
+        except FileNotFoundError as error:
+            raise UsageError(Diagnostic("no-such-file", f"there is no file {program}", hint="check the name and the folder")) from error
+        except (OSError, ValueError) as error:
+            reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+            raise UsageError(Diagnostic("can-not-read", f"{program} can't be read: {reason}")) from error
+        yield path
+
+
+def _copy(source: IO[bytes], stack: ExitStack) -> Path:
+    """A copy that lasts as long as ``stack``."""
+    copy = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="cnc-"))) / "program.nc"
+    with copy.open("wb") as target:
+        shutil.copyfileobj(source, target)
+    return copy
 
 
 def with_texts(faults: Sequence[CncError], path: Path) -> list[CncError]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -96,12 +95,17 @@ class Report:
     end_position: dict[str, float] = field(default_factory=dict)
     largest: Extremes = field(default_factory=Extremes)
     limits: Extremes = field(default_factory=Extremes)
-    violations: Mapping[str, int] = field(default_factory=dict)
+    violations: dict[str, int] = field(default_factory=dict)
     steps: dict[str, int] = field(default_factory=dict)
     pulse_rows: int = 0
     pulse_error_blu: float | None = None
     timing: Timing = field(default_factory=Timing)
     stopped_at_line: int | None = None
+
+    def __post_init__(self) -> None:
+        """Every limit has a count of violations from the start."""
+        names = [*LIMIT_NAMES, *(f"{name}_{axis}" for axis in self.machine.axes for name in AXIS_LIMIT_NAMES)]
+        self.violations = dict.fromkeys(names, 0) | self.violations
 
     @property
     def ok(self) -> bool:
@@ -135,7 +139,7 @@ class Report:
             "end_position": self.end_position,
             "max": self.largest.as_json(),
             "limits": self.limits.as_json(),
-            "violations": dict(self.violations),
+            "violations": self.violations,
             "steps": self.steps,
             "pulse_error_blu": self.pulse_error_blu,
             "stopped_at_line": self.stopped_at_line,

@@ -28,13 +28,19 @@ def clock(seconds: float) -> str:
 
 
 def number(value: float | None) -> str:
-    """Six digits at most, thousands apart; a dash for what doesn't exist."""
+    """About six digits, thousands apart from 10 000 on; a dash for what doesn't exist."""
     if value is None:
         return "-"
-    if value == 0 or abs(value) >= 1e-3:
-        digits = f"{value:,.0f}" if abs(value) >= 1e5 else f"{value:,.6g}" if abs(value) < 1e3 else f"{value:,.2f}".rstrip("0").rstrip(".")
-        return "0" if digits == "-0" else digits.replace(",", " ")
-    return f"{value:.3g}"
+    if abs(value) >= 1e4:
+        return spaced(round(value))
+    if value != 0 and abs(value) < 1e-3:
+        return f"{value:.3g}"
+    return f"{value:.6g}"
+
+
+def spaced(count: int) -> str:
+    """A whole number with its thousands apart."""
+    return f"{count:,}".replace(",", " ") if abs(count) >= 10_000 else str(count)
 
 
 def position(value: float) -> str:
@@ -56,8 +62,8 @@ def verdict(report: Report) -> str:
 
 def one_line(report: Report) -> str:
     """A report in one line, for a list of many programs."""
-    motion = f", {clock(report.duration_s)}, {number(report.path_length_mm)} mm" if report.ok else ""
-    return f"{report.program}: {verdict(report)}{motion}"
+    result = f"ok, {clock(report.duration_s)}, {number(report.path_length_mm)} mm" if report.ok else verdict(report)
+    return f"{report.program}: {result}"
 
 
 def print_summary(report: Report, console: Console, *, verbose: bool = False) -> None:
@@ -68,13 +74,13 @@ def print_summary(report: Report, console: Console, *, verbose: bool = False) ->
     facts = Table.grid(padding=(0, 2))
     facts.add_column(style="bold", no_wrap=True)
     facts.add_column(overflow="fold")
-    facts.add_row("program", f"{escape(report.program)}  ({report.lines:,} lines, {report.blocks:,} blocks)".replace(",", " "))
+    facts.add_row("program", f"{escape(report.program)}  ({spaced(report.lines)} lines, {spaced(report.blocks)} blocks)")
     facts.add_row("machine", escape(report.machine.name))
     facts.add_row("result", ("[green]" if report.ok else "[red]") + escape(verdict(report)))
     facts.add_row("time", clock(report.duration_s))
     facts.add_row("path length", f"{number(report.path_length_mm)} mm")
     if report.pulse_error_blu is not None:
-        facts.add_row("grid", f"{number(report.pulse_rows)} grid moves, at most {report.pulse_error_blu:.4f} BLU from the path")
+        facts.add_row("grid", f"{spaced(report.pulse_rows)} grid moves, at most {report.pulse_error_blu:.4f} BLU from the path")
     broken = ", ".join(f"{name} {count}" for name, count in report.violations.items() if count)
     facts.add_row("violations", broken or "none")
     console.print(facts)
@@ -102,7 +108,7 @@ def _axes(report: Report, verbose: bool) -> RenderableType:
         row += [position(box[0]), position(box[1])] if box else ["-", "-"]
         row += [f"{number(axis.travel[0])} .. {number(axis.travel[1])}" if axis.travel else "-"]
         row += [position(report.end_position[letter]) if letter in report.end_position else "-"]
-        row += [f"{report.steps[letter]:,}".replace(",", " ") if letter in report.steps else "-"]
+        row += [spaced(report.steps[letter]) if letter in report.steps else "-"]
         if verbose:
             largest, limits = report.largest.axes.get(letter, {}), report.limits.axes.get(letter, {})
             row += [f"{number(largest.get(name))} ({number(limits.get(name))})" for name in AXIS_LIMIT_NAMES]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import sys
@@ -75,7 +76,9 @@ class TextTarget:
     def discard(self) -> None:
         """Leave what was there before; harmless after :meth:`close`."""
         if self._stream is not sys.stdout:
-            self._stream.close()
+            # What is still buffered may not fit on the disk; it is thrown away in any case.
+            with contextlib.suppress(OSError):
+                self._stream.close()
         if self._draft is not None:
             self._draft.unlink(missing_ok=True)
             self._draft = None

@@ -1,0 +1,331 @@
+"""The command line: exit codes, what stands last on standard error, which outputs appear."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from cnc import api, cli
+from cnc.drivers.loopback import Loopback
+from cnc.machine.load import shipped
+from cnc.machine.models import DialectName
+
+ROOT = Path(__file__).parents[2]
+GOOD = "G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
+
+
+@pytest.fixture
+def program(tmp_path):
+    def write(text: str, name: str = "p.nc") -> str:
+        file = tmp_path / name
+        file.parent.mkdir(exist_ok=True, parents=True)
+        file.write_text(text)
+        return str(file)
+
+    return write
+
+
+@pytest.fixture
+def cncrun(capfd):
+    """Carry out a command line here; exit code, standard output, standard error."""
+
+    def carry_out(*arguments: str) -> tuple[int, str, str]:
+        code = cli.exit_code(arguments)
+        out, err = capfd.readouterr()
+        return code, out, err
+
+    return carry_out
+
+
+def last_message(err: str, code: str) -> str:
+    """The diagnostic at the end: its first line names the code, and nothing follows but the source line, the caret and the help."""
+    lines = err.rstrip("\n").split("\n")
+    first = max(number for number, line in enumerate(lines) if f"{code}: " in line)
+    assert all(line.startswith("  ") for line in lines[first + 1 :])
+    assert "Traceback" not in err
+    return lines[first]
+
+
+def test_a_good_program_runs(cncrun, program):
+    code, out, err = cncrun(program(GOOD))
+    assert code == 0
+    assert "run on the board 'loopback'" in out
+    assert "25 .." not in err
+    code, out, _ = cncrun("check", program(GOOD))
+    assert code == 0
+    assert "checked, nothing moved" in out
+    code, out, _ = cncrun(program(GOOD), "--dry-run")
+    assert "checked, nothing moved" in out
+
+
+def test_quiet_says_nothing(cncrun, program):
+    assert cncrun(program(GOOD), "--quiet") == (0, "", "")
+
+
+def test_a_fault_of_the_program_is_1_with_place_caret_and_help(cncrun, program):
+    file = program("G21 G90\nG1 X10 F600\nG2 X20 Y5 I5 J9\nM2\n")
+    for command in ([], ["check"]):
+        code, out, err = cncrun(*command, file)
+        assert code == 1
+        assert out == ""
+        assert last_message(err, "arc-radius-mismatch").startswith(f"{file}:3:")
+        assert "^" in err
+        assert "  help: " in err
+
+
+def test_outside_the_travel_is_1_before_anything_moves(cncrun, program, monkeypatch):
+    monkeypatch.setattr(api, "open_board", lambda *_, **__: Loopback(3, fail_after=0))
+    # Both end points are inside; the arc's bulge is not. A move that would fail the board comes first.
+    file = program("G21 G90\nG1 X10 Y300 F600\nG2 X60 Y300 (Y 325) I25 J0\nM2\n")
+    code, _, err = cncrun(file)
+    assert code == 1
+    message = last_message(err, "soft-limit")
+    assert message == f"{file}:3:8: soft-limit: Y would reach 325 mm, its travel is -10 to 310 mm"
+    assert "  G2 X60 Y300 (Y 325) I25 J0\n         ^~~~\n" in err
+
+
+def test_a_move_to_the_very_limit_is_no_fault(cncrun, program):
+    assert cncrun(program("G21 G90 G1 X410 Y310 F6000\nG1 X-10 Y-10\nM2\n"), "--quiet") == (0, "", "")
+    assert cncrun(program("G21 G90 G1 X410.001 F6000\nM2\n"), "--quiet")[0] == 1
+
+
+def test_many_places_outside_the_travel_are_cut_short(cncrun, program):
+    code, _, err = cncrun("check", program("G21 G90 F6000\n" + "G1 X500\nG1 X501\n" * 20 + "M2\n"))
+    assert code == 1
+    assert "20 more places outside the travel are not shown" in err
+    assert err.count(": soft-limit: ") == 20
+
+
+def test_a_fault_of_the_board_is_3(cncrun, program, monkeypatch):
+    monkeypatch.setattr(api, "open_board", lambda *_, **__: Loopback(3, fail_after=700))
+    code, _, err = cncrun(program("G21 G90\nG1 X2 F600\nG1 X10\nM2\n"))
+    assert code == 3
+    assert ":3:1: board-fault: " in last_message(err, "board-fault")
+    assert "  G1 X10\n  ^~~~~~" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["--nonsense"], "usage"),
+        ([], "usage"),
+        (["{p}", "second.nc"], "usage"),
+        (["{p}", "--dialect", "klingon"], "usage"),
+        (["{p}", "--json"], "usage"),
+        (["check", "{p}", "--format", "xml"], "usage"),
+        (["check"], "no-program"),
+        (["check", "*.nothing"], "no-program"),
+        (["nowhere.nc"], "no-such-file"),
+        (["check", "nowhere.nc"], "no-such-file"),
+        (["check", "nowhere.nc", "{p}"], "no-such-file"),
+        (["{folder}"], "is-a-folder"),
+        (["{p}", "--board", "loopbak"], "unknown-board"),
+        (["{p}", "--board", "file"], "no-target"),
+        (["{p}", "--machine", "nowhere.toml"], "no-such-file"),
+        (["{p}", "--trace", "t.txt"], "output-format"),
+        (["{p}", "--pulses", "t.csv"], "output-format"),
+        (["{p}", "--trace", "nowhere/t.csv"], "can-not-write"),
+        (["{p}", "--trace", "nowhere/t.npz"], "can-not-write"),
+        (["{p}", "--json", "nowhere/t.json"], "can-not-write"),
+        (["{p}", "--json", "-", "--blocks", "-"], "output-twice"),
+        (["check", "{p}", "{p2}", "--blocks", "b.jsonl"], "one-program-only"),
+    ],
+)
+def test_wrong_usage_is_2(cncrun, program, tmp_path, monkeypatch, arguments, code):
+    monkeypatch.chdir(tmp_path)
+    known = {"p": program(GOOD), "p2": program(GOOD, "p2.nc"), "folder": str(tmp_path)}
+    result, _, err = cncrun(*(each.format(**known) for each in arguments))
+    assert result == 2
+    last_message(err, code)
+    assert sorted(os.listdir(tmp_path)) == ["p.nc", "p2.nc"]
+
+
+def test_a_bad_machine_file_is_2(cncrun, program):
+    machine = program("[axes.x]\nsteps_per_mm = -1\nmax_velocity = 5\n", "m.toml")
+    code, _, err = cncrun(program(GOOD), "--machine", machine)
+    assert code == 2
+    assert last_message(err, "machine-file") == f"{machine}:2:1: machine-file: axes.x.steps_per_mm: must be greater than 0, not -1"
+
+
+def test_an_error_of_ours_is_no_traceback_unless_asked_for(cncrun, program, monkeypatch):
+    def broken(*_, **__):
+        raise RuntimeError("oh")
+
+    monkeypatch.setattr(api, "check", broken)
+    code, _, err = cncrun("check", program(GOOD))
+    assert code == 1
+    assert last_message(err, "internal-error") == "internal-error: cncrun failed: RuntimeError: oh"
+    code, _, err = cncrun("check", program(GOOD), "--verbose")
+    assert code == 1
+    assert "Traceback" in err
+
+
+def test_every_output(cncrun, program, tmp_path):
+    names = {
+        kind: str(tmp_path / name) for kind, name in [("blocks", "b.jsonl"), ("trace", "t.npz"), ("pulses", "p.npz"), ("json", "s.json")]
+    }
+    options = [word for kind, name in names.items() for word in (f"--{kind}", name)]
+    for command in ([], ["check"]):
+        assert cncrun(*command, program(GOOD), "--quiet", *options) == (0, "", "")
+        blocks = [json.loads(line) for line in Path(names["blocks"]).read_text().splitlines()]
+        assert [(block["line"], block["kind"]) for block in blocks] == [(2, "traverse"), (3, "line"), (4, "arc"), (5, "end")]
+        summary = json.loads(Path(names["json"]).read_text())
+        with np.load(names["trace"]) as trace, np.load(names["pulses"]) as pulses:
+            assert trace["position"][-1] == pytest.approx([20, 5, 0], abs=1e-9)
+            assert trace["t"][-2] <= summary["duration_s"] <= trace["t"][-1]
+            assert trace["s"][-1] == pytest.approx(summary["path_length_mm"], abs=1e-9)
+            made = np.abs(pulses["step"].astype(int)).sum(axis=0)
+            assert dict(zip(pulses["axes"].tolist(), made.tolist(), strict=True)) == summary["steps"]
+            end = pulses["origin_steps"] + pulses["step"].sum(axis=0)
+            assert (end / pulses["steps_per_mm"]).tolist() == [20.0, 5.0, 0.0]
+        assert (summary["lines"], summary["blocks"], summary["errors"]) == (5, 4, [])
+        assert summary["end_position"] == {"x": 20.0, "y": 5.0, "z": 0.0}
+        assert summary["bounding_box"]["y"] == pytest.approx([0.0, 10.0])
+        for name in names.values():
+            os.unlink(name)
+
+
+def test_the_other_formats(cncrun, program, tmp_path):
+    csv, vcd = tmp_path / "t.csv", tmp_path / "p.vcd"
+    assert cncrun(program(GOOD), "--quiet", "--trace", str(csv), "--pulses", str(vcd))[0] == 0
+    assert csv.read_text().startswith("t,x,y,z,s,feed,accel,jerk,line\n0.0,")
+    assert vcd.read_text().startswith("$timescale 1 ns $end\n")
+
+
+def test_a_hyphen_is_standard_output_and_the_summary_moves_over(cncrun, program):
+    code, out, err = cncrun("check", program(GOOD), "--json", "-")
+    assert code == 0
+    assert json.loads(out)["program"].endswith("p.nc")
+    assert "path length" in err
+    _, out, _ = cncrun(program(GOOD), "--blocks", "-")
+    assert [json.loads(line)["kind"] for line in out.splitlines()] == ["traverse", "line", "arc", "end"]
+
+
+def test_a_faulty_program_writes_its_errors_and_nothing_else(cncrun, program, tmp_path):
+    file = program("G21 G90\nG1 X10 F600\nG2 X20 Y5 I5 J9\nM2\n")
+    target = tmp_path / "out"
+    target.mkdir()
+    names = {"blocks": "b.jsonl", "trace": "t.npz", "pulses": "p.vcd", "json": "s.json"}
+    code, _, _ = cncrun(file, *[word for kind, name in names.items() for word in (f"--{kind}", str(target / name))])
+    assert code == 1
+    assert os.listdir(target) == ["s.json"]
+    (error,) = json.loads((target / "s.json").read_text())["errors"]
+    assert (error["code"], error["line"], error["severity"]) == ("arc-radius-mismatch", 3, "error")
+    assert error["column"] > 0
+
+
+def test_the_file_board_writes_pulses(cncrun, program, tmp_path):
+    target = tmp_path / "board.npz"
+    assert cncrun(program(GOOD), "--quiet", "--board", "file", "--port", str(target)) == (0, "", "")
+    with np.load(target) as found:
+        assert found["step"].sum(axis=0).tolist() == [4000, 1000, 0]
+
+
+def test_many_programs_one_broken(cncrun, program, tmp_path):
+    program(GOOD, "shop/b.nc")
+    program("G1 X1 F\n", "shop/a.nc")
+    program(GOOD, "shop/deep/c.NGC")
+    program("no program", "shop/readme.txt")
+    last = program(GOOD, "z.nc")
+    code, out, err = cncrun("check", str(tmp_path / "shop"), last, last)
+    assert code == 1
+    assert [line.split(": ")[0] for line in out.splitlines()] == [
+        *(str(tmp_path / "shop" / name) for name in ("a.nc", "b.nc", "deep/c.NGC")),
+        last,
+    ]
+    assert last_message(err, "number-missing").startswith(str(tmp_path / "shop/a.nc") + ":1:")
+    code, out, _ = cncrun("check", str(tmp_path / "**" / "*.nc"), "--format", "json", "--quiet")
+    assert [Path(each["program"]).name for each in json.loads(out)] == ["a.nc", "b.nc", "z.nc"]
+    assert code == 1
+
+
+def test_one_program_as_json(cncrun, program):
+    _, out, _ = cncrun("check", program(GOOD), "--format", "json", "--quiet")
+    assert json.loads(out)["ok"]
+
+
+def test_a_shipped_machine_by_name(cncrun, program):
+    _, out, _ = cncrun("check", program(GOOD), "--machine", "paper-nurbs", "--format", "json", "--quiet")
+    assert json.loads(out)["machine"] == "paper, NURBS"
+
+
+def test_the_operator_stops_a_run(cncrun, program, monkeypatch):
+    class Interrupting(Loopback):
+        told = False
+
+        def send(self, chunk):
+            super().send(chunk)
+            if self.rows > 3000 and not self.told:
+                self.told = True
+                os.kill(os.getpid(), signal.SIGINT)
+
+    board = Interrupting(3)
+    monkeypatch.setattr(api, "open_board", lambda *_, **__: board)
+    code, out, err = cncrun(program("G21 G90 F6000\n" + "G1 X100\nG1 X0\n" * 50 + "M2\n"))
+    assert code == 130
+    assert out == ""
+    assert board.state == "stopped"
+    assert board.rows < 500_000
+    stopped = board.position_steps / 200
+    place = f"X{stopped[0]:.4f}".rstrip("0").rstrip(".")
+    assert err.splitlines()[-1].startswith("stopped by the operator at line ")
+    assert err.splitlines()[-1].endswith(f"; the board has come to rest at {place} Y0 Z0")
+
+
+def test_the_operator_stops_before_anything_moves(program):
+    """Reading from a pipe that never ends."""
+    command = [sys.executable, "-m", "cnc.cli", "-"]
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdin
+        assert process.stderr
+        process.stdin.write(b"G21\n" * 100_000)  # more than a pipe holds: it is being read once this returns
+        process.stdin.flush()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 130
+        assert process.stderr.read().decode().splitlines()[-1] == "stopped by the operator; nothing has moved"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a shell with pipes")
+def test_whoever_reads_our_output_may_go_away(program):
+    file = program("G21 G90 F6000\n" + "G1 X100\nG1 X0\n" * 5000 + "M2\n")
+    command = [sys.executable, "-m", "cnc.cli", "check", file, "--blocks", "-"]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout
+        assert process.stderr
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.wait(60) == cli.EXIT_PIPE
+        assert b"Traceback" not in process.stderr.read()
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["check", "--help"], ["--version"]])
+def test_help_imports_nothing_that_takes_long(arguments):
+    code = (
+        "import sys; from cnc.cli import exit_code; code = exit_code(sys.argv[1:]);"
+        "slow = {'numba', 'lark', 'numpy', 'pydantic', 'llvmlite', 'scipy'} & set(sys.modules);"
+        "print(slow, file=sys.stderr); sys.exit(code or len(slow))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+
+
+def test_help_says_what_there_is(cncrun):
+    _, out, _ = cncrun("--help")
+    for word in ("check", "--machine", "--dialect", "--interpolator", "--board", "--dry-run", "--blocks", "--trace", "--pulses", "--json"):
+        assert word in out
+
+
+def test_the_command_line_knows_the_dialects_of_the_machine_file():
+    assert get_args(cli.Dialect) == get_args(DialectName)
+
+
+@pytest.mark.parametrize("name", sorted(shipped()))
+def test_every_shipped_machine_checks_a_small_program(cncrun, program, name):
+    assert cncrun("check", program(GOOD), "--machine", name, "--quiet", "--dialect", "auto") == (0, "", "")
