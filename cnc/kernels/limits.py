@@ -7,8 +7,8 @@ At a point of the path q(s), with speed v, tangential acceleration a and jerk j,
     jerk          q_i''' v^3 + 3 q_i'' v a + q_i' j
 
 The curvature alone bounds v: sqrt(aN rho) for the normal acceleration aN, and (2/T) sqrt(h (2 rho - h)) so that the chord of one period T
-stays within h of the curve (Hui, Wei, Gao 2013, equations 6 and 7 mended, as speeds); sqrt(24 delta) rho / T keeps that chord shorter than its
-arc by no more than the part delta, the step deviation. The rest of each axis's limit is handed to a, then j.
+stays within h of the curve (Hui, Wei, Gao 2013, equations 6 and 7 mended, as speeds); sqrt(24 delta) rho / T keeps that chord shorter than
+its arc by no more than the part delta, the step deviation. The rest of each axis's limit is handed to a, then j.
 
 A junction of two pieces may turn by a small angle or change its curvature at once. Sampled with period T, a jump dv of an axis's velocity
 shows as an acceleration dv / T and a jerk dv / T^2, a jump da of its acceleration as a jerk 3/4 da / T at most (the third difference is
@@ -270,9 +270,9 @@ def chunk_intervals(
     """Cut the pieces of a chunk into intervals with constant bounds.
 
     feed (m,): mm/s, inf where only the axes limit it. v_in, flat_in, v_out, flat_out: the junctions with the chunks before and after.
-    rules: tangential acceleration, jerk, normal acceleration, chord error, period, step deviation. out_*: room for where each interval ends (arc length
-    from the chunk's start), its speed bound, its bounds by level of speed, its flatness. Returns the number of intervals, or -1 where there
-    was no room for them.
+    rules: tangential acceleration, jerk, normal acceleration, chord error, period, step deviation. out_*: room for where each interval ends
+    (arc length from the chunk's start), its speed bound, its bounds by level of speed, its flatness. Returns the number of intervals, or -1
+    where there was no room for them.
     """
     axes = len(axis_v)
     q = np.zeros((SAMPLES, 4, axes))

@@ -290,7 +290,7 @@ def _first_steady(phases: Floats) -> int:
 
 
 def _slice(phases: Floats) -> tuple[Floats, int]:
-    """The phases, and how many of them make a slice: up to the first point without acceleration after SLICE seconds; a cruise is cut there."""
+    """The phases, and how many make a slice: up to the first point without acceleration after SLICE seconds; a cruise is cut there."""
     elapsed = np.cumsum(phases[:, DURATION])
     steady = (phases[:, A] == 0.0) & (elapsed >= SLICE)
     cruise = np.flatnonzero(steady & (phases[:, J] == 0.0))

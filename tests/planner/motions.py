@@ -3,11 +3,11 @@
 import math
 
 import numpy as np
-from cnc.path.build import build
 
 from cnc.canon import ArcFeed, Block, Dwell, NurbsFeed, PathMode, Polyline
 from cnc.kernels.curve import curve_eval, curve_inv_arclen
 from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.path.build import build
 from cnc.planner.plan import PlanChunk
 
 AXES = ("x", "y", "z")

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from motions import arc, lines, machine, nurbs, path_of, random_blocks, sampled
-from support import share
 
 from cnc.canon import Block, Dwell, PathMode
 from cnc.errors import MotionLimitError
@@ -15,6 +13,8 @@ from cnc.machine.models import Axis, Machine
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
+from motions import arc, lines, machine, nurbs, path_of, random_blocks, sampled
+from support import share
 
 TRIDENT = [(10, 0, 0), (20, 20, 0), (12, 8, 0), (10, 20, 0), (8, 8, 0), (0, 20, 0), (10, 0, 0)]
 
@@ -126,7 +126,7 @@ def test_exact_stop_stops_at_every_end():
 
 def test_other_blocks_come_in_order_with_the_motion_before_them_at_rest():
     dwell = Dwell("t.nc", 2, 0.5)
-    chunks, items, _ = planned([lines([(10, 0, 0)]), dwell, lines([(20, 0, 0)], first=3)])
+    _, items, _ = planned([lines([(10, 0, 0)]), dwell, lines([(20, 0, 0)], first=3)])
     where = items.index(dwell)
     before = [item for item in items[:where] if isinstance(item, PlanChunk)]
     after = [item for item in items[where:] if isinstance(item, PlanChunk)]

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import share
 
 from cnc.kernels.limits import LEVELS
 from cnc.kernels.lookahead import PLANNED, START_TOO_FAST, plan_window
+from support import share
 
 A, J = 2400.0, 48000.0
 
