@@ -16,11 +16,20 @@ DEPTH = 48
 
 
 @njit
-def to_homogeneous(f: Floats, m: int, sign: int) -> None:
-    """f_i -> C(m, i) f_i in place; back again for sign < 0."""
+def to_homogeneous(f: Floats, m: int) -> None:
+    """f_i -> C(m, i) f_i in place."""
     choose = 1.0
     for i in range(m + 1):
-        f[i] = f[i] * choose if sign > 0 else f[i] / choose
+        f[i] *= choose
+        choose = choose * (m - i) / (i + 1.0)
+
+
+@njit
+def from_homogeneous(f: Floats, m: int) -> None:
+    """C(m, i) f_i -> f_i in place."""
+    choose = 1.0
+    for i in range(m + 1):
+        f[i] /= choose
         choose = choose * (m - i) / (i + 1.0)
 
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 
 from cnc.kernels.arclength import MAX_ROWS, measure
-from cnc.kernels.bernstein import DEPTH, sign_changes, split, to_homogeneous
+from cnc.kernels.bernstein import DEPTH, from_homogeneous, sign_changes, split, to_homogeneous
 from cnc.kernels.curve import (
     AXES,
     LENGTH,
@@ -63,6 +63,17 @@ def metric_class(reach: Floats) -> int:
         if reach[k] > NEGLIGIBLE:
             return k
     return -1
+
+
+@njit
+def _columns_of(classes: Ints, kind: int, columns: Ints) -> int:
+    """The columns of one class into columns (3,); returns how many."""
+    count = 0
+    for c in range(classes.shape[0]):
+        if classes[c] == kind:
+            columns[count] = c
+            count += 1
+    return count
 
 
 @njit
@@ -133,7 +144,7 @@ def _sharp_points(bezier: Floats, p: int, metric: Ints, metrics: int, poly: Floa
     for i in range(p + 1):
         homogeneous[0, i] = bezier[0, i]
         heaviest = max(heaviest, bezier[0, i])
-    to_homogeneous(homogeneous[0], p, 1)
+    to_homogeneous(homogeneous[0], p)
     polygon = 0.0
     for i in range(p):
         square = 0.0
@@ -145,7 +156,7 @@ def _sharp_points(bezier: Floats, p: int, metric: Ints, metrics: int, poly: Floa
     for k in range(metrics):
         for i in range(p + 1):
             homogeneous[1, i] = bezier[1 + metric[k], i]
-        to_homogeneous(homogeneous[1], p, 1)
+        to_homogeneous(homogeneous[1], p)
         _numerator(homogeneous, p, 1, f)
         for i in range(m + 1):
             for j in range(m + 1):
@@ -154,13 +165,13 @@ def _sharp_points(bezier: Floats, p: int, metric: Ints, metrics: int, poly: Floa
     bound = (HAIRPIN * polygon * heaviest * heaviest) ** 2
     m = 2 * m
     clear = True
-    to_homogeneous(e, m, -1)
+    from_homogeneous(e, m)
     for k in range(m + 1):
         if e[k] <= bound:
             clear = False
     if clear:
         return 0
-    to_homogeneous(e, m, 1)
+    to_homogeneous(e, m)
     w = homogeneous[0]
     for k in range(m + p):
         h[k] = 0.0
@@ -173,7 +184,7 @@ def _sharp_points(bezier: Floats, p: int, metric: Ints, metrics: int, poly: Floa
             if i + j < m + p:
                 h[i + j] -= (m - i - 4.0 * (p - j)) * product
     m = m + p - 1
-    to_homogeneous(h, m, -1)
+    from_homogeneous(h, m)
     largest = 0.0
     for k in range(m + 1):
         largest = max(largest, abs(h[k]))
@@ -247,7 +258,7 @@ def _write_span(
     for c in range(n + 1):
         for i in range(p + 1):
             data[first + c * (p + 1) + i] = bezier[c, i]
-    after = measure(SPAN, data, at, first + (n + 1) * (p + 1), accuracy, work)
+    after = measure(np.int64(SPAN), data, at, first + (n + 1) * (p + 1), accuracy, work)
     data[body + 1] = after - at
     heaviest = 0.0
     for i in range(p + 1):
@@ -256,7 +267,7 @@ def _write_span(
     homogeneous = poly[3:]
     for i in range(p + 1):
         homogeneous[0, i] = bezier[0, i]
-    to_homogeneous(homogeneous[0], p, 1)
+    to_homogeneous(homogeneous[0], p)
     to = after + n
     for c in range(n):
         reach = 0.0
@@ -265,9 +276,9 @@ def _write_span(
             reach = max(reach, abs(bezier[1 + c, i]))
         count = 0
         if reach > 4e-16 * heaviest * max(abs(position[c]), abs(end[c])):
-            to_homogeneous(homogeneous[1], p, 1)
+            to_homogeneous(homogeneous[1], p)
             m = _numerator(homogeneous, p, 1, f)
-            to_homogeneous(f, m, -1)
+            from_homogeneous(f, m)
             _drop_noise(f, m, 4e-16 * reach * heaviest)
             found = sign_changes(f, m, stack, poly[1], roots)
             for k in range(found):
@@ -340,11 +351,7 @@ def nurbs_records(
         if kind < 0:
             k += 1
             continue
-        metrics = 0
-        for c in range(n):
-            if classes[c] == kind:
-                metric[metrics] = c
-                metrics += 1
+        metrics = _columns_of(classes, kind, metric)
         count = min(_sharp_points(bezier, p, metric, metrics, poly, stack, cuts), MAX_CUTS)
         before = 0.0
         ua = knots[k]

@@ -33,7 +33,7 @@ is differentiated as in A4.2. Degrees 1 and 2 are raised to 3 when the record is
 Table: count k, then k rows (s, u, c1..c7) and a last (s, u). In a row u = u_row + c1 x + .. + c7 x^7 with x the part of the row's length that
 lies behind: the Hermite interpolant of u(s) through u, du/ds, d2u/ds2 and d3u/ds3 at both ends (see :mod:`cnc.kernels.arclength`).
 
-All kernels take ``kind`` and ``at`` as int (write ``int(kind[i])`` for an int8 element, lest numba compile them a second time) and u as float.
+All kernels take ``kind`` and ``at`` as int (int64: numba compiles anew for an int8, and for a constant) and u as float.
 """
 
 from __future__ import annotations
@@ -61,47 +61,9 @@ ROW = 9
 SINGULAR = 1e-9
 """|dr/du| below this part of its mean counts as zero."""
 
-GAUSS_X = np.array([-0.9324695142031521, -0.6612093864662645, -0.23861918608319693, 0.23861918608319693, 0.6612093864662645, 0.9324695142031521])
-GAUSS_W = np.array([0.17132449237917027, 0.3607615730481386, 0.46791393457269126, 0.46791393457269126, 0.3607615730481386, 0.17132449237917027])
+GAUSS_X = (-0.9324695142031521, -0.6612093864662645, -0.23861918608319693, 0.23861918608319693, 0.6612093864662645, 0.9324695142031521)
+GAUSS_W = (0.17132449237917027, 0.3607615730481386, 0.46791393457269126, 0.46791393457269126, 0.3607615730481386, 0.17132449237917027)
 """Gauss-Legendre, 6 points: exact to degree 11."""
-
-
-@njit
-def bernstein(data: Floats, at: int, degree: int, t: float) -> tuple[float, float, float, float]:
-    """Value and three derivatives at t of the polynomial with Bernstein coefficients data[at : at + degree + 1], degree >= 3.
-
-    The four points of de Casteljau's triangle three rows above its tip are weighted sums of the coefficients; the sum runs from the nearer
-    end, so that each weight follows from the one before without loss.
-    """
-    m = degree - 3
-    if m == 0:
-        c0 = data[at]
-        c1 = data[at + 1]
-        c2 = data[at + 2]
-        c3 = data[at + 3]
-    else:
-        c0 = 0.0
-        c1 = 0.0
-        c2 = 0.0
-        c3 = 0.0
-        near = t <= 0.5
-        base = 1.0 - t if near else t
-        ratio = t / base if near else (1.0 - t) / base
-        weight = base**m
-        for j in range(m + 1):
-            i = at + (j if near else m - j)
-            c0 += weight * data[i]
-            c1 += weight * data[i + 1]
-            c2 += weight * data[i + 2]
-            c3 += weight * data[i + 3]
-            weight *= ratio * (m - j) / (j + 1)
-    b0 = c0 + t * (c1 - c0)
-    b1 = c1 + t * (c2 - c1)
-    b2 = c2 + t * (c3 - c2)
-    a0 = b0 + t * (b1 - b0)
-    a1 = b1 + t * (b2 - b1)
-    p2 = degree * (degree - 1.0)
-    return a0 + t * (a1 - a0), degree * (a1 - a0), p2 * ((b2 - b1) - (b1 - b0)), p2 * (degree - 2.0) * ((c3 - c0) - 3.0 * (c2 - c1))
 
 
 @njit
@@ -119,41 +81,77 @@ def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
     start = at + START
     end = start + n
     per_u = 1.0 / (u1 - u0)
-    if kind == SPAN:
-        body = end + n
-        p = int(data[body])
-        t = (u - u0) * per_u
-        body += SPAN_BODY
-        w0, w1, w2, w3 = bernstein(data, body, p, t)
-        inverse = 1.0 / w0
-        w1 *= inverse
-        w2 *= inverse
-        w3 *= inverse
-        for i in range(n):
-            body += p + 1
-            f0, f1, f2, f3 = bernstein(data, body, p, t)
-            f0 *= inverse
-            f1 = f1 * inverse - w1 * f0
-            f2 = f2 * inverse - 2.0 * w1 * f1 - w2 * f0
-            f3 = f3 * inverse - 3.0 * (w1 * f2 + w2 * f1) - w3 * f0
-            out[0, i] = data[start + i] + f0
-            out[1, i] = f1 * per_u
-            out[2, i] = f2 * per_u * per_u
-            out[3, i] = f3 * per_u * per_u * per_u
-        if u == u1:
-            for i in range(n):
-                out[0, i] = data[end + i]
-        return
+    body = end + n
     done = u - u0
     left = u1 - u
-    for i in range(n):
-        rate = (data[end + i] - data[start + i]) * per_u
-        out[0, i] = data[start + i] + done * rate if done <= left else data[end + i] - left * rate
-        out[1, i] = rate
-        out[2, i] = 0.0
-        out[3, i] = 0.0
+    if kind == SPAN:
+        # The four points of de Casteljau's triangle three rows above its tip are sums of the coefficients, weighted with the Bernstein polynomials of
+        # degree p - 3; the sum runs from the nearer end, so that each weight follows from the one before without loss.
+        p = int(data[body])
+        body += SPAN_BODY
+        m = p - 3
+        t = done * per_u
+        near = t <= 0.5
+        base = 1.0 - t if near else t
+        ratio = (t if near else 1.0 - t) / base
+        step = 1 if near else -1
+        p2 = p * (p - 1.0)
+        inverse = 1.0
+        w1 = 0.0
+        w2 = 0.0
+        w3 = 0.0
+        for c in range(n + 1):
+            k = body + c * (p + 1)
+            c0 = data[k]
+            c1 = data[k + 1]
+            c2 = data[k + 2]
+            c3 = data[k + 3]
+            if m > 0:
+                weight = base
+                for _ in range(m - 1):
+                    weight *= base
+                if not near:
+                    k += m
+                c0 = 0.0
+                c1 = 0.0
+                c2 = 0.0
+                c3 = 0.0
+                for j in range(m + 1):
+                    c0 += weight * data[k]
+                    c1 += weight * data[k + 1]
+                    c2 += weight * data[k + 2]
+                    c3 += weight * data[k + 3]
+                    weight *= ratio * (m - j) / (j + 1)
+                    k += step
+            b0 = c0 + t * (c1 - c0)
+            b1 = c1 + t * (c2 - c1)
+            b2 = c2 + t * (c3 - c2)
+            a0 = b0 + t * (b1 - b0)
+            a1 = b1 + t * (b2 - b1)
+            f0 = (a0 + t * (a1 - a0)) * inverse
+            f1 = p * (a1 - a0) * inverse - w1 * f0
+            f2 = p2 * ((b2 - b1) - (b1 - b0)) * inverse - 2.0 * w1 * f1 - w2 * f0
+            f3 = p2 * (p - 2.0) * ((c3 - c0) - 3.0 * (c2 - c1)) * inverse - 3.0 * (w1 * f2 + w2 * f1) - w3 * f0
+            if c == 0:
+                # first the weight function: from now on everything is divided by it
+                inverse = 1.0 / f0
+                w1 = f1 * inverse
+                w2 = f2 * inverse
+                w3 = f3 * inverse
+            else:
+                i = c - 1
+                out[0, i] = data[start + i] + f0
+                out[1, i] = f1 * per_u
+                out[2, i] = f2 * per_u * per_u
+                out[3, i] = f3 * per_u * per_u * per_u
+    else:
+        for i in range(n):
+            rate = (data[end + i] - data[start + i]) * per_u
+            out[0, i] = data[start + i] + done * rate if done <= left else data[end + i] - left * rate
+            out[1, i] = rate
+            out[2, i] = 0.0
+            out[3, i] = 0.0
     if kind == ARC:
-        body = end + n
         i = int(data[body])
         j = int(data[body + 1])
         w = done * per_u
@@ -186,42 +184,69 @@ def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
         b = -turn * turn * (rho * turn * cos + 3.0 * growth * sin)
         out[3, i] = a * ex - b * ey
         out[3, j] = a * ey + b * ex
-        if left == 0.0:
+    if left == 0.0:
+        for i in range(n):
             out[0, i] = data[end + i]
-            out[0, j] = data[end + j]
 
 
 @njit
 def curve_speed(kind: int, data: Floats, at: int, u: float) -> float:
     """|dr/du| over the metric axes."""
-    n = int(data[at + AXES])
-    if data[at + TABLE] == 0.0:
-        return 1.0
-    start = at + START
-    body = start + 2 * n
-    per_u = 1.0 / (data[at + U1] - data[at + U0])
-    t = (u - data[at + U0]) * per_u
-    square = 0.0
-    if kind == SPAN:
-        p = int(data[body])
-        body += SPAN_BODY
-        w0, w1, _, _ = bernstein(data, body, p, t)
-        inverse = 1.0 / w0
-        w1 *= inverse
-        for k in range(int(data[at + METRICS])):
-            column = int(data[at + METRIC + k])
-            f0, f1, _, _ = bernstein(data, body + (column + 1) * (p + 1), p, t)
-            f1 = (f1 - w1 * f0) * inverse
-            square += f1 * f1
-    else:
-        rho = data[body + 2] + t * data[body + 3]
-        square = rho * rho * data[body + 4] * data[body + 4] + data[body + 3] * data[body + 3]
-        for k in range(int(data[at + METRICS])):
-            column = int(data[at + METRIC + k])
-            if column != int(data[body]) and column != int(data[body + 1]):
-                f1 = data[start + n + column] - data[start + column]
-                square += f1 * f1
-    return math.sqrt(square) * per_u
+    extent = data[at + U1] - data[at + U0]
+    square = extent * extent
+    if data[at + TABLE] != 0.0:
+        start = at + START
+        n = int(data[at + AXES])
+        body = start + 2 * n
+        t = (u - data[at + U0]) / extent
+        square = 0.0
+        if kind == SPAN:
+            p = int(data[body])
+            body += SPAN_BODY
+            # value and slope of W and of up to three numerators together, from the two points above the tip of the triangle (see curve_eval)
+            near = t <= 0.5
+            base = 1.0 - t if near else t
+            ratio = (t if near else 1.0 - t) / base
+            step = 1 if near else -1
+            weight = base
+            for _ in range(p - 2):
+                weight *= base
+            metrics = int(data[at + METRICS])
+            k = body if near else body + p - 1
+            kx = k + (int(data[at + METRIC]) + 1) * (p + 1)
+            ky = k + (int(data[at + METRIC + 1]) + 1) * (p + 1) if metrics > 1 else kx
+            kz = k + (int(data[at + METRIC + 2]) + 1) * (p + 1) if metrics > 2 else kx
+            w0 = w1 = x0 = x1 = y0 = y1 = z0 = z1 = 0.0
+            for j in range(p):
+                w0 += weight * data[k]
+                w1 += weight * data[k + 1]
+                x0 += weight * data[kx]
+                x1 += weight * data[kx + 1]
+                y0 += weight * data[ky]
+                y1 += weight * data[ky + 1]
+                z0 += weight * data[kz]
+                z1 += weight * data[kz + 1]
+                weight *= ratio * (p - 1 - j) / (j + 1)
+                k += step
+                kx += step
+                ky += step
+                kz += step
+            inverse = 1.0 / (w0 + t * (w1 - w0))
+            pull = (w1 - w0) * inverse
+            x0 = (x1 - x0) - pull * (x0 + t * (x1 - x0))
+            y0 = (y1 - y0) - pull * (y0 + t * (y1 - y0)) if metrics > 1 else 0.0
+            z0 = (z1 - z0) - pull * (z0 + t * (z1 - z0)) if metrics > 2 else 0.0
+            inverse *= p
+            square = (x0 * x0 + y0 * y0 + z0 * z0) * (inverse * inverse)
+        else:
+            rho = data[body + 2] + t * data[body + 3]
+            square = rho * rho * data[body + 4] * data[body + 4] + data[body + 3] * data[body + 3]
+            for k in range(int(data[at + METRICS])):
+                column = int(data[at + METRIC + k])
+                if column != int(data[body]) and column != int(data[body + 1]):
+                    f1 = data[start + n + column] - data[start + column]
+                    square += f1 * f1
+    return math.sqrt(square) / (data[at + U1] - data[at + U0])
 
 
 @njit
@@ -229,40 +254,40 @@ def curve_eval_s(kind: int, data: Floats, at: int, u: float, out: Floats) -> int
     """Position and first three derivatives by arc length: out (4, n) = q, q', q'', q'''.
 
     With r' = dr/du and sigma = |r'| over the metric axes, the chain rule gives q' = r' u', q'' = r'' u'^2 + r' u'',
-    q''' = r''' u'^3 + 3 r'' u' u'' + r' u''' where u' = 1 / sigma, u'' = -sigma' / sigma^3, u''' = (3 sigma'^2 - sigma sigma'') / sigma^5.
+    q''' = r''' u'^3 + 3 r'' u' u'' + r' u''' where u' = 1 / sigma, u'' = -sigma' / sigma^3, u''' = (3 sigma'^2 - sigma sigma'') / sigma^5
+    and sigma sigma'' = r''.r'' + r'.r''' - sigma'^2.
 
     Returns 0, or 1 where sigma vanishes (an end with repeated control points, a cusp): then q' is the limit of the direction, towards
     the first control point that differs from the end, and q'' = q''' = 0.
     """
     curve_eval(kind, data, at, u, out)
-    if data[at + TABLE] == 0.0:
-        return 0
     n = out.shape[1]
-    metrics = int(data[at + METRICS])
-    d11 = 0.0
-    d12 = 0.0
-    d22_13 = 0.0
-    for k in range(metrics):
-        i = int(data[at + METRIC + k])
-        d11 += out[1, i] * out[1, i]
-        d12 += out[1, i] * out[2, i]
-        d22_13 += out[2, i] * out[2, i] + out[1, i] * out[3, i]
-    sigma = math.sqrt(d11)
-    if sigma * (data[at + U1] - data[at + U0]) <= SINGULAR * data[at + LENGTH]:
+    singular = False
+    if data[at + TABLE] != 0.0:
+        d11 = 0.0
+        d12 = 0.0
+        d22_13 = 0.0
+        for k in range(int(data[at + METRICS])):
+            i = int(data[at + METRIC + k])
+            d11 += out[1, i] * out[1, i]
+            d12 += out[1, i] * out[2, i]
+            d22_13 += out[2, i] * out[2, i] + out[1, i] * out[3, i]
+        sigma = math.sqrt(d11)
+        singular = sigma * (data[at + U1] - data[at + U0]) <= SINGULAR * data[at + LENGTH]
+        if not singular:
+            u_s = 1.0 / sigma
+            sigma1 = d12 * u_s
+            u_ss = -sigma1 * u_s * u_s * u_s
+            u_sss = (4.0 * sigma1 * sigma1 - d22_13) * (u_s * u_s) * (u_s * u_s * u_s)
+            for i in range(n):
+                r1 = out[1, i]
+                r2 = out[2, i]
+                out[1, i] = r1 * u_s
+                out[2, i] = r2 * u_s * u_s + r1 * u_ss
+                out[3, i] = out[3, i] * u_s * u_s * u_s + 3.0 * r2 * u_s * u_ss + r1 * u_sss
+    if singular:
         _limit_direction(kind, data, at, u, out)
-        return 1
-    sigma1 = d12 / sigma
-    sigma2 = (d22_13 - sigma1 * sigma1) / sigma
-    u_s = 1.0 / sigma
-    u_ss = -sigma1 * u_s * u_s * u_s
-    u_sss = (3.0 * sigma1 * sigma1 - sigma * sigma2) * u_s * u_s * u_s * u_s * u_s
-    for i in range(n):
-        r1 = out[1, i]
-        r2 = out[2, i]
-        out[1, i] = r1 * u_s
-        out[2, i] = r2 * u_s * u_s + r1 * u_ss
-        out[3, i] = out[3, i] * u_s * u_s * u_s + 3.0 * r2 * u_s * u_ss + r1 * u_sss
-    return 0
+    return 1 if singular else 0
 
 
 @njit
@@ -310,56 +335,56 @@ def gauss(kind: int, data: Floats, at: int, ua: float, ub: float) -> float:
 
 
 @njit
-def _row(data: Floats, table: int, column: int, value: float) -> int:
-    """Index in ``data`` of the last row of the table whose s (column 0) or u (column 1) is at most ``value``."""
+def _row(data: Floats, first: int, rows: int, value: float) -> int:
+    """Index of the last of ``rows`` entries, ROW apart from ``first`` on, that is at most ``value``; the first if none is."""
     low = 0
-    high = int(data[table])
+    high = rows
     while high - low > 1:
         middle = (low + high) // 2
-        if data[table + 1 + middle * ROW + column] <= value:
+        if data[first + middle * ROW] <= value:
             low = middle
         else:
             high = middle
-    return table + 1 + low * ROW
+    return first + low * ROW
 
 
 @njit
 def curve_arclen(kind: int, data: Floats, at: int, ua: float, ub: float) -> float:
     """Arc length from ua to ub (negative if ub < ua): by quadrature inside a row of the table, by the table for the rows between."""
-    offset = int(data[at + TABLE])
-    if offset == 0:
-        return ub - ua
-    a = _row(data, at + offset, 1, ua)
-    b = _row(data, at + offset, 1, ub)
-    if a == b:
-        return gauss(kind, data, at, ua, ub)
-    sign = 1.0
-    if a > b:
-        a, b = b, a
-        ua, ub = ub, ua
-        sign = -1.0
-    ahead = gauss(kind, data, at, ua, data[a + ROW + 1])
-    behind = gauss(kind, data, at, data[b + 1], ub)
-    return sign * (ahead + (data[b] - data[a + ROW]) + behind)
+    length = 0.0
+    if data[at + TABLE] != 0.0:
+        table = at + int(data[at + TABLE])
+        rows = int(data[table])
+        a = _row(data, table + 2, rows, ua) - 1
+        b = _row(data, table + 2, rows, ub) - 1
+        if a != b:
+            # from ua to the near edge of its row, then over the rows between; what is left lies in the row of ub
+            a = a + ROW if a < b else a
+            b = b if ua < ub else b + ROW
+            length = gauss(kind, data, at, ua, data[a + 1]) + (data[b] - data[a])
+            ua = data[b + 1]
+        length += gauss(kind, data, at, ua, ub)
+    return length if data[at + TABLE] != 0.0 else ub - ua
 
 
 @njit
 def curve_inv_arclen(kind: int, data: Floats, at: int, s: float) -> float:
     """The u at arc length s from the piece's start, to the accuracy that the record was made with; s outside the piece gives its nearer end."""
-    if not s > 0.0:
-        return data[at + U0]
+    u = data[at + U0]
     if s >= data[at + LENGTH]:
-        return data[at + U1]
-    offset = int(data[at + TABLE])
-    if offset == 0:
-        return min(data[at + U0] + s, data[at + U1])
-    r = _row(data, at + offset, 0, s)
-    x = (s - data[r]) / (data[r + ROW] - data[r])
-    u = data[r + 8]
-    for k in range(7, 1, -1):
-        u = u * x + data[r + k]
-    u = data[r + 1] + u * x
-    return min(max(u, data[r + 1]), data[r + ROW + 1])
+        u = data[at + U1]
+    elif s > 0.0:
+        if data[at + TABLE] == 0.0:
+            u += s
+        else:
+            table = at + int(data[at + TABLE])
+            r = _row(data, table + 1, int(data[table]), s)
+            x = (s - data[r]) / (data[r + ROW] - data[r])
+            v = data[r + 8]
+            for k in range(7, 1, -1):
+                v = v * x + data[r + k]
+            u = min(max(data[r + 1] + v * x, data[r + 1]), data[r + ROW + 1])
+    return min(u, data[at + U1])
 
 
 @njit
@@ -416,18 +441,18 @@ def curve_turning_points(kind: int, data: Floats, at: int, axis: int, out: Float
 
 
 @njit
-def piece_boxes(kind: NDArray[np.int8], at: Ints, data: Floats, low: Floats, high: Floats) -> None:
+def piece_boxes(kind: Ints, at: Ints, data: Floats, low: Floats, high: Floats) -> None:
     """Smallest and largest coordinate of each piece, low and high (m, n): its ends and its turning points."""
     n = low.shape[1]
     turning = np.empty(MAX_TURNING_POINTS)
     point = np.empty((4, n))
     for m in range(at.shape[0]):
-        a = int(at[m])
+        a = at[m]
         start = a + START
         for i in range(n):
             low[m, i] = min(data[start + i], data[start + n + i])
             high[m, i] = max(data[start + i], data[start + n + i])
-        k = int(kind[m])
+        k = kind[m]
         if k == LINE:
             continue
         for i in range(n):

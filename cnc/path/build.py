@@ -60,7 +60,7 @@ class _Gatherer:
         chunk = PathChunk(
             axes=self.axes,
             file=self.file,
-            kind=np.concatenate([np.full(len(r.at), r.kind, np.int8) for r in self.records]),
+            kind=np.concatenate([np.full(len(r.at), r.kind, np.int64) for r in self.records]),
             at=np.concatenate([r.at + offset for r, offset in zip(self.records, offsets, strict=True)]),
             data=np.concatenate([r.data for r in self.records]),
             length=np.concatenate([r.length for r in self.records]),

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 class PathChunk:
     """Consecutive pieces of a path.
 
-    axes: names, one a column of every position. kind int8 (m,): LINE, ARC or SPAN of :mod:`cnc.kernels.curve`. at int64 (m,): where each
+    axes: names, one a column of every position. kind int64 (m,): LINE, ARC or SPAN of :mod:`cnc.kernels.curve`. at int64 (m,): where each
     piece's record starts in ``data``. length (m,): arc length in mm (degrees for a move of rotary axes alone), > 0. feed (m,): mm/s, NaN
     for a traverse. line int32 (m,): source lines in ``file``. stop_after bool (m,): motion comes to rest at the end of the piece.
     """
 
     axes: tuple[str, ...]
     file: str
-    kind: NDArray[np.int8]
+    kind: NDArray[np.int64]
     at: NDArray[np.int64]
     data: NDArray[np.float64]
     length: NDArray[np.float64]
