@@ -53,7 +53,7 @@ def interpret(
     program = Interpreter(file, axes, dialects.load(dialect), position, warn)
     ready = program.out.ready
     for number, raw in enumerate(lines, start=1):
-        text = raw.rstrip("\r\n")
+        text = raw.removesuffix("\n").removesuffix("\r")
         if block_delete and text.lstrip(" \t").startswith("/"):
             continue
         try:

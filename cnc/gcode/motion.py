@@ -300,6 +300,8 @@ class Motion:
         number = whole(system, "the coordinate system", 0 if dialect.offsets_current else 1, dialect.systems)
         index = number - 1 if number else self._offsets.current
         values = self.axis_values(words, "G10")
+        if not values:
+            raise fault("axis-words-missing", f"{at.written} needs axis words", at)
         if kind.whole == 2:
             self._set(self._offsets.set_origin(index, values, add=dialect.offsets_add and not self._state.absolute))
         else:

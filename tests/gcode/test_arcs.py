@@ -6,13 +6,13 @@ import cmath
 import math
 
 import pytest
-from gcode_cases import refused, run
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cnc.canon import ArcFeed
 from cnc.gcode import arcs, dialects
 from cnc.gcode.words import Word
+from gcode_cases import refused, run
 
 WORD = Word("I", 0.0, "I0", 1, 2)
 MM = dialects.load("linuxcnc").arc_mm

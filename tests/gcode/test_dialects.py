@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from gcode_cases import means, refused, run
 
 from cnc.errors import UsageError
 from cnc.gcode import dialects
 from cnc.gcode.modal import GROUP_OF_G, GROUP_OF_M
+from gcode_cases import means, refused, run
 
 FULL = {
     "linuxcnc": "0 1 2 3 4 10 17 18 19 20 21 40 49 53 54 55 56 57 58 59 59.1 59.2 59.3 61 61.1 64 80 "

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from gcode_cases import end_of, means, run
 
 from cnc.canon import Polyline
+from gcode_cases import end_of, means, run
 
 INCH = 25.4
 XYZA = ("x", "y", "z", "a")

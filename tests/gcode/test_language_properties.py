@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from gcode_cases import rows, run, same
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.gcode.parser import parse_line
 from cnc.gcode.words import Word
+from gcode_cases import rows, run, same
 
 DIGITS = st.decimals(-9999, 9999, places=4).map(lambda value: f"{value:f}")
 SMALL = st.decimals(-99, 99, places=3)

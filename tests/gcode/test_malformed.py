@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from gcode_cases import refused
 
 from cnc.gcode.parser import MAX_LINE
+from gcode_cases import refused
 
 FANUC = "G06.2 P2 K0 X0 Y0 F60\n"
 PAPER = "G06.2 K1 U0 X0 Y0 F60\n"
@@ -141,6 +141,7 @@ CASES: dict[str, tuple[str, str]] = {
     "G10 without P": ("offset-system-missing", "¦G10 L2 X1"),
     "G10 of a tenth system": ("value-out-of-range", "G10 L2 ¦P10 X1"),
     "G10 of half a system": ("value-out-of-range", "G10 L2 ¦P1.5 X1"),
+    "G10 without axes": ("axis-words-missing", "¦G10 L2 P1"),
     "rotation": ("word-not-supported", "G10 L2 P1 ¦R45"),
     # arcs
     "arc of nothing": ("arc-center-missing", "G0 X1\n¦G2 X5 F60"),

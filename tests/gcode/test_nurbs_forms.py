@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from gcode_cases import refused, rows, run, same
 
 from cnc.canon import NurbsFeed
+from gcode_cases import refused, rows, run, same
 
 POINTS = [(10, 0), (20, 20), (12, 8), (10, 20), (8, 8), (0, 20), (10, 0)]
 WEIGHTS = [1, 1, 2.5, 1, 0.5, 1, 1]
