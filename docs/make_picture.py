@@ -1,0 +1,67 @@
+"""Draws docs/trident.svg: the trident on the machine of the paper, its path and its feed, acceleration and jerk over time.
+
+make picture
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.use("svg")
+from matplotlib import pyplot as plt
+from matplotlib.collections import LineCollection
+
+from cnc.api import Outputs, check, load_machine, parse
+from cnc.canon import NurbsFeed
+
+ROOT = Path(__file__).resolve().parent.parent
+PROGRAM = ROOT / "programs" / "trident.nc"
+
+
+def draw(target: Path) -> None:
+    """Run the program dry, read its trace, draw."""
+    machine = load_machine("paper-nurbs")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "trace.npz"
+        report = check(PROGRAM, machine, outputs=Outputs(trace=str(file)))
+        report.raise_if_faulty()
+        with np.load(file) as trace:
+            columns = {name: trace[name] for name in ("t", "position", "feed", "accel", "jerk", "line")}
+    # The curve alone, without the traverse that leads to it.
+    curve = next(block for block in parse(PROGRAM, machine) if isinstance(block, NurbsFeed))
+    on_curve = columns["line"] == curve.line
+    columns = {name: column[on_curve] for name, column in columns.items()}
+    columns["t"] = columns["t"] - columns["t"][0]
+
+    plt.rcParams.update({"font.size": 9, "svg.hashsalt": "cnc", "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.2})
+    figure = plt.figure(figsize=(10, 4.6), layout="constrained")
+    grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.4))
+
+    place = figure.add_subplot(grid[:, 0], aspect="equal", title="path (mm) and feed (mm/s)")
+    points = columns["position"][::2, :2]
+    lines = LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), array=columns["feed"][2::2], cmap="viridis", linewidth=2.5)
+    place.plot(*curve.control_points[:, :2].T, "o--", color="0.6", linewidth=0.8, markersize=3)
+    place.add_collection(lines)
+    figure.colorbar(lines, ax=place, shrink=0.7)
+
+    limits = report.limits
+    rows = (("feed", "feed\nmm/s"), ("accel", "acceleration\nmm/s²"), ("jerk", "jerk\nmm/s³"))
+    for row, (name, label) in enumerate(rows):
+        limit = float(getattr(limits, name))
+        axes = figure.add_subplot(grid[row, 1])
+        axes.plot(columns["t"], columns[name], color=f"C{row}", drawstyle="steps-post" if name == "jerk" else "default")
+        for bound in (limit,) if name == "feed" else (limit, -limit):
+            axes.axhline(bound, color="0.4", linestyle=":", linewidth=1)
+        axes.set_ylabel(label)
+        axes.set_xlim(0, columns["t"][-1])
+    axes.set_xlabel("time, s (dotted: the machine's limits)")
+    figure.savefig(target, metadata={"Date": None})
+
+
+if __name__ == "__main__":
+    draw(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "trident.svg")
