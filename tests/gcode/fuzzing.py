@@ -44,9 +44,8 @@ class Author:
         code, plane = rng.choice(["G2", "G3", ""]), rng.choice(["", "", "G17 ", "G18 ", "G19 "])
         first, second = rng.choice(["IJ", "IK", "JK"])
         center = f"{first}{self.positive()} {second}{self.positive()}"
-        body = rng.choice(
-            [center, f"{center} Z{self.number()}", f"{self.axes('XY')} R{self.positive()}", f"{self.axes('XZ')} R-{self.positive()}"]
-        )
+        short, long = f"{self.axes('XY')} R{self.positive()}", f"{self.axes('XZ')} R-{self.positive()}"
+        body = rng.choice([center, f"{center} Z{self.number()}", short, long])
         return f"{plane}{code} {body}{rng.choice(['', '', f' P{rng.randint(1, 4)}'])} F{self.positive()}"
 
     def setup(self) -> str:
