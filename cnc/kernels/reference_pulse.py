@@ -63,6 +63,8 @@ SHARP = 1e-9
 PIECE, PHASE, LAST_NS, INSIDE = 0, 1, 2, 3
 """Integer state: piece and phase under way, time of the last row, and whether the piece has been entered."""
 INTEGERS = 4
+DUE = -math.inf
+"""In the place of a crossing: still to be found."""
 U, DT, ERROR = 0, 1, 2
 """Float state: parameter reached in the piece, time in its phase, largest |g - P| so far (BLU)."""
 FLOATS = 3
@@ -104,20 +106,47 @@ def _speed(data: Floats, at: int, r: Floats, out: Floats) -> None:
 
 
 @njit
-def _solve(kind: int, data: Floats, at: int, axis: int, scale: float, line: float, sign: int, low: float, high: float, r: Floats) -> float:
-    """Where in [low, high] ``axis`` crosses ``line`` (BLU) in direction ``sign``; r (4, n): evaluation at low, then at the crossing."""
+def _next(
+    kind: int, data: Floats, at: int, axis: int, scale: float, g: int, upto: float, turns: Floats, stretch: Ints, place: Floats, r: Floats
+) -> None:
+    """Find the next crossing of one axis.
+
+    turns: where its stretches begin, then inf. stretch: [index of the next one, grid point at the end of the present one]. place: [how
+    far the axis has been followed, next crossing or inf]. r (4, n): evaluation at place[0]; on return at the crossing.
+    """
+    low = place[0]
+    evaluated = True
+    while stretch[1] == g:
+        if turns[stretch[0]] >= upto:
+            place[1] = math.inf
+            return
+        low = turns[stretch[0]]
+        stretch[0] += 1
+        curve_eval(kind, data, at, min(turns[stretch[0]], upto), r)
+        stretch[1] = grid_after(g, r[0, axis] * scale)
+        evaluated = False
+    sign = 1 if stretch[1] > g else -1
+    line = g + 0.5 * sign
     close = 0.25 * slack(line)
+    high = min(turns[stretch[0]], upto)
     x = low
-    f = sign * (r[0, axis] * scale - line)
-    if f >= -close:
-        return x
-    low_x = low
     while True:
+        if not evaluated:
+            curve_eval(kind, data, at, x, r)
+        evaluated = False
+        f = sign * (r[0, axis] * scale - line)
+        # at the very start of a stretch the line may lie behind, by rounding
+        if abs(f) <= close or x >= high or (f > 0.0 and x == low):
+            break
+        if f > 0.0:
+            high = x
+        else:
+            low = x
         f1 = sign * r[1, axis] * scale
         f2 = sign * r[2, axis] * scale
         under = f1 * f1 - 2.0 * f * f2
-        step = math.inf
         slope = f1 + math.sqrt(max(under, 0.0))
+        step = math.inf
         if under >= 0.0 and f1 >= 0.0 and slope > 0.0:
             step = -2.0 * f / slope
             # the cubic term bends the parabola's root by one Newton step
@@ -126,46 +155,14 @@ def _solve(kind: int, data: Floats, at: int, axis: int, scale: float, line: floa
             if slope > 0.0:
                 step -= step * step * step * f3 / (6.0 * slope)
         near = x + step
-        if not low_x < near < high:
-            near = 0.5 * (low_x + high)
-            if not low_x < near < high:
+        if not low < near < high:
+            near = 0.5 * (low + high)
+            if not low < near < high:
                 # neighbouring numbers: the line lies between them
                 near = high
         x = near
-        curve_eval(kind, data, at, x, r)
-        f = sign * (r[0, axis] * scale - line)
-        if abs(f) <= close or x >= high:
-            return x
-        if f > 0.0:
-            high = x
-        else:
-            low_x = x
-
-
-@njit
-def _next(
-    kind: int, data: Floats, at: int, axis: int, scale: float, g: int, upto: float, turns: Floats, stretch: Ints, place: Floats, r: Floats
-) -> None:
-    """Find the next crossing of one axis.
-
-    turns: where its stretches end. stretch: [index of the present one in ``turns``, grid point at its end]. place: [how far the axis has
-    been followed, next crossing or inf]. r (4, n): evaluation at place[0]; on return at the crossing.
-    """
-    low = place[0]
-    while stretch[1] == g:
-        end = turns[stretch[0]]
-        if end >= upto:
-            place[1] = math.inf
-            return
-        low = end
-        stretch[0] += 1
-        curve_eval(kind, data, at, min(turns[stretch[0]], upto), r)
-        stretch[1] = grid_after(g, r[0, axis] * scale)
-    if low != place[0]:
-        curve_eval(kind, data, at, low, r)
-    sign = 1 if stretch[1] > g else -1
-    place[1] = _solve(kind, data, at, axis, scale, g + 0.5 * sign, sign, low, min(turns[stretch[0]], upto), r)
-    place[0] = place[1]
+    place[0] = x
+    place[1] = x
 
 
 @njit
@@ -193,7 +190,7 @@ def pulses(
     error = floats[ERROR]
     r = np.empty((n, 4, n))
     here = np.empty((4, n))
-    turns = np.empty((n, MAX_TURNING_POINTS + 1))
+    turns = np.empty((n, MAX_TURNING_POINTS + 2))
     stretch = np.empty((n, 2), np.int64)
     place = np.empty((n, 2))
     position = np.empty(n)
@@ -219,35 +216,25 @@ def pulses(
         upto = u1 if s_end >= piece_s[piece + 1] - SNAP else curve_inv_arclen(k, data, a, s_end - s0)
         straight = k == LINE
         measured = data[a + TABLE] != 0.0
-        # the axes' first crossings
-        curve_eval(k, data, a, upto, here)
-        if straight:
-            for i in range(n):
-                stretch[i, 1] = grid_after(grid[i], here[0, i] * steps_per_mm[i])
-                rate[i] = here[1, i] * steps_per_mm[i]
-            curve_eval(k, data, a, u0, here)
+        for first in range(2):
+            # the end, then where the motion begins; a line's crossings are counted from its start
+            curve_eval(k, data, a, upto if first == 0 else u0 if straight else begin, here)
             for i in range(n):
                 position[i] = here[0, i] * steps_per_mm[i]
-                place[i, 0] = begin
-                place[i, 1] = math.inf
-                if stretch[i, 1] != grid[i]:
-                    place[i, 1] = _on_line(position[i], rate[i], grid[i], stretch[i, 1], u0, begin, upto)
-        else:
-            curve_eval(k, data, a, begin, here)
+                rate[i] = here[1, i] * steps_per_mm[i]
+                if first == 0:
+                    stretch[i, 1] = grid_after(grid[i], position[i]) if straight else grid[i]
+                    place[i, 0] = begin
+                    place[i, 1] = DUE
+        if not straight:
             for i in range(n):
-                count = curve_turning_points(k, data, a, i, turns[i])
-                turns[i, count] = math.inf
-                first = 0
-                while turns[i, first] <= begin:
-                    first += 1
-                curve_eval(k, data, a, min(turns[i, first], upto), r[i])
-                stretch[i, 0] = first
-                stretch[i, 1] = grid_after(grid[i], r[i, 0, i] * steps_per_mm[i])
-                for row in range(4):
-                    for column in range(n):
-                        r[i, row, column] = here[row, column]
-                place[i, 0] = begin
-                _next(k, data, a, i, steps_per_mm[i], grid[i], upto, turns[i], stretch[i], place[i], r[i])
+                count = curve_turning_points(k, data, a, i, turns[i, 1:])
+                turns[i, 1 + count] = math.inf
+                passed = 0
+                while turns[i, 1 + passed] <= begin:
+                    passed += 1
+                turns[i, passed] = begin
+                stretch[i, 0] = passed
         s = begin - u0
         if measured:
             s = curve_arclen(k, data, a, u0, begin)
@@ -256,7 +243,14 @@ def pulses(
         u = begin
         while True:
             lead = 0
-            for i in range(1, n):
+            for i in range(n):
+                if place[i, 1] == DUE:
+                    if not straight:
+                        _next(k, data, a, i, steps_per_mm[i], grid[i], upto, turns[i], stretch[i], place[i], r[i])
+                    elif stretch[i, 1] == grid[i]:
+                        place[i, 1] = math.inf
+                    else:
+                        place[i, 1] = _on_line(position[i], rate[i], grid[i], stretch[i, 1], u0, u, upto)
                 if place[i, 1] < place[lead, 1]:
                     lead = i
             if place[lead, 1] == math.inf:
@@ -306,17 +300,10 @@ def pulses(
                         step[rows, i] = sign
                         grid[i] += sign
                 error = max(error, abs(grid[i] - at_row))
-            for i in range(n):
-                if step[rows, i] != 0:
-                    if straight:
-                        place[i, 1] = math.inf
-                        if stretch[i, 1] != grid[i]:
-                            place[i, 1] = _on_line(position[i], rate[i], grid[i], stretch[i, 1], u0, u, upto)
-                    else:
-                        _next(k, data, a, i, steps_per_mm[i], grid[i], upto, turns[i], stretch[i], place[i], r[i])
             moves = False
             for i in range(n):
                 if step[rows, i] != 0:
+                    place[i, 1] = DUE
                     back = recent[i]
                     if back >= 0 and step[back, i] != step[rows, i] and last_ns - time_ns[back] < min_pulse_ns:
                         step[back, i] = 0
