@@ -157,6 +157,7 @@ CASES: dict[str, tuple[str, str]] = {
     "R to where it starts": ("arc-radius-no-chord", "G2 X0 Y0 ¦R5 F60"),
     "R too small": ("arc-radius-too-small", "G2 X10 ¦R4 F60"),
     "half a turn of P": ("value-out-of-range", "G2 I5 ¦P1.5 F60"),
+    "turns without end": ("value-out-of-range", "G2 I5 ¦P1000001 F60"),
     "no turn at all": ("value-out-of-range", "G2 I5 ¦P0 F60"),
     # NURBS, FANUC's form
     "1002 knot missing": ("fanuc-1002", FANUC + "K0 X1\n¦X2"),
