@@ -109,7 +109,7 @@ class _Run:
             if self.on_pulses is not None:
                 self.on_pulses(pulses)
             self.rows += len(pulses.step)
-            self.steps += np.count_nonzero(pulses.step, axis=0)
+            self.steps += [np.count_nonzero(column) for column in pulses.step.T]
             if len(pulses.step):
                 self.line = int(pulses.line[-1])
                 self.clock = float(pulses.time_ns[-1]) * 1e-9

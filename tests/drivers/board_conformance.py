@@ -114,7 +114,7 @@ class PulseBoardConformance:
         board.send(chunk((9998, (1, 0, 0))))
         assert board.position_steps.tolist() == [3, 0, 0]
 
-    @pytest.mark.parametrize("step", [(0, 0, 0), (2, 0, 0), (0, -2, 1)])
+    @pytest.mark.parametrize("step", [(0, 0, 0), (2, 0, 0), (0, -2, 1), (-128, 0, 0)])
     def test_steps_are_single_and_no_row_is_empty(self, board: PulseSink, step: tuple[int, int, int]) -> None:
         self.fails(board, "board-step", 2, chunk((0, (1, 0, 0)), (5000, step)))
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from board_conformance import AXES, MIN_PULSE_NS, PulseBoardConformance, chunk
 
+from board_conformance import AXES, MIN_PULSE_NS, PulseBoardConformance, chunk
 from cnc.canon import Spindle
 from cnc.drivers.loopback import Loopback
 from cnc.errors import BoardError

@@ -14,8 +14,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
-from oracle import crossings, segments_of
-from plans import FILE, arc, cut, path_of, plan_of, polyline, state_at, trident
 from scipy.optimize import brentq
 
 from cnc.canon import ArcFeed, Block, NurbsFeed
@@ -23,6 +21,8 @@ from cnc.interpolator import reference_pulse
 from cnc.interpolator.reference_pulse import ReferencePulse
 from cnc.planner.plan import PlanChunk
 from cnc.stream import PulseChunk
+from oracle import crossings, segments_of
+from plans import FILE, arc, cut, path_of, plan_of, polyline, state_at, trident
 from support import share
 
 Floats = NDArray[np.float64]

@@ -14,8 +14,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
-from oracle import Segment, segments_of
-from plans import FILE, arc, at_constant_speed, cut, path_of, plan_of, polyline, state_at
 from scipy.optimize import brentq
 
 from cnc.canon import NurbsFeed
@@ -23,6 +21,8 @@ from cnc.interpolator import sampled
 from cnc.interpolator.sampled import Sampled
 from cnc.planner.plan import PlanChunk
 from cnc.stream import SampleChunk
+from oracle import Segment, segments_of
+from plans import FILE, arc, at_constant_speed, cut, path_of, plan_of, polyline, state_at
 from support import share
 
 Floats = NDArray[np.float64]
