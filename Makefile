@@ -29,7 +29,7 @@ lint: $(VENV)/installed-test
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/programs.py
 
-# The picture in the README.
+# The picture and the summary in the README.
 picture: $(VENV)/installed-view
 	$(BIN)/python docs/make_picture.py
 

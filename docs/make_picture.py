@@ -5,25 +5,27 @@ make picture
 
 from __future__ import annotations
 
-import sys
+import io
+import re
 import tempfile
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
-
-mpl.use("svg")
 from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
+from rich.console import Console
 
 from cnc.api import Outputs, check, load_machine, parse
 from cnc.canon import NurbsFeed
+from cnc.report.result import Report
+from cnc.report.summary import print_summary
 
+plt.switch_backend("svg")
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = ROOT / "programs" / "trident.nc"
 
 
-def draw(target: Path) -> None:
+def draw(target: Path) -> Report:
     """Run the program dry, read its trace, draw."""
     machine = load_machine("paper-nurbs")
     with tempfile.TemporaryDirectory() as folder:
@@ -61,7 +63,20 @@ def draw(target: Path) -> None:
         axes.set_xlim(0, columns["t"][-1])
     axes.set_xlabel("time, s (dotted: the machine's limits)")
     figure.savefig(target, metadata={"Date": None})
+    return report
+
+
+def describe(report: Report, readme: Path) -> None:
+    """Replace the summary behind the README's ``$ cncrun`` line."""
+    report.program = str(PROGRAM.relative_to(ROOT))
+    console = Console(file=io.StringIO(), width=120, highlight=False)
+    with console.capture() as shown:
+        print_summary(report, console)
+    text = "\n".join(line.rstrip() for line in shown.get().splitlines())
+    old = readme.read_text(encoding="utf-8")
+    new = re.sub(r"(?<=```\n)(\$ cncrun [^\n]*\n).*?(?=\n```)", lambda found: found[1] + text, old, count=1, flags=re.DOTALL)
+    readme.write_text(new, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    draw(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "trident.svg")
+    describe(draw(ROOT / "docs" / "trident.svg"), ROOT / "README.md")

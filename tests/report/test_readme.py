@@ -1,0 +1,52 @@
+"""The README names every error code, and every key of the machine file with its default."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+from pydantic_core import PydanticUndefined
+
+from cnc.machine.models import Axis, Board, PathLimits, Program
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+MAKERS = {"fault", "Diagnostic", "board_error", "error"}
+"""Functions and classes whose first argument is a code."""
+
+
+def codes() -> set[str]:
+    found = set()
+    for file in (ROOT / "cnc").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Name | ast.Attribute):
+                continue
+            name = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
+            if name.lstrip("_") in MAKERS:
+                strings = [arg.value for arg in node.args if isinstance(arg, ast.Constant) and isinstance(arg.value, str)]
+                found |= {text for text in strings if re.fullmatch(r"[a-z]+(-[a-z0-9]+)+", text)}
+    return found
+
+
+def test_every_code_is_listed():
+    found = codes()
+    assert len(found) > 60
+    assert sorted(code for code in found if f"`{code}`" not in README) == []
+
+
+@pytest.mark.parametrize("section", [Axis, PathLimits, Board, Program])
+def test_every_key_is_listed_with_its_default(section: type[BaseModel]):
+    rows = [line for line in README.splitlines() if line.startswith("|")]
+    for key, field in section.model_fields.items():
+        default = field.default
+        if default is PydanticUndefined:
+            shown = {"needed"}
+        elif default is None or default == ():
+            shown = {"none"}
+        else:
+            shown = {
+                f"`{text}`" for text in (str(default).lower(), f"{default:.10g}" if isinstance(default, float) else "", f'"{default}"')
+            }
+        defaults = [row.split("|")[2] for row in rows if f"`{key}`" in row.split("|")[1]]
+        assert any(text in each for each in defaults for text in shown), key
