@@ -220,7 +220,7 @@ def test_random_curves(seed: int) -> None:
     rng = np.random.default_rng(seed)
     degree = int(rng.integers(1, 6))
     points = rng.uniform(-5, 5, (degree + 1 + int(rng.integers(0, 3)), 3))
-    if rng.random() < 0.3:
+    if len(points) > 2 and rng.random() < 0.3:
         points[1] = points[0]
     inner = np.sort(rng.uniform(0.1, 0.9, len(points) - degree - 1))
     knots = np.concatenate((np.zeros(degree + 1), inner, np.ones(degree + 1)))
