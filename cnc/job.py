@@ -116,6 +116,10 @@ class TimedPulses:
         """The grid moves of a stretch of the plan."""
         return self._watch.inside(self._interpolator.pulses(chunk))
 
+    def settle(self) -> Iterator[PulseChunk]:
+        """The last grid move at the end of the path."""
+        return self._interpolator.settle()
+
 
 class Job:
     """Fills ``report`` as it goes; see :func:`cnc.api.run` for the arguments. UsageError ``output-format`` for an unknown suffix."""
@@ -193,7 +197,8 @@ class Job:
     def _move(self, board: PulseSink | None) -> None:
         """The second pass: plan, interpolate, and send or only look."""
         report, machine = self.report, self.machine
-        interpolator = ReferencePulse(np.array([axis.steps_per_mm for axis in machine.axes.values()]), self.start)
+        steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
+        interpolator = ReferencePulse(steps_per_mm, self.start, 1e9 / machine.board.max_step_rate)
         on_pulses = None
         if self.outputs.pulses is not None:
             on_pulses = self._opened(pulse_writer(self.outputs.pulses, machine, interpolator.origin_steps)).write
@@ -223,14 +228,20 @@ class Job:
         """Without a board: make the pulses, count and write them."""
         report = self.report
         steps = np.zeros(len(self.machine.axes), np.int64)
+
+        def seen(chunks: Iterable[PulseChunk]) -> None:
+            nonlocal steps
+            for chunk in chunks:
+                steps += np.count_nonzero(chunk.step, axis=0)
+                report.pulse_rows += len(chunk.step)
+                if on_pulses is not None:
+                    on_pulses(chunk)
+
         for item in planned:
             self._look_up("running", item)
             if isinstance(item, PlanChunk):
-                for chunk in pulses.pulses(item):
-                    steps += np.count_nonzero(chunk.step, axis=0)
-                    report.pulse_rows += len(chunk.step)
-                    if on_pulses is not None:
-                        on_pulses(chunk)
+                seen(pulses.pulses(item))
+        seen(pulses.settle())
         report.steps = dict(zip(self.machine.axes, steps.tolist(), strict=True))
 
     def _send(

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import Block, Dwell
+from cnc.canon import Block, Dwell, End
 from cnc.drivers.base import PulseSink
 from cnc.errors import BoardError
 from cnc.planner.plan import PlanChunk
@@ -38,6 +38,9 @@ class PulseInterpolator(Protocol):
 
     def pulses(self, chunk: PlanChunk) -> Iterator[PulseChunk]:
         """The grid moves of a stretch of the plan."""
+
+    def settle(self) -> Iterator[PulseChunk]:
+        """The last grid move at the end of the path."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +105,12 @@ class _Run:
     def motion(self, chunk: PlanChunk, stop: threading.Event | None = None) -> None:
         """A stretch of the plan, as far as ``stop`` lets it."""
         self.file = chunk.path.file
-        for pulses in self.interpolator.pulses(chunk):
+        self.send(self.interpolator.pulses(chunk), stop)
+        self.clock = chunk.t0 + chunk.duration
+
+    def send(self, chunks: Iterable[PulseChunk], stop: threading.Event | None = None) -> None:
+        """Pulses, as far as ``stop`` lets them."""
+        for pulses in chunks:
             if stop is not None and stop.is_set():
                 return
             self.board.send(pulses)
@@ -114,7 +122,6 @@ class _Run:
                 self.line = int(pulses.line[-1])
                 self.clock = float(pulses.time_ns[-1]) * 1e-9
             self._tell()
-        self.clock = chunk.t0 + chunk.duration
 
     def outcome(self, stopped: bool) -> Outcome:
         return Outcome(self.clock, self.board.position_steps, self.steps, self.rows, self.line if stopped else None)
@@ -154,6 +161,8 @@ def execute(
                 run.motion(item, stop if ramp_down is None else None)
                 at_rest = float(item.phase_v[-1]) <= REST
             else:
+                if isinstance(item, End):
+                    run.send(interpolator.settle())
                 run.command(item)
         if stop is not None and stop.is_set():
             if ramp_down is not None and not at_rest:
@@ -161,6 +170,7 @@ def execute(
                     run.motion(chunk)
             board.stop()
             return run.outcome(stopped=True)
+        run.send(interpolator.settle())
         board.finish()
         return run.outcome(stopped=False)
     except BoardError as error:

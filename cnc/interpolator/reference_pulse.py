@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cnc.interpolator.arrays import kernel_arrays
 from cnc.kernels import reference_pulse as kernel
+from cnc.kernels.curve import curve_eval, curve_inv_arclen, curve_range
 from cnc.planner.plan import PlanChunk
 from cnc.stream import PulseChunk
 
@@ -22,7 +23,8 @@ class ReferencePulse:
     """Turns a plan, chunk by chunk, into grid moves.
 
     steps_per_mm (axes,): each axis's own, its inverse is the BLU. start (axes,) mm: where the path begins, on the grid or not. The grid
-    point of an axis is the integer nearest to its position in BLU; of two equally near ones, the one that it came from. min_pulse_ns: the
+    point of an axis is the integer nearest to its position in BLU; of two equally near ones, the one that it came from while the path goes
+    on, the even one where it ends (:meth:`settle`). min_pulse_ns: the
     board's least time between two pulses of one axis; an axis that turns back sooner after a step makes neither step (see the kernel).
     """
 
@@ -32,6 +34,7 @@ class ReferencePulse:
         self._origin = self._grid.copy()
         self.min_pulse_ns = min_pulse_ns
         self._last_ns = 0
+        self._latest: PlanChunk | None = None
         self._error = 0.0
         self._filled = 0
         self._recent = np.full(len(self._grid), -1, dtype=np.int64)
@@ -60,6 +63,7 @@ class ReferencePulse:
         Moves that a later one could still take back wait for the next stretch, unless this one ends at rest.
         """
         arrays = kernel_arrays(chunk)
+        self._latest = chunk
         whole = int(np.floor(chunk.t0))
         integers = np.zeros(kernel.INTEGERS, dtype=np.int64)
         integers[kernel.LAST_NS] = self._last_ns
@@ -82,3 +86,21 @@ class ReferencePulse:
                 yield PulseChunk(self._time_ns[:ready].copy(), self._step[:ready].copy(), self._line[:ready].copy())
                 for buffer in (self._time_ns, self._step, self._line):
                     buffer[: self._filled] = buffer[ready:rows].copy()
+
+    def settle(self) -> Iterator[PulseChunk]:
+        """The path is over: the last move, of axes that ended between two equally near grid points and stand on the odd one."""
+        chunk = self._latest
+        if chunk is None:
+            return
+        kind, at = int(chunk.path.kind[-1]), int(chunk.path.at[-1])
+        end = np.empty((4, len(self._grid)))
+        u = curve_range(kind, chunk.path.data, at)[1]
+        if chunk.phase_s[-1] < chunk.piece_s[-1] - kernel.SNAP:
+            # The motion was stopped inside the piece.
+            u = curve_inv_arclen(kind, chunk.path.data, at, chunk.phase_s[-1] - chunk.piece_s[-2])
+        curve_eval(kind, chunk.path.data, at, u, end)
+        step = np.rint(end[0] * self.steps_per_mm).astype(np.int64) - self._grid
+        if step.any():
+            self._grid += step
+            self._last_ns = max(self._last_ns, round((chunk.t0 + chunk.duration) * 1e9))
+            yield PulseChunk(np.array([self._last_ns]), step[None].astype(np.int8), chunk.path.line[-1:].copy())

@@ -33,9 +33,12 @@ Flags = NDArray[np.bool_]
 LEVELS = 7
 """Levels of speed for the acceleration and jerk bounds: 1, 0.9 ... 0.4 of an interval's speed bound."""
 
-ACCEL_SHARE = 0.97
-JERK_SHARE = 0.9
+ACCEL_SHARE = 0.75
+JERK_SHARE = 0.4
 """The part of an axis's limit that speed alone may take up on a curve; the rest is left to change speed."""
+
+TURNING_SHARE = 0.6
+"""The part of an axis's jerk left by speed that acceleration while turning (3 q'' v a) may take up."""
 
 VARIATION = 0.02
 """How much the bounds may vary between neighbouring samples of one interval, relative to the limits."""
@@ -96,7 +99,7 @@ def tangential_bounds(
         if first[i] > 0.0:
             a = min(a, left / first[i])
         if second[i] > 0.0 and v > 0.0:
-            a = min(a, 0.5 * (axis_j[i] - third[i] * v * v * v) / (3.0 * second[i] * v))
+            a = min(a, TURNING_SHARE * (axis_j[i] - third[i] * v * v * v) / (3.0 * second[i] * v))
     for i in range(len(first)):
         if first[i] > 0.0:
             left = axis_j[i] - third[i] * v * v * v

@@ -11,6 +11,8 @@ by seven-phase profiles (:mod:`cnc.kernels.scurve`):
         ---|___--/                  \\--___________|        becomes a node: its whole plateau in a valley, one end of it on a flank.
              o node                     o node             Both new spans go back to 2.
 
+       A span whose bounds on acceleration and jerk are uneven is cut where that saves time: each part has the bounds of its own.
+
 Lowest bound first means that a node stands where the path itself forces a low speed, and a profile spans everything that doesn't bind.
 Every profile is legal on every interval that it crosses, so the chain is legal; taking fewer nodes is what makes it fast.
 """
@@ -44,6 +46,12 @@ FIXED = 0
 FORCED = 1
 FOUND = 2
 
+UNEVEN = 0.7
+"""A span whose bounds are below this part of the widest in it may gain from being cut."""
+
+WORTHWHILE = 0.005
+"""The part of its time that a cut has to save."""
+
 SLACK = 1e-12
 """Relative: what rounding may add to a distance or a speed before it counts as too much."""
 
@@ -70,35 +78,74 @@ def span_bounds(speed: Floats, accel: Floats, jerk: Floats, first: int, last: in
 
 
 @njit
+def profile_time(v0: float, v1: float, distance: float, peak: float, a: float, j: float) -> float:
+    """Duration of the ramps v0 -> peak -> v1 and the cruise between them."""
+    if peak <= 0.0:
+        return math.inf
+    cruise = distance - ramp_distance(v0, peak, a, j) - ramp_distance(peak, v1, a, j)
+    return ramp_time(v0, peak, a, j) + ramp_time(peak, v1, a, j) + max(cruise, 0.0) / peak
+
+
+@njit
 def best_profile(
     speed: Floats, accel: Floats, jerk: Floats, first: int, last: int, v0: float, v1: float, distance: float, top: float
-) -> tuple[float, float, float]:
-    """Fastest profile over the choice of a top speed: a lower one may leave more acceleration. Returns (peak, accel, jerk)."""
+) -> tuple[float, float, float, float]:
+    """Fastest profile over the choice of a top speed: a lower one may leave more acceleration. Returns (peak, accel, jerk, time).
+
+    The time is infinite where no ramp between the ends fits. The bounds that hold at an interval's full speed hold at any lower one, so
+    they are the first to be tried; a lower top speed may leave more of an axis to the acceleration, at the cost of the jerk bound.
+    """
     least = max(v0, v1)
-    best_time = math.inf
-    best = (-1.0, 0.0, 0.0)
-    last_a = -1.0
-    last_j = -1.0
-    levels = accel.shape[1]
-    for m in range(levels + 1):
-        # The last is the speed of the faster end, for which the caller has seen that a ramp fits.
-        cap = max(least, top * (1.0 - 0.1 * m)) if m < levels else least
-        a, j = span_bounds(speed, accel, jerk, first, last, cap)
-        if a == last_a and j == last_j and best_time < math.inf:
-            break
-        last_a = a
-        last_j = j
+    best = (least, 0.0, 0.0, math.inf)
+    tight_a, tight_j = span_bounds(speed, accel, jerk, first, last, math.inf)
+    for m in range(-1, accel.shape[1]):
+        cap = max(least, top * (1.0 - 0.1 * max(m, 0)))
+        a, j = tight_a, tight_j
+        if m >= 0:
+            a, j = span_bounds(speed, accel, jerk, first, last, cap)
+            if a == tight_a and j == tight_j:
+                continue
         if ramp_distance(v0, v1, a, j) <= distance * (1.0 + SLACK):
             peak = peak_speed(v0, v1, distance, cap, a, j)
-            time = ramp_time(v0, peak, a, j) + ramp_time(peak, v1, a, j)
-            cruise = distance - ramp_distance(v0, peak, a, j) - ramp_distance(peak, v1, a, j)
-            time += max(cruise, 0.0) / peak if peak > 0.0 else math.inf
-            if time < best_time:
-                best_time = time
-                best = (peak, a, j)
+            time = profile_time(v0, v1, distance, peak, a, j)
+            if time < best[3]:
+                best = (peak, a, j, time)
         if cap == least:
             break
     return best
+
+
+@njit
+def best_split(
+    bound_s: Floats, speed: Floats, accel: Floats, jerk: Floats, first: int, last: int, v0: float, v1: float, time: float
+) -> tuple[int, float]:
+    """Where a span of uneven bounds is best cut in two, each part with its own bounds, and the speed there; (-1, 0) if that saves nothing.
+
+    Bounds are tight where the path bends, mostly towards the ends of a span: the places tried are 1, 2, 4 ... intervals from either end.
+    """
+    found = -1
+    speed_there = 0.0
+    best = time * (1.0 - WORTHWHILE)
+    step = 1
+    while step < last - first:
+        for side in range(2):
+            at = first + step if side == 0 else last - step
+            limit = min(speed[at - 1], speed[at])
+            a0, j0 = span_bounds(speed, accel, jerk, first, at, math.inf)
+            a1, j1 = span_bounds(speed, accel, jerk, at, last, math.inf)
+            d0 = bound_s[at] - bound_s[first]
+            d1 = bound_s[last] - bound_s[at]
+            v = min(limit, reachable_speed(v0, d0, a0, j0), reachable_speed(v1, d1, a1, j1))
+            if ramp_distance(v0, v, a0, j0) > d0 * (1.0 + SLACK) or ramp_distance(v, v1, a1, j1) > d1 * (1.0 + SLACK):
+                continue
+            before = best_profile(speed, accel, jerk, first, at, v0, v, d0, max(v0, v, speed[first:at].max()))
+            after = best_profile(speed, accel, jerk, at, last, v, v1, d1, max(v, v1, speed[at:last].max()))
+            if before[3] + after[3] < best:
+                best = before[3] + after[3]
+                found = at
+                speed_there = v
+        step *= 2
+    return found, speed_there
 
 
 @njit
@@ -178,6 +225,7 @@ def plan_window(
         if following[i] >= 0:
             pending = push(todo, queued, pending, i)
     free = count  # nodes that were taken out are used again
+    splits = 0
     # A span is looked at again when a neighbour changes, a few times at most; the bound only guards against a fault here.
     for _ in range(1000 * (n + 4)):
         if pending == 0:
@@ -202,8 +250,9 @@ def plan_window(
             if following[faster] >= 0:
                 pending = push(todo, queued, pending, faster)
             continue
-        a, j = span_bounds(speed, accel, jerk, first, last, v[faster])
-        if ramp_distance(v[i], v[k], a, j) > distance * (1.0 + SLACK):
+        top = max(min(speed[first:last].max(), cap[i]), v[faster])
+        peak[i], span_a[i], span_j[i], time = best_profile(speed, accel, jerk, first, last, v[i], v[k], distance, top)
+        if time == math.inf and v[faster] > 0.0:
             if kind[faster] == FIXED:
                 return START_TOO_FAST, 0
             before = preceding[faster]
@@ -222,13 +271,25 @@ def plan_window(
             cap[before] = math.inf
             pending = push(todo, queued, pending, before)
             continue
-        top = 0.0
-        for m in range(first, last):
-            top = max(top, speed[m])
-        top = max(min(top, cap[i]), v[faster])
-        peak[i], span_a[i], span_j[i] = best_profile(speed, accel, jerk, first, last, v[i], v[k], distance, top)
         worst = lowest_violation(bound_s, speed, first, last, v[i], v[k], peak[i], span_a[i], span_j[i])
         if worst < 0:
+            if splits < n and (span_a[i] < UNEVEN * accel[first:last, 0].max() or span_j[i] < UNEVEN * jerk[first:last, 0].max()):
+                at, speed_there = best_split(bound_s, speed, accel, jerk, first, last, v[i], v[k], time)
+                if at >= 0:
+                    while free < room and kind[free] != FREE:
+                        free += 1
+                    if free < room:
+                        splits += 1
+                        lo[free] = hi[free] = at
+                        kind[free] = FOUND
+                        v[free] = speed_there
+                        following[free] = k
+                        preceding[free] = i
+                        following[i] = free
+                        preceding[k] = free
+                        cap[i] = cap[free] = math.inf
+                        pending = push(todo, queued, pending, free)
+                        pending = push(todo, queued, pending, i)
             continue
         bound = speed[worst]
         left = worst

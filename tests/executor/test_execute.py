@@ -45,6 +45,9 @@ class Ticker:
             self.position_steps += 2
             yield PulseChunk(time, np.ones((2, 1), dtype=np.int8), line)
 
+    def settle(self) -> Iterator[PulseChunk]:
+        return iter(())
+
 
 def go(*items: PlanChunk | Block, board: Loopback | None = None, **options: Any) -> tuple[Outcome, Loopback]:
     used = Loopback(1) if board is None else board

@@ -383,3 +383,16 @@ def test_a_graze_faster_than_the_board_makes_no_steps(beyond: float, rows_at_onc
             assert len(rows.step) == len(bare.step) - 10
         check_rows(rows, interpolator, p)
         assert interpolator.position_steps.tolist() == plain.position_steps.tolist()
+
+
+@pytest.mark.parametrize("end", [1.005, 1.015, 0.995, -1.005, -1.015, 0.5 / 100, 1.5 / 100])
+@pytest.mark.parametrize("via", [0.0, 2.0])
+def test_the_path_settles_on_the_rounded_end_point(end: float, via: float) -> None:
+    # Half-grid points, some a rounding error off them, reached from below and from above.
+    blocks = [polyline([[via, 1.0], [end, 2.0]])] if via else [polyline([[end, 2.0]])]
+    _, interpolator = run([plan_of(path_of(blocks, [0.0, 0.0]))], 100.0 * np.ones(2), [0.0, 0.0])
+    before = interpolator.position_steps
+    moves = list(interpolator.settle())
+    np.testing.assert_array_equal(interpolator.position_steps, np.rint(np.array([end, 2.0]) * 100.0))
+    np.testing.assert_array_equal(before + sum(move.step.sum(axis=0, dtype=np.int64) for move in moves), interpolator.position_steps)
+    assert not list(interpolator.settle())
