@@ -1,0 +1,147 @@
+"""The library's front door, and what a terminal shows meanwhile."""
+
+import threading
+from pathlib import Path
+
+import pytest
+
+from cnc import screen
+from cnc.api import Outputs, Watch, check, load_machine, parse, plan, run
+from cnc.canon import ArcFeed, Dwell, End, Polyline
+from cnc.drivers.loopback import Loopback
+from cnc.errors import EXIT_BOARD, Diagnostic, GcodeError, MachineFileError, UsageError
+from cnc.planner.plan import PlanChunk
+
+ROOT = Path(__file__).parents[2]
+TEXT = "G21 G90 G94\nG1 X10 F600\nG4 P0.5\nG2 X20 Y0 I5 J0\nG4 P0.25\nM2\n"
+
+
+@pytest.fixture
+def program(tmp_path) -> Path:
+    file = tmp_path / "p.nc"
+    file.write_text(TEXT)
+    return file
+
+
+def test_parse_gives_blocks_as_they_are_read(program):
+    assert [type(block) for block in parse(program)] == [Polyline, Dwell, ArcFeed, Dwell, End]
+    program.write_text(TEXT.replace("I5", "I6"))
+    with pytest.raises(GcodeError):
+        list(parse(program))
+
+
+def test_plan_keeps_the_clock_of_the_report(program):
+    items = list(plan(program))
+    chunks = [item for item in items if isinstance(item, PlanChunk)]
+    report = check(program)
+    assert report.duration_s == pytest.approx(chunks[-1].t0 + chunks[-1].duration + 0.25)
+    assert sum(isinstance(item, Dwell) for item in items) == 2
+    assert report.path_length_mm == pytest.approx(10 + 5 * 3.141592653589793)
+
+
+def test_a_machine_can_be_given_in_three_ways(program):
+    machine = load_machine("paper-nurbs")
+    named, given, filed = (check(program, each) for each in ("paper-nurbs", machine, ROOT / "config" / "paper-nurbs.toml"))
+    assert named.duration_s == given.duration_s == filed.duration_s
+    with pytest.raises(MachineFileError):
+        check(program, "no such machine")
+
+
+def test_run_on_a_board_of_one_s_own(program):
+    board = Loopback(3)
+    report = run(program, board=board)
+    assert report.ok
+    assert report.board == "Loopback"
+    assert board.position_steps.tolist() == [4000, 0, 0]
+    assert report.steps == dict(zip("xyz", board.steps.tolist(), strict=True))
+    assert board.state == "idle"  # it is its owner's to close
+
+
+def test_faults_are_in_the_report(program):
+    report = run(program, board=Loopback(3, fail_after=5))
+    assert report.exit_code == EXIT_BOARD
+    assert report.faults[0].diagnostic.line == 2
+    assert report.faults[0].diagnostic.file == str(program)
+    program.write_text("G1 X1\n")
+    assert [fault.diagnostic.code for fault in check(program).faults] == ["feed-missing"]
+    assert [fault.diagnostic.code for fault in check(program.with_name("no")).faults] == ["no-such-file"]
+
+
+def test_the_caller_s_own_mistakes_are_raised(program):
+    with pytest.raises(UsageError, match="output-format"):
+        check(program, outputs=Outputs(trace="t.txt"))
+    with pytest.raises(UsageError, match="unknown-board"):
+        run(program, board="nowhere")
+
+
+def test_a_program_too_long_to_keep_is_read_again(program, monkeypatch):
+    kept = check(program, interpolator="sampled")
+    monkeypatch.setattr("cnc.job.KEPT_NUMBERS", 0)
+    monkeypatch.setattr("cnc.source.COPIED_BYTES", 0)
+    again = check(program, interpolator="sampled")
+    for report in (kept, again):
+        assert report.ok
+    assert again.duration_s == kept.duration_s
+    assert again.steps == kept.steps
+    assert again.largest == kept.largest
+    assert again.program == str(program)
+
+
+def test_progress_tells_both_passes(program, monkeypatch):
+    monkeypatch.setattr("cnc.job.LOOK_EVERY", 1)
+    seen = []
+    run(program, watch=Watch(on_progress=lambda *what: seen.append(what)))
+    stages = [stage for stage, _, _ in seen]
+    assert stages == sorted(stages)
+    assert ("checking", 6, None) in seen
+    assert seen[-1][0] == "running"
+    assert seen[-1][2] == 6
+
+
+@pytest.mark.parametrize("stage", ["checking", "running"])
+def test_a_stop_ends_both_passes(program, monkeypatch, stage):
+    monkeypatch.setattr("cnc.job.LOOK_EVERY", 1)
+    stop = threading.Event()
+    watch = Watch(on_progress=lambda now, *_: stop.set() if now == stage else None, stop=stop)
+    report = check(program, watch=watch)
+    assert report.stopped_at_line == 0
+    board = Loopback(3)
+    stop.clear()
+    report = run(program, board=board, watch=watch)
+    assert report.stopped_at_line == 0
+    assert board.rows == 0
+
+
+def test_the_bar_appears_for_long_programs_alone(capsys, monkeypatch):
+    bar = screen._Bar()
+    bar.update("checking", 10, None)
+    bar.close()
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(screen._Bar, "PATIENCE", 0.0)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    bar = screen._Bar()
+    bar.update("checking", 10, None)
+    bar.update("running", 20, 40)
+    bar.close()
+    assert "10 lines" in capsys.readouterr().err
+
+
+def test_warnings_are_shown_unless_quiet(capsys):
+    warning = Diagnostic("odd-word", "odd", "p.nc", 3, severity="warning")
+    with screen.Screen(quiet=False) as shown:
+        on_warning = shown.watch().on_warning
+        assert on_warning is not None
+        on_warning(warning)
+    assert capsys.readouterr().err == "warning: p.nc:3: odd-word: odd\n"
+    with screen.Screen(quiet=True) as shown:
+        assert shown.watch().on_warning is None
+
+
+def test_compiling_is_announced_once(capsys, monkeypatch):
+    import numba
+
+    monkeypatch.setattr(screen, "_telling", False)
+    screen.tell_when_compiling()
+    for _ in range(2):
+        assert numba.njit(lambda x: x + 1)(1) == 2
+    assert capsys.readouterr().err.count("compiling the kernels") == 1
