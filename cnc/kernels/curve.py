@@ -26,12 +26,12 @@ with few digits). With w = (u - u0) / (u1 - u0), rho = r0 + w dr, e the unit vec
       start --e--> centre               c, about 1e-16 of the radius, closes what rounding leaves open at the end.
                                         cos phi - 1 = -2 sin^2(phi / 2) keeps its digits on a short arc of a large circle.
 
-SPAN. One knot span of a NURBS (equation 1 of Hui, Wei, Gao 2013) on [u0, u1], r(u) = start + N(t) / W(t) with t = (u - u0) / (u1 - u0). N and W are
-kept in Bernstein form, where de Boor's recursion turns into de Casteljau's (Piegl & Tiller, The NURBS Book, A1.5 and section 5.3), and the quotient
-is differentiated as in A4.2. Degrees 1 and 2 are raised to 3 when the record is made.
+SPAN. One knot span of a NURBS (equation 1 of Hui, Wei, Gao 2013) on [u0, u1], r(u) = start + N(t) / W(t) with t = (u - u0) / (u1 - u0). N
+and W are kept in Bernstein form, where de Boor's recursion turns into de Casteljau's (Piegl & Tiller, The NURBS Book, A1.5 and section
+5.3), and the quotient is differentiated as in A4.2. Degrees 1 and 2 are raised to 3 when the record is made.
 
-Table: count k, then k rows (s, u, c1..c7) and a last (s, u). In a row u = u_row + c1 x + .. + c7 x^7 with x the part of the row's length that
-lies behind: the Hermite interpolant of u(s) through u, du/ds, d2u/ds2 and d3u/ds3 at both ends (see :mod:`cnc.kernels.arclength`).
+Table: count k, then k rows (s, u, c1..c7) and a last (s, u). In a row u = u_row + c1 x + .. + c7 x^7 with x the part of the row's length
+that lies behind: the Hermite interpolant of u(s) through u, du/ds, d2u/ds2 and d3u/ds3 at both ends (see :mod:`cnc.kernels.arclength`).
 
 All kernels take ``kind`` and ``at`` as int (int64: numba compiles anew for an int8, and for a constant) and u as float.
 """
@@ -85,8 +85,8 @@ def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
     done = u - u0
     left = u1 - u
     if kind == SPAN:
-        # The four points of de Casteljau's triangle three rows above its tip are sums of the coefficients, weighted with the Bernstein polynomials of
-        # degree p - 3; the sum runs from the nearer end, so that each weight follows from the one before without loss.
+        # The four points of de Casteljau's triangle three rows above its tip are sums of the coefficients, weighted with the Bernstein
+        # polynomials of degree p - 3; the sum runs from the nearer end, so that each weight follows from the one before without loss.
         p = int(data[body])
         body += SPAN_BODY
         m = p - 3
@@ -203,7 +203,8 @@ def curve_speed(kind: int, data: Floats, at: int, u: float) -> float:
         if kind == SPAN:
             p = int(data[body])
             body += SPAN_BODY
-            # value and slope of W and of up to three numerators together, from the two points above the tip of the triangle (see curve_eval)
+            # value and slope of W and of up to three numerators together, from the two points above the tip of the triangle (see
+            # curve_eval)
             near = t <= 0.5
             base = 1.0 - t if near else t
             ratio = (t if near else 1.0 - t) / base
@@ -286,41 +287,32 @@ def curve_eval_s(kind: int, data: Floats, at: int, u: float, out: Floats) -> int
                 out[2, i] = r2 * u_s * u_s + r1 * u_ss
                 out[3, i] = out[3, i] * u_s * u_s * u_s + 3.0 * r2 * u_s * u_ss + r1 * u_sss
     if singular:
-        _limit_direction(kind, data, at, u, out)
+        body = at + START + 2 * n
+        p = int(data[body]) if kind == SPAN else 0
+        weight = body + SPAN_BODY
+        at_start = u - data[at + U0] < data[at + U1] - u
+        pole = 0 if at_start else p
+        scale = 0.0
+        far = pole
+        for k in range(1, p + 1):
+            # the first control point that lies off the end
+            j = k if at_start else p - k
+            square = 0.0
+            for c in range(int(data[at + METRICS])):
+                column = weight + (int(data[at + METRIC + c]) + 1) * (p + 1)
+                d = data[column + j] / data[weight + j] - data[column + pole] / data[weight + pole]
+                square += d * d
+            length = math.sqrt(square)
+            if scale == 0.0 and length > SINGULAR * data[at + LENGTH]:
+                scale = 1.0 / length if at_start else -1.0 / length
+                far = j
+        for i in range(n):
+            column = weight + (i + 1) * (p + 1)
+            d = scale * (data[column + far] / data[weight + far] - data[column + pole] / data[weight + pole]) if scale != 0.0 else 0.0
+            out[1, i] = d
+            out[2, i] = 0.0
+            out[3, i] = 0.0
     return 1 if singular else 0
-
-
-@njit
-def _limit_direction(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
-    """q' at a singular end of a span from its control points (an arc has no such end unless its radius vanishes there: then q' = 0)."""
-    n = out.shape[1]
-    for i in range(n):
-        out[1, i] = 0.0
-        out[2, i] = 0.0
-        out[3, i] = 0.0
-    if kind != SPAN:
-        return
-    body = at + START + 2 * n
-    p = int(data[body])
-    weight = body + SPAN_BODY
-    first = weight + p + 1
-    metrics = int(data[at + METRICS])
-    at_start = u - data[at + U0] < data[at + U1] - u
-    pole = 0 if at_start else p
-    least = (SINGULAR * data[at + LENGTH]) ** 2
-    for k in range(1, p + 1):
-        j = k if at_start else p - k
-        square = 0.0
-        for m in range(metrics):
-            column = first + int(data[at + METRIC + m]) * (p + 1)
-            d = data[column + j] / data[weight + j] - data[column + pole] / data[weight + pole]
-            square += d * d
-        if square > least:
-            scale = (1.0 if at_start else -1.0) / math.sqrt(square)
-            for i in range(n):
-                column = first + i * (p + 1)
-                out[1, i] = scale * (data[column + j] / data[weight + j] - data[column + pole] / data[weight + pole])
-            return
 
 
 @njit
@@ -405,9 +397,9 @@ def curve_turning_points(kind: int, data: Floats, at: int, axis: int, out: Float
         return count
     if axis != int(data[body]) and axis != int(data[body + 1]):
         return 0
-    # Along the first axis rho cos(theta) turns where tan(theta) = g / rho, g = d rho / d theta, that is where h(theta) = theta - atan(g / rho) is a
-    # multiple of pi. h rises with a slope between 1 and 2 whatever the spiral, so each multiple is met once and Newton finds it. The second
-    # axis is the first seen from 90 degrees further on.
+    # Along the first axis rho cos(theta) turns where tan(theta) = g / rho, g = d rho / d theta, that is where h(theta) = theta - atan(g /
+    # rho) is a multiple of pi. h rises with a slope between 1 and 2 whatever the spiral, so each multiple is met once and Newton finds it.
+    # The second axis is the first seen from 90 degrees further on.
     sweep = data[body + 4]
     radius = data[body + 2]
     g = data[body + 3] / sweep

@@ -3,8 +3,8 @@
     blocks  ──►  records of the pieces, gathered to about a chunk  ──►  held until it is known whether the motion
                                                                        must rest at their end  ──►  chunks and blocks
 
-Motion rests at the end of the stream, before every block that isn't motion (but a message), and under exact stop (G61.1) at the end of every block
-and every straight move. PathMode ends here: nothing below asks for it.
+Motion rests at the end of the stream, before every block that isn't motion (but a message), and under exact stop (G61.1) at the end of
+every block and every straight move. PathMode ends here: nothing below asks for it.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ class _Gatherer:
 def build(blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, accuracy: float = 1e-9) -> Iterator[PathChunk | Block]:
     """Yield the path of ``blocks`` in chunks, and the blocks that don't move, in order.
 
-    axes: names, one a column; start (n,): position before the first block, mm; accuracy: largest error of arc length and its inverse, mm. Raises
-    GcodeError (``not-finite``, ``nurbs-not-continuous``, ``nurbs-start``) at the block's line.
+    axes: names, one a column; start (n,): position before the first block, mm; accuracy: largest error of arc length and its inverse, mm.
+    Raises GcodeError (``not-finite``, ``nurbs-not-continuous``, ``nurbs-start``) at the block's line.
     """
     classes = axis_classes(axes)
     position = np.array(start, np.float64)
@@ -124,7 +124,8 @@ def build(blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, accu
 
 
 def _pieces(
-    block: Polyline | ArcFeed | NurbsFeed, position: Floats, axes: tuple[str, ...], classes: NDArray[np.int64], accuracy: float, exact_stop: bool
+    block: Polyline | ArcFeed | NurbsFeed, position: Floats, axes: tuple[str, ...], classes: NDArray[np.int64], accuracy: float, exact_stop:
+    bool
 ) -> Iterator[tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_]]]:
     """Records of one block with feed, line and stop of each piece; ``position`` is moved along."""
     if isinstance(block, Polyline):

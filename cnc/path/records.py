@@ -1,6 +1,7 @@
 """Records of pieces, as :mod:`cnc.kernels.curve` reads them, from end points, arcs and NURBS.
 
-A :class:`Records` is a run of pieces that follow each other; the streaming builder and the shells of the Curve protocol both make theirs here.
+A :class:`Records` is a run of pieces that follow each other; the streaming builder and the shells of the Curve protocol both make theirs
+here.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from cnc.kernels import curve
 from cnc.kernels.arclength import MAX_ROWS, measure
-from cnc.kernels.bspline import MAX_CUTS, NEGLIGIBLE, NOTICEABLE, nurbs_records, record_room
+from cnc.kernels.bspline import MAX_CUTS, NEGLIGIBLE, NOTICEABLE, RECORD_ROOM, ROOM_PER_AXIS, nurbs_records
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -102,8 +103,8 @@ def arc_records(
 ) -> Iterator[Records]:
     """An arc, helix or spiral from start to end (n,) about ``center`` in the plane of two columns, ``turns`` counter-clockwise.
 
-    The angle follows from the end points, ``turns`` gives the number of whole turns: so the end is met whatever its rounding. An arc of more than a
-    turn becomes one piece a turn, with the parameter running on.
+    The angle follows from the end points, ``turns`` gives the number of whole turns: so the end is met whatever its rounding. An arc of
+    more than a turn becomes one piece a turn, with the parameter running on.
     """
     i, j = plane
     x0, y0 = float(start[i]) - center[0], float(start[j]) - center[1]
@@ -155,7 +156,7 @@ def arc_records(
         open_x = float(there[i] - here[i]) - (along * px - across * py)
         open_y = float(there[j] - here[j]) - (along * py + across * px)
         size = curve.START + 2 * n + curve.ARC_BODY
-        data = np.zeros(size + (2 + curve.ROW * (MAX_ROWS + 1) if grown else 0))
+        data = np.zeros(size + (3 + curve.ROW * (MAX_ROWS + 1) if grown else 0))
         data[: curve.START] = (n, piece * extent, (piece + 1) * extent, extent, *metrics, 0.0)
         data[curve.START : curve.START + n] = here
         data[curve.START + n : curve.START + 2 * n] = there
@@ -182,7 +183,7 @@ def spline_records(
     knots, points, weights = (np.ascontiguousarray(array, np.float64) for array in (knots, points, weights))
     position = points[0].copy()
     most = max(most, MAX_CUTS + 1)
-    data = np.empty((MAX_CUTS + 1) * record_room(n) + 512 * min(most, len(points)))
+    data = np.empty((MAX_CUTS + 1) * (RECORD_ROOM + n * ROOM_PER_AXIS) + 512 * min(most, len(points)))
     at = np.empty(most, np.int64)
     length = np.empty(most)
     span = degree

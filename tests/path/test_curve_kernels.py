@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from path_cases import XYZ, arc, dense, ends, evaluate, evaluate_s, lines, nurbs_chunk, nurbs_oracle, piece, random_nurbs, whole
 from scipy.integrate import quad
-from support import share
 
 from cnc.canon import NurbsFeed
 from cnc.kernels.curve import ARC, LINE, SPAN, curve_arclen, curve_inv_arclen, curve_speed
+from path_cases import XYZ, arc, dense, ends, evaluate, evaluate_s, lines, nurbs_chunk, nurbs_oracle, piece, random_nurbs, whole
+from support import share
 
 TRIDENT = NurbsFeed(
     "part.nc",

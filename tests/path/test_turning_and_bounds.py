@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from path_cases import arc, dense, ends, evaluate, evaluate_s, lines, nurbs_chunk, piece, random_nurbs, whole
-from support import share
 
 from cnc.canon import NurbsFeed
 from cnc.kernels.curve import MAX_TURNING_POINTS, SPAN, curve_inv_arclen, curve_turning_points
 from cnc.path.bounds import bounding_box
+from path_cases import arc, dense, ends, evaluate, evaluate_s, lines, nurbs_chunk, piece, random_nurbs, whole
+from support import share
 
 
 def turning(chunk, k, axis):
