@@ -63,7 +63,7 @@ class Writer:
     def nurbs(self) -> None:
         degree = int(self.rng.integers(1, 5))
         count = degree + 1 + int(self.rng.integers(0, 4))
-        inner = sorted(round(float(u), 3) for u in self.rng.uniform(0.05, 0.95, count - degree - 1))
+        inner = sorted((self.rng.choice(np.arange(50, 950), count - degree - 1, replace=False) / 1000).tolist())
         knots = [0.0] * (degree + 1) + inner + [1.0] * (degree + 1)
         points = [dict(self.at)]
         for _ in range(count - 1):
