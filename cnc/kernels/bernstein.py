@@ -1,8 +1,9 @@
 """Polynomials in Bernstein form on [0, 1]: values, sub-intervals, and the places where the sign changes.
 
 Roots: by the variation diminishing property a polynomial changes its sign at most as often as its coefficients do, and the first and last
-coefficients that are not zero tell the sign just inside the ends. Halving by de Casteljau isolates each change; where only one is left Newton's
-iteration, kept inside its bracket, finds it (Farouki, The Bernstein polynomial basis: a centennial retrospective, 2012, sections 5 and 9).
+coefficients that are not zero tell the sign just inside the ends. Halving by de Casteljau isolates each change; where only one is left
+Newton's iteration, kept inside its bracket, finds it (Farouki, The Bernstein polynomial basis: a centennial retrospective, 2012, sections 5
+and 9).
 
 Coefficients lie in flat arrays from an index on: slices of arrays cost more than the arithmetic.
 """
@@ -15,7 +16,7 @@ from cnc.kernels.jit import njit
 DEPTH = 48
 """Halvings after which coefficients that still change sign more than once are taken as one multiple root."""
 STRIDE = 64
-"""Room for one set of coefficients: more than the degree of any polynomial here, 5 p - 5 for a span of degree p <= 9, and some words beside."""
+"""Room for one set of coefficients: more than the degree of any polynomial here, 5 p - 5 for a span of degree p <= 9, and two more."""
 
 
 @njit
@@ -52,8 +53,9 @@ def value_slope(f: Floats, at: int, m: int, t: float, scratch: Floats) -> tuple[
 def sign_changes(f: Floats, m: int, stack: Floats, scratch: Floats, roots: Floats) -> int:
     """The t inside (0, 1) where the polynomial f[: m + 1] changes its sign, in order, into ``roots``; returns how many there are.
 
-    stack ((DEPTH + 4) STRIDE,) and scratch (STRIDE,) are room to work in. Intervals wait on the stack, the leftmost on top, with their start and
-    width behind the coefficients. ``before`` is the sign just left of the interval in hand, so that a change right between two isn't missed.
+    stack ((DEPTH + 4) STRIDE,) and scratch (STRIDE,) are room to work in. Intervals wait on the stack, the leftmost on top, with their
+    start and width behind the coefficients. ``before`` is the sign just left of the interval in hand, so that a change right between two
+    isn't missed.
     """
     for i in range(m + 1):
         stack[i] = f[i]

@@ -254,9 +254,10 @@ def nurbs_records(
 ) -> tuple[int, int, int]:
     """Records of the spans of a NURBS from span ``first`` (degree to begin with) on, as many as there is room for.
 
-    points (m, n) and weights (m,) over all axes; classes (n,): 0 for x y z, 1 for u v w, 2 for a b c; position (n,): where the curve starts,
-    moved along to where it has got; accuracy: of the inverse arc length in mm. Records go into ``data`` from index ``used`` on, their
-    places into at_out, their lengths into length_out. Returns (next span, pieces, used); the curve is through when the next span is m.
+    points (m, n) and weights (m,) over all axes; classes (n,): 0 for x y z, 1 for u v w, 2 for a b c; position (n,): where the curve
+    starts, moved along to where it has got; accuracy: of the inverse arc length in mm. Records go into ``data`` from index ``used`` on,
+    their places into at_out, their lengths into length_out. Returns (next span, pieces, used); the curve is through when the next span is
+    m.
     """
     n = points.shape[1]
     form = np.zeros((n + 1) * STRIDE)

@@ -180,7 +180,7 @@ def _error(block: Block, code: str, message: str, hint: str, line: int | None = 
 
 
 def _not_finite(block: Block, line: int) -> GcodeError:
-    return _error(block, "not-finite", "a coordinate or feed of this move is not a finite number", "check the values the block computes", line)
+    return _error(block, "not-finite", "a coordinate or feed of this move is not a finite number", "check the values it computes", line)
 
 
 def _check_finite(block: Block, *arrays: Floats) -> None:

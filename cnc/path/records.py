@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,13 +41,15 @@ def axis_classes(axes: tuple[str, ...]) -> Ints:
     return np.array([CLASS_OF_LETTER[axis] for axis in axes], np.int64)
 
 
-def _metric_columns(classes: Ints) -> Floats:
-    """Row k: the head entries (count, columns) of a record measured over class k, shape (3, 4)."""
+@lru_cache(maxsize=16)
+def _metric_columns(classes: bytes) -> Floats:
+    """Row k: the head entries (count, columns) of a record measured over class k, shape (3, 4); ``classes`` as the bytes of the array."""
     rows = np.full((3, 4), -1.0)
     for k in range(3):
-        columns = np.flatnonzero(classes == k)
+        columns = np.flatnonzero(np.frombuffer(classes, np.int64) == k)
         rows[k, 0] = len(columns)
         rows[k, 1 : 1 + len(columns)] = columns
+    rows.flags.writeable = False
     return rows
 
 
@@ -86,7 +89,7 @@ def line_records(start: Floats, points: Floats, classes: Ints) -> Records:
     data[:, curve.AXES] = n
     data[:, curve.U1] = length
     data[:, curve.LENGTH] = length
-    data[:, curve.METRICS : curve.METRICS + 4] = _metric_columns(classes)[which]
+    data[:, curve.METRICS : curve.METRICS + 4] = _metric_columns(classes.tobytes())[which]
     data[:, curve.START : curve.START + n] = ends[:-1]
     data[:, curve.START + n :] = ends[1:]
     return Records(curve.LINE, rows * stride, data.reshape(-1), length)
@@ -129,9 +132,9 @@ def arc_records(
     whole = max(1, math.ceil(abs(turns) - 1e-9))
     moved = end - start
     moved[i] = moved[j] = 0.0
-    others = np.sqrt(np.sum(np.square(moved[classes == 0])))
-    extent = math.hypot(sweep * 0.5 * (r0 + r1), float(others)) / whole
-    metrics = _metric_columns(classes)[0]
+    others = math.hypot(*(float(distance) for distance, k in zip(moved, classes, strict=True) if k == 0))
+    extent = math.hypot(sweep * 0.5 * (r0 + r1), others) / whole
+    metrics = _metric_columns(classes.tobytes())[0]
     n = len(start)
     here = start
     for piece in range(whole):
@@ -178,7 +181,7 @@ def spline_records(
     *,
     most: int = 1024,
 ) -> Iterator[Records]:
-    """The spans of a NURBS, in runs of at most ``most`` pieces; knots rise from points (m, n) and weights (m,) > 0 to points + degree + 1."""
+    """The spans of a NURBS, in runs of at most ``most`` pieces: knots (m + degree + 1,), points (m, n), weights (m,) > 0."""
     n = points.shape[1]
     knots, points, weights = (np.ascontiguousarray(array, np.float64) for array in (knots, points, weights))
     position = points[0].copy()

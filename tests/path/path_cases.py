@@ -58,7 +58,8 @@ def nurbs_chunk(block, axes=XYZ, accuracy=1e-9):
 def lines(points, feeds=10.0, line=1):
     """A polyline block; feeds a number or one a move."""
     points = np.array(points, float)
-    return Polyline("part.nc", line, points, np.broadcast_to(np.array(feeds, float), len(points)).copy(), np.arange(line, line + len(points), dtype=np.int32))
+    feeds = np.broadcast_to(np.array(feeds, float), len(points)).copy()
+    return Polyline("part.nc", line, points, feeds, np.arange(line, line + len(points), dtype=np.int32))
 
 
 def arc(end, center, turns, plane="XY", line=3):

@@ -1,6 +1,7 @@
 """Position, derivatives, arc length and its inverse against SciPy, quadrature and closed formulas."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -89,7 +90,7 @@ def test_arc_length_against_quadrature(degree):
         for k in range(len(chunk)):
             u0, u1 = ends(chunk, k)
             cuts = np.linspace(u0, u1, 33)
-            expected = [quad(lambda u, k=k, c=chunk: speed(c, k, u), a, b, epsabs=1e-12, epsrel=1e-12)[0] for a, b in zip(cuts, cuts[1:], strict=False)]
+            expected = [quad(lambda u, k=k, c=chunk: speed(c, k, u), a, b, epsabs=1e-12, epsrel=1e-12)[0] for a, b in pairwise(cuts)]
             assert chunk.length[k] == pytest.approx(sum(expected), rel=1e-12, abs=1e-9)
             assert curve_arclen(*piece(chunk, k), u0, u1) == pytest.approx(chunk.length[k], rel=1e-14)
             for i in (0, 7, 20):

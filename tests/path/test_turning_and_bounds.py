@@ -1,6 +1,7 @@
 """Turning points, boxes, cusps and singular ends against dense sampling and closed formulas."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ def check_turning(chunk, k, axis):
     # two turning points within one sampling step cancel out in the samples
     assert len(at) >= seen and (len(at) - seen) % 2 == 0
     edges = np.concatenate(([u0], at, [u1]))
-    for n, (a, b) in enumerate(zip(edges, edges[1:], strict=False)):
+    for n, (a, b) in enumerate(pairwise(edges)):
         inside = np.array([evaluate(chunk, k, u)[1, axis] for u in np.linspace(a, b, 9)[1:-1]])
         inside = inside[np.abs(inside) > tiny]
         assert np.all(inside > 0) or np.all(inside < 0), (n, inside)
@@ -88,7 +89,8 @@ def test_boxes_against_dense_sampling(weights):
     rng = np.random.default_rng(23)
     blocks = [random_nurbs(rng, d, d + 5, weights=weights) for d in (1, 2, 3, 5, 9)]
     chunks = [nurbs_chunk(b) for b in blocks]
-    chunks.append(whole([lines([[1.0, -2, 3], [0, 0, 0]]), arc([0.0, 20.0, 1], (0, 10), 0.5), arc([0, 20.0, 1], (-7, 20), 1.0)], [5.0, 5, 5]))
+    arcs = [arc([0.0, 20.0, 1], (0, 10), 0.5), arc([0, 20.0, 1], (-7, 20), 1.0)]
+    chunks.append(whole([lines([[1.0, -2, 3], [0, 0, 0]]), *arcs], [5.0, 5, 5]))
     chunks.append(whole([arc([0.0, 0, 25], (10.0, 0.0), -1.75, "YZ")], [0.0, 0, 3]))
     for chunk in chunks:
         low, high = bounding_box(chunk)
