@@ -31,6 +31,7 @@ from cnc.report.result import Extremes, Report
 from cnc.report.survey import Survey
 from cnc.source import readable, shown_name, with_texts
 from cnc.stream import PulseChunk, SampleChunk
+from cnc.warm import ensure_compiled
 
 Floats = NDArray[np.float64]
 Item = TypeVar("Item")
@@ -57,12 +58,13 @@ class Outputs:
 class Watch:
     """Who is told what while it happens.
 
-    on_progress(stage, done, total): lines of the program; total is None in the first pass. on_warning: findings that end nothing. stop: set
-    it to bring the machine to rest and end the run.
+    on_progress(stage, done, total): lines of the program; total is None in the first pass. on_warning: findings that end nothing.
+    on_compiling: before the first run ever, which takes longer. stop: set it to bring the machine to rest and end the run.
     """
 
     on_progress: Callable[[Stage, int, int | None], None] | None = None
     on_warning: Callable[[Diagnostic], None] | None = None
+    on_compiling: Callable[[], None] | None = None
     stop: threading.Event | None = None
 
 
@@ -145,6 +147,7 @@ class Job:
 
     def carry_out(self, board: PulseSink | None = None, board_name: str | None = None) -> Report:
         """Both passes, the second on ``board`` or on none; what goes wrong with program or board ends up in the report."""
+        ensure_compiled(self.watch.on_compiling)
         report, began = self.report, perf_counter()
         report.board = board_name
         try:

@@ -34,15 +34,18 @@ class Screen:
         """For the library to call back."""
         from cnc.api import Watch
 
-        return Watch(on_progress=self._on_progress, on_warning=None if self._quiet else self._warn, stop=self._stop)
+        return Watch(
+            on_progress=self._on_progress,
+            on_warning=None if self._quiet else self._warn,
+            on_compiling=None if self._quiet else self._compiling,
+            stop=self._stop,
+        )
 
     def __enter__(self) -> Screen:
         if threading.current_thread() is threading.main_thread():
             self._before = {each: signal.signal(each, self._on_signal) for each in (signal.SIGINT, signal.SIGTERM)}
-        if not self._quiet:
-            tell_when_compiling()
-            if sys.stderr.isatty():
-                self._bar = _Bar()
+        if not self._quiet and sys.stderr.isatty():
+            self._bar = _Bar()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -62,6 +65,9 @@ class Screen:
         if self._stop.is_set():
             raise KeyboardInterrupt("stopped by the operator at once; where the axes stand has to be found again (home them)")
         self._stop.set()
+
+    def _compiling(self) -> None:
+        print("compiling the kernels; this happens once and takes some seconds", file=sys.stderr, flush=True)
 
     def _warn(self, diagnostic: Diagnostic) -> None:
         print(f"warning: {diagnostic.render()}", file=sys.stderr)
@@ -98,30 +104,3 @@ class _Bar:
         """Take the bar off the screen."""
         if self._progress is not None:
             self._progress.stop()
-
-
-_telling = False
-
-
-def tell_when_compiling() -> None:
-    """Say it, once, when the kernels are compiled: that takes a while, and happens once an installation."""
-    global _telling
-    if _telling:
-        return
-    _telling = True
-    from numba.core import event
-
-    import cnc.kernels.jit  # noqa: F401 - chooses the cache folder before numba reads its configuration
-
-    class Listener(event.Listener):
-        told = False
-
-        def on_start(self, event: object) -> None:
-            if not self.told:
-                self.told = True
-                print("compiling the kernels; this happens once and takes some seconds", file=sys.stderr, flush=True)
-
-        def on_end(self, event: object) -> None:
-            pass
-
-    event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]

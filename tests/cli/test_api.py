@@ -1,17 +1,16 @@
 """The library's front door, and what a terminal shows meanwhile."""
 
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
 import pytest
 
-from cnc import screen
+from cnc import screen, warm
 from cnc.api import Outputs, Watch, check, load_machine, parse, plan, run
 from cnc.canon import ArcFeed, Dwell, End, Polyline
 from cnc.drivers.loopback import Loopback
 from cnc.errors import EXIT_BOARD, Diagnostic, GcodeError, MachineFileError, UsageError
+from cnc.kernels import jit
 from cnc.planner.plan import PlanChunk
 
 ROOT = Path(__file__).parents[2]
@@ -139,10 +138,25 @@ def test_warnings_are_shown_unless_quiet(capsys):
         assert shown.watch().on_warning is None
 
 
-def test_compiling_is_announced_once():
-    code = (
-        "from cnc.screen import tell_when_compiling as tell; tell(); tell(); import numba;"
-        "one, two = numba.njit(lambda x: x + 1), numba.njit(lambda x: x + 2); assert one(1) + two(1) == 5"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120, check=True)
-    assert done.stderr == "compiling the kernels; this happens once and takes some seconds\n"
+def test_the_first_run_compiles_and_says_so_once(tmp_path, monkeypatch):
+    mark, told = tmp_path / "compiled", []
+    monkeypatch.setattr(warm, "compiled_mark", lambda: mark)
+    for _ in range(2):
+        warm.ensure_compiled(lambda: told.append("compiling"))
+    assert told == ["compiling"]
+    assert mark.exists()
+
+
+def test_compiling_is_announced_unless_quiet(capsys):
+    with screen.Screen(quiet=False) as shown:
+        shown.watch().on_compiling()
+    assert capsys.readouterr().err == "compiling the kernels; this happens once and takes some seconds\n"
+    with screen.Screen(quiet=True) as shown:
+        assert shown.watch().on_compiling is None
+
+
+def test_the_mark_changes_with_the_kernels(tmp_path, monkeypatch):
+    before = jit.compiled_mark()
+    monkeypatch.setattr(jit, "__file__", str(tmp_path / "jit.py"))
+    (tmp_path / "jit.py").write_text("")
+    assert jit.compiled_mark() != before

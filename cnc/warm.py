@@ -1,0 +1,86 @@
+"""The first run ever: the kernels are compiled, in two processes at once, before the program is looked at.
+
+What each half needs is found by using it: one builds curves and makes pulses and samples of them, the other plans and audits lines.
+Compiled code is kept on disk (:mod:`cnc.kernels.jit`), where the one process finds what the other made; a file beside it says that this was
+done for these kernels.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+
+from cnc.canon import ArcFeed, NurbsFeed, Polyline
+from cnc.interpolator.reference_pulse import ReferencePulse
+from cnc.interpolator.sampled import Sampled
+from cnc.kernels.jit import compiled_mark
+from cnc.machine.models import Axis, AxisLetter, Machine, PathLimits
+from cnc.path.bounds import bounding_box
+from cnc.path.build import build
+from cnc.path.chunk import PathChunk
+from cnc.planner.lookahead import LookAhead
+from cnc.planner.plan import PlanChunk
+
+AXES: tuple[AxisLetter, ...] = ("x", "y", "z")
+
+
+def ensure_compiled(tell: Callable[[], None] | None) -> None:
+    """Compile the kernels if that has not been done on this machine; ``tell`` is called first if so."""
+    mark = compiled_mark()
+    if mark is None or mark.exists():
+        return
+    if tell is not None:
+        tell()
+    other = subprocess.Popen(
+        [sys.executable, "-m", "cnc.warm"], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        use_curves()
+        if other.wait() == 0:
+            with suppress(OSError):
+                mark.touch()
+    finally:
+        # A child that is left over, as after Ctrl-C, has nobody to compile for.
+        other.kill()
+        other.wait()
+
+
+def use_curves() -> None:
+    """Build one curve of each kind, and make pulses and samples along a line."""
+    corner, end = np.array([[1.0, 0.0, 0.0]]), np.array([1.0, 2.0, 0.0])
+    points = np.array([[1.0, 2.0, 0.0], [2.0, 3.0, 0.0], [3.0, 1.0, 0.0], [4.0, 2.0, 0.0]])
+    blocks = [
+        Polyline("", 1, corner, np.array([1.0]), np.array([1], np.int32)),
+        ArcFeed("", 2, "XY", (1.0, 1.0), end, 1.0, 0.5, 1.0),
+        NurbsFeed("", 3, 3, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]), points, np.ones(4), 1.0),
+    ]
+    for path in build(blocks, axes=AXES, start=np.zeros(3)):
+        assert isinstance(path, PathChunk)
+        bounding_box(path)
+        piece_s = np.concatenate(([0.0], np.cumsum(path.length)))
+        length = float(piece_s[-1])
+        still, steady = np.zeros(2), np.ones(2)
+        plan = PlanChunk(path, piece_s, 0.0, 0.0, np.array([0.0, length]), np.array([0.0, length]), steady, still, np.zeros(1))
+        for _ in ReferencePulse([10.0, 10.0, 10.0], np.zeros(3)).pulses(plan):
+            pass
+        for _ in Sampled(0.1, np.zeros(3)).samples(plan):
+            pass
+
+
+def use_planner() -> None:
+    """Plan two lines and audit the plan."""
+    axis = Axis(steps_per_mm=10.0, max_velocity=10.0, max_acceleration=100.0, max_jerk=1000.0)
+    machine = Machine(axes=dict.fromkeys(AXES, axis), path=PathLimits(max_feed=10.0))
+    ends = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
+    lines = Polyline("", 1, ends, np.array([1.0, 1.0]), np.array([1, 2], np.int32))
+    chunks = build([lines], axes=AXES, start=np.zeros(3))
+    for _ in LookAhead(machine).plan(chunks):
+        pass
+
+
+if __name__ == "__main__":
+    use_planner()
