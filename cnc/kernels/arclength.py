@@ -116,13 +116,13 @@ def measure(kind: int, data: Floats, at: int, table: int, accuracy: float, work:
                         error = max(error, miss * 4.0 * max(quarters[k + 1] - quarters[k], quarters[k] - behind) / du)
                     behind = quarters[k]
                 accepted = rising and error <= least
+                factor = 0.9 * (least / max(error, 1e-30)) ** 0.125
                 if not accepted and (h <= least or du <= shortest):
                     accepted = True
-                    error = least
+                    factor = 0.9 * math.sqrt(least / max(h, 1e-30))
                     data[row + 2] = du
                     for k in range(3, ROW):
                         data[row + k] = 0.0
-                factor = 0.9 * (least / max(error, 1e-30)) ** 0.125
                 if accepted:
                     factor = min(max(factor, 0.3), 4.0)
                     rows += 1

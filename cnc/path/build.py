@@ -124,8 +124,12 @@ def build(blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, accu
 
 
 def _pieces(
-    block: Polyline | ArcFeed | NurbsFeed, position: Floats, axes: tuple[str, ...], classes: NDArray[np.int64], accuracy: float, exact_stop:
-    bool
+    block: Polyline | ArcFeed | NurbsFeed,
+    position: Floats,
+    axes: tuple[str, ...],
+    classes: NDArray[np.int64],
+    accuracy: float,
+    exact_stop: bool,
 ) -> Iterator[tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_]]]:
     """Records of one block with feed, line and stop of each piece; ``position`` is moved along."""
     if isinstance(block, Polyline):

@@ -121,8 +121,7 @@ def arc_records(
     if r0 > 0.0 and r1 > 0.0:
         between = math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
         exact = between + TURN * round(turns - between / TURN)
-        # never the other way round, nor nothing: half a turn's rounding must not swallow a short arc
-        if exact * sweep > 0.0:
+        if exact != 0.0:
             sweep = exact
     theta = math.atan2(y0, x0) if r0 > 0.0 else math.atan2(y1, x1) - sweep
     ex, ey = (x0 / r0, y0 / r0) if r0 > 0.0 else (math.cos(theta), math.sin(theta))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cnc.canon import NurbsFeed
-from cnc.kernels.curve import MAX_TURNING_POINTS, SPAN, curve_inv_arclen, curve_turning_points
+from cnc.kernels.curve import MAX_TURNING_POINTS, SPAN, TABLE, curve_inv_arclen, curve_turning_points
 from cnc.path.bounds import bounding_box
 from path_cases import arc, dense, ends, evaluate, evaluate_s, lines, nurbs_chunk, piece, random_nurbs, whole
 from support import share
@@ -179,6 +179,19 @@ def test_repeated_control_points_at_the_ends(repeats):
     s = np.linspace(0, chunk.length[0], 400)
     u = np.array([curve_inv_arclen(*piece(chunk, 0), x) for x in s])
     assert u[0] == 0 and u[-1] == 1 and np.all(np.diff(u) > 0)
+
+
+@pytest.mark.parametrize("degree", [2, 3, 5, 9])
+def test_a_line_from_a_standstill(degree):
+    """All control points but the last are one: s = L t^degree, so the inverse is known; no row of the table may be wasted on the start."""
+    block = bezier([[-4.0, 42.0, 0.0]] * degree + [[-57.0, -95.0, 0.0]])
+    chunk = nurbs_chunk(block)
+    length = math.hypot(53, 137)
+    assert chunk.length[0] == pytest.approx(length, rel=1e-14)
+    for s in np.linspace(0, length, 200):
+        assert length * curve_inv_arclen(*piece(chunk, 0), s) ** degree == pytest.approx(s, abs=1e-9)
+    table = chunk.at[0] + int(chunk.data[chunk.at[0] + TABLE])
+    assert chunk.data[table] < 300
 
 
 def test_a_span_of_equal_points_vanishes():
