@@ -28,7 +28,7 @@ POINTS = 8
 CLOSE = 1e-3
 """mm; motion so slow that it covers less than this in many periods is looked at this often along the path instead."""
 
-JOINT = 1e-9
+JOINT = 1e-11
 """mm; a phase that starts this little before a junction starts at it, one that ends this little after it ends there."""
 
 
@@ -75,6 +75,44 @@ def audit_phases(
 
 
 @njit
+def _step_and_sagitta(
+    kind: Ints, at: Ints, data: Floats, piece_s: Floats, first: int, piece: int, s_before: float, s: float, last: Floats, q: Floats
+) -> tuple[float, float]:
+    """Length of the step from last[0] to last[4] through the junctions between them, and how far the curve leaves the chord of the two."""
+    length = 0.0
+    apart = 0.0
+    chord = 0.0
+    for m in range(int(data[at[piece] + METRICS])):
+        c = int(data[at[piece] + METRIC + m])
+        chord += (last[4, c] - last[0, c]) ** 2
+        last[3, c] = last[0, c]
+    for k in range(first, piece + 1):
+        # In the middle of the step's part on this piece, then at the piece's end.
+        begin = max(s_before, piece_s[k])
+        end = min(s, piece_s[k + 1])
+        for half in range(2):
+            inside = 0.5 * (begin + end) if half == 0 else end
+            curve_eval(kind[k], data, at[k], curve_inv_arclen(kind[k], data, at[k], inside - piece_s[k]), q)
+            along = 0.0
+            squared = 0.0
+            step = 0.0
+            for m in range(int(data[at[k] + METRICS])):
+                c = int(data[at[k] + METRIC + m])
+                along += (q[0, c] - last[0, c]) * (last[4, c] - last[0, c])
+                squared += (q[0, c] - last[0, c]) ** 2
+                step += (q[0, c] - last[3, c]) ** 2
+            if chord > 0.0:
+                squared -= along * along / chord
+            apart = max(apart, squared)
+            if half == 1:
+                length += math.sqrt(step)
+                for m in range(int(data[at[k] + METRICS])):
+                    c = int(data[at[k] + METRIC + m])
+                    last[3, c] = q[0, c]
+    return length, math.sqrt(apart)
+
+
+@njit
 def audit_samples(
     kind: Ints, at: Ints, data: Floats, piece_s: Floats, phase_t: Floats, phase_s: Floats, phase_v: Floats, phase_a: Floats,
     phase_j: Floats, t0: float, period: float, shortest: float, index: int, known: int, last: Floats, largest: Floats,
@@ -82,9 +120,10 @@ def audit_samples(
 ) -> tuple[int, int]:  # fmt: skip
     """Raise the maxima to what differences of positions show at the instants ``index * period`` on, up to the plan's end.
 
-    last (5, n): positions at the instants before, newest in row 0, of which ``known`` are valid; row 4 is scratch. The
-    step deviation counts in steps longer than ``shortest``: on a shorter one it is no length to speak of. Returns the next index
-    and the number of valid rows.
+    last (5, n): positions at the instants before, newest in row 0, of which ``known`` are valid; rows 3 and 4 are scratch. The
+    step deviation and the chord error count in steps longer than ``shortest`` (on a shorter one they are no length to speak of) within
+    which the motion doesn't stop: a stop is a corner, and there a sample belongs to neither side. Returns the next index and the number of
+    valid rows.
     """
     n = len(axis_v)
     q = np.zeros((4, n))
@@ -95,19 +134,16 @@ def audit_samples(
     end = t0 + phase_t[-1]
     while index * period <= end:
         t = max(index * period - t0, 0.0)
+        stopped = False
         while phase + 1 < len(phase_j) and t > phase_t[phase + 1]:
             phase += 1
+            stopped = stopped or phase_v[phase] == 0.0
         s = phase_at(t - phase_t[phase], phase_s[phase], phase_v[phase], phase_a[phase], phase_j[phase])[0]
         while piece + 1 < len(kind) and s > piece_s[piece + 1]:
             piece += 1
         local = min(max(s - piece_s[piece], 0.0), piece_s[piece + 1] - piece_s[piece])
         here = kind[piece]
         curve_eval(here, data, at[piece], curve_inv_arclen(here, data, at[piece], local), q)
-        chord = 0.0
-        for m in range(int(data[at[piece] + METRICS])):
-            i = int(data[at[piece] + METRIC + m])
-            chord += (q[0, i] - last[0, i]) ** 2
-        chord = math.sqrt(chord)
         for i in range(n):
             p = q[0, i]
             if known > 0:
@@ -117,27 +153,10 @@ def audit_samples(
             if known > 2:
                 axis_j[i] = max(axis_j[i], abs(p - 3.0 * last[0, i] + 3.0 * last[1, i] - last[2, i]) / period**3)
             last[4, i] = p
-        if known > 0 and s_before >= 0.0 and s - s_before > 1e-9:
-            if s - s_before > shortest:
-                largest[STEP_DEVIATION] = max(largest[STEP_DEVIATION], abs(chord - (s - s_before)) / (s - s_before))
-            # The curve's distance from its chord, in the middle of the step and at any junction inside it.
-            for k in range(piece_before, piece + 1):
-                middle = piece_s[k + 1] if k < piece else 0.5 * (s + s_before)
-                m = min(max(k, piece_before), piece)
-                while m > piece_before and middle < piece_s[m]:
-                    m -= 1
-                inside = min(max(middle - piece_s[m], 0.0), piece_s[m + 1] - piece_s[m])
-                there = kind[m]
-                curve_eval(there, data, at[m], curve_inv_arclen(there, data, at[m], inside), q)
-                along = 0.0
-                apart = 0.0
-                for i in range(int(data[at[m] + METRICS])):
-                    c = int(data[at[m] + METRIC + i])
-                    along += (q[0, c] - last[0, c]) * (last[4, c] - last[0, c])
-                    apart += (q[0, c] - last[0, c]) ** 2
-                if chord > 0.0:
-                    apart -= (along / chord) ** 2
-                largest[CHORD_ERROR] = max(largest[CHORD_ERROR], math.sqrt(max(apart, 0.0)))
+        if s_before >= 0.0 and not stopped and s - s_before > shortest:
+            chord, apart = _step_and_sagitta(kind, at, data, piece_s, piece_before, piece, s_before, s, last, q)
+            largest[STEP_DEVIATION] = max(largest[STEP_DEVIATION], abs(chord - (s - s_before)) / (s - s_before))
+            largest[CHORD_ERROR] = max(largest[CHORD_ERROR], apart)
         for m in range(2, 0, -1):
             last[m] = last[m - 1]
         last[0] = last[4]

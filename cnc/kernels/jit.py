@@ -1,13 +1,14 @@
 """The one ``njit`` alias: cached compilation that survives a read-only home.
 
-numba keeps compiled code beside the source file, or in the user's cache folder where that can't be written, and fails where neither can:
-then a private folder under the system's temporary one takes its place.
+Compiled code is kept beside the sources, or in the user's cache folder where that can't be written, or else in a private folder under the
+system's temporary one.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import stat
 import sys
 import tempfile
@@ -43,19 +44,30 @@ def _private_folder() -> Path:
 
 
 def _choose_cache_folder() -> Path:
-    """The folder that compiled code is kept in; numba is pointed at it unless it would choose it by itself."""
+    """The folder for the code of these kernels, as they stand; numba is pointed at it.
+
+    numba looks only at the file that a kernel stands in, but its code holds that of every kernel it calls: the folder's name is theirs.
+    """
+    digest = hashlib.sha256(sys.version.encode())
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.read_bytes())
+    own = f"kernels-{digest.hexdigest()[:16]}"
     if "NUMBA_CACHE_DIR" in os.environ:
-        return Path(os.environ["NUMBA_CACHE_DIR"])
-    beside = Path(__file__).parent / "__pycache__"
-    if _writable(beside):
-        return beside
-    user_cache = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "cnc" / "kernels"
-    folder = user_cache if _writable(user_cache) else _private_folder()
-    os.environ["NUMBA_CACHE_DIR"] = str(folder)
+        named = Path(os.environ["NUMBA_CACHE_DIR"])
+        folder = named if named.name == own else named / own  # the former in a child of this process
+    else:
+        beside = Path(__file__).parent / "__pycache__"
+        user_cache = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "cnc"
+        base = beside if _writable(beside) else user_cache if _writable(user_cache) else _private_folder()
+        folder = base / own
+        if base == beside and not folder.exists():
+            for stale in beside.glob("kernels-*"):
+                shutil.rmtree(stale, ignore_errors=True)
     return folder
 
 
 _cache_folder = _choose_cache_folder()
+os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder)
 
 import numba  # noqa: E402 - reads NUMBA_CACHE_DIR when it is imported
 
@@ -66,10 +78,7 @@ def njit(function: Kernel) -> Kernel:
 
 
 def compiled_mark() -> Path | None:
-    """The file whose presence says that these kernels, as they stand, were compiled for this Python and numba; None without a compiler."""
+    """The file whose presence says that all kernels were compiled into this folder; None without a compiler."""
     if getattr(numba.config, "DISABLE_JIT", 0):
         return None
-    sources = sorted(Path(__file__).parent.glob("*.py"))
-    stamp = [(path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in sources]
-    digest = hashlib.sha256(repr((sys.version, numba.__version__, stamp)).encode()).hexdigest()[:16]
-    return _cache_folder / f"compiled-{digest}"
+    return _cache_folder / f"compiled-{numba.__version__}"

@@ -46,6 +46,9 @@ VARIATION = 0.02
 TURN = 0.1
 """Largest turn of the direction within an interval, rad."""
 
+IN_SIGHT = 1.25
+"""How far above the feed the other bounds on speed are followed: one that comes from above this dips below the feed at no place unseen."""
+
 SAMPLES = 5
 SHORTEST = 1e-6
 """mm; intervals are not made shorter than this, where curvature grows without bound towards a cusp."""
@@ -176,8 +179,12 @@ def interval_samples(kind: int, data: Floats, at: int, start: float, end: float,
 
 
 @njit
-def bounds_vary(q: Floats, v: float, speed: Floats, axis_a: Floats, axis_j: Floats) -> bool:
-    """Whether an interval with these samples is too long for constant bounds at speeds up to ``v``."""
+def bounds_vary(q: Floats, v: float, spacing: float, speed: Floats, rules: Floats, axis_a: Floats, axis_j: Floats) -> bool:
+    """Whether an interval with these samples, ``spacing`` apart, is too long for constant bounds at speeds up to ``v``.
+
+    Besides the samples' own variation this looks for what lies between them: a derivative's integral by the trapezoidal rule must give the
+    change of the derivative below it.
+    """
     lowest = speed[0]
     highest = speed[0]
     for m in range(1, SAMPLES):
@@ -196,6 +203,12 @@ def bounds_vary(q: Floats, v: float, speed: Floats, axis_a: Floats, axis_j: Floa
             if abs(abs(q[m, 2, i]) - abs(q[m - 1, 2, i])) * v * v > VARIATION * axis_a[i]:
                 return True
             if abs(abs(q[m, 3, i]) - abs(q[m - 1, 3, i])) * v * v * v > VARIATION * axis_j[i]:
+                return True
+            unseen = 1.5 * abs((q[m, 1, i] - q[m - 1, 1, i]) / spacing - 0.5 * (q[m, 2, i] + q[m - 1, 2, i]))
+            if unseen * v * v > VARIATION * min(rules[2], axis_a[i]):
+                return True
+            unseen = 1.5 * abs((q[m, 2, i] - q[m - 1, 2, i]) / spacing - 0.5 * (q[m, 3, i] + q[m - 1, 3, i]))
+            if unseen * v * v * v > VARIATION * axis_j[i]:
                 return True
     return False
 
@@ -304,24 +317,20 @@ def chunk_intervals(
         while start < length[k]:
             if count + 2 > len(out_end):
                 return -1
-            flat = False
-            end = min(start + step, flat_to)
-            if start < flat_from:
-                end = flat_from
-                flat = True
-            elif start >= flat_to:
-                end = length[k]
-                flat = True
-            if length[k] - end < 1e-9 * length[k]:
-                end = length[k]
+            # Flat stretches are cut like the others: what touches has one speed.
+            flat = start < flat_from or start >= flat_to
+            limit = flat_from if start < flat_from else flat_to if start < flat_to else length[k]
+            end = min(start + step, limit)
+            if limit - end < 1e-9 * length[k]:
+                end = limit
             while True:
                 interval_samples(shape, data, at[k], start, end, q)
                 for m in range(SAMPLES):
-                    speed[m] = speed_bound(data, at[k], q[m], feed[k], rules, axis_v, axis_a, axis_j)
-                v = gather(q, speed, first, second, third)
-                if flat or shape == LINE or end - start <= SHORTEST:
+                    speed[m] = speed_bound(data, at[k], q[m], IN_SIGHT * feed[k], rules, axis_v, axis_a, axis_j)
+                v = min(feed[k], gather(q, speed, first, second, third))
+                if shape == LINE or end - start <= SHORTEST:
                     break
-                if not bounds_vary(q, v, speed, axis_a, axis_j):
+                if not bounds_vary(q, v, (end - start) / (SAMPLES - 1), speed, rules, axis_a, axis_j):
                     break
                 end = start + 0.5 * (end - start)
             if flat:

@@ -44,7 +44,6 @@ class Audit:
         self._index = 0
         self._known = 0
         self._last = np.zeros((5, n))
-        self._clock = 0.0
 
     @property
     def feed(self) -> float:
@@ -126,17 +125,14 @@ class Audit:
         phases = (chunk.piece_s, chunk.phase_t, chunk.phase_s, chunk.phase_v, chunk.phase_a, chunk.phase_j)
         largest, axes = np.zeros(7), np.zeros((3, len(self.axis_velocity)))
         audit_phases(path.kind, path.at, path.data, feeds, *phases, limits.period, largest, axes[0], axes[1], axes[2])
-        if chunk.t0 > self._clock + 0.5 * limits.period and self._known:
-            # A dwell: the machine stood at the last position, which is what the instants in between show.
-            skipped = min(ceil(chunk.t0 / limits.period) - self._index, 3)
-            if skipped > 0:
-                self._known = 0
-        self._index = max(self._index, ceil(chunk.t0 / limits.period - 1e-9))
+        # Between the plans the machine stands where this one begins: three instants of that are as good as a long dwell.
+        standing = ceil(chunk.t0 / limits.period) - 3
+        if standing > self._index:
+            self._index, self._known = standing, 0
         self._index, self._known = audit_samples(
             path.kind, path.at, path.data, *phases, chunk.t0, limits.period, limits.chord_error, self._index, self._known, self._last,
             largest, axes[0], axes[1], axes[2],
         )  # fmt: skip
-        self._clock = chunk.t0 + chunk.duration
         checks = [
             ("feed", largest[OVERSPEED], 1.0),
             ("accel", largest[ACCEL], limits.tangential_acceleration),

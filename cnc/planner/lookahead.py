@@ -165,7 +165,7 @@ class _Window:
             return NOTHING
         parts = [section.intervals for section in self.sections]
         end = np.concatenate([section.intervals.end + section.base for section in self.sections])
-        first = int(np.searchsorted(end, self.start, side="right"))
+        first = int(np.searchsorted(end, self.start + _rounding(self.start), side="right"))
         wanted = slice(first, max(first, len(end) - beyond))
         return Intervals(
             end[wanted],
@@ -215,15 +215,16 @@ class _Window:
     def _commit(self, count: int) -> None:
         """Turn the first ``count`` phases of the plan into chunks, one a chunk of path; the others remain the plan."""
         reached, speed = (float(self.plan[count, S]), float(self.plan[count, V])) if count < len(self.plan) else (self.rest_at, 0.0)
+        at_rest = count == len(self.plan)
         left = self.plan[:count]
         while len(left):
             section = self.sections[0]
-            goal = min(section.end, reached)
+            goal = section.end if section.end < reached - _rounding(reached) else reached
             here, left = _split(left, goal) if goal < reached else (left, left[:0])
             v_end, a_end = (float(left[0, V]), float(left[0, A])) if len(left) else (speed, 0.0)
             if len(here):
                 self.committed.append(self._plan_chunk(section, here, goal, v_end, a_end))
-            if goal >= section.end:
+            if goal >= section.end - _rounding(goal) and (at_rest or self.rest_at > section.end + _rounding(goal)):
                 self.sections.popleft()
         self.start, self.v_start, self.plan = reached, speed, self.plan[count:]
         if self.sections:
@@ -274,6 +275,11 @@ def _phases(start: float, known: Intervals, v_start: float) -> tuple[int, Floats
     status, written = plan_window(bound_s, known.speed, known.accel, known.jerk, known.flat, v_start, phases)
     phases = phases[:written]
     return status, phases[phases[:, DURATION] > 0.0]
+
+
+def _rounding(s: float) -> float:
+    """What rounding may do to an arc length in the window: it is rounded anew whenever the window moves on."""
+    return 1e-12 + 8.0 * float(np.spacing(s))
 
 
 def _stopping_distance(known: Intervals) -> float:

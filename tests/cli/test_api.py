@@ -155,8 +155,13 @@ def test_compiling_is_announced_unless_quiet(capsys):
         assert shown.watch().on_compiling is None
 
 
-def test_the_mark_changes_with_the_kernels(tmp_path, monkeypatch):
-    before = jit.compiled_mark()
+def test_compiled_code_is_kept_by_the_text_of_all_kernels(tmp_path, monkeypatch):
+    # What one kernel calls may change without the file that it stands in.
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(jit, "__file__", str(tmp_path / "jit.py"))
-    (tmp_path / "jit.py").write_text("")
-    assert jit.compiled_mark() != before
+    (tmp_path / "callee.py").write_text("one")
+    before = jit._choose_cache_folder()
+    assert before.parent == tmp_path
+    assert jit._choose_cache_folder() == before
+    (tmp_path / "callee.py").write_text("two")
+    assert jit._choose_cache_folder() != before

@@ -57,8 +57,14 @@ def assert_joined(chunks):
 @given(seed=st.integers(0, 2**31))
 def test_random_paths_are_legal_by_differences_of_positions(seed):
     rng = np.random.default_rng(seed)
-    axis = (10 ** rng.uniform(2, 4), 10 ** rng.uniform(4, 6)) if rng.random() < 0.5 else None
-    mill = machine(axis=axis, tangential=10 ** rng.uniform(2, 4), normal=10 ** rng.uniform(2, 4), jerk=10 ** rng.uniform(4, 6))
+    mill = machine(
+        axis=(10 ** rng.uniform(1.5, 4.5), 10 ** rng.uniform(3, 7)) if rng.random() < 0.6 else None,
+        tangential=10 ** rng.uniform(1.5, 4.5),
+        normal=10 ** rng.uniform(1.5, 4.5),
+        jerk=10 ** rng.uniform(3, 7),
+        period=float(rng.choice((0.001, 0.0001, 0.002))),
+        velocity=10 ** rng.uniform(1, 3),
+    )
     period = mill.path.period
     chunks, _, audit = planned(random_blocks(rng, 5), mill)
     assert_joined(chunks)
@@ -164,6 +170,33 @@ def test_the_window_streams():
         chunks.append(item)
     assert first_at < 100
     assert_joined(chunks)
+
+
+@pytest.mark.parametrize("count", [12_000, 16_000, 20_000])
+def test_a_path_longer_than_the_window_is_planned_to_its_end(count):
+    angle = np.linspace(0, 200, count)
+    points = np.stack((angle * np.cos(angle), angle * np.sin(angle), 0 * angle), axis=1)
+    chunks, _, _ = planned([lines(points, 100.0)])
+    assert_joined(chunks)
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    assert sum_of_lengths(chunks) == pytest.approx(length, rel=1e-9)
+
+
+def test_a_short_dwell_is_standing_still():
+    # Less than a period and not on the grid of instants: differences of positions must not take it for motion.
+    mill = machine(axis=(2000.0, 2000.0), period=0.002)
+    for dwell in (0.0003, 0.0009, 0.0021, 0.0049, 0.02):
+        _, _, audit = planned([lines([(1, 0, 0)]), Dwell("t.nc", 2, dwell), lines([(0, 0, 0)], first=3)], mill)
+        assert audit.axis_jerk[0] <= 2000.0
+
+
+def test_curvature_that_hides_between_samples_is_seen():
+    # A nearly sharp bend in the middle of a long, otherwise straight span.
+    for width in (1.0, 0.1, 0.01, 0.001):
+        points = [(0, 0, 0), (10, 0, 0), (10 + width, width, 0), (10, 2 * width, 0), (0, 2 * width, 0)]
+        for degree in (2, 3, 4):
+            _, _, audit = planned([nurbs(points, degree=degree, feed=100.0)], machine(normal=500.0))
+            assert 100.0 < audit.normal_accel <= 500.0
 
 
 def test_ramp_down_ends_at_rest_soon():
