@@ -273,58 +273,49 @@ def plan_window(
             continue
         worst = lowest_violation(bound_s, speed, first, last, v[i], v[k], peak[i], span_a[i], span_j[i])
         if worst < 0:
-            if splits < n and (span_a[i] < UNEVEN * accel[first:last, 0].max() or span_j[i] < UNEVEN * jerk[first:last, 0].max()):
-                at, speed_there = best_split(bound_s, speed, accel, jerk, first, last, v[i], v[k], time)
-                if at >= 0:
-                    while free < room and kind[free] != FREE:
-                        free += 1
-                    if free < room:
-                        splits += 1
-                        lo[free] = hi[free] = at
-                        kind[free] = FOUND
-                        v[free] = speed_there
-                        following[free] = k
-                        preceding[free] = i
-                        following[i] = free
-                        preceding[k] = free
-                        cap[i] = cap[free] = math.inf
-                        pending = push(todo, queued, pending, free)
-                        pending = push(todo, queued, pending, i)
-            continue
-        bound = speed[worst]
-        left = worst
-        while left > first and speed[left - 1] == bound:
-            left -= 1
-        right = worst + 1
-        while right < last and speed[right] == bound:
-            right += 1
-        higher_left = left > first and speed[left - 1] > bound
-        higher_right = right < last and speed[right] > bound
-        if not higher_left and not higher_right:
-            if bound >= v[faster]:
-                cap[i] = bound
-            elif kind[faster] == FIXED:
-                return START_TOO_FAST, 0
-            else:
-                # A bound below the speed at an end of its own span: the end must come down.
-                v[faster] = bound
-                pending = push(todo, queued, pending, preceding[faster])
-                if following[faster] >= 0:
-                    pending = push(todo, queued, pending, faster)
-            pending = push(todo, queued, pending, i)
-            continue
-        new_lo = left if higher_left else right
-        new_hi = right if higher_right else left
+            if splits >= n or (span_a[i] >= UNEVEN * accel[first:last, 0].max() and span_j[i] >= UNEVEN * jerk[first:last, 0].max()):
+                continue
+            new_lo, new_v = best_split(bound_s, speed, accel, jerk, first, last, v[i], v[k], time)
+            new_hi = new_lo
+            if new_lo < 0:
+                continue
+            splits += 1
+        else:
+            bound = speed[worst]
+            left = worst
+            while left > first and speed[left - 1] == bound:
+                left -= 1
+            right = worst + 1
+            while right < last and speed[right] == bound:
+                right += 1
+            higher_left = left > first and speed[left - 1] > bound
+            higher_right = right < last and speed[right] > bound
+            if not higher_left and not higher_right:
+                if bound >= v[faster]:
+                    cap[i] = bound
+                elif kind[faster] == FIXED:
+                    return START_TOO_FAST, 0
+                else:
+                    # A bound below the speed at an end of its own span: the end must come down.
+                    v[faster] = bound
+                    pending = push(todo, queued, pending, preceding[faster])
+                    if following[faster] >= 0:
+                        pending = push(todo, queued, pending, faster)
+                pending = push(todo, queued, pending, i)
+                continue
+            new_lo = left if higher_left else right
+            new_hi = right if higher_right else left
+            a, j = span_bounds(speed, accel, jerk, first, new_lo, math.inf)
+            new_v = min(bound, reachable_speed(v[i], bound_s[new_lo] - bound_s[first], a, j))
+            a, j = span_bounds(speed, accel, jerk, new_hi, last, math.inf)
+            new_v = min(new_v, reachable_speed(v[k], bound_s[last] - bound_s[new_hi], a, j))
         while free < room and kind[free] != FREE:
             free += 1
         if free >= room:
             return NOT_FINISHED, 0
-        a, j = span_bounds(speed, accel, jerk, first, new_lo, math.inf)
-        v[free] = min(bound, reachable_speed(v[i], bound_s[new_lo] - bound_s[first], a, j))
-        a, j = span_bounds(speed, accel, jerk, new_hi, last, math.inf)
-        v[free] = min(v[free], reachable_speed(v[k], bound_s[last] - bound_s[new_hi], a, j))
         lo[free] = new_lo
         hi[free] = new_hi
+        v[free] = new_v
         kind[free] = FOUND
         following[free] = k
         preceding[free] = i

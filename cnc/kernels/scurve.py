@@ -29,12 +29,20 @@ ROUNDING = 1e-13
 
 
 @njit
+def ramp_shape(change: float, accel: float, jerk: float) -> tuple[float, float, float]:
+    """Durations of a ramp's jerk phases (each) and constant phase, and its top acceleration, for a given change of speed."""
+    if change * jerk >= accel * accel:
+        t_jerk = accel / jerk
+        return t_jerk, change / accel - t_jerk, accel
+    t_jerk = math.sqrt(change / jerk)
+    return t_jerk, 0.0, jerk * t_jerk
+
+
+@njit
 def ramp_time(v0: float, v1: float, accel: float, jerk: float) -> float:
     """Duration of the ramp between two speeds."""
-    change = abs(v1 - v0)
-    if change * jerk >= accel * accel:
-        return change / accel + accel / jerk
-    return 2.0 * math.sqrt(change / jerk)
+    t_jerk, t_const, _ = ramp_shape(abs(v1 - v0), accel, jerk)
+    return 2.0 * t_jerk + t_const
 
 
 @njit
@@ -91,15 +99,7 @@ def peak_speed(v0: float, v1: float, distance: float, cap: float, accel: float, 
 @njit
 def ramp_distance_to_speed(v0: float, v1: float, accel: float, jerk: float, v: float) -> float:
     """Distance from the start at which the rising ramp v0 -> v1 passes speed ``v`` (v0 <= v <= v1)."""
-    change = v1 - v0
-    if change * jerk >= accel * accel:
-        t_jerk = accel / jerk
-        t_const = change / accel - t_jerk
-        top = accel
-    else:
-        t_jerk = math.sqrt(change / jerk)
-        t_const = 0.0
-        top = jerk * t_jerk
+    t_jerk, t_const, top = ramp_shape(v1 - v0, accel, jerk)
     gained = v - v0
     by_jerk = 0.5 * jerk * t_jerk * t_jerk
     if gained <= by_jerk:
@@ -119,14 +119,7 @@ def write_ramp(v0: float, v1: float, accel: float, jerk: float, s: float, phases
     if change == 0.0:
         return count, s
     sign = 1.0 if v1 > v0 else -1.0
-    if change * jerk >= accel * accel:
-        t_jerk = accel / jerk
-        t_const = change / accel - t_jerk
-        top = accel
-    else:
-        t_jerk = math.sqrt(change / jerk)
-        t_const = 0.0
-        top = jerk * t_jerk
+    t_jerk, t_const, top = ramp_shape(change, accel, jerk)
     a = sign * top
     j = sign * jerk
     end = s + 0.5 * (v0 + v1) * (2.0 * t_jerk + t_const)
