@@ -33,10 +33,12 @@ def check_turning(chunk, k, axis):
     slopes = np.array([evaluate(chunk, k, u)[1, axis] for u in np.linspace(u0, u1, 801)])
     tiny = 1e-9 * np.abs(slopes).max()
     signs = np.sign(np.where(np.abs(slopes) <= tiny, 0.0, slopes))
-    signs = signs[signs != 0]
-    seen = int(np.sum(signs[1:] != signs[:-1]))
-    # two turning points within one sampling step cancel out in the samples
-    assert len(at) >= seen and (len(at) - seen) % 2 == 0
+    told = signs[signs != 0]
+    seen = int(np.sum(told[1:] != told[:-1]))
+    assert len(at) >= seen
+    if len(told) == len(signs):
+        # Two turning points within one sampling step cancel out in the samples; one can hide only where slopes are too small to tell.
+        assert (len(at) - seen) % 2 == 0
     edges = np.concatenate(([u0], at, [u1]))
     for n, (a, b) in enumerate(pairwise(edges)):
         inside = np.array([evaluate(chunk, k, u)[1, axis] for u in np.linspace(a, b, 9)[1:-1]])
