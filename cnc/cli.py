@@ -77,15 +77,22 @@ class Common:
     quiet: Annotated[bool, _option("Say nothing but errors.")] = False
     verbose: Annotated[bool, _option("Say more: each axis's dynamics, computing times, details of an internal error.")] = False
 
-    def outputs(self) -> Outputs:
-        """The files to write; UsageError if two of them are the same."""
+    def outputs(self, *inputs: str | None) -> Outputs:
+        """The files to write; UsageError if two of them are the same file, or one is the machine file or one of ``inputs``."""
         from cnc.api import Outputs
 
-        names = [name for name in (self.blocks, self.trace, self.pulses, self.json) if name is not None]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            what = "standard output" if twice == "-" else twice
-            raise UsageError(Diagnostic("output-twice", f"two outputs go to {what}", hint="give each output a file of its own"))
+        read = {os.path.realpath(name): name for name in (self.machine, *inputs) if name is not None and name != "-"}
+        taken: set[str] = set()
+        for name in (self.blocks, self.trace, self.pulses, self.json):
+            if name is None:
+                continue
+            file = name if name == "-" else os.path.realpath(name)
+            if file in taken:
+                what = "standard output" if name == "-" else name
+                raise UsageError(Diagnostic("output-twice", f"two outputs go to {what}", hint="give each output a file of its own"))
+            if file in read:
+                raise UsageError(Diagnostic("output-over-input", f"an output would overwrite {read[file]}", hint="give it another name"))
+            taken.add(file)
         return Outputs(blocks=self.blocks, trace=self.trace, pulses=self.pulses)
 
     @property
@@ -121,7 +128,7 @@ def run(
             port=port,
             dialect=common.dialect,
             interpolator=common.interpolator,
-            outputs=common.outputs(),
+            outputs=common.outputs(program, port),
             watch=screen.watch(),
         )
     if common.json is not None:
@@ -141,7 +148,7 @@ def check(
 
     if format == "json" and common.json is None:
         common = _with_json(common)
-    outputs = common.outputs()
+    outputs = common.outputs(*programs)
     names = [name.replace(HYPHEN, "-") for name in programs]
     files = find_programs(names)
     listed = len(files) != 1 or names != files

@@ -16,6 +16,9 @@ from typing import Literal
 
 Severity = Literal["error", "warning", "note"]
 
+SHOWN = 160
+"""Characters of a source line that a message shows."""
+
 EXIT_REJECTED = 1
 EXIT_USAGE = 2
 EXIT_BOARD = 3
@@ -54,10 +57,13 @@ class Diagnostic:
         place = self.place()
         lines = [f"{place}: {self.code}: {self.message}" if place else f"{self.code}: {self.message}"]
         if self.text:
-            shown = "".join(c if c.isprintable() else " " for c in self.text)
+            # Of a long line only what stands about the place.
+            first = max(0, self.column - SHOWN // 2) if len(self.text) > SHOWN else 0
+            shown = "".join(c if c.isprintable() else " " for c in self.text[first : first + SHOWN])
             lines.append(f"  {shown}")
             if self.column:
-                lines.append("  " + " " * (self.column - 1) + "^" + "~" * (max(self.length, 1) - 1))
+                marked = min(max(self.length, 1), max(first + SHOWN - self.column + 1, 1))
+                lines.append("  " + " " * (self.column - 1 - first) + "^" + "~" * (marked - 1))
         if self.hint:
             lines.append(f"  help: {self.hint}")
         return "\n".join(lines)

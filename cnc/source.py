@@ -77,5 +77,5 @@ def _with_text(fault: CncError, text: str) -> CncError:
         return fault
     letter = found.message[0] if found.code == "soft-limit" else ""
     word = (letter and re.search(rf"{letter}\s*[-+]?[\d.]+", code, re.IGNORECASE)) or re.search(r"\S(?:.*\S)?", code)
-    column, length = (word.start() + 1, len(word[0])) if word else (0, 1)
+    column, length = (word.start() + 1, len(word[0])) if word and not found.column else (found.column, found.length)
     return type(fault)(replace(found, text=text, column=column, length=length))

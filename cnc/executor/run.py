@@ -154,8 +154,11 @@ def execute(
     try:
         board.start(interpolator.origin_steps)
         at_rest = True
-        for item in plan_stream:
-            if stop is not None and stop.is_set():
+        items = iter(plan_stream)
+        while stop is None or not stop.is_set():
+            # What has been handed out is sent: the ramp begins where the last stretch ends.
+            item = next(items, None)
+            if item is None:
                 break
             if isinstance(item, PlanChunk):
                 run.motion(item, stop if ramp_down is None else None)

@@ -16,7 +16,7 @@ from cnc.canon import Block, Coolant, Dwell, End, Message, PathMode, Spindle, St
 from cnc.errors import CncError, Diagnostic, GcodeError
 from cnc.gcode import dialects
 from cnc.gcode.modal import PLANES, SYSTEMS, Code, Feed, Modal, codes_of
-from cnc.gcode.motion import Motion
+from cnc.gcode.motion import MIN_FEED, Motion
 from cnc.gcode.output import Output
 from cnc.gcode.parser import MAX_LINE, parse_line
 from cnc.gcode.unused import unused
@@ -25,8 +25,8 @@ from cnc.units import MM_PER_INCH, per_second
 
 Warn = Callable[[Diagnostic], None]
 
-MIN_FEED = 1e-6
-"""mm/s. What is slower is a slip: a millimetre would take eleven days."""
+MAX_DWELL = 1e6
+"""s. What is longer is a slip: it is more than eleven days."""
 MAX_TOOL = 99_999
 
 
@@ -234,7 +234,10 @@ class Interpreter:
         if len(times) > 1:
             raise fault("word-wanted-twice", f"{word.written} takes one time only", times[1][1])
         letter, time = times[0]
-        return not_negative(time, "the time") * letters[letter]
+        seconds = not_negative(time, "the time") * letters[letter]
+        if seconds > MAX_DWELL:
+            raise fault("value-out-of-range", f"{time.written}: a dwell of {seconds:g} s is more than eleven days", time)
+        return seconds
 
     def _path_control(self, words: LineWords, code: Code) -> None:
         """G61, G61.1, G64. Q of G64 allows straight moves to be merged within a tolerance: leave that needs not be taken."""

@@ -19,6 +19,9 @@ from cnc.gcode.output import Output
 from cnc.gcode.words import AXES, LineWords, Word, fault, whole
 from cnc.units import per_second
 
+MIN_FEED = 1e-6
+"""mm/s. What is slower is a slip: a millimetre would take eleven days."""
+
 _MOTION_NAMES = {0: "G0", 10: "G1", 20: "G2", 30: "G3"}
 _CENTER_WORDS = {"x": "I", "y": "J", "z": "K"}
 _ARC_WORDS = frozenset("IJKR")
@@ -177,7 +180,10 @@ class Motion:
             if word.number <= 0:
                 raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
             # A move of no length takes no time whatever the rate is; any positive feed says so.
-            return per_second(word.number * (length or 1.0))
+            rate = per_second(word.number * (length or 1.0))
+            if length and rate < MIN_FEED:
+                raise fault("feed-too-slow", f"{word.written}: the feed is next to nothing", word)
+            return rate
         feed = self._state.feed
         if feed is None:
             raise fault("feed-missing", "a feed move, but no feed was ever given", at, "give F")

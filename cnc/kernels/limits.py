@@ -79,7 +79,7 @@ def speed_bound(data: Floats, at: int, q: Floats, feed: float, rules: Floats, ax
         v = min(v, math.sqrt(rules[2] * radius))
         if 2.0 * radius > rules[3]:
             v = min(v, 2.0 / rules[4] * math.sqrt(rules[3] * (2.0 * radius - rules[3])))
-        v = min(v, math.sqrt(24.0 * rules[5]) * radius / rules[4])
+        v = min(v, math.sqrt(24.0 * (1.0 - UNSEEN) * rules[5]) * radius / rules[4])
     for i in range(q.shape[1]):
         if q[1, i] != 0.0:
             v = min(v, axis_v[i] / abs(q[1, i]))
@@ -140,7 +140,8 @@ def junction(
         bend = abs(after[2, i] - before[2, i])
         if bend > 0.0:
             by_v2 = max(by_v2, 0.75 * bend / (axis_j[i] * period))
-    if turn > CORNER:
+    # The step across a corner is shorter than the path by turn^2 / 8 at least.
+    if turn > CORNER or turn * turn > 8.0 * rules[5]:
         return 0.0, True
     if by_v * v + by_v2 * v * v <= UNSEEN:
         return v, False

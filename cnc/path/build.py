@@ -72,7 +72,7 @@ class _Gatherer:
         return chunk
 
 
-def build(blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, accuracy: float = 1e-9) -> Iterator[PathChunk | Block]:
+def build(blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, accuracy: float = 1e-12) -> Iterator[PathChunk | Block]:
     """Yield the path of ``blocks`` in chunks, and the blocks that don't move, in order.
 
     axes: names, one a column; start (n,): position before the first block, mm; accuracy: largest error of arc length and its inverse, mm.

@@ -10,11 +10,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cnc.canon import Block, Dwell, End, Message, Spindle
+from cnc.canon import Block, Dwell, End, Message, Polyline, Spindle
 from cnc.drivers.loopback import Loopback
 from cnc.errors import BoardError, Diagnostic, GcodeError
 from cnc.executor.run import Outcome, Progress, execute
+from cnc.interpolator.reference_pulse import ReferencePulse
+from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.path.build import build
 from cnc.path.chunk import PathChunk
+from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.stream import PulseChunk
 
@@ -201,3 +205,29 @@ def test_any_other_exception_aborts_too(fault: BaseException) -> None:
         execute(items(), board, Ticker())
     assert caught.value is fault
     assert board.aborted
+
+
+def test_a_stop_at_any_moment_comes_to_rest_on_the_path() -> None:
+    """With the real planner: nothing is left out between the last stretch sent and the ramp, wherever the stop falls."""
+    axis = Axis(steps_per_mm=100.0, max_velocity=100.0, max_acceleration=1500.0, max_jerk=40000.0)
+    machine = Machine(axes={"x": axis}, path=PathLimits(max_feed=100.0))
+    ends = np.arange(1, 4001)[:, None] * 0.05
+    moves = Polyline(FILE, 1, ends, np.full(4000, 100.0), np.arange(1, 4001, dtype=np.int32))
+    for sent in range(1, 6):
+        stop, ahead, board = threading.Event(), LookAhead(machine), Loopback(1)
+        interpolator = ReferencePulse([100.0], [0.0], 1e9 / 200_000)
+        chunks: list[PulseChunk] = []
+
+        def look(pulses: PulseChunk, chunks: list[PulseChunk] = chunks, stop: threading.Event = stop, sent: int = sent) -> None:
+            chunks.append(pulses)
+            if len(chunks) == sent:
+                stop.set()
+
+        plans = ahead.plan(build([moves], axes=("x",), start=np.zeros(1)))
+        outcome = execute(plans, board, interpolator, on_pulses=look, stop=stop, ramp_down=ahead.ramp_down)
+        assert outcome.stopped_at_line is not None
+        times = np.concatenate([chunk.time_ns for chunk in chunks])
+        assert np.diff(times).min() > 0.99e9 / (100.0 * 100.0)
+        # At rest: the last steps come ever slower.
+        assert np.diff(times)[-1] > 10 * np.diff(times).min()
+        assert board.position_steps[0] == len(times)

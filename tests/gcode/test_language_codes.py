@@ -127,7 +127,7 @@ CASES = {
     "one line, whole order": ("M0 X1 G1 G91 G55 M8 M3 T2 S9 F60 M6 G4 P2 (MSG,go)", [
         ("message", "go"),
         ("tool", 2), ("spindle", "cw", 9.0), ("coolant", False, True), ("dwell", 2.0), ("line", 1, 0, 0, 60), ("stop",)]),
-    "F is read before the units change": ("G20 G1 X1 F60", [("line", INCH, 0, 0, 60)]),
+    "F in the units of its own line": ("G20 G1 X1 F60", [("line", INCH, 0, 0, 60 * INCH)]),
     "offset, then move": ("G92.1 G0 X1", [("rapid", 1, 0, 0)]),
 }  # fmt: skip
 
@@ -199,9 +199,13 @@ def test_a_whole_circle_by_rounding() -> None:
     assert blocks[1].turns == -1.0  # type: ignore[attr-defined]
 
 
+def test_where_linuxcnc_is_the_dialect_f_is_read_before_the_units_change() -> None:
+    assert run("G20 G1 X1 F60", dialect="linuxcnc")[0].feeds.tolist() == [1.0]  # type: ignore[attr-defined]
+
+
 def test_odd_but_legal_lines_are_warned_about() -> None:
     warned: list[tuple[str, int, int, str]] = []
-    run("M3\nG20 F10", warn=lambda d: warned.append((d.code, d.line, d.column, d.severity)))
+    run("M3\nG20 F10", dialect="linuxcnc", warn=lambda d: warned.append((d.code, d.line, d.column, d.severity)))
     assert warned == [("spindle-speed-missing", 1, 1, "warning"), ("feed-before-units", 2, 5, "warning")]
 
 
