@@ -31,7 +31,10 @@ def speed(chunk, k, u):
 @pytest.mark.parametrize("degree", [1, 2, 3, 4, 5, 9])
 @pytest.mark.parametrize("knots", ["random", "multiple", "full"])
 def test_spans_are_the_nurbs(degree, knots):
-    """1e-10 of each derivative's size over the span; rounding grows with the degree, the weights and the shortest knot interval about."""
+    """1e-10 of each derivative's size over the span; rounding grows with the degree and the weights.
+
+    On a piece cut out about a hairpin, 1e-5 of the parameter long, the third derivative keeps five digits (checked with 50 digits).
+    """
     rng = np.random.default_rng([degree, len(knots)])
     for _ in range(share(40, 4)):
         block = random_nurbs(rng, degree, int(rng.integers(degree + 1, degree + 12)), knots=knots)
