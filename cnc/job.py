@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cnc.canon import ArcFeed, Block, Dwell, NurbsFeed, Polyline
 from cnc.drivers.base import PulseSink
-from cnc.errors import CncError, Diagnostic
+from cnc.errors import BoardError, CncError, Diagnostic
 from cnc.executor.run import Progress, execute
 from cnc.gcode.interpreter import interpret
 from cnc.gcode.parser import read_lines
@@ -264,18 +264,24 @@ class Job:
 
         # The board is about to move: from here on a wish to stop is the executor's to carry out.
         on_progress(Progress(0.0, 0, 0))
-        outcome = execute(
-            planned, board, pulses, on_pulses=on_pulses, on_progress=on_progress, stop=self.watch.stop, ramp_down=ahead.ramp_down
-        )
+        try:
+            outcome = execute(
+                planned, board, pulses, on_pulses=on_pulses, on_progress=on_progress, stop=self.watch.stop, ramp_down=ahead.ramp_down
+            )
+        except BoardError:
+            self._stands_at(board.position_steps)
+            raise
         report.steps = dict(zip(machine.axes, outcome.steps.tolist(), strict=True))
         report.pulse_rows = outcome.rows
         report.stopped_at_line = outcome.stopped_at_line
         if not outcome.finished:
             report.duration_s = outcome.duration
-            grid = outcome.position_steps.tolist()
-            report.end_position = {
-                letter: steps / axis.steps_per_mm for (letter, axis), steps in zip(machine.axes.items(), grid, strict=True)
-            }
+            self._stands_at(outcome.position_steps)
+
+    def _stands_at(self, grid: NDArray[np.int64]) -> None:
+        """The program did not come to its end: where the board says it is."""
+        axes = self.machine.axes.items()
+        self.report.end_position = {letter: steps / axis.steps_per_mm for (letter, axis), steps in zip(axes, grid.tolist(), strict=True)}
 
     def _blocks(self, lines: Iterable[str], warn: Callable[[Diagnostic], None] | None) -> Iterator[Block]:
         blocks = interpret(lines, file=self.name, axes=self.machine.axis_names, dialect=self.dialect, start=self.start, warn=warn)

@@ -59,8 +59,10 @@ def test_run_on_a_board_of_one_s_own(program):
 
 
 def test_faults_are_in_the_report(program):
-    report = run(program, board=Loopback(3, fail_after=5))
+    board = Loopback(3, fail_after=5)
+    report = run(program, board=board)
     assert report.exit_code == EXIT_BOARD
+    assert report.end_position == {"x": board.position_steps[0] / 200, "y": 0.0, "z": 0.0} != {"x": 20.0, "y": 0.0, "z": 0.0}
     assert report.faults[0].diagnostic.line == 2
     assert report.faults[0].diagnostic.file == str(program)
     program.write_text("G1 X1\n")
