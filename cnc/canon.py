@@ -9,7 +9,7 @@ A finishing program is a million short moves, so straight moves travel in runs: 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -92,8 +92,27 @@ class Dwell(Block):
 
 @dataclass(frozen=True, slots=True)
 class Spindle(Block):
+    """``rpm`` of the spindle; under constant surface speed (G96) the most that is allowed (0: no limit), ``surface_speed`` being mm/s."""
+
     state: Literal["cw", "ccw", "off"]
     rpm: float
+    surface_speed: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Orient(Block):
+    """M19: turn the spindle to ``angle`` degrees by the way named and hold it there; ``timeout`` s for that, 0 for none."""
+
+    angle: float
+    direction: Literal["shortest", "cw", "ccw"] = "shortest"
+    timeout: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SpindleSync(Block):
+    """From here on moves follow the spindle, ``pitch`` mm a turn; 0 ends that."""
+
+    pitch: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,16 +123,18 @@ class Coolant(Block):
 
 @dataclass(frozen=True, slots=True)
 class Tool(Block):
-    """Tool change (M6) to ``number``."""
+    """Tool change (M6) to ``number``; without ``change`` (M61) that tool is in the spindle already."""
 
     number: int
+    change: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class Stop(Block):
-    """M0, or M1 with ``optional``: wait for the operator."""
+    """M0, M1 with ``optional``, or M60 with ``pallet``: wait for the operator."""
 
     optional: bool = False
+    pallet: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,5 +145,77 @@ class End(Block):
 @dataclass(frozen=True, slots=True)
 class Message(Block):
     """``(MSG, text)`` for the operator; motion goes on."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Overrides(Block):
+    """What the operator may change while the program runs, from here on (M48 to M53)."""
+
+    feed: bool
+    spindle: bool
+    adaptive_feed: bool
+    feed_stop: bool
+
+
+@dataclass(frozen=True, slots=True)
+class DigitalOutput(Block):
+    """M62 to M65: set an output; ``with_motion`` at the start of the next move, else at once."""
+
+    number: int
+    on: bool
+    with_motion: bool
+
+
+@dataclass(frozen=True, slots=True)
+class AnalogOutput(Block):
+    """M67, M68: set an output to ``value``; ``with_motion`` at the start of the next move, else at once."""
+
+    number: int
+    value: float
+    with_motion: bool
+
+
+class Answer:
+    """What the board found out when it carried a block out: None until then, and in a run without a board."""
+
+    __slots__ = ("values",)
+
+    def __init__(self) -> None:
+        self.values: tuple[float, ...] | None = None
+
+
+WaitMode = Literal["immediate", "rise", "fall", "high", "low"]
+
+
+@dataclass(frozen=True, slots=True)
+class WaitInput(Block):
+    """M66: read an input, or wait until it does what ``mode`` says, at most ``timeout`` s. The answer: its value, or -1 after the time."""
+
+    number: int
+    analog: bool
+    mode: WaitMode
+    timeout: float
+    answer: Answer = field(default_factory=Answer, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Probe(Block):
+    """G38: a straight move to ``end`` (axes,) at ``feed`` that stops when the probe makes contact, or loses it if not ``towards``.
+
+    ``must``: it is an error to arrive without that. The answer is 1 for a contact and 0 for none, then the position (axes,) of it.
+    """
+
+    end: NDArray[np.float64]
+    feed: float
+    towards: bool
+    must: bool
+    answer: Answer = field(default_factory=Answer, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class BoardCommand(Block):
+    """A line for the board alone, such as GRBL's ``$H``: passed on as it stands, and refused where the board doesn't know it."""
 
     text: str

@@ -140,17 +140,46 @@ def _nurbs(block: canon.NurbsFeed, axes: Sequence[str]) -> dict[str, Any]:
     }
 
 
+def _spindle(block: canon.Spindle, _: Sequence[str]) -> dict[str, Any]:
+    constant = {"surface_speed": per_minute(block.surface_speed)} if block.surface_speed else {}
+    return {"state": block.state, "rpm": block.rpm, **constant}
+
+
+def _overrides(block: canon.Overrides, _: Sequence[str]) -> dict[str, Any]:
+    return {"feed": block.feed, "spindle": block.spindle, "adaptive_feed": block.adaptive_feed, "feed_stop": block.feed_stop}
+
+
+def _wait(block: canon.WaitInput, _: Sequence[str]) -> dict[str, Any]:
+    return {"number": block.number, "input": "analog" if block.analog else "digital", "mode": block.mode, "timeout": block.timeout}
+
+
+def _probe(block: canon.Probe, axes: Sequence[str]) -> dict[str, Any]:
+    end = dict(zip(axes, block.end.tolist(), strict=True))
+    return {"end": end, "feed": per_minute(block.feed), "towards": block.towards, "must": block.must}
+
+
 _FIELDS: dict[type[canon.Block], tuple[str | Callable[[Any], str], Callable[[Any, Sequence[str]], dict[str, Any]]]] = {
     canon.ArcFeed: ("arc", _arc),
     canon.NurbsFeed: ("nurbs", _nurbs),
     canon.PathMode: ("path-mode", lambda block, _: {"control": block.control, "tolerance": block.tolerance}),
     canon.Dwell: ("dwell", lambda block, _: {"seconds": block.seconds}),
-    canon.Spindle: ("spindle", lambda block, _: {"state": block.state, "rpm": block.rpm}),
+    canon.Spindle: ("spindle", _spindle),
+    canon.Orient: ("orient", lambda block, _: {"angle": block.angle, "direction": block.direction, "timeout": block.timeout}),
+    canon.SpindleSync: ("spindle-sync", lambda block, _: {"pitch": block.pitch}),
     canon.Coolant: ("coolant", lambda block, _: {"mist": block.mist, "flood": block.flood}),
-    canon.Tool: ("tool", lambda block, _: {"number": block.number}),
-    canon.Stop: (lambda block: "optional-stop" if block.optional else "stop", lambda block, _: {}),
+    canon.Tool: (lambda block: "tool" if block.change else "tool-in-spindle", lambda block, _: {"number": block.number}),
+    canon.Stop: (lambda block: "optional-stop" if block.optional else "pallet-stop" if block.pallet else "stop", lambda block, _: {}),
     canon.End: ("end", lambda block, _: {}),
     canon.Message: ("message", lambda block, _: {"text": block.text}),
+    canon.Overrides: ("overrides", _overrides),
+    canon.DigitalOutput: ("digital-output", lambda block, _: {"number": block.number, "on": block.on, "with_motion": block.with_motion}),
+    canon.AnalogOutput: (
+        "analog-output",
+        lambda block, _: {"number": block.number, "value": block.value, "with_motion": block.with_motion},
+    ),
+    canon.WaitInput: ("wait-input", _wait),
+    canon.Probe: ("probe", _probe),
+    canon.BoardCommand: ("board-command", lambda block, _: {"text": block.text}),
 }
 
 
