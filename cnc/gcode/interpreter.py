@@ -19,8 +19,9 @@ from cnc.gcode.modal import PLANES, SYSTEMS, Code, Feed, Modal, codes_of
 from cnc.gcode.motion import MIN_FEED, Motion
 from cnc.gcode.output import Output
 from cnc.gcode.parser import MAX_LINE, parse_line
+from cnc.gcode.statement import Statement
 from cnc.gcode.unused import unused
-from cnc.gcode.words import Line, LineWords, Word, fault, not_negative, whole
+from cnc.gcode.words import LineWords, Word, fault, not_negative, whole
 from cnc.units import MM_PER_INCH, per_second
 
 Warn = Callable[[Diagnostic], None]
@@ -95,11 +96,12 @@ class Interpreter:
         self._at = 0
         self._text = ""
 
-    def line(self, line: Line, number: int, text: str) -> None:
+    def line(self, line: Statement, number: int, text: str) -> None:
         """Execute a parsed line; ``text`` is its source."""
         self._at, self._text = number, text
-        for message in line.messages:
-            self.out.add(Message(self._file, number, message))
+        for remark in line.remarks:
+            if remark.kind == "msg":
+                self.out.add(Message(self._file, number, remark.text))
         if line.percent:
             self._percent_line()
         elif line.words:

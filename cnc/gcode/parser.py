@@ -11,14 +11,16 @@ import os
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Literal, cast
 
 from cnc import __version__
 from cnc.errors import Diagnostic, UsageError
+from cnc.gcode.statement import Remark, Statement
 from cnc.gcode.syntax import describe
-from cnc.gcode.words import Line, Word, fault
+from cnc.gcode.words import Word, fault
 
 if TYPE_CHECKING:
     from lark import Lark, Token
@@ -32,9 +34,31 @@ MEMO = 4096
 _CHUNK = 1 << 16
 _NOT_UTF8 = "latin-1"
 
-_MESSAGE = re.compile(r"\([ \t]*msg[ \t]*,(.*)\)", re.IGNORECASE)
+_REMARK = re.compile(
+    r"\([ \t]*(msg|debug|print|log|logopen|logappend|logclose|probeopen|probeclose|py)[ \t]*(?:,(.*))?\)", re.IGNORECASE | re.ASCII
+)
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f]")
 _BLANKS = re.compile(r"[ \t]+")
+
+
+Flavour = Literal["ngc", "macro-b", "none"]
+
+
+@dataclass(frozen=True, slots=True)
+class Syntax:
+    """What a line of a dialect may look like.
+
+    ``flavour``: parameters, expressions and control flow as RS274/NGC or FANUC's macro B has them, or none at all. ``siemens``: BSPLINE,
+    SD=, PL=, PW=. ``dollar``: lines that begin with $ are for the board. ``dialect`` is the name that messages show.
+    """
+
+    flavour: Flavour = "ngc"
+    siemens: bool = False
+    dollar: bool = False
+    dialect: str = "auto"
+
+
+AUTO = Syntax(siemens=True)
 
 
 def cache_folder() -> Path:
@@ -64,7 +88,7 @@ def _grammar() -> Lark:
 
 
 @lru_cache(maxsize=MEMO)
-def parse_line(text: str) -> Line:
+def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
     """Parse one line, given without its line end.
 
     Errors name the column (from 1) and say in plain words what is wrong; line and file are the caller's to add.
@@ -75,7 +99,7 @@ def parse_line(text: str) -> Line:
         what = f"control character U+{ord(control[0]):04X}"
         raise fault("control-character", what, column=control.start() + 1, hint="is this a text file?")
     if not text or text.isspace():
-        return Line()
+        return Statement()
     from lark.exceptions import UnexpectedInput
 
     try:
@@ -83,16 +107,16 @@ def parse_line(text: str) -> Line:
     except UnexpectedInput as error:
         raise describe(text, error.pos_in_stream or 0) from None
     words: list[Word] = []
-    messages: list[str] = []
+    remarks: list[Remark] = []
     deletable = False
     for token in cast("list[Token]", tree.children):
         if token.type == "WORD":
             words.append(_word(token))
         elif token.type == "DELETE":
             deletable = True
-        elif message := _MESSAGE.fullmatch(token):
-            messages.append(message[1].strip())
-    return Line(tuple(words), tuple(messages), percent=tree.data == "percent", deletable=deletable)
+        elif remark := _REMARK.fullmatch(token):
+            remarks.append(Remark(remark[1].lower(), (remark[2] or "").strip(), (token.start_pos or 0) + 1))
+    return Statement(tuple(words), remarks=tuple(remarks), percent=tree.data == "percent", deletable=deletable)
 
 
 def _word(token: Token) -> Word:

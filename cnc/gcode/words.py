@@ -1,15 +1,18 @@
 """The words of a line: a letter, a number, and where they stand.
 
-A parsed :class:`Line` never changes and is shared between equal lines. Executing it goes through a :class:`LineWords`, the record of which
-words have found a user: the interpreter refuses a line that has a word left, so no word is ever ignored.
+A parsed :class:`Statement` never changes and is shared between equal lines. Executing it goes through a :class:`LineWords`, the record of
+which words have found a user: the interpreter refuses a line that has a word left, so no word is ever ignored.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from cnc.errors import Diagnostic, GcodeError
+
+if TYPE_CHECKING:
+    from cnc.gcode.statement import Statement
 
 AXES = frozenset("XYZABCUVW")
 
@@ -36,16 +39,6 @@ class Word:
         return int(self.number) if self.number.is_integer() else None
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
-    """A parsed line: its words in the order written, messages to the operator, and whether it is a ``%`` line or may be deleted."""
-
-    words: tuple[Word, ...] = ()
-    messages: tuple[str, ...] = ()
-    percent: bool = False
-    deletable: bool = False
-
-
 def fault(code: str, message: str, word: Word | None = None, hint: str = "", *, column: int = 0, length: int = 1) -> GcodeError:
     """An error at a word (or a column) of the current line; the interpreter adds file, line and text."""
     if word is not None:
@@ -66,7 +59,7 @@ class LineWords:
     users: dict[str, tuple[str, Word]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, line: Line) -> LineWords:
+    def of(cls, line: Statement) -> LineWords:
         """Sort the words of a line; the line number is dropped, as nothing ever refers to it."""
         words = cls()
         for index, word in enumerate(line.words):
