@@ -22,8 +22,8 @@ from cnc.canon import Block
 from cnc.drivers.base import PulseSink
 from cnc.drivers.registry import open_board
 from cnc.errors import Diagnostic, UsageError
-from cnc.gcode.interpreter import interpret
 from cnc.gcode.parser import read_lines
+from cnc.gcode.program import interpret
 from cnc.job import Job, Outputs, Watch, start_position
 from cnc.machine.load import load_machine
 from cnc.machine.models import DialectName, Machine

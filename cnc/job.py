@@ -17,8 +17,8 @@ from cnc.canon import ArcFeed, Block, Dwell, NurbsFeed, Polyline
 from cnc.drivers.base import PulseSink
 from cnc.errors import BoardError, CncError, Diagnostic
 from cnc.executor.run import Progress, execute
-from cnc.gcode.interpreter import interpret
 from cnc.gcode.parser import read_lines
+from cnc.gcode.program import interpret
 from cnc.interpolator.reference_pulse import ReferencePulse
 from cnc.interpolator.sampled import Sampled
 from cnc.machine.models import DialectName, Machine

@@ -1,281 +1,247 @@
-"""Words and modal state to canonical blocks.
+"""Statements and modal state to canonical blocks.
 
-A line is executed in the order of RS274/NGC, whatever order its words stand in: messages, feed mode, F, S, T, tool change, spindle,
-coolant, dwell, plane, units, compensation and length, coordinate system, path control, distance modes, G10 and G92, motion, stop. Every
-word must find a user: what is left over is an error, so nothing is ignored. Source: LinuxCNC, "G-code overview", order of execution.
+A line is executed in the order of RS274/NGC, whatever order its words stand in: messages, feed mode, F, S, T, inputs and outputs, tool
+change, spindle, saved state, coolant, overrides, dwell, plane, units, compensation, length, coordinate system, path control, distance and
+retract modes, G10 to G92, motion, stop. Every word must find a user: what is left over is an error, so nothing is ignored. Source:
+LinuxCNC, "G-code overview", order of execution.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-
-import numpy as np
-from numpy.typing import NDArray
-
-from cnc.canon import Block, Coolant, Dwell, End, Message, PathMode, Spindle, Stop, Tool
-from cnc.errors import CncError, Diagnostic, GcodeError
-from cnc.gcode import dialects
-from cnc.gcode.modal import PLANES, SYSTEMS, Code, Feed, Modal, codes_of
+from cnc.canon import BoardCommand, Message
+from cnc.gcode import dialects, nurbs, system
+from cnc.gcode.coordinates import Coordinates
+from cnc.gcode.functions import Functions
+from cnc.gcode.here import Here, Warn
+from cnc.gcode.modal import FEED_MODES, PLANES, Code, Codes, Modal, codes_of, feed_of
 from cnc.gcode.motion import MIN_FEED, Motion
 from cnc.gcode.output import Output
-from cnc.gcode.parser import MAX_LINE, parse_line
-from cnc.gcode.statement import Statement
+from cnc.gcode.parameters import Parameters
+from cnc.gcode.prepared import Prepared, prepare
+from cnc.gcode.statement import Assignment, Remark, Statement
 from cnc.gcode.unused import unused
-from cnc.gcode.words import LineWords, Word, fault, not_negative, whole
-from cnc.units import MM_PER_INCH, per_second
+from cnc.gcode.words import LineWords, fault, whole
+from cnc.units import MM_PER_INCH
 
-Warn = Callable[[Diagnostic], None]
-
-MAX_DWELL = 1e6
-"""s. What is longer is a slip: it is more than eleven days."""
-MAX_TOOL = 99_999
-
-
-def interpret(
-    lines: Iterable[str],
-    *,
-    file: str,
-    axes: tuple[str, ...] = ("x", "y", "z"),
-    dialect: str = "auto",
-    start: NDArray[np.float64] | None = None,
-    block_delete: bool = False,
-    warn: Warn | None = None,
-) -> Iterator[Block]:
-    """The canonical blocks of a program, as its lines are read.
-
-    ``file`` names the program in blocks and errors. ``axes`` are the machine's, in the order of the columns of every position; ``start`` is
-    the machine position (axes,) at the start, zeros by default. With ``block_delete`` lines that begin with ``/`` are skipped unread.
-    ``warn`` is given what is legal but odd.
-
-    Reading stops at M2, M30 or a second ``%``. Raises GcodeError at the first fault, with file, line, column, source text and hint;
-    blocks of the lines before may have been handed on by then. Raises UsageError ``unknown-dialect``.
-    """
-    position = [0.0] * len(axes) if start is None else [float(value) for value in start]
-    program = Interpreter(file, axes, dialects.load(dialect), position, warn)
-    ready = program.out.ready
-    for number, raw in enumerate(lines, start=1):
-        text = raw.removesuffix("\n").removesuffix("\r")
-        if block_delete and text.lstrip(" \t").startswith("/"):
-            continue
-        try:
-            program.line(parse_line(text), number, text)
-        except GcodeError as error:
-            raise _placed(error, file, number, text) from None
-        if ready:
-            yield from ready
-            ready.clear()
-        if program.ended:
-            return
-    try:
-        program.end_of_file()
-    except GcodeError as error:
-        raise error.at(file=file) from None
-    yield from ready
-
-
-def _placed(error: GcodeError, file: str, line: int, text: str) -> CncError:
-    """The error with file, line and text, unless it points at an earlier line already."""
-    if error.diagnostic.line:
-        return error.at(file=file)
-    return error.at(file=file, line=line, text=text if len(text) <= MAX_LINE else None)
+MOST_PREPARED = 8192
+"""Statements that are kept prepared."""
+_QUICK_MOTIONS = (None, 0, 10, 20, 30)
+_MESSAGES = ("msg", "debug", "print")
 
 
 class Interpreter:
-    """A program being read. ``line`` executes one line into ``out``; ``ended`` tells that nothing more is to be read."""
+    """A program being executed, statement by statement, into ``out``.
 
-    def __init__(self, file: str, axes: tuple[str, ...], dialect: dialects.Dialect, position: list[float], warn: Warn | None) -> None:
+    ``ended`` tells that nothing more is to be read. ``plain``: nothing is in effect that a straight move or an arc would have to heed
+    beyond units, offsets, distance mode and feed.
+    """
+
+    def __init__(
+        self,
+        file: str,
+        axes: tuple[str, ...],
+        dialect: dialects.Dialect,
+        position: list[float],
+        parameters: Parameters,
+        warn: Warn | None,
+    ) -> None:
         self.ended = False
-        self.out = Output(file, len(axes))
-        self.modal = Modal(motion=dialect.motion)
-        self.motion = Motion(file, axes, dialect, self.modal, position, self.out)
-        self._file = file
-        self._dialect = dialect
-        self._warn = warn
-        self._begun = False
-        self._percent = False
-        self._at = 0
-        self._text = ""
+        self.begun = False
+        self.plain = True
+        self.here = Here(file, warn)
+        self.out = Output(self.here, len(axes))
+        self.modal = Modal(motion=dialect.motion, initial_level=dialect.initial_level)
+        self.dialect = dialect
+        self.parameters = parameters
+        self.coordinates = Coordinates(axes, parameters, systems=dialect.systems, fanuc=dialect.flavour == "macro-b")
+        self.functions = Functions(dialect, self.here, self.modal, self.out, parameters)
+        self.motion = Motion(axes, dialect, self.here, self.modal, position, self.coordinates, self.out)
+        nurbs.register(self.motion, dialect, self.modal, self.here)
+        self.coordinates.bind(lambda: self.motion.position, lambda: self.modal.scale)
+        system.bind(parameters, self.modal, self.here)
+        self._prepared: dict[int, Prepared] = {}
+        self._saved: list[Modal | None] = [None]
+        self._restore_at_return: list[bool] = [False]
 
-    def line(self, line: Statement, number: int, text: str) -> None:
-        """Execute a parsed line; ``text`` is its source."""
-        self._at, self._text = number, text
-        for remark in line.remarks:
-            if remark.kind == "msg":
-                self.out.add(Message(self._file, number, remark.text))
-        if line.percent:
-            self._percent_line()
-        elif line.words:
-            self._execute(LineWords.of(line))
-            self._begun = True
+    def execute(self, statement: Statement, line: int) -> None:
+        """Execute a statement that stands at ``line`` of the file; the blocks are in ``out``."""
+        self.here.line = line
+        prepared = self._prepared.get(id(statement))
+        if prepared is None:
+            prepared = self._prepare(statement)
+        if prepared.quick is not None and self.plain and self.motion.quick(prepared.quick):
+            self.begun = True
+            return
+        words = prepared.line_words(self.parameters)
+        if statement.assignments:
+            self._assign(statement.assignments)
+        for remark in statement.remarks:
+            self._remark(remark)
+        if statement.board:
+            self.out.add(BoardCommand(self.here.file, line, statement.board))
+        elif statement.words:
+            self._execute(words, prepared.codes)
+            self.begun = True
+            self._look_around()
 
     def end_of_file(self) -> None:
-        """The program ends without M2, M30 or ``%``; an error inside a NURBS."""
-        if self.motion.nurbs:
-            raise self.motion.nurbs.end("the program ends before the curve is complete")
+        """The program ends without M2, M30 or ``%``; an error inside a curve."""
+        if self.motion.collector:
+            raise self.motion.collector.end("the program ends before the curve is complete")
         self.out.flush()
 
-    def _percent_line(self) -> None:
-        """A first ``%`` before any word opens the program, any other ends it."""
-        if not self._begun and not self._percent:
-            self._percent = True
-            return
-        self.end_of_file()
-        self.ended = True
+    def entered(self) -> None:
+        """A subprogram was called."""
+        self._saved.append(None)
+        self._restore_at_return.append(False)
 
-    def _execute(self, words: LineWords) -> None:
-        if self.motion.nurbs:
-            self.motion.nurbs_line(words, self._at, self._text)
-        elif words.g or words.m:
-            self._in_order(words, codes_of(words.g, words.m, self._dialect))
-        elif not self._is_program_number(words):
-            self._in_order(words, {})
+    def left(self) -> None:
+        """A subprogram returned: what M73 saved in it is in effect again."""
+        saved = self._saved.pop()
+        if self._restore_at_return.pop() and saved is not None:
+            self._restore(saved)
+            self._look_around()
+
+    def _prepare(self, statement: Statement) -> Prepared:
+        if len(self._prepared) >= MOST_PREPARED:
+            self._prepared.clear()
+        # The entry keeps its statement alive, so no other can have the same id.
+        prepared = self._prepared[id(statement)] = prepare(statement, self.dialect, self.motion.column)
+        return prepared
+
+    def _look_around(self) -> None:
+        state, motion = self.modal, self.motion
+        self.plain = (
+            state.motion in _QUICK_MOTIONS
+            and state.feed_mode == "per-minute"
+            and motion.collector is None
+            and not self.coordinates.rotation
+        )
+
+    def _assign(self, assignments: tuple[Assignment, ...]) -> None:
+        """All right sides are computed before the first parameter is set."""
+        parameters = self.parameters
+        found = [
+            (each, each.target if isinstance(each.target, str) else each.target(parameters), each.value(parameters)) for each in assignments
+        ]
+        for assignment, target, value in found:
+            if isinstance(target, str):
+                parameters.set_name(target, value, assignment.column)
+            else:
+                parameters.set_number(target, value, assignment.column)
+
+    def _remark(self, remark: Remark) -> None:
+        here = self.here
+        if remark.kind in _MESSAGES:
+            self.out.add(Message(here.file, here.line, remark.text))
+
+    def _execute(self, words: LineWords, codes: Codes | None) -> None:
+        if codes is None:
+            codes = codes_of(words.g, words.m, self.dialect)
+        collector = self.motion.collector
+        if not (collector and collector.line(words, codes)) and (codes or not self._is_program_number(words)):
+            self._in_order(words, codes)
         if words.rest:
             raise unused(words, self.modal)
 
     def _is_program_number(self, words: LineWords) -> bool:
-        if self._begun or not self._dialect.program_number or words.rest.keys() != {"O"}:
+        if self.begun or not self.dialect.program_number or words.rest.keys() != {"O"}:
             return False
         whole(words.rest.pop("O"), "a program number", 0)
         return True
 
-    def _in_order(self, words: LineWords, codes: dict[str, Code]) -> None:
+    def _in_order(self, words: LineWords, codes: Codes) -> None:
         """The standard order of execution."""
-        state = self.modal
-        moving = self.motion.check(words, codes)
+        state, motion, functions = self.modal, self.motion, self.functions
+        moving = motion.check(words, codes)
         if not codes:
             self._feed(words, codes)
-            self._speed_and_tool(words, codes)
-            self.motion.move(words, moving, self._at, self._text)
+            functions.speed_and_tool(words, codes)
+            motion.move(words, moving)
             return
         if code := codes.get("feed-mode"):
-            inverse = code.number == 930
-            if inverse != state.inverse_time:
-                state.inverse_time, state.feed = inverse, None
-        if self._dialect.units_before_feed:
+            mode = FEED_MODES[code.number]
+            if mode != state.feed_mode:
+                state.feed_mode, state.feed = mode, None
+        if self.dialect.units_before_feed:
             self._units(codes)
         self._feed(words, codes)
-        self._speed_and_tool(words, codes)
-        self._machine_functions(words, codes)
+        functions.speed_and_tool(words, codes)
+        functions.input_output(words, codes)
+        functions.tool_change(words, codes)
+        functions.spindle(words, codes)
+        self._saved_state(codes)
+        functions.coolant(codes)
+        functions.overrides(words, codes)
+        if (code := codes.get("non-modal")) and code.number == 40:
+            functions.dwell(words, code)
         if code := codes.get("plane"):
             state.plane = PLANES[code.number]
         self._units(codes)
-        if "compensation" in codes:
-            state.compensation = False
-        if code := codes.get("system"):
-            self.motion.use_system(SYSTEMS[code.number])
         if code := codes.get("path"):
-            self._path_control(words, code)
+            functions.path_control(words, code)
         if code := codes.get("distance"):
             state.absolute = code.number == 900
         if code := codes.get("arc-distance"):
             state.arc_absolute = code.number == 901
-        if (code := codes.get("non-modal")) and code.number != 40:
-            self.motion.offsets_code(words, code)
-        self.motion.move(words, moving, self._at, self._text, codes.get("motion"))
+        if code := codes.get("retract"):
+            state.initial_level = code.number == 980
+        motion.move(words, moving, codes.get("motion"))
         if code := codes.get("stop"):
             self._stop(code)
 
-    def _feed(self, words: LineWords, codes: dict[str, Code]) -> None:
+    def _feed(self, words: LineWords, codes: Codes) -> None:
         """F. In inverse time it belongs to the move of its line, which takes it."""
-        if "F" not in words.rest or self.modal.inverse_time:
+        if "F" not in words.rest or self.modal.feed_mode == "inverse-time":
             return
         word = words.rest.pop("F")
         scale = self.modal.scale
-        if (code := codes.get("units")) and scale != _scale(code) and not self._dialect.units_before_feed:
-            self._caution("feed-before-units", f"F is read before {code.word.written} takes effect", word, "write F on the next line")
+        if (code := codes.get("units")) and scale != _scale(code) and not self.dialect.units_before_feed:
+            message = f"F is read before {code.word.written} takes effect"
+            self.here.caution("feed-before-units", message, word, "write F on the next line")
         if word.number <= 0:
             raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
-        feed = Feed(per_second(word.number * scale), per_second(word.number))
+        feed = feed_of(word.number, scale)
+        if self.modal.feed_mode == "per-revolution":
+            feed = type(feed)(word.number * scale, word.number)
         if feed.rotary < MIN_FEED:
             raise fault("feed-too-slow", f"{word.written}: the feed is next to nothing", word)
         self.modal.feed = feed
 
-    def _units(self, codes: dict[str, Code]) -> None:
-        if code := codes.get("units"):
-            self.modal.scale = _scale(code)
+    def _units(self, codes: Codes) -> None:
+        """G20, G21, G7, G8."""
+        if (code := codes.get("units")) or "diameter" in codes:
+            self.modal.scale = _scale(code) if code else self.modal.scale
+            if diameter := codes.get("diameter"):
+                self.modal.diameter = diameter.number == 70
+            self.motion.units_changed()
 
-    def _speed_and_tool(self, words: LineWords, codes: dict[str, Code]) -> None:
-        state = self.modal
-        if word := words.take("S", "S"):
-            state.speed = not_negative(word, "the spindle speed")
-            if state.spindle != "off" and "spindle" not in codes and "tool-change" not in codes:
-                self.out.add(Spindle(self._file, self._at, state.spindle, state.speed))
-        if word := words.take("T", "T"):
-            state.tool = whole(word, "the tool number", 0, MAX_TOOL)
-
-    def _machine_functions(self, words: LineWords, codes: dict[str, Code]) -> None:
-        """Tool change, spindle, coolant, dwell."""
-        state, file, at = self.modal, self._file, self._at
-        if code := codes.get("tool-change"):
-            if state.tool is None:
-                raise fault("tool-not-chosen", "M6 without a tool chosen by a T word", code.word, "give T and the tool's number")
-            self._spindle_off()
-            self.out.add(Tool(file, at, state.tool))
-        if code := codes.get("spindle"):
-            if code.number == 5:
-                state.spindle = "off"
-                self.out.add(Spindle(file, at, "off", 0.0))
-            else:
-                if state.speed is None:
-                    message = f"{code.word.written} without a speed ever given: the spindle stands"
-                    self._caution("spindle-speed-missing", message, code.word, "give S")
-                state.spindle = "cw" if code.number == 3 else "ccw"
-                self.out.add(Spindle(file, at, state.spindle, state.speed or 0.0))
-        if code := codes.get("coolant"):
-            state.mist = code.number == 7 or (state.mist and code.number == 8)
-            state.flood = code.number == 8 or (state.flood and code.number == 7)
-            self.out.add(Coolant(file, at, state.mist, state.flood))
-        if (code := codes.get("non-modal")) and code.number == 40:
-            self.out.add(Dwell(file, at, self._dwell(words, code.word)))
-
-    def _dwell(self, words: LineWords, word: Word) -> float:
-        letters = self._dialect.dwell
-        times = [(letter, time) for letter in letters if (time := words.take(letter, "G4"))]
-        if not times:
-            raise fault("dwell-time-missing", f"{word.written} needs a time", word, f"give {' or '.join(letters)}")
-        if len(times) > 1:
-            raise fault("word-wanted-twice", f"{word.written} takes one time only", times[1][1])
-        letter, time = times[0]
-        seconds = not_negative(time, "the time") * letters[letter]
-        if seconds > MAX_DWELL:
-            raise fault("value-out-of-range", f"{time.written}: a dwell of {seconds:g} s is more than eleven days", time)
-        return seconds
-
-    def _path_control(self, words: LineWords, code: Code) -> None:
-        """G61, G61.1, G64. Q of G64 allows straight moves to be merged within a tolerance: leave that needs not be taken."""
-        if code.number != 640:
-            control = "exact-stop" if code.number == 611 else self._dialect.path_stop
-            self.out.add(PathMode(self._file, self._at, control))
+    def _saved_state(self, codes: Codes) -> None:
+        """M70 and M73 save, M71 forgets, M72 restores; each call has its own."""
+        code = codes.get("state")
+        if code is None:
             return
-        tolerance = 0.0
-        for letter in sorted(self._dialect.path_words):
-            if word := words.take(letter, "G64"):
-                value = not_negative(word, "the tolerance") * self.modal.scale
-                tolerance = value if letter == "P" else tolerance
-        self.out.add(PathMode(self._file, self._at, "blend", tolerance))
+        if code.number in (70, 73):
+            self._saved[-1] = self.functions.save()
+            self._restore_at_return[-1] = code.number == 73
+        elif code.number == 71:
+            self._saved[-1] = None
+        else:
+            saved = self._saved[-1]
+            if saved is None:
+                raise fault(
+                    "state-not-saved", "M72 without a saved state", code.word, "save it with M70 before, at the same level of calls"
+                )
+            self._restore(saved)
+
+    def _restore(self, saved: Modal) -> None:
+        self.functions.restore(saved)
+        self.motion.units_changed()
 
     def _stop(self, code: Code) -> None:
-        """M0, M1, M2, M30; the last two also stop spindle and coolant."""
-        file, at, state = self._file, self._at, self.modal
-        if self.motion.nurbs:
-            raise fault("nurbs-foreign-word", f"{code.word.written} can't stand in the line of G6.2", code.word)
-        if code.number in (0, 1):
-            self.out.add(Stop(file, at, optional=code.number == 1))
-            return
-        self._spindle_off()
-        if state.mist or state.flood:
-            self.out.add(Coolant(file, at, mist=False, flood=False))
-        self.out.add(End(file, at))
-        self.ended = True
-
-    def _spindle_off(self) -> None:
-        if self.modal.spindle != "off":
-            self.modal.spindle = "off"
-            self.out.add(Spindle(self._file, self._at, "off", 0.0))
-
-    def _caution(self, code: str, message: str, word: Word, hint: str) -> None:
-        if self._warn:
-            self._warn(Diagnostic(code, message, self._file, self._at, word.column, word.length, self._text, hint, severity="warning"))
+        if self.motion.collector:
+            raise fault("nurbs-foreign-word", f"{code.word.written} can't stand in the line of a spline", code.word)
+        self.ended = self.functions.stop(code)
 
 
 def _scale(code: Code) -> float:

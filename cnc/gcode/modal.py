@@ -1,46 +1,60 @@
 """Modal groups and the modal state.
 
-Codes of one group exclude each other in a line. Source: RS274/NGC interpreter version 3 (NISTIR 6556), tables 3 and 4, and LinuxCNC's
-"G-code overview", modal groups.
+Codes of one group exclude each other in a line. Source: LinuxCNC, "G-code overview", modal groups; RS274/NGC interpreter version 3
+(NISTIR 6556), tables 3 and 4.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
-from cnc.canon import Plane
+from cnc.canon import PathControl, Plane
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.words import Word, fault
+from cnc.units import per_second
 
 NURBS = 62
 """G6.2, ten times its number as everywhere."""
 CANCEL = 800
 
 _GROUPS: dict[str, tuple[int, ...]] = {
-    "motion": (0, 10, 20, 30, NURBS, CANCEL),
-    "non-modal": (40, 100, 530, 920, 921, 922, 923),
+    "motion": (
+        0, 10, 20, 30, 50, 51, 52, 53, NURBS, 330, 331, 382, 383, 384, 385, 730, 740, 760,
+        CANCEL, 810, 820, 830, 840, 850, 860, 870, 880, 890,
+    ),
+    "non-modal": (40, 100, 280, 281, 300, 301, 520, 530, 920, 921, 922, 923),
     "plane": (170, 180, 190),
     "units": (200, 210),
     "distance": (900, 910),
     "arc-distance": (901, 911),
-    "feed-mode": (930, 940),
-    "compensation": (400,),
-    "tool-length": (490,),
+    "feed-mode": (930, 940, 950),
+    "compensation": (400, 410, 411, 420, 421),
+    "tool-length": (430, 431, 432, 440, 490),
     "system": (540, 550, 560, 570, 580, 590, 591, 592, 593),
     "path": (610, 611, 640),
-}
+    "spindle-mode": (960, 970),
+    "retract": (980, 990),
+    "diameter": (70, 80),
+}  # fmt: skip
 _M_GROUPS: dict[str, tuple[int, ...]] = {
-    "stop": (0, 1, 2, 30),
-    "tool-change": (6,),
-    "spindle": (3, 4, 5),
+    "stop": (0, 1, 2, 30, 60),
+    "tool-change": (6, 61),
+    "spindle": (3, 4, 5, 19),
     "coolant": (7, 8, 9),
+    "overrides": (48, 49, 50, 51, 52, 53),
+    "input-output": (62, 63, 64, 65, 66, 67, 68),
+    "state": (70, 71, 72, 73),
 }
 GROUP_OF_G = {code: group for group, codes in _GROUPS.items() for code in codes}
 GROUP_OF_M = {code: group for group, codes in _M_GROUPS.items() for code in codes}
 
 PLANES: dict[int, Plane] = {170: "XY", 180: "ZX", 190: "YZ"}
 SYSTEMS = {code: index for index, code in enumerate(_GROUPS["system"])}
+
+FeedMode = Literal["per-minute", "inverse-time", "per-revolution"]
+FEED_MODES: dict[int, FeedMode] = {930: "inverse-time", 940: "per-minute", 950: "per-revolution"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +65,13 @@ class Code:
     word: Word
 
 
-def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> dict[str, Code]:
+Codes = dict[str, Code]
+"""The codes of a line by modal group."""
+
+
+def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
     """The codes of a line by modal group. Refuses what the dialect lacks, and two codes of one group."""
-    found: dict[str, Code] = {}
+    found: Codes = {}
     for word in g:
         number = dialect.check_g(word)
         _add(found, GROUP_OF_G[number], Code(number, word))
@@ -63,7 +81,7 @@ def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> dict[str, Code]:
     return found
 
 
-def _add(found: dict[str, Code], group: str, code: Code) -> None:
+def _add(found: Codes, group: str, code: Code) -> None:
     if other := found.get(group):
         raise fault("modal-conflict", f"{other.word.written} and {code.word.written} can't stand in one line", code.word)
     found[group] = code
@@ -71,29 +89,51 @@ def _add(found: dict[str, Code], group: str, code: Code) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Feed:
-    """An F word as it was understood when it was read: mm/s for moves of linear axes, deg/s for moves of rotary axes alone."""
+    """An F word as it was understood when it was read: for moves of linear axes, and for moves of rotary axes alone.
+
+    Per minute: mm/s and deg/s. Per revolution: mm and deg a turn of the spindle.
+    """
 
     linear: float
     rotary: float
 
 
+@lru_cache(maxsize=1024)
+def feed_of(number: float, scale: float) -> Feed:
+    """The feed of an F word: ``number`` in program units of ``scale`` mm (or degrees), a minute."""
+    return Feed(per_second(number * scale), per_second(number))
+
+
 @dataclass(slots=True)
 class Modal:
-    """The state that lines leave behind, with LinuxCNC's defaults: G17 G21 G90 G91.1 G94 G40 G49 G54 G64.
+    """The state that lines leave behind, with LinuxCNC's defaults: G17 G21 G90 G91.1 G94 G40 G49 G54 G64 G97 G99 G8, M5 M9 M48 M53.
 
-    ``scale`` is mm a program unit; ``speed`` rpm; ``tool`` the number of the last T word.
+    ``scale`` is mm a program unit; ``diameter`` (G7): X words are diameters. ``speed`` is in rpm, or mm/s under G96, where ``most_rpm``
+    limits the spindle (0: no limit). ``tool`` is the number of the last T word, ``loaded`` that of the tool in the spindle (0: none).
+    ``compensation`` tells whether G41 or G42 is on. ``initial_level`` (G98): cycles end at the level that they began from, not at R.
     """
 
     motion: int | None = None
     plane: Plane = "XY"
     scale: float = 1.0
+    diameter: bool = False
     absolute: bool = True
     arc_absolute: bool = False
-    inverse_time: bool = False
-    compensation: bool = False
+    feed_mode: FeedMode = "per-minute"
     feed: Feed | None = None
+    constant_surface: bool = False
     speed: float | None = None
+    most_rpm: float = 0.0
     spindle: Literal["cw", "ccw", "off"] = "off"
     mist: bool = False
     flood: bool = False
     tool: int | None = None
+    loaded: int = 0
+    initial_level: bool = False
+    compensation: bool = False
+    path: PathControl = "blend"
+    tolerance: float = 0.0
+    feed_override: bool = True
+    speed_override: bool = True
+    adaptive_feed: bool = False
+    feed_stop: bool = True

@@ -1,72 +1,131 @@
-"""Axis words to moves: straight lines, arcs, the start of a NURBS, and the codes that move the coordinate systems.
+"""Axis words to moves.
 
-The position is kept in machine coordinates, so offsets and units change what words mean and never where the machine stands.
+The position is kept in machine coordinates, so offsets and units change what words mean and never where the machine stands. Straight moves
+and arcs are here; other motion codes register a handler.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
-from cnc.canon import PLANE_AXES, ROTARY_LETTERS, ArcFeed
+from cnc.canon import PLANE_AXES, ROTARY_LETTERS, ArcFeed, NurbsFeed
+from cnc.errors import GcodeError
 from cnc.gcode import arcs
+from cnc.gcode.coordinates import Coordinates
 from cnc.gcode.dialects import Dialect
-from cnc.gcode.modal import CANCEL, NURBS, Code, Modal
-from cnc.gcode.nurbs import Collector, Place, form_of
-from cnc.gcode.offsets import Offsets
+from cnc.gcode.functions import surface_rpm
+from cnc.gcode.here import Here
+from cnc.gcode.modal import CANCEL, NURBS, Code, Codes, Feed, Modal, feed_of
 from cnc.gcode.output import Output
+from cnc.gcode.parser import MAX_NUMBER
+from cnc.gcode.prepared import QuickMove
 from cnc.gcode.words import AXES, LineWords, Word, fault, whole
 from cnc.units import per_second
 
 MIN_FEED = 1e-6
 """mm/s. What is slower is a slip: a millimetre would take eleven days."""
+MAX_TURNS = 1_000_000
 
 _MOTION_NAMES = {0: "G0", 10: "G1", 20: "G2", 30: "G3"}
 _CENTER_WORDS = {"x": "I", "y": "J", "z": "K"}
+_PLANE_LETTERS = {plane: [_CENTER_WORDS[axis] for axis in pair] for plane, pair in PLANE_AXES.items()}
 _ARC_WORDS = frozenset("IJKR")
-_MOVES_ORIGIN = (100, 920)
-MAX_TURNS = 1_000_000
+_NOWHERE = Word("G", 2.0, "G2", 1, 1)
+"""Where errors of the quick way stand: nobody sees them, the slow way finds them again."""
+_TAKES_AXES = (100, 280, 300, 520, 920)
+"""Non-modal codes that take the axis words of their line."""
+
+Handler = Callable[[LineWords, Code | None], None]
+"""Makes the move of a motion code: takes the words of the line and sets the position. The code is None where it was in effect already."""
+
+
+class Collector(Protocol):
+    """A curve that is written over many lines."""
+
+    def line(self, words: LineWords, codes: Codes) -> bool:
+        """Take a line; whether it is used up. The collector ends itself by ``motion.collector = None``."""
+
+    def end(self, what: str) -> GcodeError:
+        """The error for a program that ends inside the curve."""
 
 
 class Motion:
-    """Where the machine stands and how it moves. ``nurbs`` is the curve that is being collected, if any."""
+    """Where the machine stands and how it moves.
 
-    def __init__(self, file: str, axes: tuple[str, ...], dialect: Dialect, state: Modal, position: list[float], out: Output) -> None:
+    ``position`` is the programmed one in machine coordinates; ``column`` tells the column of an axis letter; ``handlers`` makes the moves
+    of motion codes other than G0 to G3; ``collector`` is the curve that is being collected, if any.
+    """
+
+    def __init__(
+        self,
+        axes: tuple[str, ...],
+        dialect: Dialect,
+        here: Here,
+        state: Modal,
+        position: list[float],
+        coordinates: Coordinates,
+        out: Output,
+    ) -> None:
         self.position = position
-        self.nurbs: Collector | None = None
-        self._file = file
-        self._axes = axes
-        self._column = {letter.upper(): index for index, letter in enumerate(axes)}
+        self.axes = axes
+        self.column = {letter.upper(): index for index, letter in enumerate(axes)}
+        self.coordinates = coordinates
+        self.collector: Collector | None = None
+        self.handlers: dict[int, Handler] = {}
+        self.scales: list[float] = []
         self._linear = [letter not in ROTARY_LETTERS for letter in axes]
+        self._has_rotary = not all(self._linear)
         self._dialect = dialect
+        self._here = here
         self._state = state
         self._out = out
         self._machine_words = False
-        self._offsets = Offsets.none(len(axes))
-        self._zero = self._offsets.zero
+        columns = {axis: index for index, axis in enumerate(axes)}
+        self._planes = {
+            plane: (columns[first], columns[second])
+            for plane, (first, second) in PLANE_AXES.items()
+            if first in columns and second in columns
+        }
+        self.units_changed()
+
+    def units_changed(self) -> None:
+        """Millimetres (or degrees) a unit of each axis word, after G20, G21, G7 or G8."""
+        state = self._state
+        self.scales = [state.scale if linear else 1.0 for linear in self._linear]
+        if state.diameter and "X" in self.column:
+            self.scales[self.column["X"]] *= 0.5
 
     # Which move a line asks for
 
-    def check(self, words: LineWords, codes: dict[str, Code]) -> int | None:
+    def check(self, words: LineWords, codes: Codes) -> int | None:
         """The motion code that this line's words belong to, before anything is executed; None for a line without a move."""
-        code, special = codes.get("motion"), codes.get("non-modal")
+        code, special, state = codes.get("motion"), codes.get("non-modal"), self._state
         self._machine_words = special is not None and special.number == 530
         has_axis = words.has_axis()
         if special and special.number == 40 and has_axis:
             has_axis = self._axis_beside_dwell(words, code)
-        if special and special.number in _MOVES_ORIGIN:
+        taker = special if special and special.number in _TAKES_AXES else None
+        if (length := codes.get("tool-length")) and length.number == 431:
+            if taker:
+                raise fault("axis-words-wanted-twice", f"both {taker.word.written} and {length.word.written} take axis words", length.word)
+            taker = length
+        if taker:
             if code and code.number != CANCEL:
-                raise fault("axis-words-wanted-twice", f"both {special.word.written} and {code.word.written} take axis words", code.word)
-            self._state.motion = None if code else self._state.motion
+                raise fault("axis-words-wanted-twice", f"both {taker.word.written} and {code.word.written} take axis words", code.word)
+            state.motion = None if code else state.motion
             return None
         if code:
             return self._explicit(words, code, special, has_axis)
         if not has_axis:
             if self._machine_words and special:
                 raise fault("axis-words-missing", f"{special.word.written} needs axis words", special.word)
-            arc_again = self._state.motion in (20, 30) and not _ARC_WORDS.isdisjoint(words.rest)
-            return self._state.motion if arc_again and special is None else None
+            orient = codes.get("spindle")
+            arc_again = state.motion in (20, 30) and not _ARC_WORDS.isdisjoint(words.rest) and not (orient and orient.number == 19)
+            return state.motion if arc_again and special is None else None
         return self._modal_move(words, special)
 
     def _axis_beside_dwell(self, words: LineWords, code: Code | None) -> bool:
@@ -108,138 +167,231 @@ class Motion:
             raise fault("machine-coordinates-motion", f"{special.word.written} goes with G0 and G1 only", special.word)
         return motion
 
-    def move(self, words: LineWords, motion: int | None, line: int, text: str, explicit: Code | None = None) -> None:
+    def move(self, words: LineWords, motion: int | None, explicit: Code | None = None) -> None:
         """Make the move that :meth:`check` found; ``explicit`` is the line's own motion code, if it has one."""
         if motion is None:
             return
         code = explicit.word if explicit else None
         if motion == 0:
-            end = self.target(words, "G0", self.position, machine=self._machine_words)
-            self._out.move(end, math.nan, line)
+            self.traverse(self.target(words, "G0", self.position, machine=self._machine_words))
         elif motion == 10:
             at = code or words.first_axis()
             end = self.target(words, "G1", self.position, machine=self._machine_words)
-            self._out.move(end, self._feed(words, end, self._distance(end), at), line)
-        elif motion == NURBS:
-            self._begin_nurbs(words, line, text)
-            return
+            self.feed_to(end, self.feed(words, end, self.distance(end), at))
+        elif motion in (20, 30):
+            self._arc(words, motion, code)
         else:
-            end = self._arc(words, motion, line, code)
+            self.handlers[motion](words, explicit)
+
+    def traverse(self, end: list[float]) -> None:
+        """A straight move as fast as the axes allow, to a machine position."""
+        self._out.move(end, math.nan, self._here.line)
         self.position = end
 
-    # Words to coordinates
+    def feed_to(self, end: list[float], feed: float) -> None:
+        """A straight move at ``feed`` mm/s, to a machine position."""
+        self._out.move(end, feed, self._here.line)
+        self.position = end
 
-    def _scale(self, index: int) -> float:
-        return self._state.scale if self._linear[index] else 1.0
+    def arc(self, block: ArcFeed) -> None:
+        """An arc from the position."""
+        self._out.add(block)
+        self.position = block.end.tolist()
+
+    def spline(self, block: NurbsFeed) -> None:
+        """A spline from the position."""
+        self._out.add(block)
+        self.position = block.control_points[-1].tolist()
+
+    # Words to coordinates
 
     def axis_values(self, words: LineWords, user: str) -> dict[int, float]:
         """Takes the axis words of a line: mm or degrees by axis index, no offset applied."""
         found: dict[int, float] = {}
         for letter in [letter for letter in words.rest if letter in AXES]:
-            index = self._column.get(letter)
+            index = self.column.get(letter)
             if letter not in self._dialect.axes:
                 raise fault("axis-not-in-dialect", f"{letter} is no axis in the {self._dialect.name} dialect", words.rest[letter])
             if index is None:
-                raise fault(
-                    "axis-missing", f"the machine has no {letter} axis", words.rest[letter], f"its axes are {' '.join(self._axes).upper()}"
-                )
+                hint = f"its axes are {' '.join(self.axes).upper()}"
+                raise fault("axis-missing", f"the machine has no {letter} axis", words.rest[letter], hint)
             word = words.take(letter, user)
             assert word is not None
-            found[index] = word.number * self._scale(index)
+            found[index] = word.number * self.scales[index]
         return found
 
     def target(self, words: LineWords, user: str, start: list[float], *, machine: bool = False) -> list[float]:
         """The machine position that a line's axis words mean, seen from ``start``; axes without a word stay there."""
+        return self.reached(self.axis_values(words, user), start, machine=machine)
+
+    def reached(self, values: dict[int, float], start: list[float], *, machine: bool = False) -> list[float]:
+        """The machine position that axis values mean, seen from ``start``."""
         end = start.copy()
-        absolute, zero = self._state.absolute, self._zero
-        for index, value in self.axis_values(words, user).items():
-            if machine:
+        coordinates = self.coordinates
+        if machine:
+            for index, value in values.items():
                 end[index] = value
-            elif absolute:
-                end[index] = value + zero[index]
-            else:
-                end[index] += value
+        elif not coordinates.rotation:
+            absolute, zero = self._state.absolute, coordinates.zero
+            for index, value in values.items():
+                if absolute:
+                    end[index] = value + zero[index]
+                else:
+                    end[index] += value
+        elif self._state.absolute:
+            program = coordinates.to_program(start)
+            for index, value in values.items():
+                program[index] = value
+            turned = coordinates.to_machine(program)
+            # An axis that nothing moves stays where it is to the bit.
+            plane = {self.column.get("X"), self.column.get("Y")}
+            for index in {*values, *(plane if plane & values.keys() else ())} - {None}:
+                end[index] = turned[index]
+        else:
+            delta = [values.get(index, 0.0) for index in range(len(end))]
+            end = [here + step for here, step in zip(start, coordinates.turned(delta), strict=True)]
         return end
 
     # Feed
 
-    def _distance(self, end: list[float]) -> float:
+    def distance(self, end: list[float]) -> float:
         """Length of a straight move as feeds count it: over x y z if one of them moves, else over u v w, else over a b c."""
         for group in ("xyz", "uvw", "abc"):
-            length = math.hypot(*(end[i] - self.position[i] for i, letter in enumerate(self._axes) if letter in group))
+            length = math.hypot(*(end[i] - self.position[i] for i, letter in enumerate(self.axes) if letter in group))
             if length > 0:
                 return length
         return 0.0
 
-    def _feed(self, words: LineWords, end: list[float], length: float, at: Word) -> float:
+    def feed(self, words: LineWords, end: list[float], length: float, at: Word) -> float:
         """The feed of a move in mm/s, or deg/s if only rotary axes move. ``at`` is the word that an error points at."""
-        if self._state.inverse_time:
-            word = words.take("F", "G93")
-            if word is None:
-                raise fault("feed-missing", "under G93 every move needs an F word", at, "give F, one over the minutes of the move")
-            if word.number <= 0:
-                raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
-            # A move of no length takes no time whatever the rate is; any positive feed says so.
-            rate = per_second(word.number * (length or 1.0))
-            if length and rate < MIN_FEED:
-                raise fault("feed-too-slow", f"{word.written}: the feed is next to nothing", word)
-            return rate
-        feed = self._state.feed
+        state = self._state
+        if state.feed_mode == "inverse-time":
+            return self._inverse_time(words, length, at)
+        feed = state.feed
         if feed is None:
             raise fault("feed-missing", "a feed move, but no feed was ever given", at, "give F")
-        rotary = any(end[i] != self.position[i] for i, linear in enumerate(self._linear) if not linear)
-        if rotary and all(end[i] == self.position[i] for i, linear in enumerate(self._linear) if linear):
-            return feed.rotary
+        rate = self._straight_feed(end, feed)
+        if state.feed_mode == "per-revolution":
+            rate *= self.spindle_rpm(end, at) / 60.0
+            if rate < MIN_FEED:
+                raise fault("feed-too-slow", "the feed is next to nothing", at)
+        return rate
+
+    def _straight_feed(self, end: list[float], feed: Feed) -> float:
+        """The feed of linear axes, or that of rotary axes if they move alone."""
+        if self._has_rotary:
+            moved = [there != here for there, here in zip(end, self.position, strict=True)]
+            if any(moved) and not any(moves for moves, linear in zip(moved, self._linear, strict=True) if linear):
+                return feed.rotary
         return feed.linear
+
+    def _inverse_time(self, words: LineWords, length: float, at: Word) -> float:
+        word = words.take("F", "G93")
+        if word is None:
+            raise fault("feed-missing", "under G93 every move needs an F word", at, "give F, one over the minutes of the move")
+        if word.number <= 0:
+            raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
+        # A move of no length takes no time whatever the rate is; any positive feed says so.
+        rate = per_second(word.number * (length or 1.0))
+        if length and rate < MIN_FEED:
+            raise fault("feed-too-slow", f"{word.written}: the feed is next to nothing", word)
+        return rate
+
+    def spindle_rpm(self, end: list[float], at: Word) -> float:
+        """Turns a minute on the way to ``end``: under G96 the fewest, those at the largest radius."""
+        state = self._state
+        if state.spindle == "off" or not state.speed:
+            raise fault("spindle-stopped", f"{at.written} counts turns of the spindle, which does not turn", at, "give S and M3 before")
+        if not state.constant_surface:
+            return state.speed
+        x = self.column.get("X")
+        radius = 0.0 if x is None else max(abs(self.coordinates.to_program(place)[x]) for place in (self.position, end))
+        rpm = surface_rpm(state.speed, state.most_rpm, radius)
+        if math.isinf(rpm):
+            raise fault("spindle-speed-unlimited", "on the axis G96 asks for any speed", at, "limit it with D in the line of G96")
+        return rpm
 
     # Arcs
 
-    def _arc(self, words: LineWords, motion: int, line: int, code: Word | None) -> list[float]:
-        user, clockwise, state = _MOTION_NAMES[motion], motion == 20, self._state
+    def _arc(self, words: LineWords, motion: int, code: Word | None) -> None:
+        user, state = _MOTION_NAMES[motion], self._state
         at = code or min(words.rest.values(), key=lambda word: word.column)
-        first, second = PLANE_AXES[state.plane]
-        for axis in (first, second):
-            if axis not in self._axes:
-                raise fault("axis-missing", f"an arc in the {state.plane} plane, but the machine has no {axis.upper()} axis", at)
-        i, j = self._axes.index(first), self._axes.index(second)
+        i, j = self.plane_columns(at)
         end = self.target(words, user, self.position)
-        tolerance = self._dialect.arc_mm if state.scale == 1.0 else self._dialect.arc_inch
         radius = words.take("R", user)
-        centers = [words.take(_CENTER_WORDS[axis], user) for axis in (first, second)]
+        letters = _PLANE_LETTERS[state.plane]
+        centers = [words.take(letter, user) for letter in letters]
         turns = self._turns(words, user)
-        here, there = (self.position[i], self.position[j]), (end[i], end[j])
         if radius:
             if clash := next(filter(None, centers), None):
                 later = max(radius, clash, key=lambda word: word.column)
                 raise fault("arc-radius-and-center", f"{user} takes R or a centre, not both", later)
-            arc = arcs.from_radius(
-                here, there, radius.number * state.scale, clockwise=clockwise, turns=turns, tolerance=tolerance, word=radius
-            )
+            arc = self._arc_of(end, motion, (i, j), None, radius.number, turns, radius)
         else:
-            center = self._center(centers, (i, j), user, at)
+            self._check_center(letters, centers, user, at)
+            offsets = [word.number if word else None for word in centers]
             word = next(filter(None, centers), at)
-            arc = arcs.from_center(here, there, center, clockwise=clockwise, turns=turns, tolerance=tolerance, word=word)
-        third = next((n for n, axis in enumerate(self._axes) if axis in "xyz" and n not in (i, j)), None)
-        rise = 0.0 if third is None else end[third] - self.position[third]
-        feed = self._feed(words, end, arc.length(rise), at)
-        self._out.add(ArcFeed(self._file, line, state.plane, arc.center, np.array(end), arc.radius, arc.turns, feed))
-        return end
+            arc = self._arc_of(end, motion, (i, j), (offsets[0], offsets[1]), 0.0, turns, word)
+        feed = self.feed(words, end, arc.length(self._rise(end, i, j)), at)
+        here = self._here
+        self.arc(ArcFeed(here.file, here.line, state.plane, arc.center, np.array(end), arc.radius, arc.turns, feed))
 
-    def _center(self, words: list[Word | None], axes: tuple[int, int], user: str, at: Word) -> tuple[float, float]:
-        """The centre in machine coordinates from I, J, K."""
-        state, letters = self._state, [_CENTER_WORDS[axis] for axis in PLANE_AXES[self._state.plane]]
+    def plane_columns(self, at: Word) -> tuple[int, int]:
+        """The columns of the plane's two axes."""
+        state = self._state
+        first, second = PLANE_AXES[state.plane]
+        for axis in (first, second):
+            if axis not in self.axes:
+                raise fault("axis-missing", f"an arc in the {state.plane} plane, but the machine has no {axis.upper()} axis", at)
+        if self.coordinates.rotation and state.plane != "XY":
+            message = f"an arc in the {state.plane} plane of a rotated coordinate system lies in no plane of the machine"
+            raise fault("arc-rotated", message, at, "use a coordinate system without R")
+        return self.axes.index(first), self.axes.index(second)
+
+    def _arc_of(
+        self,
+        end: list[float],
+        motion: int,
+        plane: tuple[int, int],
+        offsets: tuple[float | None, float | None] | None,
+        radius: float,
+        turns: int,
+        word: Word,
+    ) -> arcs.Arc:
+        """The arc about a centre given by I, J, K (None: not given), or of a radius; errors stand at ``word``."""
+        state, position = self._state, self.position
+        tolerance = self._dialect.arc_mm if state.scale == 1.0 else self._dialect.arc_inch
+        i, j = plane
+        here, there, clockwise = (position[i], position[j]), (end[i], end[j]), motion == 20
+        if offsets is None:
+            return arcs.from_radius(here, there, radius * state.scale, clockwise=clockwise, turns=turns, tolerance=tolerance, word=word)
+        center = self._center((i, j), offsets)
+        return arcs.from_center(here, there, center, clockwise=clockwise, turns=turns, tolerance=tolerance, word=word)
+
+    def _center(self, plane: tuple[int, int], offsets: tuple[float | None, float | None]) -> tuple[float, float]:
+        """The centre in machine coordinates."""
+        i, j = plane
+        state, coordinates = self._state, self.coordinates
+        first, second = (offsets[0] or 0.0) * state.scale, (offsets[1] or 0.0) * state.scale
+        if coordinates.rotation:
+            place = coordinates.to_program(self.position) if state.arc_absolute else [0.0] * len(self.axes)
+            place[i], place[j] = first, second
+            if state.arc_absolute:
+                turned = coordinates.to_machine(place)
+                return turned[i], turned[j]
+            turned = coordinates.turned(place)
+            return self.position[i] + turned[i], self.position[j] + turned[j]
+        base = coordinates.zero if state.arc_absolute else self.position
+        return base[i] + first, base[j] + second
+
+    def _check_center(self, letters: list[str], words: list[Word | None], user: str, at: Word) -> None:
         if words[0] is None and words[1] is None:
             raise fault("arc-center-missing", f"{user} needs {letters[0]}, {letters[1]} or R", at)
-        if state.arc_absolute:
+        if self._state.arc_absolute:
             for letter, word in zip(letters, words, strict=True):
                 if word is None:
                     message = f"under G90.1 {user} needs both {letters[0]} and {letters[1]}; {letter} is missing"
                     raise fault("arc-center-missing", message, at)
-            base = [self._zero[axis] for axis in axes]
-        else:
-            base = [self.position[axis] for axis in axes]
-        offsets = [word.number * state.scale if word else 0.0 for word in words]
-        return base[0] + offsets[0], base[1] + offsets[1]
 
     def _turns(self, words: LineWords, user: str) -> int:
         if "P" in words.rest and not self._dialect.arc_turns:
@@ -247,71 +399,62 @@ class Motion:
         word = words.take("P", user)
         return whole(word, "the turns", 1, MAX_TURNS) if word else 1
 
-    # NURBS
+    def _rise(self, end: list[float], i: int, j: int) -> float:
+        """The way along the axis across the plane."""
+        third = next((n for n, axis in enumerate(self.axes) if axis in "xyz" and n not in (i, j)), None)
+        return 0.0 if third is None else end[third] - self.position[third]
 
-    def _begin_nurbs(self, words: LineWords, line: int, text: str) -> None:
+    # The quick way
+
+    def quick(self, move: QuickMove) -> bool:
+        """Make a move of the plainest kind, under G94 and with no rotation; False, and nothing done, where it needs a closer look."""
+        state, parameters, scales = self._state, self.coordinates.parameters, self.scales
+        motion = state.motion if move.motion is None else move.motion
+        feed = state.feed
+        if motion is None or motion > 30 or bool(move.centers) != (motion > 10) or (motion > 10 and state.arc_absolute):
+            return False
+        try:
+            if move.feed is not None:
+                value = move.feed(parameters)
+                if not 0.0 < value <= MAX_NUMBER:
+                    return False
+                feed = feed_of(value, state.scale)
+                if feed.rotary < MIN_FEED:
+                    return False
+            position = self.position
+            end = position.copy()
+            zero = self.coordinates.zero
+            absolute = state.absolute
+            for index, number in move.axes:
+                value = number(parameters)
+                if not -MAX_NUMBER <= value <= MAX_NUMBER:
+                    return False
+                end[index] = value * scales[index] + zero[index] if absolute else end[index] + value * scales[index]
+            if motion == 0:
+                self._out.move(end, math.nan, self._here.line)
+            elif feed is None or (motion > 10 and not self._quick_arc(move, motion, end, feed)):
+                return False
+            elif motion == 10:
+                self._out.move(end, self._straight_feed(end, feed), self._here.line)
+        except GcodeError:
+            return False
+        state.feed = feed
+        state.motion = motion
+        self.position = end
+        return True
+
+    def _quick_arc(self, move: QuickMove, motion: int, end: list[float], feed: Feed) -> bool:
         state = self._state
-        word = next(word for word in words.g if word.tenths == NURBS)
-        form = form_of(words, self._dialect.nurbs)
-        if state.inverse_time or state.compensation:
-            mode = "G93" if state.inverse_time else "cutter compensation"
-            raise fault(form.wrong_mode, f"{word.written} under {mode}", word, "give G94 and G40 before")
-        feed = self._feed(words, self.position, 0.0, word)
-        curve = Collector(form, Place(word, line, text), file=self._file, position=self.position, feed=feed, target=self.target)
-        curve.first(words)
-        self.nurbs = curve
-
-    def nurbs_line(self, words: LineWords, line: int, text: str) -> None:
-        """A line while a NURBS is being collected."""
-        assert self.nurbs is not None
-        if block := self.nurbs.line(words, line, text):
-            self._out.add(block)
-            self.position = self.nurbs.position
-            self.nurbs = None
-
-    # Coordinate systems
-
-    def use_system(self, system: int) -> None:
-        """G54 to G59.3."""
-        self._set(self._offsets.use(system))
-
-    def offsets_code(self, words: LineWords, code: Code) -> None:
-        """G10, G92, G92.1, G92.2, G92.3; G53 has said what it wants to the move already."""
-        if code.number == 100:
-            self._g10(words, code.word)
-        elif code.number == 920:
-            values = self.axis_values(words, "G92")
-            if not values:
-                raise fault("axis-words-missing", f"{code.word.written} needs axis words", code.word)
-            self._set(self._offsets.shift_here(values, self.position))
-        elif code.number == 921:
-            self._set(self._offsets.clear_shift())
-        elif code.number == 922:
-            self._set(self._offsets.suspend_shift())
-        elif code.number == 923:
-            self._set(self._offsets.restore_shift())
-
-    def _g10(self, words: LineWords, at: Word) -> None:
-        dialect = self._dialect
-        kind = words.take("L", "G10")
-        if kind is None:
-            raise fault("offset-kind-missing", f"{at.written} needs an L word", at, "L2 sets an origin, L20 the present position")
-        if kind.whole not in dialect.offsets:
-            raise fault("code-not-supported", f"{at.written} {kind.written} is not supported", kind)
-        if "R" in words.rest:
-            raise fault("word-not-supported", "R of G10, rotation of the coordinate system, is not supported", words.rest["R"])
-        system = words.take("P", "G10")
-        if system is None:
-            raise fault("offset-system-missing", f"{at.written} needs a P word", at, "P1 is G54, P2 is G55, and so on")
-        number = whole(system, "the coordinate system", 0 if dialect.offsets_current else 1, dialect.systems)
-        index = number - 1 if number else self._offsets.current
-        values = self.axis_values(words, "G10")
-        if not values:
-            raise fault("axis-words-missing", f"{at.written} needs axis words", at)
-        if kind.whole == 2:
-            self._set(self._offsets.set_origin(index, values, add=dialect.offsets_add and not self._state.absolute))
-        else:
-            self._set(self._offsets.set_origin_here(index, values, self.position))
-
-    def _set(self, offsets: Offsets) -> None:
-        self._offsets, self._zero = offsets, offsets.zero
+        plane, letters = self._planes.get(state.plane), _PLANE_LETTERS[state.plane]
+        if plane is None:
+            return False
+        offsets: list[float | None] = [None, None]
+        for letter, number in move.centers:
+            value = number(self.coordinates.parameters)
+            if letter not in letters or not -MAX_NUMBER <= value <= MAX_NUMBER:
+                return False
+            offsets[letters.index(letter)] = value
+        arc = self._arc_of(end, motion, plane, (offsets[0], offsets[1]), 0.0, 1, _NOWHERE)
+        here, rate = self._here, self._straight_feed(end, feed)
+        self._out.add(ArcFeed(here.file, here.line, state.plane, arc.center, np.array(end), arc.radius, arc.turns, rate))
+        return True

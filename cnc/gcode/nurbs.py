@@ -13,14 +13,16 @@ FANUC Series 15i/150i operator's manual, NURBS interpolation, and its alarms 100
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cnc.canon import NurbsFeed
 from cnc.errors import GcodeError
-from cnc.gcode.modal import GROUP_OF_G, GROUP_OF_M
+from cnc.gcode.dialects import Dialect
+from cnc.gcode.here import Here
+from cnc.gcode.modal import GROUP_OF_G, GROUP_OF_M, NURBS, Code, Codes, Modal
+from cnc.gcode.motion import Motion
 from cnc.gcode.words import AXES, LineWords, Word, fault, whole
 
 MAX_ORDER = 10
@@ -86,22 +88,38 @@ class Place:
         return GcodeError(replace(error.diagnostic, line=self.line, text=self.text))
 
 
-Target = Callable[[LineWords, str, list[float]], list[float]]
-"""Takes a line's axis words for the user named; the machine position that they mean, seen from the position given."""
+def register(motion: Motion, dialect: Dialect, state: Modal, here: Here) -> None:
+    """Let ``motion`` make G6.2."""
+
+    def begin(words: LineWords, code: Code | None) -> None:
+        assert code is not None, "G6.2 is not modal"
+        word = code.word
+        form = form_of(words, dialect.nurbs)
+        if state.feed_mode == "inverse-time" or state.compensation:
+            mode = "G93" if state.feed_mode == "inverse-time" else "cutter compensation"
+            raise fault(form.wrong_mode, f"{word.written} under {mode}", word, "give G94 and G40 before")
+        feed = motion.feed(words, motion.position, 0.0, word)
+        curve = Collector(form, Place(word, here.line, here.text), here, motion, feed)
+        curve.first(words)
+        motion.collector = curve
+
+    motion.handlers[NURBS] = begin
 
 
 class Collector:
-    """A NURBS in the making. ``first`` takes the G6.2 line and ``line`` each one after it, until it gives the block."""
+    """A NURBS in the making. ``first`` takes the G6.2 line and ``add`` each one after it, until it gives the block."""
 
-    def __init__(self, form: Form, start: Place, *, file: str, position: list[float], feed: float, target: Target) -> None:
+    def __init__(self, form: Form, start: Place, here: Here, motion: Motion, feed: float) -> None:
         self.form = form
         self._start = start
-        self._file = file
+        self._here = here
+        self._motion = motion
+        self._file = here.file
         self._feed = feed
-        self._target = target
+        self._target = motion.target
         self._order = 4
         self._named: frozenset[str] | None = None
-        self._points = [position]
+        self._points = [motion.position]
         self._weights = [1.0]
         self._knots: list[float] = []
         self._places: list[Place] = []
@@ -142,7 +160,14 @@ class Collector:
         else:
             raise fault(form.knot_missing, f"the first knot is missing: G6.2 needs a {form.knot} word", self._start.word)
 
-    def line(self, words: LineWords, line: int, text: str) -> NurbsFeed | None:
+    def line(self, words: LineWords, codes: Codes) -> bool:
+        """Take a line of the program; the curve is made when it is complete."""
+        if block := self.add(words, self._here.line, self._here.text):
+            self._motion.collector = None
+            self._motion.spline(block)
+        return True
+
+    def add(self, words: LineWords, line: int, text: str) -> NurbsFeed | None:
         """A line inside the mode; the block when it completes the curve."""
         if (words.g or words.m) and (leaving := _leaving(words)):
             raise self._left(f"{leaving.written} before the curve is complete", leaving)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cnc.canon import Block, Polyline
+from cnc.gcode.here import Here
 
 RUN = 4096
 """Moves of a Polyline at most: long enough for arrays to pay, short enough for the first pulse not to wait."""
@@ -13,9 +14,9 @@ RUN = 4096
 class Output:
     """Collects the blocks of a program in order. ``ready`` holds those that can be handed on; the caller empties it."""
 
-    def __init__(self, file: str, axes: int) -> None:
+    def __init__(self, here: Here, axes: int) -> None:
         self.ready: list[Block] = []
-        self._file = file
+        self._here = here
         self._axes = axes
         self._points: list[float] = []
         self._feeds: list[float] = []
@@ -40,7 +41,7 @@ class Output:
             return
         self.ready.append(
             Polyline(
-                self._file,
+                self._here.file,
                 self._lines[0],
                 np.array(self._points, dtype=np.float64).reshape(-1, self._axes),
                 np.array(self._feeds, dtype=np.float64),

@@ -1,18 +1,16 @@
 """The words of a line: a letter, a number, and where they stand.
 
-A parsed :class:`Statement` never changes and is shared between equal lines. Executing it goes through a :class:`LineWords`, the record of
-which words have found a user: the interpreter refuses a line that has a word left, so no word is ever ignored.
+A parsed line (:mod:`cnc.gcode.statement`) never changes and is shared between equal lines. Executing it goes through a :class:`LineWords`,
+the record of which words have found a user: the interpreter refuses a line that has a word left, so no word is ever ignored.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from cnc.errors import Diagnostic, GcodeError
-
-if TYPE_CHECKING:
-    from cnc.gcode.statement import Statement
 
 AXES = frozenset("XYZABCUVW")
 
@@ -59,10 +57,10 @@ class LineWords:
     users: dict[str, tuple[str, Word]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, line: Statement) -> LineWords:
-        """Sort the words of a line; the line number is dropped, as nothing ever refers to it."""
+    def of(cls, written: Iterable[Word]) -> LineWords:
+        """Sort the words of a line; the line number is dropped: only a jump looks for it, elsewhere."""
         words = cls()
-        for index, word in enumerate(line.words):
+        for index, word in enumerate(written):
             letter = word.letter
             if letter == "G":
                 words.g.append(word)

@@ -11,7 +11,7 @@ import pytest
 
 from cnc.canon import ArcFeed, Block, Coolant, Dwell, End, Message, NurbsFeed, PathMode, Polyline, Spindle, Stop, Tool
 from cnc.errors import Diagnostic, GcodeError
-from cnc.gcode.interpreter import interpret
+from cnc.gcode.program import interpret
 
 Row = tuple[Any, ...]
 

@@ -219,7 +219,7 @@ def test_runs_of_moves_are_cut_for_streaming() -> None:
 
 
 def test_blocks_come_as_lines_are_read() -> None:
-    from cnc.gcode.interpreter import interpret
+    from cnc.gcode.program import interpret
 
     read: list[int] = []
 

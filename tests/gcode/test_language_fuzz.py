@@ -17,8 +17,9 @@ import pytest
 from cnc.canon import ArcFeed, Block, NurbsFeed, Polyline
 from cnc.errors import GcodeError
 from cnc.gcode import dialects
-from cnc.gcode.interpreter import Interpreter, interpret
+from cnc.gcode.interpreter import Interpreter
 from cnc.gcode.parser import parse_line
+from cnc.gcode.program import interpret
 from cnc.gcode.words import Word
 from fuzzing import Author
 from support import share

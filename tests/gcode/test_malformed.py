@@ -256,7 +256,7 @@ def test_an_arc_needs_both_axes_of_its_plane(plane: str) -> None:
 
 def test_an_error_is_drawn_with_its_place() -> None:
     from cnc.errors import GcodeError
-    from cnc.gcode.interpreter import interpret
+    from cnc.gcode.program import interpret
 
     with pytest.raises(GcodeError) as caught:
         list(interpret(["G0 X1", "G1 Y2 I3 F60"], file="part.nc"))

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cnc.canon import ArcFeed, Coolant, End, NurbsFeed, Polyline, Spindle, Tool
-from cnc.gcode.interpreter import interpret
 from cnc.gcode.parser import read_lines
+from cnc.gcode.program import interpret
 
 FOLDER = Path(__file__).parents[2] / "programs"
 PROGRAMS = sorted(FOLDER.glob("*.nc"))

@@ -14,6 +14,7 @@ from typing import Any
 
 from cnc.canon import PathControl
 from cnc.errors import Diagnostic, GcodeError, UsageError
+from cnc.gcode.parser import Flavour
 from cnc.gcode.words import Word, fault
 
 NAMES = ("auto", "linuxcnc", "grbl", "fanuc", "paper")
@@ -51,6 +52,10 @@ class Dialect:
     offsets_current: bool
     offsets_add: bool
     program_number: bool
+    flavour: Flavour
+    siemens: bool
+    dollar: bool
+    initial_level: bool
     dwell: dict[str, float]
     arc_mm: ArcTolerance
     arc_inch: ArcTolerance
@@ -108,6 +113,10 @@ def load(name: str) -> Dialect:
         offsets_current=table["offsets_current"],
         offsets_add=table["offsets_add"],
         program_number=table["program_number"],
+        flavour=table["flavour"],
+        siemens=table["siemens"],
+        dollar=table["dollar"],
+        initial_level=table["initial_level"],
         dwell=table["dwell"],
         arc_mm=ArcTolerance(arc["slack"], arc["relative"], arc["limit"], arc["reach"]),
         arc_inch=ArcTolerance(arc["slack_inch"], arc["relative"], arc["limit_inch"], arc["reach"]),

@@ -1,0 +1,94 @@
+"""What can be known of a statement before it is executed, worked out once for all the times that a loop brings it by."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from cnc.gcode.dialects import Dialect
+from cnc.gcode.modal import Codes, codes_of
+from cnc.gcode.parameters import Parameters
+from cnc.gcode.parser import MAX_NUMBER
+from cnc.gcode.statement import Statement, Value
+from cnc.gcode.words import AXES, LineWords, Word, fault
+
+_QUICK_MOTIONS = (0, 10, 20, 30)
+_QUICK_WORDS = AXES | frozenset("FIJK")
+
+
+@dataclass(frozen=True, slots=True)
+class QuickMove:
+    """A line of nothing but G0 to G3 (None: the motion code in effect), axis words, I J K and F.
+
+    axes: column and value of each axis word; centers: letter and value of I, J, K.
+    """
+
+    motion: int | None
+    axes: tuple[tuple[int, Value], ...]
+    centers: tuple[tuple[str, Value], ...]
+    feed: Value | None
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A statement, and its words sorted, the ``computed`` ones still without a number.
+
+    ``codes`` is None where they have to be computed; ``quick`` is the quick way to make its move, if that is of the plainest kind.
+    """
+
+    statement: Statement
+    words: LineWords
+    codes: Codes | None
+    quick: QuickMove | None
+
+    def line_words(self, parameters: Parameters) -> LineWords:
+        """The words for one execution, every number computed. A word that FANUC's vacant value stands in is as if not written."""
+        statement = self.statement
+        if not statement.computed:
+            known = self.words
+            return LineWords(known.g, known.m, known.rest.copy())
+        words = list(statement.words)
+        vacant: list[int] = []
+        for index, value in statement.computed:
+            word, number = words[index], value(parameters)
+            if math.isnan(number):
+                vacant.append(index)
+            elif not -MAX_NUMBER <= number <= MAX_NUMBER:
+                message = f"{word.written} comes to {number:g}, which is larger than {MAX_NUMBER:.0f}"
+                raise fault("number-too-large", message, word)
+            else:
+                words[index] = Word(word.letter, number, word.written, word.column, word.length)
+        for index in reversed(vacant):
+            del words[index]
+        return LineWords.of(words)
+
+
+def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> Prepared:
+    """Sort the words and look for the quick way; ``column`` tells the column of an axis letter. Raises what is wrong with the words."""
+    words = LineWords.of(statement.words)
+    computed = {index for index, _ in statement.computed}
+    constant = all(statement.words[index].letter not in "GM" for index in computed)
+    codes = codes_of(words.g, words.m, dialect) if constant else None
+    return Prepared(statement, words, codes, _quick(statement, words, codes, dialect, column))
+
+
+def _quick(statement: Statement, words: LineWords, codes: Codes | None, dialect: Dialect, column: dict[str, int]) -> QuickMove | None:
+    if codes is None or words.m or statement.assignments or statement.remarks or not words.rest.keys() <= _QUICK_WORDS:
+        return None
+    if codes.keys() - {"motion"} or (codes and codes["motion"].number not in _QUICK_MOTIONS):
+        return None
+    letters = [letter for letter in words.rest if letter in AXES]
+    if not all(letter in column and letter in dialect.axes for letter in letters) or not (letters or words.rest.keys() & set("IJK")):
+        return None
+    values: dict[str, Value] = {letter: _constant(word.number) for letter, word in words.rest.items()}
+    values |= {statement.words[index].letter: value for index, value in statement.computed}
+    return QuickMove(
+        codes["motion"].number if codes else None,
+        tuple((column[letter], values[letter]) for letter in letters),
+        tuple((letter, values[letter]) for letter in "IJK" if letter in values),
+        values.get("F"),
+    )
+
+
+def _constant(number: float) -> Value:
+    return lambda parameters: number
