@@ -18,10 +18,11 @@ from cnc.canon import ArcFeed, Block, NurbsFeed, Polyline
 from cnc.errors import GcodeError
 from cnc.gcode import dialects
 from cnc.gcode.interpreter import Interpreter
-from cnc.gcode.parser import parse_line
-from cnc.gcode.program import interpret
+from cnc.gcode.parameters import Parameters
+from cnc.gcode.parser import Syntax, parse_line
 from cnc.gcode.words import Word
 from fuzzing import Author
+from gcode_cases import run
 from support import share
 
 AXES = [("x", "y", "z"), ("x", "y", "z", "a"), ("x", "y", "z", "a", "b", "c", "u", "v", "w"), ("x", "z")]
@@ -67,20 +68,24 @@ def sound(blocks: list[Block], axes: int) -> None:
 
 def effect(lines: list[str], axes: tuple[str, ...], dialect: str) -> Any:
     """The blocks of a program and everything that it leaves behind; None where it is refused."""
-    program = Interpreter("fuzz", axes, dialects.load(dialect), [0.123] * len(axes), None)
-    for system in range(9):  # every system has an origin of its own, so that it matters which one is in use
-        program.motion._offsets = program.motion._offsets.set_origin(system, dict.fromkeys(range(len(axes)), 0.5 + system))
-    program.motion.use_system(0)
+    spoken = dialects.load(dialect)
+    # Every system has an origin of its own, so that it matters which one is in use.
+    origins = {5221 + 20 * system + axis: 0.5 + system for system in range(9) for axis in range(9)}
+    known = Parameters(origins, macro=spoken.flavour == "macro-b")
+    program = Interpreter("fuzz", axes, spoken, [0.123] * len(axes), known, None)
+    syntax = Syntax(spoken.flavour, siemens=spoken.siemens, dollar=spoken.dollar, dialect=dialect)
     try:
         for number, text in enumerate(lines, 1):
-            program.line(parse_line(text), number, text)
+            program.execute(parse_line(text, syntax), number)
     except GcodeError:
         return None
-    curve = program.motion.nurbs
+    curve = program.motion.collector
     if curve is None:
         program.end_of_file()
     inside = {name: repr(getattr(curve, name)) for name in ("_order", "_points", "_weights", "_knots", "_knot_lines")} if curve else {}
-    return repr((program.out.ready, program.modal, program.motion.position, program.motion._offsets, inside))
+    coordinates = program.coordinates
+    offsets = known.values, known.locals, coordinates.zero, coordinates.rotation, coordinates.tool_offset
+    return repr((program.out.ready, program.modal, program.motion.position, offsets, inside))
 
 
 def changed(text: str, word: Word, new: str) -> str:
@@ -114,7 +119,7 @@ def check(lines: list[str], rng: random.Random) -> tuple[bool, int]:
     begin = time.process_time()
     error = None
     try:
-        sound(list(interpret(lines, file="fuzz", axes=axes, dialect=dialect)), len(axes))
+        sound(run("\n".join(lines), axes=axes, dialect=dialect), len(axes))
     except GcodeError as refused:
         error = refused.diagnostic
         assert 1 <= error.line <= len(lines), error
