@@ -199,6 +199,11 @@ class WaitInput(Block):
     timeout: float
     answer: Answer = field(default_factory=Answer, compare=False)
 
+    @property
+    def expected(self) -> tuple[float, ...]:
+        """The answer where nobody is there to ask: what is waited for comes, what is only looked at is off."""
+        return (1.0 if self.mode in ("rise", "high") else 0.0,)
+
 
 @dataclass(frozen=True, slots=True)
 class Probe(Block):
@@ -212,6 +217,11 @@ class Probe(Block):
     towards: bool
     must: bool
     answer: Answer = field(default_factory=Answer, compare=False)
+
+    @property
+    def expected(self) -> tuple[float, ...]:
+        """The answer where nobody is there to ask: contact at the end of the move."""
+        return (1.0, *self.end.tolist())
 
 
 @dataclass(frozen=True, slots=True)

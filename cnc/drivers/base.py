@@ -32,7 +32,7 @@ class Capabilities:
     """What a board can take.
 
     axes: how many it can move. max_step_rate: steps/s of one axis. tick_ns: the grid of its pulse times. pulses, lines: whether it
-    takes :class:`PulseChunk` or :class:`GcodeLine`.
+    takes :class:`PulseChunk` or :class:`GcodeLine`. senses: whether it can answer probes and inputs, and follow the turning spindle.
     """
 
     axes: int
@@ -40,6 +40,7 @@ class Capabilities:
     tick_ns: float
     pulses: bool
     lines: bool
+    senses: bool
 
 
 class Command(Protocol):
@@ -68,8 +69,8 @@ class Board(Protocol):
     def start(self, origin_steps: NDArray[np.int64]) -> None:
         """Get ready for a program that begins at the grid point ``origin_steps`` (axes,)."""
 
-    def execute(self, block: Command, time_ns: int) -> None:
-        """Carry out a block between moves, ``time_ns`` after the program's start."""
+    def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
+        """Carry out a block between moves, ``time_ns`` after the program's start. The answer to one that asks (a probe, an input)."""
 
     def finish(self) -> None:
         """Return when everything sent has been carried out."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,8 +44,8 @@ class FileBoard:
 
     @property
     def capabilities(self) -> Capabilities:
-        """Those of the loopback board."""
-        return self._checks.capabilities
+        """Those of the loopback board, but that a file senses nothing."""
+        return replace(self._checks.capabilities, senses=False)
 
     @property
     def confirmed_line(self) -> int:

@@ -48,9 +48,9 @@ class Loopback:
 
     @property
     def capabilities(self) -> Capabilities:
-        """Pulses at whole nanoseconds."""
+        """Pulses at whole nanoseconds; a probe touches where its move ends, an input does what is waited for, the spindle turns as told."""
         rate = 1e9 / self.min_pulse_ns if self.min_pulse_ns else np.inf
-        return Capabilities(axes=self.axes, max_step_rate=rate, tick_ns=1.0, pulses=True, lines=False)
+        return Capabilities(axes=self.axes, max_step_rate=rate, tick_ns=1.0, pulses=True, lines=False, senses=True)
 
     @property
     def confirmed_line(self) -> int:
@@ -97,14 +97,16 @@ class Loopback:
         if bad < len(chunk.step):
             raise self._fault(code, message, int(chunk.line[bad]))
 
-    def execute(self, block: Command, time_ns: int) -> None:
-        """Note the block and its time."""
+    def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
+        """Note the block and its time; what the program expects comes."""
         self._refuse_unless_running()
         if time_ns < self._last_ns:
             raise self._fault("board-order", f"a command at {time_ns} ns after {self._last_ns} ns", block.line)
         self._last_ns = time_ns
         self._line = block.line
         self.commands.append((time_ns, block))
+        expected: tuple[float, ...] | None = getattr(block, "expected", None)
+        return expected
 
     def finish(self) -> None:
         """Everything has been played already."""

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import Block, Dwell, End
+from cnc.canon import Block, Dwell, End, Probe, WaitInput
 from cnc.drivers.base import PulseSink
 from cnc.errors import BoardError
 from cnc.planner.plan import PlanChunk
@@ -96,7 +96,9 @@ class _Run:
     def command(self, block: Block) -> None:
         """A block between moves: the board carries it out when the motion before it has come to rest."""
         self.file = block.file
-        self.board.execute(block, round(self.clock * 1e9))
+        reply = self.board.execute(block, round(self.clock * 1e9))
+        if isinstance(block, Probe | WaitInput):
+            block.answer.values = reply
         if isinstance(block, Dwell):
             self.clock += block.seconds
         self.line = block.line

@@ -11,7 +11,6 @@ from typing import Any
 
 from cnc.canon import (
     AnalogOutput,
-    Answer,
     Coolant,
     DigitalOutput,
     Dwell,
@@ -52,7 +51,10 @@ _SAVED = (
 
 
 class Functions:
-    """Carries out the codes that do not move. The methods are called in the standard order of execution."""
+    """Carries out the codes that do not move. The methods are called in the standard order of execution.
+
+    ``waiting`` is the M66 whose answer has not been taken in yet.
+    """
 
     def __init__(self, dialect: Dialect, here: Here, state: Modal, out: Output, parameters: Parameters) -> None:
         self._dialect = dialect
@@ -60,7 +62,7 @@ class Functions:
         self._state = state
         self._out = out
         self._parameters = parameters
-        self._waiting: Answer | None = None
+        self.waiting: WaitInput | None = None
 
     # Speed, tool, spindle
 
@@ -232,16 +234,13 @@ class Functions:
         seconds = not_negative(limit, "the time") if limit else 0.0
         block = WaitInput(here.file, here.line, channel, analog, mode, seconds)
         self._out.add(block)
-        # Nobody to ask: what is waited for comes, what is only looked at is off.
-        self._parameters.values[INPUT_ANSWER] = 1.0 if mode in ("rise", "high") else 0.0
-        self._waiting = block.answer
+        self.waiting = block
 
     def collect_answer(self) -> None:
         """Take in what the board answered to the last M66, before the next line is read."""
-        if self._waiting is not None:
-            if self._waiting.values is not None:
-                self._parameters.values[INPUT_ANSWER] = self._waiting.values[0]
-            self._waiting = None
+        if self.waiting is not None:
+            self._parameters.values[INPUT_ANSWER] = (self.waiting.answer.values or self.waiting.expected)[0]
+            self.waiting = None
 
     # Dwell, path control
 

@@ -66,6 +66,8 @@ class Interpreter:
     def execute(self, statement: Statement, line: int) -> None:
         """Execute a statement that stands at ``line`` of the file; the blocks are in ``out``."""
         self.here.line = line
+        if self.functions.waiting is not None:
+            self.functions.collect_answer()
         prepared = self._prepared.get(id(statement))
         if prepared is None:
             prepared = self._prepare(statement)

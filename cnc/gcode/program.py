@@ -50,7 +50,6 @@ def interpret(
         program.here.text_of = lambda _, text=text: text  # type: ignore[misc]
         try:
             statement = parse_line(text, syntax)
-            program.functions.collect_answer()
             program.execute(statement, number)
             if statement.percent:
                 if program.begun or percent:
