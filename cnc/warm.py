@@ -1,6 +1,6 @@
 """The first run ever: the kernels are compiled, in two processes at once, before the program is looked at.
 
-What each half needs is found by using it: one builds curves and makes pulses and samples of them, the other plans and audits lines.
+What each half needs is found by using it: one reads lines, builds curves and makes pulses and samples of them, the other plans and audits.
 Compiled code is kept on disk (:mod:`cnc.kernels.jit`), where the one process finds what the other made; a file beside it says that this was
 done for these kernels.
 """
@@ -15,6 +15,8 @@ from contextlib import suppress
 import numpy as np
 
 from cnc.canon import ArcFeed, NurbsFeed, Polyline
+from cnc.gcode.straight import Straight, columns, execute
+from cnc.gcode.text import Text
 from cnc.interpolator.reference_pulse import ReferencePulse
 from cnc.interpolator.sampled import Sampled
 from cnc.kernels.jit import compiled_mark
@@ -39,6 +41,7 @@ def ensure_compiled(tell: Callable[[], None] | None) -> None:
         [sys.executable, "-m", "cnc.warm"], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
     try:
+        use_language()
         use_curves()
         if other.wait() == 0:
             with suppress(OSError):
@@ -47,6 +50,14 @@ def ensure_compiled(tell: Callable[[], None] | None) -> None:
         # A child that is left over, as after Ctrl-C, has nobody to compile for.
         other.kill()
         other.wait()
+
+
+def use_language() -> None:
+    """Read two straight moves."""
+    window = Text.of_lines(["G1 X1", "X2"], "").window(1)
+    assert window is not None
+    unmoved = [0.0] * len(AXES)
+    execute(window, 0, Straight(columns(AXES), [1.0] * len(AXES), unmoved, unmoved, True, 1.0, 0.0, 1, unmoved, (1.0, 1.0)))
 
 
 def use_curves() -> None:
