@@ -118,6 +118,13 @@ class Coordinates:
             turned[y] = sine * vector[x] + cosine * vector[y]
         return turned
 
+    def _touched(self, values: Mapping[int, float], turn: tuple[float, float]) -> set[int]:
+        """The axes of the machine that change with program coordinates: under a rotation X and Y do together."""
+        touched = set(values)
+        if self._xy and turn != (1.0, 0.0) and not touched.isdisjoint(self._xy):
+            touched.update(self._xy)
+        return touched
+
     def _back(self, vector: list[float], turn: tuple[float, float]) -> list[float]:
         return self._turned(vector, (turn[0], -turn[1]))
 
@@ -167,10 +174,7 @@ class Coordinates:
         for index, value in values.items():
             felt[index] = value + self._shift[index] + self._local[index]
         turned = self._turned(felt, turn)
-        changed = set(values)
-        if self._xy and turn != (1.0, 0.0) and not changed.isdisjoint(self._xy):
-            changed.update(self._xy)
-        self.set_origin(system, {index: way[index] - turned[index] for index in changed})
+        self.set_origin(system, {index: way[index] - turned[index] for index in self._touched(values, turn)})
 
     def _use(self, system: int) -> None:
         self.system = system
@@ -247,10 +251,11 @@ class Coordinates:
         self._tool = offset
         self._settle()
 
-    def tool_for(self, old: list[float], values: Mapping[int, float], position: list[float], *, fixture: bool = False) -> list[float]:
-        """G10 L10 and L11: the tool offset with which the machine ``position`` would have the ``values``; elsewhere that is ``old``'s.
+    def tool_for(self, old: list[float], values: Mapping[int, float], position: list[float], *, fixture: bool = False) -> dict[int, float]:
+        """G10 L10 and L11: the tool offset, by axis index, with which the machine ``position`` would have the ``values``.
 
-        With ``fixture`` as seen from the last coordinate system (G59.3) without shift, else from the one in use with it.
+        Where that is open, in the other program directions, it is ``old``'s. With ``fixture`` as seen from the last coordinate system
+        (G59.3) without shift, else from the one in use with it.
         """
         if fixture:
             last = self.systems - 1
@@ -263,7 +268,8 @@ class Coordinates:
         tool = self._back(old, turn)
         for index, value in values.items():
             tool[index] = way[index] - moved[index] - value
-        return self._turned(tool, turn)
+        turned = self._turned(tool, turn)
+        return {index: turned[index] for index in self._touched(values, turn)}
 
     # Reference positions
 

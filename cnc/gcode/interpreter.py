@@ -18,7 +18,10 @@ from cnc.gcode.motion import MIN_FEED, Motion
 from cnc.gcode.output import Output
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.prepared import Prepared, prepare
+from cnc.gcode.settings import Settings
 from cnc.gcode.statement import Assignment, Remark, Statement
+from cnc.gcode.tools import ToolTable
+from cnc.gcode.toolsettings import ToolSettings
 from cnc.gcode.unused import unused
 from cnc.gcode.words import LineWords, fault, whole
 from cnc.units import MM_PER_INCH
@@ -44,6 +47,7 @@ class Interpreter:
         position: list[float],
         parameters: Parameters,
         warn: Warn | None,
+        tools: ToolTable | None = None,
     ) -> None:
         self.ended = False
         self.begun = False
@@ -56,6 +60,8 @@ class Interpreter:
         self.coordinates = Coordinates(axes, parameters, systems=dialect.systems, fanuc=dialect.flavour == "macro-b")
         self.functions = Functions(dialect, self.here, self.modal, self.out, parameters)
         self.motion = Motion(axes, dialect, self.here, self.modal, position, self.coordinates, self.out)
+        self.tools = ToolSettings(dialect, self.modal, self.motion, ToolTable() if tools is None else tools)
+        self.settings = Settings(dialect, self.modal, self.motion, self.tools)
         nurbs.register(self.motion, dialect, self.modal, self.here)
         self.coordinates.bind(lambda: self.motion.position, lambda: self.modal.scale)
         system.bind(parameters, self.modal, self.here)
@@ -180,6 +186,10 @@ class Interpreter:
         if code := codes.get("plane"):
             state.plane = PLANES[code.number]
         self._units(codes)
+        if code := codes.get("tool-length"):
+            self.tools.tool_length(words, code)
+        if code := codes.get("system"):
+            self.settings.system(code)
         if code := codes.get("path"):
             functions.path_control(words, code)
         if code := codes.get("distance"):
@@ -188,6 +198,8 @@ class Interpreter:
             state.arc_absolute = code.number == 901
         if code := codes.get("retract"):
             state.initial_level = code.number == 980
+        if (code := codes.get("non-modal")) and code.number != 40:
+            self.settings.non_modal(words, code)
         motion.move(words, moving, codes.get("motion"))
         if code := codes.get("stop"):
             self._stop(code)
@@ -244,6 +256,8 @@ class Interpreter:
         if self.motion.collector:
             raise fault("nurbs-foreign-word", f"{code.word.written} can't stand in the line of a spline", code.word)
         self.ended = self.functions.stop(code)
+        if self.ended:
+            self.coordinates.end()
 
 
 def _scale(code: Code) -> float:

@@ -57,7 +57,8 @@ class Motion:
     """Where the machine stands and how it moves.
 
     ``position`` is the programmed one in machine coordinates; ``column`` tells the column of an axis letter; ``handlers`` makes the moves
-    of motion codes other than G0 to G3; ``collector`` is the curve that is being collected, if any.
+    of motion codes other than G0 to G3; ``collector`` is the curve that is being collected, if any;
+    ``compensated`` tells that cutter compensation is on.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class Motion:
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
         self.coordinates = coordinates
         self.collector: Collector | None = None
+        self.compensated = False
         self.handlers: dict[int, Handler] = {}
         self.scales: list[float] = []
         self._linear = [letter not in ROTARY_LETTERS for letter in axes]
@@ -109,14 +111,16 @@ class Motion:
         if special and special.number == 40 and has_axis:
             has_axis = self._axis_beside_dwell(words, code)
         taker = special if special and special.number in _TAKES_AXES else None
-        if (length := codes.get("tool-length")) and length.number == 431:
+        if (length := codes.get("tool-length")) and (length.number == 431 or (length.number == 432 and "H" not in words.rest)):
             if taker:
                 raise fault("axis-words-wanted-twice", f"both {taker.word.written} and {length.word.written} take axis words", length.word)
             taker = length
         if taker:
-            if code and code.number != CANCEL:
-                raise fault("axis-words-wanted-twice", f"both {taker.word.written} and {code.word.written} take axis words", code.word)
-            state.motion = None if code else state.motion
+            if code:
+                beside = code.number in (0, 10) and taker.number in (280, 300) and self._dialect.home_beside_motion
+                if code.number != CANCEL and not beside:
+                    raise fault("axis-words-wanted-twice", f"both {taker.word.written} and {code.word.written} take axis words", code.word)
+                state.motion = code.number if beside else None
             return None
         if code:
             return self._explicit(words, code, special, has_axis)

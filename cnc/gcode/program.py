@@ -14,6 +14,7 @@ from cnc.gcode.here import Warn
 from cnc.gcode.interpreter import Interpreter
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.parser import MAX_LINE, Syntax, parse_line
+from cnc.gcode.tools import ToolTable
 
 
 def interpret(
@@ -26,6 +27,7 @@ def interpret(
     block_delete: bool = False,
     warn: Warn | None = None,
     parameters: Parameters | None = None,
+    tools: ToolTable | None = None,
 ) -> Iterator[Block]:
     """The canonical blocks of a program, as its lines are read.
 
@@ -39,7 +41,7 @@ def interpret(
     position = [0.0] * len(axes) if start is None else [float(value) for value in start]
     spoken = dialects.load(dialect)
     known = Parameters(macro=spoken.flavour == "macro-b") if parameters is None else parameters
-    program = Interpreter(file, axes, spoken, position, known, warn)
+    program = Interpreter(file, axes, spoken, position, known, warn, tools)
     syntax = Syntax(spoken.flavour, siemens=spoken.siemens, dollar=spoken.dollar, dialect=spoken.name)
     ready = program.out.ready
     percent = False

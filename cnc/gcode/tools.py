@@ -94,6 +94,11 @@ class ToolTable:
         self._entries[entry.number] = entry
         self.changed = True
 
+    def reload(self) -> None:
+        """Read the file again; nothing where there is none. Raises as :meth:`load`."""
+        if self.file:
+            self._entries = {entry.number: entry for entry in ToolTable.load(Path(self.file))}
+
     def __iter__(self) -> Iterator[ToolEntry]:
         return iter(self._entries.values())
 
@@ -136,8 +141,6 @@ def _entry(line: str) -> ToolEntry | None:
             raise _wrong("value-out-of-range", f"{letter}{value:g}: {letter} must be a whole number from 0 to {most}", column)
     if "T" not in found:
         raise _wrong("tool-number-missing", "a tool without a number", next(iter(found.values()))[1], "begin with T and the tool's number")
-    if found.get("D", (0.0, 0))[0] < 0.0:
-        raise _wrong("value-out-of-range", "the diameter must not be negative", found["D"][1])
     values = {letter: value for letter, (value, _) in found.items()}
     return ToolEntry(
         number=int(values["T"]),

@@ -175,15 +175,15 @@ def test_tool_for_under_a_rotation_keeps_the_other_way() -> None:
     place.set_origin(0, {}, rotation=90.0)
     # Machine (-2, 1) is program (1, 2). Tool (2.54, 0) is (0, -2.54) in program directions; its X becomes 1 - 5.
     tool = place.tool_for([2.54, 0.0, 12.7], {0: 5.0}, [-2.0, 1.0, 3.0])
-    assert tool == [2.54, -4.0, 12.7]
+    assert tool == {0: 2.54, 1: -4.0}
 
 
 def test_tool_for_a_fixture_knows_no_shift() -> None:
     place = fresh()
     place.set_origin(8, {2: 2.0})
     place.shift_here({2: 0.0}, [0.0, 0.0, 50.0])
-    assert place.tool_for([0.0, 0.0, 0.0], {2: 1.0}, [0.0, 0.0, 8.0], fixture=True) == [0.0, 0.0, 5.0]
-    assert place.tool_for([0.0, 0.0, 0.0], {2: 1.0}, [0.0, 0.0, 58.0]) == [0.0, 0.0, 7.0]
+    assert place.tool_for([0.0, 0.0, 0.0], {2: 1.0}, [0.0, 0.0, 8.0], fixture=True) == {2: 5.0}
+    assert place.tool_for([0.0, 0.0, 0.0], {2: 1.0}, [0.0, 0.0, 58.0]) == {2: 7.0}
 
 
 def test_home_positions() -> None:
@@ -234,6 +234,7 @@ def test_the_position_gets_the_values_asked_for(
     elif way == "G92":
         place.shift_here(values, point)
     else:
-        place.tool_offset = place.tool_for([0.0, 0.0, 0.0], values, point)
+        tool = place.tool_for([0.0, 0.0, 0.0], values, point)
+        place.tool_offset = [tool.get(index, 0.0) for index in range(3)]
     expected = [values.get(index, old) for index, old in enumerate(before)]
     assert place.to_program(point) == pytest.approx(expected, rel=1e-12, abs=1e-11)

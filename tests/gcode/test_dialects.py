@@ -10,10 +10,10 @@ from cnc.gcode.modal import GROUP_OF_G, GROUP_OF_M
 from gcode_cases import means, refused, run
 
 FULL = {
-    "linuxcnc": "0 1 2 3 4 10 17 18 19 20 21 40 49 53 54 55 56 57 58 59 59.1 59.2 59.3 61 61.1 64 80 "
-    "90 90.1 91 91.1 92 92.1 92.2 92.3 93 94",
-    "grbl": "0 1 2 3 4 10 17 18 19 20 21 40 49 53 54 55 56 57 58 59 61 80 90 91 91.1 92 92.1 93 94",
-    "fanuc": "0 1 2 3 4 6.2 10 17 18 19 20 21 40 49 53 54 55 56 57 58 59 61 64 80 90 91 92 93 94",
+    "linuxcnc": "0 1 2 3 4 7 8 10 17 18 19 20 21 28 28.1 30 30.1 40 43 43.1 43.2 49 52 53 54 55 56 57 58 59 59.1 59.2 59.3 61 61.1 64 80 "
+    "90 90.1 91 91.1 92 92.1 92.2 92.3 93 94 95 96 97",
+    "grbl": "0 1 2 3 4 10 17 18 19 20 21 28 28.1 30 30.1 40 43.1 49 53 54 55 56 57 58 59 61 80 90 91 91.1 92 92.1 93 94",
+    "fanuc": "0 1 2 3 4 6.2 10 17 18 19 20 21 28 30 40 43 44 49 52 53 54 55 56 57 58 59 61 64 80 90 91 92 93 94 95 96 97",
 }
 
 
@@ -51,7 +51,8 @@ def test_an_unknown_dialect() -> None:
         ("grbl", "G64", "code-not-in-dialect", "G64 is not in the grbl dialect use --dialect linuxcnc or fanuc or paper"),
         ("grbl", "T1 M6", "code-not-in-dialect", "M6 is not in the grbl dialect"),
         ("fanuc", "G92.2", "code-not-in-dialect", "G92.2 is not in the fanuc dialect"),
-        ("auto", "G43 H1", "code-not-supported", "G43 (tool length offset) is not supported"),
+        ("grbl", "G43 H1", "code-not-in-dialect", "G43 is not in the grbl dialect"),
+        ("linuxcnc", "G44 H1", "code-not-in-dialect", "use --dialect fanuc"),
         ("grbl", "G38.2 Z-1", "code-not-supported", "G38.2 (probe) is not supported"),
         ("auto", "M98 P1", "code-not-supported", "M98 (subprogram call) is not supported"),
         ("auto", "G123", "code-unknown", "G123 is unknown"),
@@ -93,7 +94,6 @@ def test_fanuc_g61_stops_exactly() -> None:
 def test_fanuc_g10_adds_under_g91() -> None:
     means("G10 L2 P1 X10\nG91 G10 L2 P1 X5\nG90 G0 X0", ("rapid", 15.0, 0.0, 0.0), dialect="fanuc")
     means("G10 L2 P1 X10\nG91 G10 L2 P1 X5\nG90 G0 X0", ("rapid", 5.0, 0.0, 0.0), dialect="linuxcnc")
-    assert refused("G10 L2 P0 X1", dialect="fanuc").code == "value-out-of-range"
     assert refused("G10 L20 P1 X1", dialect="fanuc").code == "code-not-supported"
 
 

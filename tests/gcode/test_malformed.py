@@ -63,11 +63,9 @@ CASES: dict[str, tuple[str, str]] = {
     "minus zero": ("code-unknown", "¦M-0"),
     "unknown M": ("code-unknown", "¦M999"),
     "fractional M": ("code-unknown", "¦M3.5"),
-    "tool length offset": ("code-not-supported", "T1 M6\n¦G43 H1"),
+    "tool length offset": ("tool-table-missing", "T1 M6\nG43 ¦H1"),
     "cutter compensation": ("code-not-supported", "¦G41 D1"),
     "drilling cycle": ("code-not-supported", "¦G81 X1 R1 F10"),
-    "feed a revolution": ("code-not-supported", "¦G95"),
-    "home": ("code-not-supported", "¦G28"),
     # modal groups and words
     "two motions": ("modal-conflict", "G0 ¦G1 X1"),
     "two planes": ("modal-conflict", "G17 ¦G18"),
@@ -136,13 +134,12 @@ CASES: dict[str, tuple[str, str]] = {
     "negative tolerance of Q": ("value-out-of-range", "G64 P1 ¦Q-.1"),
     # offsets
     "G10 without L": ("offset-kind-missing", "¦G10 P1 X1"),
-    "G10 of tools": ("code-not-supported", "G10 ¦L1 P1 Z1"),
+    "G10 of tools": ("tool-table-missing", "G10 L1 ¦P1 Z1"),
     "G10 with half an L": ("code-not-supported", "G10 ¦L2.5 P1 Z1"),
     "G10 without P": ("offset-system-missing", "¦G10 L2 X1"),
     "G10 of a tenth system": ("value-out-of-range", "G10 L2 ¦P10 X1"),
     "G10 of half a system": ("value-out-of-range", "G10 L2 ¦P1.5 X1"),
-    "G10 without axes": ("axis-words-missing", "¦G10 L2 P1"),
-    "rotation": ("word-not-supported", "G10 L2 P1 ¦R45"),
+    "G10 without axes": ("axis-words-missing", "¦G10 L20 P1"),
     # arcs
     "arc of nothing": ("arc-center-missing", "G0 X1\n¦G2 X5 F60"),
     "arc of nothing, modal": ("arc-center-missing", "G2 I5 F60\n¦X5"),

@@ -45,7 +45,6 @@ def test_every_word_in_any_order(tmp_path: Path) -> None:
         ("T1 P1 E6", "tool-table-malformed", 7),
         ("T1 P1 $", "tool-table-malformed", 7),
         ("T1 P1 D", "number-missing", 7),
-        ("T1 P1 D-6", "value-out-of-range", 7),
         ("T1.5 P1", "value-out-of-range", 1),
         ("T-1", "value-out-of-range", 1),
         ("T100000", "value-out-of-range", 1),
@@ -83,6 +82,17 @@ def test_what_a_program_writes_is_read_back() -> None:
     table.put(ToolEntry(1, diameter=5.0))
     assert table.tool(1) == ToolEntry(1, diameter=5.0)
     assert table.changed
+
+
+def test_a_table_is_read_again(tmp_path: Path) -> None:
+    table = load(tmp_path, TABLE)
+    table.put(ToolEntry(1))
+    load(tmp_path, "T1 D7")
+    table.reload()
+    assert list(table) == [ToolEntry(1, diameter=7.0)]
+    bare = ToolTable([ToolEntry(2)])
+    bare.reload()
+    assert len(bare) == 1
 
 
 def test_parameters_show_the_loaded_tool(tmp_path: Path) -> None:

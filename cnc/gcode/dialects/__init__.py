@@ -51,6 +51,11 @@ class Dialect:
     offsets: tuple[int, ...]
     offsets_current: bool
     offsets_add: bool
+    rotation: bool
+    offset_memory: bool
+    length_axes: str
+    home_beside_motion: bool
+    machine_in_incremental: bool
     program_number: bool
     flavour: Flavour
     siemens: bool
@@ -112,6 +117,11 @@ def load(name: str) -> Dialect:
         offsets=tuple(table["offsets"]),
         offsets_current=table["offsets_current"],
         offsets_add=table["offsets_add"],
+        rotation=table["rotation"],
+        offset_memory=table["offset_memory"],
+        length_axes=table["length_axes"],
+        home_beside_motion=table["home_beside_motion"],
+        machine_in_incremental=table["machine_in_incremental"],
         program_number=table["program_number"],
         flavour=table["flavour"],
         siemens=table["siemens"],
