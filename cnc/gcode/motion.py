@@ -415,7 +415,7 @@ class Motion:
         state, parameters, scales = self._state, self.coordinates.parameters, self.scales
         motion = state.motion if move.motion is None else move.motion
         feed = state.feed
-        if motion is None or motion > 30 or bool(move.centers) != (motion > 10) or (motion > 10 and state.arc_absolute):
+        if motion is None or motion > 30 or bool(move.arc) != (motion > 10) or (motion > 10 and state.arc_absolute):
             return False
         try:
             if move.feed is not None:
@@ -452,13 +452,20 @@ class Motion:
         plane, letters = self._planes.get(state.plane), _PLANE_LETTERS[state.plane]
         if plane is None:
             return False
-        offsets: list[float | None] = [None, None]
-        for letter, number in move.centers:
+        first = second = radius = None
+        for letter, number in move.arc:
             value = number(self.coordinates.parameters)
-            if letter not in letters or not -MAX_NUMBER <= value <= MAX_NUMBER:
+            if not -MAX_NUMBER <= value <= MAX_NUMBER:
                 return False
-            offsets[letters.index(letter)] = value
-        arc = self._arc_of(end, motion, plane, (offsets[0], offsets[1]), 0.0, 1, _NOWHERE)
+            if letter == letters[0]:
+                first = value
+            elif letter == letters[1]:
+                second = value
+            elif letter == "R" and len(move.arc) == 1:
+                radius = value
+            else:
+                return False
+        arc = self._arc_of(end, motion, plane, (first, second) if radius is None else None, radius or 0.0, 1, _NOWHERE)
         here, rate = self._here, self._straight_feed(end, feed)
         self._out.add(ArcFeed(here.file, here.line, state.plane, arc.center, np.array(end), arc.radius, arc.turns, rate))
         return True

@@ -13,19 +13,19 @@ from cnc.gcode.statement import Statement, Value
 from cnc.gcode.words import AXES, LineWords, Word, fault
 
 _QUICK_MOTIONS = (0, 10, 20, 30)
-_QUICK_WORDS = AXES | frozenset("FIJK")
+_QUICK_WORDS = AXES | frozenset("FIJKR")
 
 
 @dataclass(frozen=True, slots=True)
 class QuickMove:
-    """A line of nothing but G0 to G3 (None: the motion code in effect), axis words, I J K and F.
+    """A line of nothing but G0 to G3 (None: the motion code in effect), axis words, I J K R and F.
 
-    axes: column and value of each axis word; centers: letter and value of I, J, K.
+    axes: column and value of each axis word; arc: letter and value of I, J, K, R.
     """
 
     motion: int | None
     axes: tuple[tuple[int, Value], ...]
-    centers: tuple[tuple[str, Value], ...]
+    arc: tuple[tuple[str, Value], ...]
     feed: Value | None
 
 
@@ -78,14 +78,14 @@ def _quick(statement: Statement, words: LineWords, codes: Codes | None, dialect:
     if codes.keys() - {"motion"} or (codes and codes["motion"].number not in _QUICK_MOTIONS):
         return None
     letters = [letter for letter in words.rest if letter in AXES]
-    if not all(letter in column and letter in dialect.axes for letter in letters) or not (letters or words.rest.keys() & set("IJK")):
+    if not all(letter in column and letter in dialect.axes for letter in letters) or not (letters or words.rest.keys() & set("IJKR")):
         return None
     values: dict[str, Value] = {letter: _constant(word.number) for letter, word in words.rest.items()}
     values |= {statement.words[index].letter: value for index, value in statement.computed}
     return QuickMove(
         codes["motion"].number if codes else None,
         tuple((column[letter], values[letter]) for letter in letters),
-        tuple((letter, values[letter]) for letter in "IJK" if letter in values),
+        tuple((letter, values[letter]) for letter in "IJKR" if letter in values),
         values.get("F"),
     )
 

@@ -94,18 +94,24 @@ class Board(_Section):
 
 
 class Program(_Section):
-    """How programs are read: dialect, and the files that belong to the machine (relative to the machine file)."""
+    """How programs are read: dialect, limits, and the files that belong to the machine (relative to the machine file).
+
+    ``tool_table`` and ``parameters`` are written back after a run that changed them; ``subroutines`` are folders that are searched after
+    the program's own. ``max_repeated_lines`` is how many lines loops and calls may execute again, ``max_call_depth`` how deep calls may be
+    nested: what goes beyond is taken for a program without end.
+    """
 
     dialect: DialectName = "auto"
     tool_table: FilePath | None = None
     parameters: FilePath | None = None
     subroutines: Annotated[tuple[FilePath, ...], BeforeValidator(_tuple)] = ()
+    max_repeated_lines: Annotated[int, Field(gt=0)] = 2_000_000
+    max_call_depth: Annotated[int, Field(gt=0, le=1000)] = 100
 
     def files(self) -> Iterator[tuple[str, Path]]:
-        """Key and path of everything named."""
-        for key, path in (("tool_table", self.tool_table), ("parameters", self.parameters)):
-            if path is not None:
-                yield key, path
+        """Key and path of what has to be there; the parameter file is made by the first run."""
+        if self.tool_table is not None:
+            yield "tool_table", self.tool_table
         for path in self.subroutines:
             yield "subroutines", path
 
