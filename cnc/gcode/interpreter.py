@@ -17,7 +17,7 @@ from cnc.gcode.modal import FEED_MODES, PLANES, Code, Codes, Modal, codes_of, fe
 from cnc.gcode.motion import MIN_FEED, Motion
 from cnc.gcode.output import Output
 from cnc.gcode.parameters import Parameters
-from cnc.gcode.prepared import Prepared, prepare
+from cnc.gcode.prepared import Prepared, prepare, without_point
 from cnc.gcode.settings import Settings
 from cnc.gcode.statement import Assignment, Remark, Statement
 from cnc.gcode.tools import ToolTable
@@ -36,7 +36,7 @@ class Interpreter:
     """A program being executed, statement by statement, into ``out``.
 
     ``ended`` tells that nothing more is to be read. ``plain``: nothing is in effect that a straight move or an arc would have to heed
-    beyond units, offsets, distance mode and feed.
+    beyond units, offsets, distance mode and feed; ``arrays``: nor has anyone to look at single words of lines.
     """
 
     def __init__(
@@ -52,6 +52,7 @@ class Interpreter:
         self.ended = False
         self.begun = False
         self.plain = True
+        self.arrays = not dialect.decimal_points
         self.here = Here(file, warn)
         self.out = Output(self.here, len(axes))
         self.modal = Modal(motion=dialect.motion, initial_level=dialect.initial_level)
@@ -65,8 +66,9 @@ class Interpreter:
         nurbs.register(self.motion, dialect, self.modal, self.here)
         self.coordinates.bind(lambda: self.motion.position, lambda: self.modal.scale)
         system.bind(parameters, self.modal, self.here)
+        self._points_wanted = dialect.decimal_points
         self._prepared: dict[int, Prepared] = {}
-        self._saved: list[Modal | None] = [None]
+        self._saved: list[tuple[Modal, int] | None] = [None]
         self._restore_at_return: list[bool] = [False]
 
     def execute(self, statement: Statement, line: int) -> None:
@@ -80,17 +82,17 @@ class Interpreter:
         if prepared.quick is not None and self.plain and self.motion.quick(prepared.quick):
             self.begun = True
             return
-        words = prepared.line_words(self.parameters)
+        words = prepared.line_words(self.parameters) if statement.words else None
         if statement.assignments:
             self._assign(statement.assignments)
         for remark in statement.remarks:
             self._remark(remark)
-        if statement.board:
-            self.out.add(BoardCommand(self.here.file, line, statement.board))
-        elif statement.words:
+        if words is not None:
             self._execute(words, prepared.codes)
             self.begun = True
             self._look_around()
+        elif statement.board:
+            self.out.add(BoardCommand(self.here.file, line, statement.board))
 
     def end_of_file(self) -> None:
         """The program ends without M2, M30 or ``%``; an error inside a curve."""
@@ -115,6 +117,11 @@ class Interpreter:
             self._prepared.clear()
         # The entry keeps its statement alive, so no other can have the same id.
         prepared = self._prepared[id(statement)] = prepare(statement, self.dialect, self.motion.column)
+        if self._points_wanted and (word := without_point(statement)):
+            self._points_wanted = False
+            message = f"{word.written} has no decimal point: it counts whole millimetres, inches or degrees here"
+            hint = f"a control that counts its least increment would take a thousandth or less: write {word.written}."
+            self.here.caution("decimal-point-missing", message, word, hint)
         return prepared
 
     def _look_around(self) -> None:
@@ -125,10 +132,18 @@ class Interpreter:
             and motion.collector is None
             and not self.coordinates.rotation
         )
+        self.arrays = self.plain and not self._points_wanted
 
     def _assign(self, assignments: tuple[Assignment, ...]) -> None:
         """All right sides are computed before the first parameter is set."""
         parameters = self.parameters
+        if len(assignments) == 1:
+            (only,) = assignments
+            if isinstance(only.target, str):
+                parameters.set_name(only.target, only.value(parameters), only.column)
+            else:
+                parameters.set_number(only.target(parameters), only.value(parameters), only.column)
+            return
         found = [
             (each, each.target if isinstance(each.target, str) else each.target(parameters), each.value(parameters)) for each in assignments
         ]
@@ -236,7 +251,7 @@ class Interpreter:
         if code is None:
             return
         if code.number in (70, 73):
-            self._saved[-1] = self.functions.save()
+            self._saved[-1] = self.functions.save(), self.coordinates.system
             self._restore_at_return[-1] = code.number == 73
         elif code.number == 71:
             self._saved[-1] = None
@@ -248,8 +263,10 @@ class Interpreter:
                 )
             self._restore(saved)
 
-    def _restore(self, saved: Modal) -> None:
-        self.functions.restore(saved)
+    def _restore(self, saved: tuple[Modal, int]) -> None:
+        modal, system_in_use = saved
+        self.functions.restore(modal)
+        self.coordinates.select(system_in_use)
         self.motion.units_changed()
 
     def _stop(self, code: Code) -> None:

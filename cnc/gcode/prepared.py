@@ -13,6 +13,7 @@ from cnc.gcode.statement import Statement, Value
 from cnc.gcode.words import AXES, LineWords, Word, fault
 
 _QUICK_MOTIONS = (0, 10, 20, 30)
+_DISTANCES = AXES | frozenset("IJKR")
 _QUICK_WORDS = AXES | frozenset("FIJKR")
 
 
@@ -70,6 +71,11 @@ def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> P
     constant = all(statement.words[index].letter not in "GM" for index in computed)
     codes = codes_of(words.g, words.m, dialect) if constant else None
     return Prepared(statement, words, codes, _quick(statement, words, codes, dialect, column))
+
+
+def without_point(statement: Statement) -> Word | None:
+    """The first word of a distance or an angle that is written without a decimal point, and isn't 0."""
+    return next((word for word in statement.words if word.letter in _DISTANCES and word.number and "." not in word.written), None)
 
 
 def _quick(statement: Statement, words: LineWords, codes: Codes | None, dialect: Dialect, column: dict[str, int]) -> QuickMove | None:

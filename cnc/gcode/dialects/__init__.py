@@ -57,6 +57,7 @@ class Dialect:
     home_beside_motion: bool
     machine_in_incremental: bool
     program_number: bool
+    decimal_points: bool
     flavour: Flavour
     siemens: bool
     dollar: bool
@@ -123,6 +124,7 @@ def load(name: str) -> Dialect:
         home_beside_motion=table["home_beside_motion"],
         machine_in_incremental=table["machine_in_incremental"],
         program_number=table["program_number"],
+        decimal_points=table["decimal_points"],
         flavour=table["flavour"],
         siemens=table["siemens"],
         dollar=table["dollar"],
