@@ -45,6 +45,7 @@ class Parameters:
 
     ``values`` is the plain store of the numbers above the locals; ``locals`` holds those of the current call. Both are open to compiled
     expressions, which look there first. With ``macro`` the ranges are FANUC's, and a number that was never set is vacant (NaN), not 0.
+    ``increments`` is how many least input increments a unit of length has: FANUC's ROUND rounds a word to that (1000 a mm, 10000 an inch).
     """
 
     def __init__(self, values: Mapping[int, float] | None = None, *, macro: bool = False) -> None:
@@ -55,6 +56,7 @@ class Parameters:
         self._globals: dict[str, float] = {}
         self._callers: list[tuple[dict[int, float], dict[str, float]]] = []
         self._bound: dict[int | str, tuple[Read, Write | None]] = {}
+        self.increments = 1000.0
         self._last_local = LOCAL_MACRO if macro else LOCAL
         self._unset = VACANT if macro else 0.0
 
@@ -103,10 +105,10 @@ class Parameters:
             self._names[name] = value
 
     def exists(self, target: str | float) -> bool:
-        """Whether a name has a value, or a number was set (system numbers always are)."""
+        """Whether a name has a value, or there is a parameter of that number."""
         if isinstance(target, str):
             return target in self._names or target in self._globals or target in self._bound
-        return target in self.locals or target in self.values or target in self._bound
+        return target in self._bound or (1 <= target <= LAST and float(target).is_integer())
 
     def bind(self, key: int | str, read: Read, write: Write | None = None) -> None:
         """Let a parameter show something live (5420: the position); without ``write`` a program can't set it."""

@@ -1,45 +1,45 @@
-"""Text to words: the Lark grammar, one line at a time, and the lines of a file.
+"""Text to statements: the Lark grammars, one line at a time, and the lines of a file.
 
-The grammar's tables are cached in the user's cache folder, which saves their construction at every start; where that folder can't be
+The grammars' tables are cached in the user's cache folder, which saves their construction at every start; where that folder can't be
 written, they are built anew. Parsed lines are memoised by their text, for programs that repeat themselves.
 """
 
 from __future__ import annotations
 
-import math
 import os
 import re
+import string
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast
+from typing import TYPE_CHECKING, Literal
 
 from cnc import __version__
 from cnc.errors import Diagnostic, UsageError
-from cnc.gcode.statement import Remark, Statement
+from cnc.gcode.expressions import Builder
+from cnc.gcode.statement import Statement
 from cnc.gcode.syntax import describe
-from cnc.gcode.words import Word, fault
+from cnc.gcode.words import fault
 
 if TYPE_CHECKING:
-    from lark import Lark, Token
+    from lark import Lark
 
 MAX_LINE = 4096
 """Characters of a line. RS274 allows 256; what is longer than this is no program."""
 MAX_NUMBER = 1e9
-"""Largest magnitude of a number: a thousand kilometres, or a slip."""
+"""Largest magnitude of a word's number: a thousand kilometres, or a slip."""
 MEMO = 4096
 """Distinct lines whose parse is kept."""
 _CHUNK = 1 << 16
 _NOT_UTF8 = "latin-1"
 
-_REMARK = re.compile(
-    r"\([ \t]*(msg|debug|print|log|logopen|logappend|logclose|probeopen|probeclose|py)[ \t]*(?:,(.*))?\)", re.IGNORECASE | re.ASCII
-)
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f]")
-_BLANKS = re.compile(r"[ \t]+")
-
+_PIECE = re.compile(r"\([^()]*\)|[(;].*|[ \t]+|[^ \t(;]+", re.DOTALL)
+_CAPITALS = str.maketrans(string.ascii_lowercase, string.ascii_uppercase)
+_FOREIGN = re.compile(r"\([^()]*\)|[(;].*|([\[#O])", re.DOTALL)
+_FOREIGN_NAMES = {"[": "expressions are", "#": "parameters are", "O": "O-words (subprograms and control flow) are"}
 
 Flavour = Literal["ngc", "macro-b", "none"]
 
@@ -70,28 +70,29 @@ def cache_folder() -> Path:
     return Path(os.path.expanduser("~")) / ".cache" / "cnc"
 
 
-@lru_cache(maxsize=1)
-def _grammar() -> Lark:
-    """The grammar, from the cache where there is one.
+@lru_cache(maxsize=2)
+def _grammar(name: str) -> Lark:
+    """A grammar, from the cache where there is one.
 
     Lark tells a stale, damaged or half-written cache from a good one, and goes on without one that can't be written.
     """
     import lark
 
     folder = cache_folder()
-    cache: str | bool = str(folder / f"line-{__version__}-lark{lark.__version__}-py{sys.version_info[0]}{sys.version_info[1]}.bin")
+    cache: str | bool = str(folder / f"{name}-{__version__}-lark{lark.__version__}-py{sys.version_info[0]}{sys.version_info[1]}.bin")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
         cache = False
-    return lark.Lark.open_from_package("cnc", "line.lark", ("grammars",), parser="lalr", maybe_placeholders=False, cache=cache)
+    return lark.Lark.open_from_package("cnc", f"{name}.lark", ("grammars",), parser="lalr", maybe_placeholders=False, cache=cache)
 
 
 @lru_cache(maxsize=MEMO)
 def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
     """Parse one line, given without its line end.
 
-    Errors name the column (from 1) and say in plain words what is wrong; line and file are the caller's to add.
+    Errors name the column (from 1) and say in plain words what is wrong; line and file are the caller's to add. So do the errors that
+    computed values raise when they are asked for.
     """
     if len(text) > MAX_LINE:
         raise fault("line-too-long", f"the line has more than {MAX_LINE} characters", column=MAX_LINE + 1)
@@ -100,34 +101,57 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         raise fault("control-character", what, column=control.start() + 1, hint="is this a text file?")
     if not text or text.isspace():
         return Statement()
-    from lark.exceptions import UnexpectedInput
+    if text.lstrip(" \t").startswith("$"):
+        return _board_line(text, syntax)
+    squeezed, columns = squeeze(text)
+    if syntax.flavour == "none":
+        _refuse_foreign(squeezed, columns, syntax)
+    from lark.exceptions import UnexpectedInput, VisitError
 
+    from cnc.gcode.translate import Translator, mark_rounding
+
+    macro = syntax.flavour == "macro-b"
     try:
-        tree = _grammar().parse(text)
+        tree = _grammar("macro" if macro else "ngc").parse(squeezed)
     except UnexpectedInput as error:
-        raise describe(text, error.pos_in_stream or 0) from None
-    words: list[Word] = []
-    remarks: list[Remark] = []
-    deletable = False
-    for token in cast("list[Token]", tree.children):
-        if token.type == "WORD":
-            words.append(_word(token))
-        elif token.type == "DELETE":
-            deletable = True
-        elif remark := _REMARK.fullmatch(token):
-            remarks.append(Remark(remark[1].lower(), (remark[2] or "").strip(), (token.start_pos or 0) + 1))
-    return Statement(tuple(words), remarks=tuple(remarks), percent=tree.data == "percent", deletable=deletable)
+        raise describe(squeezed, columns, error, macro=macro) from None
+    if macro and "R" in squeezed:
+        mark_rounding(tree)
+    build = Builder(columns, macro=macro)
+    try:
+        statement: Statement = Translator(squeezed, build, siemens=syntax.siemens, dialect=syntax.dialect).transform(tree)
+    except VisitError as error:
+        raise error.orig_exc from None
+    return statement
 
 
-def _word(token: Token) -> Word:
-    """A word token as a word. The number is what ``float`` makes of its digits."""
-    text = str(token)
-    written = _BLANKS.sub("", text).upper()
-    number = float(written[1:])
-    column = (token.start_pos or 0) + 1
-    if not math.isfinite(number) or abs(number) > MAX_NUMBER:
-        raise fault("number-too-large", f"the number after {written[0]} is larger than {MAX_NUMBER:.0f}", column=column, length=len(text))
-    return Word(written[0], number, written, column, len(text))
+def squeeze(text: str) -> tuple[str, list[int]]:
+    """The text without blanks and in capitals, but for comments; and the place of every character in the line, with that of its end."""
+    kept: list[str] = []
+    columns: list[int] = []
+    for piece in _PIECE.finditer(text):
+        part = piece[0]
+        if part[0] in " \t":
+            continue
+        kept.append(part if part[0] in "(;" else part.translate(_CAPITALS))
+        columns.extend(range(*piece.span()))
+    columns.append(columns[-1] + 1)
+    return "".join(kept), columns
+
+
+def _board_line(text: str, syntax: Syntax) -> Statement:
+    if not syntax.dollar:
+        hint = "it is a command of a GRBL board: use --dialect grbl"
+        raise fault("syntax-not-in-dialect", f"$ lines are not in the {syntax.dialect} dialect", column=text.index("$") + 1, hint=hint)
+    return Statement(board=text.strip(" \t"))
+
+
+def _refuse_foreign(squeezed: str, columns: list[int], syntax: Syntax) -> None:
+    """Parameters, expressions and O-words, by name, where the dialect has none of them."""
+    for found in _FOREIGN.finditer(squeezed):
+        if found[1]:
+            message = f"{_FOREIGN_NAMES[found[1]]} not in the {syntax.dialect} dialect"
+            raise fault("syntax-not-in-dialect", message, column=columns[found.start()] + 1)
 
 
 def read_lines(path: str | os.PathLike[str]) -> Iterator[str]:

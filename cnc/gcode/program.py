@@ -15,6 +15,7 @@ from cnc.gcode.interpreter import Interpreter
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.parser import MAX_LINE, Syntax, parse_line
 from cnc.gcode.tools import ToolTable
+from cnc.gcode.words import fault
 
 
 def interpret(
@@ -52,6 +53,10 @@ def interpret(
         program.here.text_of = lambda _, text=text: text  # type: ignore[misc]
         try:
             statement = parse_line(text, syntax)
+            if control := statement.control:
+                if control.keyword == "program" and spoken.program_number and not program.begun:
+                    continue
+                raise fault("not-supported", "control flow is not supported", column=control.column, length=control.length)
             program.execute(statement, number)
             if statement.percent:
                 if program.begun or percent:

@@ -98,6 +98,6 @@ def test_fanuc_g10_adds_under_g91() -> None:
 
 
 def test_a_program_number_is_no_word_of_linuxcnc() -> None:
-    assert refused("O1000", dialect="linuxcnc").code == "word-unused"
-    assert refused("G0 X1\nO1000", dialect="fanuc").code == "word-unused"
+    assert refused("O1000", dialect="linuxcnc").code == "not-supported"
+    assert refused("G0 X1\nO1000", dialect="fanuc").code == "not-supported"
     assert run("O1000\nG0 X1", dialect="fanuc")

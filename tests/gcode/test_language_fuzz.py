@@ -20,6 +20,7 @@ from cnc.gcode import dialects
 from cnc.gcode.interpreter import Interpreter
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.parser import Syntax, parse_line
+from cnc.gcode.statement import Statement
 from cnc.gcode.words import Word
 from fuzzing import Author
 from gcode_cases import run
@@ -66,6 +67,11 @@ def sound(blocks: list[Block], axes: int) -> None:
                 pass
 
 
+def parsed(text: str, dialect: str) -> Statement:
+    spoken = dialects.load(dialect)
+    return parse_line(text, Syntax(spoken.flavour, siemens=spoken.siemens, dollar=spoken.dollar, dialect=dialect))
+
+
 def effect(lines: list[str], axes: tuple[str, ...], dialect: str) -> Any:
     """The blocks of a program and everything that it leaves behind; None where it is refused."""
     spoken = dialects.load(dialect)
@@ -73,10 +79,9 @@ def effect(lines: list[str], axes: tuple[str, ...], dialect: str) -> Any:
     origins = {5221 + 20 * system + axis: 0.5 + system for system in range(9) for axis in range(9)}
     known = Parameters(origins, macro=spoken.flavour == "macro-b")
     program = Interpreter("fuzz", axes, spoken, [0.123] * len(axes), known, None)
-    syntax = Syntax(spoken.flavour, siemens=spoken.siemens, dollar=spoken.dollar, dialect=dialect)
     try:
         for number, text in enumerate(lines, 1):
-            program.execute(parse_line(text, syntax), number)
+            program.execute(parsed(text, dialect), number)
     except GcodeError:
         return None
     curve = program.motion.collector
@@ -97,7 +102,7 @@ def every_word_matters(lines: list[str], axes: tuple[str, ...], dialect: str) ->
     before = effect(lines, axes, dialect)
     assert before is not None
     count = 0
-    for word in parse_line(lines[-1]).words:
+    for word in parsed(lines[-1], dialect).words:
         if word.letter in WITHOUT_EFFECT:
             continue
         if word.letter in "GM":
@@ -132,8 +137,9 @@ def check(lines: list[str], rng: random.Random) -> tuple[bool, int]:
         return error is None, 0
     accepted = lines[: error.line - 1] if error else lines
     for number, text in enumerate(accepted, 1):
-        if any(word.letter == "M" and word.number in (2, 30) for word in parse_line(text).words) or parse_line(text).percent:
-            accepted = accepted[:number] if not parse_line(text).percent else accepted[: number - 1]
+        statement = parsed(text, dialect)
+        if statement.percent or any(word.letter == "M" and word.number in (2, 30) for word in statement.words):
+            accepted = accepted[:number] if not statement.percent else accepted[: number - 1]
             break
     if not accepted or effect(accepted, axes, dialect) is None:
         return error is None, 0
