@@ -15,7 +15,10 @@ from contextlib import suppress
 import numpy as np
 
 from cnc.canon import ArcFeed, NurbsFeed, Polyline
-from cnc.gcode.straight import Straight, columns, execute
+from cnc.gcode import dialects
+from cnc.gcode.interpreter import Interpreter
+from cnc.gcode.parameters import Parameters
+from cnc.gcode.straight import StraightLane
 from cnc.gcode.text import Text
 from cnc.interpolator.reference_pulse import ReferencePulse
 from cnc.interpolator.sampled import Sampled
@@ -53,11 +56,10 @@ def ensure_compiled(tell: Callable[[], None] | None) -> None:
 
 
 def use_language() -> None:
-    """Read two straight moves."""
-    window = Text.of_lines(["G1 X1", "X2"], "").window(1)
+    """Read a straight move."""
+    window = Text.of_lines(["G0 X1"], "").window(1)
     assert window is not None
-    unmoved = [0.0] * len(AXES)
-    execute(window, 0, Straight(columns(AXES), [1.0] * len(AXES), unmoved, unmoved, True, 1.0, 0.0, 1, unmoved, (1.0, 1.0)))
+    StraightLane(Interpreter("", AXES, dialects.load("auto"), [0.0] * len(AXES), Parameters(), None)).run(window, 0)
 
 
 def use_curves() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cnc.canon import Block, Polyline
 from cnc.gcode.here import Here
@@ -29,6 +30,23 @@ class Output:
         self._lines.append(line)
         if len(self._feeds) >= RUN:
             self.flush()
+
+    def moves(self, points: NDArray[np.float64], feeds: NDArray[np.float64], lines: NDArray[np.int32]) -> None:
+        """Straight moves as arrays: points (n, axes), feeds (n,), lines (n,), which are kept. The same as one after the other."""
+        begin, count = 0, len(feeds)
+        if self._feeds:
+            begin = min(count, RUN - len(self._feeds))
+            self._points += points[:begin].ravel().tolist()
+            self._feeds += feeds[:begin].tolist()
+            self._lines += lines[:begin].tolist()
+            if len(self._feeds) < RUN:
+                return
+            self.flush()
+        while count - begin >= RUN:
+            end = begin + RUN
+            self.ready.append(Polyline(self._here.file, int(lines[begin]), points[begin:end], feeds[begin:end], lines[begin:end]))
+            begin = end
+        self._points, self._feeds, self._lines = points[begin:].ravel().tolist(), feeds[begin:].tolist(), lines[begin:].tolist()
 
     def add(self, block: Block) -> None:
         """Any other block."""

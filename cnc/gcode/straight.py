@@ -2,72 +2,61 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cnc.canon import ROTARY_LETTERS
+from cnc.gcode.interpreter import Interpreter
+from cnc.gcode.modal import Feed
+from cnc.gcode.motion import MIN_FEED
 from cnc.gcode.text import Window
 from cnc.kernels import straight as kernel
 
-SHORTEST = 4
+SHORTEST = 6
 """Lines; a shorter run is no faster in one piece."""
 
-
-@dataclass(slots=True)
-class Straight:
-    """The state that straight moves read and change.
-
-    ``column`` (26,): the index of each letter's axis, -1 where the machine or the dialect has none. ``scale`` and ``zero``, by axis: mm or
-    degrees a program unit, and the position of the program's zero point. ``turns`` by axis: whether it is a rotary one. ``feed_scale`` is
-    mm a program unit of F, ``min_feed`` mm/s. ``mode``: 0 for G0, 1 for G1, -1 for neither. ``position`` by axis; ``feed`` mm/s and deg/s,
-    or None.
-    """
-
-    column: NDArray[np.int64]
-    scale: list[float]
-    zero: list[float]
-    turns: list[float]
-    absolute: bool
-    feed_scale: float
-    min_feed: float
-    mode: int
-    position: list[float]
-    feed: tuple[float, float] | None
+_MODES: dict[int | None, int] = {0: kernel.TRAVERSE, 10: kernel.FEED}
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
-    """The moves of ``count`` lines: points (n, axes), feeds (n,) mm/s, NaN for a traverse, numbers (n,) of their lines."""
+class StraightLane:
+    """Executes lines of straight moves in place of an interpreter, which can't tell the difference."""
 
-    count: int
-    points: NDArray[np.float64]
-    feeds: NDArray[np.float64]
-    lines: NDArray[np.int32]
+    def __init__(self, interpreter: Interpreter) -> None:
+        self._interpreter = interpreter
+        axes = interpreter.motion.axes
+        self._column = np.full(26, kernel.NO_AXIS, np.int64)
+        for index, axis in enumerate(axes):
+            if axis.upper() in interpreter.dialect.axes:
+                self._column[ord(axis.upper()) - ord("A")] = index
+        self._turns = [float(axis in ROTARY_LETTERS) for axis in axes]
 
+    def run(self, window: Window, index: int) -> int:
+        """Execute lines from ``index`` on; how many.
 
-def columns(axes: tuple[str, ...]) -> NDArray[np.int64]:
-    """The index of each letter's axis, -1 for none."""
-    found = np.full(26, -1, np.int64)
-    for index, axis in enumerate(axes):
-        found[ord(axis.upper()) - ord("A")] = index
-    return found
-
-
-def execute(window: Window, index: int, state: Straight) -> Run:
-    """Execute lines of a window from ``index`` on, as many as hold nothing but straight moves and raise no question; ``state`` goes along.
-
-    It stops before a line that the machine, the dialect or the state as it is may have a word to say about.
-    """
-    scan, count = window.scan, int(window.straight[index])
-    position, axes = np.array(state.position), np.array([state.scale, state.zero, state.turns])
-    feed = np.array(state.feed or (np.nan, np.nan))
-    points, feeds, lines = np.empty((count, len(position))), np.empty(count), np.empty(count, np.int32)
-    count, moves, state.mode = kernel.straight(
-        window.first + index, scan.first, scan.letter, scan.number, index, index + count, state.column, axes, int(state.absolute),
-        state.feed_scale, state.min_feed, state.mode, position, feed, points, feeds, lines,
-    )  # fmt: skip
-    state.position = position.tolist()
-    if not np.isnan(feed[0]):
-        state.feed = float(feed[0]), float(feed[1])
-    return Run(count, points[:moves], feeds[:moves], lines[:moves])
+        Of the lines that ``window.straight`` tells of, all before one that needs a closer look; none where something is in effect that a
+        straight move has to heed.
+        """
+        interpreter = self._interpreter
+        if not interpreter.plain:
+            return 0
+        state, motion, scan = interpreter.modal, interpreter.motion, window.scan
+        end = index + int(window.straight[index])
+        mode = _MODES.get(state.motion, kernel.NO_MOTION)
+        axes = np.array((motion.scales, motion.coordinates.zero, self._turns))
+        position = np.array(motion.position)
+        feed = np.array((math.nan, math.nan) if state.feed is None else (state.feed.linear, state.feed.rotary))
+        points, feeds, lines = np.empty((end - index, len(position))), np.empty(end - index), np.empty(end - index, np.int32)
+        count, moves, mode = kernel.straight(
+            window.first + index, scan.first, scan.letter, scan.number, index, end, self._column, axes, int(state.absolute), state.scale,
+            MIN_FEED, mode, position, feed, points, feeds, lines,
+        )  # fmt: skip
+        if mode != kernel.NO_MOTION:
+            state.motion = 10 if mode == kernel.FEED else 0
+        if not np.isnan(feed[0]):
+            state.feed = Feed(float(feed[0]), float(feed[1]))
+        motion.position = position.tolist()
+        interpreter.begun = interpreter.begun or bool(scan.first[index + count] > scan.first[index])
+        interpreter.here.line = window.first + index + count - 1
+        interpreter.out.moves(points[:moves], feeds[:moves], lines[:moves])
+        return int(count)

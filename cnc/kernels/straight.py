@@ -16,7 +16,8 @@ Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 TRAVERSE, FEED, NO_MOTION = 0, 1, -1
-"""Motion modes."""
+"""Motion modes; NO_MOTION is any but the others."""
+NO_AXIS = -1
 LINEAR, ROTARY = 0, 1
 """Entries of ``feed``."""
 SCALE, ZERO, TURNS = 0, 1, 2
@@ -32,7 +33,7 @@ def straight(
 ) -> tuple[int, int, int]:  # fmt: skip
     """Execute the lines ``begin`` to ``end`` of a scan, all of which hold only words of straight moves, each once.
 
-    ``line`` is the number of line ``begin``. column (26,): the axis of each letter, -1 for none. axes (3, n): mm or degrees a program unit,
+    ``line`` is the number of line ``begin``. column (26,): the axis of each letter or NO_AXIS. axes (3, n): mm or degrees a program unit,
     the position of the program's zero, 1 where the axis turns. ``feed_scale`` mm a program unit, ``min_feed`` mm/s. The state: ``mode``,
     position (n,), feed (2,) mm/s and deg/s, NaN for none; the arrays are brought up to date.
 
@@ -57,7 +58,7 @@ def straight(
                     return k - begin, moves, mode
             elif char != _N:
                 moving = True
-                if column[char - _A] < 0:
+                if column[char - _A] == NO_AXIS:
                     return k - begin, moves, mode
         if moving and (code == NO_MOTION or (code == FEED and np.isnan(linear))):
             return k - begin, moves, mode
