@@ -9,7 +9,7 @@ LinuxCNC, "G-code overview", order of execution.
 from __future__ import annotations
 
 from cnc.canon import BoardCommand, Message
-from cnc.gcode import dialects, nurbs, system
+from cnc.gcode import dialects, nurbs, nurbs_ngc, nurbs_siemens, splines, system
 from cnc.gcode.coordinates import Coordinates
 from cnc.gcode.functions import Functions
 from cnc.gcode.here import Here, Warn
@@ -63,13 +63,17 @@ class Interpreter:
         self.motion = Motion(axes, dialect, self.here, self.modal, position, self.coordinates, self.out)
         self.tools = ToolSettings(dialect, self.modal, self.motion, ToolTable() if tools is None else tools)
         self.settings = Settings(dialect, self.modal, self.motion, self.tools)
+        splines.register(self.motion, self.modal, self.here)
         nurbs.register(self.motion, dialect, self.modal, self.here)
+        nurbs_ngc.register(self.motion, self.modal, self.here, self._feed)
+        nurbs_siemens.register(self.motion, self.modal, self.here, self._feed)
         self.coordinates.bind(lambda: self.motion.position, lambda: self.modal.scale)
         system.bind(parameters, self.modal, self.here)
         self._points_wanted = dialect.decimal_points
         self._prepared: dict[int, Prepared] = {}
         self._saved: list[tuple[Modal, int] | None] = [None]
         self._restore_at_return: list[bool] = [False]
+        self._look_around()
 
     def execute(self, statement: Statement, line: int) -> None:
         """Execute a statement that stands at ``line`` of the file; the blocks are in ``out``."""
@@ -97,7 +101,7 @@ class Interpreter:
     def end_of_file(self) -> None:
         """The program ends without M2, M30 or ``%``; an error inside a curve."""
         if self.motion.collector:
-            raise self.motion.collector.end("the program ends before the curve is complete")
+            self.motion.collector.end("the program ends before the curve is complete")
         self.out.flush()
 
     def entered(self) -> None:

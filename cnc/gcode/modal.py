@@ -18,10 +18,12 @@ from cnc.units import per_second
 NURBS = 62
 """G6.2, ten times its number as everywhere."""
 CANCEL = 800
+BSPLINE = -10
+"""Siemens' motion code that is a word."""
 
 _GROUPS: dict[str, tuple[int, ...]] = {
     "motion": (
-        0, 10, 20, 30, 50, 51, 52, 53, NURBS, 330, 331, 382, 383, 384, 385, 730, 740, 760,
+        0, 10, 20, 30, 50, 51, 52, 53, NURBS, BSPLINE, 330, 331, 382, 383, 384, 385, 730, 740, 760,
         CANCEL, 810, 820, 830, 840, 850, 860, 870, 880, 890,
     ),
     "non-modal": (40, 100, 280, 281, 300, 301, 520, 530, 920, 921, 922, 923),
@@ -73,7 +75,7 @@ def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
     """The codes of a line by modal group. Refuses what the dialect lacks, and two codes of one group."""
     found: Codes = {}
     for word in g:
-        number = dialect.check_g(word)
+        number = dialect.check_g(word) if word.letter == "G" else BSPLINE
         _add(found, GROUP_OF_G[number], Code(number, word))
     for word in m:
         number = dialect.check_m(word)

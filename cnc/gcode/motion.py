@@ -49,8 +49,8 @@ class Collector(Protocol):
     def line(self, words: LineWords, codes: Codes) -> bool:
         """Take a line; whether it is used up. The collector ends itself by ``motion.collector = None``."""
 
-    def end(self, what: str) -> GcodeError:
-        """The error for a program that ends inside the curve."""
+    def end(self, what: str) -> None:
+        """The program ends: completes the curve, or raises the error of one that ends before it is complete."""
 
 
 class Motion:

@@ -7,29 +7,27 @@ Two forms of the same thing, as data below:
 
 A line a control point, then as many lines with a knot alone as the order; points + order knots complete the curve. FANUC's rules hold for
 both: the first control point is the present position, both end knots have the multiplicity of the order, nothing but these words stands
-inside. In FANUC's form the first line may leave out its point (the present position) and its knot (taken from the second line). Source:
-FANUC Series 15i/150i operator's manual, NURBS interpolation, and its alarms 1002 to 1009; ERRATA of the NURBS look-ahead paper.
+inside. In FANUC's form the first line may leave out its point (the present position) and its knot (taken from the second line). Control
+points are X Y Z whatever the plane, seen from the last one under G91. Source: FANUC Series 15i/150i operator's manual, NURBS interpolation,
+and its alarms 1002 to 1009; ERRATA of the NURBS look-ahead paper.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from cnc.canon import NurbsFeed
 from cnc.errors import GcodeError
+from cnc.gcode.collecting import MAX_ORDER, Gathering, Place, check_mode, leaving, weight_of
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.here import Here
-from cnc.gcode.modal import GROUP_OF_G, GROUP_OF_M, NURBS, Code, Codes, Modal
+from cnc.gcode.modal import NURBS, Code, Codes, Modal
 from cnc.gcode.motion import Motion
-from cnc.gcode.words import AXES, LineWords, Word, fault, whole
+from cnc.gcode.words import LineWords, Word, fault, whole
 
-MAX_ORDER = 10
 START_TOLERANCE = 1e-4
 """mm that the first control point may be off the present position: the rounding of a post-processor. The curve starts at the position."""
-POINT_AXES = "XYZ"
-_ROTARY = frozenset("ABC")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,74 +60,53 @@ PAPER = Form(
 FORMS = {form.name: form for form in (PAPER, FANUC)}
 
 
-def form_of(words: LineWords, allowed: tuple[str, ...]) -> Form:
-    """Which form the first line is written in, told by its words: U and W are the paper's, P and R are FANUC's, K alone is FANUC's knot."""
+def form_of(words: LineWords, allowed: tuple[str, ...]) -> tuple[Form, bool]:
+    """Which form the first line is written in, and whether its words tell: U and W are the paper's, P and R are FANUC's.
+
+    K alone tells nothing: it is the paper's degree, or FANUC's knot. FANUC's form may begin like that, the paper's may not.
+    """
     if len(allowed) == 1:
-        return FORMS[allowed[0]]
+        return FORMS[allowed[0]], True
     paper = [words.rest[letter] for letter in "UW" if letter in words.rest]
     fanuc = [words.rest[letter] for letter in "PR" if letter in words.rest]
     if paper and fanuc:
         odd = max(paper[0], fanuc[0], key=lambda word: word.column)
         raise fault("nurbs-mixed-forms", "G6.2 with words of both forms", odd, "K U W are the paper's form, P K R are FANUC's")
-    return PAPER if paper else FANUC
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """A word in a line that has gone by: an error may have to point back at it."""
-
-    word: Word
-    line: int
-    text: str
-
-    def fault(self, code: str, message: str, hint: str = "") -> GcodeError:
-        """An error at this word."""
-        error = fault(code, message, self.word, hint)
-        return GcodeError(replace(error.diagnostic, line=self.line, text=self.text))
+    return PAPER if paper else FANUC, bool(paper or fanuc)
 
 
 def register(motion: Motion, dialect: Dialect, state: Modal, here: Here) -> None:
     """Let ``motion`` make G6.2."""
 
     def begin(words: LineWords, code: Code | None) -> None:
-        assert code is not None, "G6.2 is not modal"
-        word = code.word
-        form = form_of(words, dialect.nurbs)
-        if state.feed_mode == "inverse-time" or state.compensation:
-            mode = "G93" if state.feed_mode == "inverse-time" else "cutter compensation"
-            raise fault(form.wrong_mode, f"{word.written} under {mode}", word, "give G94 and G40 before")
-        feed = motion.feed(words, motion.position, 0.0, word)
-        curve = Collector(form, Place(word, here.line, here.text), here, motion, feed)
+        if code is None:
+            word = words.first_axis()
+            message = f"G6.2 is still in effect: {word.written} needs a new motion code"
+            raise fault("nurbs-still-active", message, word, "give G0, G1, G2, G3 or another G6.2")
+        form, told = form_of(words, dialect.nurbs)
+        check_mode(state, code.word, form.wrong_mode)
+        feed = motion.feed(words, motion.position, 0.0, code.word)
+        curve = Collector(form, told, code.word, motion, here, feed)
         curve.first(words)
         motion.collector = curve
 
     motion.handlers[NURBS] = begin
 
 
-class Collector:
-    """A NURBS in the making. ``first`` takes the G6.2 line and ``add`` each one after it, until it gives the block."""
+class Collector(Gathering):
+    """A NURBS in the making. ``first`` takes the G6.2 line and ``line`` each one after it; ``told`` is whether the form is beyond doubt."""
 
-    def __init__(self, form: Form, start: Place, here: Here, motion: Motion, feed: float) -> None:
+    def __init__(self, form: Form, told: bool, start: Word, motion: Motion, here: Here, feed: float) -> None:
+        super().__init__("G6.2", f"{form.knot}, X, Y, Z and {form.weight}", start, motion, here)
         self.form = form
-        self._start = start
-        self._here = here
-        self._motion = motion
-        self._file = here.file
+        self._told = told
         self._feed = feed
-        self._target = motion.target
         self._order = 4
         self._named: frozenset[str] | None = None
-        self._points = [motion.position]
-        self._weights = [1.0]
         self._knots: list[float] = []
         self._places: list[Place] = []
         self._knot_lines = 0
         self._borrow_knot = False
-
-    @property
-    def position(self) -> list[float]:
-        """The last control point: where the curve ends, and what an incremental word counts from."""
-        return self._points[-1]
 
     def first(self, words: LineWords) -> None:
         """The words of the G6.2 line itself; words of no use here stay for the caller to refuse."""
@@ -140,73 +117,69 @@ class Collector:
             self._order = whole(size, what, least, most) + (0 if form.size_is_order else 1)
         knot = words.take(form.knot, "G6.2")
         weight = words.take(form.weight, "G6.2")
+        self.company(words)
         axes = self._axes(words)
         if axes:
-            here = self._points[0]
-            point = self._target(words, "G6.2", here)
+            here = self.points[0]
+            point = self.motion.target(words, "G6.2", here)
             if max(abs(a - b) for a, b in zip(point, here, strict=True)) > START_TOLERANCE:
                 raise fault(
                     form.start_point, "the first control point is not the present position", axes[0], "move there before G6.2, or mend it"
                 )
             self._named = frozenset(word.letter for word in axes)
         elif not form.short_start:
-            raise fault("nurbs-point-missing", "the first control point is missing", self._start.word, "give X Y Z of the present position")
+            raise fault("nurbs-point-missing", "the first control point is missing", self.start.word, "give X Y Z of the present position")
         if weight:
-            self._weights[0] = _weight(weight)
+            self.weights[0] = weight_of(weight)
         if knot:
-            self._add_knot(knot, self._start.line, self._start.text)
+            self._add_knot(knot)
         elif form.short_start:
             self._borrow_knot = True
         else:
-            raise fault(form.knot_missing, f"the first knot is missing: G6.2 needs a {form.knot} word", self._start.word)
+            raise fault(form.knot_missing, f"the first knot is missing: G6.2 needs a {form.knot} word", self.start.word)
 
     def line(self, words: LineWords, codes: Codes) -> bool:
-        """Take a line of the program; the curve is made when it is complete."""
-        if block := self.add(words, self._here.line, self._here.text):
-            self._motion.collector = None
-            self._motion.spline(block)
-        return True
-
-    def add(self, words: LineWords, line: int, text: str) -> NurbsFeed | None:
-        """A line inside the mode; the block when it completes the curve."""
-        if (words.g or words.m) and (leaving := _leaving(words)):
-            raise self._left(f"{leaving.written} before the curve is complete", leaving)
-        for word in (*words.g, *words.m):
-            raise _foreign(word, self.form)
+        """A line inside the mode, which is always used up; the curve is made when it is complete."""
+        if code := leaving(codes):
+            raise self._left(f"{code.word.written} before the curve is complete", code.word)
+        self.no_codes(codes)
         form = self.form
+        self._tell(words)
         knot = words.take(form.knot, "G6.2")
         weight = words.take(form.weight, "G6.2")
         axes = self._axes(words)
-        for word in words.rest.values():
-            if word not in axes:
-                raise _foreign(word, form)
+        self.no_words(LineWords(rest={letter: word for letter, word in words.rest.items() if word not in axes}))
         if axes:
-            self._add_point(words, axes, knot, weight, line, text)
+            self._add_point(words, axes, knot, weight)
         elif weight:
             raise fault("nurbs-foreign-word", f"{weight.written} is a weight without a control point", weight)
         elif knot:
-            return self._knot_only(knot, line, text)
-        return None
+            self._knot_only(knot)
+        return True
 
-    def end(self, what: str) -> GcodeError:
-        """The error for a program that ends inside the mode; it points at the G6.2."""
-        error = self._left(what, self._start.word)
-        return GcodeError(replace(error.diagnostic, line=self._start.line, text=self._start.text))
+    def end(self, what: str) -> None:
+        """The program ends inside the mode: an error, which points at the G6.2."""
+        raise self.start.put(self._left(what, self.start.word))
+
+    def _tell(self, words: LineWords) -> None:
+        """The second line tells the form where the first one did not."""
+        if self._told or not (words.rest.keys() & set("UWKR")):
+            return
+        self._told = True
+        if words.rest.keys() & set("UW"):
+            message = "the first knot is missing: in the paper's form G6.2 needs a U word, as its other lines have"
+            raise self.start.fault(PAPER.knot_missing, message)
 
     def _axes(self, words: LineWords) -> list[Word]:
         """The axis words of a line; the first block with a point names the axes for all."""
-        found = sorted((word for word in words.rest.values() if word.letter in AXES), key=lambda word: word.column)
+        found = self.axes(words)
         for word in found:
-            if word.letter in _ROTARY:
-                raise fault("nurbs-rotary-axis", f"{word.written}: rotary axes can't move along a NURBS", word)
-            if word.letter not in POINT_AXES:
-                raise _foreign(word, self.form)
             if self._named is not None and word.letter not in self._named:
                 message = f"{word.letter} is not among the axes of the first control point"
                 raise fault("nurbs-mixed-axes", message, word, "name all axes in the first one")
         return found
 
-    def _add_point(self, words: LineWords, axes: list[Word], knot: Word | None, weight: Word | None, line: int, text: str) -> None:
+    def _add_point(self, words: LineWords, axes: list[Word], knot: Word | None, weight: Word | None) -> None:
         form = self.form
         if self._knot_lines:
             raise fault(
@@ -219,40 +192,29 @@ class Collector:
             raise fault(form.knot_missing, f"this control point has no knot ({form.knot} word)", axes[0])
         if self._borrow_knot:
             self._borrow_knot = False
-            self._add_knot(knot, line, text)
-        self._add_knot(knot, line, text)
-        self._weights.append(_weight(weight) if weight else 1.0)
+            self._add_knot(knot)
+        self._add_knot(knot)
+        self.weights.append(weight_of(weight) if weight else 1.0)
         if self._named is None:
             self._named = frozenset(word.letter for word in axes)
-        self._points.append(self._target(words, "G6.2", self.position))
+        self.points.append(self.motion.target(words, "G6.2", self.points[-1]))
 
-    def _knot_only(self, knot: Word, line: int, text: str) -> NurbsFeed | None:
-        points = len(self._points)
-        if points == 1:
+    def _knot_only(self, knot: Word) -> None:
+        if len(self.points) == 1:
             raise fault("nurbs-one-point", "a NURBS with one control point only", knot, "give at least as many as the order")
-        if points < self._order:
-            message = f"{points} control points are too few: a curve of degree {self._order - 1} has {self._order} or more"
-            raise fault("nurbs-too-few-points", message, knot)
-        self._add_knot(knot, line, text)
+        if len(self.points) < self._order:
+            raise fault("nurbs-too-few-points", self.too_few(self._order - 1), knot)
+        self._add_knot(knot)
         self._knot_lines += 1
-        if self._knot_lines < self._order:
-            return None
-        self._check_multiplicities()
-        return NurbsFeed(
-            self._file,
-            self._start.line,
-            self._order - 1,
-            np.array(self._knots, dtype=np.float64),
-            np.array(self._points, dtype=np.float64),
-            np.array(self._weights, dtype=np.float64),
-            self._feed,
-        )
+        if self._knot_lines == self._order:
+            self._check_multiplicities()
+            self.make(np.array(self._knots, dtype=np.float64), self._feed)
 
-    def _add_knot(self, knot: Word, line: int, text: str) -> None:
+    def _add_knot(self, knot: Word) -> None:
         if self._knots and knot.number < self._knots[-1]:
             raise fault("nurbs-knots-decrease", f"knot {knot.number:g} after knot {self._knots[-1]:g}", knot, "knots must not decrease")
         self._knots.append(knot.number)
-        self._places.append(Place(knot, line, text))
+        self._places.append(Place.of(knot, self.here))
 
     def _check_multiplicities(self) -> None:
         """Both ends of multiplicity order, less inside: anything else leaves an end hanging or tears the curve apart."""
@@ -287,25 +249,3 @@ class Collector:
         if self._knot_lines:
             return fault(form.knots_too_few, f"{what}: {self._knot_lines} of {need} lines with a knot alone", word, hint)
         return fault(form.left_early, f"{what}: no line with a knot alone yet", word, hint)
-
-
-def _weight(word: Word) -> float:
-    if word.number <= 0:
-        raise fault("nurbs-weight-not-positive", f"{word.written}: a weight must be positive", word)
-    return word.number
-
-
-def _leaving(words: LineWords) -> Word | None:
-    """The word that would leave the mode: another motion code, or the end of the program."""
-    for word in words.g:
-        if GROUP_OF_G.get(word.tenths) == "motion":
-            return word
-    for word in words.m:
-        if word.whole is not None and GROUP_OF_M.get(word.whole) == "stop":
-            return word
-    return None
-
-
-def _foreign(word: Word, form: Form) -> GcodeError:
-    letters = f"{form.knot}, X, Y, Z and {form.weight}"
-    return fault("nurbs-foreign-word", f"{word.written} can't stand inside G6.2", word, f"the lines of a NURBS hold {letters} only")

@@ -62,7 +62,7 @@ class LineWords:
         words = cls()
         for index, word in enumerate(written):
             letter = word.letter
-            if letter == "G":
+            if letter in ("G", "BSPLINE"):
                 words.g.append(word)
             elif letter == "M":
                 words.m.append(word)

@@ -7,7 +7,7 @@ import random
 CODES = [
     "G0", "G1", "G2", "G3", "G4", "G10", "G17", "G18", "G19", "G20", "G21", "G40", "G49", "G53", "G54", "G55",
     "G59.3", "G61", "G61.1", "G64", "G80", "G90", "G91", "G90.1", "G91.1", "G92", "G92.1", "G92.2", "G92.3", "G93", "G94", "G06.2",
-    "G43", "G81", "G123", "M0", "M1", "M2", "M30", "M3", "M4", "M5", "M6", "M7", "M8", "M9", "M98",
+    "G5", "G5.1", "G5.2", "G5.3", "G43", "G81", "G123", "M0", "M1", "M2", "M30", "M3", "M4", "M5", "M6", "M7", "M8", "M9", "M98",
 ]  # fmt: skip
 LETTERS = "ABCDEFHIJKLNOPQRSTUVWXYZ"
 ALPHABET = "0123456789.+-GMXYZIJKRPFUWNSTL ()/;%#[]\t*E\0\u00e9@$"
@@ -87,6 +87,29 @@ class Author:
         tail = [f"{knot}{u}" for u in knots[count:]]
         return ["G0 X0 Y0", f"G06.2 {size} {lines[0]} F{self.positive()}", *lines[1:], *tail]
 
+    def spline(self) -> list[str]:
+        """G5, G5.1, G5.2 to G5.3, or BSPLINE."""
+        rng, number = self.rng, self.number
+        plane, first, second, i, j = rng.choice([("G17", "X", "Y", "I", "J"), ("G18", "Z", "X", "K", "I"), ("G19", "Y", "Z", "J", "K")])
+        feed = f" F{self.positive()}"
+
+        def point() -> str:
+            return f"{first}{number()} {second}{number()}"
+
+        kind = rng.randint(0, 3)
+        if kind == 0:
+            start = f"G5 {point()} {i}{number()} {j}{number()} P{number()} Q{number()}{feed}"
+            return [plane, start, *(f"G5 {point()} P{number()} Q{number()}" for _ in range(rng.randint(0, 2)))]
+        if kind == 1:
+            return [f"{plane} G5.1 {point()} {i}{number()} {j}{self.positive()}{feed}"]
+        count = rng.randint(2, 6)
+        if kind == 2:
+            lines = [point() + rng.choice(["", f" P{self.positive()}"]) for _ in range(count)]
+            return [f"G5.2 P{self.positive()} L{rng.randint(2, count + 1)}{feed}", *lines, "G5.3"]
+        lines = [point() + rng.choice(["", f" PW={self.positive()}"]) for _ in range(count)]
+        lines[2:] = [line + rng.choice(["", f" PL={self.positive()}"]) for line in lines[2:]]
+        return [f"BSPLINE SD={rng.randint(2, 3)}{feed}", *lines, "G0 X0"]
+
     def mutate(self, line: str) -> str:
         rng = self.rng
         for _ in range(rng.randint(1, 3)):
@@ -115,8 +138,10 @@ class Author:
                 lines.append(self.arc())
             elif kind < 0.8:
                 lines.append(self.setup())
-            elif kind < 0.9:
+            elif kind < 0.87:
                 lines += self.nurbs()
+            elif kind < 0.94:
+                lines += self.spline()
             else:
                 lines.append(self.soup())
         if rng.random() < 0.4:

@@ -33,7 +33,7 @@ OTHER = {
     "G54": "G55", "G55": "G54", "G59.3": "G54", "G61": "G61.1", "G61.1": "G61", "G64": "G61", "G90": "G91", "G91": "G90",
     "G90.1": "G91.1", "G91.1": "G90.1", "G93": "G94", "G94": "G93", "M0": "M1", "M1": "M0", "M2": "M0", "M30": "M0",
     "M3": "M4", "M4": "M5", "M5": "M3", "M7": "M9", "M8": "M9", "M9": "M8",
-    "G4": "", "G10": "", "G53": "", "G92": "", "M6": "", "G06.2": "",
+    "G4": "", "G10": "", "G53": "", "G92": "", "M6": "", "G06.2": "", "G5": "G1", "G5.1": "", "G5.2": "", "G5.3": "",
 }  # fmt: skip
 """Another code of the same group, or nothing. Left out: G40, G49 (nothing to cancel yet), G92.1 to G92.3 (alike where no shift is set)."""
 
@@ -67,6 +67,10 @@ def sound(blocks: list[Block], axes: int) -> None:
                 pass
 
 
+GATHERED = ("_order", "_degree", "points", "weights", "_knots", "_knot_lines", "_feed", "_unit_feed")
+"""What a curve that is being collected has so far."""
+
+
 def parsed(text: str, dialect: str) -> Statement:
     spoken = dialects.load(dialect)
     return parse_line(text, Syntax(spoken.flavour, siemens=spoken.siemens, dollar=spoken.dollar, dialect=dialect))
@@ -87,7 +91,7 @@ def effect(lines: list[str], axes: tuple[str, ...], dialect: str) -> Any:
     curve = program.motion.collector
     if curve is None:
         program.end_of_file()
-    inside = {name: repr(getattr(curve, name)) for name in ("_order", "_points", "_weights", "_knots", "_knot_lines")} if curve else {}
+    inside = [getattr(curve, name, None) for name in GATHERED], [place and place.word.number for place in getattr(curve, "_intervals", ())]
     coordinates = program.coordinates
     offsets = known.values, known.locals, coordinates.zero, coordinates.rotation, coordinates.tool_offset
     return repr((program.out.ready, program.modal, program.motion.position, offsets, inside))
