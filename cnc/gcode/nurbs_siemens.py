@@ -105,12 +105,9 @@ class ControlPolygon(Gathering):
         if len(set(lengths)) > 1:
             for place in early:
                 if place and place.word.number:
-                    message = (
-                        f"{place.word.written}: the curve has no piece yet that point {self._intervals.index(place) + 1} could complete"
-                    )
-                    raise place.fault(
-                        "nurbs-interval-unused", message, f"the first {degree - 1} lines of degree {degree} take PL=0 or no PL"
-                    )
+                    message = f"{place.word.written}: this control point completes no piece of the curve"
+                    hint = f"the first {degree - 1} of a curve of degree {degree} have PL=0 or none"
+                    raise place.fault("nurbs-interval-unused", message, hint)
         self._check_multiplicities(pieces)
         self.make(curves.clamped(pieces, degree), self._feed)
 

@@ -27,6 +27,8 @@ _O_KEYWORDS = (
 _MACRO_KEYWORDS = ("GOTO", "IF", "THEN", "WHILE", "DO", "END")
 _SIGNS = {"<": "LT", ">": "GT", "!": "NE", "&": "AND", "|": "OR", "^": "**", "%": "MOD"}
 """What is written in place of a sign of other languages."""
+_SPLINE_WORDS = ("ASPLINE", "CSPLINE", "SPLINEPATH", "POLY", "BAUTO", "BNAT", "BTAN", "EAUTO", "ENAT", "ETAN")
+"""Siemens' words about splines other than the B-spline."""
 _DIGITS = "0123456789."
 
 
@@ -76,6 +78,8 @@ class _Fault:
 
     def describe(self) -> GcodeError:
         """Sort the fault by what was wanted; behind numbers and brackets the grammar answers for all places that they can stand in."""
+        if not self.open and (refused := self._spline_word()):
+            return refused
         if self.char == "(" and not re.match(r"\([^()]*\)", self.text[self.at :]):
             return self._bad_comment()
         if self.char == ")":
@@ -101,6 +105,16 @@ class _Fault:
         if "LETTER" not in self.wanted:
             return self._after_all()
         return self._line()
+
+    def _spline_word(self) -> GcodeError | None:
+        """A word of Siemens' that has nothing like it here."""
+        begin, _ = self.run()
+        word = next((word for word in _SPLINE_WORDS if self.text.startswith(word, begin)), None)
+        if word is None:
+            return None
+        return self.fault(
+            "code-not-supported", f"{word} is not supported", begin, begin + len(word), "of Siemens' splines there is BSPLINE"
+        )
 
     def _bad_comment(self) -> GcodeError:
         """A ( that opens no comment: it is never closed, or another stands inside."""
