@@ -51,10 +51,7 @@ _SAVED = (
 
 
 class Functions:
-    """Carries out the codes that do not move. The methods are called in the standard order of execution.
-
-    ``waiting`` is the M66 whose answer has not been taken in yet.
-    """
+    """Carries out the codes that do not move. The methods are called in the standard order of execution."""
 
     def __init__(self, dialect: Dialect, here: Here, state: Modal, out: Output, parameters: Parameters) -> None:
         self._dialect = dialect
@@ -62,7 +59,6 @@ class Functions:
         self._state = state
         self._out = out
         self._parameters = parameters
-        self.waiting: WaitInput | None = None
 
     # Speed, tool, spindle
 
@@ -232,15 +228,14 @@ class Functions:
                     "wait-time-missing", f"M66 {word.written} needs a time", limit or word, "give Q and the seconds to wait at most"
                 )
         seconds = not_negative(limit, "the time") if limit else 0.0
-        block = WaitInput(here.file, here.line, channel, analog, mode, seconds)
-        self._out.add(block)
-        self.waiting = block
+        self._out.ask(WaitInput(here.file, here.line, channel, analog, mode, seconds), self._answered)
 
     def collect_answer(self) -> None:
-        """Take in what the board answered to the last M66, before the next line is read."""
-        if self.waiting is not None:
-            self._parameters.values[INPUT_ANSWER] = (self.waiting.answer.values or self.waiting.expected)[0]
-            self.waiting = None
+        """Take in what the board answered, before the next line is read."""
+        self._out.take_answers()
+
+    def _answered(self, answer: tuple[float, ...]) -> None:
+        self._parameters.values[INPUT_ANSWER] = answer[0]
 
     # Dwell, path control
 

@@ -9,7 +9,7 @@ LinuxCNC, "G-code overview", order of execution.
 from __future__ import annotations
 
 from cnc.canon import BoardCommand, Message
-from cnc.gcode import dialects, nurbs, nurbs_ngc, nurbs_siemens, splines, system
+from cnc.gcode import cycles, dialects, nurbs, nurbs_ngc, nurbs_siemens, probing, splines, system, threading
 from cnc.gcode.coordinates import Coordinates
 from cnc.gcode.functions import Functions
 from cnc.gcode.here import Here, Warn
@@ -17,6 +17,7 @@ from cnc.gcode.modal import FEED_MODES, PLANES, Code, Codes, Modal, codes_of, fe
 from cnc.gcode.motion import MIN_FEED, Motion
 from cnc.gcode.output import Output
 from cnc.gcode.parameters import Parameters
+from cnc.gcode.perform import Performer
 from cnc.gcode.prepared import Prepared, prepare, without_point
 from cnc.gcode.settings import Settings
 from cnc.gcode.statement import Assignment, Remark, Statement
@@ -67,6 +68,10 @@ class Interpreter:
         nurbs.register(self.motion, dialect, self.modal, self.here)
         nurbs_ngc.register(self.motion, self.modal, self.here, self._feed)
         nurbs_siemens.register(self.motion, self.modal, self.here, self._feed)
+        performer = Performer(self.motion, self.modal, self.here, self.out)
+        cycles.register(self.motion, dialect, self.modal, performer)
+        threading.register(self.motion, dialect, self.modal, performer)
+        probing.register(self.motion, self.modal, self.here, self.out, parameters)
         self.coordinates.bind(lambda: self.motion.position, lambda: self.modal.scale)
         system.bind(parameters, self.modal, self.here)
         self._points_wanted = dialect.decimal_points
@@ -78,8 +83,8 @@ class Interpreter:
     def execute(self, statement: Statement, line: int) -> None:
         """Execute a statement that stands at ``line`` of the file; the blocks are in ``out``."""
         self.here.line = line
-        if self.functions.waiting is not None:
-            self.functions.collect_answer()
+        if self.out.asked:
+            self.out.take_answers()
         prepared = self._prepared.get(id(statement))
         if prepared is None:
             prepared = self._prepare(statement)

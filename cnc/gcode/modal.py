@@ -59,6 +59,9 @@ FeedMode = Literal["per-minute", "inverse-time", "per-revolution"]
 FEED_MODES: dict[int, FeedMode] = {930: "inverse-time", 940: "per-minute", 950: "per-revolution"}
 
 
+_ENDS_ANYWAY = [{CANCEL, plain} for plain in (0, 10, 20, 30)]
+
+
 @dataclass(frozen=True, slots=True)
 class Code:
     """A code of a line: ``number`` is ten times the code for G, the code for M."""
@@ -84,7 +87,12 @@ def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
 
 
 def _add(found: Codes, group: str, code: Code) -> None:
-    if other := found.get(group):
+    other = found.get(group)
+    if other and {other.number, code.number} in _ENDS_ANYWAY:
+        # G80 beside a plain motion code, which ends the cycles anyway.
+        if code.number == CANCEL:
+            return
+    elif other:
         raise fault("modal-conflict", f"{other.word.written} and {code.word.written} can't stand in one line", code.word)
     found[group] = code
 

@@ -57,8 +57,8 @@ class Motion:
     """Where the machine stands and how it moves.
 
     ``position`` is the programmed one in machine coordinates; ``column`` tells the column of an axis letter; ``handlers`` makes the moves
-    of motion codes other than G0 to G3; ``collector`` is the curve that is being collected, if any;
-    ``compensated`` tells that cutter compensation is on.
+    of motion codes other than G0 to G3; ``collector`` is the curve that is being collected, if any; ``compensated`` tells that cutter
+    compensation is on; ``before`` is the motion code that was in effect before the line.
     """
 
     def __init__(
@@ -79,6 +79,7 @@ class Motion:
         self.compensated = False
         self.handlers: dict[int, Handler] = {}
         self.scales: list[float] = []
+        self.before: int | None = None
         self._linear = [letter not in ROTARY_LETTERS for letter in axes]
         self._has_rotary = not all(self._linear)
         self._dialect = dialect
@@ -107,6 +108,7 @@ class Motion:
         """The motion code that this line's words belong to, before anything is executed; None for a line without a move."""
         code, special, state = codes.get("motion"), codes.get("non-modal"), self._state
         self._machine_words = special is not None and special.number == 530
+        self.before = state.motion
         has_axis = words.has_axis()
         if special and special.number == 40 and has_axis:
             has_axis = self._axis_beside_dwell(words, code)

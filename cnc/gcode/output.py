@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import Block, Polyline
+from cnc.canon import Block, Polyline, Probe, WaitInput
 from cnc.gcode.here import Here
 
 RUN = 4096
 """Moves of a Polyline at most: long enough for arrays to pay, short enough for the first pulse not to wait."""
 
+Take = Callable[[tuple[float, ...]], None]
+"""Takes in an answer of the board."""
+
 
 class Output:
-    """Collects the blocks of a program in order. ``ready`` holds those that can be handed on; the caller empties it."""
+    """Collects the blocks of a program in order. ``ready`` holds those that can be handed on; the caller empties it.
+
+    ``asked`` are blocks whose answers have not been taken in yet; they are there when the next line is read.
+    """
 
     def __init__(self, here: Here, axes: int) -> None:
         self.ready: list[Block] = []
+        self.asked: list[tuple[Probe | WaitInput, Take]] = []
         self._here = here
         self._axes = axes
         self._points: list[float] = []
@@ -52,6 +61,17 @@ class Output:
         """Any other block."""
         self.flush()
         self.ready.append(block)
+
+    def ask(self, block: Probe | WaitInput, take: Take) -> None:
+        """A block that the board answers; ``take`` is given the answer before the next line is executed."""
+        self.add(block)
+        self.asked.append((block, take))
+
+    def take_answers(self) -> None:
+        """Hand out the answers to what was asked; where nobody was there to answer, what is expected."""
+        for block, take in self.asked:
+            take(block.expected if block.answer.values is None else block.answer.values)
+        self.asked.clear()
 
     def flush(self) -> None:
         """Close the run of straight moves."""

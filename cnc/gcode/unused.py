@@ -13,12 +13,12 @@ _HINTS = {
     "H": "H belongs to tool length offsets, which are not supported",
     "I": "I, J and K belong to G2 and G3: the centre's offset in the plane's two axes",
     "J": "I, J and K belong to G2 and G3: the centre's offset in the plane's two axes",
-    "K": "I, J and K belong to G2 and G3: the centre's offset in the plane's two axes",
-    "L": "L belongs to G10",
+    "K": "I, J and K belong to G2 and G3 (the centre's offset in the plane's two axes), K to G33 and G33.1: the pitch",
+    "L": "L belongs to G10 and to canned cycles: the repeats",
     "O": "subprograms are not supported",
-    "P": "P belongs to G4, G10, G64 and to the turns of an arc",
-    "Q": "Q belongs to G64",
-    "R": "R belongs to G2 and G3: the radius",
+    "P": "P belongs to G4, G10, G64, to cycles with a dwell (G82, G86, G88, G89, G74, G84) and to the turns of an arc",
+    "Q": "Q belongs to G64 and to G73 and G83: the bite",
+    "R": "R belongs to G2 and G3 (the radius) and to canned cycles",
 }
 
 

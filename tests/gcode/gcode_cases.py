@@ -9,7 +9,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cnc.canon import ArcFeed, Block, Coolant, Dwell, End, Message, NurbsFeed, PathMode, Polyline, Spindle, Stop, Tool
+from cnc.canon import (
+    ArcFeed,
+    Block,
+    Coolant,
+    Dwell,
+    End,
+    Message,
+    NurbsFeed,
+    Orient,
+    Overrides,
+    PathMode,
+    Polyline,
+    Probe,
+    Spindle,
+    SpindleSync,
+    Stop,
+    Tool,
+)
 from cnc.errors import Diagnostic, GcodeError
 from cnc.gcode.program import interpret
 
@@ -48,8 +65,27 @@ def rows(blocks: list[Block]) -> Iterator[Row]:
                 yield ("end",)
             case Message():
                 yield ("message", block.text)
+            case Overrides():
+                yield ("overrides", block.feed, block.spindle)
+            case SpindleSync():
+                yield ("sync", block.pitch)
+            case Orient():
+                yield ("orient", block.angle)
+            case Probe():
+                yield ("probe", *block.end.tolist(), block.feed * 60, block.towards, block.must)
             case _:
                 raise AssertionError(block)
+
+
+def said(source: str, **options: Any) -> list[str]:
+    """The blocks of a program in short: ``rapid 4 5 -1``, ``line 4 5 -1 F600``; numbers to six digits behind the point."""
+    out = []
+    for kind, *values in rows(run(source, **options)):
+        words = [str(value).lower() if isinstance(value, str | bool) else f"{round(value, 6) + 0.0:.10g}" for value in values]
+        if kind in ("line", "probe"):
+            words[3] = f"F{words[3]}"
+        out.append(" ".join((kind, *words)))
+    return out
 
 
 def flat(row: Row) -> list[Any]:

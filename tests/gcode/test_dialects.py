@@ -11,9 +11,12 @@ from gcode_cases import means, refused, run
 
 FULL = {
     "linuxcnc": "0 1 2 3 4 5 5.1 5.2 5.3 7 8 10 17 18 19 20 21 28 28.1 30 30.1 40 43 43.1 43.2 49 52 53 54 55 56 57 58 59 59.1 59.2 59.3 "
+    "33 33.1 38.2 38.3 38.4 38.5 73 74 76 81 82 83 84 85 86 88 89 98 99 "
     "61 61.1 64 80 90 90.1 91 91.1 92 92.1 92.2 92.3 93 94 95 96 97",
-    "grbl": "0 1 2 3 4 10 17 18 19 20 21 28 28.1 30 30.1 40 43.1 49 53 54 55 56 57 58 59 61 80 90 91 91.1 92 92.1 93 94",
-    "fanuc": "0 1 2 3 4 6.2 10 17 18 19 20 21 28 30 40 43 44 49 52 53 54 55 56 57 58 59 61 64 80 90 91 92 93 94 95 96 97",
+    "grbl": "0 1 2 3 4 10 17 18 19 20 21 28 28.1 30 30.1 40 43.1 49 53 54 55 56 57 58 59 61 80 90 91 91.1 92 92.1 93 94 "
+    "38.2 38.3 38.4 38.5",
+    "fanuc": "0 1 2 3 4 6.2 10 17 18 19 20 21 28 30 40 43 44 49 52 53 54 55 56 57 58 59 61 64 80 90 91 92 93 94 95 96 97 "
+    "73 74 76 81 82 83 84 85 86 88 89 98 99",
 }
 
 
@@ -53,7 +56,9 @@ def test_an_unknown_dialect() -> None:
         ("fanuc", "G92.2", "code-not-in-dialect", "G92.2 is not in the fanuc dialect"),
         ("grbl", "G43 H1", "code-not-in-dialect", "G43 is not in the grbl dialect"),
         ("linuxcnc", "G44 H1", "code-not-in-dialect", "use --dialect fanuc"),
-        ("grbl", "G38.2 Z-1", "code-not-supported", "G38.2 (probe) is not supported"),
+        ("fanuc", "G38.2 Z-1", "code-not-in-dialect", "use --dialect linuxcnc or grbl"),
+        ("grbl", "G81 Z-1 R1", "code-not-in-dialect", "use --dialect linuxcnc or fanuc"),
+        ("auto", "G87 Z-1 R1", "code-not-supported", "G87 (back boring cycle) is not supported"),
         ("auto", "M98 P1", "code-not-supported", "M98 (subprogram call) is not supported"),
         ("auto", "G123", "code-unknown", "G123 is unknown"),
         ("auto", "M1000", "code-unknown", "M1000 is unknown"),

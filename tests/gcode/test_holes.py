@@ -77,7 +77,9 @@ def test_between_holes_the_tool_stays_where_the_last_one_ended() -> None:
     assert found[4:6] == [Rapid((6, 5, 3)), Rapid((6, 5, 1))]
 
 
-@pytest.mark.parametrize(("top", "bottom", "peck", "count"), [(1, -1, 0.1, 20), (0.3, 0, 0.1, 3), (1, -1, 0.75, 3), (1, 1, 1, 1), (0, -1, 1, 1)])
+@pytest.mark.parametrize(
+    ("top", "bottom", "peck", "count"), [(1, -1, 0.1, 20), (0.3, 0, 0.1, 3), (1, -1, 0.75, 3), (1, 1, 1, 1), (0, -1, 1, 1)]
+)
 def test_the_number_of_bites_is_not_spoilt_by_rounding(top: float, bottom: float, peck: float, count: int) -> None:
     """1 - 20 * 0.1 is not -1 to the bit."""
     assert bites(top, bottom, peck) == count
@@ -120,7 +122,7 @@ CYCLES = (730, 740, 760, 810, 820, 830, 840, 850, 860, 880, 890)
     height=heights,
 )
 def test_no_traverse_goes_into_material(cycle: int, many: list[Hole], how: Manner, height: float) -> None:
-    """Sideways only at R or above (fine boring: its shift in the hole), down by traverse only to R or to where the hole has been drilled."""
+    """Sideways only at R or above (fine boring: its shift in the hole), down by traverse only to R or into what has been drilled."""
     place, reached = (0.0, 0.0, height), math.inf
     for hole in many:
         for step in steps(cycle, place, [hole], how):

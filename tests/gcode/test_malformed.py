@@ -62,7 +62,7 @@ CASES: dict[str, tuple[str, str]] = {
     "fractional M": ("code-unknown", "¦M3.5"),
     "tool length offset": ("tool-table-missing", "T1 M6\nG43 ¦H1"),
     "cutter compensation": ("code-not-supported", "¦G41 D1"),
-    "drilling cycle": ("code-not-supported", "¦G81 X1 R1 F10"),
+    "back boring cycle": ("code-not-supported", "¦G87 X1 R1 F10"),
     # modal groups and words
     "two motions": ("modal-conflict", "G0 ¦G1 X1"),
     "two planes": ("modal-conflict", "G17 ¦G18"),
@@ -72,7 +72,7 @@ CASES: dict[str, tuple[str, str]] = {
     "two spindles": ("modal-conflict", "M3 S1 ¦M5"),
     "two coolants": ("modal-conflict", "M7 ¦M8"),
     "two stops": ("modal-conflict", "M0 ¦M30"),
-    "motion and cancel": ("modal-conflict", "G0 ¦G80 X1"),
+    "cycle and cancel": ("modal-conflict", "G80 ¦G81 X1"),
     "dwell and machine coordinates": ("modal-conflict", "G4 P1 ¦G53 G0 X1"),
     "a word twice": ("word-repeated", "G0 X1 Y2 ¦X3"),
     "two feeds": ("word-repeated", "F1 ¦F2"),

@@ -10,7 +10,7 @@ import tomllib
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, Literal
 
 from cnc.canon import PathControl
 from cnc.errors import Diagnostic, GcodeError, UsageError
@@ -32,6 +32,24 @@ class ArcTolerance:
     relative: float
     limit: float
     reach: float
+
+
+@dataclass(frozen=True, slots=True)
+class CycleRules:
+    """What dialects do differently in canned cycles.
+
+    repeats: letters of the count. words_stay: whether R, depth, P and Q stay when another cycle follows. dwell_needed: whether P must be
+    given. clearance: mm that G73 backs off and G83 stays away from the bottom. feed_out_to: how far up G74, G84 and G89 feed. tap_dwell:
+    once after the spindle was reversed, or before each reversal. fine_boring: whether G76 is that cycle, and not a thread's.
+    """
+
+    repeats: str
+    words_stay: bool
+    dwell_needed: bool
+    clearance: float
+    feed_out_to: Literal["clear", "retract"]
+    tap_dwell: Literal["after", "before-each"]
+    fine_boring: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +81,7 @@ class Dialect:
     dollar: bool
     initial_level: bool
     dwell: dict[str, float]
+    cycles: CycleRules
     arc_mm: ArcTolerance
     arc_inch: ArcTolerance
 
@@ -130,6 +149,7 @@ def load(name: str) -> Dialect:
         dollar=table["dollar"],
         initial_level=table["initial_level"],
         dwell=table["dwell"],
+        cycles=CycleRules(**table["cycles"]),
         arc_mm=ArcTolerance(arc["slack"], arc["relative"], arc["limit"], arc["reach"]),
         arc_inch=ArcTolerance(arc["slack_inch"], arc["relative"], arc["limit_inch"], arc["reach"]),
     )

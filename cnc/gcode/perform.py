@@ -1,0 +1,120 @@
+"""Steps of cycles to canonical blocks: points of a plane become machine positions, the spindle's steps become blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from cnc.canon import PLANE_AXES, Dwell, Orient, Overrides, Spindle, SpindleSync, Stop
+from cnc.gcode.here import Here
+from cnc.gcode.modal import Modal
+from cnc.gcode.motion import Motion
+from cnc.gcode.output import Output
+from cnc.gcode.steps import Allow, Cut, Operator, Pause, Point, PointSpindle, Rapid, Step, Synchronise, Turn
+from cnc.gcode.words import AXES, LineWords, Word, fault
+
+
+def refuse_modes(motion: Motion, state: Modal, name: str, at: Word, *, inverse_time: bool = True) -> None:
+    """GcodeError where ``name`` can't be made: under cutter compensation, and under G93 if that is refused."""
+    if motion.compensated:
+        raise fault("compensation-active", f"{name} under cutter compensation", at, "give G40 before")
+    if inverse_time and state.feed_mode == "inverse-time":
+        raise fault("inverse-time-active", f"{name} under G93", at, "give G94 or G95 before")
+
+
+def refuse_axes(words: LineWords, name: str, allowed: str) -> None:
+    """GcodeError ``axis-not-allowed`` at an axis word that ``name`` has no use for."""
+    for letter in words.rest:
+        if letter in AXES and letter not in allowed:
+            raise fault("axis-not-allowed", f"{name} does not move {letter}", words.rest[letter], f"its axes are {' '.join(allowed)}")
+
+
+class Stage:
+    """The plane in effect, as a line with a cycle finds it.
+
+    ``columns`` are those of the plane's two axes and of the axis across it; ``start`` is the position seen from there, mm in the
+    coordinate system in use. GcodeError ``axis-missing`` at ``at`` where the machine lacks one of the three.
+    """
+
+    def __init__(self, motion: Motion, state: Modal, at: Word) -> None:
+        first, second = PLANE_AXES[state.plane]
+        (across,) = {"x", "y", "z"} - {first, second}
+        for axis in (first, second, across):
+            if axis not in motion.axes:
+                message = f"a cycle in the {state.plane} plane, but the machine has no {axis.upper()} axis"
+                raise fault("axis-missing", message, at)
+        self.across = across.upper()
+        self.columns = motion.axes.index(first), motion.axes.index(second), motion.axes.index(across)
+        self._coordinates = motion.coordinates
+        self._machine = motion.position
+        self._turning = [index for index, axis in enumerate(motion.axes) if axis in "xy"]
+        self._program = motion.coordinates.to_program(motion.position)
+        self.start = self.seen(self._program)
+
+    def seen(self, program: list[float]) -> Point:
+        """A position in program coordinates as a point of the plane."""
+        first, second, across = self.columns
+        return program[first], program[second], program[across]
+
+    def place(self, point: Point) -> list[float]:
+        """The machine position of a point. Axes that don't leave the start stay there to the bit."""
+        program = self._program.copy()
+        for column, value in zip(self.columns, point, strict=True):
+            program[column] = value
+        placed = self._coordinates.to_machine(program)
+        stays = [new == old for new, old in zip(program, self._program, strict=True)]
+        if self._coordinates.rotation:
+            # X and Y of the machine move if either of the program does.
+            both = all(stays[index] for index in self._turning)
+            for index in self._turning:
+                stays[index] = both
+        return [here if same else there for here, there, same in zip(self._machine, placed, stays, strict=True)]
+
+
+class Performer:
+    """Carries steps out: moves through ``motion``, everything else straight to ``out``."""
+
+    def __init__(self, motion: Motion, state: Modal, here: Here, out: Output) -> None:
+        self._motion = motion
+        self._state = state
+        self._here = here
+        self._out = out
+
+    def perform(self, steps: Iterable[Step], stage: Stage) -> None:
+        """The blocks of the steps, in order; the position is where they end."""
+        motion, out, file, line = self._motion, self._out, self._here.file, self._here.line
+        for step in steps:
+            match step:
+                case Rapid(to):
+                    motion.traverse(stage.place(to))
+                case Cut(to, feed):
+                    motion.feed_to(stage.place(to), feed)
+                case Pause(seconds):
+                    out.add(Dwell(file, line, seconds))
+                case Turn():
+                    out.add(self._spindle(step))
+                case PointSpindle():
+                    out.add(Orient(file, line, 0.0))
+                case Operator():
+                    out.add(Stop(file, line))
+                case Allow():
+                    out.add(self._overrides(step))
+                case Synchronise(pitch):
+                    out.add(SpindleSync(file, line, pitch))
+
+    def _spindle(self, turn: Turn) -> Spindle:
+        """A turn of the spindle at the speed in effect; what the program has said of the spindle stays as it is."""
+        state, file, line = self._state, self._here.file, self._here.line
+        speed = state.speed or 0.0
+        if turn.state == "off":
+            return Spindle(file, line, "off", 0.0)
+        if state.constant_surface:
+            return Spindle(file, line, turn.state, state.most_rpm, speed)
+        return Spindle(file, line, turn.state, speed * turn.times)
+
+    def _overrides(self, step: Allow) -> Overrides:
+        """The operator's overrides as the program has set them, less what the step takes away."""
+        state = self._state
+        feed, spindle = state.feed_override, state.speed_override
+        if not step.overrides:
+            feed, spindle = False, spindle and not step.spindle
+        return Overrides(self._here.file, self._here.line, feed, spindle, state.adaptive_feed, state.feed_stop)
