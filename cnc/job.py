@@ -19,6 +19,7 @@ from cnc.errors import BoardError, CncError, Diagnostic
 from cnc.executor.run import Progress, execute
 from cnc.gcode.parser import read_lines
 from cnc.gcode.program import interpret
+from cnc.gcode.text import Text
 from cnc.interpolator.reference_pulse import ReferencePulse
 from cnc.interpolator.sampled import Sampled
 from cnc.machine.models import DialectName, Machine
@@ -284,7 +285,7 @@ class Job:
         self.report.end_position = {letter: steps / axis.steps_per_mm for (letter, axis), steps in zip(axes, grid.tolist(), strict=True)}
 
     def _blocks(self, lines: Iterable[str], warn: Callable[[Diagnostic], None] | None) -> Iterator[Block]:
-        blocks = interpret(lines, file=self.name, axes=self.machine.axis_names, dialect=self.dialect, start=self.start, warn=warn)
+        blocks = interpret(Text.of_lines(lines, self.name), axes=self.machine.axis_names, dialect=self.dialect, start=self.start, warn=warn)
         return self._reading.inside(blocks)
 
     def _path(self, blocks: Iterable[Block]) -> Iterator[PathChunk | Block]:

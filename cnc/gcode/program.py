@@ -1,27 +1,36 @@
-"""A program from its first line to its end: lines are parsed and executed, and their blocks handed on."""
+"""A program from its first line to its end.
+
+There is a line number and no tree of the program: each line becomes a step once, and is executed as often as the flow of control comes by.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.canon import Block
-from cnc.errors import CncError, GcodeError
-from cnc.gcode import dialects
+from cnc.errors import GcodeError
+from cnc.gcode import blocks, control, dialects, numbered, subprograms
+from cnc.gcode.flow import Flow, Limits
 from cnc.gcode.here import Warn
 from cnc.gcode.interpreter import Interpreter
+from cnc.gcode.listing import NOTHING, Listing, Mark, Page, Step
 from cnc.gcode.parameters import Parameters
-from cnc.gcode.parser import MAX_LINE, Syntax, parse_line
+from cnc.gcode.parser import Syntax
+from cnc.gcode.statement import Control, Statement
+from cnc.gcode.text import Text
 from cnc.gcode.tools import ToolTable
-from cnc.gcode.words import fault
+
+TELL = 1024
+"""Executed lines between two calls of ``on_line``."""
 
 
 def interpret(
-    lines: Iterable[str],
+    text: Text,
     *,
-    file: str,
     axes: tuple[str, ...] = ("x", "y", "z"),
     dialect: str = "auto",
     start: NDArray[np.float64] | None = None,
@@ -29,56 +38,178 @@ def interpret(
     warn: Warn | None = None,
     parameters: Parameters | None = None,
     tools: ToolTable | None = None,
+    folders: Sequence[Path] = (),
+    limits: Limits = Limits(),  # noqa: B008 it never changes
+    on_line: Callable[[int], None] | None = None,
 ) -> Iterator[Block]:
     """The canonical blocks of a program, as its lines are read.
 
-    ``file`` names the program in blocks and errors. ``axes`` are the machine's, in the order of the columns of every position; ``start`` is
+    ``text`` names the program in blocks and errors. ``axes`` are the machine's, in the order of the columns of every position; ``start`` is
     the machine position (axes,) at the start, zeros by default. With ``block_delete`` lines that begin with ``/`` are skipped unread.
-    ``warn`` is given what is legal but odd.
+    ``warn`` is given what is legal but odd. ``parameters`` are what the program finds, and changes. ``folders`` are where subroutines in
+    files are found, the program's own folder among them if it is to be. ``on_line`` is told the number of executed lines now and then.
 
     Reading stops at M2, M30 or a second ``%``. Raises GcodeError at the first fault, with file, line, column, source text and hint;
-    blocks of the lines before may have been handed on by then. Raises UsageError ``unknown-dialect``.
+    blocks of the lines before may have been handed on by then. Raises UsageError ``unknown-dialect``, ``unreadable-file``.
     """
     position = [0.0] * len(axes) if start is None else [float(value) for value in start]
     spoken = dialects.load(dialect)
     known = Parameters(macro=spoken.flavour == "macro-b") if parameters is None else parameters
-    program = Interpreter(file, axes, spoken, position, known, warn, tools)
+    interpreter = Interpreter(text.name, axes, spoken, position, known, warn, tools)
     syntax = Syntax(spoken.flavour, siemens=spoken.siemens, dollar=spoken.dollar, dialect=spoken.name)
-    ready = program.out.ready
-    percent = False
-    for number, raw in enumerate(lines, start=1):
-        text = raw.removesuffix("\n").removesuffix("\r")
-        if block_delete and text.lstrip(" \t").startswith("/"):
-            continue
-        program.here.text_of = lambda _, text=text: text  # type: ignore[misc]
-        try:
-            statement = parse_line(text, syntax)
-            if control := statement.control:
-                if control.keyword == "program" and spoken.program_number and not program.begun:
-                    continue
-                raise fault("not-supported", "control flow is not supported", column=control.column, length=control.length)
-            program.execute(statement, number)
-            if statement.percent:
-                if program.begun or percent:
-                    program.end_of_file()
-                    program.ended = True
-                percent = True
-        except GcodeError as error:
-            raise _placed(error, file, number, text) from None
-        if ready:
-            yield from ready
-            ready.clear()
-        if program.ended:
-            return
+    listing = Listing(text, syntax, block_delete=block_delete)
+    flow = Flow(interpreter, listing, subprograms.Library(folders, syntax, block_delete=block_delete), limits)
+    yield from _run(flow, _Steps(flow, spoken), on_line)
+
+
+def _run(flow: Flow, make: _Steps, on_line: Callable[[int], None] | None) -> Iterator[Block]:
+    """Line by line. Everything that a line needs is a local variable: loops execute millions of them."""
+    interpreter, listing = flow.interpreter, flow.listing
+    execute, ready = interpreter.execute, interpreter.out.ready
+    repeated_lines = flow.limits.repeated_lines
+    line, first, count = 1, 1, 0
+    page: Page | None = None
+    steps: list[Step | Statement | None] = []
+    executed = new = 0
+    tell = check = min(TELL, repeated_lines)
     try:
-        program.end_of_file()
+        while not interpreter.ended:
+            index = line - first
+            if index < 0 or index >= count:
+                page = listing.page(line)
+                if page is None:
+                    make.end_of_file(line)
+                    break
+                first, count, steps = page.first, page.count, page.steps
+                index = line - first
+            step = steps[index]
+            if step is None:
+                assert page is not None
+                step = steps[index] = make.step(page, index)
+                if line > listing.high:
+                    listing.high = line
+                    new += 1
+            executed += 1
+            if executed > check:
+                flow.executed = executed
+                if executed - new > repeated_lines:
+                    raise flow.endless(line)
+                if executed > tell:
+                    tell += TELL
+                    if on_line is not None:
+                        on_line(executed)
+                check = min(tell, repeated_lines + new)
+            if step.__class__ is Statement:
+                execute(step, line)
+                line += 1
+            else:
+                flow.executed = executed
+                line = step.run(flow, line)  # type: ignore[union-attr]
+                if flow.listing is not listing:
+                    listing, count = flow.listing, 0
+            if ready:
+                yield from ready
+                ready.clear()
+                interpreter.functions.collect_answer()
     except GcodeError as error:
-        raise error.at(file=file) from None
+        raise listing.placed(error, line) from None
+    if on_line is not None:
+        on_line(executed)
     yield from ready
+    ready.clear()
 
 
-def _placed(error: GcodeError, file: str, line: int, text: str) -> CncError:
-    """The error with file, line and text, unless it points at an earlier line already."""
-    if error.diagnostic.line:
-        return error.at(file=file)
-    return error.at(file=file, line=line, text=text if len(text) <= MAX_LINE else None)
+class _Steps:
+    """Makes the steps of lines, each when it is reached for the first time."""
+
+    def __init__(self, flow: Flow, dialect: dialects.Dialect) -> None:
+        self._flow = flow
+        self._dialect = dialect
+        self._macro = dialect.flavour == "macro-b"
+
+    def step(self, page: Page, index: int) -> Step | Statement:
+        """What a line does. GcodeError if it makes no sense, or if the block that it opens does not."""
+        listing, line = self._flow.listing, page.first + index
+        statement = listing.statement(page.window, index)
+        if statement is None:
+            return NOTHING
+        if statement.control is None:
+            return self._of_words(line, statement)
+        step = self._of_control(line, statement.control)
+        return _Announced(statement, step) if statement.remarks else step
+
+    def end_of_file(self, line: int) -> None:
+        """The text ends before ``line``. GcodeError for what is not complete."""
+        flow = self._flow
+        if flow.frame.kind != "main":
+            raise control.not_ended(flow, "before the end of the file")
+        flow.interpreter.end_of_file()
+        if self._dialect.program_end:
+            last = next((number for number in range(line - 1, 0, -1) if flow.listing.source(number).strip()), 1)
+            text = flow.listing.source(last)
+            at = Mark(last, 1 if text else 0, max(len(text), 1))
+            message = "the program begins with % and has no second one" if flow.percent else "the program ends without M2 or M30"
+            raise flow.listing.fault(at, "program-end-missing", message, "end it with M2 or M30, or put it between two lines of %")
+
+    def _of_control(self, line: int, line_control: Control) -> Step:
+        flow = self._flow
+        step = flow.listing.steps.get(line)
+        if step is None:
+            if line_control.keyword == "if-then":
+                assert line_control.then is not None
+                then = self._of_words(line, line_control.then)
+                step = control.Conditional(flow.parameters, line_control.values[0], then)
+            else:
+                step = _MAKERS[line_control.keyword](flow, line, line_control)
+            flow.listing.steps[line] = step
+        return step
+
+    def _of_words(self, line: int, statement: Statement) -> Step | Statement:
+        if statement.percent:
+            return _PERCENT
+        for word in statement.words:
+            if (word.letter, word.number) in numbered.CODES:
+                if word.letter == "M":
+                    self._dialect.check_m(word)
+                else:
+                    self._dialect.check_g(word)
+                return numbered.call_or_return(line, statement, word, macro=self._macro)
+        if statement.words or statement.assignments or statement.remarks or statement.board:
+            return statement
+        return NOTHING
+
+
+_MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = blocks.MAKERS | subprograms.MAKERS
+
+
+class _Announced:
+    """A control line with a message in it."""
+
+    def __init__(self, statement: Statement, step: Step) -> None:
+        self._remarks = Statement(remarks=statement.remarks)
+        self._step = step
+
+    def run(self, flow: Flow, line: int) -> int:
+        """The message first."""
+        flow.interpreter.execute(self._remarks, line)
+        return self._step.run(flow, line)
+
+
+class _Percent:
+    """``%``: a first one before any word opens the program, any other ends it."""
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Open or end."""
+        interpreter, frame = flow.interpreter, flow.frame
+        if frame.kind != "main":
+            if line == frame.begin and not frame.scope:  # of a file without an O line
+                return line + 1
+            raise control.not_ended(flow, f"before the % in line {line}")
+        if interpreter.begun or flow.percent:
+            interpreter.end_of_file()
+            interpreter.ended = True
+        flow.percent = True
+        return line + 1
+
+
+_PERCENT = _Percent()

@@ -29,13 +29,14 @@ from cnc.canon import (
 )
 from cnc.errors import Diagnostic, GcodeError
 from cnc.gcode.program import interpret
+from cnc.gcode.text import Text
 
 Row = tuple[Any, ...]
 
 
 def run(source: str, **options: Any) -> list[Block]:
     """The blocks of a program."""
-    return list(interpret(source.split("\n"), file="test.nc", **options))
+    return list(interpret(Text.of_lines(source.split("\n"), "test.nc"), **options))
 
 
 def rows(blocks: list[Block]) -> Iterator[Row]:

@@ -74,9 +74,9 @@ def test_the_radius_format_finds_the_centre(center: complex, radius: float, angl
     ],
 )
 def test_the_tolerance_of_the_radius(dialect: str, radius: float, off: float, good: bool) -> None:
-    source = f"G2 X{2 * radius + off} I{radius} F60"
+    source = f"G2 X{2 * radius + off} I{radius} F60\nM2"
     if good:
-        (block,) = run(source, dialect=dialect)
+        block, _ = run(source, dialect=dialect)
         assert isinstance(block, ArcFeed)
         assert block.radius == radius
         assert block.end[0] == 2 * radius + off

@@ -31,8 +31,8 @@ CASES: dict[str, tuple[str, str]] = {
     "question mark": ("character-unknown", "¦?"),
     "checksum": ("expression-without-brackets", "G0 X1¦*71"),
     "exponent": ("word-unused", "G0 X1¦E5"),
-    "subprogram": ("not-supported", "¦o100 sub"),
-    "named subprogram": ("not-supported", "¦O<drill> call"),
+    "subprogram": ("sub-not-closed", "¦o100 sub"),
+    "named subprogram": ("sub-unknown", "¦O<drill> call"),
     "comment without end": ("comment-not-closed", "G0 X1 ¦(home"),
     "nested comment": ("comment-nested", "(a ¦(b) c)"),
     "closing only": ("comment-not-open", "G0 X1 ¦) Y2"),
@@ -251,7 +251,8 @@ def test_an_arc_needs_both_axes_of_its_plane(plane: str) -> None:
 def test_an_error_is_drawn_with_its_place() -> None:
     from cnc.errors import GcodeError
     from cnc.gcode.program import interpret
+    from cnc.gcode.text import Text
 
     with pytest.raises(GcodeError) as caught:
-        list(interpret(["G0 X1", "G1 Y2 I3 F60"], file="part.nc"))
+        list(interpret(Text.of_lines(["G0 X1", "G1 Y2 I3 F60"], "part.nc")))
     assert str(caught.value).split("\n")[:3] == ["part.nc:2:7: word-unused: I3 has no use in this line", "  G1 Y2 I3 F60", "        ^~"]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cnc.canon import ArcFeed, Coolant, End, NurbsFeed, Polyline, Spindle, Tool
-from cnc.gcode.parser import read_lines
 from cnc.gcode.program import interpret
+from cnc.gcode.text import Text
 
 FOLDER = Path(__file__).parents[2] / "programs"
 PROGRAMS = sorted(FOLDER.glob("*.nc"))
@@ -17,7 +17,7 @@ AS_PRINTED = [(10, 10), (20, 10), (12, 8), (10, 20), (8, 8), (0, 20), (10, 0)]
 
 
 def blocks(file: Path) -> list:
-    return list(interpret(read_lines(file), file=str(file)))
+    return list(interpret(Text.of_file(file, str(file))))
 
 
 def of(kind: type, file: str) -> list:

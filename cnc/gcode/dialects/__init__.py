@@ -76,6 +76,7 @@ class Dialect:
     machine_in_incremental: bool
     program_number: bool
     decimal_points: bool
+    program_end: bool
     flavour: Flavour
     siemens: bool
     dollar: bool
@@ -144,6 +145,7 @@ def load(name: str) -> Dialect:
         machine_in_incremental=table["machine_in_incremental"],
         program_number=table["program_number"],
         decimal_points=table["decimal_points"],
+        program_end=table["program_end"],
         flavour=table["flavour"],
         siemens=table["siemens"],
         dollar=table["dollar"],
