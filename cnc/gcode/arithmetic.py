@@ -41,7 +41,8 @@ def modulo(a: float, b: float) -> float:
     if b == 0:
         raise Undefined("division-by-zero", "a division by zero (MOD)")
     rest = math.fmod(a, b)
-    return rest + abs(b) if rest < 0 else rest
+    # What is left may be -0.
+    return rest + abs(b) if rest < 0 else abs(rest)
 
 
 def macro_modulo(a: float, b: float) -> float:

@@ -59,7 +59,7 @@ class _Fault:
 
     def fault(self, code: str, message: str, begin: int | None = None, end: int = 0, hint: str = "") -> GcodeError:
         """An error at a part of the text, or where it stopped making sense."""
-        begin = self.at if begin is None else begin
+        begin = min(self.at, len(self.text) - 1) if begin is None else begin
         first = self.columns[begin]
         length = self.columns[end - 1] + 1 - first if end > begin else 1
         return fault(code, message, column=first + 1, length=length, hint=hint)
@@ -86,8 +86,10 @@ class _Fault:
             return self.fault("comment-not-open", "a ) without a ( before it")
         if self.wanted and self.wanted <= {"LEFT", "SLASH"}:
             return self._argument()
-        if self.wanted == {"HASH"} or (self.last(2) == "EXISTS" and self.last() == "["):
-            return self._exists()
+        if self.last(2).endswith("EXISTS") and self.last() == "[":
+            return self.fault("exists-parameter", "EXISTS asks for a parameter", *self.before[-1], "write EXISTS[#<name>]")
+        if self.last() == "THEN" and "HASH" in self.wanted:
+            return self.fault("assignment-missing", "THEN is followed by no assignment", *self.before[-1], "such as IF [#1 EQ 0] THEN #1=5")
         if self.last() == "#":
             return self._parameter()
         if self.last() == "O":
@@ -99,7 +101,8 @@ class _Fault:
         if self.macro and re.match(r"/?(?:N[0-9]+)?(?:IF|WHILE)\[", self.text) and not re.search("GOTO|THEN|DO", self.text[: self.at]):
             return self._continuation()
         if not self.macro and re.match(r"/?(?:N[0-9]+)?O", self.text):
-            return self._keyword() if "PLAIN" in self.wanted else self._after_all()
+            said = any(self.text[slice(*span)] in _O_KEYWORDS for span in self.before)
+            return self._after_all() if said or "PLAIN" not in self.wanted else self._keyword()
         if "EQUAL" in self.wanted and "LETTER" not in self.wanted:
             return self._assignment()
         if "LETTER" not in self.wanted:
@@ -129,16 +132,16 @@ class _Fault:
         word = self.text[begin:end]
         if self.wanted == {"SLASH"}:
             return self.fault("arctangent-second", "ATAN needs two arguments", hint="write ATAN[y]/[x]")
-        run = self.run()
-        if run[0] < self.at < run[1] and word not in _O_KEYWORDS:
-            return self._unknown_function(run)
         if word == "/":
             return self.fault("bracket-missing", "the second argument of ATAN must stand in [ ]", begin, end, "write ATAN[y]/[x]")
+        keywords = _MACRO_KEYWORDS if self.macro else _O_KEYWORDS
+        while word not in self.functions and word not in keywords and len(word) > 1:
+            begin, word = begin + 1, word[1:]
+        run = begin, self.run()[1]
+        if run[1] > end:
+            return self._unknown_keyword(run, keywords) if word in keywords else self._unknown_function(run)
         hint = "( ) is a comment" if self.char == "(" else f"write {word}[..]"
         return self.fault("bracket-missing", f"what belongs to {word} must stand in [ ]", begin, end, hint)
-
-    def _exists(self) -> GcodeError:
-        return self.fault("exists-parameter", "EXISTS asks for a parameter", *self.before[-1], "write EXISTS[#<name>]")
 
     def _parameter(self) -> GcodeError:
         """Nothing useful after a #."""
@@ -170,26 +173,27 @@ class _Fault:
         """A number, or what stands for one, is missing."""
         last = self.last()
         begin, end = self.before[-1]
-        if last in ("+", "-") and (self._is_value_sign() or self.open):
-            if self.char and self.char in "+-":
-                return self._of_word("number-malformed", "{} has two signs", begin, self.at + 1)
-        elif _RUN.fullmatch(last) and (unknown := self._unknown_word(begin)):
+        found = _RUN.match(self.text, self.at)
+        inside = bool(self.open) or "=" in self.text[: self.at]
+        if last in ("+", "-") and self.char and self.char in "+-" and self._is_value_sign():
+            return self._of_word("number-malformed", begin, self.at + 1)
+        if _RUN.fullmatch(last) and (unknown := self._unknown_word(begin)):
             return unknown
-        if found := _RUN.match(self.text, self.at):
+        if found:
             run = self.run()
             if self.text[found.end() : found.end() + 1] == "[" and len(found[0]) > 1:
                 return self._unknown_function((self.at, found.end()))
-            if self.open and run[0] < self.at:
+            if inside and run[0] < self.at:
                 return self._unknown_operator(run)
-            if self.open or last == "=":
-                if found[0] in self.operators:
-                    return self._missing(begin, end)
+            if inside and found[0] not in self.operators:
                 hint = "" if self.macro else f"#<{found[0].lower()}> is the parameter of that name"
                 return self.fault("value-unknown", f"{found[0]} has no value", self.at, found.end(), hint)
         if self.char == "=":
             if last == "=":
                 return self.fault("equals-place", "two =", hint="EQ compares, inside [ ]")
             return self.fault("equals-place", f"a = after {last}", hint=f"write {last} and its number, without =")
+        if self.char == "*" and last == "*":
+            return self.fault("operator-unknown", "there is no operator ** here", begin, self.at + 1, "multiply, or use EXP and LN")
         if self.char == "(" and self.open:
             return self.fault("comment-place", "a comment can't stand inside an expression", hint="use [ ] there")
         return self._missing(begin, end)
@@ -204,41 +208,54 @@ class _Fault:
         if last == "[":
             what = "there is nothing between the brackets" if self.char == "]" else "a value is missing after the ["
             return self.fault("value-missing", what, begin)
-        if last in self.operators or last == "=" or (self.open and last in "+-*/"):
-            if last in ("+", "-") and not self.open:
-                return self._of_word("number-missing", "a number is missing after {}", begin, end)
+        if self.open or "=" in self.text[: self.at]:
             return self.fault("value-missing", f"a value is missing after {last}", begin, end, "a number, a parameter or [..]")
-        return self._of_word("number-missing", "a number is missing after {}", begin, end)
+        return self._of_word("number-missing", begin, end)
 
-    def _of_word(self, code: str, message: str, begin: int, end: int) -> GcodeError:
-        """An error at the letter of a word whose number is wrong, or at the sign where no letter stands."""
-        letter = next((span for span in reversed(self.before) if _RUN.fullmatch(self.text[span[0]])), None)
-        if self.open or letter is None or not re.fullmatch(r"[-+]*", self.text[letter[1] : self.at]):
-            return self.fault(code, message.format("this sign" if "after" in message else "the number"), begin, end)
-        name = self.text[letter[1] - 1]
-        shown = name if "after" in message else f"the number after {name}"
+    def _of_word(self, code: str, begin: int, end: int) -> GcodeError:
+        """An error at the letter of a word whose number is missing or has two signs, or from ``begin`` on where no letter stands."""
+        found = None if self.open else re.search(r"([A-Z])[-+]*$", self.text[: self.at])
+        if code == "number-malformed":
+            message = f"the number after {found[1]} has two signs" if found else "two signs"
+            return self.fault(code, message, *((found.start(), 0) if found else (begin, end)))
+        name = found[1] if found else self.text[begin:end]
         hint = "( ) is a comment; use [ ] for expressions" if self.char == "(" else f"write {name} and its number, such as {name}10"
-        return self.fault(code, message.format(shown), letter[1] - 1, hint=hint if code == "number-missing" else "")
+        return self.fault(code, f"a number is missing after {name}", *((found.start(), 0) if found else (begin, end)), hint)
 
     def _unknown_word(self, begin: int) -> GcodeError | None:
-        """Letters that look like a keyword: a slip, another dialect's, or an O-word's without its O."""
+        """Letters that look like a keyword: a slip, another dialect's, or one that stands alone."""
         found = _RUN.match(self.text, begin)
         run = found[0] if found else ""
         if len(run) < 2 or self.open:
             return None
-        end = begin + len(run)
+        place = begin, begin + len(run)
+        follow = self.text[place[1] : place[1] + 1]
+        if run in self.functions and follow == "[":
+            return self.fault("letter-missing", f"{run} without a letter before it", *place, f"such as X{run}[..]")
+        if run in ("SD", "PL", "PW"):
+            return self.fault("number-missing", f"a = is missing after {run}", *place, f"such as {run}=3")
         if self.macro:
-            if near := _near(run, _MACRO_KEYWORDS):
-                return self.fault("keyword-unknown", f"{run} is unknown", begin, end, near)
-            return None
-        if run in ("GOTO", "IF", "WHILE", "DO", "END", "THEN") and self.text[end : end + 1] in ("[", "#", *_DIGITS):
+            if "=" in self.text[:begin] and (near := _near(run, self.operators)):
+                return self.fault("operator-unknown", f"there is no operator {run}", *place, near)
+            return self._misplaced_keyword(run, place)
+        if run in _MACRO_KEYWORDS and follow and follow in "[#0123456789":
             hint = "in RS274/NGC it is an O-word: o100 if [..]; FANUC's macros need --dialect fanuc"
-            return self.fault("syntax-not-in-dialect", f"{run} without an O-word is not in this dialect", begin, end, hint)
+            return self.fault("syntax-not-in-dialect", f"{run} without an O-word is not in this dialect", *place, hint)
         if run in _O_KEYWORDS:
-            return self.fault("label-missing", f"{run} needs an O and a label before it", begin, end, f"such as o100 {run.lower()}")
-        if near := _near(run, ("BSPLINE",)):
-            return self.fault("keyword-unknown", f"{run} is unknown", begin, end, near)
-        return None
+            return self.fault("label-missing", f"{run} needs an O and a label before it", *place, f"such as o100 {run.lower()}")
+        return self._unknown_keyword(place, ("BSPLINE",)) if _near(run, ("BSPLINE",)) else None
+
+    def _misplaced_keyword(self, run: str, place: tuple[int, int]) -> GcodeError | None:
+        """One of FANUC's that lacks what belongs to it, or is spelt wrong."""
+        if run == "THEN":
+            return self.fault("keyword-place", "THEN without IF", *place, "such as IF [#1 EQ 0] THEN #1=5")
+        if run in _MACRO_KEYWORDS:
+            return self.fault("number-missing", f"a number is missing after {run}", *place, f"such as {run} 1")
+        return self._unknown_keyword(place, _MACRO_KEYWORDS) if _near(run, _MACRO_KEYWORDS) else None
+
+    def _unknown_keyword(self, run: tuple[int, int], keywords: Iterable[str]) -> GcodeError:
+        name = self.text[slice(*run)]
+        return self.fault("keyword-unknown", f"{name} is unknown", *run, _near(name, keywords))
 
     def _unknown_function(self, run: tuple[int, int]) -> GcodeError:
         name = self.text[slice(*run)]
@@ -271,6 +288,10 @@ class _Fault:
             run = self.run()
             if self.text[slice(*run)] in self.functions:
                 return self.fault("operator-missing", "an operator is missing between two values", hint="such as + or *")
+            if run[1] - run[0] == 1 and "]" not in self.text[self.at :]:
+                return self.fault("bracket-not-closed", "this [ is never closed", begin, hint=f"add a ] before {char}")
+            if char == "E" and self.text[self.at - 1] in _DIGITS:
+                return self.fault("operator-unknown", "numbers have no exponent here", hint="write 1000, or 10**3")
             return self._unknown_operator(run)
         return self.fault("character-unknown", f"the character {char!r} has no meaning here")
 
@@ -279,7 +300,7 @@ class _Fault:
         found = _RUN.match(self.text, self.at)
         label = self.text[self.text.index("O") : self.at].lower()
         near = _near(found[0], _O_KEYWORDS) if found else ""
-        hint = near or "one of sub, endsub, call, return, if, elseif, else, endif, while, endwhile, do, repeat, endrepeat, break, continue"
+        hint = "one of sub, endsub, call, return, if, elseif, else, endif, while, endwhile, do, repeat, endrepeat, break, continue"
         if not self.char or self.char in ";(":
             return self.fault("keyword-missing", f"{label} says nothing", self.text.index("O"), self.at, hint)
         end = found.end() if found else self.at + 1
@@ -292,7 +313,7 @@ class _Fault:
         begin = self.text.rindex("#", 0, self.at)
         while begin and self.text[begin - 1] == "#":
             begin -= 1
-        name = self.text[begin : self.at]
+        name = self.text[begin : self.at].lower()
         return self.fault(
             "assignment-missing", f"{name} stands without a letter or a value", begin, self.at, f"{name}=5 sets it, X{name} uses it"
         )
@@ -300,16 +321,17 @@ class _Fault:
     def _continuation(self) -> GcodeError:
         """After the condition of FANUC's IF or WHILE."""
         wanted = "DO and a number" if "WHILE[" in self.text[: self.at] else "GOTO or THEN"
+        message = f"{wanted} is missing after the condition"
         run = self.run()
         near = _near(self.text[slice(*run)], _MACRO_KEYWORDS)
-        return self.fault("keyword-missing", f"{wanted} is missing after the condition", *(run if near else (self.at, 0)), near)
+        return self.fault("keyword-missing", message, *run, near) if near else self.fault("keyword-missing", message)
 
     def _after_all(self) -> GcodeError:
         """After the end of a line that takes no more."""
         if self.text.startswith("%"):
             return self.fault("percent-place", "a % must stand alone in its line")
-        if self.last() in ("CALL", "]") and "CALL" in self.text and self.char and self.char in "#-+.0123456789":
-            return self.fault("bracket-missing", "the arguments of a call must stand in [ ]", hint="such as o100 call [1] [2]")
+        if self.char and self.char in "#-+.0123456789" and re.search("CALL|RETURN|ENDSUB", self.text):
+            return self.fault("bracket-missing", "values must stand in [ ] here", hint="such as o100 call [1] [2]")
         if self.char == "]":
             return self.fault("bracket-not-open", "a ] without a [ before it")
         if self.char and self.char in "+-*/" and "GOTO" in self.text:

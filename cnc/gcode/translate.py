@@ -24,8 +24,10 @@ LENGTHS = "XYZUVWABCIJKRQ"
 """Letters whose words FANUC's ROUND rounds to the least input increment."""
 
 _REMARK = re.compile(
-    r"\([ \t]*(msg|debug|print|log|logopen|logappend|logclose|probeopen|probeclose|py)[ \t]*(?:,(.*))?\)", re.IGNORECASE | re.ASCII
+    r"\([ \t]*(msg|debug|print|log|logopen|logappend|logclose|probeopen|probeclose|py)(?:[ \t]*|[ \t]*,(.*)|(?<=open)[ \t]+([^,]*))\)",
+    re.IGNORECASE | re.ASCII,
 )
+"""A comment that does something: its word, and what stands behind a comma (behind a blank with PROBEOPEN)."""
 
 Item = tuple[Word, Value | None]
 
@@ -149,7 +151,7 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
             elif item.type == "COMMENT":
                 if remark := _REMARK.fullmatch(item):
                     column = self._build.place(_begin(item), _end(item))[0]
-                    remarks.append(Remark(remark[1].lower(), (remark[2] or "").strip(), column))
+                    remarks.append(Remark(remark[1].lower(), (remark[2] or remark[3] or "").strip(), column))
             elif item.type == "SLASH":
                 deletable = True
         if control is not None:
