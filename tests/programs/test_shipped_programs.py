@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
 
 from cnc.canon import ArcFeed, Coolant, End, NurbsFeed, Polyline, Spindle, Tool
 from cnc.gcode.program import interpret
@@ -29,6 +30,9 @@ def test_one_for_every_family():
         "trident.nc",
         "trident-as-printed.nc",
         "fanuc-nurbs.nc",
+        "bezier.nc",
+        "ngc-nurbs.nc",
+        "siemens-bspline.nc",
         "engraving.nc",
         "pocket.nc",
         "thread-mill.nc",
@@ -62,6 +66,41 @@ def test_fanuc_nurbs_has_a_full_circle_and_a_curve_in_space():
     assert circle.control_points[0].tolist() == circle.control_points[-1].tolist() == [80.0, 50.0, -1.0]
     assert circle.weights[1] == np.sqrt(0.5)
     assert len(set(wave.control_points[:, 2])) > 3
+
+
+def distance_from(center: tuple[float, float], curve: NurbsFeed) -> np.ndarray:
+    """Of points along a curve, in XY."""
+    u = np.linspace(curve.knots[0], curve.knots[-1], 101)
+    top = BSpline(curve.knots, curve.control_points * curve.weights[:, None], curve.degree)(u)
+    points = top / BSpline(curve.knots, curve.weights, curve.degree)(u)[:, None]
+    return np.hypot(points[:, 0] - center[0], points[:, 1] - center[1])
+
+
+def test_the_disc_of_cubics_is_as_round_as_it_says():
+    curves = of(NurbsFeed, "bezier.nc")
+    off = np.abs(np.array([distance_from((60.0, 60.0), curve) for curve in curves[:4]]) - 30.0)
+    assert 0.008 < off.max() < 0.0083
+    assert [curve.degree for curve in curves] == [3] * 8 + [2, 2, 3, 3, 2]
+    assert curves[-1].control_points[:, 1].tolist() == [130.0] * 3
+    assert curves[-2].control_points[:, 2].min() == -6.0
+
+
+def test_the_circle_of_ngc_nurbs_is_exact():
+    documented, *quarters, wave = of(NurbsFeed, "ngc-nurbs.nc")
+    assert documented.weights.tolist() == [1, 1, 1, 1, 2]
+    for quarter in quarters:
+        assert distance_from((150.0, 50.0), quarter) == pytest.approx(np.full(101, 30.0), abs=1e-13)
+    assert quarters[-1].control_points[-1].tolist() == quarters[0].control_points[0].tolist()
+    assert (wave.degree, len(wave.control_points)) == (3, 8)
+
+
+def test_the_b_splines_have_the_knots_and_weights_written():
+    plain, weighted, square, space = of(NurbsFeed, "siemens-bspline.nc")
+    assert plain.control_points.tolist() == weighted.control_points.tolist()
+    assert (plain.weights.tolist(), weighted.weights.tolist()) == ([1] * 6, [1, 2, 1, 0.5, 1, 1])
+    assert square.degree == 2
+    assert square.control_points[0].tolist() == square.control_points[-1].tolist()
+    assert space.knots.tolist() == pytest.approx([0, 0, 0, 0, 0.2, 0.4, 0.7, 0.7, 1, 1, 1, 1])
 
 
 def test_the_thread_has_turns_in_one_block_and_in_many():
