@@ -32,6 +32,11 @@ _SPLINE_WORDS = ("ASPLINE", "CSPLINE", "SPLINEPATH", "POLY", "BAUTO", "BNAT", "B
 _DIGITS = "0123456789."
 
 
+def _shown(char: str) -> str:
+    """A character as messages show it."""
+    return f"{char!r}" if char.isprintable() else f"U+{ord(char):04X}"
+
+
 def describe(text: str, columns: Sequence[int], error: UnexpectedInput, *, macro: bool) -> GcodeError:
     """The error for a line without blanks (``columns`` as :func:`cnc.gcode.parser.squeeze` gives them) at which the grammar stopped."""
     return _Fault(text, columns, error, macro=macro).describe()
@@ -293,7 +298,7 @@ class _Fault:
             if char == "E" and self.text[self.at - 1] in _DIGITS:
                 return self.fault("operator-unknown", "numbers have no exponent here", hint="write 1000, or 10**3")
             return self._unknown_operator(run)
-        return self.fault("character-unknown", f"the character {char!r} has no meaning here")
+        return self.fault("character-unknown", f"the character {_shown(char)} has no meaning here")
 
     def _keyword(self) -> GcodeError:
         """After the label of an O-word."""
@@ -365,7 +370,7 @@ class _Fault:
             what = "an expression" if char == "[" else "a number"
             hint = "an assignment begins with #, such as #1=5" if "=" in self.text else "a word is a letter and a number, such as X10"
             return self.fault("letter-missing", f"{what} without a letter before it", hint=hint)
-        return self.fault("character-unknown", f"the character {char!r} has no meaning here")
+        return self.fault("character-unknown", f"the character {_shown(char)} has no meaning here")
 
 
 def _near(name: str, known: Iterable[str]) -> str:

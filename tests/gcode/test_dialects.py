@@ -62,6 +62,12 @@ def test_an_unknown_dialect() -> None:
         ("grbl", "M98 P1", "code-not-in-dialect", "M98 is not in the grbl dialect use --dialect linuxcnc or fanuc or paper"),
         ("auto", "G123", "code-unknown", "G123 is unknown"),
         ("auto", "M1000", "code-unknown", "M1000 is unknown"),
+        ("auto", "G591", "code-unknown", "G591 is unknown did you mean G59.1 or G59?"),
+        ("auto", "G90.2", "code-unknown", "G90.2 is unknown did you mean G90 or G90.1?"),
+        ("auto", "G177", "code-unknown", "G177 is unknown did you mean G17?"),
+        ("auto", "M03.1", "code-unknown", "M03.1 is unknown did you mean M3?"),
+        ("auto", "M300", "code-unknown", "M300 is unknown did you mean M30?"),
+        ("fanuc", "G-1", "code-unknown", "G-1 is unknown codes are not negative"),
     ],
 )
 def test_a_code_is_refused_by_name(dialect: str, source: str, code: str, words: str) -> None:

@@ -162,15 +162,37 @@ def _known() -> dict[str, dict[str, str]]:
     return tomllib.loads(files(__name__).joinpath("known.toml").read_text(encoding="utf-8"))
 
 
+@lru_cache(maxsize=len(NAMES))
+def _legal(name: str) -> dict[str, frozenset[float]]:
+    """The codes of a dialect as numbers, by ``g`` and ``m``."""
+    table = _read(name)
+    return {kind: frozenset(_codes(table[kind])) for kind in "gm"}
+
+
 def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError:
     """Why a code is refused: other dialects have it, other controllers have it, or nobody has."""
     name = word.written
     if "-" in name:
-        return fault("code-unknown", f"{name} is unknown", word)
-    elsewhere = [other for other in NAMES if other != "auto" and code in _codes(_read(other)[kind])]
+        return fault("code-unknown", f"{name} is unknown", word, "codes are not negative")
+    elsewhere = [other for other in NAMES if other != "auto" and code in _legal(other)[kind]]
     if elsewhere:
         hint = f"use --dialect {' or '.join(elsewhere)}"
         return fault("code-not-in-dialect", f"{name} is not in the {dialect.name} dialect", word, hint)
     if meaning := _known()[kind].get(f"{code:g}"):
         return fault("code-not-supported", f"{name} ({meaning}) is not supported", word)
-    return fault("code-unknown", f"{name} is unknown", word)
+    near = " or ".join(f"{kind.upper()}{other}" for other in _near(name[1:], _legal(dialect.name)[kind]))
+    return fault("code-unknown", f"{name} is unknown", word, f"did you mean {near}?" if near else "")
+
+
+def _near(written: str, legal: frozenset[float]) -> list[str]:
+    """Codes that one slip of the pen makes what is written: a point forgotten, another digit behind it, a digit too many, two swapped."""
+    before, point, _ = written.lstrip("0").partition(".")
+    places = range(1, len(before))
+    if point:
+        slips = [before, *(f"{before}.{digit}" for digit in range(1, 6))]
+    else:
+        slips = [f"{before[:at]}.{before[at:]}" for at in places if before[at:].strip("0")]
+        slips += [before[:at] + before[at + 1 :] for at in places]
+        slips += [before[: at - 1] + before[at] + before[at - 1] + before[at + 1 :] for at in places]
+    numbers = dict.fromkeys(float(slip) for slip in slips if slip)
+    return [f"{number:g}" for number in numbers if number in legal][:3]
