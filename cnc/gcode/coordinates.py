@@ -271,6 +271,17 @@ class Coordinates:
         turned = self._turned(tool, turn)
         return {index: turned[index] for index in self._touched(values, turn)}
 
+    # What M70 saves
+
+    def save(self) -> tuple[int, list[float]]:
+        """The system in use and the tool offset, for :meth:`restore`."""
+        return self.system, self._tool
+
+    def restore(self, saved: tuple[int, list[float]]) -> None:
+        """Back to what was saved (M72)."""
+        self.select(saved[0])
+        self.tool_offset = saved[1]
+
     # Reference positions
 
     def home(self, code: int) -> list[float]:

@@ -30,6 +30,9 @@ from cnc.units import MM_PER_INCH
 MOST_PREPARED = 8192
 """Statements that are kept prepared."""
 _QUICK_MOTIONS = (None, 0, 10, 20, 30)
+_FIRST_OFFSET = 5200
+"""Variables of FANUC's coordinate systems come after this number; a program that sets one means it to count at once."""
+_Saved = tuple[Modal, tuple[int, list[float]]]
 _MESSAGES = ("msg", "debug", "print")
 
 
@@ -76,7 +79,7 @@ class Interpreter:
         system.bind(parameters, self.modal, self.here)
         self._points_wanted = dialect.decimal_points
         self._prepared: dict[int, Prepared] = {}
-        self._saved: list[tuple[Modal, int] | None] = [None]
+        self._saved: list[_Saved | None] = [None]
         self._restore_at_return: list[bool] = [False]
         self._look_around()
 
@@ -151,7 +154,7 @@ class Interpreter:
             if isinstance(only.target, str):
                 parameters.set_name(only.target, only.value(parameters), only.column)
             else:
-                parameters.set_number(only.target(parameters), only.value(parameters), only.column)
+                self._assign_number(only.target(parameters), only.value(parameters), only.column)
             return
         found = [
             (each, each.target if isinstance(each.target, str) else each.target(parameters), each.value(parameters)) for each in assignments
@@ -160,7 +163,12 @@ class Interpreter:
             if isinstance(target, str):
                 parameters.set_name(target, value, assignment.column)
             else:
-                parameters.set_number(target, value, assignment.column)
+                self._assign_number(target, value, assignment.column)
+
+    def _assign_number(self, number: float, value: float, column: int) -> None:
+        self.parameters.set_number(number, value, column)
+        if number > _FIRST_OFFSET and self.parameters.macro:
+            self.coordinates.refresh()
 
     def _remark(self, remark: Remark) -> None:
         here = self.here
@@ -260,7 +268,7 @@ class Interpreter:
         if code is None:
             return
         if code.number in (70, 73):
-            self._saved[-1] = self.functions.save(), self.coordinates.system
+            self._saved[-1] = self.functions.save(), self.coordinates.save()
             self._restore_at_return[-1] = code.number == 73
         elif code.number == 71:
             self._saved[-1] = None
@@ -272,10 +280,9 @@ class Interpreter:
                 )
             self._restore(saved)
 
-    def _restore(self, saved: tuple[Modal, int]) -> None:
-        modal, system_in_use = saved
-        self.functions.restore(modal)
-        self.coordinates.select(system_in_use)
+    def _restore(self, saved: _Saved) -> None:
+        self.functions.restore(saved[0])
+        self.coordinates.restore(saved[1])
         self.motion.units_changed()
 
     def _stop(self, code: Code) -> None:

@@ -28,8 +28,9 @@ USER = range(31, 5001)
 SYSTEM = frozenset((*range(5161, 5170), *range(5181, 5190), *range(5210, 5391)))
 """Home positions, G92, the coordinate systems: always there, always kept."""
 CURRENT_SYSTEM = 5220
-COMMON_MACRO = frozenset((*range(100, 200), *range(500, 1000)))
-KEPT_MACRO = range(500, 1000)
+KEPT_MACRO = frozenset((*range(500, 1000), *range(5201, 5210)))
+"""FANUC's common variables that stay, and the external offset of its coordinate systems."""
+COMMON_MACRO = KEPT_MACRO | frozenset(range(100, 200))
 NEAR_WHOLE = 1e-4
 """How far from a whole number the number of a parameter may be, having been computed."""
 VACANT = math.nan
