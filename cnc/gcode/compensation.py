@@ -1,0 +1,321 @@
+"""Cutter radius compensation, G40 to G42.1: moves of the contour in, moves of the tool's centre out.
+
+Where a move ends is known only when the next one in the plane is: each move is held back until then, with everything that comes between
+(moves across the plane, dwells, spindle codes), which happens where it ends. Never more than one move is held.
+
+    first move        from the uncompensated point to beside the end of the programmed move (an arc: tangentially)
+    outside corner    an arc about the corner; for a traverse, straight moves that stay outside of that arc
+    inside corner     both moves end where their offsets cross; a corner that the tool can't get into is an error
+    G40               the last move ends beside its end point; the next move leads from there to its own
+
+Source: LinuxCNC, "Cutter compensation", and NISTIR 6556, appendix A. LinuxCNC sends traverses straight across outside corners, which cuts
+the corner with a tool that is down, and refuses moves across the plane before the first one in it; neither is followed.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass, replace
+from typing import Literal, Protocol
+
+import numpy as np
+
+from cnc.canon import ArcFeed, Block, Plane
+from cnc.errors import CncError
+from cnc.gcode.offset_curves import SLACK, Curve, Round, TrueArc, join, leading_in, round_offset, straight_offset, true_arcs
+from cnc.gcode.words import Word, fault
+
+MAX_WAITING = 10_000
+"""Blocks between two moves in the plane: a bound to the memory that a program can ask for."""
+
+Side = Literal["left", "right"]
+
+
+class Emit(Protocol):
+    """Where the moves of the tool's centre go."""
+
+    def move(self, end: list[float], feed: float, line: int) -> None:
+        """A straight move to ``end`` (axes,); NaN feed for a traverse."""
+
+    def add(self, block: Block) -> None:
+        """Any other block."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Straight:
+    """A straight move that waits behind the one that is held: its plane axes follow from where that ends."""
+
+    end: list[float]
+    feed: float
+    line: int
+
+
+@dataclass(slots=True)
+class _Held:
+    """A move whose end is not yet known.
+
+    ``template`` is the arc as it was programmed. ``around`` is the outside corner that the tool goes around before it, and where it gets
+    to: nothing of that is sent before the move itself is known to be possible. ``entry`` marks the move that leads in.
+    """
+
+    curve: Curve
+    end: list[float]
+    feed: float
+    line: int
+    file: str
+    at: Word | None
+    template: ArcFeed | None = None
+    around: tuple[complex, complex] | None = None
+    entry: bool = False
+
+    def fault(self, code: str, message: str, hint: str) -> CncError:
+        """An error at this move, whichever line is being read."""
+        return fault(code, message, self.at, hint).at(file=self.file, line=self.line)
+
+
+class Compensation:
+    """The filter that turns programmed moves into those of the tool's centre.
+
+    Positions are machine coordinates, mm (degrees for rotary axes), in the machine's order of axes. ``on`` from G41 or G42 to G40;
+    ``active`` also until the first move after G40 has led back: as long as it says so every move and every other block has to come through
+    here. ``file`` names the file that the lines come from.
+    """
+
+    def __init__(self, emit: Emit, file: str = "") -> None:
+        self.file = file
+        self.on = False
+        self._emit = emit
+        self._side = 0
+        self._radius = 0.0
+        self._shift = 0j
+        self._plane: Plane = "XY"
+        self._columns = (0, 1)
+        self._programmed = 0j
+        self._here = 0j
+        self._last: list[float] = []
+        self._first = False
+        self._leaving = False
+        self._held: _Held | None = None
+        self._waiting: list[_Straight | Block] = []
+
+    @property
+    def active(self) -> bool:
+        """Whether moves have to come through here."""
+        return self.on or self._leaving
+
+    def start(
+        self,
+        side: Side,
+        radius: float,
+        plane: Plane,
+        columns: tuple[int, int],
+        position: list[float],
+        at: Word | None = None,
+        line: int = 0,
+        *,
+        shift: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """G41 or G42 at the programmed ``position``.
+
+        ``radius`` mm of the tool; a negative one swaps the sides, as a contour programmed for a bigger tool needs it. ``columns`` are those
+        of the plane's axes. ``shift`` (first, second axis) leads from the centre of a lathe tool's nose to its control point, mm.
+
+        Raises GcodeError ``compensation-already-on`` at ``at``.
+        """
+        if self.on:
+            raise fault("compensation-already-on", "cutter compensation is on already", at, "give G40 before").at(line=line or None)
+        self.on, self._first = True, True
+        self._radius = abs(radius)
+        self._side = 0 if radius == 0.0 else 1 if (side == "left") == (radius > 0.0) else -1
+        self._shift = complex(*shift)
+        self._plane, self._columns = plane, columns
+        self._programmed = self._point(position)
+        if self._side and not self._leaving:
+            self._last = position.copy()
+        if self._side:
+            self._here = self._point(self._last) - self._shift
+            self._leaving = False
+
+    def stop(self) -> None:
+        """G40, or the end of the program: the move that is held ends beside its end point."""
+        if self._held is not None:
+            self._finish(self._held, self._held.curve.last, 0.0)
+            self._held = None
+        if self._side:
+            self._leaving = abs(self._here + self._shift - self._programmed) > SLACK
+        self.on, self._first = False, False
+        self._side = 0
+
+    def move(self, end: list[float], feed: float, line: int, at: Word | None = None) -> None:
+        """A straight move to ``end`` (axes,), NaN feed for a traverse; errors about it stand at ``at``.
+
+        Raises GcodeError ``compensation-gouge``, ``compensation-entry``, ``compensation-look-ahead``; the first of them may be about the
+        move before.
+        """
+        if self._side == 0:
+            self._leaving = False
+            self._emit.move(end, feed, line)
+            return
+        point = self._point(end)
+        if abs(point - self._programmed) <= SLACK:
+            self._wait(_Straight(end, feed, line))
+            return
+        curve = straight_offset(self._programmed, point, self._side, self._radius)
+        held = _Held(curve, end, feed, line, self.file, at)
+        if self._first and curve.length <= self._radius:
+            message = (
+                f"the first compensated move is {curve.length:.6g} mm long, which must be more than the tool radius, {self._radius:.6g} mm"
+            )
+            raise held.fault("compensation-entry", message, "start farther away from the contour")
+        self._next(held)
+
+    def arc(self, block: ArcFeed, at: Word | None = None) -> None:
+        """An arc or a helix in the plane of compensation; errors about it stand at ``at``.
+
+        Raises GcodeError ``compensation-arc-radius``, ``compensation-exit``, and those of :meth:`move`.
+        """
+        if self._side == 0:
+            if self._leaving:
+                message = "the first move after G40 must be a straight one"
+                raise fault("compensation-exit", message, at, "lead out with G0 or G1")
+            self._emit.add(block)
+            return
+        if self._first and abs(block.turns) >= 1.0:
+            message = "the first compensated move can't be a full circle"
+            raise self._arc_fault(block, at, "compensation-entry", message, "lead in with a straight move, or an arc of less than a turn")
+        start = self._programmed
+        first = np.asarray(self._last if self._held is None else self._held.end)
+        for waiting in self._waiting:
+            first = np.asarray(waiting.end) if isinstance(waiting, _Straight) else first
+        for arc in true_arcs(start, self._point(block.end.tolist()), complex(*block.center), block.turns):
+            end = block.end if arc.share == 1.0 else first + arc.share * (block.end - first)
+            self._next(self._held_arc(start, arc, block, end.tolist(), at))
+            start = arc.end
+
+    def add(self, block: Block) -> None:
+        """A block that is no move: it happens where the move before it ends.
+
+        Raises GcodeError ``compensation-look-ahead``.
+        """
+        self._wait(block)
+
+    def _held_arc(self, start: complex, arc: TrueArc, block: ArcFeed, end: list[float], at: Word | None) -> _Held:
+        curve = round_offset(start, arc, self._side, self._radius)
+        if curve is None:
+            message = f"an arc of radius {block.radius:.6g} mm, cut on its inside by a tool of radius {self._radius:.6g} mm"
+            raise self._arc_fault(block, at, "compensation-arc-radius", message, "the radius must be more than the tool's")
+        if self._first:
+            curve = leading_in(self._here, curve)
+            if curve is None or curve.radius <= self._radius:
+                message = "no arc larger than the tool leads from here tangentially to the end of this one"
+                raise self._arc_fault(block, at, "compensation-entry", message, "lead in with a straight move")
+        end = end.copy()
+        end[self._columns[0]], end[self._columns[1]] = arc.end.real, arc.end.imag
+        return _Held(curve, end, block.feed, block.line, block.file, at, block)
+
+    def _arc_fault(self, block: ArcFeed, at: Word | None, code: str, message: str, hint: str) -> CncError:
+        return fault(code, message, at, hint).at(file=block.file, line=block.line)
+
+    # Holding back
+
+    def _next(self, new: _Held) -> None:
+        """A move in the plane: now the end of the one before is known."""
+        old = self._held
+        if old is not None:
+            corner = join(old.curve, new.curve, self._side, self._radius, entry=old.entry)
+            if corner is not None:
+                self._check_room(old, corner.cut)
+            if corner is None or (corner.begin - new.curve.length) * new.curve.scale > SLACK:
+                raise self._gouge(new, "the move before it")
+            self._finish(old, corner.leave, corner.cut)
+            new.curve.begin = corner.begin
+            if corner.around:
+                new.around = old.curve.corner, corner.enter
+        new.entry, self._first = self._first, False
+        self._held = new
+        self._programmed = new.curve.corner
+
+    def _wait(self, item: _Straight | Block) -> None:
+        if self._held is None:
+            self._pass(item)
+            return
+        if len(self._waiting) >= MAX_WAITING:
+            message = f"more than {MAX_WAITING} blocks after a compensated move without the next one in its plane"
+            raise self._held.fault("compensation-look-ahead", message, "give G40 before them")
+        self._waiting.append(item)
+
+    def _pass(self, item: _Straight | Block) -> None:
+        """What leaves the plane's axes where they are."""
+        if not isinstance(item, _Straight):
+            self._emit.add(item)
+            return
+        if self._first:
+            self._here = self._point(item.end) - self._shift
+        end = self._placed(item.end, self._here)
+        self._emit.move(end, item.feed, item.line)
+        self._last = end
+
+    def _finish(self, held: _Held, leave: complex, cut: float) -> None:
+        """Sends a move, which ends at ``leave``, ``cut`` units of its curve before its natural end; then what waited for it."""
+        curve = held.curve
+        part = curve.length - curve.begin - cut
+        if held.around:
+            self._around(*held.around, held)
+        end = self._placed(held.end, leave)
+        block = held.template
+        if isinstance(curve, Round) and block is not None and part * curve.scale > SLACK:
+            center = curve.center + self._shift
+            turns = curve.spin * part / math.tau
+            around, radius = (center.real, center.imag), abs(self._here - curve.center)
+            self._emit.add(replace(block, center=around, end=np.array(end), radius=radius, turns=turns))
+        elif abs(leave - self._here) > SLACK or self._moves_across(end):
+            self._emit.move(end, held.feed, held.line)
+        self._here, self._last = leave, end
+        for item in self._waiting:
+            self._pass(item)
+        self._waiting.clear()
+
+    def _check_room(self, held: _Held, cut: float) -> None:
+        """Refuses a move of which the corners at its ends take more than there is."""
+        curve = held.curve
+        if (curve.length - curve.begin - cut) * curve.scale < -SLACK:
+            raise self._gouge(held, "the moves before and after it")
+
+    def _around(self, corner: complex, enter: complex, held: _Held) -> None:
+        """Around an outside corner, as part of the move after it."""
+        ray = self._here - corner
+        turned = -self._side * abs(cmath.phase((enter - corner) * ray.conjugate()))
+        end = self._placed(self._last, enter)
+        if math.isnan(held.feed):
+            # The polygon about the arc, in steps of up to 45 degrees.
+            steps = math.ceil(abs(turned) / (math.pi / 4))
+            for step in range(steps):
+                vertex = corner + ray * cmath.rect(1.0 / math.cos(turned / steps / 2), turned * (step + 0.5) / steps)
+                self._emit.move(self._placed(self._last, vertex), held.feed, held.line)
+            self._emit.move(end, held.feed, held.line)
+        else:
+            center = corner + self._shift
+            around, turns = (center.real, center.imag), turned / math.tau
+            self._emit.add(ArcFeed(held.file, held.line, self._plane, around, np.array(end), self._radius, turns, held.feed))
+        self._here, self._last = enter, end
+
+    def _gouge(self, held: _Held, what: str) -> CncError:
+        message = f"a tool of radius {self._radius:.6g} mm can't make this move without cutting into the contour of {what}"
+        return held.fault("compensation-gouge", message, "take a smaller tool, or give its corners larger radii")
+
+    # Points of the plane
+
+    def _point(self, position: list[float]) -> complex:
+        first, second = self._columns
+        return complex(position[first], position[second])
+
+    def _placed(self, position: list[float], point: complex) -> list[float]:
+        """A position whose plane axes are those of a point of the tool's centre."""
+        placed = position.copy()
+        point += self._shift
+        placed[self._columns[0]], placed[self._columns[1]] = point.real, point.imag
+        return placed
+
+    def _moves_across(self, end: list[float]) -> bool:
+        return any(a != b for index, (a, b) in enumerate(zip(end, self._last, strict=True)) if index not in self._columns)

@@ -1,0 +1,301 @@
+r"""Offset curves in a plane, and where two of them join at a corner.
+
+The centre of a tool of radius r runs beside the programmed contour: a line's offset is a line, an arc's is an arc about the same centre.
+Points are complex numbers, first + second axis of the plane * 1j, in mm; ``side`` is 1 for a tool on the left of the path and -1 for one on
+its right. A turn, a bend or a radius is positive towards the tool.
+
+Source: T. Kramer, F. Proctor, E. Messina, "The NIST RS274NGC Interpreter, version 3" (NISTIR 6556), appendix A; the corners are those of
+LinuxCNC, "Cutter radius compensation", but for arcs that join at an angle, which it takes for smooth up to 0.05 rad.
+
+            outside corner                inside corner
+       ----E1.                                   |     |
+             `.  arc of radius r about P     ----X..E1 |      both moves end where their offsets cross
+       ------P |
+              \ E2                          ----------P
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+SLACK = 1e-9
+"""mm. Rounding that may be missing where a tool just fits."""
+NEAR = 1e-6
+"""mm. Moves that meet this near to their ends touch there."""
+TANGENT = 1e-10
+"""mm. How much nearer than its radius the tool may come for two moves to count as tangent."""
+MITRE = 0.05
+"""rad. At outside corners of less the offset curves run on until they cross: the part is the same, and the path has no stub of an arc."""
+
+
+@dataclass(slots=True)
+class Straight:
+    """The offset of a line that ends at ``corner``: from ``first`` to ``last``, with ``begin`` mm cut off its start."""
+
+    corner: complex
+    first: complex
+    last: complex
+    heading: complex
+    length: float
+    begin: float = 0.0
+
+    bend = 0.0
+    scale = 1.0
+    """mm a unit of ``length`` and ``begin``."""
+
+    @property
+    def leaving(self) -> complex:
+        """Direction at the end, of length 1; ``heading`` is that at the start."""
+        return self.heading
+
+    def ahead(self, point: complex) -> float:
+        """How far along a point of the curve lies, from ``first``."""
+        return _dot(point - self.first, self.heading)
+
+    def back(self, point: complex) -> float:
+        """How far before ``last``."""
+        return _dot(self.last - point, self.heading)
+
+
+@dataclass(slots=True)
+class Round:
+    """The offset of an arc that ends at ``corner``: ``spin`` is 1 counter-clockwise, ``length`` and ``begin`` are angles in rad.
+
+    ``bend`` is one over the programmed radius.
+    """
+
+    corner: complex
+    first: complex
+    last: complex
+    center: complex
+    radius: float
+    spin: int
+    length: float
+    bend: float
+    begin: float = 0.0
+
+    @property
+    def scale(self) -> float:
+        """How many mm a unit of ``length`` and ``begin`` is."""
+        return self.radius
+
+    @property
+    def heading(self) -> complex:
+        """Direction at the start, of length 1."""
+        return 1j * self.spin * (self.first - self.center) / self.radius
+
+    @property
+    def leaving(self) -> complex:
+        """Direction at the end, of length 1."""
+        return 1j * self.spin * (self.last - self.center) / self.radius
+
+    def ahead(self, point: complex) -> float:
+        """The angle from ``first`` to a point, from -pi to pi."""
+        return self.spin * cmath.phase((point - self.center) * (self.first - self.center).conjugate())
+
+    def back(self, point: complex) -> float:
+        """The angle from a point to ``last``, from -pi to pi."""
+        return self.spin * cmath.phase((self.last - self.center) * (point - self.center).conjugate())
+
+
+Curve = Straight | Round
+
+
+def straight_offset(start: complex, end: complex, side: int, radius: float) -> Straight:
+    """The offset of a line of some length."""
+    length = abs(end - start)
+    heading = (end - start) / length
+    beside = 1j * side * radius * heading
+    return Straight(end, start + beside, end + beside, heading, length)
+
+
+@dataclass(frozen=True, slots=True)
+class TrueArc:
+    """An arc of a circle: both ends are as far from ``center``. ``share`` is the part of the programmed arc that lies behind its end."""
+
+    end: complex
+    center: complex
+    turns: float
+    share: float
+
+
+def true_arcs(start: complex, end: complex, center: complex, turns: float) -> Iterator[TrueArc]:
+    """A programmed arc as arcs of circles: nearly always itself.
+
+    A programmed centre may be nearer to one end point than to the other by the dialect's tolerance. The curve between is no circle then,
+    and its offset has no simple form. So the centre is moved to the nearest place as far from both ends, which moves no point of the arc
+    by more than twice the tolerance. Where the ends of a nearly full circle are so close together that this place would be far away, the
+    arc is cut into arcs of up to half a turn first.
+    """
+    reach, chord = abs(start - center), abs(end - start)
+    grown = abs(end - center) - reach
+    if abs(grown) <= SLACK:
+        yield TrueArc(end, center, turns, 1.0)
+        return
+    pieces = 1 if abs(turns) <= 0.5 or chord >= reach / 2 else math.ceil(2 * abs(turns))
+    here = start
+    for piece in range(1, pieces + 1):
+        share = piece / pieces
+        there = end if piece == pieces else center + (start - center) * cmath.rect(1.0 + grown * share / reach, math.tau * turns * share)
+        along = (there - here) / abs(there - here)
+        moved = center + along * _dot((here + there) / 2 - center, along)
+        swept = cmath.phase((there - moved) * (here - moved).conjugate()) / math.tau
+        yield TrueArc(there, moved, swept + round(turns / pieces - swept), share)
+        here = there
+
+
+def round_offset(start: complex, arc: TrueArc, side: int, radius: float) -> Round | None:
+    """The offset of an arc; None if the tool does not fit into it."""
+    spin = 1 if arc.turns > 0 else -1
+    out, end_out = start - arc.center, arc.end - arc.center
+    reach = abs(out)
+    offset = reach - side * spin * radius
+    if offset <= SLACK:
+        return None
+    first, last = arc.center + out / reach * offset, arc.center + end_out / abs(end_out) * offset
+    return Round(arc.end, first, last, arc.center, offset, spin, math.tau * abs(arc.turns), side * spin / reach)
+
+
+def leading_in(start: complex, arc: Round) -> Round | None:
+    """The arc that leads from an uncompensated point tangentially onto the end of an offset arc, as in LinuxCNC; None if none does."""
+    back = start - arc.last
+    inwards = (arc.center - arc.last) / arc.radius
+    across = _dot(back, inwards)
+    if across <= 0.0:
+        return None
+    radius = _dot(back, back) / (2.0 * across)
+    center = arc.last + radius * inwards
+    sweep = arc.spin * cmath.phase((arc.last - center) * (start - center).conjugate()) % math.tau
+    return Round(arc.corner, start, arc.last, center, radius, arc.spin, sweep, arc.bend)
+
+
+@dataclass(frozen=True, slots=True)
+class Join:
+    """How the tool gets from one curve to the next.
+
+    Off the one at ``leave``, ``cut`` of its units before its end, and onto the other at ``enter``, ``begin`` of its units after its start.
+    The two points differ where it goes ``around`` an outside corner.
+    """
+
+    leave: complex
+    enter: complex
+    cut: float
+    begin: float
+    around: bool = False
+
+
+def join(a: Curve, b: Curve, side: int, radius: float, *, entry: bool = False) -> Join | None:
+    """The join of two offset curves whose moves follow each other; None where the tool does not fit into the corner.
+
+    With ``entry`` a leads in, and may do so from anywhere.
+    """
+    turn = side * cmath.phase(b.heading * a.leaving.conjugate())
+    if (math.pi - abs(turn)) * min(a.length * a.scale, b.length * b.scale) <= SLACK:
+        # The path turns right back: around its end, or into the cusp where the way back bends to the tool's side of the way there.
+        turn = math.pi if a.bend + b.bend < -SLACK * abs(a.bend) else -math.pi
+    elif radius * turn * turn * max(1.0, _stretch(a), _stretch(b)) <= 2.0 * TANGENT:
+        return Join(a.last, a.last, 0.0, b.ahead(a.last))
+    elif not entry and _loop(a, b, -1 if side * turn > 0 else 1):
+        # A cusp where rounding has let the moves cross just before they turn back is one all the same.
+        if turn > MITRE - math.pi:
+            return None
+        turn = math.pi
+    if turn > -MITRE:
+        crossing = _crossing(a, b, 1 if side * turn > 0 else -1, inside=turn > 0)
+        if crossing is None:
+            return None if turn > 0 else Join(a.last, b.first, 0.0, 0.0, around=True)
+        far = 2.0 * radius * math.tan(MITRE / 2)
+        if turn > 0 or (_runs_on(a, crossing.cut, far) and _runs_on(b, crossing.begin, far)):
+            return crossing
+    return Join(a.last, b.first, 0.0, 0.0, around=True)
+
+
+def _runs_on(curve: Curve, distance: float, far: float) -> bool:
+    """Whether a crossing ``distance`` units from a curve's end is at most ``far`` mm away, and an arc needs not turn much to get there."""
+    return abs(distance) * curve.scale <= far and (isinstance(curve, Straight) or abs(distance) <= MITRE)
+
+
+def _loop(a: Curve, b: Curve, left: int) -> bool:
+    """Whether a move crosses the one before it again after their corner, to its ``left`` (1) or right (-1): the tool has cut there then."""
+    if isinstance(a, Straight) and isinstance(b, Straight):
+        return False
+    a, b = _programmed(a), _programmed(b)
+    point = _meet(a, b, left)
+    if point is None:
+        return False
+    cut, begin = _onwards(a, a.back(point)) * a.scale, _onwards(b, b.ahead(point)) * b.scale
+    return NEAR < cut < a.length * a.scale - NEAR and NEAR < begin < b.length * b.scale - NEAR
+
+
+def _programmed(curve: Curve) -> Curve:
+    """The move that a curve is the offset of."""
+    if isinstance(curve, Straight):
+        back = curve.corner - curve.last
+        return replace(curve, first=curve.first + back, last=curve.corner)
+    reach = 1.0 / abs(curve.bend)
+    out = curve.center + (curve.first - curve.center) * (reach / curve.radius)
+    return replace(curve, first=out, last=curve.corner, radius=reach)
+
+
+def _crossing(a: Curve, b: Curve, left: int, *, inside: bool) -> Join | None:
+    """Where two curves cross; at the place meant, b leads to the left of a (``left`` 1) or to its right (-1).
+
+    Of the two crossings of circles one turns left and the other right. As the tool grows from nothing to its radius, the crossing moves
+    from the corner to its place without ever changing sides: so the side tells which one is meant.
+    """
+    point = _meet(a, b, left)
+    if point is None:
+        return None
+    cut, begin = a.back(point), b.ahead(point)
+    if inside:
+        cut, begin = _onwards(a, cut), _onwards(b, begin)
+    return Join(point, point, cut, begin)
+
+
+def _meet(a: Curve, b: Curve, left: int) -> complex | None:
+    if isinstance(a, Straight):
+        if isinstance(b, Straight):
+            return a.last + a.heading * (_cross(b.first - a.last, b.heading) / _cross(a.heading, b.heading))
+        return _line_and_circle(a.last, a.heading, b, left * b.spin)
+    if isinstance(b, Straight):
+        return _line_and_circle(b.first, b.heading, a, -left * a.spin)
+    apart = b.center - a.center
+    distance = abs(apart)
+    if distance == 0.0:
+        return None
+    along = 0.5 * (distance + (a.radius - b.radius) * (a.radius + b.radius) / distance)
+    square = (a.radius - along) * (a.radius + along)
+    if square < 0.0:
+        return None
+    return a.center + complex(along, left * a.spin * b.spin * math.sqrt(square)) * apart / distance
+
+
+def _line_and_circle(point: complex, heading: complex, circle: Round, sign: int) -> complex | None:
+    """The crossing where the line leads out of the circle (``sign`` 1) or into it (-1)."""
+    foot = point + heading * _dot(circle.center - point, heading)
+    distance = abs(_cross(heading, circle.center - point))
+    square = (circle.radius - distance) * (circle.radius + distance)
+    return None if square < 0.0 else foot + heading * (sign * math.sqrt(square))
+
+
+def _onwards(curve: Curve, distance: float) -> float:
+    """An inside corner cuts off a part of an arc, however large: its angle counts from 0 to a full turn."""
+    if isinstance(curve, Round) and distance < -1e-6:
+        return distance + math.tau
+    return distance
+
+
+def _stretch(curve: Curve) -> float:
+    """How many times the programmed radius is the offset's."""
+    return 1.0 / abs(curve.bend * curve.radius) if isinstance(curve, Round) else 1.0
+
+
+def _dot(a: complex, b: complex) -> float:
+    return a.real * b.real + a.imag * b.imag
+
+
+def _cross(a: complex, b: complex) -> float:
+    return a.real * b.imag - a.imag * b.real

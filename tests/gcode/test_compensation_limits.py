@@ -1,0 +1,193 @@
+"""What can't be cut, where it is refused; and what holds for every contour that is accepted."""
+
+from __future__ import annotations
+
+import cmath
+import contextlib
+import math
+from typing import Literal
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cnc.canon import ArcFeed
+from cnc.errors import GcodeError
+from cnc.gcode.compensation import Compensation
+from cnc.gcode.offset_curves import MITRE
+from compensation_cases import FEED, WORD, Arc, Line, Move, Recorder, distance, headings, record, refused, sampled, send, turn
+from support import share
+
+E = 1e-6
+GOUGE, ENTRY, ROUND = "compensation-gouge", "compensation-entry", "compensation-arc-radius"
+
+
+# the tool has radius 2 and starts at 0, 0; the line is that of the move that can't be made
+@pytest.mark.parametrize(
+    ("side", "moves", "code", "line"),
+    [
+        # entries: not longer than the radius, no arc to lead in
+        ("left", [Line(2, 0)], ENTRY, 1),
+        ("left", [Line(1.2, 1.6)], ENTRY, 1),
+        ("left", [Line(0, 0, 5), Line(0, 1, 4)], ENTRY, 2),
+        ("right", [Line(0, 0, 5), "dwell", Line(0, -1.999, rapid=True)], ENTRY, 3),
+        ("right", [Arc(0, 0, 0, 10, 1.0)], ENTRY, 1),
+        ("left", [Arc(10, 0, 5, 0, 1.5)], ENTRY, 1),
+        ("left", [Arc(0.1, 0.0001, 0.05, -50, -0.0003)], ENTRY, 1),
+        # an entry into a corner so sharp that the tool would have to begin behind its start
+        ("left", [Line(10, 0), Line(1, 2)], GOUGE, 1),
+        ("right", [Line(10, 0), Line(1, -2)], GOUGE, 1),
+        ("left", [Line(4, 0), Line(4 - 9 * math.cos(0.5), 9 * math.sin(0.5))], GOUGE, 1),
+        # arcs that the tool does not fit into
+        ("left", [Arc(1, 1, 0, 1, 0.25)], ROUND, 1),
+        ("left", [Line(10, 0), Arc(12, 2, 10, 2, 0.25)], ROUND, 2),
+        ("left", [Line(10, 0), Arc(11, 1, 10, 1, 0.25)], ROUND, 2),
+        ("right", [Line(10, 0), "dwell", Arc(11, -1, 10, -1, -0.25)], ROUND, 3),
+        ("left", [Line(10, 0), Arc(10, 0, 10, 1.9, 1.0)], ROUND, 2),
+        ("left", [Line(10, 0), Arc(10, 0, 10, 2 + 1e-10, 4.0)], ROUND, 2),
+        # a slot narrower than the tool: its end is the move that vanishes
+        ("left", [Line(10, 0), Line(10, 4 - E), Line(-10, 4 - E)], GOUGE, 2),
+        ("right", [Line(10, 0), Line(10, -3), Line(-10, -3)], GOUGE, 2),
+        ("left", [Line(10, 0), Line(10, 3), "dwell", Line(10, 3, 1), Line(-10, 3)], GOUGE, 2),
+        # a step that is lower than the tool's radius, inside corner first or last
+        ("left", [Line(10, 0), Line(10, 1), Line(20, 1)], GOUGE, 2),
+        ("left", [Line(5, 0), Line(10, 0), Line(10, -1), Line(20, -1)], GOUGE, 3),
+        ("left", [Line(10, 0), Line(10.5, 0.5), Line(10.5, 10)], GOUGE, 2),
+        # a short move behind a corner that takes more than all of it: the corner itself can't be reached
+        ("left", [Line(10, 0), Line(10, 1), Line(10, 0.5)], GOUGE, 2),
+        ("left", [Line(10, 0), Line(9.5, 0.5), Line(0, 0.6)], GOUGE, 2),
+        # arcs: a line through a circle, a notch of two circles, a hollow between two others, a step down behind a bump
+        ("left", [Line(10, 0), Line(20, 0), Arc(20, 20, 20, 10, 0.5), Line(25, -5)], GOUGE, 4),
+        ("left", [Line(10, 0), Line(20, 0), Arc(20, 6, 20, 3, 0.5), Arc(22.5, 3.5, 22.5, 6, 0.25)], GOUGE, 4),
+        ("right", [Line(10, 0), Line(11, 0), Arc(17, 0, 14, 0, 0.5), Arc(23, 0, 20, 0, 0.5)], GOUGE, 2),
+        ("left", [Line(10, 0), Arc(16, 0, 13, 0, -0.5), Arc(16.5, 0.5, 16.5, 0, -0.25), Line(30, 0.5)], GOUGE, 3),
+        ("left", [Line(10, 0), Arc(30, 0, 20, 0, -0.5), Line(30, 10), Line(10, 10.5)], GOUGE, 3),
+        # a move that crosses the one before it: the tool has gone there
+        ("left", [Line(9, 0), Line(10, 0), Line(30, 0), Arc(25 - math.sqrt(26), 1, 25, 1, math.atan(0.2) / math.tau - 0.5)], GOUGE, 4),
+    ],
+)
+def test_refused(side: Literal["left", "right"], moves: list[Move], code: str, line: int) -> None:
+    found = refused(moves, side, 2.0)
+    assert (found.code, found.line, found.column, found.file) == (code, line, WORD.column, "test.nc")
+    assert found.hint
+
+
+@pytest.mark.parametrize("move", [Arc(30, 0, 25, 0, 0.5), Arc(20, 0, 25, 0, 1.0)])
+def test_an_arc_does_not_lead_out(move: Arc) -> None:
+    compensation = Compensation(Recorder(), "test.nc")
+    compensation.start("left", 2.0, "XY", (0, 1), [0.0, 0.0, 0.0])
+    send(compensation, [Line(20, 0)], [0.0, 0.0, 0.0])
+    compensation.stop()
+    with pytest.raises(GcodeError) as caught:
+        compensation.arc(ArcFeed("test.nc", 7, "XY", (move.cx, move.cy), np.array([move.x, move.y, 0.0]), 5.0, move.turns, FEED), WORD)
+    found = caught.value.diagnostic
+    assert (found.code, found.column) == ("compensation-exit", WORD.column)
+
+
+def test_on_while_on() -> None:
+    compensation = Compensation(Recorder(), "test.nc")
+    compensation.start("left", 2.0, "XY", (0, 1), [0.0, 0.0, 0.0])
+    with pytest.raises(GcodeError, match="compensation-already-on"):
+        compensation.start("right", 2.0, "XY", (0, 1), [0.0, 0.0, 0.0], WORD, 3)
+
+
+@st.composite
+def contours(draw: st.DrawFn) -> list[Move]:
+    """An entry along X and up to five lines and arcs that turn by up to 1.6 rad where they meet, and often not at all."""
+    moves: list[Move] = [Line(30.0, 0.0)]
+    here, heading = 30 + 0j, 1 + 0j
+    for _ in range(draw(st.integers(1, 5))):
+        heading *= cmath.exp(1j * draw(st.one_of(st.just(0.0), st.floats(-1.6, 1.6), st.floats(-0.06, 0.06))))
+        if draw(st.booleans()):
+            length = draw(st.floats(0.5, 40.0))
+            here += length * heading
+            moves.append(Line(here.real, here.imag))
+        else:
+            radius, spin, swept = draw(st.floats(0.5, 30.0)), draw(st.sampled_from((1, -1))), draw(st.floats(0.05, 1.5))
+            center = here + 1j * spin * radius * heading
+            here = center + (here - center) * cmath.exp(1j * spin * swept)
+            heading *= cmath.exp(1j * spin * swept)
+            moves.append(Arc(here.real, here.imag, center.real, center.imag, spin * swept / math.tau))
+    return moves
+
+
+def accepted(moves: list[Move], side: Literal["left", "right"], radius: float) -> Recorder:
+    """The rows of a contour as far as it can be cut."""
+    recorder = Recorder()
+    compensation = Compensation(recorder, "test.nc")
+    compensation.start(side, radius, "XY", (0, 1), [0.0, 0.0, 0.0])
+    with contextlib.suppress(GcodeError):
+        send(compensation, moves, [0.0, 0.0, 0.0])
+        compensation.stop()
+    return recorder
+
+
+@settings(max_examples=share(20_000, 300))
+@given(contours(), st.sampled_from(("left", "right")), st.floats(0.3, 6.0))
+def test_the_tool_keeps_its_distance(moves: list[Move], side: Literal["left", "right"], radius: float) -> None:
+    found = accepted(moves, side, radius)
+    starts = [0j]
+    starts += [complex(move.x, move.y) for move in moves if not isinstance(move, str)]
+    sign = 1.0 if side == "left" else -1.0
+    here, before = 0j, None
+    for row, line in zip(found.rows, found.lines, strict=True):
+        end = complex(row[1], row[2])
+        if row[0] == "arc":
+            center = complex(row[4], row[5])
+            assert abs(abs(here - center) - row[6]) < 1e-9
+            assert abs(abs(end - center) - row[6]) < 1e-9
+            assert abs(center + (here - center) * cmath.exp(1j * math.tau * row[7]) - end) < 1e-8
+        first, last = headings(row, here)
+        if before is not None and line > 2:
+            # behind the entry joins are smooth, or inside corners, or slight
+            assert sign * turn(before, first) > -3 * MITRE
+        if line > 1:
+            corner = row[0] == "arc" and row[4:7] == (starts[line - 1].real, starts[line - 1].imag, radius)
+            points = sampled(row, here)
+            for near in range(max(line - 1, 2), min(line + 1, len(moves)) + (0 if corner else 1)):
+                move = moves[near - 1]
+                assert not isinstance(move, str)
+                assert distance(points, move, starts[near - 1]).min() > radius - 1e-9
+            own = moves[line - 1]
+            assert not isinstance(own, str)
+            assert distance(points, own, starts[line - 1]).max() < math.hypot(radius, MITRE * radius) + 1e-9
+            if corner:
+                assert np.abs(np.abs(points - starts[line - 1]) - radius).max() < 1e-9
+        here, before = end, last
+
+
+@settings(max_examples=share(5_000, 60))
+@given(contours(), st.floats(0.3, 6.0))
+def test_the_mirror_image_has_the_other_side(moves: list[Move], radius: float) -> None:
+    mirrored: list[Move] = []
+    for move in moves:
+        assert not isinstance(move, str)
+        if isinstance(move, Line):
+            mirrored.append(Line(move.x, -move.y))
+        else:
+            mirrored.append(Arc(move.x, -move.y, move.cx, -move.cy, -move.turns))
+    left, right = accepted(moves, "left", radius), accepted(mirrored, "right", radius)
+    assert len(left.rows) == len(right.rows)
+    for a, b in zip(left.rows, right.rows, strict=True):
+        flipped = [a[1], -a[2], *a[3:]]
+        if a[0] == "arc":
+            flipped = [a[1], -a[2], a[3], a[4], -a[5], a[6], -a[7]]
+        assert list(b[1:]) == pytest.approx(flipped, abs=1e-9)
+
+
+def test_memory_does_not_grow() -> None:
+    """A thousand turns of a square spiral: never more than a move is held."""
+    recorder = Recorder()
+    compensation = Compensation(recorder, "test.nc")
+    compensation.start("left", 1.0, "XY", (0, 1), [0.0, -5.0, 0.0])
+    x = y = 0.0
+    for step in range(4000):
+        length = 4.0 + step
+        x, y = x + (0.0, length, 0.0, -length)[step % 4], y + (length, 0.0, -length, 0.0)[step % 4]
+        compensation.move([x, y, 0.0], FEED, step)
+        assert len(recorder.rows) >= 2 * (step - 1)
+
+
+def test_a_contour_closed_by_an_entry_far_away() -> None:
+    assert record([Line(500.0, 0.0), Line(1000.0, 0.0)], "right", 0.001).rows[0][1:3] == (500.0, -0.001)
