@@ -22,8 +22,6 @@ from cnc.canon import Block
 from cnc.drivers.base import PulseSink
 from cnc.drivers.registry import open_board
 from cnc.errors import Diagnostic, UsageError
-from cnc.gcode.program import interpret
-from cnc.gcode.text import Text
 from cnc.job import Job, Outputs, Watch, start_position
 from cnc.machine.load import load_machine
 from cnc.machine.models import DialectName, Machine
@@ -39,13 +37,7 @@ Interpolator = Literal["reference-pulse", "sampled"]
 
 def parse(program: Path | str, machine: Machine | Path | str | None = None, *, dialect: DialectName | None = None) -> Iterator[Block]:
     """Yield the canonical blocks of a program file, as it is read. GcodeError at the first fault, UsageError if there is no such file."""
-    known = _machine(machine)
-    yield from interpret(
-        Text.of_file(Path(program), str(program)),
-        axes=known.axis_names,
-        dialect=dialect or known.program.dialect,
-        start=start_position(known),
-    )
+    yield from Job(program, _machine(machine), dialect, False, Outputs(), Watch()).blocks()
 
 
 def plan(

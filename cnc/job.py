@@ -13,16 +13,20 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import ArcFeed, Block, Dwell, NurbsFeed, Polyline
+from cnc.canon import ArcFeed, Block, BoardCommand, Dwell, NurbsFeed, Polyline, Probe, SpindleSync, WaitInput
 from cnc.drivers.base import PulseSink
-from cnc.errors import BoardError, CncError, Diagnostic
+from cnc.errors import BoardError, CncError, Diagnostic, GcodeError
 from cnc.executor.run import Progress, execute
-from cnc.gcode.parser import read_lines
+from cnc.gcode import dialects
+from cnc.gcode.flow import Limits
+from cnc.gcode.parameters import Parameters
 from cnc.gcode.program import interpret
 from cnc.gcode.text import Text
+from cnc.gcode.tools import ToolTable
 from cnc.interpolator.reference_pulse import ReferencePulse
 from cnc.interpolator.sampled import Sampled
 from cnc.machine.models import DialectName, Machine
+from cnc.memory import Memory, folders
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
@@ -38,12 +42,12 @@ Floats = NDArray[np.float64]
 Item = TypeVar("Item")
 Stage = Literal["checking", "running"]
 
+LINE_BOARDS = ("grbl", "grbl-sim")
+"""Kinds of board that take lines, and so commands of their own."""
 MOST_FAULTS = 20
 """Soft-limit faults that are kept; the rest are counted."""
 KEPT_NUMBERS = 4_000_000
 """Numbers of path data (32 MB) that are kept between the passes; a longer program is read twice."""
-LOOK_EVERY = 1024
-"""Lines between two looks at the operator's wish to stop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +144,11 @@ class Job:
         self.outputs = outputs
         self.watch = watch
         self.start = start_position(machine)
+        self._place = None if self.name != str(program) else Path(program)
+        self._memory = Memory(machine)
+        self._state: tuple[Parameters, ToolTable] | None = None
+        self._senses = self._takes_lines = True
+        self._last_line = 0
         self.report = Report(self.name, machine, limits=Extremes.limits(machine))
         self._kept: list[PathChunk | Block] | None = []
         self._reading, self._planning, self._interpolating = Stopwatch(), Stopwatch(), Stopwatch()
@@ -151,6 +160,10 @@ class Job:
         ensure_compiled(self.watch.on_compiling)
         report, began = self.report, perf_counter()
         report.board = board_name
+        if board is not None:
+            self._senses, self._takes_lines = board.capabilities.senses, board.capabilities.lines
+        else:
+            self._takes_lines = self.machine.board.kind in LINE_BOARDS
         try:
             with ExitStack() as stack:
                 self.path = stack.enter_context(readable(self.program))
@@ -162,9 +175,11 @@ class Job:
                         self._move(board)
                     if report.ok and report.stopped_at_line is None:
                         self._close()
+                        if board is not None and self._state is not None:
+                            self._memory.keep(*self._state)
                 except CncError as error:
                     report.faults.append(error)
-                report.faults = with_texts(report.faults, self.path)
+                report.faults = with_texts(report.faults, {self.name: self.path})
         except Stopped:
             report.stopped_at_line = 0
         except CncError as error:
@@ -177,13 +192,22 @@ class Job:
         timing.total_s = perf_counter() - began
         return report
 
+    def blocks(self) -> Iterator[Block]:
+        """The canonical blocks of the program, read as in the first pass."""
+        return self._blocks(None, None)
+
     def _survey(self) -> None:
         """The first pass: read to the end; nothing moves."""
         report, survey, room = self.report, Survey(self.machine), KEPT_NUMBERS
-        blocks = self._blocks(self._watched(read_lines(self.path)), self._warn)
+        blocks = self._blocks(self._warn, self._at_line)
         if self.outputs.blocks is not None:
             blocks = _written(blocks, self._opened(JsonLines(self.outputs.blocks, self.machine.axis_names)))
         for item in self._planning.inside(self._path(self._counted(blocks))):
+            if isinstance(item, BoardCommand | Probe | WaitInput | SpindleSync):
+                self._check_board(item)
+            if isinstance(item, Probe | WaitInput):
+                # What the board will answer decides how the program goes on: it has to be read again.
+                room = -1
             room -= len(item.data) + 8 * len(item) if isinstance(item, PathChunk) else 16
             if room < 0:
                 self._kept = None
@@ -206,7 +230,7 @@ class Job:
         on_pulses = None
         if self.outputs.pulses is not None:
             on_pulses = self._opened(pulse_writer(self.outputs.pulses, machine, interpolator.origin_steps)).write
-        path = self._kept if self._kept is not None else self._path(self._blocks(read_lines(self.path), None))
+        path = self._kept if self._kept is not None else self._path(self._blocks(None, None))
         ahead = LookAhead(machine)
         planned = self._timed(self._planning.inside(ahead.plan(path)))
         if self.sampled:
@@ -261,7 +285,7 @@ class Job:
 
         def on_progress(progress: Progress) -> None:
             if self.watch.on_progress is not None:
-                self.watch.on_progress("running", progress.line, report.lines)
+                self.watch.on_progress("running", progress.line, self._last_line)
 
         # The board is about to move: from here on a wish to stop is the executor's to carry out.
         on_progress(Progress(0.0, 0, 0))
@@ -284,33 +308,56 @@ class Job:
         axes = self.machine.axes.items()
         self.report.end_position = {letter: steps / axis.steps_per_mm for (letter, axis), steps in zip(axes, grid.tolist(), strict=True)}
 
-    def _blocks(self, lines: Iterable[str], warn: Callable[[Diagnostic], None] | None) -> Iterator[Block]:
-        blocks = interpret(Text.of_lines(lines, self.name), axes=self.machine.axis_names, dialect=self.dialect, start=self.start, warn=warn)
+    def _blocks(self, warn: Callable[[Diagnostic], None] | None, on_line: Callable[[int], None] | None) -> Iterator[Block]:
+        program = self.machine.program
+        self._state = self._memory.parameters(macro=dialects.load(self.dialect).flavour == "macro-b"), self._memory.tools()
+        blocks = interpret(
+            Text.of_file(self.path, self.name),
+            axes=self.machine.axis_names,
+            dialect=self.dialect,
+            start=self.start,
+            warn=warn,
+            parameters=self._state[0],
+            tools=self._state[1],
+            folders=folders(self._place, self.machine),
+            limits=Limits(program.max_repeated_lines, program.max_call_depth),
+            on_line=on_line,
+        )
         return self._reading.inside(blocks)
+
+    def _check_board(self, block: BoardCommand | Probe | WaitInput | SpindleSync) -> None:
+        """GcodeError for what this board can't do."""
+        if isinstance(block, BoardCommand):
+            if not self._takes_lines:
+                message, hint = f"{block.text} is for a GRBL board", "take it out, or name a machine file whose board.kind is grbl"
+                raise GcodeError(Diagnostic("board-command", message, block.file, block.line, hint=hint))
+        elif not self._senses:
+            what = "the spindle's turning" if isinstance(block, SpindleSync) else "a probe" if isinstance(block, Probe) else "an input"
+            message = f"the board {self.report.board!r} does not feel {what}"
+            raise GcodeError(Diagnostic("board-senseless", message, block.file, block.line, hint="run it on a board that does"))
 
     def _path(self, blocks: Iterable[Block]) -> Iterator[PathChunk | Block]:
         return build(blocks, axes=self.machine.axis_names, start=self.start)
 
-    def _watched(self, lines: Iterable[str]) -> Iterator[str]:
+    def _at_line(self, executed: int) -> None:
         """Count the lines, tell how far things are, and give up if the operator wants to."""
-        for number, line in enumerate(lines, start=1):
-            self.report.lines = number
-            if number % LOOK_EVERY == 0:
-                self._look_up("checking", number)
-            yield line
+        self.report.lines = executed
+        self._look_up("checking", executed)
 
     def _look_up(self, stage: Stage, item: int | PlanChunk | Block) -> None:
         if self.watch.stop is not None and self.watch.stop.is_set():
             raise Stopped
         if self.watch.on_progress is not None:
             line = item if isinstance(item, int) else int(item.path.line[-1]) if isinstance(item, PlanChunk) else item.line
-            self.watch.on_progress(stage, line, None if stage == "checking" else self.report.lines)
+            self.watch.on_progress(stage, line, None if stage == "checking" else self._last_line)
 
     def _counted(self, blocks: Iterable[Block]) -> Iterator[Block]:
         """Count blocks, each straight move as one, and note where the motion ends."""
         report, end = self.report, self.start
         for block in blocks:
             report.blocks += 1
+            if block.file == self.name:
+                self._last_line = max(self._last_line, int(block.lines[-1]) if isinstance(block, Polyline) else block.line)
             if isinstance(block, Polyline):
                 report.blocks += len(block.points) - 1
                 end = block.points[-1]
@@ -318,6 +365,8 @@ class Job:
                 end = block.end
             elif isinstance(block, NurbsFeed):
                 end = block.control_points[-1]
+            elif isinstance(block, Probe):
+                end = block.end
             yield block
         report.end_position = dict(zip(self.machine.axes, end.tolist(), strict=True))
 

@@ -6,15 +6,14 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 from typing import IO
 
 from cnc.errors import CncError, Diagnostic, UsageError
-from cnc.gcode.parser import read_lines
+from cnc.gcode.text import Text
 
 STANDARD_INPUT = "-"
 COPIED_BYTES = 4_000_000
@@ -58,16 +57,22 @@ def _copy(source: IO[bytes], stack: ExitStack) -> Path:
     return copy
 
 
-def with_texts(faults: Sequence[CncError], path: Path) -> list[CncError]:
-    """The same faults; those that name a line and don't show it get its text, and a column: that of the axis they speak of, if any."""
-    wanted = {fault.diagnostic.line for fault in faults if fault.diagnostic.line and not fault.diagnostic.text}
-    if not wanted:
-        return list(faults)
-    texts = {}
-    for number, text in enumerate(islice(read_lines(path), max(wanted)), start=1):
-        if number in wanted:
-            texts[number] = text
-    return [_with_text(fault, texts.get(fault.diagnostic.line, "")) for fault in faults]
+def with_texts(faults: Sequence[CncError], paths: Mapping[str, Path]) -> list[CncError]:
+    """The same faults; those that name a line and don't show it get its text, and a column: that of the axis they speak of, if any.
+
+    ``paths``: the files that go by another name; the others are found by their own.
+    """
+    texts: dict[str, Text] = {}
+    mended: list[CncError] = []
+    for fault in faults:
+        found = fault.diagnostic
+        path = paths.get(found.file, Path(found.file))
+        if found.line and not found.text and path.is_file():
+            text = texts.setdefault(found.file, Text.of_file(path))
+            window = text.window(found.line)
+            fault = _with_text(fault, window.text(found.line - window.first)) if window else fault
+        mended.append(fault)
+    return mended
 
 
 def _with_text(fault: CncError, text: str) -> CncError:

@@ -204,12 +204,16 @@ def write_parameters(path: str | os.PathLike[str], values: Mapping[int, float]) 
 
     Raises UsageError ``unwritable-file``.
     """
+    replace_text(path, "".join(f"{number}\t{value!r}\n" for number, value in sorted(values.items())), "the parameter file")
+
+
+def replace_text(path: str | os.PathLike[str], text: str, what: str) -> None:
+    """Write a file whole or not at all; ``what`` is what messages call it. UsageError ``unwritable-file``."""
     target = Path(os.path.realpath(path))
-    text = "".join(f"{number}\t{value!r}\n" for number, value in sorted(values.items()))
     try:
         handle, draft = tempfile.mkstemp(prefix=target.name + ".", suffix=".part", dir=target.parent)
         try:
-            with open(handle, "w", encoding="ascii", newline="\n") as file:
+            with open(handle, "w", encoding="utf-8", newline="\n") as file:
                 file.write(text)
                 file.flush()
                 os.fsync(file.fileno())
@@ -221,7 +225,7 @@ def write_parameters(path: str | os.PathLike[str], values: Mapping[int, float]) 
             raise
     except OSError as error:
         name = os.fspath(path)
-        raise UsageError(Diagnostic("unwritable-file", f"can't write the parameter file {name}: {error.strerror}", file=name)) from None
+        raise UsageError(Diagnostic("unwritable-file", f"can't write {what} {name}: {error.strerror}", file=name)) from None
 
 
 def _mode(target: Path) -> int:

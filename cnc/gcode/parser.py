@@ -10,14 +10,12 @@ import os
 import re
 import string
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from cnc import __version__
-from cnc.errors import Diagnostic, UsageError
 from cnc.gcode.expressions import Builder
 from cnc.gcode.statement import Statement
 from cnc.gcode.syntax import describe
@@ -32,8 +30,6 @@ MAX_NUMBER = 1e9
 """Largest magnitude of a word's number: a thousand kilometres, or a slip."""
 MEMO = 4096
 """Distinct lines whose parse is kept."""
-_CHUNK = 1 << 16
-_NOT_UTF8 = "latin-1"
 
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f]")
 _PIECE = re.compile(r"\([^()]*\)|[(;].*|[ \t]+|[^ \t(;]+", re.DOTALL)
@@ -152,37 +148,3 @@ def _refuse_foreign(squeezed: str, columns: list[int], syntax: Syntax) -> None:
         if found[1]:
             message = f"{_FOREIGN_NAMES[found[1]]} not in the {syntax.dialect} dialect"
             raise fault("syntax-not-in-dialect", message, column=columns[found.start()] + 1)
-
-
-def read_lines(path: str | os.PathLike[str]) -> Iterator[str]:
-    r"""The lines of a file without their ends (``\r\n``, ``\n`` or ``\r``), as they are read.
-
-    UTF-8, with or without a byte order mark; a line that is not UTF-8 is taken as Latin-1, in which no byte is wrong. A line without end
-    is cut at a length that the language refuses. Raises UsageError ``no-such-file`` or ``unreadable-file`` before the first line.
-    """
-    try:
-        file = open(path, "rb")  # noqa: SIM115 closed below, by the generator
-    except FileNotFoundError:
-        raise UsageError(Diagnostic("no-such-file", f"there is no file {os.fspath(path)}", file=os.fspath(path))) from None
-    except OSError as error:
-        raise UsageError(Diagnostic("unreadable-file", f"can't read {os.fspath(path)}: {error.strerror}", file=os.fspath(path))) from None
-    with file:
-        rest = file.read(3)
-        if rest == b"\xef\xbb\xbf":
-            rest = b""
-        while chunk := file.read(_CHUNK):
-            lines = (rest + chunk).splitlines(keepends=True)
-            # The last line may go on in the next chunk; a \r at its end may be the first half of \r\n.
-            rest = lines.pop() if lines and not lines[-1].endswith(b"\n") else b""
-            yield from map(_decode, lines)
-            if len(rest) > _CHUNK:
-                yield _decode(rest)
-                rest = b""
-        yield from map(_decode, rest.splitlines())
-
-
-def _decode(line: bytes) -> str:
-    try:
-        return line.rstrip(b"\r\n").decode()
-    except UnicodeDecodeError:
-        return line.rstrip(b"\r\n").decode(_NOT_UTF8)

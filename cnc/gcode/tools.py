@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cnc.errors import Diagnostic, MachineFileError
-from cnc.gcode.parameters import Parameters
+from cnc.gcode.parameters import Parameters, replace_text
 from cnc.gcode.words import AXES
 
 MAX_TOOL = 99_999
@@ -35,7 +35,10 @@ _CURRENT_TOOL = 5400
 
 @dataclass(frozen=True, slots=True)
 class ToolEntry:
-    """One tool. ``offsets`` by axis letter; ``radius_wear`` is added to the radius, ``length_wear`` to the offset of Z (FANUC)."""
+    """One tool, ``offsets`` by axis letter.
+
+    ``radius_wear`` is added to the radius, ``length_wear`` to the offset of Z (FANUC); the file has no place for these two.
+    """
 
     number: int
     pocket: int = 0
@@ -46,6 +49,7 @@ class ToolEntry:
     orientation: int = 0
     length_wear: float = 0.0
     radius_wear: float = 0.0
+    remark: str = ""
 
     @property
     def radius(self) -> float:
@@ -84,6 +88,10 @@ class ToolTable:
             if entry:
                 entries[entry.number] = entry
         return cls(entries.values(), file=file)
+
+    def save(self, path: Path) -> None:
+        """Write the table to a file. UsageError ``unwritable-file``."""
+        replace_text(path, "".join(_line(entry) + "\n" for entry in self), "the tool table")
 
     def tool(self, number: int) -> ToolEntry | None:
         """The tool of that number, if the table has it."""
@@ -150,7 +158,16 @@ def _entry(line: str) -> ToolEntry | None:
         front_angle=values.get("I", 0.0),
         back_angle=values.get("J", 0.0),
         orientation=int(values.get("Q", 0.0)),
+        remark=line.partition(";")[2].strip(),
     )
+
+
+def _line(entry: ToolEntry) -> str:
+    """A tool as a line of the file."""
+    words = [f"T{entry.number}", f"P{entry.pocket}"]
+    numbers = [*entry.offsets.items(), ("D", entry.diameter), ("I", entry.front_angle), ("J", entry.back_angle), ("Q", entry.orientation)]
+    words += [f"{letter}{number!r}" for letter, number in numbers if number]
+    return " ".join(words) + (f" ;{entry.remark}" if entry.remark else "")
 
 
 def _words(line: str) -> dict[str, tuple[float, int]]:

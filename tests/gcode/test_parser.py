@@ -1,4 +1,4 @@
-"""Lines from files, and the grammar's cache."""
+"""Lines and the grammar's cache."""
 
 from __future__ import annotations
 
@@ -9,72 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from cnc.errors import GcodeError, UsageError
+from cnc.errors import GcodeError
 from cnc.gcode import parser
-from cnc.gcode.parser import MAX_LINE, MEMO, parse_line, read_lines
-
-
-def lines_of(folder: Path, data: bytes) -> list[str]:
-    path = folder / "a.nc"
-    path.write_bytes(data)
-    return list(read_lines(path))
-
-
-@pytest.mark.parametrize(
-    ("data", "lines"),
-    [
-        (b"", []),
-        (b"a", ["a"]),
-        (b"a\n", ["a"]),
-        (b"a\n\nb", ["a", "", "b"]),
-        (b"a\r\nb\r\n", ["a", "b"]),
-        (b"a\rb\r", ["a", "b"]),
-        (b"a\r\rb", ["a", "", "b"]),
-        (b"\xef\xbb\xbfG0", ["G0"]),
-        (b"\xef\xbb\xbf", []),
-        (b"(\xc3\xa4)\n(\xe4)\n", ["(\xe4)", "(\xe4)"]),
-        (b"a\x0bb\x0cc\x1cd\xc2\x85e\n", ["a\x0bb\x0cc\x1cd\x85e"]),
-    ],
-)
-def test_lines_of_a_file(tmp_path: Path, data: bytes, lines: list[str]) -> None:
-    assert lines_of(tmp_path, data) == lines
-
-
-@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
-@pytest.mark.parametrize("shift", range(4))
-def test_a_line_end_on_the_border_of_a_chunk(tmp_path: Path, end: bytes, shift: int) -> None:
-    """The file is read in pieces of 65536 bytes after the first three."""
-    count = 3 + 65536 - 2 + shift
-    second = count - 100 - len(end)
-    assert lines_of(tmp_path, b"x" * 100 + end + b"y" * second + end + b"G0") == ["x" * 100, "y" * second, "G0"]
-
-
-def test_a_file_without_line_ends_is_read_in_pieces(tmp_path: Path) -> None:
-    pieces = lines_of(tmp_path, b"x" * 1_000_000)
-    assert "".join(pieces) == "x" * 1_000_000
-    assert max(map(len, pieces)) <= 2 * 65536 + 3
-    assert len(pieces[0]) > MAX_LINE, "the language refuses it"
-
-
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(UsageError) as caught:
-        next(read_lines(tmp_path / "none.nc"))
-    assert caught.value.diagnostic.code == "no-such-file"
-
-
-def test_a_file_that_can_not_be_read(tmp_path: Path) -> None:
-    with pytest.raises(UsageError) as caught:
-        next(read_lines(tmp_path))
-    assert caught.value.diagnostic.code == "unreadable-file"
-
-
-def test_reading_streams(tmp_path: Path) -> None:
-    path = tmp_path / "long.nc"
-    path.write_bytes(b"G0 X1\n" * 50_000)
-    lines = read_lines(path)
-    next(lines)
-    path.write_bytes(b"")
-    assert sum(1 for _ in lines) < 50_000
+from cnc.gcode.parser import MAX_LINE, MEMO, parse_line
 
 
 @pytest.mark.parametrize("length", [MAX_LINE, MAX_LINE + 1])
