@@ -201,7 +201,7 @@ class Job:
         report, survey, room = self.report, Survey(self.machine), KEPT_NUMBERS
         blocks = self._blocks(self._warn, self._at_line)
         if self.outputs.blocks is not None:
-            blocks = _written(blocks, self._opened(JsonLines(self.outputs.blocks, self.machine.axis_names)))
+            blocks = _written(blocks, self._opened(JsonLines(self.outputs.blocks, self.machine.axis_names, self.name)))
         for item in self._planning.inside(self._path(self._counted(blocks))):
             if isinstance(item, BoardCommand | Probe | WaitInput | SpindleSync):
                 self._check_board(item)

@@ -83,15 +83,17 @@ def _unknown_format(what: str, name: str, known: str) -> UsageError:
 
 
 class JsonLines:
-    """Canonical blocks, one JSON object a line."""
+    """Canonical blocks, one JSON object a line. Those of a subroutine in another file than ``program`` name their ``file``."""
 
-    def __init__(self, name: str, axes: Sequence[str]) -> None:
+    def __init__(self, name: str, axes: Sequence[str], program: str) -> None:
         self.axes = tuple(axes)
+        self._program = program
         self._target = TextTarget(name)
 
     def write(self, block: canon.Block) -> None:
         """Add a block; a run of moves becomes one object a move."""
-        self._target.write("".join(json.dumps(each, allow_nan=False) + "\n" for each in block_objects(block, self.axes)))
+        place = {} if block.file == self._program else {"file": block.file}
+        self._target.write("".join(json.dumps(each | place, allow_nan=False) + "\n" for each in block_objects(block, self.axes)))
 
     def close(self) -> None:
         """Put the file in place."""

@@ -8,7 +8,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.canon import ArcFeed, Coolant, Dwell, End, Message, NurbsFeed, PathMode, Polyline, Spindle, Stop, Tool
+from cnc.canon import (
+    AnalogOutput,
+    ArcFeed,
+    BoardCommand,
+    Coolant,
+    DigitalOutput,
+    Dwell,
+    End,
+    Message,
+    NurbsFeed,
+    Orient,
+    Overrides,
+    PathMode,
+    Polyline,
+    Probe,
+    Spindle,
+    SpindleSync,
+    Stop,
+    Tool,
+    WaitInput,
+)
 from cnc.errors import UsageError
 from cnc.machine.load import load_machine
 from cnc.report.outputs import JsonLines, block_objects, check_formats, pulse_writer, trace_writer
@@ -85,6 +105,26 @@ def test_a_nurbs_has_everything_to_draw_it_again():
         (Tool(*AT, 12), {"kind": "tool", "number": 12}),
         (Stop(*AT), {"kind": "stop"}),
         (Stop(*AT, optional=True), {"kind": "optional-stop"}),
+        (Stop(*AT, pallet=True), {"kind": "pallet-stop"}),
+        (Tool(*AT, 12, change=False), {"kind": "tool-in-spindle", "number": 12}),
+        (Spindle(*AT, "cw", 2000.0, 1500.0), {"kind": "spindle", "state": "cw", "rpm": 2000.0, "surface_speed": 90_000.0}),
+        (Orient(*AT, 90.0, "ccw", 2.0), {"kind": "orient", "angle": 90.0, "direction": "ccw", "timeout": 2.0}),
+        (SpindleSync(*AT, 1.5), {"kind": "spindle-sync", "pitch": 1.5}),
+        (
+            Overrides(*AT, feed=True, spindle=False, adaptive_feed=False, feed_stop=True),
+            {"kind": "overrides", "feed": True, "spindle": False, "adaptive_feed": False, "feed_stop": True},
+        ),
+        (DigitalOutput(*AT, 3, True, False), {"kind": "digital-output", "number": 3, "on": True, "with_motion": False}),
+        (AnalogOutput(*AT, 3, 0.5, True), {"kind": "analog-output", "number": 3, "value": 0.5, "with_motion": True}),
+        (
+            WaitInput(*AT, 2, False, "high", 5.0),
+            {"kind": "wait-input", "number": 2, "input": "digital", "mode": "high", "timeout": 5.0},
+        ),
+        (
+            Probe(*AT, np.array([1.0, 2.0, 3.0]), 5.0, towards=True, must=False),
+            {"kind": "probe", "end": {"x": 1.0, "y": 2.0, "z": 3.0}, "feed": 300.0, "towards": True, "must": False},
+        ),
+        (BoardCommand(*AT, "$H"), {"kind": "board-command", "text": "$H"}),
         (End(*AT), {"kind": "end"}),
         (Message(*AT, 'mind the "clamp"'), {"kind": "message", "text": 'mind the "clamp"'}),
     ],
@@ -96,12 +136,14 @@ def test_other_blocks(block, fields):
 
 def test_blocks_are_one_object_a_line(tmp_path):
     file = tmp_path / "b.jsonl"
-    writer = JsonLines(str(file), AXES)
+    writer = JsonLines(str(file), AXES, "p.nc")
     writer.write(Tool(*AT, 1))
     writer.write(End("p.nc", 8))
+    writer.write(Dwell("subs/other.ngc", 2, 1.0))
     assert not file.exists()
     writer.close()
-    assert [json.loads(line)["line"] for line in file.read_text().splitlines()] == [7, 8]
+    found = [json.loads(line) for line in file.read_text().splitlines()]
+    assert [(each["line"], each.get("file")) for each in found] == [(7, None), (8, None), (2, "subs/other.ngc")]
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".csv"])
