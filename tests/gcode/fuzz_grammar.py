@@ -29,7 +29,7 @@ offset: G10 L2 P{small} {axes} | G10 L20 P{small} {axes} | G10 L{small} P{small}
    | G10 L2 P{small} R{v} | {system} | G53 G0 {axes} | G28 {axes?} | G30 {axes?} | G28.1 | G30.1 | {system} {move}
 length: G43 H{small} | G43.1 Z{v} | G43.2 H{small} | G49 | G43 | G44 H{small} | G10 L1 P{small} Z{v} R{p} | G10 L10 P{small} {axes}
    | G10 L11 P{small} {axes} | G43.2 {axes} | G10 L1 P{small} Q{small} I{v} J{v} | G10 L0
-dwell: G4 P{p} | G4 P{v} | G4 X{p} | G4 P{p} {move}
+dwell: G4 P{p} | G4 P{p} | G4 P{v} | G4 P{p} {move}
 output: M62 P{small} | M63 P{small} | M64 P{small} | M65 P{small} | M66 P{small} L{small} Q{p} | M66 E{small} | M67 E{small} Q{v}
    | M68 E{small} Q{v} | M48 | M49 | M50 P{small} | M51 P{small} | M52 P{small} | M53 P{small} | M19 R{p} | M19 R{v} Q{p} P{small}
    | M60 | M61 Q{small} | M70 | M71 | M72 | M73 | M0 | M1
@@ -66,11 +66,13 @@ lines: {move} | {item} | {move}\n{item} | {assign}\n{move} | {item}\n{item}\n{mo
 tail: {move} | {arc} | {speed} | {tool} | {mode} | {offset} | {length} | {dwell} | {output} | {turning} | {probe} | {cycle} | {comp}
    | {spline}
    | {words} | {assign} | {move} {any} | {words}
-head: F{p} | F200 S1000 M3 | G0 X0 Y0 Z10\nF100 | T1 M6\nS500 M3 F300 | G21 G90 G17\nG0 X{v} Y{v} Z5\nG1 F{p} | G1 F100
+head: F200 S1000 M3 | {set}\nF100 G0 X0 Y0 Z10 | {set}\nT1 M6\nS500 M3 F300 | {set}\nG21 G90 G17\nG0 X{n} Y{n} Z5\nG1 F{p} | G1 F100
+   | {set}\nT2 M6\nG43 H2\nG1 X0 Y0 Z0 F500\nS{p} M4 | {set}\nG1 F100
 end: M2 | M30 | M2\n%
 """
 
 NGC = r"""
+set: #1=2 #2=[#1+1] #<foo>=1.5 #<_bar>=2\n#<depth>=-3 #<f oo>=4 #<_x1>=5 #31=6 | #1=1 #<foo>=[#1*2] #<_bar>=#1 #<depth>=1
 v: {n} | {n} | {n} | {n} | {n} | {n} | [{expr}] | [{expr}] | #{par} | #<{name}> | -[{expr}] | {fn}[{expr}] | #{par}
 p: {positive} | {positive} | {positive} | {positive} | {positive} | [ABS[{expr}]+1] | [{positive}*2]
 s: {short} | {short} | {short} | {short} | [{short}/2]
@@ -95,11 +97,12 @@ flow: o{A} if [{cond}]\n{lines}\no{A} endif | o{A} if [{cond}]\n{lines}\no{A} el
    | #5=[{digit}+1]\no#5 call | o{A} endsub | o{A} if [{cond}]\n{flow}\n{flow}\no{A} endif
 keyword: sub | endsub | call | return | if | elseif | else | endif | while | endwhile | do | repeat | endrepeat | break | continue
    | cal | loop
-foreign: IF [{cond}] GOTO {digit} | GOTO 10 | WHILE [{cond}] DO1\nEND1 | G65 P{digit} A{v} | #1=#0 | G6.2 P3 K0 X0 R1 | $H
+foreign: G4 X{p} | IF [{cond}] GOTO {digit} | GOTO 10 | WHILE [{cond}] DO1\nEND1 | G65 P{digit} A{v} | #1=#0 | G6.2 P3 K0 X0 R1 | $H
 sub: o{A} sub\n{lines}\no{A} endsub\n{lines}\no{A} call [{v}] [{v}]
 """
 
 MACRO = r"""
+set: #1=2\n#2=#1+1\n#100=3. | #500=-1.5\n#1=3 | #30=1
 v: {n} | {n} | {n} | {n} | {n} | {n} | [{expr}] | [{expr}] | #{par} | #0 | -#{par} | {fn}[{expr}] | -[{expr}]
 p: {positive} | {positive} | {positive} | {positive} | {positive} | [ABS[{expr}]+1]
 s: {short} | {short} | {short} | [{short}/2]
@@ -122,16 +125,53 @@ sub: {lines}
 """
 
 NONE = r"""
+set: G21
+tool: T{small} | M5 | M30
+length: G43.1 Z{v} | G49
+output: M0 | M1
+turning: G18 | G94
+cycle: G0 {axes}\nG80
+comp: G40
+spline: {arc}
+bspline: {arc}
+system: G54 | G55 | G59
+offset: G10 L2 P{small} {axes} | G10 L20 P{small} {axes} | G92 {axes} | G92.1 | {system} | G53 G0 {axes} | G28 {axes?} | G30 | G28.1 | G30.1
+plane: G17 | G18
 v: {n}
 p: {positive}
 s: {short}
 small: {digit}
 assign: {move} | {move} | {move} | #{par}={n}
-flow: {move} | {arc} | {mode} | {offset} | {foreign}
+flow: {move} | {arc} | {mode} | {offset}
 foreign: o{digit} call | #1=2 | X[1+2] | IF [1] GOTO 2 | G65 P{digit} | M98 P{digit} | X#{par}
 cond: 1
 expr: {n}
 sub: {lines}
+"""
+
+LINUXCNC = r"""
+bspline: {curve}
+"""
+
+PAPER = r"""
+bspline: {nurbs}
+"""
+
+FANUC = r"""
+bspline: {nurbs}
+spline: {nurbs}
+mode: {plane} | G20 | G21 | G90 | G91 | G94 | G61 | G64 | G40 | G49 | G80 | {system}
+arc: {turn} I{p} J{p} {feed?} | {turn} X{s} Y{s} R{big} | {turn} X{s} R-{big} | {plane} {turn} {axes} R{big} | {turn} I{s} Z{v}
+system: G54 | G55 | G56 | G57 | G58 | G59
+offset: G10 L2 P{small} {axes} | G10 L1{small} P{small} R{v} | G92 {axes} | G52 {axes} | {system} | G53 G0 {axes}
+   | G28 {axes} | G30 P2 {axes}
+length: G43 H{small} | G43 Z{v} H{small} | G49 | G44 H{small}
+dwell: G4 P{digit}00 | G4 X{p} | G4 P{p}
+output: M0 | M1 | M19 | M48 | M49 | M19 R{p}
+turning: G95 | G96 S{p} | G97 S{p} | G95 F{p} G1 {axes} | G18 | G98 | G99
+probe: {move}
+comp: G0 {flat}\n{side} D{small} {flat}\nG1 {flat}\n{flat}\n{arc}\nG40\nG0 {flat} | {side} D{small} | G40
+   | {side} D{small}\nG1 X20\nY20\nX0\nY0\nG40\nG0 X-20 Y-20 | {side} {flat} D{small}\n{move}\n{move}\nG40
 """
 
 Parts = list[str | tuple[str, bool]]
@@ -160,5 +200,7 @@ def _parts(alternative: str) -> Parts:
     return parts
 
 
-TABLES = {"ngc": _read(COMMON) | _read(NGC), "macro-b": _read(COMMON) | _read(MACRO), "none": _read(COMMON) | _read(NONE)}
+FLAVOURS = {"ngc": _read(COMMON) | _read(NGC), "macro-b": _read(COMMON) | _read(MACRO), "none": _read(COMMON) | _read(NONE)}
 """The grammar of each flavour."""
+DIALECTS = {"linuxcnc": _read(LINUXCNC), "paper": _read(PAPER), "fanuc": _read(FANUC), "auto": {}, "grbl": {}}
+"""What differs in a dialect."""

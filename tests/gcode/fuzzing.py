@@ -8,14 +8,15 @@ from functools import lru_cache
 from pathlib import Path
 
 from cnc.gcode import dialects
-from fuzz_grammar import TABLES, Parts
+from fuzz_grammar import DIALECTS, FLAVOURS, Parts
 
 ALPHABET = "0123456789.+-GMXYZIJKRPFUWNSTLODE ()/;%#[]<>=\t*\0\u00e9@$"
 LETTERS = "ABCDEFHIJKLPQRSTUVWXYZ"
 ODD_NUMBERS = ("0", "1.", ".5", "-.25", "+3", "00012", "1 2 . 5", "-0", "999999999", "1e5", "", "-", "1.2.3", "0.0000001", "1000000001")
-NAMES = ("foo", "_bar", "depth", "_x", "_metric", "_value", "_feed", "_tool", "f oo", "FOO")
-NUMBERS = (1, 2, 3, 5, 30, 31, 33, 100, 500, 600, 5061, 5161, 5210, 5220, 5221, 5230, 5399, 5400, 5420, 5421, 9999)
-AXES = (("x", "y", "z"), ("x", "y", "z"), ("x", "y", "z", "a"), ("x", "y", "z", "a", "b", "c", "u", "v", "w"), ("x", "z"))
+NAMES = ("foo", "_bar", "depth", "foo", "_bar", "depth", "_x", "_metric", "_feed", "f oo", "FOO", "_x")
+NUMBERS = (1, 2, 1, 2, 1, 2, 3, 5, 30, 31, 33, 100, 500, 600, 5061, 5161, 5210, 5220, 5221, 5230, 5399, 5400, 5420, 5421)
+XYZ = ("x", "y", "z")
+AXES = (*[XYZ] * 9, *[(*XYZ, "a")] * 3, *[(*XYZ, "a", "b", "c", "u", "v", "w")] * 3, ("x", "z"))
 DEEPEST = 4
 """Blocks within blocks."""
 SHIPPED = sorted(Path(__file__).parents[2].glob("programs/*.nc"))
@@ -59,7 +60,8 @@ class Author:
         self.labels = 0
         self.depth = 0
         self.dialect = "auto"
-        self.table = TABLES["ngc"]
+        self.axes: tuple[str, ...] = XYZ
+        self.table = FLAVOURS["ngc"]
 
     def pick(self, among: tuple[str, ...] | list[str]) -> str:
         """One of them."""
@@ -92,16 +94,16 @@ class Author:
         return str(self.below(4)) if self.random() < 0.9 else str(self.below(12))
 
     def _par(self) -> str:
-        return str(NUMBERS[self.below(len(NUMBERS))])
+        return str(NUMBERS[self.below(len(NUMBERS))]) if self.random() < 0.97 else str(self.below(9999))
 
     def _name(self) -> str:
-        return self.pick(NAMES)
+        return self.pick(NAMES) if self.random() < 0.97 else self.pick(["none", "_value", "_tool", ""])
 
     def _letter(self) -> str:
         return LETTERS[self.below(len(LETTERS))]
 
     def _anyaxis(self) -> str:
-        return "ABCUVWXYZ"[self.below(9)]
+        return self.pick(self.axes).upper() if self.random() < 0.9 else "ABCUVWXYZ"[self.below(9)]
 
     def _code(self) -> str:
         if self.random() < 0.03:
@@ -196,11 +198,12 @@ class Author:
 
     def program(self) -> Program:
         """A program in a dialect of its own, or now and then in another one."""
-        self.dialect = self.pick(dialects.NAMES)
-        flavour = dialects.load(self.pick(dialects.NAMES) if self.random() < 0.1 else self.dialect).flavour
-        self.table, self.depth, self.labels = TABLES[flavour], 0, 0
+        self.dialect, self.axes = self.pick(dialects.NAMES), AXES[self.below(len(AXES))]
+        written = self.pick(dialects.NAMES) if self.random() < 0.05 else self.dialect
+        flavour = dialects.load(written).flavour
+        self.table, self.depth, self.labels = FLAVOURS[flavour] | DIALECTS[written], 0, 0
         texts = [self.expand("sub")] if self.random() < 0.05 else []
-        if self.random() < 0.85:
+        if self.random() < 0.93:
             texts.append(self.expand("head"))
         texts += [self.expand("item") for _ in range(1 + self.below(5))]
         if self.random() < 0.05:
@@ -211,12 +214,12 @@ class Author:
         if flavour == "macro-b" and self.random() < 0.5:
             texts += [f"O100{number}\n{self.expand('lines')}\nM99" for number in (1, 2)]
         lines = "\n".join(texts).split("\n")
-        if self.random() < 0.3:
+        if self.random() < 0.25:
             at = self.below(len(lines))
             lines[at] = self.mutate(lines[at])
         if self.random() < 0.1:
             self.shuffle(lines)
-        return Program(tuple(lines), AXES[self.below(len(AXES))], self.dialect, self.random() < 0.05)
+        return Program(tuple(lines), self.axes, self.dialect, self.random() < 0.05)
 
     def shuffle(self, lines: list[str]) -> None:
         """Take a line out, or let two change places, or write one twice."""
