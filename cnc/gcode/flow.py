@@ -46,7 +46,10 @@ class Frame:
 
 
 class Flow:
-    """The flow of control. ``executed`` is the number of lines executed so far, kept up to date for control lines."""
+    """The flow of control.
+
+    ``executed`` is the number of lines executed so far, kept up to date for steps; ``new`` how many of them for the first time.
+    """
 
     def __init__(self, interpreter: Interpreter, listing: Listing, library: Library, limits: Limits) -> None:
         self.interpreter = interpreter
@@ -56,7 +59,7 @@ class Flow:
         self.main = self.listing = listing
         self.frame = Frame("main", "", listing, 1, 0, listing, Mark(0), 0)
         self.frames: list[Frame] = []
-        self.executed = 0
+        self.executed = self.new = 0
         self.value: float | None = None
         self.percent = False
         self.main_border = 0

@@ -18,7 +18,7 @@ from cnc.gcode.motion import MIN_FEED, Motion
 from cnc.gcode.output import Output
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.perform import Performer
-from cnc.gcode.prepared import Prepared, prepare, without_point
+from cnc.gcode.prepared import Prepared, QuickMove, prepare, without_point
 from cnc.gcode.settings import Settings
 from cnc.gcode.statement import Assignment, Remark, Statement
 from cnc.gcode.tools import ToolTable
@@ -40,7 +40,7 @@ class Interpreter:
     """A program being executed, statement by statement, into ``out``.
 
     ``ended`` tells that nothing more is to be read. ``plain``: nothing is in effect that a straight move or an arc would have to heed
-    beyond units, offsets, distance mode and feed; ``arrays``: nor has anyone to look at single words of lines.
+    beyond units, offsets, distance mode and feed.
     """
 
     def __init__(
@@ -56,7 +56,6 @@ class Interpreter:
         self.ended = False
         self.begun = False
         self.plain = True
-        self.arrays = not dialect.decimal_points
         self.here = Here(file, warn)
         self.out = Output(self.here, len(axes))
         self.modal = Modal(motion=dialect.motion, initial_level=dialect.initial_level)
@@ -77,7 +76,7 @@ class Interpreter:
         probing.register(self.motion, self.modal, self.here, self.out, parameters)
         self.coordinates.bind(lambda: self.motion.position, lambda: self.modal.scale)
         system.bind(parameters, self.modal, self.here)
-        self._points_wanted = dialect.decimal_points
+        self.points_wanted = dialect.decimal_points
         self._prepared: dict[int, Prepared] = {}
         self._saved: list[_Saved | None] = [None]
         self._restore_at_return: list[bool] = [False]
@@ -106,6 +105,18 @@ class Interpreter:
         elif statement.board:
             self.out.add(BoardCommand(self.here.file, line, statement.board))
 
+    def execute_move(self, move: QuickMove, line: int) -> bool:
+        """Execute a line that is nothing but a move; False, and nothing done, where it needs a closer look as a statement."""
+        if not self.plain:
+            return False
+        self.here.line = line
+        if self.out.asked:
+            self.out.take_answers()
+        if not self.motion.quick(move):
+            return False
+        self.begun = True
+        return True
+
     def end_of_file(self) -> None:
         """The program ends without M2, M30 or ``%``; an error inside a curve."""
         if self.motion.collector:
@@ -129,8 +140,8 @@ class Interpreter:
             self._prepared.clear()
         # The entry keeps its statement alive, so no other can have the same id.
         prepared = self._prepared[id(statement)] = prepare(statement, self.dialect, self.motion.column)
-        if self._points_wanted and (word := without_point(statement)):
-            self._points_wanted = False
+        if self.points_wanted and (word := without_point(statement)):
+            self.points_wanted = False
             message = f"{word.written} has no decimal point: it counts whole millimetres, inches or degrees here"
             hint = f"a control that counts its least increment would take a thousandth or less: write {word.written}."
             self.here.caution("decimal-point-missing", message, word, hint)
@@ -144,7 +155,6 @@ class Interpreter:
             and motion.collector is None
             and not self.coordinates.rotation
         )
-        self.arrays = self.plain and not self._points_wanted
 
     def _assign(self, assignments: tuple[Assignment, ...]) -> None:
         """All right sides are computed before the first parameter is set."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from cnc.gcode.dialects import Dialect
@@ -71,6 +72,36 @@ def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> P
     constant = all(statement.words[index].letter not in "GM" for index in computed)
     codes = codes_of(words.g, words.m, dialect) if constant else None
     return Prepared(statement, words, codes, _quick(statement, words, codes, dialect, column))
+
+
+def move_of(letters: Iterable[int], numbers: Iterable[float], dialect: Dialect, column: dict[str, int]) -> QuickMove | None:
+    """The quick way for words by the codes of their letters; None where that line is of another kind, or may be wrong."""
+    motion: int | None = None
+    feed: Value | None = None
+    axes: list[tuple[int, Value]] = []
+    arc: list[tuple[str, Value]] = []
+    seen = 0
+    for code, number in zip(letters, numbers, strict=True):
+        letter = chr(code)
+        # A minus makes no code and no line number, not even before a zero.
+        if seen >> code & 1 or (letter in "GN" and math.copysign(1.0, number) < 0.0):
+            return None
+        seen |= 1 << code
+        if letter in AXES:
+            if letter not in column or letter not in dialect.axes:
+                return None
+            axes.append((column[letter], _constant(number)))
+        elif letter == "G":
+            motion = int(number * 10)
+            if motion != number * 10 or motion not in _QUICK_MOTIONS or motion not in dialect.g:
+                return None
+        elif letter in "IJKR":
+            arc.append((letter, _constant(number)))
+        elif letter == "F":
+            feed = _constant(number)
+        elif letter != "N" or not number.is_integer():
+            return None
+    return QuickMove(motion, tuple(axes), tuple(arc), feed) if axes or arc else None
 
 
 def without_point(statement: Statement) -> Word | None:

@@ -20,8 +20,10 @@ from cnc.gcode.interpreter import Interpreter
 from cnc.gcode.listing import NOTHING, Listing, Mark, Page, Step
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.parser import Syntax
+from cnc.gcode.prepared import QuickMove, move_of
 from cnc.gcode.statement import Control, Statement
-from cnc.gcode.text import Text
+from cnc.gcode.straight import SHORTEST, WITHOUT_POINT, StraightLane
+from cnc.gcode.text import Text, Window
 from cnc.gcode.tools import ToolTable
 
 TELL = 1024
@@ -70,7 +72,7 @@ def _run(flow: Flow, make: _Steps, on_line: Callable[[int], None] | None) -> Ite
     line, first, count = 1, 1, 0
     page: Page | None = None
     steps: list[Step | Statement | None] = []
-    executed = new = 0
+    executed = 0
     tell = check = min(TELL, repeated_lines)
     try:
         while not interpreter.ended:
@@ -88,23 +90,24 @@ def _run(flow: Flow, make: _Steps, on_line: Callable[[int], None] | None) -> Ite
                 step = steps[index] = make.step(page, index)
                 if line > listing.high:
                     listing.high = line
-                    new += 1
+                    flow.new += 1
             executed += 1
             if executed > check:
                 flow.executed = executed
-                if executed - new > repeated_lines:
+                if executed - flow.new > repeated_lines:
                     raise flow.endless(line)
                 if executed > tell:
-                    tell += TELL
+                    tell = executed + TELL
                     if on_line is not None:
                         on_line(executed)
-                check = min(tell, repeated_lines + new)
+                check = min(tell, repeated_lines + flow.new)
             if step.__class__ is Statement:
                 execute(step, line)
                 line += 1
             else:
                 flow.executed = executed
                 line = step.run(flow, line)  # type: ignore[union-attr]
+                executed = flow.executed
                 if flow.listing is not listing:
                     listing, count = flow.listing, 0
             if ready:
@@ -126,10 +129,19 @@ class _Steps:
         self._flow = flow
         self._dialect = dialect
         self._macro = dialect.flavour == "macro-b"
+        self._lane = StraightLane(flow.interpreter)
 
     def step(self, page: Page, index: int) -> Step | Statement:
         """What a line does. GcodeError if it makes no sense, or if the block that it opens does not."""
-        listing, line = self._flow.listing, page.first + index
+        listing, line, window = self._flow.listing, page.first + index, page.window
+        if window.straight[index] >= SHORTEST:
+            return _Run(self._lane, window)
+        if window.plain[index] and not (self._flow.interpreter.points_wanted and window.find(WITHOUT_POINT, index, index + 1) == index):
+            letters, numbers = window.scan.words(index)
+            if not letters:
+                return NOTHING
+            if move := move_of(letters, numbers, self._dialect, self._flow.interpreter.motion.column):
+                return _Move(move, window)
         statement = listing.statement(page.window, index)
         if statement is None:
             return NOTHING
@@ -180,6 +192,50 @@ class _Steps:
 
 
 _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = blocks.MAKERS | subprograms.MAKERS
+
+
+class _Run:
+    """A run of straight moves."""
+
+    __slots__ = ("_lane", "_window")
+
+    def __init__(self, lane: StraightLane, window: Window) -> None:
+        self._lane = lane
+        self._window = window
+
+    def run(self, flow: Flow, line: int) -> int:
+        """All of it at once, or its first line where that needs a closer look."""
+        window, listing = self._window, flow.listing
+        count = self._lane.run(window, line - window.first)
+        if not count:
+            return _executed(flow, window, line)
+        last = line + count - 1
+        flow.executed += count - 1
+        flow.new += max(0, last - listing.high)
+        listing.high = max(last, listing.high)
+        return last + 1
+
+
+class _Move:
+    """A move of the plainest kind."""
+
+    __slots__ = ("_move", "_window")
+
+    def __init__(self, move: QuickMove, window: Window) -> None:
+        self._move = move
+        self._window = window
+
+    def run(self, flow: Flow, line: int) -> int:
+        """The quick way, or the long one where it needs a closer look."""
+        return line + 1 if flow.interpreter.execute_move(self._move, line) else _executed(flow, self._window, line)
+
+
+def _executed(flow: Flow, window: Window, line: int) -> int:
+    """Execute the statement of a plain line; the line to go on at."""
+    statement = flow.listing.statement(window, line - window.first)
+    assert statement is not None
+    flow.interpreter.execute(statement, line)
+    return line + 1
 
 
 class _Announced:

@@ -40,6 +40,11 @@ class Scan:
     column: NDArray[np.int32]
     length: NDArray[np.int32]
 
+    def words(self, index: int) -> tuple[list[int], list[float]]:
+        """The codes of the letters of a plain line's words, and the numbers."""
+        begin, end = self.first[index : index + 2].tolist()
+        return self.letter[begin:end].tolist(), self.number[begin:end].tolist()
+
     def statement(self, index: int, text: str) -> Statement:
         """The words of a plain line, the same as the grammar would give; ``text`` is the line."""
         span = slice(self.first[index], self.first[index + 1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from cnc.kernels import straight as kernel
 SHORTEST = 6
 """Lines; a shorter run is no faster in one piece."""
 
+WITHOUT_POINT = re.compile(rb"[XYZABCUVWIJKR][+-]?0*[1-9][0-9]*(?![0-9.])", re.IGNORECASE)
+"""A distance that is not 0, without a decimal point (or a comment that looks like one, which does no harm)."""
 _MODES: dict[int | None, int] = {0: kernel.TRAVERSE, 10: kernel.FEED}
 
 
@@ -40,8 +43,12 @@ class StraightLane:
         interpreter = self._interpreter
         if not interpreter.plain:
             return 0
+        if interpreter.out.asked:
+            interpreter.out.take_answers()
         state, motion, scan = interpreter.modal, interpreter.motion, window.scan
         end = index + int(window.straight[index])
+        if interpreter.points_wanted:
+            end = window.find(WITHOUT_POINT, index, end)
         mode = _MODES.get(state.motion, kernel.NO_MOTION)
         axes = np.array((motion.scales, motion.coordinates.zero, self._turns))
         position = np.array(motion.position)

@@ -7,6 +7,7 @@ window begins in the file is remembered, and the last few windows are kept.
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import tempfile
 import weakref
@@ -66,6 +67,11 @@ class Window:
             return line.decode()
         except UnicodeDecodeError:
             return line.decode(_NOT_UTF8)
+
+    def find(self, pattern: re.Pattern[bytes], index: int, end: int) -> int:
+        """The first line from ``index`` on, before ``end``, whose bytes hold the pattern, which spans no two lines; else ``end``."""
+        found = pattern.search(self._data, int(self._begin[index]), int(self._end[end - 1]))
+        return end if found is None else int(np.searchsorted(self._begin[index:end], found.start(), side="right")) + index - 1
 
     def statement(self, index: int, syntax: Syntax) -> Statement:
         """The parsed line, which ``statements`` keeps for the syntax that was asked for last. Errors as those of ``parse_line``."""
