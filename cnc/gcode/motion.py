@@ -421,7 +421,7 @@ class Motion:
             return False
         try:
             if move.feed is not None:
-                value = move.feed(parameters)
+                value = move.feed if move.feed.__class__ is float else move.feed(parameters)  # type: ignore[operator]
                 if not 0.0 < value <= MAX_NUMBER:
                     return False
                 feed = feed_of(value, state.scale)
@@ -432,7 +432,7 @@ class Motion:
             zero = self.coordinates.zero
             absolute = state.absolute
             for index, number in move.axes:
-                value = number(parameters)
+                value = number if number.__class__ is float else number(parameters)  # type: ignore[operator]
                 if not -MAX_NUMBER <= value <= MAX_NUMBER:
                     return False
                 end[index] = value * scales[index] + zero[index] if absolute else end[index] + value * scales[index]
@@ -454,9 +454,10 @@ class Motion:
         plane, letters = self._planes.get(state.plane), _PLANE_LETTERS[state.plane]
         if plane is None:
             return False
+        parameters = self.coordinates.parameters
         first = second = radius = None
         for letter, number in move.arc:
-            value = number(self.coordinates.parameters)
+            value = number if number.__class__ is float else number(parameters)  # type: ignore[operator]
             if not -MAX_NUMBER <= value <= MAX_NUMBER:
                 return False
             if letter == letters[0]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.modal import Codes, codes_of
@@ -18,17 +19,20 @@ _DISTANCES = AXES | frozenset("IJKR")
 _QUICK_WORDS = AXES | frozenset("FIJKR")
 
 
-@dataclass(frozen=True, slots=True)
-class QuickMove:
+Known = float | Value
+"""A number, or the way to compute it. Programs hold so many numbers that a closure for each would keep the garbage collector busy."""
+
+
+class QuickMove(NamedTuple):
     """A line of nothing but G0 to G3 (None: the motion code in effect), axis words, I J K R and F.
 
     axes: column and value of each axis word; arc: letter and value of I, J, K, R.
     """
 
     motion: int | None
-    axes: tuple[tuple[int, Value], ...]
-    arc: tuple[tuple[str, Value], ...]
-    feed: Value | None
+    axes: tuple[tuple[int, Known], ...]
+    arc: tuple[tuple[str, Known], ...]
+    feed: Known | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +81,9 @@ def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> P
 def move_of(letters: Iterable[int], numbers: Iterable[float], dialect: Dialect, column: dict[str, int]) -> QuickMove | None:
     """The quick way for words by the codes of their letters; None where that line is of another kind, or may be wrong."""
     motion: int | None = None
-    feed: Value | None = None
-    axes: list[tuple[int, Value]] = []
-    arc: list[tuple[str, Value]] = []
+    feed: float | None = None
+    axes: list[tuple[int, Known]] = []
+    arc: list[tuple[str, Known]] = []
     seen = 0
     for code, number in zip(letters, numbers, strict=True):
         letter = chr(code)
@@ -90,15 +94,15 @@ def move_of(letters: Iterable[int], numbers: Iterable[float], dialect: Dialect, 
         if letter in AXES:
             if letter not in column or letter not in dialect.axes:
                 return None
-            axes.append((column[letter], _constant(number)))
+            axes.append((column[letter], number))
         elif letter == "G":
             motion = int(number * 10)
             if motion != number * 10 or motion not in _QUICK_MOTIONS or motion not in dialect.g:
                 return None
         elif letter in "IJKR":
-            arc.append((letter, _constant(number)))
+            arc.append((letter, number))
         elif letter == "F":
-            feed = _constant(number)
+            feed = number
         elif letter != "N" or not number.is_integer():
             return None
     return QuickMove(motion, tuple(axes), tuple(arc), feed) if axes or arc else None
@@ -117,7 +121,7 @@ def _quick(statement: Statement, words: LineWords, codes: Codes | None, dialect:
     letters = [letter for letter in words.rest if letter in AXES]
     if not all(letter in column and letter in dialect.axes for letter in letters) or not (letters or words.rest.keys() & set("IJKR")):
         return None
-    values: dict[str, Value] = {letter: _constant(word.number) for letter, word in words.rest.items()}
+    values: dict[str, Known] = {letter: word.number for letter, word in words.rest.items()}
     values |= {statement.words[index].letter: value for index, value in statement.computed}
     return QuickMove(
         codes["motion"].number if codes else None,
@@ -125,7 +129,3 @@ def _quick(statement: Statement, words: LineWords, codes: Codes | None, dialect:
         tuple((letter, values[letter]) for letter in "IJKR" if letter in values),
         values.get("F"),
     )
-
-
-def _constant(number: float) -> Value:
-    return lambda parameters: number
