@@ -138,10 +138,10 @@ class Adversary:
 
     def number(self) -> str:
         rng = self.rng
-        match rng.randint(0, 9):
-            case 0 | 1 | 2:
+        match rng.randint(0, 14):
+            case 0 | 1 | 2 | 9 | 10 | 11:
                 return f"{rng.uniform(-500, 500):.{rng.randint(0, 6)}f}"
-            case 3 | 4:
+            case 3 | 4 | 12 | 13:
                 return str(rng.randint(0, 100))
             case 5:
                 return rng.choice(["", "-", "+"]) + self.digits(0, 9) + "." + self.digits(0, 17)
@@ -152,7 +152,7 @@ class Adversary:
             case 8:
                 return rng.choice(["", "-", "+"]) + repr(rng.random())
             case _:
-                return self.author.number()
+                return rng.choice(["1.", ".5", "-.25", "+3", "00012", "1 2 . 5", "- 5", "1e5", "", "-", "1.2.3", ".", "#1", "[2*3]"])
 
     def comment(self) -> str:
         rng = self.rng
@@ -164,14 +164,14 @@ class Adversary:
     def line(self) -> str:
         rng = self.rng
         if rng.random() < 0.1:
-            return rng.choice(self.author.program() or [""])
+            return rng.choice(self.author.program().lines or [""])
         parts = [rng.choice(["", "", "", "/", " ", "\t"])] if rng.random() < 0.3 else []
         if rng.random() < 0.3:
             parts.append(rng.choice("Nn") + str(rng.randint(0, 99999)))
         for _ in range(rng.randint(0, 6)):
             kind = rng.random()
             if kind < 0.8:
-                parts.append(rng.choice(LETTERS) + rng.choice(["", "", "", "", "", " "]) + self.number())
+                parts.append(rng.choice(LETTERS) + rng.choice(["", *[""] * 20, " "]) + self.number())
             elif kind < 0.97:
                 parts.append(self.comment())
             else:
