@@ -1,0 +1,136 @@
+"""Every code of every dialect in a program with its blocks: language.txt."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from cnc import canon
+from cnc.gcode import dialects
+from cnc.gcode.tools import ToolEntry, ToolTable
+from gcode_cases import run
+
+TOOLS = (ToolEntry(1, 1, {"X": 0.5, "Z": 40.0}, 6.0), ToolEntry(2, 2, {"Z": 100.0}), ToolEntry(3, 3, {}, 4.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A program of the file: the line of its ``==``, the codes that it is there for, its dialects (none: all that have its codes)."""
+
+    line: int
+    codes: tuple[str, ...]
+    dialects: tuple[str, ...]
+    source: str
+    blocks: tuple[str, ...]
+
+    def in_dialects(self) -> list[str]:
+        """The dialects that it is run in."""
+        return [name for name in self.dialects or dialects.NAMES if set(self.codes) <= _codes(name)]
+
+
+def _codes(name: str) -> set[str]:
+    """The codes of a dialect as they are written, without leading zeros."""
+    spoken = dialects.load(name)
+    return {f"G{code / 10:g}" for code in spoken.g} | {f"M{code}" for code in spoken.m}
+
+
+def _cases() -> Iterator[Case]:
+    text = (Path(__file__).parent / "language.txt").read_text(encoding="utf-8")
+    for found in re.finditer(
+        r"^== (?P<codes>[GM\d. ]+)(\[(?P<dialects>.*)\])?\n(?P<source>(?s:.*?))\n--\n(?P<blocks>(?s:.*?))\n(\n|\Z)", text, re.M
+    ):
+        line = text.count("\n", 0, found.start()) + 1
+        codes = tuple(re.sub(r"(?<=[GM])0(?=\d)", "", code) for code in found["codes"].split())
+        yield Case(line, codes, tuple((found["dialects"] or "").split()), found["source"], tuple(found["blocks"].split("\n")))
+
+
+CASES = list(_cases())
+RUNS = [(case, name) for case in CASES for name in case.in_dialects()]
+
+
+def _number(value: float) -> str:
+    return f"{round(value, 6) + 0.0:.10g}"
+
+
+def _numbers(values: object, between: str = " ") -> str:
+    return between.join(_number(value) for value in values)  # type: ignore[attr-defined]
+
+
+def _switch(on: bool) -> str:
+    return "on" if on else "off"
+
+
+def written(block: canon.Block) -> list[str]:
+    """A block as the file writes it; of a Polyline one line a move. Feeds in mm/min."""
+    match block:
+        case canon.Polyline():
+            ends = [(_numbers(end), feed * 60) for end, feed in zip(block.points.tolist(), block.feeds.tolist(), strict=True)]
+            return [f"rapid {end}" if math.isnan(feed) else f"line {end} F{_number(feed)}" for end, feed in ends]
+        case canon.ArcFeed():
+            center, end = _numbers(block.center), _numbers(block.end.tolist())
+            turns = f"r{_number(block.radius)} turns {_number(block.turns)}"
+            return [f"arc {block.plane} about {center} {turns} to {end} F{_number(block.feed * 60)}"]
+        case canon.NurbsFeed():
+            points = " ".join(_numbers(point, ",") for point in block.control_points.tolist())
+            knots, weights = _numbers(block.knots.tolist()), _numbers(block.weights.tolist())
+            return [f"nurbs degree {block.degree} knots {knots} points {points} weights {weights} F{_number(block.feed * 60)}"]
+        case canon.PathMode():
+            return [f"path {block.control} {_number(block.tolerance)}"]
+        case canon.Dwell():
+            return [f"dwell {_number(block.seconds)}"]
+        case canon.Spindle(state="off"):
+            return ["spindle off"]
+        case canon.Spindle():
+            surface = f" surface {_number(block.surface_speed)}" if block.surface_speed else ""
+            return [f"spindle {block.state} {_number(block.rpm)}{surface}"]
+        case canon.Orient():
+            return [f"orient {_number(block.angle)} {block.direction} {_number(block.timeout)}"]
+        case canon.SpindleSync():
+            return [f"sync {_number(block.pitch)}"]
+        case canon.Coolant():
+            return [f"coolant {_switch(block.mist)} {_switch(block.flood)}"]
+        case canon.Tool():
+            return [f"tool {block.number}" + ("" if block.change else " loaded")]
+        case canon.Stop():
+            return ["stop" + " optional" * block.optional + " pallet" * block.pallet]
+        case canon.End():
+            return ["end"]
+        case canon.Overrides():
+            return ["overrides " + " ".join(map(_switch, (block.feed, block.spindle, block.adaptive_feed, block.feed_stop)))]
+        case canon.DigitalOutput():
+            return [f"output {block.number} {_switch(block.on)}" + " with-motion" * block.with_motion]
+        case canon.AnalogOutput():
+            return [f"analog {block.number} {_number(block.value)}" + " with-motion" * block.with_motion]
+        case canon.WaitInput():
+            return [f"wait {'analog' if block.analog else 'digital'} {block.number} {block.mode} {_number(block.timeout)}"]
+        case canon.Probe():
+            way, end = "towards" if block.towards else "away", _numbers(block.end.tolist())
+            return [f"probe {way} {end} F{_number(block.feed * 60)}" + " must" * block.must]
+        case _:
+            raise AssertionError(block)
+
+
+@pytest.mark.parametrize(("case", "dialect"), RUNS, ids=[f"{case.line}-{'-'.join(case.codes)}-{name}" for case, name in RUNS])
+def test_the_program_has_its_blocks(case: Case, dialect: str) -> None:
+    source = case.source if re.search(r"^(M2|M30)$", case.source, re.M) else f"%\n{case.source}\n%"
+    blocks = run(source, dialect=dialect, tools=ToolTable(TOOLS))
+    assert [line for block in blocks for line in written(block)] == list(case.blocks)
+
+
+@pytest.mark.parametrize("dialect", dialects.NAMES)
+def test_no_code_is_forgotten(dialect: str) -> None:
+    """Every legal code of a dialect stands in a program of the file that is run in that dialect."""
+    shown = {code for case, name in RUNS if name == dialect for code in case.codes}
+    assert _codes(dialect) - shown == set()
+
+
+def test_the_programs_have_the_codes_that_they_are_there_for() -> None:
+    for case in CASES:
+        found = {re.sub(r"^([GM])0+(?=\d)", r"\1", code) for code in re.findall(r"[GM]\d+(?:\.\d)?", case.source)}
+        assert set(case.codes) & found, case
+        assert case.in_dialects(), case
