@@ -15,7 +15,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
+from decimal import Decimal
 from pathlib import Path
 
 from cnc.errors import Diagnostic, MachineFileError
@@ -62,12 +64,17 @@ class ToolEntry:
 
 
 class ToolTable:
-    """Tools by number. ``changed`` tells that a program has written to it; ``file`` is where it came from, if anywhere."""
+    """Tools by number. ``file`` is where they came from, if anywhere."""
 
     def __init__(self, entries: Iterable[ToolEntry] = (), *, file: str = "") -> None:
         self.file = file
-        self.changed = False
         self._entries = {entry.number: entry for entry in entries}
+        self._written: set[int] = set()
+
+    @property
+    def changed(self) -> bool:
+        """Whether a program has written to it."""
+        return bool(self._written)
 
     @classmethod
     def load(cls, path: Path) -> ToolTable:
@@ -90,8 +97,17 @@ class ToolTable:
         return cls(entries.values(), file=file)
 
     def save(self, path: Path) -> None:
-        """Write the table to a file. UsageError ``unwritable-file``."""
-        replace_text(path, "".join(_line(entry) + "\n" for entry in self), "the tool table")
+        """Write the tools that a program has changed to a file; its other lines stay as they are. UsageError ``unwritable-file``."""
+        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines() if path.exists() else []
+        left = dict.fromkeys(sorted(self._written))
+        for index, line in enumerate(lines):
+            with suppress(MachineFileError):
+                entry = _entry(line)
+                if entry and entry.number in left:
+                    lines[index] = _line(self._entries[entry.number])
+                    del left[entry.number]
+        lines += [_line(self._entries[number]) for number in left]
+        replace_text(path, "".join(line + "\n" for line in lines), "the tool table")
 
     def tool(self, number: int) -> ToolEntry | None:
         """The tool of that number, if the table has it."""
@@ -100,12 +116,13 @@ class ToolTable:
     def put(self, entry: ToolEntry) -> None:
         """Write a tool; the file stays as it is."""
         self._entries[entry.number] = entry
-        self.changed = True
+        self._written.add(entry.number)
 
     def reload(self) -> None:
-        """Read the file again; nothing where there is none. Raises as :meth:`load`."""
+        """Read the file again, but for what a program has written; nothing where there is no file. Raises as :meth:`load`."""
         if self.file:
-            self._entries = {entry.number: entry for entry in ToolTable.load(Path(self.file))}
+            written = {number: self._entries[number] for number in self._written}
+            self._entries = {entry.number: entry for entry in ToolTable.load(Path(self.file))} | written
 
     def __iter__(self) -> Iterator[ToolEntry]:
         return iter(self._entries.values())
@@ -163,11 +180,15 @@ def _entry(line: str) -> ToolEntry | None:
 
 
 def _line(entry: ToolEntry) -> str:
-    """A tool as a line of the file."""
-    words = [f"T{entry.number}", f"P{entry.pocket}"]
-    numbers = [*entry.offsets.items(), ("D", entry.diameter), ("I", entry.front_angle), ("J", entry.back_angle), ("Q", entry.orientation)]
-    words += [f"{letter}{number!r}" for letter, number in numbers if number]
+    """A tool as a line of the file. Wear has no place there; it must not go into the length, or the next program would add it again."""
+    numbers = entry.offsets | {"D": entry.diameter, "I": entry.front_angle, "J": entry.back_angle, "Q": entry.orientation}
+    words = [f"T{entry.number}", f"P{entry.pocket}", *(f"{letter}{_plain(number)}" for letter, number in numbers.items() if number)]
     return " ".join(words) + (f" ;{entry.remark}" if entry.remark else "")
+
+
+def _plain(number: float) -> str:
+    """The number without an exponent, to the bit."""
+    return format(Decimal(repr(number)), "f")
 
 
 def _words(line: str) -> dict[str, tuple[float, int]]:

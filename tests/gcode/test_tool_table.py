@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cnc.errors import MachineFileError
 from cnc.gcode.parameters import Parameters
@@ -29,8 +32,8 @@ def load(tmp_path: Path, text: str) -> ToolTable:
 def test_every_word_in_any_order(tmp_path: Path) -> None:
     table = load(tmp_path, TABLE)
     assert len(table) == 4
-    assert table.tool(1) == ToolEntry(1, 1, {"Z": 40.25}, 6.0)
-    assert table.tool(99999) == ToolEntry(99999, 9, {"Z": 0.5})
+    assert table.tool(1) == ToolEntry(1, 1, {"Z": 40.25}, 6.0, remark="end mill 6 mm")
+    assert table.tool(99999) == ToolEntry(99999, 9, {"Z": 0.5}, remark="no blank before, any case")
     offsets = dict(zip("XYZABCUVW", range(1, 10), strict=True))
     assert table.tool(3) == ToolEntry(3, 0, offsets, 0.8, 95.0, -155.5, 2)
     assert table.tool(4) == ToolEntry(4, diameter=10.0)
@@ -84,15 +87,44 @@ def test_what_a_program_writes_is_read_back() -> None:
     assert table.changed
 
 
-def test_a_table_is_read_again(tmp_path: Path) -> None:
+def test_a_table_is_read_again_but_for_what_was_written(tmp_path: Path) -> None:
     table = load(tmp_path, TABLE)
-    table.put(ToolEntry(1))
-    load(tmp_path, "T1 D7")
+    table.put(ToolEntry(4))
+    load(tmp_path, "T1 D7\nT4 D8")
     table.reload()
-    assert list(table) == [ToolEntry(1, diameter=7.0)]
+    assert list(table) == [ToolEntry(1, diameter=7.0), ToolEntry(4)]
     bare = ToolTable([ToolEntry(2)])
     bare.reload()
     assert len(bare) == 1
+
+
+def test_only_what_was_written_changes_in_the_file(tmp_path: Path) -> None:
+    table, path = load(tmp_path, TABLE), tmp_path / "tool.tbl"
+    first = table.tool(1)
+    assert first is not None
+    table.put(replace(first, offsets={"Z": 1e-7, "X": -0.1}, length_wear=5.0))
+    table.put(ToolEntry(12, orientation=3, front_angle=1e22))
+    table.save(path)
+    lines = path.read_text().splitlines()
+    assert lines == [
+        "; the mill's tools",
+        "T1 P1 Z0.0000001 X-0.1 D6.0 ;end mill 6 mm",
+        *TABLE.splitlines()[2:],
+        "T12 P0 I10000000000000000000000 Q3",
+    ]
+    again = ToolTable.load(path).tool(1)
+    assert again is not None
+    assert again.offsets == {"Z": 1e-7, "X": -0.1}
+
+
+@given(st.dictionaries(st.sampled_from("XYZABCUVW"), st.floats(allow_nan=False, allow_infinity=False)), st.floats(-1e9, 1e9))
+def test_a_saved_tool_is_read_back_to_the_bit(tmp_path_factory: pytest.TempPathFactory, offsets: dict[str, float], diameter: float) -> None:
+    path = tmp_path_factory.mktemp("tools") / "tool.tbl"
+    table = ToolTable()
+    table.put(ToolEntry(1, 2, offsets, diameter))
+    table.save(path)
+    found = ToolTable.load(path).tool(1)
+    assert found == ToolEntry(1, 2, {letter: value for letter, value in offsets.items() if value}, diameter)
 
 
 def test_parameters_show_the_loaded_tool(tmp_path: Path) -> None:
