@@ -40,10 +40,13 @@ class Coordinates:
 
     Everything is in mm or degrees, one number an axis of the machine, in the machine's order. ``zero`` is the machine position of the
     program's zero point as long as ``rotation`` (degrees, counter-clockwise) is 0; ``system`` is the index of the system in use, 0 for G54.
-    ``systems`` is how many there are; with ``fanuc`` G52 is an offset of its own and an external offset counts.
+    ``systems`` is how many there are; with ``fanuc`` G52 is an offset of its own and an external offset counts. Unless
+    ``shift_stays``, the shift that an earlier program left behind is not in effect.
     """
 
-    def __init__(self, axes: tuple[str, ...], parameters: Parameters, *, systems: int = 9, fanuc: bool = False) -> None:
+    def __init__(
+        self, axes: tuple[str, ...], parameters: Parameters, *, systems: int = 9, fanuc: bool = False, shift_stays: bool = True
+    ) -> None:
         self.parameters = parameters
         self.systems = systems
         self.system = 0
@@ -59,6 +62,8 @@ class Coordinates:
         self._tool = [0.0] * len(axes)
         self._local = [0.0] * len(axes)
         self._external = [0.0] * len(axes)
+        if not shift_stays:
+            self._values[SHIFT_IN_EFFECT] = 0.0
         self._shift = self._stored(_SHIFT) if self._values.get(SHIFT_IN_EFFECT, 0.0) else [0.0] * len(axes)
         number = self._values.get(CURRENT, 1.0)
         self._use(int(number) - 1 if number in range(1, systems + 1) else 0)

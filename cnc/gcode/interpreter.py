@@ -61,7 +61,9 @@ class Interpreter:
         self.modal = Modal(motion=dialect.motion, initial_level=dialect.initial_level)
         self.dialect = dialect
         self.parameters = parameters
-        self.coordinates = Coordinates(axes, parameters, systems=dialect.systems, fanuc=dialect.flavour == "macro-b")
+        self.coordinates = Coordinates(
+            axes, parameters, systems=dialect.systems, fanuc=dialect.offset_memory, shift_stays=dialect.shift_stays
+        )
         self.functions = Functions(dialect, self.here, self.modal, self.out, parameters)
         self.motion = Motion(axes, dialect, self.here, self.modal, position, self.coordinates, self.out)
         self.tools = ToolSettings(dialect, self.modal, self.motion, ToolTable() if tools is None else tools)

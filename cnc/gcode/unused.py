@@ -10,15 +10,15 @@ _HINTS = {
     "D": "D belongs to cutter compensation, which is not supported",
     "E": "numbers have no exponent",
     "F": "under G93 an F word belongs to the move in its line",
-    "H": "H belongs to tool length offsets, which are not supported",
+    "H": "H belongs to G43, G43.2 and G44: the number of the offset",
     "I": "I, J and K belong to G2 and G3: the centre's offset in the plane's two axes",
     "J": "I, J and K belong to G2 and G3: the centre's offset in the plane's two axes",
     "K": "I, J and K belong to G2 and G3 (the centre's offset in the plane's two axes), K to G33 and G33.1: the pitch",
-    "L": "L belongs to G10 and to canned cycles: the repeats",
+    "L": "L belongs to G10 (what is set) and to canned cycles (the repeats)",
     "O": "subprograms are not supported",
     "P": "P belongs to G4, G10, G64, to cycles with a dwell (G82, G86, G88, G89, G74, G84) and to the turns of an arc",
     "Q": "Q belongs to G64 and to G73 and G83: the bite",
-    "R": "R belongs to G2 and G3 (the radius) and to canned cycles",
+    "R": "R belongs to G2 and G3 (the radius), to canned cycles and to G10 L1, L2, L10 and L11",
 }
 
 

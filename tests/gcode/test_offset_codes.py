@@ -284,6 +284,13 @@ def test_fanuc_leaves_no_local_offset() -> None:
     means("G0 X1", *ends((1, 0, 0)), dialect="fanuc", parameters=Parameters(parameters.stored(), macro=True))
 
 
+@pytest.mark.parametrize(("dialect", "x"), [("linuxcnc", 6.0), ("auto", 6.0), ("fanuc", 1.0), ("grbl", 1.0)])
+def test_whether_a_shift_outlives_its_program(dialect: str, x: float) -> None:
+    stored = {5210: 1.0, 5211: 5.0}
+    parameters = Parameters(stored, macro=dialect == "fanuc")
+    means("G0 X1\nM2", ("rapid", x, 0, 0), ("end",), dialect=dialect, parameters=parameters)
+
+
 def test_a_program_writes_the_table_not_its_file() -> None:
     tools = table()
     run("G10 L1 P1 Z3", tools=tools)

@@ -69,6 +69,7 @@ class Dialect:
     offsets: tuple[int, ...]
     offsets_current: bool
     offsets_add: bool
+    shift_stays: bool
     rotation: bool
     offset_memory: bool
     length_axes: str
@@ -138,6 +139,7 @@ def load(name: str) -> Dialect:
         offsets=tuple(table["offsets"]),
         offsets_current=table["offsets_current"],
         offsets_add=table["offsets_add"],
+        shift_stays=table["shift_stays"],
         rotation=table["rotation"],
         offset_memory=table["offset_memory"],
         length_axes=table["length_axes"],
