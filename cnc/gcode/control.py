@@ -157,6 +157,23 @@ class EndRepeat:
         return self.begin if left else line + 1
 
 
+class Back:
+    """Jumps that lead back make loops, too: this one is called ``name`` and stands ``at`` a place."""
+
+    __slots__ = ("at", "loop", "name")
+
+    def __init__(self, name: str, at: Mark) -> None:
+        self.name, self.at = name, at
+        self.loop: Loop | None = None
+
+    def note(self, flow: Flow, listing: Listing, to: int) -> None:
+        """It led to a line of the listing."""
+        if self.loop is None:
+            self.loop = Loop(self.name, self.at, to, self.at.line, flow.executed)
+            listing.loops.append(self.loop)
+        self.loop.first = min(self.loop.first, to)
+
+
 class Goto:
     """``GOTO n``: to the first line with ``N n`` behind this one in the same program, else from the program's beginning."""
 
@@ -165,7 +182,7 @@ class Goto:
     def __init__(self, parameters: Parameters, condition: Value | None, target: Value, at: Mark) -> None:
         self.parameters, self.condition, self.target, self.at = parameters, condition, target, at
         self.found: dict[float, int] = {}
-        self.back: Loop | None = None
+        self.back = Back("this GOTO", at)
 
     def run(self, flow: Flow, line: int) -> int:
         """Jump, if there is no condition or it holds."""
@@ -179,14 +196,8 @@ class Goto:
             listing = flow.listing
             to = self.found[number] = jump_target(listing, number, line, partial(listing.fault, self.at))
         if to <= line:
-            self._note_back(flow, to, line)
+            self.back.note(flow, flow.listing, to)
         return to
-
-    def _note_back(self, flow: Flow, to: int, line: int) -> None:
-        if self.back is None:
-            self.back = Loop("this GOTO", self.at, to, line, flow.executed)
-            flow.listing.loops.append(self.back)
-        self.back.first = min(self.back.first, to)
 
 
 def jump_target(listing: Listing, number: float, line: int, wrong: Callable[[str, str, str], CncError]) -> int:

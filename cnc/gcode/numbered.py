@@ -9,7 +9,7 @@ import math
 from functools import partial
 from typing import Literal
 
-from cnc.gcode.control import jump_target
+from cnc.gcode.control import Back, jump_target
 from cnc.gcode.flow import Flow, Frame
 from cnc.gcode.listing import Listing, Mark, Step
 from cnc.gcode.parameters import LOCAL_MACRO, Parameters
@@ -171,12 +171,13 @@ def _arguments(statement: Statement, code: Word) -> tuple[Statement, list[tuple[
 class ProgramReturn:
     """``M99``, and ``M99 P n`` in FANUC's language."""
 
-    __slots__ = ("at", "code", "taken")
+    __slots__ = ("at", "backs", "code", "taken")
 
     def __init__(self, line: int, statement: Statement, code: Word, *, macro: bool) -> None:
         self.at = Mark(line, code.column, code.length)
         self.code = code
         self.taken = _Taken(statement, "P" if macro else "", code)
+        self.backs: dict[tuple[str, int], Back] = {}
 
     def run(self, flow: Flow, line: int) -> int:
         """Execute what else the line says, then go back to the caller, or to its block P."""
@@ -192,16 +193,22 @@ class ProgramReturn:
             if block is None:
                 message = f"{self.code.written} in the main program would begin it again, for ever"
                 raise fault("program-endless", message, self.code, "end it with M30")
-            return jump_target(flow.listing, block, line, partial(flow.listing.fault, self.at))
+            return self._jump(flow, flow.listing, block, line, Back("this M99", self.at))
         if frame.left:
             frame.left -= 1
             frame.counts.clear()
             return frame.begin
         if block is None:
             return flow.leave()
-        back = jump_target(frame.caller, block, frame.at.line, partial(flow.listing.fault, self.at))
+        to = self._jump(flow, frame.caller, block, frame.at.line, Back(f"the call of {frame.name}", frame.at))
         flow.leave()
-        return back
+        return to
+
+    def _jump(self, flow: Flow, listing: Listing, block: int, line: int, back: Back) -> int:
+        to = jump_target(listing, block, line, partial(flow.listing.fault, self.at))
+        if to <= line:
+            self.backs.setdefault((listing.name, line), back).note(flow, listing, to)
+        return to
 
 
 CODES = {("M", 98.0), ("M", 99.0), ("G", 65.0)}

@@ -1,0 +1,82 @@
+"""Random programs of loops, branches and calls make the moves that an evaluator of trees says; damaged ones are refused in good order."""
+
+from __future__ import annotations
+
+import random
+import time
+
+import pytest
+
+from cnc.errors import GcodeError
+from cnc.gcode.flow import Limits
+from flow_author import Author, Evaluator, MacroB, OWords, Program
+from gcode_cases import run
+from support import share
+from test_flow import xs
+
+AMOUNT = share(20_000, 300)
+LIMITS = Limits(repeated_lines=20_000, depth=20)
+
+
+def programs(amount: int, *, most_loops: int = 9, repeats: bool = True) -> list[tuple[int, Program, list[float]]]:
+    """Seed, program and its moves."""
+    found = []
+    for seed in range(amount):
+        program = Author(seed, most_loops=most_loops, repeats=repeats).program()
+        try:
+            found.append((seed, program, Evaluator(program).run()))
+        except OverflowError:
+            continue
+    assert len(found) > amount * 0.8
+    assert sum(len(moves) for _, _, moves in found) > amount * 3, "programs that make no moves test little"
+    return found
+
+
+@pytest.mark.timeout(3600)
+def test_o_words() -> None:
+    for seed, program, moves in programs(AMOUNT):
+        lines = OWords(program, seed).text()
+        assert xs("\n".join(lines), dialect="linuxcnc") == moves, lines
+
+
+@pytest.mark.timeout(3600)
+def test_macro_b() -> None:
+    for seed, program, moves in programs(AMOUNT, most_loops=3, repeats=False):
+        lines = MacroB(program, seed).text()
+        assert xs("\n".join(lines), dialect="fanuc") == moves, lines
+
+
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("dialect", ["auto", "fanuc"])
+def test_damaged_programs_are_refused_in_good_order(dialect: str) -> None:
+    """Lines that are lost, doubled or swapped: no traceback, no hang, and an error that names a place of the program."""
+    refused = 0
+    for seed in range(AMOUNT):
+        rng = random.Random(seed)
+        if dialect == "auto":
+            lines = OWords(Author(seed).program(), seed).text()
+        else:
+            lines = MacroB(Author(seed, most_loops=3, repeats=False).program(), seed).text()
+        for _ in range(rng.randint(1, 3)):
+            first, second = rng.randrange(len(lines)), rng.randrange(len(lines))
+            match rng.randrange(4):
+                case 0:
+                    del lines[first]
+                case 1:
+                    lines.insert(second, lines[first])
+                case 2:
+                    lines[first], lines[second] = lines[second], lines[first]
+                case _:
+                    lines[first] = lines[first].replace("0", "1", 1)
+            lines = lines or ["M2"]
+        begin = time.process_time()
+        try:
+            run("\n".join(lines), dialect=dialect, limits=LIMITS)
+        except GcodeError as error:
+            refused += 1
+            found = error.diagnostic
+            assert 1 <= found.line <= len(lines), found
+            assert found.text == lines[found.line - 1], found
+            assert 1 <= found.column <= len(found.text), found
+        assert time.process_time() - begin < 5, lines
+    assert AMOUNT * 0.1 < refused < AMOUNT
