@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 from cnc.errors import GcodeError
 from cnc.gcode.arithmetic import FUNCTIONS, MACRO_FUNCTIONS, MACRO_OPERATORS, OPERATORS, Undefined, arctangent, half_away, macro_arctangent
-from cnc.gcode.parameters import LOCAL, LOCAL_MACRO, NEAR_WHOLE, VACANT, Parameters
+from cnc.gcode.parameters import LOCAL, LOCAL_MACRO, VACANT, Parameters
 from cnc.gcode.statement import Value
-from cnc.gcode.words import fault
+from cnc.gcode.words import NEAR_WHOLE, fault
 
 MAX_DEPTH = 100
 """Operations inside each other. Each costs a frame of Python's stack; brackets alone cost nothing."""

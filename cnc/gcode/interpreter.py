@@ -19,6 +19,7 @@ from cnc.gcode.output import Output
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.perform import Performer
 from cnc.gcode.prepared import Prepared, QuickMove, prepare, without_point
+from cnc.gcode.remarks import fill
 from cnc.gcode.settings import Settings
 from cnc.gcode.statement import Assignment, Remark, Statement
 from cnc.gcode.tools import ToolTable
@@ -78,6 +79,7 @@ class Interpreter:
         probing.register(self.motion, self.modal, self.here, self.out, parameters)
         self.coordinates.bind(lambda: self.motion.position, lambda: self.modal.scale)
         system.bind(parameters, self.modal, self.here)
+        parameters.bind("_call_level", lambda: float(len(self._saved) - 1))
         self.points_wanted = dialect.decimal_points
         self._prepared: dict[int, Prepared] = {}
         self._saved: list[_Saved | None] = [None]
@@ -185,7 +187,8 @@ class Interpreter:
     def _remark(self, remark: Remark) -> None:
         here = self.here
         if remark.kind in _MESSAGES:
-            self.out.add(Message(here.file, here.line, remark.text))
+            text = remark.text if remark.kind == "msg" else fill(remark.text, self.parameters)
+            self.out.add(Message(here.file, here.line, text))
 
     def _execute(self, words: LineWords, codes: Codes | None) -> None:
         if codes is None:
@@ -270,6 +273,7 @@ class Interpreter:
         """G20, G21, G7, G8."""
         if (code := codes.get("units")) or "diameter" in codes:
             self.modal.scale = _scale(code) if code else self.modal.scale
+            self.parameters.increments = 1_000.0 if self.modal.scale == 1.0 else 10_000.0
             if diameter := codes.get("diameter"):
                 self.modal.diameter = diameter.number == 70
             self.motion.units_changed()

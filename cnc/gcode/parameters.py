@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from cnc.errors import Diagnostic, GcodeError, UsageError
-from cnc.gcode.words import fault
+from cnc.gcode.words import NEAR_WHOLE, fault
 
 LOCAL = 30
 """#1 to #30 belong to the call; FANUC's to #33."""
@@ -31,8 +31,6 @@ CURRENT_SYSTEM = 5220
 KEPT_MACRO = frozenset((*range(500, 1000), *range(5201, 5210)))
 """FANUC's common variables that stay, and the external offset of its coordinate systems."""
 COMMON_MACRO = KEPT_MACRO | frozenset(range(100, 200))
-NEAR_WHOLE = 1e-4
-"""How far from a whole number the number of a parameter may be, having been computed."""
 VACANT = math.nan
 
 _LINE = re.compile(r"\s*([0-9]+)\s+([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*")

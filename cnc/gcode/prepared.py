@@ -14,6 +14,8 @@ from cnc.gcode.parser import MAX_NUMBER
 from cnc.gcode.statement import Statement, Value
 from cnc.gcode.words import AXES, LineWords, Word, fault
 
+NEAR_CODE = 1e-3
+"""How far from a whole number ten times a computed code may be."""
 _QUICK_MOTIONS = (0, 10, 20, 30)
 _DISTANCES = AXES | frozenset("IJKR")
 _QUICK_WORDS = AXES | frozenset("FIJKR")
@@ -62,11 +64,20 @@ class Prepared:
             elif not -MAX_NUMBER <= number <= MAX_NUMBER:
                 message = f"{word.written} comes to {number:g}, which is larger than {MAX_NUMBER:.0f}"
                 raise fault("number-too-large", message, word)
+            elif word.letter in "GM":
+                words[index] = _code(word, number)
             else:
                 words[index] = Word(word.letter, number, word.written, word.column, word.length)
         for index in reversed(vacant):
             del words[index]
         return LineWords.of(words)
+
+
+def _code(word: Word, number: float) -> Word:
+    """A code that was computed, as near to a tenth as computing comes; it is called by its number from here on."""
+    tenths = round(number * 10)
+    code = tenths / 10 if abs(number * 10 - tenths) < NEAR_CODE else number
+    return Word(word.letter, code, f"{word.letter}{code:g}", word.column, word.length)
 
 
 def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> Prepared:

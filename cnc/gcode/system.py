@@ -24,6 +24,7 @@ def bind(parameters: Parameters, state: Modal, here: Here) -> None:
         "_vmajor": lambda: VERSION[0],
         "_vminor": lambda: VERSION[1],
         "_task": lambda: 0.0,
+        "_remap_level": lambda: 0.0,
         "_line": lambda: here.line,
         "_motion_mode": lambda: CANCEL if state.motion is None else state.motion,
         "_plane": lambda: _PLANE_CODES[state.plane],

@@ -26,7 +26,15 @@ class ToolSettings:
         self._coordinates = motion.coordinates
         self._table = table
         table.bind(self._coordinates.parameters, lambda: state.loaded)
-        self._coordinates.parameters.bind("_tool_offset", lambda: float(any(self._coordinates.tool_offset)))
+        parameters = self._coordinates.parameters
+        parameters.bind("_tool_offset", lambda: float(any(self._coordinates.tool_offset)))
+        parameters.bind("_current_pocket", lambda: self._pocket(state.loaded))
+        parameters.bind("_selected_pocket", lambda: self._pocket(state.tool))
+
+    def _pocket(self, tool: int | None) -> float:
+        """Where a tool is kept; 0 without one."""
+        entry = None if tool is None else self._table.tool(tool)
+        return 0.0 if entry is None else float(entry.pocket)
 
     # Offsets in effect
 

@@ -6,6 +6,7 @@ the record of which words have found a user: the interpreter refuses a line that
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NoReturn
@@ -13,6 +14,8 @@ from typing import NoReturn
 from cnc.errors import Diagnostic, GcodeError
 
 AXES = frozenset("XYZABCUVW")
+NEAR_WHOLE = 1e-4
+"""How far from a whole number a computed number may be that has to be whole. Source: LinuxCNC, which takes as much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +36,13 @@ class Word:
 
     @property
     def whole(self) -> int | None:
-        """The number where it is a whole one."""
-        return int(self.number) if self.number.is_integer() else None
+        """The number where it is a whole one; a computed one may be off by as much as computing makes it."""
+        if self.number.is_integer():
+            return int(self.number)
+        if not math.isfinite(self.number) or not ("[" in self.written or "#" in self.written):
+            return None
+        number = round(self.number)
+        return number if abs(self.number - number) < NEAR_WHOLE else None
 
 
 def fault(code: str, message: str, word: Word | None = None, hint: str = "", *, column: int = 0, length: int = 1) -> GcodeError:
