@@ -99,19 +99,21 @@ def peck(hole: Hole, how: Manner) -> Iterator[Step]:
 
 
 def tap(hole: Hole, how: Manner) -> Iterator[Step]:
-    """G84 and G74, with a floating chuck: feed in, reverse the spindle, feed out, and turn it as before."""
+    """G84 and G74, with a floating chuck: feed in, stop the spindle and reverse it, feed out, and turn it as before."""
     each = how.tap_dwell == "before-each"
     top = hole.clear if how.feed_out_to == "clear" else hole.retract
     yield Allow(overrides=False)
     yield Cut(hole.at(hole.bottom), how.feed)
     if each:
         yield Pause(how.dwell)
+    yield Turn("off")
     yield Turn(opposite(how.turning))
     if not each:
         yield Pause(how.dwell)
     yield Cut(hole.at(top), how.feed)
     if each:
         yield Pause(how.dwell)
+    yield Turn("off")
     yield Turn(how.turning)
     yield Allow(overrides=True)
     yield Rapid(hole.at(hole.clear))

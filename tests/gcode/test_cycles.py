@@ -59,8 +59,8 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
     ),
     "only the dwell of a tap may be left out": (
         "G99 G84 X4 Y5 Z-1 R1",
-        ["rapid 4 5 3", "rapid 4 5 1", "overrides false false", "line 4 5 -1 F600", "spindle ccw 1000", "line 4 5 1 F600"]
-        + ["spindle cw 1000", "overrides true true"],
+        ["rapid 4 5 3", "rapid 4 5 1", "overrides false false", "line 4 5 -1 F600", "spindle off 0", "spindle ccw 1000", "line 4 5 1 F600"]
+        + ["spindle off 0", "spindle cw 1000", "overrides true true"],
     ),
     # repeats and G91
     "L under G90 drills again": ("G99 G81 X4 Y5 Z-1 R1 L2", hole(4, 5, 3, 1, -1, 1) + hole(4, 5, 1, 1, -1, 1)[1:]),
@@ -118,13 +118,30 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
     # every cycle once
     "G74": (
         "M4\nG98 G74 X4 Y5 Z-1 R1 P0.5",
-        ["spindle ccw 1000", "rapid 4 5 3", "rapid 4 5 1", "overrides false false", "line 4 5 -1 F600", "spindle cw 1000", "dwell 0.5"]
-        + ["line 4 5 3 F600", "spindle ccw 1000", "overrides true true"],
+        [
+            "spindle ccw 1000",
+            "rapid 4 5 3",
+            "rapid 4 5 1",
+            "overrides false false",
+            "line 4 5 -1 F600",
+            "spindle off 0",
+            "spindle cw 1000",
+            "dwell 0.5",
+        ]
+        + ["line 4 5 3 F600", "spindle off 0", "spindle ccw 1000", "overrides true true"],
     ),
     "a tap leaves the overrides as they were": (
         "M51 P0\nG99 G84 X4 Y5 Z-1 R1",
-        ["overrides true false", "rapid 4 5 3", "rapid 4 5 1", "overrides false false", "line 4 5 -1 F600", "spindle ccw 1000"]
-        + ["line 4 5 1 F600", "spindle cw 1000", "overrides true false"],
+        [
+            "overrides true false",
+            "rapid 4 5 3",
+            "rapid 4 5 1",
+            "overrides false false",
+            "line 4 5 -1 F600",
+            "spindle off 0",
+            "spindle ccw 1000",
+        ]
+        + ["line 4 5 1 F600", "spindle off 0", "spindle cw 1000", "overrides true false"],
     ),
     "G85": ("G98 G85 X4 Y5 Z-1 R1", ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -1 F600", "line 4 5 1 F600", "rapid 4 5 3"]),
     "G86": (
@@ -164,8 +181,8 @@ FANUC: dict[str, tuple[str, list[str]]] = {
     ),
     "G84 dwells before each reversal and traverses above R": (
         "G84 X4. Y5. Z-1. R1. P250",
-        ["rapid 4 5 3", "rapid 4 5 1", "overrides false false", "line 4 5 -1 F600", "dwell 0.25", "spindle ccw 1000"]
-        + ["line 4 5 1 F600", "dwell 0.25", "spindle cw 1000", "overrides true true", "rapid 4 5 3"],
+        ["rapid 4 5 3", "rapid 4 5 1", "overrides false false", "line 4 5 -1 F600", "dwell 0.25", "spindle off 0", "spindle ccw 1000"]
+        + ["line 4 5 1 F600", "dwell 0.25", "spindle off 0", "spindle cw 1000", "overrides true true", "rapid 4 5 3"],
     ),
     "G89 feeds to R": (
         "G89 X4. Y5. Z-1. R1. P250",
