@@ -127,6 +127,10 @@ class TimedPulses:
         """The last grid move at the end of the path."""
         return self._interpolator.settle()
 
+    def stand_at(self, grid: NDArray[np.int64]) -> None:
+        """The machine stands at a grid point that was not planned."""
+        self._interpolator.stand_at(grid)
+
 
 class Job:
     """Fills ``report`` as it goes; see :func:`cnc.api.run` for the arguments. UsageError ``output-format`` for an unknown suffix."""

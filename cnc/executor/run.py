@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cnc.canon import Block, Dwell, End, Probe, WaitInput
 from cnc.drivers.base import PulseSink
-from cnc.errors import BoardError
+from cnc.errors import BoardError, Diagnostic
 from cnc.planner.plan import PlanChunk
 from cnc.stream import PulseChunk
 
@@ -41,6 +41,9 @@ class PulseInterpolator(Protocol):
 
     def settle(self) -> Iterator[PulseChunk]:
         """The last grid move at the end of the path."""
+
+    def stand_at(self, grid: NDArray[np.int64]) -> None:
+        """The machine stands at a grid point (axes,) that was not planned, such as where a probe made contact."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,13 +95,17 @@ class _Run:
         self.rows = 0
         self.steps = np.zeros(len(interpolator.origin_steps), dtype=np.int64)
         self.file = ""
+        self._probing: tuple[Probe, tuple[float, ...] | None] | None = None
 
     def command(self, block: Block) -> None:
         """A block between moves: the board carries it out when the motion before it has come to rest."""
+        self.probed()
         self.file = block.file
         reply = self.board.execute(block, round(self.clock * 1e9))
-        if isinstance(block, Probe | WaitInput):
+        if isinstance(block, WaitInput):
             block.answer.values = reply
+        elif isinstance(block, Probe):
+            self._probing = block, reply
         if isinstance(block, Dwell):
             self.clock += block.seconds
         self.line = block.line
@@ -109,6 +116,20 @@ class _Run:
         self.file = chunk.path.file
         self.send(self.interpolator.pulses(chunk), stop)
         self.clock = chunk.t0 + chunk.duration
+
+    def probed(self) -> None:
+        """The motion rests: if it was that of a probe, its answer counts now. BoardError ``probe-no-contact`` where there had to be one."""
+        if self._probing is None:
+            return
+        block, reply = self._probing
+        self._probing = None
+        block.answer.values = reply
+        if reply is not None:
+            self.interpolator.stand_at(self.board.position_steps)
+        if block.must and reply is not None and not reply[0]:
+            what = "made no contact" if block.towards else "did not lose contact"
+            hint = f"{'G38.3' if block.towards else 'G38.5'} goes on without"
+            raise BoardError(Diagnostic("probe-no-contact", f"the probe {what} on its way", block.file, block.line, hint=hint))
 
     def send(self, chunks: Iterable[PulseChunk], stop: threading.Event | None = None) -> None:
         """Pulses, as far as ``stop`` lets them."""
@@ -165,6 +186,8 @@ def execute(
             if isinstance(item, PlanChunk):
                 run.motion(item, stop if ramp_down is None else None)
                 at_rest = float(item.phase_v[-1]) <= REST
+                if at_rest:
+                    run.probed()
             else:
                 if isinstance(item, End):
                     run.send(interpolator.settle())

@@ -230,10 +230,6 @@ class Functions:
         seconds = not_negative(limit, "the time") if limit else 0.0
         self._out.ask(WaitInput(here.file, here.line, channel, analog, mode, seconds), self._answered)
 
-    def collect_answer(self) -> None:
-        """Take in what the board answered, before the next line is read."""
-        self._out.take_answers()
-
     def _answered(self, answer: tuple[float, ...]) -> None:
         self._parameters.values[INPUT_ANSWER] = answer[0]
 

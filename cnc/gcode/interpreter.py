@@ -89,8 +89,6 @@ class Interpreter:
     def execute(self, statement: Statement, line: int) -> None:
         """Execute a statement that stands at ``line`` of the file; the blocks are in ``out``."""
         self.here.line = line
-        if self.out.asked:
-            self.out.take_answers()
         prepared = self._prepared.get(id(statement))
         if prepared is None:
             prepared = self._prepare(statement)

@@ -113,7 +113,7 @@ def _run(flow: Flow, make: _Steps, on_line: Callable[[int], None] | None) -> Ite
             if ready:
                 yield from ready
                 ready.clear()
-                interpreter.functions.collect_answer()
+                interpreter.out.take_answers()
     except GcodeError as error:
         raise listing.placed(error, line) from None
     if on_line is not None:

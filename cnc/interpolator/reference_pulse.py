@@ -87,6 +87,10 @@ class ReferencePulse:
                 for buffer in (self._time_ns, self._step, self._line):
                     buffer[: self._filled] = buffer[ready:rows].copy()
 
+    def stand_at(self, grid: NDArray[np.int64]) -> None:
+        """The machine stands at a grid point (axes,) that was not planned: the next stretch begins within half a BLU of it."""
+        self._grid[:] = grid
+
     def settle(self) -> Iterator[PulseChunk]:
         """The path is over: the last move, of axes that ended between two equally near grid points and stand on the odd one."""
         chunk = self._latest

@@ -3,8 +3,11 @@
     blocks  ──►  records of the pieces, gathered to about a chunk  ──►  held until it is known whether the motion
                                                                        must rest at their end  ──►  chunks and blocks
 
-Motion rests at the end of the stream, before every block that isn't motion (but a message), and under exact stop (G61.1) at the end of
-every block and every straight move. PathMode ends here: nothing below asks for it.
+Motion rests at the end of the stream, before every block that isn't motion (but a message), under exact stop (G61.1) at the end of
+every block and every straight move, and at both ends of a probing move. PathMode ends here: nothing below asks for it.
+
+A probe passes through, then its move, and no block is read behind it before somebody asks for more: by then the board has answered, and
+the path goes on from where contact was.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import PLANE_AXES, ArcFeed, Block, Message, NurbsFeed, PathMode, Polyline
+from cnc.canon import PLANE_AXES, ArcFeed, Block, Message, NurbsFeed, PathMode, Polyline, Probe
 from cnc.errors import Diagnostic, GcodeError
 from cnc.kernels.curve import START
 from cnc.path.chunk import PathChunk
@@ -111,6 +114,15 @@ def build(blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, accu
                     yield from close()
         elif isinstance(block, PathMode):
             exact_stop = block.control == "exact-stop"
+        elif isinstance(block, Probe):
+            yield from rest()
+            yield block
+            gatherer.file = block.file
+            for records, feeds, lines, stops in _pieces(_probing(block), position, axes, classes, accuracy, True):
+                gatherer.add(records, feeds, lines, stops)
+            yield from rest()
+            if block.answer.values is not None:
+                position[:] = block.answer.values[1:]
         elif isinstance(block, Message):
             yield from close()
             held.append(block)
@@ -121,6 +133,11 @@ def build(blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, accu
             yield from rest()
             yield block
     yield from rest()
+
+
+def _probing(probe: Probe) -> Polyline:
+    """The move of a probe."""
+    return Polyline(probe.file, probe.line, probe.end[None], np.array([probe.feed]), np.array([probe.line], np.int32))
 
 
 def _pieces(

@@ -78,6 +78,10 @@ class Audit:
         """Largest relative difference of a period's chord from its arc."""
         return float(self._largest[STEP_DEVIATION])
 
+    def jump(self) -> None:
+        """The machine stands where no plan has ended (a probe made contact): the next plan begins there, at rest."""
+        self._known = 0
+
     def passed(self, plans: Iterable[PlanChunk]) -> Iterator[PlanChunk]:
         """Hand on each plan that is legal.
 

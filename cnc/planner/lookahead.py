@@ -18,7 +18,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import Block, Dwell, Message
+from cnc.canon import Block, Dwell, Message, Probe
 from cnc.errors import Diagnostic, MotionLimitError
 from cnc.kernels.limits import LEVELS
 from cnc.kernels.lookahead import PLANNED, START_TOO_FAST, plan_window
@@ -58,12 +58,16 @@ class LookAhead:
     def plan(self, stream: Iterable[PathChunk | Block]) -> Iterator[PlanChunk | Block]:
         """Yield plans for the path; blocks that aren't motion pass through in order, the motion before them at rest.
 
+        A stretch of path that ends at rest is planned to its end before more of the stream is asked for: what follows a probe isn't known
+        before it has been made.
+
         Raises:
             MotionLimitError: ``plan-illegal`` where a plan breaks a limit; it is not handed on.
         """
         window, audit = self._window, self.audit
         pending: PathChunk | None = None
         before = STANDSTILL
+        probe: Probe | None = None
         for item in stream:
             if isinstance(item, PathChunk):
                 if pending is not None:
@@ -71,12 +75,19 @@ class LookAhead:
                     yield from audit.passed(window.add(pending, before, junction))
                     before = junction
                 pending = item
+                if item.stop_after[-1]:
+                    yield from audit.passed(window.add(pending, before, STANDSTILL))
+                    pending, before = None, STANDSTILL
+                    if probe is not None and probe.answer.values is not None:
+                        audit.jump()
+                    probe = None
                 continue
             if pending is not None and not isinstance(item, Message):
                 yield from audit.passed(window.add(pending, before, STANDSTILL))
                 pending, before = None, STANDSTILL
             if isinstance(item, Dwell):
                 window.clock += item.seconds
+            probe = item if isinstance(item, Probe) else None
             yield item
         if pending is not None:
             yield from audit.passed(window.add(pending, before, STANDSTILL))

@@ -167,3 +167,19 @@ def test_compiled_code_is_kept_by_the_text_of_all_kernels(tmp_path, monkeypatch)
     assert jit._choose_cache_folder() == before
     (tmp_path / "callee.py").write_text("two")
     assert jit._choose_cache_folder() != before
+
+
+class Silent(Loopback):
+    """A board whose probe never makes contact."""
+
+    def execute(self, block, time_ns):
+        expected = super().execute(block, time_ns)
+        return expected and (0.0, *expected[1:])
+
+
+def test_what_the_board_answers_decides_how_the_program_goes_on(program):
+    program.write_text("G21 G90\nG38.3 Z-5 F600\no1 if [#5070 EQ 0]\nG0 X7\no1 endif\nG0 Z0\nM2\n")
+    for board, steps in ((Loopback(3), 0), (Silent(3), 7)):
+        report = run(program, board=board)
+        assert report.ok
+        assert board.position_steps[0] == steps * load_machine(None).axes["x"].steps_per_mm

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cnc.canon import Block, Dwell, End, Message, Polyline, Spindle
+from cnc.canon import Block, Dwell, End, Message, Polyline, Probe, Spindle
 from cnc.drivers.loopback import Loopback
 from cnc.errors import BoardError, Diagnostic, GcodeError
 from cnc.executor.run import Outcome, Progress, execute
@@ -51,6 +51,9 @@ class Ticker:
 
     def settle(self) -> Iterator[PulseChunk]:
         return iter(())
+
+    def stand_at(self, grid: NDArray[np.int64]) -> None:
+        self.position_steps = grid.copy()
 
 
 def go(*items: PlanChunk | Block, board: Loopback | None = None, **options: Any) -> tuple[Outcome, Loopback]:
@@ -205,6 +208,67 @@ def test_any_other_exception_aborts_too(fault: BaseException) -> None:
         execute(items(), board, Ticker())
     assert caught.value is fault
     assert board.aborted
+
+
+class Touching(Loopback):
+    """A board whose probe makes contact at a height of the third axis: pulses below are not played."""
+
+    def __init__(self, height: int | None) -> None:
+        super().__init__(3)
+        self.height = height
+        self.armed = False
+
+    def execute(self, block: Any, time_ns: int) -> tuple[float, ...] | None:
+        super().execute(block, time_ns)
+        self.armed = isinstance(block, Probe)
+        if not self.armed:
+            return None
+        height = block.end[2] if self.height is None else self.height / 100.0
+        return (0.0 if self.height is None else 1.0, *block.end[:2].tolist(), height)
+
+    def send(self, chunk: PulseChunk) -> None:
+        if self.armed and self.height is not None:
+            heights = self.position_steps[2] + np.cumsum(chunk.step[:, 2])
+            kept = heights >= self.height
+            chunk = PulseChunk(chunk.time_ns[kept], chunk.step[kept], chunk.line[kept])
+        super().send(chunk)
+
+
+def probing(board: Touching, must: bool = True) -> Outcome:
+    """A probe down to -1 mm, then a traverse back up to 0 by way of what the probe found."""
+    mill = Machine(
+        name="mill", axes={letter: Axis(steps_per_mm=100.0, max_velocity=50.0, max_acceleration=500.0, max_jerk=5000.0) for letter in "xyz"}
+    )
+    found = Probe(FILE, 2, np.array([0.0, 0.0, -1.0]), 10.0, True, must)
+
+    def blocks() -> Iterator[Block]:
+        yield found
+        assert found.answer.values is not None
+        x = found.answer.values[3]
+        yield Polyline(FILE, 3, np.array([[x, 0.0, 0.0]]), np.array([np.nan]), np.array([3], np.int32))
+
+    path = build(blocks(), axes=("x", "y", "z"), start=np.zeros(3))
+    return execute(LookAhead(mill).plan(path), board, ReferencePulse([100.0] * 3, np.zeros(3)))
+
+
+def test_after_a_probe_the_motion_goes_on_from_contact() -> None:
+    board = Touching(-40)
+    outcome = probing(board)
+    assert outcome.position_steps.tolist() == board.position_steps.tolist() == [-40, 0, 0]
+    assert board.steps.tolist() == [40, 0, 80]
+    assert outcome.finished
+
+
+def test_a_probe_that_must_find_something() -> None:
+    with pytest.raises(BoardError) as caught:
+        probing(Touching(None))
+    found = caught.value.diagnostic
+    assert (found.code, found.line, found.file) == ("probe-no-contact", 2, FILE)
+
+
+def test_a_probe_that_may_find_nothing() -> None:
+    board = Touching(None)
+    assert probing(board, must=False).position_steps.tolist() == [-100, 0, 0]
 
 
 def test_a_stop_at_any_moment_comes_to_rest_on_the_path() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from cnc.canon import Block, Probe
 from cnc.gcode.program import interpret
+from cnc.gcode.text import Text
 from gcode_cases import refused, rows, said
 
 BEGIN = "G21 F600\nG0 X1 Y2 Z3\n"
@@ -39,7 +40,7 @@ def test_probing_without_a_board(name: str) -> None:
 
 def answered(source: str, *values: float) -> Iterator[Block]:
     """The blocks of a program, each probe answered as it comes by."""
-    for block in interpret((BEGIN + source).split("\n"), file="test.nc"):
+    for block in interpret(Text.of_lines((BEGIN + source).split("\n"), "test.nc")):
         if isinstance(block, Probe):
             block.answer.values = values
         yield block

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cnc.canon import Dwell, End, Message, NurbsFeed, PathMode, Polyline, Spindle
+from cnc.canon import Dwell, End, Message, NurbsFeed, PathMode, Polyline, Probe, Spindle
 from cnc.errors import GcodeError
 from cnc.kernels.curve import ARC, LINE, SPAN
 from cnc.path.build import MOST_NUMBERS, MOST_PIECES, build
@@ -63,6 +63,34 @@ def test_one_chunk_of_everything():
 )
 def test_order_and_stops(blocks, expected):
     assert stops(built(*blocks)) == expected
+
+
+def probe(end, line=5):
+    return Probe("part.nc", line, np.array(end, float), 2.0, True, True)
+
+
+def test_a_probe_rests_at_both_ends():
+    items = built(lines([[1, 0, 0]]), probe([1, 0, -5]), lines([[2, 0, 0]]))
+    assert stops(items) == [[True], "Probe", [True], [True]]
+    assert items[2].feed.tolist() == [2.0] and items[2].line.tolist() == [5]
+    assert evaluate(items[3], 0, ends(items[3], 0)[0])[0].tolist() == [1, 0, -5]
+
+
+def test_behind_a_probe_nothing_is_read_before_it_was_made():
+    read = []
+
+    def program():
+        for block in (probe([0, 0, -5]), lines([[2, 0, 0]])):
+            read.append(block)
+            yield block
+
+    stream = build(program(), axes=XYZ, start=ORIGIN)
+    asked = next(stream)
+    move = next(stream)
+    assert len(read) == 1 and isinstance(move, PathChunk)
+    asked.answer.values = (1.0, 0.0, 0.0, -3.0)
+    (after,) = stream
+    assert evaluate(after, 0, ends(after, 0)[0])[0].tolist() == [0, 0, -3]
 
 
 def test_an_exact_stop_is_no_stop_between_spans():

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from cnc.canon import Block, Dwell, PathMode
 from cnc.errors import MotionLimitError
 from cnc.machine.models import Axis, Machine
+from cnc.path.build import build
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
@@ -138,6 +139,23 @@ def test_other_blocks_come_in_order_with_the_motion_before_them_at_rest():
     after = [item for item in items[where:] if isinstance(item, PlanChunk)]
     assert before[-1].phase_v[-1] == 0.0
     assert after[0].t0 == pytest.approx(before[-1].t0 + before[-1].duration + 0.5, rel=1e-12)
+
+
+def test_what_ends_at_rest_is_planned_before_more_is_read():
+    mill, read = machine(), []
+
+    def stream():
+        for number in range(3):
+            read.append(number)
+            yield from build([lines([[20.0 * (number + 1), 0, 0]])], axes=("x", "y", "z"), start=np.array([20.0 * number, 0, 0]))
+
+    made = LookAhead(mill).plan(stream())
+    for number in range(3):
+        chunk = next(made)
+        assert isinstance(chunk, PlanChunk)
+        while chunk.phase_v[-1] > 0:
+            chunk = next(made)
+        assert read == list(range(number + 1))
 
 
 def test_chains_cut_into_pieces_take_as_long_as_the_whole():
