@@ -23,6 +23,7 @@ import numpy as np
 
 from cnc.canon import ArcFeed, Block, Plane
 from cnc.errors import CncError
+from cnc.gcode.here import Here
 from cnc.gcode.offset_curves import SLACK, Curve, Round, TrueArc, join, leading_in, round_offset, straight_offset, true_arcs
 from cnc.gcode.words import Word, fault
 
@@ -35,10 +36,10 @@ Side = Literal["left", "right"]
 class Emit(Protocol):
     """Where the moves of the tool's centre go."""
 
-    def move(self, end: list[float], feed: float, line: int) -> None:
+    def place(self, end: list[float], feed: float, line: int, file: str) -> None:
         """A straight move to ``end`` (axes,); NaN feed for a traverse."""
 
-    def add(self, block: Block) -> None:
+    def put(self, block: Block) -> None:
         """Any other block."""
 
 
@@ -49,6 +50,7 @@ class _Straight:
     end: list[float]
     feed: float
     line: int
+    file: str
 
 
 @dataclass(slots=True)
@@ -69,23 +71,19 @@ class _Held:
     around: tuple[complex, complex] | None = None
     entry: bool = False
 
-    def fault(self, code: str, message: str, hint: str) -> CncError:
-        """An error at this move, whichever line is being read."""
-        return fault(code, message, self.at, hint).at(file=self.file, line=self.line)
-
 
 class Compensation:
     """The filter that turns programmed moves into those of the tool's centre.
 
     Positions are machine coordinates, mm (degrees for rotary axes), in the machine's order of axes. ``on`` from G41 or G42 to G40;
-    ``active`` also until the first move after G40 has led back: as long as it says so every move and every other block has to come through
-    here. ``file`` names the file that the lines come from.
+    ``active`` also until the first move after G40 has led back: as long as it says so, every move has to come through here; as long as it
+    is on, every other block, too. ``here`` tells in which file the lines stand.
     """
 
-    def __init__(self, emit: Emit, file: str = "") -> None:
-        self.file = file
+    def __init__(self, emit: Emit, here: Here) -> None:
         self.on = False
         self._emit = emit
+        self._text = here
         self._side = 0
         self._radius = 0.0
         self._shift = 0j
@@ -112,7 +110,6 @@ class Compensation:
         columns: tuple[int, int],
         position: list[float],
         at: Word | None = None,
-        line: int = 0,
         *,
         shift: tuple[float, float] = (0.0, 0.0),
     ) -> None:
@@ -124,7 +121,7 @@ class Compensation:
         Raises GcodeError ``compensation-already-on`` at ``at``.
         """
         if self.on:
-            raise fault("compensation-already-on", "cutter compensation is on already", at, "give G40 before").at(line=line or None)
+            raise fault("compensation-already-on", "cutter compensation is on already", at, "give G40 before")
         self.on, self._first = True, True
         self._radius = abs(radius)
         self._side = 0 if radius == 0.0 else 1 if (side == "left") == (radius > 0.0) else -1
@@ -136,6 +133,10 @@ class Compensation:
         if self._side:
             self._here = self._point(self._last) - self._shift
             self._leaving = False
+
+    def led_out(self) -> None:
+        """A move that does not come through here has led back to the programmed path."""
+        self._leaving = False
 
     def stop(self) -> None:
         """G40, or the end of the program: the move that is held ends beside its end point."""
@@ -155,19 +156,19 @@ class Compensation:
         """
         if self._side == 0:
             self._leaving = False
-            self._emit.move(end, feed, line)
+            self._emit.place(end, feed, line, self._text.file)
             return
         point = self._point(end)
         if abs(point - self._programmed) <= SLACK:
-            self._wait(_Straight(end, feed, line))
+            self._wait(_Straight(end, feed, line, self._text.file))
             return
         curve = straight_offset(self._programmed, point, self._side, self._radius)
-        held = _Held(curve, end, feed, line, self.file, at)
+        held = _Held(curve, end, feed, line, self._text.file, at)
         if self._first and curve.length <= self._radius:
             message = (
                 f"the first compensated move is {curve.length:.6g} mm long, which must be more than the tool radius, {self._radius:.6g} mm"
             )
-            raise held.fault("compensation-entry", message, "start farther away from the contour")
+            raise self._fault(held, "compensation-entry", message, "start farther away from the contour")
         self._next(held)
 
     def arc(self, block: ArcFeed, at: Word | None = None) -> None:
@@ -176,14 +177,12 @@ class Compensation:
         Raises GcodeError ``compensation-arc-radius``, ``compensation-exit``, and those of :meth:`move`.
         """
         if self._side == 0:
-            if self._leaving:
-                message = "the first move after G40 must be a straight one"
-                raise fault("compensation-exit", message, at, "lead out with G0 or G1")
-            self._emit.add(block)
+            self.refuse_curve(at)
+            self._emit.put(block)
             return
         if self._first and abs(block.turns) >= 1.0:
             message = "the first compensated move can't be a full circle"
-            raise self._arc_fault(block, at, "compensation-entry", message, "lead in with a straight move, or an arc of less than a turn")
+            raise fault("compensation-entry", message, at, "lead in with a straight move, or an arc of less than a turn")
         start = self._programmed
         first = np.asarray(self._last if self._held is None else self._held.end)
         for waiting in self._waiting:
@@ -192,6 +191,11 @@ class Compensation:
             end = block.end if arc.share == 1.0 else first + arc.share * (block.end - first)
             self._next(self._held_arc(start, arc, block, end.tolist(), at))
             start = arc.end
+
+    def refuse_curve(self, at: Word | None = None) -> None:
+        """GcodeError ``compensation-exit`` where the next move has to lead out: it must be a straight one."""
+        if self._leaving:
+            raise fault("compensation-exit", "the first move after G40 must be a straight one", at, "lead out with G0 or G1")
 
     def add(self, block: Block) -> None:
         """A block that is no move: it happens where the move before it ends.
@@ -204,18 +208,15 @@ class Compensation:
         curve = round_offset(start, arc, self._side, self._radius)
         if curve is None:
             message = f"an arc of radius {block.radius:.6g} mm, cut on its inside by a tool of radius {self._radius:.6g} mm"
-            raise self._arc_fault(block, at, "compensation-arc-radius", message, "the radius must be more than the tool's")
+            raise fault("compensation-arc-radius", message, at, "the radius must be more than the tool's")
         if self._first:
             curve = leading_in(self._here, curve)
             if curve is None or curve.radius <= self._radius:
                 message = "no arc larger than the tool leads from here tangentially to the end of this one"
-                raise self._arc_fault(block, at, "compensation-entry", message, "lead in with a straight move")
+                raise fault("compensation-entry", message, at, "lead in with a straight move")
         end = end.copy()
         end[self._columns[0]], end[self._columns[1]] = arc.end.real, arc.end.imag
         return _Held(curve, end, block.feed, block.line, block.file, at, block)
-
-    def _arc_fault(self, block: ArcFeed, at: Word | None, code: str, message: str, hint: str) -> CncError:
-        return fault(code, message, at, hint).at(file=block.file, line=block.line)
 
     # Holding back
 
@@ -242,18 +243,18 @@ class Compensation:
             return
         if len(self._waiting) >= MAX_WAITING:
             message = f"more than {MAX_WAITING} blocks after a compensated move without the next one in its plane"
-            raise self._held.fault("compensation-look-ahead", message, "give G40 before them")
+            raise self._fault(self._held, "compensation-look-ahead", message, "give G40 before them")
         self._waiting.append(item)
 
     def _pass(self, item: _Straight | Block) -> None:
         """What leaves the plane's axes where they are."""
         if not isinstance(item, _Straight):
-            self._emit.add(item)
+            self._emit.put(item)
             return
         if self._first:
             self._here = self._point(item.end) - self._shift
         end = self._placed(item.end, self._here)
-        self._emit.move(end, item.feed, item.line)
+        self._emit.place(end, item.feed, item.line, item.file)
         self._last = end
 
     def _finish(self, held: _Held, leave: complex, cut: float) -> None:
@@ -268,9 +269,9 @@ class Compensation:
             center = curve.center + self._shift
             turns = curve.spin * part / math.tau
             around, radius = (center.real, center.imag), abs(self._here - curve.center)
-            self._emit.add(replace(block, center=around, end=np.array(end), radius=radius, turns=turns))
+            self._emit.put(replace(block, center=around, end=np.array(end), radius=radius, turns=turns))
         elif abs(leave - self._here) > SLACK or self._moves_across(end):
-            self._emit.move(end, held.feed, held.line)
+            self._emit.place(end, held.feed, held.line, held.file)
         self._here, self._last = leave, end
         for item in self._waiting:
             self._pass(item)
@@ -292,17 +293,22 @@ class Compensation:
             steps = math.ceil(abs(turned) / (math.pi / 4))
             for step in range(steps):
                 vertex = corner + ray * cmath.rect(1.0 / math.cos(turned / steps / 2), turned * (step + 0.5) / steps)
-                self._emit.move(self._placed(self._last, vertex), held.feed, held.line)
-            self._emit.move(end, held.feed, held.line)
+                self._emit.place(self._placed(self._last, vertex), held.feed, held.line, held.file)
+            self._emit.place(end, held.feed, held.line, held.file)
         else:
             center = corner + self._shift
             around, turns = (center.real, center.imag), turned / math.tau
-            self._emit.add(ArcFeed(held.file, held.line, self._plane, around, np.array(end), self._radius, turns, held.feed))
+            self._emit.put(ArcFeed(held.file, held.line, self._plane, around, np.array(end), self._radius, turns, held.feed))
         self._here, self._last = enter, end
 
     def _gouge(self, held: _Held, what: str) -> CncError:
         message = f"a tool of radius {self._radius:.6g} mm can't make this move without cutting into the contour of {what}"
-        return held.fault("compensation-gouge", message, "take a smaller tool, or give its corners larger radii")
+        return self._fault(held, "compensation-gouge", message, "take a smaller tool, or give its corners larger radii")
+
+    def _fault(self, held: _Held, code: str, message: str, hint: str) -> CncError:
+        """An error at a move that may stand in an earlier line, or even in another file."""
+        error = fault(code, message, held.at, hint)
+        return error.at(line=held.line, file=held.file if held.file != self._text.file else None)
 
     # Points of the plane
 

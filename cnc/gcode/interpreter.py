@@ -21,11 +21,12 @@ from cnc.gcode.perform import Performer
 from cnc.gcode.prepared import Prepared, QuickMove, prepare, without_point
 from cnc.gcode.remarks import fill
 from cnc.gcode.settings import Settings
+from cnc.gcode.sides import Sides
 from cnc.gcode.statement import Assignment, Remark, Statement
 from cnc.gcode.tools import ToolTable
 from cnc.gcode.toolsettings import ToolSettings
 from cnc.gcode.unused import unused
-from cnc.gcode.words import LineWords, fault, whole
+from cnc.gcode.words import LineWords, Word, fault, whole
 from cnc.units import MM_PER_INCH
 
 MOST_PREPARED = 8192
@@ -69,6 +70,7 @@ class Interpreter:
         self.motion = Motion(axes, dialect, self.here, self.modal, position, self.coordinates, self.out)
         self.tools = ToolSettings(dialect, self.modal, self.motion, ToolTable() if tools is None else tools)
         self.settings = Settings(dialect, self.modal, self.motion, self.tools)
+        self.sides = Sides(dialect, self.here, self.modal, self.motion, self.tools, self.out)
         splines.register(self.motion, self.modal, self.here)
         nurbs.register(self.motion, dialect, self.modal, self.here)
         nurbs_ngc.register(self.motion, self.modal, self.here, self._feed)
@@ -123,6 +125,7 @@ class Interpreter:
         """The program ends without M2, M30 or ``%``; an error inside a curve."""
         if self.motion.collector:
             self.motion.collector.end("the program ends before the curve is complete")
+        self.sides.off()
         self.out.flush()
 
     def entered(self) -> None:
@@ -155,6 +158,7 @@ class Interpreter:
             state.motion in _QUICK_MOTIONS
             and state.feed_mode == "per-minute"
             and motion.collector is None
+            and not motion.compensation.active
             and not self.coordinates.rotation
         )
 
@@ -219,6 +223,7 @@ class Interpreter:
         if self.dialect.units_before_feed:
             self._units(codes)
         self._feed(words, codes)
+        self.sides.refuse(codes)
         functions.speed_and_tool(words, codes)
         functions.input_output(words, codes)
         functions.tool_change(words, codes)
@@ -231,6 +236,8 @@ class Interpreter:
         if code := codes.get("plane"):
             state.plane = PLANES[code.number]
         self._units(codes)
+        if code := codes.get("compensation"):
+            self.sides.code(words, code)
         if code := codes.get("tool-length"):
             self.tools.tool_length(words, code)
         if code := codes.get("system"):
@@ -292,9 +299,12 @@ class Interpreter:
                 raise fault(
                     "state-not-saved", "M72 without a saved state", code.word, "save it with M70 before, at the same level of calls"
                 )
-            self._restore(saved)
+            self._restore(saved, code.word)
 
-    def _restore(self, saved: _Saved) -> None:
+    def _restore(self, saved: _Saved, at: Word | None = None) -> None:
+        if self.motion.compensated and (saved[0].plane != self.modal.plane or saved[1] != self.coordinates.save()):
+            message = "another plane or coordinate system would be in effect again, under cutter compensation"
+            raise fault("compensation-active", message, at, "give G40 and a move before")
         self.functions.restore(saved[0])
         self.coordinates.restore(saved[1])
         self.motion.units_changed()
@@ -302,6 +312,8 @@ class Interpreter:
     def _stop(self, code: Code) -> None:
         if self.motion.collector:
             raise fault("nurbs-foreign-word", f"{code.word.written} can't stand in the line of a spline", code.word)
+        if code.number in (2, 30):
+            self.sides.off()
         self.ended = self.functions.stop(code)
         if self.ended:
             self.coordinates.end()

@@ -15,11 +15,12 @@ import numpy as np
 from cnc.canon import PLANE_AXES, ROTARY_LETTERS, ArcFeed, NurbsFeed
 from cnc.errors import GcodeError
 from cnc.gcode import arcs
+from cnc.gcode.compensation import Compensation
 from cnc.gcode.coordinates import Coordinates
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.functions import surface_rpm
 from cnc.gcode.here import Here
-from cnc.gcode.modal import CANCEL, NURBS, Code, Codes, Feed, Modal, feed_of
+from cnc.gcode.modal import BSPLINE, CANCEL, NURBS, Code, Codes, Feed, Modal, feed_of
 from cnc.gcode.output import Output
 from cnc.gcode.parser import MAX_NUMBER
 from cnc.gcode.prepared import QuickMove
@@ -34,6 +35,7 @@ _MOTION_NAMES = {0: "G0", 10: "G1", 20: "G2", 30: "G3"}
 _CENTER_WORDS = {"x": "I", "y": "J", "z": "K"}
 _PLANE_LETTERS = {plane: [_CENTER_WORDS[axis] for axis in pair] for plane, pair in PLANE_AXES.items()}
 _ARC_WORDS = frozenset("IJKR")
+_CURVES = (50, 51, 52, NURBS, BSPLINE)
 _NOWHERE = Word("G", 2.0, "G2", 1, 1)
 """Where errors of the quick way stand: nobody sees them, the slow way finds them again."""
 _TAKES_AXES = (100, 280, 300, 520, 920)
@@ -57,8 +59,8 @@ class Motion:
     """Where the machine stands and how it moves.
 
     ``position`` is the programmed one in machine coordinates; ``column`` tells the column of an axis letter; ``handlers`` makes the moves
-    of motion codes other than G0 to G3; ``collector`` is the curve that is being collected, if any; ``compensated`` tells that cutter
-    compensation is on; ``before`` is the motion code that was in effect before the line.
+    of motion codes other than G0 to G3; ``collector`` is the curve that is being collected, if any; ``compensation`` turns moves into those
+    of the tool's centre; ``before`` is the motion code that was in effect before the line.
     """
 
     def __init__(
@@ -76,7 +78,7 @@ class Motion:
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
         self.coordinates = coordinates
         self.collector: Collector | None = None
-        self.compensated = False
+        self.compensation = Compensation(out, here)
         self.handlers: dict[int, Handler] = {}
         self.scales: list[float] = []
         self.before: int | None = None
@@ -87,6 +89,7 @@ class Motion:
         self._state = state
         self._out = out
         self._machine_words = False
+        self._at: Word | None = None
         columns = {axis: index for index, axis in enumerate(axes)}
         self._planes = {
             plane: (columns[first], columns[second])
@@ -94,6 +97,11 @@ class Motion:
             if first in columns and second in columns
         }
         self.units_changed()
+
+    @property
+    def compensated(self) -> bool:
+        """Whether cutter compensation is on."""
+        return self.compensation.on
 
     def units_changed(self) -> None:
         """Millimetres (or degrees) a unit of each axis word, after G20, G21, G7 or G8."""
@@ -178,6 +186,8 @@ class Motion:
         if motion is None:
             return
         code = explicit.word if explicit else None
+        if self.compensation.active:
+            self._at = code or min(words.rest.values(), key=lambda word: word.column)
         if motion == 0:
             self.traverse(self.target(words, "G0", self.position, machine=self._machine_words))
         elif motion == 10:
@@ -187,21 +197,28 @@ class Motion:
         elif motion in (20, 30):
             self._arc(words, motion, code)
         else:
+            if motion in _CURVES:
+                self.compensation.refuse_curve(self._at)
             self.handlers[motion](words, explicit)
 
     def traverse(self, end: list[float]) -> None:
         """A straight move as fast as the axes allow, to a machine position."""
-        self._out.move(end, math.nan, self._here.line)
-        self.position = end
+        self.feed_to(end, math.nan)
 
     def feed_to(self, end: list[float], feed: float) -> None:
         """A straight move at ``feed`` mm/s, to a machine position."""
-        self._out.move(end, feed, self._here.line)
+        if self.compensation.active:
+            self.compensation.move(end, feed, self._here.line, self._at)
+        else:
+            self._out.move(end, feed, self._here.line)
         self.position = end
 
     def arc(self, block: ArcFeed) -> None:
         """An arc from the position."""
-        self._out.add(block)
+        if self.compensation.active:
+            self.compensation.arc(block, self._at)
+        else:
+            self._out.add(block)
         self.position = block.end.tolist()
 
     def spline(self, block: NurbsFeed) -> None:
@@ -342,15 +359,15 @@ class Motion:
         here = self._here
         self.arc(ArcFeed(here.file, here.line, state.plane, arc.center, np.array(end), arc.radius, arc.turns, feed))
 
-    def plane_columns(self, at: Word) -> tuple[int, int]:
-        """The columns of the plane's two axes."""
+    def plane_columns(self, at: Word, what: str = "an arc") -> tuple[int, int]:
+        """The columns of the plane's two axes, for ``what`` lies in it."""
         state = self._state
         first, second = PLANE_AXES[state.plane]
         for axis in (first, second):
             if axis not in self.axes:
-                raise fault("axis-missing", f"an arc in the {state.plane} plane, but the machine has no {axis.upper()} axis", at)
+                raise fault("axis-missing", f"{what} in the {state.plane} plane, but the machine has no {axis.upper()} axis", at)
         if self.coordinates.rotation and state.plane != "XY":
-            message = f"an arc in the {state.plane} plane of a rotated coordinate system lies in no plane of the machine"
+            message = f"{what} in the {state.plane} plane of a rotated coordinate system lies in no plane of the machine"
             raise fault("arc-rotated", message, at, "use a coordinate system without R")
         return self.axes.index(first), self.axes.index(second)
 

@@ -20,12 +20,14 @@ Take = Callable[[tuple[float, ...]], None]
 class Output:
     """Collects the blocks of a program in order. ``ready`` holds those that can be handed on; the caller empties it.
 
-    ``asked`` are blocks whose answers have not been taken in yet; they are there when the next line is read.
+    ``asked`` are blocks whose answers have not been taken in yet; they are there when the next line is read. ``hold`` is who decides when
+    blocks that are no moves follow the moves before them, where that is not at once.
     """
 
     def __init__(self, here: Here, axes: int) -> None:
         self.ready: list[Block] = []
         self.asked: list[tuple[Probe | WaitInput, Take]] = []
+        self.hold: Callable[[Block], None] | None = None
         self._here = here
         self._axes = axes
         self._points: list[float] = []
@@ -59,6 +61,21 @@ class Output:
 
     def add(self, block: Block) -> None:
         """Any other block."""
+        if self.hold is None:
+            self.put(block)
+        else:
+            self.hold(block)
+
+    def place(self, end: list[float], feed: float, line: int, file: str) -> None:
+        """A straight move that may stand in another file than the line being executed."""
+        if file == self._here.file:
+            self.move(end, feed, line)
+            return
+        self.flush()
+        self.ready.append(Polyline(file, line, np.array([end]), np.array([feed]), np.array([line], dtype=np.int32)))
+
+    def put(self, block: Block) -> None:
+        """Any other block, right behind the moves."""
         self.flush()
         self.ready.append(block)
 

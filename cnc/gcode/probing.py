@@ -59,6 +59,7 @@ class Probing:
         feed = motion.feed(words, end, motion.distance(end), at)
         block = Probe(here.file, here.line, np.array(end), feed, towards, must)
         self._out.ask(block, self._found)
+        motion.compensation.led_out()
 
     def _found(self, answer: tuple[float, ...]) -> None:
         """Take in what the board (or nobody) answered: whether there was contact, and the machine position of it."""

@@ -7,7 +7,7 @@ from cnc.gcode.modal import NURBS, Modal
 from cnc.gcode.words import LineWords, fault
 
 _HINTS = {
-    "D": "D belongs to cutter compensation, which is not supported",
+    "D": "D belongs to G41 and G42 (the tool's number), G41.1 and G42.1 (its diameter) and G96 (the highest speed)",
     "E": "numbers have no exponent",
     "F": "under G93 an F word belongs to the move in its line",
     "H": "H belongs to G43, G43.2 and G44: the number of the offset",

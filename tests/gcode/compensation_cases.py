@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from cnc.canon import ArcFeed, Block, Dwell
 from cnc.errors import Diagnostic, GcodeError
 from cnc.gcode.compensation import Compensation
+from cnc.gcode.here import Here
 from cnc.gcode.words import Word
 
 Row = tuple[Any, ...]
 FEED = 10.0
+HERE = Here("test.nc", None)
 WORD = Word("X", 1.0, "X1", 7, 2)
 
 
@@ -55,12 +57,12 @@ class Recorder:
     lines: list[int] = field(default_factory=list)
     feeds: list[float] = field(default_factory=list)
 
-    def move(self, end: list[float], feed: float, line: int) -> None:
+    def place(self, end: list[float], feed: float, line: int, file: str) -> None:
         self.rows.append(("rapid" if math.isnan(feed) else "line", *end))
         self.lines.append(line)
         self.feeds.append(feed)
 
-    def add(self, block: Block) -> None:
+    def put(self, block: Block) -> None:
         if isinstance(block, ArcFeed):
             self.rows.append(("arc", *block.end.tolist(), *block.center, block.radius, block.turns))
         else:
@@ -88,7 +90,7 @@ def send(compensation: Compensation, moves: list[Move], position: list[float]) -
 def record(moves: list[Move], side: Literal["left", "right"], radius: float, *, start: Row = (0.0, 0.0, 0.0)) -> Recorder:
     """A contour from ``start`` to G40."""
     recorder = Recorder()
-    compensation = Compensation(recorder, "test.nc")
+    compensation = Compensation(recorder, HERE)
     compensation.start(side, radius, "XY", (0, 1), list(start))
     send(compensation, moves, list(start))
     compensation.stop()

@@ -11,7 +11,7 @@ import pytest
 from cnc.canon import ArcFeed
 from cnc.errors import GcodeError
 from cnc.gcode.compensation import MAX_WAITING, Compensation
-from compensation_cases import FEED, WORD, Arc, Line, Move, Recorder, Row, record, same, send
+from compensation_cases import FEED, HERE, WORD, Arc, Line, Move, Recorder, Row, record, same, send
 
 H = math.sqrt(0.5)
 
@@ -227,7 +227,7 @@ def test_an_arc_leads_in(side: str, x: float, c: float) -> None:
 
 def test_the_next_move_after_g40_leads_out() -> None:
     recorder = Recorder()
-    compensation = Compensation(recorder, "test.nc")
+    compensation = Compensation(recorder, HERE)
     compensation.start("left", 2.0, "XY", (0, 1), [0.0, 0.0, 0.0])
     send(compensation, [Line(10, 0), Line(20, 0)], [0.0, 0.0, 0.0])
     compensation.stop()
@@ -240,7 +240,7 @@ def test_the_next_move_after_g40_leads_out() -> None:
 
 def test_on_again_without_leading_out() -> None:
     recorder = Recorder()
-    compensation = Compensation(recorder, "test.nc")
+    compensation = Compensation(recorder, HERE)
     for side in ("left", "right"):
         compensation.start(side, 2.0, "XY", (0, 1), [0.0 if side == "left" else 20.0, 0.0, 0.0])
         send(compensation, [Line(20, 0) if side == "left" else Line(40, 0)], [0.0, 0.0, 0.0])
@@ -249,7 +249,7 @@ def test_on_again_without_leading_out() -> None:
 
 
 def test_g40_without_a_move_leaves_nothing_behind() -> None:
-    compensation = Compensation(Recorder(), "test.nc")
+    compensation = Compensation(Recorder(), HERE)
     compensation.start("left", 2.0, "XY", (0, 1), [1.0, 2.0, 3.0])
     compensation.stop()
     assert not compensation.active
@@ -258,7 +258,7 @@ def test_g40_without_a_move_leaves_nothing_behind() -> None:
 # Z X plane, columns 2 and 0: left of +X is -Z.
 def test_another_plane() -> None:
     recorder = Recorder()
-    compensation = Compensation(recorder, "test.nc")
+    compensation = Compensation(recorder, HERE)
     compensation.start("left", 5.0, "ZX", (2, 0), [0.0, 1.0, 0.0])
     compensation.move([20.0, 1.0, 0.0], FEED, 1)
     compensation.move([20.0, 1.0, 20.0], FEED, 2)
@@ -270,7 +270,7 @@ def test_another_plane() -> None:
 def test_the_control_point_of_a_lathe_tool() -> None:
     """The rows of the nose's centre, moved by the shift; the way in and out is that of the control point itself."""
     recorder = Recorder()
-    compensation = Compensation(recorder, "test.nc")
+    compensation = Compensation(recorder, HERE)
     compensation.start("left", 5.0, "ZX", (2, 0), [0.0, 1.0, 0.0], shift=(-5.0, -5.0))
     compensation.move([20.0, 1.0, 0.0], FEED, 1)
     compensation.move([20.0, 1.0, 20.0], FEED, 2)
@@ -287,7 +287,7 @@ def test_feeds_stay_those_of_the_program() -> None:
 
 def test_other_axes_go_where_they_are_sent() -> None:
     recorder = Recorder()
-    compensation = Compensation(recorder, "test.nc")
+    compensation = Compensation(recorder, HERE)
     compensation.start("left", 2.0, "XY", (0, 1), [0.0, 0.0, 0.0, 0.0])
     compensation.move([10.0, 0.0, 0.0, 90.0], FEED, 1)
     compensation.move([10.0, 10.0, 0.0, 180.0], FEED, 2)
@@ -315,7 +315,7 @@ def test_an_arc_off_its_circle_is_made_true(angle: float, pieces: int) -> None:
 
 
 def test_what_waits_is_bounded() -> None:
-    compensation = Compensation(Recorder(), "test.nc")
+    compensation = Compensation(Recorder(), HERE)
     compensation.start("left", 2.0, "XY", (0, 1), [0.0, 0.0, 0.0])
     compensation.move([10.0, 0.0, 0.0], FEED, 1, WORD)
     for line in range(MAX_WAITING):

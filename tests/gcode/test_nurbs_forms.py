@@ -128,9 +128,9 @@ def test_inner_knots_may_stand_up_to_the_degree() -> None:
     assert block.knots.tolist() == [0, 0, 0, 1, 1, 2, 2, 2]
 
 
-@pytest.mark.parametrize("code", ["G41 D1", "G42 D1"])
-def test_cutter_compensation_is_refused_before_a_curve_can_meet_it(code: str) -> None:
-    assert refused(code).code == "code-not-supported"
+@pytest.mark.parametrize("code", ["G41.1 D1", "G42.1 D1"])
+def test_no_curve_under_cutter_compensation(code: str) -> None:
+    assert refused(f"{code}\n{paper()}").code == "nurbs-wrong-mode"
 
 
 def test_axes_of_a_machine_named_like_knots_are_left_alone() -> None:

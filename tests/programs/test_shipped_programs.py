@@ -31,6 +31,7 @@ def test_one_for_every_family():
         "trident-as-printed.nc",
         "fanuc-nurbs.nc",
         "bezier.nc",
+        "compensation.nc",
         "ngc-nurbs.nc",
         "siemens-bspline.nc",
         "engraving.nc",
