@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Literal
 
 from cnc.canon import PathControl, Plane
+from cnc.errors import GcodeError
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.words import Word, fault
 from cnc.units import per_second
@@ -74,16 +75,30 @@ Codes = dict[str, Code]
 """The codes of a line by modal group."""
 
 
+CALLS_M, CALL_G = (98, 99), 650
+"""Codes that the flow of control takes out of a line before it is executed."""
+
+
 def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
     """The codes of a line by modal group. Refuses what the dialect lacks, and two codes of one group."""
     found: Codes = {}
     for word in g:
         number = dialect.check_g(word) if word.letter == "G" else BSPLINE
+        if number == CALL_G:
+            raise _call_left(word)
         _add(found, GROUP_OF_G[number], Code(number, word))
     for word in m:
         number = dialect.check_m(word)
+        if number in CALLS_M:
+            raise _call_left(word)
         _add(found, GROUP_OF_M[number], Code(number, word))
     return found
+
+
+def _call_left(word: Word) -> GcodeError:
+    """The error for a call or return that the flow of control did not take: it was computed, or is the second of its line."""
+    message = f"{word.written} can't be understood as a call or a return here"
+    return fault("call-not-alone", message, word, "write M98, M99 or G65 as it is, one in a line")
 
 
 def _add(found: Codes, group: str, code: Code) -> None:

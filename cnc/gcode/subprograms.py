@@ -17,6 +17,9 @@ from cnc.gcode.statement import Control, Value
 from cnc.gcode.text import Text
 from cnc.gcode.words import fault
 
+MAX_LABEL = 999_999_999
+"""Highest label that a call may compute."""
+
 _FILE_NAME = re.compile(r"[a-z0-9_-]+")
 _SUFFIXES = (".ngc", ".nc")
 
@@ -151,7 +154,7 @@ class Call:
 
     def _number(self, label: Value, parameters: Parameters) -> str:
         number = label(parameters)
-        if number != number or number < 0 or number != int(number):
+        if not 0 <= number <= MAX_LABEL or number != int(number):
             raise self._fault("label-bad", f"o[..] comes to {number:g}, which is no label", "labels are whole numbers from 0")
         return str(int(number))
 

@@ -55,7 +55,8 @@ spline: {curve} | {curve} | {curve}
    | G5.2 P1 L3\n{flat} P1\n{any}\n{flat} P1\n{move}
 bspline: BSPLINE SD={small} X{v} Y{v}\nX{v} Y{v} PL={p}\nX{v} Y{v} PW={p}\n{flat}\nG1 X{v} | BSPLINE X{v} Y{v} PW={p}\nX{v} PL=0\nG0 {axes}
    | BSPLINE {axes} | SD=3 {move} | BSPLINE SD=2 X1\nX2 PL=1\nX3 PL=1\nM2
-words: {code} {any?} {any?} | {code} {code?} {axes?} {any?} | {any} {any?} {code?} {any?} | {code}{any} | {code} {axes} {feed?} {any?}
+words: {code} {any?} {any?} | G{v} {axes} | M{v} | {code} {code?} {axes?} {any?} | {any} {any?} {code?} {any?}
+   | {code}{any} | {code} {axes} {feed?} {any?}
 odd: / {move} | N{small} {move} (note) ; more | (MSG, {n}) | (a note) {move} | % | ; only a note | N{small} | /{item} | ({n} {move}
    | $H | $X
    | $J=G91 X{n} F{p} | O{small} | M2 | M30 | (print, {n} #5420) | (debug, #<{name}> {n}) | (probeopen a.txt) | (log, {n})

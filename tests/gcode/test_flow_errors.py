@@ -62,6 +62,7 @@ NGC: dict[str, tuple[str, str]] = {
     "no such name": ("sub-unknown", "¦o<drill> call [1]"),
     "no such computed label": ("sub-unknown", "#1=5\n¦o[#1*2] call"),
     "half a label": ("label-bad", "¦o[1/2] call"),
+    "an absurd label": ("label-bad", "¦o[10**300] call"),
     "negative label": ("label-bad", "¦o[-1] call"),
     "sub without end": ("sub-not-closed", "¦o1 sub\nG0 X1"),
     "sub behind without end": ("sub-not-closed", "o1 call\nM2\n  ¦o1 sub\nG0 X1"),
@@ -100,6 +101,9 @@ NGC: dict[str, tuple[str, str]] = {
     "a main program that runs into the next": ("program-end-missing", "G0 X1\n¦O1\nM99"),
     "a second number": ("program-end-missing", "O1\n¦O2\nG0 X1\nM2"),
     "M98 calls itself": ("call-too-deep", "M98 P1\nM2\nO1\n¦M98 P1\nM99"),
+    "a computed M98": ("call-not-alone", "¦M[98] P1\nM2\nO1\nM99"),
+    "a computed M99": ("call-not-alone", "M98 P1\nM2\nO1\n¦M[99]"),
+    "a call and a return": ("call-not-alone", "M98 P1 ¦M99\nM2\nO1\nM99"),
     "G65 is FANUC's": ("code-not-in-dialect", "¦G65 P1 A1\nM2\nO1\nM99"),
 }
 
@@ -125,6 +129,7 @@ FANUC: dict[str, tuple[str, str]] = {
     "an argument before G65": ("argument-bad", "¦A1 G65 P2\nM30\nO2\nM99"),
     "another code beside G65": ("argument-bad", "G65 P2 ¦G1 X5\nM30\nO2\nM99"),
     "an argument twice": ("word-repeated", "G65 P2 A1 ¦A2\nM30\nO2\nM99"),
+    "a computed G65": ("call-not-alone", "¦G[65] P2\nM30\nO2\nM99"),
     "eleven threes": ("argument-bad", f"G65 P2 {'I1 ' * 10}¦I1\nM30\nO2\nM99"),
     "return to no block": ("jump-target-missing", "M98 P2\nM30\nO2\n¦M99 P7"),
     "M99 to no block": ("jump-target-missing", "G0 X1\n¦M99 P7"),

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
 import pytest
 
+from cnc import gcode
+from cnc.gcode.expressions import MAX_DEPTH
+from cnc.gcode.flow import Limits
 from cnc.gcode.parser import MAX_LINE
+from cnc.gcode.tools import ToolEntry, ToolTable
 from gcode_cases import refused
 
 FANUC = "G06.2 P2 K0 X0 Y0 F60\n"
@@ -46,6 +55,7 @@ CASES: dict[str, tuple[str, str]] = {
     "carriage return inside": ("control-character", "G0 X1¦\rG0 X2"),
     "line too long": ("line-too-long", "G0 X1\n" + ";" * MAX_LINE + "¦;"),
     "number of four hundred digits": ("number-too-large", "G0 ¦X" + "9" * 400),
+    "operations without end": ("expression-too-deep", "#1=[¦" + "#1+" * (MAX_DEPTH + 1) + "1]"),
     "absurd number": ("number-too-large", "G0 ¦X-1000000001"),
     "absurd line number": ("number-too-large", "¦N99999999999"),
     # line numbers
@@ -219,12 +229,28 @@ CASES: dict[str, tuple[str, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_the_error_stands_at_its_place(name: str) -> None:
-    code, marked = CASES[name]
+HERE = Path(__file__).parent
+TOOLS = (ToolEntry(1, 1, {"X": 0.5, "Z": 40.0}, 6.0), ToolEntry(2, 2, {"Z": 100.0}), ToolEntry(3, 3, {}, 4.0))
+
+
+def _errors() -> Iterator[tuple[str, str, str, str]]:
+    """Name, dialect, code and marked program of every line of errors.txt, and of the table above."""
+    yield from ((name, "auto", code, marked) for name, (code, marked) in CASES.items())
+    for number, line in enumerate((HERE / "errors.txt").read_text(encoding="utf-8").split("\n"), 1):
+        if number > 4 and (found := re.fullmatch(r"([a-z0-9-]+)(?: \[(\w+)\])?: (.*)", line)):
+            yield f"errors.txt {number} {found[1]}", found[2] or "auto", found[1], found[3].replace("\\n", "\n")
+
+
+ERRORS = list(_errors())
+
+
+@pytest.mark.parametrize(("dialect", "code", "marked"), [error[1:] for error in ERRORS], ids=[error[0] for error in ERRORS])
+def test_the_error_stands_at_its_place(dialect: str, code: str, marked: str) -> None:
     before = marked[: marked.index("¦")]
     source = marked.replace("¦", "")
-    found = refused(source, warn=None)
+    tools = None if code == "tool-table-missing" else ToolTable(TOOLS)
+    limits = Limits(repeated_lines=5000, depth=20)
+    found = refused(source, dialect=dialect, tools=tools, folders=[HERE / "subroutines"], limits=limits)
     line = before.count("\n") + 1
     column = len(before) - before.rfind("\n")
     assert (found.code, found.line, found.column) == (code, line, column), found.message
@@ -237,8 +263,30 @@ def test_the_error_stands_at_its_place(name: str) -> None:
     assert "token" not in found.message.lower()
 
 
+NO_ERRORS = """
+arc-distance before-each exact-stop feed-mode if-goto if-then input-output inverse-time latin-1 macro-b non-modal per-minute
+per-revolution spindle-mode tool-change tool-length utf-8 utf-8-sig while-do
+"""
+"""Words of the interpreter that look like a code of an error and are none."""
+ELSEWHERE = """
+decimal-point-missing feed-before-units
+no-such-file unreadable-file unwritable-file unknown-dialect
+parameter-file-line parameter-file-order tool-repeated tool-table-malformed tool-table-unreadable
+"""
+"""Warnings, and errors of files and names, that no program brings about; their own tests have them."""
+
+
+def test_no_error_is_forgotten() -> None:
+    """Whatever looks like the code of an error anywhere in the interpreter is that of a program in the tables."""
+    sources = [ast.parse(file.read_text(encoding="utf-8")) for file in Path(gcode.__file__).parent.rglob("*.py")]
+    texts = {node.value for tree in sources for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    codes = {text for text in texts if re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)+", text) and "compensation" not in text}
+    assert codes - {code for _, _, code, _ in ERRORS} - {*NO_ERRORS.split(), *ELSEWHERE.split()} == set()
+    assert {*NO_ERRORS.split(), *ELSEWHERE.split()} <= codes
+
+
 def test_there_are_enough() -> None:
-    assert len(CASES) >= 60
+    assert len(ERRORS) >= 400
 
 
 @pytest.mark.parametrize("plane", ["G17", "G18", "G19"])
