@@ -70,7 +70,7 @@ class Flow:
     def enter(self, frame: Frame, arguments: Sequence[float] | None = None) -> int:
         """Go into a call; the line to go on at. With ``arguments`` it has parameters of its own."""
         if len(self.frames) >= self.limits.depth:
-            hint = "what calls itself needs a condition that ends it"
+            hint = "what calls itself needs a condition that ends it, or raise program.max_call_depth in the machine file"
             message = f"{frame.name} is called within {self.limits.depth} other calls"
             raise frame.caller.fault(frame.at, "call-too-deep", message, hint)
         self.frames.append(self.frame)
@@ -103,7 +103,7 @@ class Flow:
         listing, at, name = self._to_blame(line)
         many = f"{self.limits.repeated_lines:,}".replace(",", " ")
         message = f"{name} does not come to an end: more than {many} lines were executed again"
-        hint = "mend the condition that ends it, or allow more lines to be executed again"
+        hint = "mend the condition that ends it, or raise program.max_repeated_lines in the machine file"
         return listing.fault(at, "loop-endless", message, hint)
 
     def _to_blame(self, line: int) -> tuple[Listing, Mark, str]:

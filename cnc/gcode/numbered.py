@@ -45,7 +45,14 @@ class _Taken:
             if index in computed:
                 left.append((len(words), computed[index]))
             words.append(word)
-        self.rest = Statement(tuple(words), tuple(left), statement.assignments, statement.remarks, deletable=statement.deletable)
+        self._empty = not words and not statement.assignments and not statement.remarks
+        self._rest = Statement(tuple(words), tuple(left), statement.assignments, statement.remarks)
+
+    def execute_rest(self, flow: Flow, line: int) -> None:
+        """Do what else the line says."""
+        flow.interpreter.begun = True
+        if not self._empty:
+            flow.interpreter.execute(self._rest, line)
 
     def whole(self, letter: str, parameters: Parameters, what: str, highest: int) -> int | None:
         """A word's number, which must be whole; None where it is not given (or vacant)."""
@@ -78,7 +85,7 @@ class ProgramCall:
         parameters = flow.parameters
         number, repeats = self._number(parameters)
         arguments = None if self.arguments is None else self._computed(self.arguments, parameters)
-        flow.interpreter.execute(self.taken.rest, line)
+        self.taken.execute_rest(flow, line)
         if flow.interpreter.ended or repeats == 0:
             return line + 1
         listing, scope = self._look_up(flow, number)
@@ -182,7 +189,7 @@ class ProgramReturn:
     def run(self, flow: Flow, line: int) -> int:
         """Execute what else the line says, then go back to the caller, or to its block P."""
         block = self.taken.whole("P", flow.parameters, "a block number", MAX_PROGRAM)
-        flow.interpreter.execute(self.taken.rest, line)
+        self.taken.execute_rest(flow, line)
         if flow.interpreter.ended:
             return line + 1
         frame = flow.frame

@@ -118,6 +118,7 @@ CASES: dict[str, tuple[str, list[float]]] = {
     "a sub calls a program": ("o1 sub\nM98 P5\nG0 X#1\no1 endsub\no1 call [3]\nM2\nO5\nG0 X[#1 * 2]\nM99", [6, 3]),
     # the program as a whole
     "percent": ("%\nG0 X1\n%\nG0 X2", [1]),
+    "percent behind a call": ("M98 P1\n%\nthis is not read\nO1\nM99", []),
     "percent behind the start": ("G0 X1\n%\nthis is not read", [1]),
     "program number behind a percent": ("%\nO12\nG0 X1\n%", [1]),
     "no control in comments": ("(o1 if [0])\nG0 X1\n; o1 endif", [1]),
