@@ -174,9 +174,7 @@ def _legal(name: str) -> dict[str, frozenset[float]]:
 def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError:
     """Why a code is refused: other dialects have it, other controllers have it, or nobody has."""
     name = word.written
-    if "[" in name or "#" in name:
-        name = f"{kind.upper()}{code:g}, which is {name},"
-    elif "-" in name:
+    if "-" in name:
         return fault("code-unknown", f"{name} is unknown", word, "codes are not negative")
     elsewhere = [other for other in NAMES if other != "auto" and code in _legal(other)[kind]]
     if elsewhere:
@@ -184,7 +182,9 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
         return fault("code-not-in-dialect", f"{name} is not in the {dialect.name} dialect", word, hint)
     if meaning := _known()[kind].get(f"{code:g}"):
         return fault("code-not-supported", f"{name} ({meaning}) is not supported", word)
-    near = " or ".join(f"{kind.upper()}{other}" for other in _near(f"{word.number:g}", _legal(dialect.name)[kind]))
+    near = " or ".join(
+        f"{kind.upper()}{other}" for other in _near(f"{word.number:.3f}".rstrip("0").rstrip("."), _legal(dialect.name)[kind])
+    )
     return fault("code-unknown", f"{name} is unknown", word, f"did you mean {near}?" if near else "")
 
 
