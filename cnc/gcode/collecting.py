@@ -20,6 +20,9 @@ from cnc.gcode.words import AXES, LineWords, Word, fault
 
 MAX_ORDER = 10
 POINT_AXES = "XYZ"
+ReadFeed = Callable[[LineWords, Codes], None]
+"""Takes the F word of a line, if it has one, into the modal state."""
+
 _ROTARY = frozenset("ABC")
 _ENDS = (2, 30)
 
@@ -129,9 +132,9 @@ def leaving(codes: Codes) -> Code | None:
     return code if code and code.number in _ENDS else None
 
 
-def check_mode(state: Modal, word: Word, code: str = "nurbs-wrong-mode", *, inverse_time: bool = False) -> None:
-    """Refuse a spline under cutter compensation, and, unless ``inverse_time`` goes, under G93."""
+def check_mode(state: Modal, word: Word, code: str = "", *, inverse_time: bool = False) -> None:
+    """Refuse a spline under cutter compensation, and, unless ``inverse_time`` goes, under G93; ``code`` is that of both errors."""
     if state.compensation:
-        raise fault(code, f"{word.written} under cutter compensation", word, "give G40 before")
+        raise fault(code or "compensation-active", f"{word.written} under cutter compensation", word, "give G40 and a move before")
     if state.feed_mode == "inverse-time" and not inverse_time:
-        raise fault(code, f"{word.written} under G93", word, "give G94 before")
+        raise fault(code or "nurbs-wrong-mode", f"{word.written} under G93", word, "give G94 before")

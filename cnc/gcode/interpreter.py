@@ -145,7 +145,7 @@ class Interpreter:
             self._prepared.clear()
         # The entry keeps its statement alive, so no other can have the same id.
         prepared = self._prepared[id(statement)] = prepare(statement, self.dialect, self.motion.column)
-        if self.points_wanted and (word := without_point(statement)):
+        if self.points_wanted and (word := without_point(statement, collected=self.motion.collector is not None)):
             self.points_wanted = False
             message = f"{word.written} has no decimal point: it counts whole millimetres, inches or degrees here"
             hint = f"a control that counts its least increment would take a thousandth or less: write {word.written}."

@@ -14,12 +14,10 @@ holds for the whole curve: the last F that was given before G5.3; under G93 that
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from cnc.gcode import curves
-from cnc.gcode.collecting import MAX_ORDER, Gathering, check_mode, leaving, weight_of
+from cnc.gcode.collecting import MAX_ORDER, Gathering, ReadFeed, check_mode, leaving, weight_of
 from cnc.gcode.here import Here
 from cnc.gcode.modal import Code, Codes, Modal
 from cnc.gcode.motion import MIN_FEED, Motion
@@ -27,9 +25,6 @@ from cnc.gcode.words import LineWords, Word, fault, whole
 
 OPEN, CLOSE = 52, 53
 DEFAULT_ORDER = 3
-
-ReadFeed = Callable[[LineWords, Codes], None]
-"""Takes the F word of a line, if it has one, into the modal state."""
 
 
 def register(motion: Motion, state: Modal, here: Here, read_feed: ReadFeed) -> None:

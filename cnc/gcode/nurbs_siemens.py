@@ -17,19 +17,14 @@ must be 0, or the one length that all the curve's PLs have, when it makes no dif
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from cnc.gcode import curves
-from cnc.gcode.collecting import Gathering, Place, check_mode, leaving, weight_of
+from cnc.gcode.collecting import Gathering, Place, ReadFeed, check_mode, leaving, weight_of
 from cnc.gcode.here import Here
 from cnc.gcode.modal import BSPLINE, Code, Codes, Modal
 from cnc.gcode.motion import Motion
 from cnc.gcode.words import LineWords, Word, fault, not_negative, whole
 
 DEFAULT_DEGREE = 3
-
-ReadFeed = Callable[[LineWords, Codes], None]
-"""Takes the F word of a line, if it has one, into the modal state."""
 
 
 def register(motion: Motion, state: Modal, here: Here, read_feed: ReadFeed) -> None:

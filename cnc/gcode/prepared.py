@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from cnc.gcode.dialects import Dialect
-from cnc.gcode.modal import Codes, codes_of
+from cnc.gcode.modal import NURBS, Codes, codes_of
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.parser import MAX_NUMBER
 from cnc.gcode.statement import Statement, Value
@@ -119,9 +119,14 @@ def move_of(letters: Iterable[int], numbers: Iterable[float], dialect: Dialect, 
     return QuickMove(motion, tuple(axes), tuple(arc), feed) if axes or arc else None
 
 
-def without_point(statement: Statement) -> Word | None:
-    """The first word of a distance or an angle that is written without a decimal point, and isn't 0."""
-    return next((word for word in statement.words if word.letter in _DISTANCES and word.number and "." not in word.written), None)
+def without_point(statement: Statement, *, collected: bool) -> Word | None:
+    """The first word of a distance or an angle that is written without a decimal point, and isn't 0.
+
+    In a line that is ``collected`` for a NURBS, and in that of G6.2, only axis words are distances: K is a knot and R a weight.
+    """
+    words = statement.words
+    letters = AXES if collected or any(word.letter == "G" and word.number == NURBS / 10 for word in words) else _DISTANCES
+    return next((word for word in words if word.letter in letters and word.number and "." not in word.written), None)
 
 
 def _quick(statement: Statement, words: LineWords, codes: Codes | None, dialect: Dialect, column: dict[str, int]) -> QuickMove | None:

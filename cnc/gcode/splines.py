@@ -89,7 +89,9 @@ class _Splines:
                 message = f"{word.written}: {user} moves along {first.upper()} and {second.upper()} alone, the axes of its plane"
                 raise fault("spline-axis", message, word, "choose the plane by G17, G18 or G19")
         if not words.has_axis():
-            raise fault("axis-words-missing", f"{user} needs axis words: its end point", at)
+            look_ahead = words.rest.keys() <= {"P", "Q"}
+            hint = "FANUC's look-ahead modes G05 P10000 and G05.1 Q1 are no matter here: leave them out" if look_ahead else ""
+            raise fault("axis-words-missing", f"{user} needs axis words: its end point", at, hint)
         return at
 
     def _axes(self) -> tuple[str, str]:

@@ -151,3 +151,24 @@ def test_two_curves() -> None:
 @pytest.mark.parametrize("dialect", ["auto", "linuxcnc", "paper"])
 def test_the_dialects_that_have_it(dialect: str) -> None:
     assert curve("F60\nG05.2 L2\nX3 Y4\nG05.3\nM2", dialect=dialect).degree == 1
+
+
+def test_control_points_out_of_a_loop_and_a_subroutine() -> None:
+    block = curve(
+        "F60\no<point> sub\nX#1 Y#2 P#3\no<point> endsub\nG5.2 L3\n#5 = 0\no1 while [#5 LT 3]\n#5 = [#5 + 1]\nX#5 Y[#5 * #5]\n"
+        "o1 endwhile\no<point> call [9] [8] [7]\nG5.3"
+    )
+    assert block.control_points.tolist() == [[0, 0, 0], [1, 1, 0], [2, 4, 0], [3, 9, 0], [9, 8, 0]]
+    assert block.weights.tolist() == [1, 1, 1, 1, 7]
+    assert block.line == 5
+
+
+def test_an_error_in_a_subroutine_stands_there_and_one_of_the_curve_at_its_beginning() -> None:
+    stands("nurbs-foreign-word", "F60\no1 sub\n¦M8\no1 endsub\nG5.2\no1 call\nG5.3")
+    stands("nurbs-left-early", "F60\no1 sub\n¦G5.2\nX1 Y1\no1 endsub\no1 call")
+
+
+def test_the_position_is_that_where_the_curve_begins_until_it_is_made() -> None:
+    blocks = list(rows(run("F60\nG0 X4\nG5.2 L2\nX5 Y#5420\nX6 Y#5420\nG5.3\nG0 X#5421")))
+    assert blocks[1][3] == [[4, 0, 0], [5, 4, 0], [6, 4, 0]]
+    assert blocks[2] == ("rapid", 4, 4, 0)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from cnc.canon import NurbsFeed
+from cnc.errors import Diagnostic
+from cnc.gcode.parameters import Parameters
 from gcode_cases import refused, rows, run, same
 
 POINTS = [(10, 0), (20, 20), (12, 8), (10, 20), (8, 8), (0, 20), (10, 0)]
@@ -138,3 +140,24 @@ def test_axes_of_a_machine_named_like_knots_are_left_alone() -> None:
     axes = ("x", "y", "z", "u", "w")
     block = curve("G0 X10 U7 W8\n" + paper(), axes=axes)
     assert block.control_points[:, 3:].tolist() == [[7.0, 8.0]] * 7
+
+
+def test_knots_and_weights_are_no_distances_without_a_decimal_point() -> None:
+    """In FANUC's dialect a distance without a point is worth a warning, the first of them."""
+    found: list[Diagnostic] = []
+    source = "G00 X10.\nG06.2 P4 K0 X10. Y0. R1 F600.\nK0 X20. R2\nK0 X30.\nK0 X40.\nK1\nK1\nK1\nK1\nG00 {}"
+    run(source.format("X5."), dialect="fanuc", warn=found.append)
+    assert not found
+    run(source.format("X5."), dialect="fanuc", warn=found.append)
+    run(source.replace("X20.", "X20").format("X5"), dialect="fanuc", warn=found.append)
+    assert [(each.code, each.line, each.column) for each in found] == [("decimal-point-missing", 3, 4)]
+
+
+@pytest.mark.parametrize("plane", ["G17", "G18", "G19"])
+@pytest.mark.parametrize("mode", ["G90", "G91"])
+def test_rotation_and_plane(plane: str, mode: str) -> None:
+    source = f"F60\nG0 X1 Y2 Z3\n{mode} {plane}\nG6.2 P3 K0\nK0 X4 Y5 Z6\nK0 X7 Y-8 Z9\nK1\nK1\nK1"
+    plain, turned = curve(source), curve(source, parameters=Parameters({5230: 90.0}))
+    assert turned.control_points == pytest.approx(plain.control_points @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]), abs=1e-12)
+    last = [7, -8, 9] if mode == "G90" else [12, -1, 18]
+    assert plain.control_points.tolist() == [[1, 2, 3], [4, 5, 6] if mode == "G90" else [5, 7, 9], last]
