@@ -90,13 +90,22 @@ class Flow:
 
     def leave(self) -> int:
         """Go back to the caller; the line to go on at."""
+        left = self._pop()
+        self.interpreter.left()
+        self._look_at(left.caller)
+        return left.back
+
+    def unwind(self) -> None:
+        """The program has ended, perhaps in a call: the parameters are those of the main program again."""
+        while self.frames:
+            self._pop()
+
+    def _pop(self) -> Frame:
         left = self.frame
         self.frame = self.frames.pop()
         if left.kind != "program" or not self.parameters.macro:
             self.parameters.pop()
-        self.interpreter.left()
-        self._look_at(left.caller)
-        return left.back
+        return left
 
     def endless(self, line: int) -> CncError:
         """The error for too many lines executed again, at the loop or the call that is to blame."""

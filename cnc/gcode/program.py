@@ -116,6 +116,7 @@ def _run(flow: Flow, make: _Steps, on_line: Callable[[int], None] | None) -> Ite
                 interpreter.out.take_answers()
     except GcodeError as error:
         raise listing.placed(error, line) from None
+    flow.unwind()
     if on_line is not None:
         on_line(executed)
     yield from ready

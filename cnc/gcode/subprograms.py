@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 import re
 from collections.abc import Callable, Sequence
@@ -174,7 +175,9 @@ class Call:
             raise self._fault("sub-file-empty", f"{file.name} has no o{label} sub", "the subroutine's label is the file's name")
         if label.isdigit() and any(int(label) in listing.places().programs for listing in here):
             raise self._fault("call-style-mixed", f"O{label} is a program, not a sub", f"call it with M98 P{label}")
-        hint = f"o{label} sub stands nowhere in this file, and no folder of subroutines has {_file_names(label.strip('<>'))[0]}"
+        near = difflib.get_close_matches(label, {*flow.listing.places().subs, *flow.main.places().subs}, 1)
+        file_name = _file_names(label.strip("<>"))[0]
+        hint = f"did you mean o{near[0]}?" if near else f"o{label} sub is not in this file, and {file_name} in no folder of subroutines"
         raise self._fault("sub-unknown", f"there is no subroutine o{label}", hint)
 
     def _in(self, listing: Listing, label: str) -> Definition | None:

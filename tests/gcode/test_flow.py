@@ -9,6 +9,7 @@ import pytest
 from cnc.canon import Polyline
 from cnc.gcode.flow import Limits
 from cnc.gcode.listing import Listing
+from cnc.gcode.parameters import Parameters
 from cnc.gcode.program import interpret
 from cnc.gcode.text import Text
 from gcode_cases import rows, run
@@ -212,6 +213,22 @@ def test_calls_as_deep_as_allowed() -> None:
     source = "o1 sub\no2 if [#1 GT 1]\no1 call [#1 - 1]\no2 endif\nG0 X#1\no1 endsub\no1 call [{}]\nM2"
     assert xs(source.format(100)) == list(range(1, 101))
     assert xs(source.format(500), limits=Limits(depth=500))[-1] == 500
+
+
+@pytest.mark.parametrize(
+    ("dialect", "source"),
+    [
+        ("auto", "#1=5\no1 sub\nM2\no1 endsub\no1 call [7]"),
+        ("auto", "#1=5\nM98 P1\nM2\nO1\no2 call [7]\nM99\no2 sub\nM2\no2 endsub"),
+        ("fanuc", "#1=5\nM98 P1\nM2\nO1\nG65 P2 A7\nM99\nO2\nM30"),
+    ],
+)
+def test_a_program_that_ends_in_a_call_leaves_the_parameters_of_the_main_program(dialect: str, source: str) -> None:
+    parameters = Parameters(macro=dialect == "fanuc")
+    xs(source, dialect=dialect, parameters=parameters)
+    assert parameters.locals == {1: 5}
+    with pytest.raises(IndexError):
+        parameters.pop()
 
 
 def write(folder: Path, **files: str) -> None:

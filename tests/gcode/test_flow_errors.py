@@ -169,6 +169,8 @@ def test_the_error_of_a_macro_stands_at_its_place(code: str, source: str) -> Non
         ("o1 sub\no2 sub\no2 endsub\no1 endsub", "inside o1 sub of line 1"),
         ("o1 repeat [1]\no1 break\no1 endrepeat", "o1 repeat of line 1 is no while or do loop"),
         ("o1 if [1]\nG0 X1", "o1 endif is missing"),
+        ("o<pocket> sub\no<pocket> endsub\no<poket> call", "did you mean o<pocket>?"),
+        ("o<drill> call", "drill.ngc in no folder of subroutines"),
         ("o<x y> do\nG0 X1", "o<xy> while is missing"),
     ],
 )
