@@ -67,15 +67,12 @@ def test_an_unknown_dialect() -> None:
         ("auto", "G177", "code-unknown", "G177 is unknown did you mean G17?"),
         ("auto", "M03.1", "code-unknown", "M03.1 is unknown did you mean M3?"),
         ("auto", "M300", "code-unknown", "M300 is unknown did you mean M30?"),
-<<<<<<< HEAD
         ("auto", "G0.0000001", "code-unknown", "G0.0000001 is unknown"),
         ("auto", "G[500/4]", "code-unknown", "G125 is unknown"),
         ("grbl", "M6", "code-not-in-dialect", "M6 is not in the grbl dialect"),
-=======
         ("auto", "G+177", "code-unknown", "G+177 is unknown did you mean G17?"),
         ("auto", "G123456789", "code-unknown", "G123456789 is unknown"),
         ("auto", "G[100+77]", "code-unknown", "G177 is unknown did you mean G17?"),
->>>>>>> c04f0f6 (Unknown codes that are computed or signed get their hint too)
         ("fanuc", "G-1", "code-unknown", "G-1 is unknown codes are not negative"),
     ],
 )
