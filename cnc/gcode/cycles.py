@@ -31,8 +31,8 @@ DWELLING = (740, 820, 840, 860, 880, 890)
 NEEDS_SPINDLE = (740, FINE_BORING, 840, 860, 880)
 DRILLING = (730, 740, 810, 820, 830, 840, 850, 860, 880, 890)
 
-MOST_REPEATS = 100_000
-MOST_BITES = 1_000_000
+MOST_REPEATS = 10_000
+MOST_BITES = 100_000
 """Feed moves of one line at most: more is a slip of the pen in Q or L."""
 
 
