@@ -223,6 +223,8 @@ class Job:
                         report.faults.append(fault)
                     else:
                         report.hidden_faults += 1
+            else:
+                survey.between(item)
         report.path_length_mm = survey.length
         report.bounding_box = survey.box()
 

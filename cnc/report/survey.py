@@ -1,4 +1,4 @@
-"""A first look at a path, before anything moves: how far it reaches, how long it is, and where it leaves the axes' travel."""
+"""A first look at a path, before anything moves: its reach and length, where it leaves the axes' travel, where a spindle outruns it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import ROTARY_LETTERS
+from cnc.canon import ROTARY_LETTERS, Block, SpindleSync
 from cnc.errors import Diagnostic, MotionLimitError
+from cnc.kernels.curve import AXES, LENGTH, START
 from cnc.machine.models import Machine
 from cnc.path.bounds import bounding_box
 from cnc.path.chunk import PathChunk
@@ -36,12 +37,17 @@ class Survey:
         self._lowest = np.array([low for low, _ in travels]) - ROUNDING
         self._highest = np.array([high for _, high in travels]) + ROUNDING
         self._reported: set[tuple[int, int]] = set()
+        self._pitch = 0.0
+        self._fastest = np.array([axis.max_velocity for axis in machine.axes.values()])
 
     def add(self, chunk: PathChunk) -> Iterator[MotionLimitError]:
         """Measure a chunk and yield a ``soft-limit`` fault, without its text, for each line and axis that leaves the travel.
 
-        Bulges count: of arcs and splines the whole curve is compared, not only its end points.
+        Bulges count: of arcs and splines the whole curve is compared, not only its end points. Moves that follow the spindle faster than
+        the machine goes are a ``spindle-too-fast`` fault: to make them slower would spoil the thread.
         """
+        if self._pitch:
+            yield from self._driven(chunk)
         lo, hi = bounding_box(chunk)
         self.length += float(chunk.length.sum())
         self.lo = np.minimum(self.lo, lo.min(axis=0))
@@ -54,6 +60,27 @@ class Survey:
                 if (line, axis) not in self._reported:
                     self._reported.add((line, axis))
                     yield self._fault(chunk, line, axis, float(lo[piece, axis]), float(hi[piece, axis]))
+
+    def between(self, block: Block) -> None:
+        """Take note of a block between the moves."""
+        if isinstance(block, SpindleSync):
+            self._pitch = block.pitch
+
+    def _driven(self, chunk: PathChunk) -> Iterator[MotionLimitError]:
+        """Straight moves, all of them following the spindle."""
+        most = self.machine.path.max_feed
+        for at, feed, line in zip(chunk.at.tolist(), chunk.feed.tolist(), chunk.line.tolist(), strict=True):
+            n = int(chunk.data[at + AXES])
+            start, end = chunk.data[at + START : at + START + 2 * n].reshape(2, n)
+            speed = np.abs(end - start) / chunk.data[at + LENGTH] * feed
+            excess = float(max((speed / self._fastest).max(), feed / most))
+            if excess > 1.0 + ROUNDING and (line, -1) not in self._reported:
+                self._reported.add((line, -1))
+                message = (
+                    f"to follow the spindle the tool would have to move at {feed:.7g} mm/s, {excess:.3g} times what the machine can do"
+                )
+                hint = "lower S, or raise the axes' max_velocity or path.max_feed in the machine file if the machine can do more"
+                yield MotionLimitError(Diagnostic("spindle-too-fast", message, chunk.file, line, hint=hint))
 
     def box(self) -> dict[str, tuple[float, float]]:
         """Extent by axis; empty without motion."""

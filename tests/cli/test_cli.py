@@ -95,6 +95,17 @@ def test_a_move_to_the_very_limit_is_no_fault(cncrun, program):
     assert cncrun(program("G21 G90 G1 X410.001 F6000\nM2\n"), "--quiet")[0] == 1
 
 
+def test_a_spindle_that_would_drive_the_tool_too_fast(cncrun, program):
+    """Z goes 50 mm/s: 1 mm a turn at 3000 turns a minute, and no more; without the spindle a feed is only lowered."""
+    assert cncrun("check", program("G21 S3000 M3\nG33 Z-5 K1\nG1 Z0 F60000\nM2\n"), "--quiet")[0] == 0
+    file = program("G21 S3000 M3\nG33 Z-5 K1.01\nM2\n")
+    code, _, err = cncrun("check", file, "--quiet")
+    assert code == 1
+    message = last_message(err, "spindle-too-fast")
+    assert message.startswith(f"{file}:2:")
+    assert "50.5 mm/s, 1.01 times" in message
+
+
 def test_many_places_outside_the_travel_are_cut_short(cncrun, program):
     code, _, err = cncrun("check", program("G21 G90 F6000\n" + "G1 X500\nG1 X501\n" * 20 + "M2\n"))
     assert code == 1
