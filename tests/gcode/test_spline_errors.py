@@ -8,6 +8,7 @@ from spline_cases import stands
 
 FEED = "F60\n"
 OPEN = "F60\nG5.2 P1 L3\nX0 Y1\n"
+LEFT = "F60\nG41.1 D2\nG1 X5 Y5\n"
 FANUC = "G06.2 P2 K0 X0 Y0 F60\n"
 PAPER = "G06.2 K1 U0 X0 Y0 F60\n"
 
@@ -80,6 +81,15 @@ CASES: dict[str, tuple[str, str]] = {
     "tool beside the opening": ("nurbs-foreign-word", FEED + "¦T1 G5.2 P1 L3"),
     "dwell beside the opening": ("word-wanted-twice", FEED + "G4 ¦P1 G5.2 X1 Y1 L3"),
     "no use in the opening": ("word-unused", FEED + "G5.2 P1 L3 ¦R5"),
+    # under cutter compensation
+    "compensated G5": ("compensation-active", LEFT + "¦G5 X9 Y9 I1 J1 P1 Q1"),
+    "compensated G5.1": ("compensation-active", LEFT + "¦G5.1 X9 I1"),
+    "compensated G5.2": ("compensation-active", LEFT + "¦G5.2 L2\nX9 Y9\nG5.3"),
+    "compensated BSPLINE": ("compensation-active", LEFT + "¦BSPLINE SD=2\nX9\nX8 Y8"),
+    "compensated G6.2, FANUC's form": ("fanuc-1006", LEFT + "¦G6.2 P2 K0\nK0 X9\nK1\nK1"),
+    "compensated G6.2, the paper's form": ("nurbs-wrong-mode", LEFT + "¦G6.2 K1 U0 X5 Y5\nU0 X9\nU1\nU1"),
+    "the way out of compensation": ("compensation-exit", LEFT + "X9\nG40\n¦G5.1 X5 I1"),
+    "compensation inside": ("nurbs-foreign-word", OPEN + "¦G41.1 D2"),
     # G6.2
     "paper's form without its first knot": ("nurbs-knot-missing", "¦G6.2 X0 Y0 F60\nU0 X1 Y1\nU1\nU1"),
     "paper's form with a degree, without its first knot": ("nurbs-knot-missing", "¦G6.2 K2 X0 Y0 F60\nU0 X1 Y1 W1\nU1\nU1"),
