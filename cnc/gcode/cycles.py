@@ -86,9 +86,10 @@ class Cycles:
         top, bottom, _ = heights
         if top < bottom:
             message = f"R is at {top:g} mm, below the bottom of the hole at {bottom:g} mm"
-            raise fault("cycle-retract-below-bottom", message, retract, f"{name} goes from R down to {stage.across}")
+            raise fault("cycle-retract-below-bottom", message, _of_line(words, "R", at), f"{name} goes from R down to {stage.across}")
         if how.peck and repeats * (top - bottom) > MOST_BITES * how.peck:
-            raise fault("cycle-too-long", f"this line comes to more than {MOST_BITES} bites", series.words["Q"], "give a larger Q")
+            message = f"this line comes to more than {MOST_BITES} bites"
+            raise fault("cycle-too-long", message, _of_line(words, "Q", at), "give a larger Q")
         holes = self._holes(stage, given, heights, repeats)
         end = stage.place((*stage.start[:2], bottom))
         how = replace(how, feed=motion.feed(words, end, 0.0, at))
@@ -187,3 +188,8 @@ class Cycles:
                 yield Hole(given.get(i, first), given.get(j, second), bottom, top, clear)
             else:
                 yield Hole(first + number * given.get(i, 0.0), second + number * given.get(j, 0.0), bottom, top, clear)
+
+
+def _of_line(words: LineWords, letter: str, at: Word) -> Word:
+    """Where a word of this line stands; ``at`` if it is in effect from a line before."""
+    return words.users[letter][1] if letter in words.users else at
