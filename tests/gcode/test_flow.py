@@ -12,7 +12,7 @@ from cnc.gcode.listing import Listing
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.program import interpret
 from cnc.gcode.text import Text
-from gcode_cases import rows, run
+from gcode_cases import refused, rows, run
 
 COUNTED = "#1 = [#1 + 1]\n"
 
@@ -203,10 +203,17 @@ def test_a_loop_longer_than_any_window() -> None:
     assert xs(source) == [n % 1000 for n in range(lines)] * 2 + [1]
 
 
-def test_lines_within_the_limit_are_no_endless_loop() -> None:
-    """Two rounds of three lines are six lines, of which three are executed again."""
-    source = "o1 repeat [2]\nG0 X1\nG0 X2\no1 endrepeat"
-    assert xs(source, limits=Limits(repeated_lines=3)) == [1, 2, 1, 2]
+@pytest.mark.parametrize("moves", [2, 3, 10, 500])
+def test_lines_within_the_limit_are_no_endless_loop(moves: int) -> None:
+    """In the second round the moves and the end of the loop are executed again."""
+    source = "\n".join(["o1 repeat [2]", *(f"G0 X{n}" for n in range(moves)), "o1 endrepeat", "G0 X1\nG0 X2\nG0 X3\nG0 X4\nG0 X5"])
+    assert len(xs(source, limits=Limits(repeated_lines=moves + 1))) == 2 * moves + 5
+    assert refused(source, limits=Limits(repeated_lines=moves)).code == "loop-endless"
+
+
+def test_a_jump_into_a_run_of_moves() -> None:
+    source = "GOTO 3\n" + "\n".join(f"N{n} G1 X{n} F100" for n in range(10)) + "\n#1 = #1 + 1\nIF [#1 LT 2] GOTO 8\nM30"
+    assert xs(source, dialect="fanuc") == [3, 4, 5, 6, 7, 8, 9, 8, 9]
 
 
 def test_calls_as_deep_as_allowed() -> None:

@@ -224,11 +224,6 @@ def test_two_million_lines_take_no_long_time() -> None:
     assert time.process_time() - begin < 20
 
 
-def test_the_limit_is_met_to_the_line() -> None:
-    source = "o1 repeat [2]\nG0 X1\nG0 X2\no1 endrepeat"
-    assert refused(source, limits=Limits(repeated_lines=2)).code == "loop-endless"
-
-
 def test_after_an_error_nothing_is_executed() -> None:
     blocks = interpret(Text.of_lines(["M3 S5", "o1 call", "M5"], "p.nc"))
     assert type(next(blocks)).__name__ == "Spindle"
