@@ -80,3 +80,49 @@ def test_damaged_programs_are_refused_in_good_order(dialect: str) -> None:
             assert 1 <= found.column <= len(found.text), found
         assert time.process_time() - begin < 5, lines
     assert AMOUNT * 0.1 < refused < AMOUNT
+
+
+NGC_SOUP = [
+    *(f"o{{}} {word}" for word in ("sub", "endsub", "call", "return", "else", "endif", "do", "endwhile", "endrepeat", "break", "continue")),
+    *(f"o{{}} {word} [{value}]" for word in ("if", "elseif", "while", "repeat") for value in ("0", "1", "#1 LT 2", "3")),
+    *("o{} call [#1 + 1]", "o{} return [#1]", "o[#1] call", "O{}", "M98 P{}", "M98 P{} L2", "M99", "M2", "%", "#1 = [#1 + 1]", "#1 = 0"),
+    *("G0 X#1", "G1 X1 F100", "/o{} if [1]", "(o{} endif)", "", "N{} G0 X2", "M73", "M70", "M72"),
+]
+MACRO_SOUP = [
+    *("DO{}", "END{}", "WHILE [#1 LT 2] DO{}", "WHILE [#1 EQ #0] DO{}", "GOTO {}", "N{}", "N{} G0 X#1", "IF [#1 LT 2] GOTO {}", "GOTO #1"),
+    *(
+        "IF [#1 EQ #0] THEN #1 = 1",
+        "#1 = #1 + 1",
+        "#1 = #0",
+        "O{}",
+        "M98 P{}",
+        "M98 P2000{}",
+        "M99",
+        "M99 P{}",
+        "G65 P{} A2 B#1",
+        "G65 P{} L2",
+    ),
+    *("M30", "%", "G0 X#1", "", "/GOTO {}", "G1 X1 F100"),
+]
+
+
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize(("dialect", "words"), [("auto", NGC_SOUP), ("linuxcnc", NGC_SOUP), ("fanuc", MACRO_SOUP)])
+def test_soups_of_control_lines(dialect: str, words: list[str]) -> None:
+    """Lines in no order at all: each program ends or is refused at one of its lines."""
+    ended = 0
+    amount = 3 * AMOUNT
+    for seed in range(amount):
+        rng = random.Random(seed)
+        lines = [rng.choice(words).format(rng.randint(1, 3)) for _ in range(rng.randint(1, 12))]
+        begin = time.process_time()
+        try:
+            run("\n".join(lines), dialect=dialect, limits=LIMITS, block_delete=rng.random() < 0.5)
+            ended += 1
+        except GcodeError as error:
+            found = error.diagnostic
+            assert 1 <= found.line <= len(lines), (found, lines)
+            assert found.text == lines[found.line - 1], found
+            assert min(1, len(found.text)) <= found.column <= len(found.text), (found, lines)
+        assert time.process_time() - begin < 5, lines
+    assert ended > amount * 0.02
