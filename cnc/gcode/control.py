@@ -10,7 +10,7 @@ from functools import partial
 
 from cnc.errors import CncError, GcodeError
 from cnc.gcode.flow import Flow
-from cnc.gcode.listing import Listing, Loop, Mark, Step
+from cnc.gcode.listing import Listing, Loop, Mark
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.statement import Control, Statement, Value
 from cnc.gcode.words import fault
@@ -223,17 +223,14 @@ class Conditional:
 
     __slots__ = ("condition", "parameters", "then")
 
-    def __init__(self, parameters: Parameters, condition: Value, then: Step | Statement) -> None:
+    def __init__(self, parameters: Parameters, condition: Value, then: Statement) -> None:
         self.parameters, self.condition, self.then = parameters, condition, then
 
     def run(self, flow: Flow, line: int) -> int:
         """Do it if the condition holds."""
         value = self.condition(self.parameters)
-        if not value or value != value:
-            return line + 1
-        if not isinstance(self.then, Statement):
-            return self.then.run(flow, line)
-        flow.interpreter.execute(self.then, line)
+        if value and value == value:
+            flow.interpreter.execute(self.then, line)
         return line + 1
 
 

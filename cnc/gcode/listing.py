@@ -213,8 +213,7 @@ class Listing:
 
 
 def _note(places: Places, line: int, control: Control) -> None:
-    if not isinstance(control.label, str):
-        return
+    assert isinstance(control.label, str), "only written labels are looked for"
     if control.keyword == "program":
         places.borders.append(line)
         number = int(control.label)

@@ -170,8 +170,7 @@ class _Steps:
         if step is None:
             if line_control.keyword == "if-then":
                 assert line_control.then is not None
-                then = self._of_words(line, line_control.then)
-                step = control.Conditional(flow.parameters, line_control.values[0], then)
+                step = control.Conditional(flow.parameters, line_control.values[0], line_control.then)
             else:
                 step = _MAKERS[line_control.keyword](flow, line, line_control)
             flow.listing.steps[line] = step

@@ -107,9 +107,6 @@ class Definition:
 
 def definition_at(listing: Listing, line: int, control: Control) -> Definition:
     """The subroutine that begins at a line. Refuses a second one of its name in the same file."""
-    step = listing.steps.get(line)
-    if isinstance(step, Definition):
-        return step
     definition = Definition(listing, line, control)
     other = listing.subs.setdefault(definition.label, definition)
     if other is not definition:

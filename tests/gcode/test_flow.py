@@ -110,11 +110,13 @@ CASES: dict[str, tuple[str, list[float]]] = {
     "M98 L": (f"M98 P100 L3\nM98 P100 L0\nG0 X9\nM2\nO100\n{COUNTED}G0 X#1\nM99", [1, 2, 3, 9]),
     "M98 shares the numbers": ("#1=1\n#31=1\nM98 P100\nG0 X#1\nG0 X#31\nM2\nO100\n#1=5\n#31=6\nM99", [5, 6]),
     "M98 has names of its own": ("#<a>=1\nM98 P100\nG0 X#<a>\nM2\nO100\n#<a>=2\nG0 X#<a>\nM99", [2, 1]),
+    "M98 behind a computed move": ("#1=3\nG0 X[#1 * 2] M98 P100\nM2\nO100\nG0 X2\nM99", [6, 2]),
     "M98 behind a move": ("G0 X1 M98 P100\nM2\nO100\nG0 X2\nM99 X4", [1, 2, 4]),
     "M98 with what was computed before its line": ("#1=100 \nM98 P#1 L[#1-98] #1=7\nG0 X#1\nM2\nO100\nG0 X#1\nM99", [7, 7, 7]),
     "M98 within M98": ("M98 P1 L2\nM2\nO1\nG0 X1\nM98 P2 L2\nM99\nO2\nG0 X2\nM99", [1, 2, 2, 1, 2, 2]),
     "M98 in the order of the file or not": ("M98 P2\nM2\nO1\nG0 X1\nM99\nO2\nM98 P1\nM99", [1]),
     "loops in M98": ("M98 P1 L2\nM2\nO1\no5 repeat [2]\nG0 X1\no5 endrepeat\nM99", [1, 1, 1, 1]),
+    "M99 beside M30": ("M98 P1\nG0 X9\nM2\nO1\nG0 X1 M30 M99", [1]),
     "M99 in a loop": ("M98 P1 L2\nM2\nO1\no5 repeat [5]\nG0 X1\nM99\no5 endrepeat\nM99", [1, 1]),
     "a sub calls a program": ("o1 sub\nM98 P5\nG0 X#1\no1 endsub\no1 call [3]\nM2\nO5\nG0 X[#1 * 2]\nM99", [6, 3]),
     # the program as a whole

@@ -53,6 +53,7 @@ CASES: dict[str, tuple[str, list[float]]] = {
         "#1=1\n#100=1\nG65 P2 B5\nG0 X#1\nG0 X#100\nM30\nO2\nIF [#1 EQ #0] THEN #1=7\nG0 X#1\n#100=8\nM99",
         [7, 1, 8],
     ),
+    "G65 with a computed program": ("#1=1\nG65 P[#1+1] A#1\nM30\nO2\nG0 X#1\nM99", [1]),
     "G65 L": ("#100=0\nG65 P2 L3 A2\nM30\nO2\n#100=#100+#1\nG0 X#100\nM99", [2, 4, 6]),
     "G65 in G65": ("G65 P2 A1\nG0 X9\nM30\nO2\nG65 P3 A[#1+1]\nG0 X#1\nM99\nO3\nG0 X#1\nM99", [2, 1, 9]),
     "arguments are computed before the call": ("#1=5\n#2=6\nG65 P2 A#2 B#1\nM30\nO2\nG0 X[#1+10*#2]\nM99", [56]),
