@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from cnc.canon import ArcFeed, Coolant, End, NurbsFeed, Polyline, Spindle, Tool
+from cnc.canon import ArcFeed, Coolant, End, NurbsFeed, Polyline, Probe, Spindle, SpindleSync, Tool
 from cnc.gcode.program import interpret
 from cnc.gcode.text import Text
 
@@ -32,11 +32,14 @@ def test_one_for_every_family():
         "fanuc-nurbs.nc",
         "bezier.nc",
         "compensation.nc",
+        "drilling.nc",
         "ngc-nurbs.nc",
         "siemens-bspline.nc",
         "engraving.nc",
         "pocket.nc",
+        "probing.nc",
         "thread-mill.nc",
+        "turned-thread.nc",
         "finishing.nc",
     }
 
@@ -122,3 +125,38 @@ def test_the_finishing_pass_has_20_000_short_moves():
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     assert np.count_nonzero(lengths < 0.5) == 20_000
     assert 0.15 <= np.median(lengths) < 0.16
+
+
+def test_the_drilled_holes():
+    """Six on a circle of 40 mm and five in a row, each of them centred, drilled, and tapped or reamed."""
+    deepest: dict[tuple[float, float], list[float]] = {}
+    for run in of(Polyline, "drilling.nc"):
+        for point in run.points[~np.isnan(run.feeds)]:
+            place = (round(point[0] - 60, 6), round(point[1] - 60, 6))
+            deepest.setdefault(place, []).append(round(point[2], 6))
+    circle = {place for place in deepest if np.hypot(*place) == pytest.approx(40)}
+    row = {(60.0, -40.0 + 20 * step) for step in range(5)}
+    assert len(circle) == 6 and deepest.keys() == circle | row
+    assert {min(deepest[place]) for place in circle} == {-24}
+    assert {min(deepest[place]) for place in row} == {-12}
+    taps = [block for block in of(Spindle, "drilling.nc") if block.state == "ccw"]
+    assert len(taps) == 5
+
+
+def test_probes_find_the_top_and_the_side():
+    probes = of(Probe, "probing.nc")
+    assert [probe.must for probe in probes] == [True, True, False, True, True]
+    assert [probe.feed * 60 for probe in probes] == [300, 30, 300, 300, 30]
+
+
+def test_the_turned_thread():
+    """M20 x 1.5: the tool ends 0.92 mm inside the radius of 10, every pass at 1.5 mm a turn along Z."""
+    assert max(block.pitch for block in of(SpindleSync, "turned-thread.nc")) == pytest.approx(1.5 * np.hypot(1.5, 0.92) / 1.5)
+    straight = [
+        (point[0], feed)
+        for run in of(Polyline, "turned-thread.nc")
+        for point, feed, line in zip(run.points, run.feeds, run.lines, strict=True)
+        if feed == pytest.approx(1.5 * 10) and line == 8
+    ]
+    assert min(x for x, _ in straight) == pytest.approx(9.08)
+    assert sum(x == pytest.approx(9.08) for x, _ in straight) == 3
