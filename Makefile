@@ -28,6 +28,7 @@ lint: $(VENV)/installed-test
 # Speed of reading, planning and interpolating the shipped programs.
 bench: $(VENV)/installed
 	$(BIN)/python benchmarks/programs.py
+	$(BIN)/python benchmarks/language.py
 
 # The picture and the summary in the README.
 picture: $(VENV)/installed-view

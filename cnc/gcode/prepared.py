@@ -18,6 +18,8 @@ NEAR_CODE = 1e-3
 """How far from a whole number ten times a computed code may be."""
 _QUICK_MOTIONS = (0, 10, 20, 30)
 _DISTANCES = AXES | frozenset("IJKR")
+_MOTION_OF = {motion / 10: motion for motion in _QUICK_MOTIONS}
+_ARC, _FEED, _CODE, _NUMBER, _OTHER = -1, -2, -3, -4, -5
 _QUICK_WORDS = AXES | frozenset("FIJKR")
 
 
@@ -89,7 +91,17 @@ def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> P
     return Prepared(statement, words, codes, _quick(statement, words, codes, dialect, column))
 
 
-def move_of(letters: Iterable[int], numbers: Iterable[float], dialect: Dialect, column: dict[str, int]) -> QuickMove | None:
+def kinds_of_letters(dialect: Dialect, column: dict[str, int]) -> list[int]:
+    """What a letter is to :func:`move_of`, by its code: the column of an axis of dialect and machine, or one of the kinds below."""
+    kinds = [_OTHER] * 128
+    for letter, kind in {**dict.fromkeys("IJKR", _ARC), "G": _CODE, "F": _FEED, "N": _NUMBER}.items():
+        kinds[ord(letter)] = kind
+    for letter in dialect.axes & column.keys():
+        kinds[ord(letter)] = column[letter]
+    return kinds
+
+
+def move_of(letters: Iterable[int], numbers: Iterable[float], kinds: list[int]) -> QuickMove | None:
     """The quick way for words by the codes of their letters; None where that line is of another kind, or may be wrong."""
     motion: int | None = None
     feed: float | None = None
@@ -97,24 +109,25 @@ def move_of(letters: Iterable[int], numbers: Iterable[float], dialect: Dialect, 
     arc: list[tuple[str, Known]] = []
     seen = 0
     for code, number in zip(letters, numbers, strict=True):
-        letter = chr(code)
-        # A minus makes no code and no line number, not even before a zero.
-        if seen >> code & 1 or (letter in "GN" and math.copysign(1.0, number) < 0.0):
+        bit = 1 << code
+        if seen & bit:
             return None
-        seen |= 1 << code
-        if letter in AXES:
-            if letter not in column or letter not in dialect.axes:
-                return None
-            axes.append((column[letter], number))
-        elif letter == "G":
-            motion = int(number * 10)
-            if motion != number * 10 or motion not in _QUICK_MOTIONS or motion not in dialect.g:
-                return None
-        elif letter in "IJKR":
-            arc.append((letter, number))
-        elif letter == "F":
+        seen |= bit
+        kind = kinds[code]
+        if kind >= 0:
+            axes.append((kind, number))
+        elif kind == _ARC:
+            arc.append((chr(code), number))
+        elif kind == _FEED:
             feed = number
-        elif letter != "N" or not number.is_integer():
+        elif kind == _OTHER or (number == 0.0 and math.copysign(1.0, number) < 0.0):
+            # A minus makes no code and no line number, not even before a zero.
+            return None
+        elif kind == _CODE:
+            motion = _MOTION_OF.get(number)
+            if motion is None:
+                return None
+        elif number < 0.0 or not number.is_integer():
             return None
     return QuickMove(motion, tuple(axes), tuple(arc), feed) if axes or arc else None
 

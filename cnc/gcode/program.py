@@ -20,7 +20,7 @@ from cnc.gcode.interpreter import Interpreter
 from cnc.gcode.listing import NOTHING, Listing, Mark, Page, Step
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.parser import Syntax
-from cnc.gcode.prepared import QuickMove, move_of
+from cnc.gcode.prepared import QuickMove, kinds_of_letters, move_of
 from cnc.gcode.statement import Control, Statement
 from cnc.gcode.straight import SHORTEST, WITHOUT_POINT, StraightLane
 from cnc.gcode.text import Text, Window
@@ -87,7 +87,10 @@ def _run(flow: Flow, make: _Steps, on_line: Callable[[int], None] | None) -> Ite
             step = steps[index]
             if step is None:
                 assert page is not None
-                step = steps[index] = make.step(page, index)
+                step = make.step(page, index)
+                # Of a long program's moves few ever come again: what is kept would keep the garbage collector busy.
+                if line <= listing.high or step.__class__ is not _Move:
+                    steps[index] = step
                 if line > listing.high:
                     listing.high = line
                     flow.new += 1
@@ -130,6 +133,7 @@ class _Steps:
         self._flow = flow
         self._dialect = dialect
         self._macro = dialect.flavour == "macro-b"
+        self._kinds = kinds_of_letters(dialect, flow.interpreter.motion.column)
         self._lane = StraightLane(flow.interpreter)
 
     def step(self, page: Page, index: int) -> Step | Statement:
@@ -141,7 +145,7 @@ class _Steps:
             letters, numbers = window.scan.words(index)
             if not letters:
                 return NOTHING
-            if move := move_of(letters, numbers, self._dialect, self._flow.interpreter.motion.column):
+            if move := move_of(letters, numbers, self._kinds):
                 return _Move(move, window)
         statement = listing.statement(page.window, index)
         if statement is None:
