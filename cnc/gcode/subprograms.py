@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from cnc.errors import CncError
+from cnc.errors import CncError, UsageError
 from cnc.gcode.control import shown
 from cnc.gcode.flow import Flow, Frame
 from cnc.gcode.listing import Listing, Mark, Step
@@ -43,7 +43,7 @@ class Library:
             return None
         for folder in self.folders:
             for file in _file_names(name):
-                if (folder / file).is_file():
+                if os.path.isfile(folder / file):  # False, too, for a folder that can't be read and a name too long for a file
                     return self._listing(folder, file, at)
         return None
 
@@ -53,7 +53,12 @@ class Library:
         if not real.is_relative_to(folder.resolve()):
             raise _outside(f"{path} leads to a file outside of its folder", at)
         if real not in self._listings:
-            self._listings[real] = Listing(Text.of_file(path, os.fspath(path)), self._syntax, block_delete=self._block_delete)
+            try:
+                text = Text.of_file(real, os.fspath(path))
+            except UsageError as error:
+                found = error.diagnostic
+                raise fault(found.code, found.message, column=at.column, length=at.length) from None
+            self._listings[real] = Listing(text, self._syntax, block_delete=self._block_delete)
         return self._listings[real]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cnc.errors import Diagnostic, GcodeError
+from cnc.errors import Diagnostic, GcodeError, UsageError
 from cnc.gcode.flow import Limits
 from cnc.gcode.program import interpret
 from cnc.gcode.text import Text
@@ -294,6 +294,19 @@ def test_a_link_that_leads_out_of_the_folder(tmp_path: Path) -> None:
     assert list(interpret(Text.of_lines(["o<f> call"], "t"), folders=[inside]))
 
 
+def test_a_file_that_can_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "f.ngc").write_text("o<f> sub\no<f> endsub")
+
+    def locked(path: Path, name: str) -> Text:
+        raise UsageError(Diagnostic("unreadable-file", f"can't read {name}: it is locked"))
+
+    monkeypatch.setattr(Text, "of_file", locked)
+    found = refused("G0 X1\n o<f> call", folders=[tmp_path])
+    assert (found.code, found.line, found.column) == ("unreadable-file", 2, 2)
+    assert "it is locked" in found.message
+
+
 def test_folders_are_no_files(tmp_path: Path) -> None:
     (tmp_path / "f.ngc").mkdir()
     assert refused("o<f> call", folders=[tmp_path]).code == "sub-unknown"
+    assert refused(f"o<{'f' * 1000}> call", folders=[tmp_path]).code == "sub-unknown"

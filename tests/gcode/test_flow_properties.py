@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import time
+from collections.abc import Iterator
 
 import pytest
 
@@ -18,18 +19,19 @@ AMOUNT = share(20_000, 300)
 LIMITS = Limits(repeated_lines=20_000, depth=20)
 
 
-def programs(amount: int, *, most_loops: int = 9, repeats: bool = True) -> list[tuple[int, Program, list[float]]]:
+def programs(amount: int, *, most_loops: int = 9, repeats: bool = True) -> Iterator[tuple[int, Program, list[float]]]:
     """Seed, program and its moves."""
-    found = []
+    count = moves_in_all = 0
     for seed in range(amount):
         program = Author(seed, most_loops=most_loops, repeats=repeats).program()
         try:
-            found.append((seed, program, Evaluator(program).run()))
+            moves = Evaluator(program).run()
         except OverflowError:
             continue
-    assert len(found) > amount * 0.8
-    assert sum(len(moves) for _, _, moves in found) > amount * 3, "programs that make no moves test little"
-    return found
+        yield seed, program, moves
+        count, moves_in_all = count + 1, moves_in_all + len(moves)
+    assert count > amount * 0.8
+    assert moves_in_all > amount * 3, "programs that make no moves test little"
 
 
 @pytest.mark.timeout(3600)
