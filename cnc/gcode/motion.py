@@ -14,7 +14,7 @@ import numpy as np
 
 from cnc.canon import PLANE_AXES, ROTARY_LETTERS, ArcFeed, NurbsFeed
 from cnc.errors import GcodeError
-from cnc.gcode import arcs
+from cnc.gcode import arcs, polar
 from cnc.gcode.compensation import Compensation
 from cnc.gcode.coordinates import Coordinates
 from cnc.gcode.dialects import Dialect
@@ -24,7 +24,7 @@ from cnc.gcode.modal import BSPLINE, CANCEL, NURBS, Code, Codes, Feed, Modal, fe
 from cnc.gcode.output import Output
 from cnc.gcode.parser import MAX_NUMBER
 from cnc.gcode.prepared import QuickMove
-from cnc.gcode.words import AXES, LineWords, Word, fault, whole
+from cnc.gcode.words import AXES, POLAR, LineWords, Word, fault, whole
 from cnc.units import per_second
 
 MIN_FEED = 1e-6
@@ -38,6 +38,9 @@ _ARC_WORDS = frozenset("IJKR")
 _CURVES = (50, 51, 52, NURBS, BSPLINE)
 _NOWHERE = Word("G", 2.0, "G2", 1, 1)
 """Where errors of the quick way stand: nobody sees them, the slow way finds them again."""
+_CYCLES = frozenset(("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89"))
+_POLAR_USERS = _CYCLES | {"G0", "G1", "G2", "G3", "G38.2", "G38.3", "G38.4", "G38.5"}
+"""Codes whose point may be given by @ and ^; a cycle under G91 would have to count anew for each of its repeats."""
 _TAKES_AXES = (100, 280, 300, 520, 920)
 """Non-modal codes that take the axis words of their line."""
 
@@ -241,7 +244,24 @@ class Motion:
             word = words.take(letter, user)
             assert word is not None
             found[index] = word.number * self.scales[index]
+        if not POLAR.isdisjoint(words.rest):
+            self._polar(words, user, found)
         return found
+
+    def _polar(self, words: LineWords, user: str, found: dict[int, float]) -> None:
+        """Takes @ and ^: X and Y of what was ``found``."""
+        at, x, y = polar.first_polar(words), self.column.get("X"), self.column.get("Y")
+        if self._dialect.flavour != "ngc":
+            raise fault("syntax-not-in-dialect", f"polar coordinates are not in the {self._dialect.name} dialect", at)
+        if user not in _POLAR_USERS or self._machine_words or (user in _CYCLES and not self._state.absolute):
+            taker = "G53" if self._machine_words else f"{user} under G91" if user in _CYCLES else user
+            raise fault("polar-not-here", f"{taker} takes no polar coordinates", at, "give X and Y")
+        if x is None or y is None:
+            raise fault("axis-missing", "polar coordinates need the axes X and Y", at)
+        if {x, y} & found.keys():
+            raise fault("polar-and-axis", "X and Y can't stand beside polar coordinates", at)
+        program = self.coordinates.to_program(self.position)
+        found[x], found[y] = polar.point(words, user, (program[x], program[y]), self._state.scale, absolute=self._state.absolute)
 
     def target(self, words: LineWords, user: str, start: list[float], *, machine: bool = False) -> list[float]:
         """The machine position that a line's axis words mean, seen from ``start``; axes without a word stay there."""

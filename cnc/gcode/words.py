@@ -14,6 +14,9 @@ from typing import NoReturn
 from cnc.errors import Diagnostic, GcodeError
 
 AXES = frozenset("XYZABCUVW")
+POLAR = frozenset("@^")
+"""Distance and angle, in the place of X and Y."""
+_POINT = AXES | POLAR
 NEAR_WHOLE = 1e-4
 """How far from a whole number a computed number may be that has to be whole. Source: LinuxCNC, which takes as much."""
 
@@ -94,12 +97,12 @@ class LineWords:
         return word
 
     def has_axis(self) -> bool:
-        """Whether an axis word is left."""
-        return not AXES.isdisjoint(self.rest)
+        """Whether an axis word is left, polar ones among them."""
+        return not _POINT.isdisjoint(self.rest)
 
     def first_axis(self) -> Word:
         """The leftmost axis word left."""
-        return min((word for letter, word in self.rest.items() if letter in AXES), key=lambda word: word.column)
+        return min((word for letter, word in self.rest.items() if letter in _POINT), key=lambda word: word.column)
 
 
 def _check_line_number(word: Word, *, first: bool) -> None:
