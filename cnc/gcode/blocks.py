@@ -98,7 +98,11 @@ class _Reader:
         label, listing = control.label, self.listing
         if not isinstance(label, str):
             raise listing.wrong(
-                line, control, "label-computed", f"the label of {control.keyword} must be written as it is", "only calls compute"
+                line,
+                control,
+                "label-computed",
+                f"the label of {control.keyword} must be written as it is",
+                "only a call may compute its label",
             )
         if control.keyword == "while-do":
             if label not in MACRO_LOOPS:

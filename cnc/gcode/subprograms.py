@@ -82,7 +82,7 @@ class Definition:
     def __init__(self, listing: Listing, line: int, control: Control) -> None:
         """Read its control lines up to its end."""
         if not isinstance(control.label, str):
-            hint = "only calls compute"
+            hint = "only a call may compute its label"
             raise listing.wrong(line, control, "label-computed", "the label of sub must be written as it is", hint)
         self.listing, self.line, self.label = listing, line, control.label
         self.name = f"o{self.label}"

@@ -117,6 +117,10 @@ CASES: dict[str, tuple[str, list[float]]] = {
     "M98 in the order of the file or not": ("M98 P2\nM2\nO1\nG0 X1\nM99\nO2\nM98 P1\nM99", [1]),
     "loops in M98": ("M98 P1 L2\nM2\nO1\no5 repeat [2]\nG0 X1\no5 endrepeat\nM99", [1, 1, 1, 1]),
     "M99 beside M30": ("M98 P1\nG0 X9\nM2\nO1\nG0 X1 M30 M99", [1]),
+    "five times five": (
+        "O1\n#1=0\nM98 P100 L5\nG0 X#1\nM30\n\nO100\n#1=[#1 + 1]\nM98 P200 L5\nM99\n\nO200\n#1=[#1 + 0.25]\nM99",
+        [11.25],
+    ),
     "M99 in a loop": ("M98 P1 L2\nM2\nO1\no5 repeat [5]\nG0 X1\nM99\no5 endrepeat\nM99", [1, 1]),
     "a sub calls a program": ("o1 sub\nM98 P5\nG0 X#1\no1 endsub\no1 call [3]\nM2\nO5\nG0 X[#1 * 2]\nM99", [6, 3]),
     # the program as a whole
