@@ -73,7 +73,7 @@ class Cycles:
         at = code.word if code else min(words.rest.values(), key=lambda word: word.column)
         refuse_modes(motion, state, name, at)
         if not words.has_axis():
-            raise fault("axis-words-missing", f"{name} needs axis words", at)
+            raise fault("axis-words-missing", f"{name} needs axis words", at, "give the place of the hole, such as X10 Y20")
         refuse_axes(words, name, "XYZ")
         stage = Stage(motion, state, at)
         series = self._series_of(cycle)

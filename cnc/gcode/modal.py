@@ -108,7 +108,10 @@ def _add(found: Codes, group: str, code: Code) -> None:
         if code.number == CANCEL:
             return
     elif other:
-        raise fault("modal-conflict", f"{other.word.written} and {code.word.written} can't stand in one line", code.word)
+        if other.number == code.number:
+            raise fault("modal-conflict", f"{code.word.written} is given twice in this line", code.word, "once is enough")
+        message = f"{other.word.written} and {code.word.written} can't stand in one line"
+        raise fault("modal-conflict", message, code.word, "write them in two lines, in the order that is meant")
     found[group] = code
 
 

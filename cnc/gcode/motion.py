@@ -139,7 +139,7 @@ class Motion:
             return self._explicit(words, code, special, has_axis)
         if not has_axis:
             if self._machine_words and special:
-                raise fault("axis-words-missing", f"{special.word.written} needs axis words", special.word)
+                raise fault("axis-words-missing", f"{special.word.written} needs axis words", special.word, "such as G53 G0 Z0")
             orient = codes.get("spindle")
             arc_again = state.motion in (20, 30) and not _ARC_WORDS.isdisjoint(words.rest) and not (orient and orient.number == 19)
             return state.motion if arc_again and special is None else None
@@ -158,7 +158,7 @@ class Motion:
             if code.number not in (0, 10):
                 raise fault("machine-coordinates-motion", f"{special.word.written} goes with G0 and G1 only", special.word)
             if not has_axis:
-                raise fault("axis-words-missing", f"{special.word.written} needs axis words", special.word)
+                raise fault("axis-words-missing", f"{special.word.written} needs axis words", special.word, "such as G53 G0 Z0")
         self._state.motion = None if code.number == CANCEL else code.number
         if code.number == CANCEL:
             if has_axis:
@@ -312,7 +312,7 @@ class Motion:
             return self._inverse_time(words, length, at)
         feed = state.feed
         if feed is None:
-            raise fault("feed-missing", "a feed move, but no feed was ever given", at, "give F")
+            raise fault("feed-missing", "a feed move without a feed in effect", at, "give F")
         rate = self._straight_feed(end, feed)
         if state.feed_mode == "per-revolution":
             rate *= self.spindle_rpm(end, at) / 60.0

@@ -224,22 +224,24 @@ class Collector(Gathering):
         first, last = runs[0], runs[-1]
         if first[1] != order:
             raise self._places[min(first[1], order)].fault(
-                form.end_multiplicity, f"the first knot stands {first[1]} times", f"it must stand {order} times, the order"
+                form.end_multiplicity, f"the first knot stands {_often(first[1])}", f"it must stand {_often(order)}: the order"
             )
         if last[1] - last[0] != order:
             count = last[1] - last[0]
             place = self._places[len(self._knots) - order] if count < order else self._places[last[0]]
-            raise place.fault(form.end_multiplicity, f"the last knot stands {count} times", f"it must stand {order} times, the order")
+            raise place.fault(form.end_multiplicity, f"the last knot stands {_often(count)}", f"it must stand {_often(order)}: the order")
         for begin, end in runs[1:-1]:
             if end - begin > order:
                 raise self._places[begin + order].fault(
-                    form.inner_multiplicity, f"an inner knot stands {end - begin} times", f"at most {order - 1} times: the order less one"
+                    form.inner_multiplicity,
+                    f"an inner knot stands {_often(end - begin)}",
+                    f"at most {_often(order - 1)}: the order less one",
                 )
             if end - begin == order:
                 raise self._places[end - 1].fault(
                     "nurbs-position-jump",
-                    f"an inner knot that stands {order} times tears the curve apart",
-                    f"at most {order - 1} times: the order less one",
+                    f"an inner knot that stands {_often(order)} tears the curve apart",
+                    f"at most {_often(order - 1)}: the order less one",
                 )
 
     def _left(self, what: str, word: Word) -> GcodeError:
@@ -249,3 +251,7 @@ class Collector(Gathering):
         if self._knot_lines:
             return fault(form.knots_too_few, f"{what}: {self._knot_lines} of {need} lines with a knot alone", word, hint)
         return fault(form.left_early, f"{what}: no line with a knot alone yet", word, hint)
+
+
+def _often(count: int) -> str:
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")

@@ -147,4 +147,5 @@ def _refuse_foreign(squeezed: str, columns: list[int], syntax: Syntax) -> None:
     for found in _FOREIGN.finditer(squeezed):
         if found[1]:
             message = f"{_FOREIGN_NAMES[found[1]]} not in the {syntax.dialect} dialect"
-            raise fault("syntax-not-in-dialect", message, column=columns[found.start()] + 1)
+            hint = "use --dialect linuxcnc, or auto" if syntax.flavour == "none" else ""
+            raise fault("syntax-not-in-dialect", message, column=columns[found.start()] + 1, hint=hint)

@@ -50,7 +50,7 @@ class Probing:
         if state.feed_mode == "per-revolution":
             raise fault("probe-feed-mode", f"{name} under G95", at, "give G94 and F before")
         if not words.has_axis():
-            raise fault("axis-words-missing", f"{name} needs axis words", at)
+            raise fault("axis-words-missing", f"{name} needs axis words", at, "give how far to probe at most, such as Z-10")
         refuse_axes(words, name, LINEAR)
         end = motion.target(words, name, motion.position)
         if end == motion.position:

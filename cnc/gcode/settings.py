@@ -61,7 +61,7 @@ class Settings:
         """The axis words, of which there must be one."""
         values = self._motion.axis_values(words, user)
         if not values:
-            raise fault("axis-words-missing", f"{at.written} needs axis words", at)
+            raise fault("axis-words-missing", f"{at.written} needs axis words", at, "such as X0 Y0")
         return values
 
     def _check_compensation(self, at: Word) -> None:
@@ -111,7 +111,9 @@ class Settings:
         if kind is None:
             raise fault("offset-kind-missing", f"{at.written} needs an L word", at, "L2 sets an origin, L20 the present position")
         if kind.whole not in dialect.offsets:
-            raise fault("code-not-supported", f"{at.written} {kind.written} is not supported", kind)
+            raise fault(
+                "code-not-supported", f"{at.written} {kind.written} is not in the {dialect.name} dialect", kind, _kinds(dialect.offsets)
+            )
         if kind.whole not in _ORIGINS:
             self._check_compensation(at)
             self._tools.g10(words, kind.whole, at)
@@ -126,7 +128,7 @@ class Settings:
         rotation = self._rotation(words) if kind.whole == 2 else None
         values = self._motion.axis_values(words, "G10")
         if not values and rotation is None and not (kind.whole == 2 and dialect.rotation):
-            raise fault("axis-words-missing", f"{at.written} needs axis words", at)
+            raise fault("axis-words-missing", f"{at.written} needs axis words", at, "such as X0 Y0")
         if kind.whole == 2:
             add = dialect.offsets_add and not self._state.absolute
             self._coordinates.set_origin(index, values, rotation=rotation, add=add)
@@ -144,3 +146,9 @@ class Settings:
         if not self._coordinates.turns:
             raise fault("axis-missing", f"{word.written} turns X and Y, and the machine has not both", word)
         return word.number
+
+
+def _kinds(known: tuple[int, ...]) -> str:
+    """The L words of G10 that there are."""
+    *most, last = (f"L{kind}" for kind in known)
+    return f"there are {', '.join(most)} and {last}"

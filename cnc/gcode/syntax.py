@@ -333,6 +333,9 @@ class _Fault:
 
     def _after_all(self) -> GcodeError:
         """After the end of a line that takes no more."""
+        if self.macro and (found := re.match(r"(?:N[0-9]+)?(O[0-9]+)([A-Z]+)", self.text)) and found[2] in _O_KEYWORDS:
+            hint = "FANUC has IF [..] GOTO 10, WHILE [..] DO1 and M98 P100"
+            return self.fault("syntax-not-in-dialect", "O-words with a keyword are not in this dialect", found.start(1), found.end(), hint)
         if self.text.startswith("%"):
             return self.fault("percent-place", "a % must stand alone in its line")
         if self.char and self.char in "#-+.0123456789" and re.search("CALL|RETURN|ENDSUB", self.text):

@@ -45,7 +45,7 @@ class Threading:
         at = code.word if code else min(words.rest.values(), key=lambda word: word.column)
         refuse_modes(motion, state, name, at, inverse_time=False)
         if not words.has_axis():
-            raise fault("axis-words-missing", f"{name} needs axis words", at)
+            raise fault("axis-words-missing", f"{name} needs axis words", at, "give where the thread ends, such as Z-10")
         refuse_axes(words, name, "XYZ")
         pitch = self._pitch(words, "K", name, at)
         faster = self._faster(words) if rigid else 1.0

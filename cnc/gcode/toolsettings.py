@@ -65,7 +65,7 @@ class ToolSettings:
                 raise fault("axis-not-in-dialect", f"{user} takes {self._dialect.length_axes} only", words.rest[letter])
         values = self._motion.axis_values(words, user)
         if not values:
-            raise fault("axis-words-missing", f"{at.written} needs axis words" + (" or H" if user == "G43.2" else ""), at)
+            raise fault("axis-words-missing", f"{at.written} needs axis words" + (" or H" if user == "G43.2" else ""), at, "such as Z1.5")
         return values
 
     @staticmethod
@@ -92,7 +92,7 @@ class ToolSettings:
         if entry is not None:
             return entry
         if self._table.file or len(self._table):
-            hint = f"add T{number} to {self._table.file}" if self._table.file else f"set T{number} with G10 before"
+            hint = f"add T{number} to {self._table.file or 'the tool table'}"
             raise fault("tool-unknown", f"{at.written}: tool {number} is not in the tool table", at, hint)
         message = f"{at.written} needs the data of tool {number}, but there is no tool table"
         raise fault("tool-table-missing", message, at, "name one in the machine file: tool_table under [program]")

@@ -175,7 +175,7 @@ MACRO_CASES = [
     ("label-malformed", "DO¦1.5", ""),
     ("label-missing", "¦O", "O1234"),
     ("text-after-control", "O1234 ¦G0", ""),
-    ("text-after-control", "O1234 ¦sub", ""),
+    ("syntax-not-in-dialect", "¦O1234 sub", "FANUC has IF"),
     ("text-after-control", "END1 ¦X3", ""),
     ("expression-without-brackets", "GOTO #1¦+1", "[#1+10]"),
     ("expression-without-brackets", "X#1¦+2", "[ ]"),
