@@ -51,6 +51,9 @@ class ToolSettings:
         elif number == 431:
             offset = self._with(self._coordinates.tool_offset, self._axis_words(words, "G43.1", at))
         elif number == 432:
+            if "H" in words.rest and words.has_axis():
+                message = f"{at.written} takes H or axis words, not both"
+                raise fault("axis-words-wanted-twice", message, words.first_axis(), "write a move on a line of its own")
             added = self._of_h(words, at) if "H" in words.rest else self._with(nothing, self._axis_words(words, "G43.2", at))
             offset = [a + b for a, b in zip(self._coordinates.tool_offset, added, strict=True)]
         else:
