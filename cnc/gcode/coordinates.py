@@ -25,9 +25,11 @@ EXTERNAL = -1
 """The number of the offset that counts in every system (FANUC's P0)."""
 NAMES = (540, 550, 560, 570, 580, 590, 591, 592, 593)
 """What #<_coord_system> says of each system."""
+_NAME_OF_MORE = 541
 
 _SHIFT = 5211
 _ORIGIN = 5221
+_MORE = 7001
 _EXTERNAL = 5201
 _STEP = 20
 _ROTATION = 9
@@ -80,7 +82,7 @@ class Coordinates:
             bind(_RELATIVE + place, relative)
             bind(f"_{letter}", relative)
             bind(f"_abs_{letter}", self._reading(index, letter, here, scale))
-        bind("_coord_system", lambda: float(NAMES[self.system]))
+        bind("_coord_system", lambda: float(NAMES[self.system] if self.system < len(NAMES) else _NAME_OF_MORE))
 
     @staticmethod
     def _reading(index: int | None, letter: str, position: Callable[[], list[float]], scale: Callable[[], float]) -> Callable[[], float]:
@@ -161,7 +163,7 @@ class Coordinates:
 
     def set_origin(self, system: int, values: Mapping[int, float], *, rotation: float | None = None, add: bool = False) -> None:
         """G10 L2: the origin of a system (or EXTERNAL) by axis index, and its rotation in degrees; ``add`` to what is stored."""
-        first = _EXTERNAL if system == EXTERNAL else _ORIGIN + _STEP * system
+        first = self._first(system)
         for index, value in values.items():
             number = first + self._places[index]
             self._values[number] = value + (self._values.get(number, 0.0) if add else 0.0)
@@ -172,7 +174,7 @@ class Coordinates:
 
     def set_origin_here(self, system: int, values: Mapping[int, float], position: list[float]) -> None:
         """G10 L20: the origin of a system such that the machine ``position`` has the ``values`` there under shift and tool as they are."""
-        first = _ORIGIN + _STEP * system
+        first = self._first(system)
         origin, turn = self._stored(first), _turn(self._rotation_of(system))
         way = [value - base for value, base in zip(position, self._base([0.0] * len(position)), strict=True)]
         felt = self._back([value - base for value, base in zip(way, origin, strict=True)], turn)
@@ -183,14 +185,20 @@ class Coordinates:
 
     def _use(self, system: int) -> None:
         self.system = system
-        self._origin = self._stored(_ORIGIN + _STEP * system)
+        self._origin = self._stored(self._first(system))
         self._external = self._stored(_EXTERNAL) if self._fanuc else self._external
         self.rotation = self._rotation_of(system)
         self._turn = _turn(self.rotation)
         self._settle()
 
+    def _first(self, system: int) -> int:
+        """The first parameter of a system; those of FANUC's G54.1 come after the others, from ``systems`` on."""
+        if system == EXTERNAL:
+            return _EXTERNAL
+        return _ORIGIN + _STEP * system if system < self.systems else _MORE + _STEP * (system - self.systems)
+
     def _rotation_of(self, system: int) -> float:
-        return self._values.get(_ORIGIN + _STEP * system + _ROTATION, 0.0) if self._xy else 0.0
+        return self._values.get(self._first(system) + _ROTATION, 0.0) if self._xy else 0.0
 
     def _stored(self, first: int) -> list[float]:
         return [self._values.get(first + place, 0.0) for place in self._places]
@@ -264,7 +272,7 @@ class Coordinates:
         """
         if fixture:
             last = self.systems - 1
-            origin, turn = self._stored(_ORIGIN + _STEP * last), _turn(self._rotation_of(last))
+            origin, turn = self._stored(self._first(last)), _turn(self._rotation_of(last))
             moved = [0.0] * len(old)
         else:
             origin, turn = self._origin, self._turn

@@ -241,7 +241,7 @@ class Interpreter:
         if code := codes.get("tool-length"):
             self.tools.tool_length(words, code)
         if code := codes.get("system"):
-            self.settings.system(code)
+            self.settings.system(words, code)
         if code := codes.get("path"):
             functions.path_control(words, code)
         if code := codes.get("distance"):

@@ -126,7 +126,9 @@ class Motion:
         taker = special if special and special.number in _TAKES_AXES else None
         if (length := codes.get("tool-length")) and (length.number == 431 or (length.number == 432 and "H" not in words.rest)):
             if special and (taker or self._machine_words):
-                raise fault("axis-words-wanted-twice", f"both {special.word.written} and {length.word.written} take axis words", length.word)
+                raise fault(
+                    "axis-words-wanted-twice", f"both {special.word.written} and {length.word.written} take axis words", length.word
+                )
             taker = length
         if taker:
             if code:

@@ -28,8 +28,9 @@ USER = range(31, 5001)
 SYSTEM = frozenset((*range(5161, 5170), *range(5181, 5190), *range(5210, 5391)))
 """Home positions, G92, the coordinate systems: always there, always kept."""
 CURRENT_SYSTEM = 5220
-KEPT_MACRO = frozenset((*range(500, 1000), *range(5201, 5210)))
-"""FANUC's common variables that stay, and the external offset of its coordinate systems."""
+KEPT_MACRO = frozenset((*range(500, 1000), *range(5201, 5210), *range(7001, 7961)))
+"""FANUC's common variables that stay, the external offset of its coordinate systems, and the systems of G54.1."""
+LAST_MACRO = max(KEPT_MACRO)
 COMMON_MACRO = KEPT_MACRO | frozenset(range(100, 200))
 VACANT = math.nan
 
@@ -147,7 +148,7 @@ class Parameters:
         if self.macro and not (number in COMMON_MACRO or number in SYSTEM):
             hint = f"variables are #1 to #{LOCAL_MACRO}, #100 to #199 and #500 to #999"
             raise fault("parameter-number", f"there is no #{number} here", column=column, hint=hint)
-        if not 1 <= number <= LAST:
+        if not self.macro and not 1 <= number <= LAST:
             raise fault("parameter-number", f"there is no #{number}", column=column, hint=f"parameters are #1 to #{LAST}")
 
     def _write(self, key: int | str, value: float, column: int) -> None:
@@ -187,8 +188,8 @@ def read_parameters(path: str | os.PathLike[str]) -> dict[int, float]:
         if found is None or not math.isfinite(value):
             raise _file_error("parameter-file-line", "this is no number of a parameter and its value", name, line, raw, "such as 5221 10.5")
         number = int(found[1])
-        if not 1 <= number <= LAST:
-            raise _file_error("parameter-file-line", f"there is no parameter {number}", name, line, raw, f"they are 1 to {LAST}")
+        if not 1 <= number <= LAST_MACRO:
+            raise _file_error("parameter-file-line", f"there is no parameter {number}", name, line, raw, f"they are 1 to {LAST_MACRO}")
         if number <= last:
             message = f"{number} stands after {last}"
             raise _file_error("parameter-file-order", message, name, line, raw, "the numbers must ascend, each given once")

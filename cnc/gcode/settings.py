@@ -16,6 +16,7 @@ from cnc.gcode.words import AXES, LineWords, Word, fault, whole
 _HOME = {280: 28, 281: 28, 300: 30, 301: 30}
 _STORED_PLACES = {28: 1, 30: 2}
 _ORIGINS = (2, 20)
+_MORE = 541
 
 
 class Settings:
@@ -28,10 +29,21 @@ class Settings:
         self._coordinates: Coordinates = motion.coordinates
         self._tools = tools
 
-    def system(self, code: Code) -> None:
-        """G54 to G59.3."""
+    def system(self, words: LineWords, code: Code) -> None:
+        """G54 to G59.3, and FANUC's G54.1 P."""
         self._check_compensation(code.word)
-        self._coordinates.select(SYSTEMS[code.number])
+        index = SYSTEMS[code.number]
+        if code.number == _MORE:
+            word = words.take("P", code.word.written)
+            if word is None:
+                hint = f"give P from 1 to {self._dialect.more_systems}"
+                raise fault("offset-system-missing", f"{code.word.written} needs a P word", code.word, hint)
+            index = self._more(word)
+        self._coordinates.select(index)
+
+    def _more(self, word: Word) -> int:
+        """The index of the coordinate system that P of G54.1 names."""
+        return self._coordinates.systems + whole(word, "the coordinate system", 1, self._dialect.more_systems) - 1
 
     def non_modal(self, words: LineWords, code: Code) -> None:
         """G10, G28, G28.1, G30, G30.1, G52, G53, G92 to G92.3."""
@@ -118,22 +130,27 @@ class Settings:
             self._check_compensation(at)
             self._tools.g10(words, kind.whole, at)
             return
-        system, number = words.take("P", "G10"), None
+        system = words.take("P", "G10")
         if system is None:
             raise fault("offset-system-missing", f"{at.written} needs a P word", at, "P1 is G54, P2 is G55, and so on")
-        number = whole(system, "the coordinate system", 0, self._coordinates.systems)
-        index = number - 1 if number else self._coordinates.system if dialect.offsets_current else EXTERNAL
+        here = kind.whole == 20
+        if here and dialect.more_systems:
+            index, here = self._more(system), False
+        elif number := whole(system, "the coordinate system", 0, self._coordinates.systems):
+            index = number - 1
+        else:
+            index = self._coordinates.system if dialect.offsets_current else EXTERNAL
         if index in (self._coordinates.system, EXTERNAL):
             self._check_compensation(at)
-        rotation = self._rotation(words) if kind.whole == 2 else None
+        rotation = None if here else self._rotation(words)
         values = self._motion.axis_values(words, "G10")
-        if not values and rotation is None and not (kind.whole == 2 and dialect.rotation):
+        if not values and rotation is None and (here or not dialect.rotation):
             raise fault("axis-words-missing", f"{at.written} needs axis words", at, "such as X0 Y0")
-        if kind.whole == 2:
+        if here:
+            self._coordinates.set_origin_here(index, values, self._motion.position)
+        else:
             add = dialect.offsets_add and not self._state.absolute
             self._coordinates.set_origin(index, values, rotation=rotation, add=add)
-        else:
-            self._coordinates.set_origin_here(index, values, self._motion.position)
 
     def _rotation(self, words: LineWords) -> float | None:
         """R of G10 L2, degrees."""

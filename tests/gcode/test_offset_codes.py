@@ -135,6 +135,10 @@ FANUC = {
     "G28": ("G0 X5 Z5\nG91 G28 Z0\nG90 X5", ends((5, 0, 5), (5, 0, 5), (5, 0, 0), (5, 0, 0))),
     "G0 G28": ("G0 G91 G28 X0 Y0 Z0", ends((0, 0, 0), (0, 0, 0))),
     "G30": ("#5183=30\nG91 G30 Z0\nG30 P2 Z0", ends((0, 0, 0), (0, 0, 30), (0, 0, 30), (0, 0, 30))),
+    "G54.1": ("G10 L20 P1 X10\nG10 L20 P48 X480\nG0 G54.1 P1 X1\nG54.1 P48 X1\nG54 X1", ends((11, 0, 0), (481, 0, 0), (1, 0, 0))),
+    "G54.1 and its variables": ("#7001=10\n#7941=480\nG0 G54.1 P1 X0\nG54.1 P48 X0\n#7941=0\nX0", ends((10, 0, 0), (480, 0, 0), (0, 0, 0))),
+    "L20 adds under G91": ("G10 L20 P1 X10\nG91 G10 L20 P1 X5\nG90 G54.1 P1 G0 X0", ends((15, 0, 0))),
+    "the external offset's variable": ("#5201=7\nG0 X0\nG10 L2 P0 X[#5201+1]\nX0", ends((7, 0, 0), (8, 0, 0))),
     "a variable is in effect at once": ("#5221=10\nG0 X0", ends((10, 0, 0))),
 }
 
@@ -228,6 +232,11 @@ def test_errors(name: str) -> None:
         ("fanuc", "axis-words-missing", "¦G30 P2"),
         ("fanuc", "reference-position-missing", "G30 ¦P3 X0"),
         ("fanuc", "value-out-of-range", "G30 ¦P1 X0"),
+        ("fanuc", "offset-system-missing", "¦G54.1"),
+        ("fanuc", "value-out-of-range", "G54.1 ¦P49"),
+        ("fanuc", "value-out-of-range", "G54.1 ¦P0"),
+        ("fanuc", "value-out-of-range", "G10 L20 ¦P0 X1"),
+        ("linuxcnc", "code-not-in-dialect", "¦G54.1 P1"),
         ("fanuc", "tool-offset-missing", "G0 ¦G43 Z1"),
         ("fanuc", "tool-table-missing", "G43 ¦H9"),
         ("fanuc", "tool-unknown", "G10 L10 P1 R5\nG43 ¦H9"),

@@ -170,7 +170,7 @@ def test_what_linuxcnc_wrote_is_read(tmp_path: Path) -> None:
         ("5161.5 1", "parameter-file-line", 1, 1),
         ("-5 1", "parameter-file-line", 1, 1),
         ("0 1", "parameter-file-line", 1, 1),
-        ("5603 1", "parameter-file-line", 1, 1),
+        ("7961 1", "parameter-file-line", 1, 1),
         ("; comment", "parameter-file-line", 1, 1),
         ("\u0665 1", "parameter-file-line", 1, 1),
         ("5162 1\n5161 1", "parameter-file-order", 2, 1),

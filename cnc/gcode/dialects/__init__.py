@@ -69,6 +69,7 @@ class Dialect:
     offsets: tuple[int, ...]
     offsets_current: bool
     offsets_add: bool
+    more_systems: int
     shift_stays: bool
     rotation: bool
     offset_memory: bool
@@ -139,6 +140,7 @@ def load(name: str) -> Dialect:
         offsets=tuple(table["offsets"]),
         offsets_current=table["offsets_current"],
         offsets_add=table["offsets_add"],
+        more_systems=table["more_systems"],
         shift_stays=table["shift_stays"],
         rotation=table["rotation"],
         offset_memory=table["offset_memory"],
