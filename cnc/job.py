@@ -155,7 +155,7 @@ class Job:
         self._last_line = 0
         self.report = Report(self.name, machine, limits=Extremes.limits(machine))
         self._kept: list[PathChunk | Block] | None = []
-        self._reading, self._planning, self._interpolating = Stopwatch(), Stopwatch(), Stopwatch()
+        self._reading, self._reading_again, self._planning, self._interpolating = Stopwatch(), Stopwatch(), Stopwatch(), Stopwatch()
         self._open: list[Output] = []
         self._step_deviation = 0.0
 
@@ -191,7 +191,7 @@ class Job:
         timing = report.timing
         timing.parse_s = self._reading.seconds
         # The planner draws the program through the reader, so its watch ran meanwhile.
-        timing.plan_s = max(0.0, self._planning.seconds - self._reading.seconds)
+        timing.plan_s = max(0.0, self._planning.seconds - self._reading.seconds - self._reading_again.seconds)
         timing.interpolate_s = self._interpolating.seconds
         timing.total_s = perf_counter() - began
         return report
@@ -203,7 +203,7 @@ class Job:
     def _survey(self) -> None:
         """The first pass: read to the end; nothing moves."""
         report, survey, room = self.report, Survey(self.machine), KEPT_NUMBERS
-        blocks = self._blocks(self._warn, self._at_line)
+        blocks = self._reading.inside(self._blocks(self._warn, self._at_line))
         if self.outputs.blocks is not None:
             blocks = _written(blocks, self._opened(JsonLines(self.outputs.blocks, self.machine.axis_names, self.name)))
         for item in self._planning.inside(self._path(self._counted(blocks))):
@@ -236,7 +236,7 @@ class Job:
         on_pulses = None
         if self.outputs.pulses is not None:
             on_pulses = self._opened(pulse_writer(self.outputs.pulses, machine, interpolator.origin_steps)).write
-        path = self._kept if self._kept is not None else self._path(self._blocks(None, None))
+        path = self._kept if self._kept is not None else self._path(self._reading_again.inside(self.blocks()))
         ahead = LookAhead(machine)
         planned = self._timed(self._planning.inside(ahead.plan(path)))
         if self.sampled:
@@ -317,7 +317,7 @@ class Job:
     def _blocks(self, warn: Callable[[Diagnostic], None] | None, on_line: Callable[[int], None] | None) -> Iterator[Block]:
         program = self.machine.program
         self._state = self._memory.parameters(macro=dialects.load(self.dialect).flavour == "macro-b"), self._memory.tools()
-        blocks = interpret(
+        return interpret(
             Text.of_file(self.path, self.name),
             axes=self.machine.axis_names,
             dialect=self.dialect,
@@ -329,7 +329,6 @@ class Job:
             limits=Limits(program.max_repeated_lines, program.max_call_depth),
             on_line=on_line,
         )
-        return self._reading.inside(blocks)
 
     def _check_board(self, block: BoardCommand | Probe | WaitInput | SpindleSync) -> None:
         """GcodeError for what this board can't do."""

@@ -63,7 +63,7 @@ class Extremes:
 
 @dataclass(slots=True)
 class Timing:
-    """Seconds of computing: reading the program, planning, interpolating, and all in all (with checking and writing)."""
+    """Seconds of computing: reading the program (once), planning, interpolating, and all in all (with checking and writing)."""
 
     parse_s: float = 0.0
     plan_s: float = 0.0
