@@ -15,7 +15,7 @@ from gcode_cases import run
 from support import share
 from test_flow import xs
 
-AMOUNT = share(20_000, 300)
+AMOUNT = share(10_000, 300)
 LIMITS = Limits(repeated_lines=20_000, depth=20)
 
 
