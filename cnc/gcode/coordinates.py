@@ -84,6 +84,11 @@ class Coordinates:
             bind(f"_abs_{letter}", self._reading(index, letter, here, scale))
         bind("_coord_system", lambda: float(NAMES[self.system] if self.system < len(NAMES) else _NAME_OF_MORE))
 
+    def bind_numbers(self, first: int, position: Callable[[], list[float]], scale: Callable[[], float]) -> None:
+        """Show a position, in mm, as a number for each of the machine's axes, in their order."""
+        for index, letter in enumerate(self._axes):
+            self.parameters.bind(first + index, self._reading(index, letter, position, scale))
+
     @staticmethod
     def _reading(index: int | None, letter: str, position: Callable[[], list[float]], scale: Callable[[], float]) -> Callable[[], float]:
         if index is None:

@@ -9,7 +9,7 @@ LinuxCNC, "G-code overview", order of execution.
 from __future__ import annotations
 
 from cnc.canon import BoardCommand, Message
-from cnc.gcode import cycles, dialects, nurbs, nurbs_ngc, nurbs_siemens, probing, splines, system, threading
+from cnc.gcode import cycles, dialects, nurbs, nurbs_ngc, nurbs_siemens, probing, splines, system, threading, variables
 from cnc.gcode.coordinates import Coordinates
 from cnc.gcode.functions import Functions
 from cnc.gcode.here import Here, Warn
@@ -81,6 +81,8 @@ class Interpreter:
         probing.register(self.motion, self.modal, self.here, self.out, parameters)
         self.coordinates.bind(lambda: self.motion.position, lambda: self.modal.scale)
         system.bind(parameters, self.modal, self.here)
+        if parameters.macro:
+            variables.bind(parameters, self.modal, self.here, self.coordinates, self.out, lambda: self.motion.position)
         parameters.bind("_call_level", lambda: float(len(self._saved) - 1))
         self.points_wanted = dialect.decimal_points
         self._prepared: dict[int, Prepared] = {}

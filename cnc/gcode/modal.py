@@ -138,7 +138,8 @@ class Modal:
 
     ``scale`` is mm a program unit; ``diameter`` (G7): X words are diameters. ``speed`` is in rpm, or mm/s under G96, where ``most_rpm``
     limits the spindle (0: no limit). ``tool`` is the number of the last T word, ``loaded`` that of the tool in the spindle (0: none).
-    ``compensation`` tells whether G41 or G42 is on. ``initial_level`` (G98): cycles end at the level that they began from, not at R.
+    ``compensation`` is ten times the code of the G41 or G42 in effect (0: none). ``initial_level`` (G98): cycles end at the level that they
+    began from, not at R.
     """
 
     motion: int | None = None
@@ -158,7 +159,7 @@ class Modal:
     tool: int | None = None
     loaded: int = 0
     initial_level: bool = False
-    compensation: bool = False
+    compensation: int = 0
     path: PathControl = "blend"
     tolerance: float = 0.0
     feed_override: bool = True

@@ -28,6 +28,8 @@ USER = range(31, 5001)
 SYSTEM = frozenset((*range(5161, 5170), *range(5181, 5190), *range(5210, 5391)))
 """Home positions, G92, the coordinate systems: always there, always kept."""
 CURRENT_SYSTEM = 5220
+ALARM = 3000
+"""FANUC: setting it stops the program with an alarm."""
 KEPT_MACRO = frozenset((*range(500, 1000), *range(5201, 5210), *range(7001, 7961)))
 """FANUC's common variables that stay, the external offset of its coordinate systems, and the systems of G54.1."""
 LAST_MACRO = max(KEPT_MACRO)
@@ -74,12 +76,15 @@ class Parameters:
         return self._unset
 
     def set_number(self, index: float, value: float, column: int) -> None:
-        """``#index = value``. GcodeError ``parameter-number``, ``parameter-read-only``."""
+        """``#index = value``. GcodeError ``parameter-number``, ``parameter-read-only``, ``macro-alarm``."""
         number = self._whole(index, column)
         if 0 < number <= self._last_local:
             self._store(self.locals, number, value)
         elif number in self._bound:
             self._write(number, value, column)
+        elif number == ALARM and self.macro:
+            message = f"the program stops itself with alarm {ALARM + value:g}"
+            raise fault("macro-alarm", message, column=column, hint="the comment beside it may say why")
         elif number == 0 and self.macro:
             raise fault("parameter-read-only", "#0 is always vacant and can't be set", column=column)
         else:

@@ -71,13 +71,13 @@ class Sides:
             shift = (_POINTS[orientation][0] * abs(radius), _POINTS[orientation][1] * abs(radius))
         compensation = self._motion.compensation
         compensation.start(side, radius, self._state.plane, columns, self._motion.position, at, shift=shift)
-        self._state.compensation = True
+        self._state.compensation = code.number
         self._out.hold = compensation.add
 
     def off(self) -> None:
         """The move that is held back ends where it would end by itself."""
         self._motion.compensation.stop()
-        self._state.compensation = False
+        self._state.compensation = 0
         self._out.hold = None
 
     def _given(self, words: LineWords, at: Word) -> tuple[float, int]:

@@ -15,6 +15,7 @@ from cnc.units import per_minute
 VERSION = (2.9, 0.0)
 """LinuxCNC's version whose language this is: #<_vmajor>, #<_vminor>."""
 
+_NO_COMPENSATION = 400
 _PLANE_CODES = {plane: float(code) for code, plane in PLANES.items()}
 
 
@@ -28,6 +29,7 @@ def bind(parameters: Parameters, state: Modal, here: Here) -> None:
         "_line": lambda: here.line,
         "_motion_mode": lambda: CANCEL if state.motion is None else state.motion,
         "_plane": lambda: _PLANE_CODES[state.plane],
+        "_ccomp": lambda: state.compensation or _NO_COMPENSATION,
         "_metric": lambda: state.scale == 1.0,
         "_imperial": lambda: state.scale != 1.0,
         "_absolute": lambda: state.absolute,
@@ -50,7 +52,7 @@ def bind(parameters: Parameters, state: Modal, here: Here) -> None:
         "_feed_override": lambda: state.feed_override,
         "_adaptive_feed": lambda: state.adaptive_feed,
         "_feed_hold": lambda: state.feed_stop,
-        "_feed": lambda: _feed(state),
+        "_feed": lambda: feed_word(state),
         "_rpm": lambda: 0.0 if state.speed is None or state.constant_surface else state.speed,
         "_current_tool": lambda: state.loaded,
         "_selected_tool": lambda: 0 if state.tool is None else state.tool,
@@ -63,7 +65,7 @@ def _as_float(read: Callable[[], float]) -> Callable[[], float]:
     return lambda: float(read())
 
 
-def _feed(state: Modal) -> float:
+def feed_word(state: Modal) -> float:
     """The F word in effect, as it was written."""
     if state.feed is None:
         return 0.0

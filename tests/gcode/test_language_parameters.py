@@ -47,6 +47,15 @@ MACROS: dict[str, tuple[str, list[str]]] = {
     "vacant is not 0": ("#2=0\nIF [#1 EQ #0] GOTO 1\nG0 X99.\nN1 IF [#2 NE #0] GOTO 2\nG0 X98.\nN2 G0 X1.", ["rapid 1 0 0"]),
     "ROUND in a word": ("#1=1.23456\nG0 X[ROUND[#1]]\n#2=ROUND[#1]\nY#2", ["rapid 1.235 0 0", "rapid 1.235 1 0"]),
     "ROUND in a word, inches": ("G20\n#1=1.23456\nG0 X[ROUND[#1]]", ["rapid 31.35884 0 0"]),
+    "positions": ("G54 G0 X3. Y4.\n#1=#5041 #2=#5002\nX[#1*2] Y[#2*2]\nZ#5021", ["rapid 3 4 0", "rapid 6 8 0", "rapid 6 8 6"]),
+    "positions in a system, in inches": ("G10 L2 P2 X25.4\nG55 G20 G0 X1.\nY#5041 Z#5021", ["rapid 50.8 0 0", "rapid 50.8 25.4 50.8"]),
+    "codes in effect": (
+        "G91 G17 G55 G1 F60.\n#1=#4003 #2=#4001 #3=#4014 #4=#4109\nG90 G0 X#1 Y[#2*10+#3] Z#4",
+        ["rapid 91 65 60"],
+    ),
+    "a code that is put back": ("G91\n#1=#4003\nG90 G0 X1.\nG#1 X1.", ["rapid 1 0 0", "rapid 2 0 0"]),
+    "a stop with a message": ("G0 X1.\n#3006=1 (TURN THE PART)\nX2.", ["rapid 1 0 0", "stop", "rapid 2 0 0"]),
+    "switches remember": ("#3003=1 #3004=7\nG0 X#3004 Y#3003", ["rapid 7 1 0"]),
     "IF THEN": ("#1=1\nIF [#1 EQ 1] THEN #2=5.\nIF [#1 EQ 2] THEN #2=6.\nG0 X#2", ["rapid 5 0 0"]),
 }
 
@@ -101,7 +110,7 @@ def test_grbl_has_none_of_it(code: str, source: str) -> None:
 
 
 NAMES = """
-vmajor vminor line motion_mode plane metric imperial absolute incremental inverse_time units_per_minute units_per_rev coord_system
+vmajor vminor line motion_mode plane ccomp metric imperial absolute incremental inverse_time units_per_minute units_per_rev coord_system
 tool_offset retract_r_plane retract_old_z spindle_rpm_mode spindle_css_mode ijk_absolute_mode lathe_diameter_mode lathe_radius_mode
 spindle_on spindle_cw mist flood speed_override feed_override adaptive_feed feed_hold feed rpm x y z a b c u v w current_tool
 current_pocket selected_tool selected_pocket value value_returned task call_level remap_level

@@ -42,7 +42,7 @@ def test_there_is_no_such_number(number: float) -> None:
     assert code_of(lambda: known.set_number(number, 1.0, 7)) == "parameter-number"
 
 
-@pytest.mark.parametrize("number", [34, 99, 200, 499, 1000, 3000, -1, 1.5])
+@pytest.mark.parametrize("number", [34, 99, 200, 499, 1000, 3001, -1, 1.5])
 def test_there_is_no_such_variable(number: float) -> None:
     known = Parameters(macro=True)
     assert code_of(lambda: known.number(number, 7)) == "parameter-number"
@@ -65,6 +65,11 @@ def test_variable_0_is_always_vacant() -> None:
     assert math.isnan(known.number(0, 7))
     assert code_of(lambda: known.set_number(0, 1.0, 7)) == "parameter-read-only"
     assert known.number(5221, 7) == 0, "the coordinate systems are there"
+
+
+def test_setting_3000_is_an_alarm() -> None:
+    assert code_of(lambda: Parameters(macro=True).set_number(3000, 1.0, 7)) == "macro-alarm"
+    Parameters().set_number(3000, 1.0, 7)
 
 
 def test_names() -> None:
