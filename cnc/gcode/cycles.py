@@ -50,6 +50,8 @@ def register(motion: Motion, dialect: Dialect, state: Modal, performer: Performe
     """Let ``motion`` make the canned cycles of the dialect."""
     made = Cycles(motion, dialect, state, performer)
     motion.handlers |= dict.fromkeys(made.cycles, made.make)
+    if dialect.cycles.words_stay:
+        motion.again |= dict.fromkeys(made.cycles, frozenset("R"))
 
 
 class Cycles:
@@ -72,7 +74,7 @@ class Cycles:
         name = f"G{cycle // 10}"
         at = code.word if code else min(words.rest.values(), key=lambda word: word.column)
         refuse_modes(motion, state, name, at)
-        if not words.has_axis():
+        if not words.has_axis() and not (self._rules.words_stay and "R" in words.rest):
             raise fault("axis-words-missing", f"{name} needs axis words", at, "give the place of the hole, such as X10 Y20")
         refuse_axes(words, name, "XYZ")
         stage = Stage(motion, state, at)

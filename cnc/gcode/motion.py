@@ -63,7 +63,8 @@ class Motion:
 
     ``position`` is the programmed one in machine coordinates; ``column`` tells the column of an axis letter; ``handlers`` makes the moves
     of motion codes other than G0 to G3; ``collector`` is the curve that is being collected, if any; ``compensation`` turns moves into those
-    of the tool's centre; ``before`` is the motion code that was in effect before the line.
+    of the tool's centre; ``before`` is the motion code that was in effect before the line; ``again`` tells the letters
+    that repeat the move of a motion code in effect without an axis word.
     """
 
     def __init__(
@@ -85,6 +86,7 @@ class Motion:
         self.handlers: dict[int, Handler] = {}
         self.scales: list[float] = []
         self.before: int | None = None
+        self.again: dict[int, frozenset[str]] = {20: _ARC_WORDS, 30: _ARC_WORDS}
         self._linear = [letter not in ROTARY_LETTERS for letter in axes]
         self._has_rotary = not all(self._linear)
         self._dialect = dialect
@@ -143,8 +145,9 @@ class Motion:
             if self._machine_words and special:
                 raise fault("axis-words-missing", f"{special.word.written} needs axis words", special.word, "such as G53 G0 Z0")
             orient = codes.get("spindle")
-            arc_again = state.motion in (20, 30) and not _ARC_WORDS.isdisjoint(words.rest) and not (orient and orient.number == 19)
-            return state.motion if arc_again and special is None else None
+            letters = self.again.get(state.motion or 0, frozenset())
+            again = not letters.isdisjoint(words.rest) and not (orient and orient.number == 19)
+            return state.motion if again and special is None else None
         return self._modal_move(words, special)
 
     def _axis_beside_dwell(self, words: LineWords, code: Code | None) -> bool:

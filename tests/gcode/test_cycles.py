@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.errors import GcodeError
-from gcode_cases import refused, rows, run, said
+from cnc.gcode.holes import Hole, Manner, steps
+from cnc.gcode.steps import Cut, Pause, Rapid
+from gcode_cases import refused, rows, run, said, same
 from support import share
 
 BEGIN = "G21 F600 S1000 M3\nG0 X1 Y2 Z3\n"
@@ -167,6 +170,7 @@ FANUC: dict[str, tuple[str, list[str]]] = {
         "G98 G81 X4. Y5. Z-1. R1.\nG85 X5.",
         hole(4, 5, 3, 1, -1, 3) + ["rapid 5 5 3", "rapid 5 5 1"] + ["line 5 5 -1 F600", "line 5 5 1 F600", "rapid 5 5 3"],
     ),
+    "R alone drills again": ("G98 G81 X4. Y5. Z-1. R1.\nR2.", hole(4, 5, 3, 1, -1, 3) + hole(4, 5, 3, 2, -1, 3)[1:]),
     "until G80": ("G98 G81 X4. Y5. Z-1. R1.\nG80\nG81 X5. Z-2. R1.", hole(4, 5, 3, 1, -1, 3) + hole(5, 5, 3, 1, -2, 3)),
     "the level of the series is the default": ("G81 X4. Y5. Z-1. R1.", hole(4, 5, 3, 1, -1, 3)),
     "K repeats, P is in milliseconds": (
@@ -241,6 +245,7 @@ WRONG: dict[str, tuple[str, str]] = {
     "half a repeat": ("value-out-of-range", "G81 X4 Z-1 R1 ¦L1.5"),
     "too many repeats": ("value-out-of-range", "G81 X4 Z-1 R1 ¦L1000000"),
     "a rotary axis": ("axis-not-allowed", "G81 X4 Z-1 R1 ¦A0"),
+    "cutter compensation": ("compensation-active", "G41.1 D1\nG1 X20\n¦G81 X40 Z-1 R1"),
     "G93": ("inverse-time-active", "G93\n¦G81 X4 Z-1 R1"),
     "no axis word": ("axis-words-missing", "¦G81 R1"),
     "R alone": ("word-unused", "G81 X4 Z-1 R1\n¦R2"),
@@ -280,6 +285,7 @@ def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
     [
         ("value-out-of-range", "G81 X4. Z-1. R1. ¦K0"),
         ("word-wanted-twice", "G81 X4. Z-1. R1. L2 ¦K2"),
+        ("word-unused", "G81 X4. Z-1. R1.\n¦K2"),
         ("cycle-word-missing", "¦G76 X4. Z-1. R1."),
         ("value-out-of-range", "G76 X4. Z-1. R1. ¦Q0."),
         ("code-not-supported", "¦G87 X4. Z-1. R1. Q1."),
@@ -297,44 +303,77 @@ def test_no_feed_and_no_axis() -> None:
     assert refused("F60 G18\nG81 X1 Z-1 R1", axes=("x", "z")).code == "axis-missing"
 
 
-cycle_words = st.fixed_dictionaries(
-    {},
-    optional={
-        "X": st.integers(-9, 9),
-        "Y": st.integers(-9, 9),
-        "Z": st.integers(-9, 9),
-        "R": st.integers(-9, 9),
-        "Q": st.integers(-1, 3),
-        "P": st.integers(-1, 2),
-        "L": st.integers(0, 3),
-    },
-)
-lines = st.tuples(
-    st.sampled_from(["", "G90", "G91"]),
-    st.sampled_from(["", "G98", "G99"]),
-    st.sampled_from(["", "", "G73", "G74", "G81", "G82", "G83", "G84", "G85", "G86", "G88", "G89", "G80", "G0"]),
-    cycle_words,
-)
+NEEDED = {"G81": "ZR", "G82": "ZRP", "G83": "ZRQ", "G85": "ZR"}
 
 
-@settings(max_examples=share(20000, 300), deadline=None)
-@given(st.lists(lines, min_size=1, max_size=6))
-def test_random_words_are_refused_or_end_at_their_level(program: list[tuple[str, str, str, dict[str, int]]]) -> None:
-    """A line of cycles makes L holes, all of them as deep as the first, and ends at R, or under G98 at or above it."""
-    text = "F600 S100 M3\nG0 Z5\n"
+@st.composite
+def series(draw: st.DrawFn) -> list[tuple[str, str, str, dict[str, int]]]:
+    """Lines of distance mode, retract mode, code and words; most of them have what their cycle needs."""
+    program, current = [], ""
+    for _ in range(draw(st.integers(1, 6))):
+        code = draw(st.sampled_from(["", "", *NEEDED])) or ("" if current else "G81")
+        begins = code not in ("", current)
+        current = code or current
+        words = {letter: draw(st.integers(-9, 9)) for letter in "XY" if draw(st.integers(0, 2))}
+        for letter in NEEDED[current]:
+            if draw(st.integers(0, 14)) if begins else not draw(st.integers(0, 4)):
+                words[letter] = draw(st.integers(-9, 2) if letter == "Z" else st.integers(-2, 9) if letter == "R" else st.integers(1, 4))
+        if not draw(st.integers(0, 3)):
+            words["L"] = draw(st.integers(1, 3))
+        program.append((draw(st.sampled_from(["", "", "", "G90", "G91"])), draw(st.sampled_from(["", "", "G98", "G99"])), code, words))
+    return program
+
+
+def model(program: list[tuple[str, str, str, dict[str, int]]]) -> Iterator[tuple[str, list[Hole], dict[str, int]]]:
+    """Cycle, holes and words in effect of each line: the rules a second time, in the simplest way. ValueError at a wrong line."""
+    x = y = 0.0
+    level, absolute, initial, current = 5.0, True, True, ""
+    known: dict[str, int] = {}
+    for distance, retract, code, words in program:
+        absolute = {"G90": True, "G91": False}.get(distance, absolute)
+        initial = {"G98": True, "G99": False}.get(retract, initial)
+        known = {} if code not in ("", current) else known
+        current = code or current
+        if not {"X", "Y", "Z"} & words.keys():
+            if code or words:
+                raise ValueError
+            yield current, [], known
+            continue
+        known |= {letter: value for letter, value in words.items() if letter in NEEDED[current]}
+        if known.keys() != set(NEEDED[current]):
+            raise ValueError
+        top = known["R"] + (0 if absolute else level)
+        bottom = known["Z"] + (0 if absolute else top)
+        if bottom > top:
+            raise ValueError
+        made = []
+        for _ in range(words.get("L", 1)):
+            x = words.get("X", x) if absolute else x + words.get("X", 0)
+            y = words.get("Y", y) if absolute else y + words.get("Y", 0)
+            made.append(Hole(x, y, bottom, top, max(level, top) if initial else top))
+        yield current, made, known
+
+
+@settings(max_examples=share(20000, 400), deadline=None)
+@given(series())
+def test_series_against_the_rules_written_twice(program: list[tuple[str, str, str, dict[str, int]]]) -> None:
+    text = "F600\nG0 Z5\n"
     for *codes, words in program:
         text += " ".join([*codes, *(f"{letter}{value}" for letter, value in words.items())]) + "\n"
+    expected: list[tuple[object, ...]] = [("rapid", 0.0, 0.0, 5.0)]
+    place = (0.0, 0.0, 5.0)
+    line = 2
     try:
-        blocks = run(text)
-    except GcodeError:
-        return
-    *_, cycle, words = program[-1]
-    moves = [row for block in blocks if block.line == len(program) + 2 for row in rows([block]) if row[0] in ("rapid", "line")]
-    feeds = [row for row in moves if row[0] == "line"]
-    if cycle not in ("G81", "G82") or not feeds:
-        return
-    assert len(feeds) == words.get("L", 1)
-    assert len({row[3] for row in feeds}) == 1
-    top = {moves[index - 1][3] for index, row in enumerate(moves) if row[0] == "line"}
-    assert len(top) == 1
-    assert moves[-1][3] >= top.pop() >= feeds[0][3]
+        for cycle, holes, known in model(program):
+            line += 1
+            how = Manner(feed=10.0, dwell=known.get("P", 0), peck=known.get("Q", 0), clearance=0.254)
+            for step in steps(int(cycle[1:]) * 10, place, holes, how):
+                if isinstance(step, Pause):
+                    expected.append(("dwell", step.seconds))
+                elif isinstance(step, Rapid | Cut):
+                    expected.append(("line", *step.to, 600.0) if isinstance(step, Cut) else ("rapid", *step.to))
+                    place = step.to
+    except ValueError:
+        assert refused(text).line == line + 1
+    else:
+        same(list(rows(run(text))), expected)

@@ -64,6 +64,7 @@ WRONG: dict[str, tuple[str, str]] = {
     "a rotary axis beside": ("axis-not-allowed", "G38.2 Z-1 ¦A3"),
     "G95": ("probe-feed-mode", "S100 M3 G95 F1\n¦G38.2 Z-1"),
     "G93 without F": ("feed-missing", "G93\n¦G38.2 Z-1"),
+    "cutter compensation": ("compensation-active", "G41.1 D1\nG1 X40\n¦G38.2 X50"),
     "machine coordinates": ("machine-coordinates-motion", "¦G53 G38.2 Z-1"),
     "no such probe": ("code-unknown", "¦G38.1 Z-1"),
     "no such probe either": ("code-unknown", "¦G38.6 Z-1"),

@@ -104,6 +104,8 @@ WRONG: dict[str, tuple[str, str]] = {
     "G33 under G96": ("surface-speed-active", "G96 S100 D2000\n¦G33 Z-1 K1"),
     "G33.1 back at no speed": ("value-out-of-range", "G33.1 Z-1 K1 ¦I0"),
     "G33.1 back the wrong way": ("value-out-of-range", "G33.1 Z-1 K1 ¦I-1"),
+    "G33 under cutter compensation": ("compensation-active", "G41.1 D1\nG1 X40 F60\n¦G33 X50 K1"),
+    "G76 under cutter compensation": ("compensation-active", "G41.1 D1\nG1 X40 F60\n¦G76 P1 Z-20 I-1 J.4 K.8"),
     "G33 in machine coordinates": ("machine-coordinates-motion", "¦G53 G33 Z-1 K1"),
     "G76 in G17": ("thread-plane", "G17 ¦G76 P1 Z-20 I-1 J.4 K.8"),
     "G76 with X": ("axis-not-allowed", "G76 P1 ¦X1 Z-20 I-1 J.4 K.8"),
