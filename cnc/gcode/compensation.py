@@ -27,7 +27,7 @@ from cnc.gcode.here import Here
 from cnc.gcode.offset_curves import SLACK, Curve, Round, TrueArc, join, leading_in, round_offset, straight_offset, true_arcs
 from cnc.gcode.words import Word, fault
 
-MAX_WAITING = 10_000
+MAX_WAITING = 1000
 """Blocks between two moves in the plane: a bound to the memory that a program can ask for."""
 
 Side = Literal["left", "right"]
