@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
@@ -31,6 +32,8 @@ MAX_WAITING = 1000
 """Blocks between two moves in the plane: a bound to the memory that a program can ask for."""
 
 Side = Literal["left", "right"]
+_MOTIONS = (0.0, 1.0, 2.0, 3.0)
+_STRAIGHT_OUT = "the first move after G40 must be a straight one", "lead out with G0 or G1"
 
 
 class Emit(Protocol):
@@ -43,7 +46,24 @@ class Emit(Protocol):
         """Any other block."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
+class _Place:
+    """A line that an error may have to point at when it has gone by."""
+
+    file: str
+    line: int
+    text_of: Callable[[int], str]
+    words_of: Callable[[int], tuple[Word, ...]]
+
+    def fault(self, code: str, message: str, hint: str) -> CncError:
+        """An error at the line's motion code, or at its first word."""
+        words = [word for word in self.words_of(self.line) if word.letter != "N"]
+        codes = (word for word in words if word.letter == "G" and word.number in _MOTIONS)
+        error = fault(code, message, next(codes, words[0] if words else None), hint)
+        return error.at(file=self.file, line=self.line, text=self.text_of(self.line))
+
+
+@dataclass(slots=True)
 class _Straight:
     """A straight move that waits behind the one that is held: its plane axes follow from where that ends."""
 
@@ -64,9 +84,7 @@ class _Held:
     curve: Curve
     end: list[float]
     feed: float
-    line: int
-    file: str
-    at: Word | None
+    place: _Place
     template: ArcFeed | None = None
     around: tuple[complex, complex] | None = None
     entry: bool = False
@@ -113,7 +131,7 @@ class Compensation:
         *,
         shift: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """G41 or G42 at the programmed ``position``.
+        """G41 or G42 at the programmed ``position``; ``at`` is its word.
 
         ``radius`` mm of the tool; a negative one swaps the sides, as a contour programmed for a bigger tool needs it. ``columns`` are those
         of the plane's axes. ``shift`` (first, second axis) leads from the centre of a lathe tool's nose to its control point, mm.
@@ -148,8 +166,8 @@ class Compensation:
         self.on, self._first = False, False
         self._side = 0
 
-    def move(self, end: list[float], feed: float, line: int, at: Word | None = None) -> None:
-        """A straight move to ``end`` (axes,), NaN feed for a traverse; errors about it stand at ``at``.
+    def move(self, end: list[float], feed: float, line: int) -> None:
+        """A straight move of a line to ``end`` (axes,), NaN feed for a traverse.
 
         Raises GcodeError ``compensation-gouge``, ``compensation-entry``, ``compensation-look-ahead``; the first of them may be about the
         move before.
@@ -163,39 +181,42 @@ class Compensation:
             self._wait(_Straight(end, feed, line, self._text.file))
             return
         curve = straight_offset(self._programmed, point, self._side, self._radius)
-        held = _Held(curve, end, feed, line, self._text.file, at)
+        held = _Held(curve, end, feed, self._place(line))
         if self._first and curve.length <= self._radius:
             message = (
                 f"the first compensated move is {curve.length:.6g} mm long, which must be more than the tool radius, {self._radius:.6g} mm"
             )
-            raise self._fault(held, "compensation-entry", message, "start farther away from the contour")
+            raise held.place.fault("compensation-entry", message, "start farther away from the contour")
         self._next(held)
 
-    def arc(self, block: ArcFeed, at: Word | None = None) -> None:
-        """An arc or a helix in the plane of compensation; errors about it stand at ``at``.
+    def arc(self, block: ArcFeed) -> None:
+        """An arc or a helix in the plane of compensation.
 
         Raises GcodeError ``compensation-arc-radius``, ``compensation-exit``, and those of :meth:`move`.
         """
         if self._side == 0:
-            self.refuse_curve(at)
+            if self._leaving:
+                raise self._place(block.line).fault("compensation-exit", *_STRAIGHT_OUT)
             self._emit.put(block)
             return
         if self._first and abs(block.turns) >= 1.0:
             message = "the first compensated move can't be a full circle"
-            raise fault("compensation-entry", message, at, "lead in with a straight move, or an arc of less than a turn")
+            hint = "lead in with a straight move, or an arc of less than a turn"
+            raise self._place(block.line).fault("compensation-entry", message, hint)
         start = self._programmed
         first = np.asarray(self._last if self._held is None else self._held.end)
         for waiting in self._waiting:
             first = np.asarray(waiting.end) if isinstance(waiting, _Straight) else first
         for arc in true_arcs(start, self._point(block.end.tolist()), complex(*block.center), block.turns):
             end = block.end if arc.share == 1.0 else first + arc.share * (block.end - first)
-            self._next(self._held_arc(start, arc, block, end.tolist(), at))
+            self._next(self._held_arc(start, arc, block, end.tolist()))
             start = arc.end
 
     def refuse_curve(self, at: Word | None = None) -> None:
         """GcodeError ``compensation-exit`` where the next move has to lead out: it must be a straight one."""
         if self._leaving:
-            raise fault("compensation-exit", "the first move after G40 must be a straight one", at, "lead out with G0 or G1")
+            message, hint = _STRAIGHT_OUT
+            raise fault("compensation-exit", message, at, hint)
 
     def add(self, block: Block) -> None:
         """A block that is no move: it happens where the move before it ends.
@@ -204,19 +225,19 @@ class Compensation:
         """
         self._wait(block)
 
-    def _held_arc(self, start: complex, arc: TrueArc, block: ArcFeed, end: list[float], at: Word | None) -> _Held:
-        curve = round_offset(start, arc, self._side, self._radius)
+    def _held_arc(self, start: complex, arc: TrueArc, block: ArcFeed, end: list[float]) -> _Held:
+        curve, place = round_offset(start, arc, self._side, self._radius), self._place(block.line)
         if curve is None:
             message = f"an arc of radius {block.radius:.6g} mm, cut on its inside by a tool of radius {self._radius:.6g} mm"
-            raise fault("compensation-arc-radius", message, at, "the radius must be more than the tool's")
+            raise place.fault("compensation-arc-radius", message, "the radius must be more than the tool's")
         if self._first:
             curve = leading_in(self._here, curve)
             if curve is None or curve.radius <= self._radius:
                 message = "no arc larger than the tool leads from here tangentially to the end of this one"
-                raise fault("compensation-entry", message, at, "lead in with a straight move")
+                raise place.fault("compensation-entry", message, "lead in with a straight move")
         end = end.copy()
         end[self._columns[0]], end[self._columns[1]] = arc.end.real, arc.end.imag
-        return _Held(curve, end, block.feed, block.line, block.file, at, block)
+        return _Held(curve, end, block.feed, place, block)
 
     # Holding back
 
@@ -243,7 +264,7 @@ class Compensation:
             return
         if len(self._waiting) >= MAX_WAITING:
             message = f"more than {MAX_WAITING} blocks after a compensated move without the next one in its plane"
-            raise self._fault(self._held, "compensation-look-ahead", message, "give G40 before them")
+            raise self._held.place.fault("compensation-look-ahead", message, "give G40 before them")
         self._waiting.append(item)
 
     def _pass(self, item: _Straight | Block) -> None:
@@ -271,7 +292,7 @@ class Compensation:
             around, radius = (center.real, center.imag), abs(self._here - curve.center)
             self._emit.put(replace(block, center=around, end=np.array(end), radius=radius, turns=turns))
         elif abs(leave - self._here) > SLACK or self._moves_across(end):
-            self._emit.place(end, held.feed, held.line, held.file)
+            self._emit.place(end, held.feed, held.place.line, held.place.file)
         self._here, self._last = leave, end
         for item in self._waiting:
             self._pass(item)
@@ -293,22 +314,21 @@ class Compensation:
             steps = math.ceil(abs(turned) / (math.pi / 4))
             for step in range(steps):
                 vertex = corner + ray * cmath.rect(1.0 / math.cos(turned / steps / 2), turned * (step + 0.5) / steps)
-                self._emit.place(self._placed(self._last, vertex), held.feed, held.line, held.file)
-            self._emit.place(end, held.feed, held.line, held.file)
+                self._emit.place(self._placed(self._last, vertex), held.feed, held.place.line, held.place.file)
+            self._emit.place(end, held.feed, held.place.line, held.place.file)
         else:
             center = corner + self._shift
             around, turns = (center.real, center.imag), turned / math.tau
-            self._emit.put(ArcFeed(held.file, held.line, self._plane, around, np.array(end), self._radius, turns, held.feed))
+            self._emit.put(ArcFeed(held.place.file, held.place.line, self._plane, around, np.array(end), self._radius, turns, held.feed))
         self._here, self._last = enter, end
 
     def _gouge(self, held: _Held, what: str) -> CncError:
         message = f"a tool of radius {self._radius:.6g} mm can't make this move without cutting into the contour of {what}"
-        return self._fault(held, "compensation-gouge", message, "take a smaller tool, or give its corners larger radii")
+        return held.place.fault("compensation-gouge", message, "take a smaller tool, or give its corners larger radii")
 
-    def _fault(self, held: _Held, code: str, message: str, hint: str) -> CncError:
-        """An error at a move that may stand in an earlier line, or even in another file."""
-        error = fault(code, message, held.at, hint)
-        return error.at(line=held.line, file=held.file if held.file != self._text.file else None)
+    def _place(self, line: int) -> _Place:
+        text = self._text
+        return _Place(text.file, line, text.text_of, text.words_of)
 
     # Points of the plane
 

@@ -137,4 +137,5 @@ class Flow:
         if interpreter.here.file != listing.name:
             interpreter.out.flush()
         self.listing = listing
-        interpreter.here.file, interpreter.here.text_of = listing.name, listing.source
+        here = interpreter.here
+        here.file, here.text_of, here.words_of = listing.name, listing.source, listing.words

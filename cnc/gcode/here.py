@@ -13,12 +13,13 @@ Warn = Callable[[Diagnostic], None]
 
 @dataclass(slots=True)
 class Here:
-    """The file, the line (from 1) and, for a line of that file, its text."""
+    """The file, the line (from 1) and, for a line of that file, its text and its words."""
 
     file: str
     warn: Warn | None
     line: int = 0
     text_of: Callable[[int], str] = lambda line: ""
+    words_of: Callable[[int], tuple[Word, ...]] = lambda line: ()
 
     @property
     def text(self) -> str:

@@ -160,7 +160,6 @@ class Interpreter:
             state.motion in _QUICK_MOTIONS
             and state.feed_mode == "per-minute"
             and motion.collector is None
-            and not motion.compensation.active
             and not self.coordinates.rotation
         )
 

@@ -20,7 +20,7 @@ from cnc.errors import CncError, GcodeError
 from cnc.gcode.parser import MAX_LINE, Syntax
 from cnc.gcode.statement import Control, Statement
 from cnc.gcode.text import Text, Window
-from cnc.gcode.words import fault
+from cnc.gcode.words import Word, fault
 
 if TYPE_CHECKING:
     from cnc.gcode.flow import Flow
@@ -135,6 +135,15 @@ class Listing:
         window = self._text.window(line)
         text = "" if window is None else window.text(line - window.first)
         return text if len(text) <= MAX_LINE else ""
+
+    def words(self, line: int) -> tuple[Word, ...]:
+        """The words of a line; none past the end."""
+        window = self._text.window(line)
+        statement = None if window is None else self.statement(window, line - window.first)
+        if statement is None:
+            return ()
+        then = statement.control.then if statement.control else None
+        return then.words if then else statement.words
 
     def statement(self, window: Window, index: int) -> Statement | None:
         """The parsed line; None for a line that block delete skips unread. Errors have their place."""

@@ -94,7 +94,6 @@ class Motion:
         self._state = state
         self._out = out
         self._machine_words = False
-        self._at: Word | None = None
         columns = {axis: index for index, axis in enumerate(axes)}
         self._planes = {
             plane: (columns[first], columns[second])
@@ -194,8 +193,6 @@ class Motion:
         if motion is None:
             return
         code = explicit.word if explicit else None
-        if self.compensation.active:
-            self._at = code or min(words.rest.values(), key=lambda word: word.column)
         if motion == 0:
             self.traverse(self.target(words, "G0", self.position, machine=self._machine_words))
         elif motion == 10:
@@ -206,7 +203,7 @@ class Motion:
             self._arc(words, motion, code)
         else:
             if motion in _CURVES:
-                self.compensation.refuse_curve(self._at)
+                self.compensation.refuse_curve(code)
             self.handlers[motion](words, explicit)
 
     def traverse(self, end: list[float]) -> None:
@@ -216,7 +213,7 @@ class Motion:
     def feed_to(self, end: list[float], feed: float) -> None:
         """A straight move at ``feed`` mm/s, to a machine position."""
         if self.compensation.active:
-            self.compensation.move(end, feed, self._here.line, self._at)
+            self.compensation.move(end, feed, self._here.line)
         else:
             self._out.move(end, feed, self._here.line)
         self.position = end
@@ -224,7 +221,7 @@ class Motion:
     def arc(self, block: ArcFeed) -> None:
         """An arc from the position."""
         if self.compensation.active:
-            self.compensation.arc(block, self._at)
+            self.compensation.arc(block)
         else:
             self._out.add(block)
         self.position = block.end.tolist()
@@ -479,29 +476,36 @@ class Motion:
                     return False
                 end[index] = value * scales[index] + zero[index] if absolute else end[index] + value * scales[index]
             if motion == 0:
-                self._out.move(end, math.nan, self._here.line)
-            elif feed is None or (motion > 10 and not self._quick_arc(move, motion, end, feed)):
+                rate = math.nan
+            elif feed is None:
                 return False
             elif motion == 10:
-                self._out.move(end, self._straight_feed(end, feed), self._here.line)
+                rate = self._straight_feed(end, feed)
+            else:
+                arc = self._quick_arc(move, motion, end, feed)
         except GcodeError:
             return False
+        if motion <= 10:
+            self.feed_to(end, rate)
+        elif arc is None:
+            return False
+        else:
+            self.arc(arc)
         state.feed = feed
         state.motion = motion
-        self.position = end
         return True
 
-    def _quick_arc(self, move: QuickMove, motion: int, end: list[float], feed: Feed) -> bool:
+    def _quick_arc(self, move: QuickMove, motion: int, end: list[float], feed: Feed) -> ArcFeed | None:
         state = self._state
         plane, letters = self._planes.get(state.plane), _PLANE_LETTERS[state.plane]
         if plane is None:
-            return False
+            return None
         parameters = self.coordinates.parameters
         first = second = radius = None
         for letter, number in move.arc:
             value = number if number.__class__ is float else number(parameters)  # type: ignore[operator]
             if not -MAX_NUMBER <= value <= MAX_NUMBER:
-                return False
+                return None
             if letter == letters[0]:
                 first = value
             elif letter == letters[1]:
@@ -509,8 +513,7 @@ class Motion:
             elif letter == "R" and len(move.arc) == 1:
                 radius = value
             else:
-                return False
+                return None
         arc = self._arc_of(end, motion, plane, (first, second) if radius is None else None, radius or 0.0, 1, _NOWHERE)
         here, rate = self._here, self._straight_feed(end, feed)
-        self._out.add(ArcFeed(here.file, here.line, state.plane, arc.center, np.array(end), arc.radius, arc.turns, rate))
-        return True
+        return ArcFeed(here.file, here.line, state.plane, arc.center, np.array(end), arc.radius, arc.turns, rate)

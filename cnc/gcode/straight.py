@@ -65,5 +65,9 @@ class StraightLane:
         motion.position = position.tolist()
         interpreter.begun = interpreter.begun or bool(scan.first[index + count] > scan.first[index])
         interpreter.here.line = window.first + index + count - 1
-        interpreter.out.moves(points[:moves], feeds[:moves], lines[:moves])
+        if motion.compensation.active:
+            for point, rate, line in zip(points[:moves].tolist(), feeds[:moves].tolist(), lines[:moves].tolist(), strict=True):
+                motion.compensation.move(point, rate, line)
+        else:
+            interpreter.out.moves(points[:moves], feeds[:moves], lines[:moves])
         return int(count)

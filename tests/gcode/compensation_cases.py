@@ -19,8 +19,8 @@ from cnc.gcode.words import Word
 
 Row = tuple[Any, ...]
 FEED = 10.0
-HERE = Here("test.nc", None)
 WORD = Word("X", 1.0, "X1", 7, 2)
+HERE = Here("test.nc", None, words_of=lambda line: (WORD,))
 
 
 @dataclass(frozen=True)
@@ -80,11 +80,11 @@ def send(compensation: Compensation, moves: list[Move], position: list[float]) -
         assert not isinstance(move, str)
         start, position = position, [move.x, move.y, position[2] if move.z is None else move.z]
         if isinstance(move, Line):
-            compensation.move(position, math.nan if move.rapid else move.feed, line, WORD)
+            compensation.move(position, math.nan if move.rapid else move.feed, line)
         else:
             radius = math.dist(start[:2], (move.cx, move.cy))
             block = ArcFeed("test.nc", line, "XY", (move.cx, move.cy), np.array(position), radius, move.turns, FEED)
-            compensation.arc(block, WORD)
+            compensation.arc(block)
 
 
 def record(moves: list[Move], side: Literal["left", "right"], radius: float, *, start: Row = (0.0, 0.0, 0.0)) -> Recorder:

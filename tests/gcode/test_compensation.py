@@ -11,7 +11,7 @@ import pytest
 from cnc.canon import ArcFeed
 from cnc.errors import GcodeError
 from cnc.gcode.compensation import MAX_WAITING, Compensation
-from compensation_cases import FEED, HERE, WORD, Arc, Line, Move, Recorder, Row, record, same, send
+from compensation_cases import FEED, HERE, Arc, Line, Move, Recorder, Row, record, same, send
 
 H = math.sqrt(0.5)
 
@@ -291,7 +291,7 @@ def test_other_axes_go_where_they_are_sent() -> None:
     compensation.start("left", 2.0, "XY", (0, 1), [0.0, 0.0, 0.0, 0.0])
     compensation.move([10.0, 0.0, 0.0, 90.0], FEED, 1)
     compensation.move([10.0, 10.0, 0.0, 180.0], FEED, 2)
-    compensation.arc(ArcFeed("test.nc", 3, "XY", (5.0, 10.0), np.array([0.0, 10.0, -1.0, 270.0]), 5.0, 0.5, FEED), WORD)
+    compensation.arc(ArcFeed("test.nc", 3, "XY", (5.0, 10.0), np.array([0.0, 10.0, -1.0, 270.0]), 5.0, 0.5, FEED))
     compensation.stop()
     assert [row[3:5] for row in recorder.rows] == [(0, 90), (0, 180), (-1, 270)]
 
@@ -317,7 +317,7 @@ def test_an_arc_off_its_circle_is_made_true(angle: float, pieces: int) -> None:
 def test_what_waits_is_bounded() -> None:
     compensation = Compensation(Recorder(), HERE)
     compensation.start("left", 2.0, "XY", (0, 1), [0.0, 0.0, 0.0])
-    compensation.move([10.0, 0.0, 0.0], FEED, 1, WORD)
+    compensation.move([10.0, 0.0, 0.0], FEED, 1)
     for line in range(MAX_WAITING):
         compensation.move([10.0, 0.0, float(line % 2)], FEED, 2 + line)
     with pytest.raises(GcodeError) as caught:

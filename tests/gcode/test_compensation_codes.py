@@ -265,7 +265,7 @@ ON = "G41 D2\nG1 F60 X20\nX40\n"
         (ON + "¦G81 X3 Z-1 R1", "compensation-active"),
         (ON + "¦G38.2 X3", "compensation-active"),
         ("S100 M3\n" + ON + "¦G33 Z-1 K1", "compensation-active"),
-        (ON + "¦G5.1 X60 Y0 I5 J5", "nurbs-wrong-mode"),
+        (ON + "¦G5.1 X60 Y0 I5 J5", "compensation-active"),
         (ON + "¦G6.2 P3 K0 X1", "fanuc-1006"),
         ("M70\nG55\n" + ON + "¦M72", "compensation-active"),
         # the first move after G40

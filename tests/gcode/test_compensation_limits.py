@@ -69,7 +69,7 @@ GOUGE, ENTRY, ROUND = "compensation-gouge", "compensation-entry", "compensation-
 )
 def test_refused(side: Literal["left", "right"], moves: list[Move], code: str, line: int) -> None:
     found = refused(moves, side, 2.0)
-    assert (found.code, found.line or len(moves), found.column) == (code, line, WORD.column)
+    assert (found.code, found.line, found.column) == (code, line, WORD.column)
     assert found.hint
 
 
@@ -80,7 +80,7 @@ def test_an_arc_does_not_lead_out(move: Arc) -> None:
     send(compensation, [Line(20, 0)], [0.0, 0.0, 0.0])
     compensation.stop()
     with pytest.raises(GcodeError) as caught:
-        compensation.arc(ArcFeed("test.nc", 7, "XY", (move.cx, move.cy), np.array([move.x, move.y, 0.0]), 5.0, move.turns, FEED), WORD)
+        compensation.arc(ArcFeed("test.nc", 7, "XY", (move.cx, move.cy), np.array([move.x, move.y, 0.0]), 5.0, move.turns, FEED))
     found = caught.value.diagnostic
     assert (found.code, found.column) == ("compensation-exit", WORD.column)
 
