@@ -183,6 +183,8 @@ class Call:
         raise self._fault("sub-unknown", f"there is no subroutine o{label}", hint)
 
     def _in(self, listing: Listing, label: str) -> Definition | None:
+        if found := listing.subs.get(label):  # of a file: another call was here before
+            return found
         places = listing.places()
         line = places.subs.get(label)
         if line is None:
