@@ -77,7 +77,8 @@ class Cycles:
         if not words.has_axis() and not (self._rules.words_stay and "R" in words.rest):
             raise fault("axis-words-missing", f"{name} needs axis words", at, "give the place of the hole, such as X10 Y20")
         refuse_axes(words, name, "XYZ")
-        stage = Stage(motion, state, at)
+        stage = Stage(motion, state)
+        stage.needs("XYZ" if cycle == FINE_BORING else stage.across, name, at)
         series = self._series_of(cycle)
         depth = self._word(words, series, stage.across, name, at)
         retract = self._word(words, series, "R", name, at)
@@ -174,7 +175,7 @@ class Cycles:
     def _heights(self, stage: Stage, series: _Series, depth: Word, retract: Word) -> tuple[float, float, float]:
         """R, the bottom, and where the cycle ends."""
         state, motion = self._state, self._motion
-        scale = motion.scales[stage.columns[2]]
+        scale = motion.scales[motion.column[stage.across]]
         level = stage.seen(motion.coordinates.to_program(series.start))[2]
         top = retract.number * scale + (0.0 if state.absolute else level)
         bottom = depth.number * scale + (0.0 if state.absolute else top)
@@ -183,13 +184,13 @@ class Cycles:
     def _holes(self, stage: Stage, given: dict[int, float], heights: tuple[float, float, float], repeats: int) -> Iterator[Hole]:
         """The holes of the line; ``given`` are its axis words by column."""
         first, second, _ = stage.start
-        i, j, _ = stage.columns
+        x, y = stage.in_plane(given)
         top, bottom, clear = heights
         for number in range(1, repeats + 1):
             if self._state.absolute:
-                yield Hole(given.get(i, first), given.get(j, second), bottom, top, clear)
+                yield Hole(first if x is None else x, second if y is None else y, bottom, top, clear)
             else:
-                yield Hole(first + number * given.get(i, 0.0), second + number * given.get(j, 0.0), bottom, top, clear)
+                yield Hole(first + number * (x or 0.0), second + number * (y or 0.0), bottom, top, clear)
 
 
 def _of_line(words: LineWords, letter: str, at: Word) -> Word:

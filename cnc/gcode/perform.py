@@ -31,35 +31,45 @@ def refuse_axes(words: LineWords, name: str, allowed: str) -> None:
 class Stage:
     """The plane in effect, as a line with a cycle finds it.
 
-    ``columns`` are those of the plane's two axes and of the axis across it; ``start`` is the position seen from there, mm in the
-    coordinate system in use. GcodeError ``axis-missing`` at ``at`` where the machine lacks one of the three.
+    ``columns`` are those of the plane's two axes and of the axis across it, None for one that the machine lacks: it stands at 0. ``start``
+    is the position seen from there, mm in the coordinate system in use.
     """
 
-    def __init__(self, motion: Motion, state: Modal, at: Word) -> None:
+    def __init__(self, motion: Motion, state: Modal) -> None:
         first, second = PLANE_AXES[state.plane]
         (across,) = {"x", "y", "z"} - {first, second}
-        for axis in (first, second, across):
-            if axis not in motion.axes:
-                message = f"a cycle in the {state.plane} plane, but the machine has no {axis.upper()} axis"
-                raise fault("axis-missing", message, at)
         self.across = across.upper()
-        self.columns = motion.axes.index(first), motion.axes.index(second), motion.axes.index(across)
+        self.columns = tuple(motion.column.get(axis.upper()) for axis in (first, second, across))
+        self._plane = state.plane
+        self._axes = (first, second, across)
         self._coordinates = motion.coordinates
         self._machine = motion.position
         self._turning = [index for index, axis in enumerate(motion.axes) if axis in "xy"]
         self._program = motion.coordinates.to_program(motion.position)
         self.start = self.seen(self._program)
 
+    def needs(self, axes: str, name: str, at: Word) -> None:
+        """GcodeError ``axis-missing`` where the machine lacks one of the axes (their letters) that ``name`` moves whatever its words."""
+        for axis, column in zip(self._axes, self.columns, strict=True):
+            if column is None and axis.upper() in axes:
+                raise fault("axis-missing", f"{name} in the {self._plane} plane, but the machine has no {axis.upper()} axis", at)
+
     def seen(self, program: list[float]) -> Point:
         """A position in program coordinates as a point of the plane."""
-        first, second, across = self.columns
-        return program[first], program[second], program[across]
+        first, second, height = (0.0 if column is None else program[column] for column in self.columns)
+        return first, second, height
+
+    def in_plane(self, values: dict[int, float]) -> tuple[float | None, float | None]:
+        """What axis values (by column) say of the plane's two axes."""
+        first, second = (None if column is None else values.get(column) for column in self.columns[:2])
+        return first, second
 
     def place(self, point: Point) -> list[float]:
         """The machine position of a point. Axes that don't leave the start stay there to the bit."""
         program = self._program.copy()
         for column, value in zip(self.columns, point, strict=True):
-            program[column] = value
+            if column is not None:
+                program[column] = value
         placed = self._coordinates.to_machine(program)
         stays = [new == old for new, old in zip(program, self._program, strict=True)]
         if self._coordinates.rotation:

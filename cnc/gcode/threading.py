@@ -49,7 +49,7 @@ class Threading:
         refuse_axes(words, name, "XYZ")
         pitch = self._pitch(words, "K", name, at)
         faster = self._faster(words) if rigid else 1.0
-        stage = Stage(motion, state, at)
+        stage = Stage(motion, state)
         turns, turning = self._turns_per_second(name, at)
         end = stage.seen(motion.coordinates.to_program(motion.target(words, name, motion.position)))
         steps = tap_rigidly(stage.start, end, pitch, turns, turning, faster) if rigid else follow(stage.start, end, pitch, turns)
@@ -90,7 +90,8 @@ class Threading:
         refuse_axes(words, "G76", "Z")
         if "Z" not in words.rest:
             raise fault("axis-words-missing", "G76 needs Z", at, "give Z and the end of the thread")
-        stage = Stage(motion, state, at)
+        stage = Stage(motion, state)
+        stage.needs("XZ", "G76", at)
         turns, _ = self._turns_per_second("G76", at)
         end_word = words.rest["Z"]
         start, drive, height = stage.start

@@ -83,8 +83,10 @@ def said(source: str, **options: Any) -> list[str]:
     out = []
     for kind, *values in rows(run(source, **options)):
         words = [str(value).lower() if isinstance(value, str | bool) else f"{round(value, 6) + 0.0:.10g}" for value in values]
-        if kind in ("line", "probe"):
-            words[3] = f"F{words[3]}"
+        if kind == "line":
+            words[-1] = f"F{words[-1]}"
+        elif kind == "probe":
+            words[-3] = f"F{words[-3]}"
         out.append(" ".join((kind, *words)))
     return out
 

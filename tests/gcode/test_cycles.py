@@ -298,6 +298,13 @@ def test_what_fanuc_refuses(code: str, source: str) -> None:
     assert (found.code, found.line, found.column) == (code, line, column), found.message
 
 
+def test_a_lathe_drills_along_its_axis() -> None:
+    """Two axes are enough for a hole in the middle."""
+    assert said("F600\nG0 X2 Z3\nG98 G81 X0 Z-1 R1", axes=("x", "z")) == [
+        "rapid 2 3", "rapid 0 3", "rapid 0 1", "line 0 -1 F600", "rapid 0 3",
+    ]  # fmt: skip
+
+
 def test_no_feed_and_no_axis() -> None:
     assert refused("G81 X1 Z-1 R1").code == "feed-missing"
     assert refused("F60 G18\nG81 X1 Z-1 R1", axes=("x", "z")).code == "axis-missing"

@@ -91,6 +91,13 @@ def test_g76(name: str) -> None:
     assert said(LATHE + source) == AT_LATHE + expected
 
 
+def test_a_lathe_has_no_y() -> None:
+    begin = "G18 G21 S600 M3\nG0 X20 Z5\n"
+    assert said(begin + "G76 P1.5 Z-20 I-1 J0.8 K0.8", axes=("x", "z"))[2:5] == ["overrides false true", "rapid 18.2 5", "sync 1.5"]
+    assert said(begin + "G17 G33 X10 Z-20 K1.5", axes=("x", "z"))[2:] == ["sync 1.5", "line 10 -20 F900", "sync 0"]
+    assert refused(begin.replace("X20", "") + "G76 P1.5 Z-20 I-1 J0.8 K0.8", axes=("y", "z")).code == "axis-missing"
+
+
 WRONG: dict[str, tuple[str, str]] = {
     "G33 without axes": ("axis-words-missing", "¦G33 K1"),
     "G33 without K": ("pitch-missing", "¦G33 Z-1"),
