@@ -92,7 +92,13 @@ class Builder:
             a, b = left.result, right.result
         else:
             a, b = left.value, right.value
-        if operator in _ARITHMETIC:
+        if operator in ("+", "-") and right.number is not None:
+            value = _add_constant(a, right.number if operator == "+" else -right.number, place)
+        elif operator == "*" and right.number is not None:
+            value = _multiply_constant(a, right.number, place)
+        elif operator == "*" and left.number is not None:
+            value = _multiply_constant(b, left.number, place)
+        elif operator in _ARITHMETIC:
             value = _ARITHMETIC[operator](a, b, place)
         else:
             value = _operation(a, operator, b, place, macro=self.macro)
@@ -211,6 +217,26 @@ def _to_increments(a: Value) -> Value:
 def _add(a: Value, b: Value, place: tuple[int, int]) -> Value:
     def value(p: Parameters) -> float:
         result = a(p) + b(p)
+        if -_INF < result < _INF:
+            return result
+        raise _overflow(*place)
+
+    return value
+
+
+def _add_constant(a: Value, b: float, place: tuple[int, int]) -> Value:
+    def value(p: Parameters) -> float:
+        result = a(p) + b
+        if -_INF < result < _INF:
+            return result
+        raise _overflow(*place)
+
+    return value
+
+
+def _multiply_constant(a: Value, b: float, place: tuple[int, int]) -> Value:
+    def value(p: Parameters) -> float:
+        result = a(p) * b
         if -_INF < result < _INF:
             return result
         raise _overflow(*place)
