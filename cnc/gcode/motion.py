@@ -10,11 +10,10 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
-import numpy as np
-
-from cnc.canon import PLANE_AXES, ROTARY_LETTERS, ArcFeed, NurbsFeed
+from cnc.canon import ROTARY_LETTERS, ArcFeed, NurbsFeed
 from cnc.errors import GcodeError
-from cnc.gcode import arcs, polar
+from cnc.gcode import polar
+from cnc.gcode.arcmoves import ArcMoves
 from cnc.gcode.compensation import Compensation
 from cnc.gcode.coordinates import Coordinates
 from cnc.gcode.dialects import Dialect
@@ -24,20 +23,14 @@ from cnc.gcode.modal import BSPLINE, CANCEL, NURBS, Code, Codes, Feed, Modal, fe
 from cnc.gcode.output import Output
 from cnc.gcode.parser import MAX_NUMBER
 from cnc.gcode.prepared import QuickMove
-from cnc.gcode.words import AXES, POLAR, LineWords, Word, fault, whole
+from cnc.gcode.words import AXES, POLAR, LineWords, Word, fault
 from cnc.units import per_second
 
 MIN_FEED = 1e-6
 """mm/s. What is slower is a slip: a millimetre would take eleven days."""
-MAX_TURNS = 1_000_000
 
-_MOTION_NAMES = {0: "G0", 10: "G1", 20: "G2", 30: "G3"}
-_CENTER_WORDS = {"x": "I", "y": "J", "z": "K"}
-_PLANE_LETTERS = {plane: [_CENTER_WORDS[axis] for axis in pair] for plane, pair in PLANE_AXES.items()}
 _ARC_WORDS = frozenset("IJKR")
 _CURVES = (50, 51, 52, NURBS, BSPLINE)
-_NOWHERE = Word("G", 2.0, "G2", 1, 1)
-"""Where errors of the quick way stand: nobody sees them, the slow way finds them again."""
 _CYCLES = frozenset(("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89"))
 _POLAR_USERS = _CYCLES | {"G0", "G1", "G2", "G3", "G38.2", "G38.3", "G38.4", "G38.5"}
 """Codes whose point may be given by @ and ^; a cycle under G91 would have to count anew for each of its repeats."""
@@ -94,12 +87,7 @@ class Motion:
         self._state = state
         self._out = out
         self._machine_words = False
-        columns = {axis: index for index, axis in enumerate(axes)}
-        self._planes = {
-            plane: (columns[first], columns[second])
-            for plane, (first, second) in PLANE_AXES.items()
-            if first in columns and second in columns
-        }
+        self.arcs = ArcMoves(self, dialect, here, state)
         self.units_changed()
 
     @property
@@ -200,7 +188,7 @@ class Motion:
             end = self.target(words, "G1", self.position, machine=self._machine_words)
             self.feed_to(end, self.feed(words, end, self.distance(end), at))
         elif motion in (20, 30):
-            self._arc(words, motion, code)
+            self.arcs.move(words, motion, code)
         else:
             if motion in _CURVES:
                 self.compensation.refuse_curve(code)
@@ -315,14 +303,14 @@ class Motion:
         feed = state.feed
         if feed is None:
             raise fault("feed-missing", "a feed move without a feed in effect", at, "give F")
-        rate = self._straight_feed(end, feed)
+        rate = self.straight_feed(end, feed)
         if state.feed_mode == "per-revolution":
             rate *= self.spindle_rpm(end, at) / 60.0
             if rate < MIN_FEED:
                 raise fault("feed-too-slow", "the feed is next to nothing", at)
         return rate
 
-    def _straight_feed(self, end: list[float], feed: Feed) -> float:
+    def straight_feed(self, end: list[float], feed: Feed) -> float:
         """The feed of linear axes, or that of rotary axes if they move alone."""
         if self._has_rotary:
             moved = [there != here for there, here in zip(end, self.position, strict=True)]
@@ -356,99 +344,6 @@ class Motion:
             raise fault("spindle-speed-unlimited", "on the axis G96 asks for any speed", at, "limit it with D in the line of G96")
         return rpm
 
-    # Arcs
-
-    def _arc(self, words: LineWords, motion: int, code: Word | None) -> None:
-        user, state = _MOTION_NAMES[motion], self._state
-        at = code or min(words.rest.values(), key=lambda word: word.column)
-        i, j = self.plane_columns(at)
-        end = self.target(words, user, self.position)
-        radius = words.take("R", user)
-        letters = _PLANE_LETTERS[state.plane]
-        centers = [words.take(letter, user) for letter in letters]
-        turns = self._turns(words, user)
-        if radius:
-            if clash := next(filter(None, centers), None):
-                later = max(radius, clash, key=lambda word: word.column)
-                raise fault("arc-radius-and-center", f"{user} takes R or a centre, not both", later)
-            arc = self._arc_of(end, motion, (i, j), None, radius.number, turns, radius)
-        else:
-            self._check_center(letters, centers, user, at)
-            offsets = [word.number if word else None for word in centers]
-            word = next(filter(None, centers), at)
-            arc = self._arc_of(end, motion, (i, j), (offsets[0], offsets[1]), 0.0, turns, word)
-        feed = self.feed(words, end, arc.length(self._rise(end, i, j)), at)
-        here = self._here
-        self.arc(ArcFeed(here.file, here.line, state.plane, arc.center, np.array(end), arc.radius, arc.turns, feed))
-
-    def plane_columns(self, at: Word, what: str = "an arc") -> tuple[int, int]:
-        """The columns of the plane's two axes, for ``what`` lies in it."""
-        state = self._state
-        first, second = PLANE_AXES[state.plane]
-        for axis in (first, second):
-            if axis not in self.axes:
-                raise fault("axis-missing", f"{what} in the {state.plane} plane, but the machine has no {axis.upper()} axis", at)
-        if self.coordinates.rotation and state.plane != "XY":
-            message = f"{what} in the {state.plane} plane of a rotated coordinate system lies in no plane of the machine"
-            raise fault("arc-rotated", message, at, "use a coordinate system without R")
-        return self.axes.index(first), self.axes.index(second)
-
-    def _arc_of(
-        self,
-        end: list[float],
-        motion: int,
-        plane: tuple[int, int],
-        offsets: tuple[float | None, float | None] | None,
-        radius: float,
-        turns: int,
-        word: Word,
-    ) -> arcs.Arc:
-        """The arc about a centre given by I, J, K (None: not given), or of a radius; errors stand at ``word``."""
-        state, position = self._state, self.position
-        tolerance = self._dialect.arc_mm if state.scale == 1.0 else self._dialect.arc_inch
-        i, j = plane
-        here, there, clockwise = (position[i], position[j]), (end[i], end[j]), motion == 20
-        if offsets is None:
-            return arcs.from_radius(here, there, radius * state.scale, clockwise=clockwise, turns=turns, tolerance=tolerance, word=word)
-        center = self._center((i, j), offsets)
-        return arcs.from_center(here, there, center, clockwise=clockwise, turns=turns, tolerance=tolerance, word=word)
-
-    def _center(self, plane: tuple[int, int], offsets: tuple[float | None, float | None]) -> tuple[float, float]:
-        """The centre in machine coordinates."""
-        i, j = plane
-        state, coordinates = self._state, self.coordinates
-        first, second = (offsets[0] or 0.0) * state.scale, (offsets[1] or 0.0) * state.scale
-        if coordinates.rotation:
-            place = coordinates.to_program(self.position) if state.arc_absolute else [0.0] * len(self.axes)
-            place[i], place[j] = first, second
-            if state.arc_absolute:
-                turned = coordinates.to_machine(place)
-                return turned[i], turned[j]
-            turned = coordinates.turned(place)
-            return self.position[i] + turned[i], self.position[j] + turned[j]
-        base = coordinates.zero if state.arc_absolute else self.position
-        return base[i] + first, base[j] + second
-
-    def _check_center(self, letters: list[str], words: list[Word | None], user: str, at: Word) -> None:
-        if words[0] is None and words[1] is None:
-            raise fault("arc-center-missing", f"{user} needs {letters[0]}, {letters[1]} or R", at)
-        if self._state.arc_absolute:
-            for letter, word in zip(letters, words, strict=True):
-                if word is None:
-                    message = f"under G90.1 {user} needs both {letters[0]} and {letters[1]}; {letter} is missing"
-                    raise fault("arc-center-missing", message, at)
-
-    def _turns(self, words: LineWords, user: str) -> int:
-        if "P" in words.rest and not self._dialect.arc_turns:
-            raise fault("word-not-in-dialect", f"P turns of an arc are not in the {self._dialect.name} dialect", words.rest["P"])
-        word = words.take("P", user)
-        return whole(word, "the turns", 1, MAX_TURNS) if word else 1
-
-    def _rise(self, end: list[float], i: int, j: int) -> float:
-        """The way along the axis across the plane."""
-        third = next((n for n, axis in enumerate(self.axes) if axis in "xyz" and n not in (i, j)), None)
-        return 0.0 if third is None else end[third] - self.position[third]
-
     # The quick way
 
     def quick(self, move: QuickMove) -> bool:
@@ -480,9 +375,9 @@ class Motion:
             elif feed is None:
                 return False
             elif motion == 10:
-                rate = self._straight_feed(end, feed)
+                rate = self.straight_feed(end, feed)
             else:
-                arc = self._quick_arc(move, motion, end, feed)
+                arc = self.arcs.quick(move, motion, end, self.straight_feed(end, feed))
         except GcodeError:
             return False
         if motion <= 10:
@@ -494,26 +389,3 @@ class Motion:
         state.feed = feed
         state.motion = motion
         return True
-
-    def _quick_arc(self, move: QuickMove, motion: int, end: list[float], feed: Feed) -> ArcFeed | None:
-        state = self._state
-        plane, letters = self._planes.get(state.plane), _PLANE_LETTERS[state.plane]
-        if plane is None:
-            return None
-        parameters = self.coordinates.parameters
-        first = second = radius = None
-        for letter, number in move.arc:
-            value = number if number.__class__ is float else number(parameters)  # type: ignore[operator]
-            if not -MAX_NUMBER <= value <= MAX_NUMBER:
-                return None
-            if letter == letters[0]:
-                first = value
-            elif letter == letters[1]:
-                second = value
-            elif letter == "R" and len(move.arc) == 1:
-                radius = value
-            else:
-                return None
-        arc = self._arc_of(end, motion, plane, (first, second) if radius is None else None, radius or 0.0, 1, _NOWHERE)
-        here, rate = self._here, self._straight_feed(end, feed)
-        return ArcFeed(here.file, here.line, state.plane, arc.center, np.array(end), arc.radius, arc.turns, rate)

@@ -65,7 +65,7 @@ class Sides:
             message = f"{at.written} with a radius of 0: the path stays as it is written"
             self._here.caution("compensation-radius-zero", message, at, "give the tool's diameter in the tool table")
         side: Side = "left" if code.number in _LEFT else "right"
-        columns = self._motion.plane_columns(at, "cutter compensation")
+        columns = self._motion.arcs.plane_columns(at, "cutter compensation")
         shift = (0.0, 0.0)
         if self._state.plane == "ZX":
             shift = (_POINTS[orientation][0] * abs(radius), _POINTS[orientation][1] * abs(radius))
