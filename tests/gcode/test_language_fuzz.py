@@ -23,7 +23,7 @@ SHARE = 2_000
 
 
 def _share(number: int) -> Tally:
-    return check_seeds(number * SHARE, SHARE)
+    return check_seeds(number * SHARE, SHARE, words_of=20)
 
 
 @pytest.mark.timeout(7200)
