@@ -236,7 +236,7 @@ class Job:
         on_pulses = None
         if self.outputs.pulses is not None:
             on_pulses = self._opened(pulse_writer(self.outputs.pulses, machine, interpolator.origin_steps)).write
-        path = self._kept if self._kept is not None else self._path(self._reading_again.inside(self.blocks()))
+        path = self._kept if self._kept is not None else self._surveyed(self._path(self._reading_again.inside(self.blocks())))
         ahead = LookAhead(machine)
         planned = self._timed(self._planning.inside(ahead.plan(path)))
         if self.sampled:
@@ -343,6 +343,17 @@ class Job:
 
     def _path(self, blocks: Iterable[Block]) -> Iterator[PathChunk | Block]:
         return build(blocks, axes=self.machine.axis_names, start=self.start)
+
+    def _surveyed(self, path: Iterator[PathChunk | Block]) -> Iterator[PathChunk | Block]:
+        """The same path, as it is read again: by what probes and inputs answer it may go where the first pass did not."""
+        survey = Survey(self.machine)
+        for item in path:
+            if isinstance(item, PathChunk):
+                for fault in survey.add(item):
+                    raise fault
+            else:
+                survey.between(item)
+            yield item
 
     def _at_line(self, executed: int) -> None:
         """Count the lines, tell how far things are, and give up if the operator wants to."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cnc.canon import Block, Dwell, End, Probe, WaitInput
 from cnc.drivers.base import PulseSink
-from cnc.errors import BoardError, Diagnostic
+from cnc.errors import BoardError, CncError, Diagnostic
 from cnc.planner.plan import PlanChunk
 from cnc.stream import PulseChunk
 
@@ -170,13 +170,14 @@ def execute(
     needs is sent: without ``ramp_down`` nothing at all; with it the rest of the stretch under way and then, unless that ends at rest, the
     motion that ``ramp_down`` gives, which begins where the stretch ends. The board is left stopped.
 
-    Raises BoardError when the board fails, at the source line that the fault names, else at the last one that the board has taken. After
-    that, and after any other exception (a faulty program found on the way), the board has been told to abort.
+    Raises BoardError when the board fails, at the source line that the fault names, else at the last one that the board has taken; the
+    board has been told to abort, as after any other exception. After the fault of a program (it went another way than in the first pass,
+    by what a probe or an input answered) a board that senses has come to rest on the path, if ``ramp_down`` says how.
     """
     run = _Run(board, interpolator, on_pulses, on_progress)
+    at_rest = True
     try:
         board.start(interpolator.origin_steps)
-        at_rest = True
         items = iter(plan_stream)
         while stop is None or not stop.is_set():
             # What has been handed out is sent: the ramp begins where the last stretch ends.
@@ -205,6 +206,16 @@ def execute(
         _abort(board)
         found = error.diagnostic
         raise error.at(file=found.file or run.file, line=found.line or board.confirmed_line) from error
+    except CncError:
+        # The program turned out to be faulty: what moves comes to rest on the path. What only records motion forgets it.
+        if ramp_down is not None and not at_rest and board.capabilities.senses:
+            with contextlib.suppress(BoardError):
+                for chunk in ramp_down():
+                    run.motion(chunk)
+                board.stop()
+        else:
+            _abort(board)
+        raise
     except BaseException:
         _abort(board)
         raise

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cnc.api import check, run
@@ -113,18 +114,41 @@ def test_a_broken_file_of_the_machine_is_named(machine: Path, name: str, text: s
 
 
 def test_the_board_is_asked_and_the_program_goes_by_its_answer(machine: Path) -> None:
-    class Touching(Loopback):
-        """Feels something at X 2 and sees every input on."""
-
-        def execute(self, block, time_ns):  # type: ignore[no-untyped-def]
-            expected = super().execute(block, time_ns)
-            return expected and ((7.0,) if len(expected) == 1 else expected)
-
     lines = "M66 P1 L0", "G0 X[#5399 + 1]"
     assert check(program(machine, *lines), machine).end_position["x"] == 1.0
-    board = Touching(3)
+    board = Sensing(3)
     assert run(program(machine, *lines), machine, board=board).ok
     assert board.position_steps.tolist() == [800, 0, 0]
+
+
+class Sensing(Loopback):
+    """Sees every input at 7."""
+
+    def execute(self, block, time_ns):  # type: ignore[no-untyped-def]
+        expected = super().execute(block, time_ns)
+        return expected and ((7.0,) if len(expected) == 1 else expected)
+
+    def send(self, chunk):  # type: ignore[no-untyped-def]
+        super().send(chunk)
+        self.times = [*getattr(self, "times", []), *chunk.time_ns.tolist()]
+
+
+@pytest.mark.parametrize(("wrong", "code"), [("G1 X[100 + #5399]", "soft-limit"), ("G1 X[9 + 1 / [#5399 - 7]]", "division-by-zero")])
+def test_a_program_that_goes_wrong_by_an_answer_comes_to_rest_on_its_path(machine: Path, wrong: str, code: str) -> None:
+    """The first pass, without the answer, found nothing wrong; the moves before the fault are under way when it is found."""
+    machine.write_text(MACHINE.replace("[axes.y]", "travel = [0, 100]\n[axes.y]") + FILES)
+    lines = ["F3000", "M66 P1 L0", "G1 X30", *(f"X{30 + 0.001 * k:.3f}" for k in range(1, 40_000)), wrong]
+    board = Sensing(3)
+    (fault,) = run(program(machine, *lines), machine, board=board).faults
+    assert fault.diagnostic.code.startswith(code)
+    assert fault.diagnostic.line == len(lines)
+    x, y, z = board.position_steps.tolist()
+    assert (y, z) == (0, 0)
+    assert 3000 < x < 8000
+    assert board.state == "stopped"
+    intervals = np.diff(board.times)
+    assert intervals.min() < 250_000, "it was moving fast"
+    assert intervals[-1] > 4 * intervals[-200:].min(), "and comes to rest"
 
 
 @pytest.mark.parametrize("line", ["M66 P1 L3 Q2", "G38.2 X5 F100", "S100 M3 G33 Z1 K1"])
