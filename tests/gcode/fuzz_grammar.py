@@ -9,7 +9,7 @@ from __future__ import annotations
 
 COMMON = r"""
 axis: X | Y | Z | X | Y | Z | {anyaxis}
-axes: X{v} | Y{v} | Z{v} | X{v} Y{v} | X{v} Y{v} | X{v} Z{v} | Y{v} Z{v} | X{v} Y{v} Z{v} | X{v} {axis}{v} | {axis}{v}
+axes: @{p} ^{n} | ^{v} | X{v} | Y{v} | Z{v} | X{v} Y{v} | X{v} Y{v} | X{v} Z{v} | Y{v} Z{v} | X{v} Y{v} Z{v} | X{v} {axis}{v} | {axis}{v}
 flat: X{v} | Y{v} | X{v} Y{v} | X{v} Y{v} | X{v} Y{v}
 feed: F{p}
 any: {letter}{v}
@@ -24,17 +24,21 @@ arc: {turn} I{p} J{p} {feed?} | {turn} X{s} Y{s} R{big} | {turn} X{s} R-{big} | 
    | G17 G91 {turn} X{s} Y{s} R{big} G90 | G90.1 {turn} {flat} I{v} J{v} | {turn} {flat} I{v}
 speed: S{p} M3 | S{p} M4 | M5 | M3 | S{p} | M8 | M7 | M9 | M7 M3 S{p}
 tool: T{small} M6 | T{small} | M6 | M6 T{small}
-mode: {plane} | G20 | G21 | G90 | G91 | G90.1 | G91.1 | G93 | G94 | G61 | G61.1 | G64 P{p} Q{p} | G64 | G40 | G49 | G80 | {system}
+mode: G93\nG1 {axes} F{p}\nG2 I{p} F{p}\nG94 {feed} | {plane} | G20 | G21 | G90 | G91 | G90.1 | G91.1 | G93 | G94 | G61 | G61.1
+   | G64 P{p} Q{p} | G64 | G40 | G49 | G80 | {system}
 offset: G10 L2 P{small} {axes} | G10 L20 P{small} {axes} | G10 L{small} P{small} {axes} | G92 {axes} | G92.1 | G92.2 | G92.3 | G52 {axes}
    | G10 L2 P{small} R{v} | {system} | G53 G0 {axes} | G28 {axes?} | G30 {axes?} | G28.1 | G30.1 | {system} {move}
 length: G43 H{small} | G43.1 Z{v} | G43.2 H{small} | G49 | G43 | G44 H{small} | G10 L1 P{small} Z{v} R{p} | G10 L10 P{small} {axes}
    | G10 L11 P{small} {axes} | G43.2 {axes} | G10 L1 P{small} Q{small} I{v} J{v} | G10 L0
 dwell: G4 P{p} | G4 P{p} | G4 P{v} | G4 P{p} {move}
-output: M62 P{small} | M63 P{small} | M64 P{small} | M65 P{small} | M66 P{small} L{small} Q{p} | M66 E{small} | M67 E{small} Q{v}
+output: M70\n{item}\nM72\n{move} | M62 P{small} | M63 P{small} | M64 P{small} | M65 P{small} | M66 P{small} L{small} Q{p}
+   | M66 E{small} | M67 E{small} Q{v}
    | M68 E{small} Q{v} | M48 | M49 | M50 P{small} | M51 P{small} | M52 P{small} | M53 P{small} | M19 R{p} | M19 R{v} Q{p} P{small}
    | M60 | M61 Q{small} | M70 | M71 | M72 | M73 | M0 | M1
-turning: G7 | G8 | G95 | G96 S{p} D{p} | G97 S{p} | G33 Z{v} K{p} | G33.1 Z-{p} K{p} | G95 F{p} G1 {axes} | G18
+turning: G18 S500 M3\nG0 X20 Z5\nG76 P1.5 Z-20 I-1 J0.4 K0.8 {thread?} {thread?}
+   | G95 F0.{digit}1\n{arc} | G7 | G8 | G95 | G96 S{p} D{p} | G97 S{p} | G33 Z{v} K{p} | G33.1 Z-{p} K{p} | G95 F{p} G1 {axes} | G18
    | G76 P{p} Z-{p} I-{p} J{p} K{big} | G76 P{p} Z-{p} I-{p} J{p} K{big} R{p} Q{p} H{small} E{p} L{small}
+thread: R{p} | Q{digit}0 | H{small} | E{digit} L{small} | J{p} | I1 | R2 | E2 L3 | H2
 probe: G38.2 {axes} F{p} | G38.3 {axes} | G38.4 {axes} | G38.5 {axes} F{p} | G38.2 Z-{p} F{p}
 cycle: {hole} {flat} Z-{p} R{p} {cycleword?} {repeat?} | {hole} X{v} Y{v} Z-{big} R{p} Q{p} P{p}
    | {hole} Z-{p} R{p}\n{flat}\n{flat} {repeat?}
@@ -44,11 +48,14 @@ hole: G81 | G82 | G83 | G73 | G84 | G74 | G85 | G86 | G87 | G88 | G89 | G76
 cycleword: Q{p} | P{p} | P{p} Q{p} | I{v} J{v}
 repeat: L{small} | K{small}
 side: G41 | G42
-comp: G0 {flat}\n{side} D{small} {flat}\nG1 {flat}\n{flat}\n{arc}\nG40\nG0 {flat} | {side} D{small} | G41.1 D{p} {flat}
+comp: {side} D{small}\nG1 X-10 Y-20\nX0 Y0\nG3 X10 Y10 R10\nG2 X20 Y20 R{big}\nX30 Y20 R-12\nG1 X50 {zword?}\nG40\nG0 X60
+   | G18 {side}.1 D{p}\nG1 X-50 Z-90\nX0 Z0\nG2 X{p} Z{p} R99\nG1 X{n} Z{n}\nG40 X99
+   | G0 {flat}\n{side} D{small} {flat}\nG1 {flat}\n{flat}\n{arc}\nG40\nG0 {flat} | {side} D{small} | G41.1 D{p} {flat}
    | G42.1 D{p} L{small}
    | G40 | {side} D{small}\nG1 X20\nY20\nX0\nY0\nG40\nG0 X-20 Y-20 | {side} {flat}\n{move}\n{move}\nG40
    | {side}.1 D{p}\nG1 X{s}\nG3 X{s} Y{s} R{big}\n{mode}\n{flat}\nG40 {move}
-spline: {curve} | {curve} | {curve}
+zword: Z{v}
+spline: G93\n{curve}\nG94 {feed} | {curve} | {curve} | {curve}
    | G5 I{v} J{v} P{v} Q{v} X{v} Y{v}\nG5 P{v} Q{v} {flat} | G5.1 X{v} Y{v} I{v} J{v}\nG5.1 I{v} {flat} | G5 P{v} Q{v} {flat}
    | G5.2 P{p} L{small}\nX{v} Y{v} P{p}\n{flat} P{p}\n{flat}\nG5.3 | G5.2 X{v} Y{v} P{p}\nX{v} Y{v}\nX{v} Y{v}\nG5.3 | G5.3
    | {plane} G5.1 {axes} I{v} J{v} K{v} | {plane} G5.2 P1 L3\n{axes} P1\n{axes} P1\n{axes} P{p}\nG5.3 | {nurbs}
