@@ -51,6 +51,7 @@ class ArcMoves:
         radius = words.take("R", user)
         letters = _PLANE_LETTERS[state.plane]
         centers = [words.take(letter, user) for letter in letters]
+        self._take_idle_center(words, user)
         turns = self._turns(words, user)
         if radius:
             if clash := next(filter(None, centers), None):
@@ -122,6 +123,13 @@ class ArcMoves:
                 if word is None:
                     message = f"under G90.1 {user} needs both {letters[0]} and {letters[1]}; {letter} is missing"
                     raise fault("arc-center-missing", message, at)
+
+    def _take_idle_center(self, words: LineWords, user: str) -> None:
+        """Take the centre's word of the axis across the plane where the dialect lets it be written, as long as it is 0."""
+        if self._dialect.arc_idle_center:
+            for letter in "IJK":
+                if (word := words.rest.get(letter)) and word.number == 0:
+                    words.take(letter, user)
 
     def _turns(self, words: LineWords, user: str) -> int:
         if "P" in words.rest and not self._dialect.arc_turns:

@@ -53,10 +53,14 @@ class Probing:
             raise fault("axis-words-missing", f"{name} needs axis words", at, "give how far to probe at most, such as Z-10")
         refuse_axes(words, name, LINEAR)
         end = motion.target(words, name, motion.position)
-        if end == motion.position:
-            raise fault("probe-length", f"{name} to where the probe is: nothing can be found on the way", at)
         towards, must = PROBES[state.motion]
+        if must and end == motion.position:
+            raise fault("probe-length", f"{name} to where the probe is: nothing can be found on the way", at)
         feed = motion.feed(words, end, motion.distance(end), at)
+        if end == motion.position:  # G38.3 and G38.5 may find nothing: loops that clear a probe begin where it is clear
+            self._found((0.0, *end))
+            motion.compensation.led_out()
+            return
         block = Probe(here.file, here.line, np.array(end), feed, towards, must)
         self._out.ask(block, self._found)
         motion.compensation.led_out()

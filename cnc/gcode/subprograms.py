@@ -204,7 +204,7 @@ def call_at(flow: Flow, line: int, control: Control) -> Step:
 
 
 class Return:
-    """``o1 return [..]`` and ``o1 endsub [..]``."""
+    """``o1 return [..]`` and ``o1 endsub [..]``; a return leaves the subroutine that it stands in, whatever its label (LinuxCNC's way)."""
 
     __slots__ = ("control",)
 
@@ -217,7 +217,7 @@ class Return:
         label = control.label if isinstance(control.label, str) else "[..]"
         if frame.kind != "sub":
             raise fault("sub-not-open", f"{shown(control)} outside of a subroutine", column=control.column, length=control.length)
-        if frame.name != f"o{label}":
+        if control.keyword == "endsub" and frame.name != f"o{label}":
             message = f"{shown(control)} in subroutine {frame.name} of line {frame.scope}"
             hint = f"write {frame.name} {control.keyword}"
             raise fault("sub-not-open", message, column=control.column, length=control.length, hint=hint)

@@ -111,3 +111,19 @@ def test_turns_of_an_arc_that_only_nearly_closes() -> None:
     (block,) = run("G3 X0 Y-0.001 I-5 F60")
     assert isinstance(block, ArcFeed)
     assert block.turns == pytest.approx(1 - 0.001 / 5 / math.tau, rel=1e-9)
+
+
+@pytest.mark.parametrize("dialect", ["auto", "grbl", "fanuc"])
+@pytest.mark.parametrize("words", ["G17\nG2 X2. Y0. I1. J0. K0.", "G18\nG2 X2. Z0. I1. J0. K0.", "G19\nG2 Y2. Z0. I0. J1. K0."])
+def test_the_axis_across_the_plane_may_be_named_with_0(dialect: str, words: str) -> None:
+    before, line = words.split("\n")
+    (found,) = (block for block in run(f"{before}\nF60\n{line}\nM2", dialect=dialect) if isinstance(block, ArcFeed))
+    idle = {"G17": " K0.", "G18": " J0.", "G19": " I0."}[before]
+    (plain,) = (block for block in run(f"{before}\nF60\n{line.replace(idle, '')}\nM2", dialect=dialect) if isinstance(block, ArcFeed))
+    assert (found.center, list(found.end), found.turns) == (plain.center, list(plain.end), plain.turns)
+
+
+@pytest.mark.parametrize(("dialect", "word"), [("linuxcnc", "K0"), ("auto", "K0.5"), ("grbl", "K0.5"), ("fanuc", "K.5")])
+def test_the_axis_across_the_plane_is_refused(dialect: str, word: str) -> None:
+    fault = refused(f"F60\nG2 X2. Y0. I1. J0. {word}\nM2", dialect=dialect)
+    assert (fault.code, fault.line, fault.column) == ("word-unused", 2, 20)

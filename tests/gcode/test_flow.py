@@ -76,6 +76,7 @@ CASES: dict[str, tuple[str, list[float]]] = {
     ),
     "names are the sub's own": ("o1 sub\n#<a>=2\n#<_mine>=3\nG0 X#<a>\no1 endsub\n#<a>=1\no1 call\nG0 X#<a>\nG0 X#<_mine>", [2, 1, 3]),
     "return": ("o1 sub\no2 if [#1]\no1 return\no2 endif\nG0 X1\no1 endsub\no1 call [1]\nG0 X2\no1 call", [2, 1]),
+    "a return of any label": ("o1 sub\no2 if [#1]\no2 return [7]\no2 endif\nG0 X1\no1 endsub\no1 call [1]\nG0 X#<_value>\no1 call", [7, 1]),
     "return out of loops": (
         "o1 sub\no2 repeat [5]\no3 while [1]\nG0 X1\no1 return\no3 endwhile\no2 endrepeat\no1 endsub\no1 call\no1 call",
         [1, 1],

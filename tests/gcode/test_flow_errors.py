@@ -71,7 +71,6 @@ NGC: dict[str, tuple[str, str]] = {
     "end of another sub": ("sub-not-open", "o1 sub\n¦o2 endsub\no1 endsub"),
     "end without sub": ("sub-not-open", "G0 X1\n¦o1 endsub"),
     "return outside": ("sub-not-open", "¦o1 return"),
-    "return of another sub": ("sub-not-open", "o1 sub\n¦o2 return\no1 endsub\no1 call"),
     "sub twice": ("sub-repeated", "o1 sub\no1 endsub\n¦o1 sub\no1 endsub"),
     "sub twice behind": ("sub-repeated", "o1 call\nM2\no1 sub\no1 endsub\n¦o1 sub\no1 endsub"),
     "thirty-one arguments": ("call-arguments", f"o1 sub\no1 endsub\n¦o1 call {'[1]' * 31}"),

@@ -9,7 +9,7 @@ import pytest
 from cnc.canon import Block, Probe
 from cnc.gcode.program import interpret
 from cnc.gcode.text import Text
-from gcode_cases import refused, rows, said
+from gcode_cases import refused, rows, run, said
 
 BEGIN = "G21 F600\nG0 X1 Y2 Z3\n"
 STARTED = ["rapid 1 2 3"]
@@ -56,10 +56,16 @@ def test_a_failed_probe_is_known_to_the_program() -> None:
     assert found[2:] == [("rapid", 7.0, -1.0, -1.0)]
 
 
+@pytest.mark.parametrize("code", ["G38.3", "G38.5"])
+def test_a_probe_that_may_fail_finds_nothing_where_it_is(code: str) -> None:
+    found = list(rows(run(f"{BEGIN}#5070=1\n{code} Z3\nG0 X[#5070+7] Y#5063")))
+    assert found[1:] == [("rapid", 7.0, 3.0, 3.0)]
+
+
 WRONG: dict[str, tuple[str, str]] = {
     "no axis": ("axis-words-missing", "¦G38.2"),
     "no way": ("probe-length", "¦G38.2 Z3"),
-    "no way under G91": ("probe-length", "G91 ¦G38.3 Z0"),
+    "no way under G91": ("probe-length", "G91 ¦G38.4 Z0"),
     "a rotary axis": ("axis-not-allowed", "G38.2 ¦A3"),
     "a rotary axis beside": ("axis-not-allowed", "G38.2 Z-1 ¦A3"),
     "G95": ("probe-feed-mode", "S100 M3 G95 F1\n¦G38.2 Z-1"),

@@ -64,6 +64,7 @@ class Dialect:
     motion: int | None
     units_before_feed: bool
     arc_turns: bool
+    arc_idle_center: bool
     path_stop: PathControl
     path_words: frozenset[str]
     offsets: tuple[int, ...]
@@ -135,6 +136,7 @@ def load(name: str) -> Dialect:
         motion=round(float(table["motion"]) * 10) if table["motion"] else None,
         units_before_feed=table["units_before_feed"],
         arc_turns=table["arc_turns"],
+        arc_idle_center=table["arc_idle_center"],
         path_stop=table["path_stop"],
         path_words=frozenset(table["path_words"]),
         offsets=tuple(table["offsets"]),
