@@ -28,6 +28,7 @@ from cnc.canon import (
     Tool,
 )
 from cnc.errors import Diagnostic, GcodeError
+from cnc.gcode.parser import MAX_LINE
 from cnc.gcode.program import interpret
 from cnc.gcode.text import Text
 
@@ -118,6 +119,24 @@ def refused(source: str, **options: Any) -> Diagnostic:
     with pytest.raises(GcodeError) as caught:
         run(source, **options)
     return caught.value.diagnostic
+
+
+def placed(found: Diagnostic, code: str, marked: str, *, file: str = "test.nc") -> None:
+    """The diagnostic has the code, and stands in the text of ``file`` where the mark ¦ is."""
+    before = marked[: marked.index("¦")]
+    place = before.count("\n") + 1, len(before) - before.rfind("\n")
+    assert (found.code, found.file, found.line, found.column) == (code, file, *place), found.render()
+    line = marked.replace("¦", "").split("\n")[found.line - 1]
+    assert found.text == (line if len(line) <= MAX_LINE else "")
+    assert found.length >= 1
+    assert found.message
+
+
+def stands(code: str, marked: str, **options: Any) -> Diagnostic:
+    """The diagnostic of a program that must be refused where the mark ¦ is."""
+    found = refused(marked.replace("¦", ""), **options)
+    placed(found, code, marked)
+    return found
 
 
 def end_of(source: str, **options: Any) -> list[float]:

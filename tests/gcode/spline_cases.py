@@ -1,4 +1,4 @@
-"""What the tests of splines share: a program's curves, points on them by an independent implementation, and marked programs."""
+"""What the tests of splines share: a program's curves and points on them by an independent implementation."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from cnc.canon import NurbsFeed
-from cnc.errors import Diagnostic
-from gcode_cases import refused, run
+from gcode_cases import run
 
 Floats = NDArray[np.float64]
 
@@ -32,16 +31,3 @@ def points_on(block: NurbsFeed, at: Floats) -> Floats:
     u = knots[0] + (knots[-1] - knots[0]) * at
     top = BSpline(knots, block.control_points * weights[:, None], block.degree)(u)
     return np.asarray(top / BSpline(knots, weights, block.degree)(u)[:, None])
-
-
-def stands(code: str, marked: str, **options: Any) -> Diagnostic:
-    """The error of a program with the mark ¦ where it must stand."""
-    before = marked[: marked.index("¦")]
-    source = marked.replace("¦", "")
-    found = refused(source, **options)
-    place = before.count("\n") + 1, len(before) - before.rfind("\n")
-    assert (found.code, found.line, found.column) == (code, *place), found.render()
-    assert found.text == source.split("\n")[found.line - 1]
-    assert found.file == "test.nc"
-    assert found.message
-    return found

@@ -7,8 +7,8 @@ import pytest
 from geomdl import NURBS
 
 from cnc.gcode.parameters import Parameters
-from gcode_cases import refused, rows, run
-from spline_cases import curve, curves_of, points_on, stands
+from gcode_cases import refused, rows, run, stands
+from spline_cases import curve, curves_of, points_on
 
 ALONG = np.linspace(0.0, 1.0, 41)
 POLYGON = "X10 Y20\nX20 Y40\nX30 Y30\nX40 Y45\nX50 Y0"

@@ -13,7 +13,7 @@ from cnc.errors import Diagnostic, GcodeError
 from cnc.gcode.program import interpret
 from cnc.gcode.text import Text
 from cnc.gcode.tools import ToolEntry, ToolTable
-from gcode_cases import Row, means, refused, run
+from gcode_cases import Row, means, refused, run, stands
 
 OFF = math.sqrt(0.5)
 END: Row = ("end",)
@@ -284,11 +284,7 @@ ON = "G41 D2\nG1 F60 X20\nX40\n"
     ],
 )
 def test_refused(source: str, code: str) -> None:
-    before = source[: source.index("¦")]
-    found = refused(source.replace("¦", ""), tools=tools())
-    place = before.count("\n") + 1, len(before) - before.rfind("\n")
-    assert (found.code, found.line, found.column) == (code, *place), found.message
-    assert found.text == source.replace("¦", "").split("\n")[place[0] - 1]
+    stands(code, source, tools=tools())
 
 
 @pytest.mark.parametrize(("dialect", "source"), [("grbl", "G41 D1"), ("grbl", "G42.1 D1"), ("fanuc", "G41.1 D1")])

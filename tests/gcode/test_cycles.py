@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cnc.gcode.holes import Hole, Manner, steps
 from cnc.gcode.steps import Cut, Pause, Rapid
-from gcode_cases import refused, rows, run, said, same
+from gcode_cases import refused, rows, run, said, same, stands
 from support import share
 
 BEGIN = "G21 F600 S1000 M3\nG0 X1 Y2 Z3\n"
@@ -265,19 +265,10 @@ WRONG: dict[str, tuple[str, str]] = {
 }
 
 
-def marked(source: str, begin: str) -> tuple[str, int, int]:
-    """The source without its mark, and where the mark stands."""
-    text = begin + source
-    before = text[: text.index("¦")]
-    return text.replace("¦", ""), before.count("\n") + 1, len(before) - before.rfind("\n")
-
-
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
     code, source = WRONG[name]
-    text, line, column = marked(source, BEGIN.replace("G0", "G0 A0"))
-    found = refused(text, axes=("x", "y", "z", "a"))
-    assert (found.code, found.line, found.column) == (code, line, column), found.message
+    stands(code, BEGIN.replace("G0", "G0 A0") + source, axes=("x", "y", "z", "a"))
 
 
 @pytest.mark.parametrize(
@@ -293,9 +284,7 @@ def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
     ],
 )
 def test_what_fanuc_refuses(code: str, source: str) -> None:
-    text, line, column = marked(source, "G21 F600. S1000 M3\n")
-    found = refused(text, dialect="fanuc")
-    assert (found.code, found.line, found.column) == (code, line, column), found.message
+    stands(code, "G21 F600. S1000 M3\n" + source, dialect="fanuc")
 
 
 def test_a_lathe_drills_along_its_axis() -> None:

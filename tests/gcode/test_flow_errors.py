@@ -11,7 +11,7 @@ from cnc.errors import Diagnostic, GcodeError, UsageError
 from cnc.gcode.flow import Limits
 from cnc.gcode.program import interpret
 from cnc.gcode.text import Text
-from gcode_cases import refused
+from gcode_cases import placed, refused, stands
 
 NGC: dict[str, tuple[str, str]] = {
     # blocks
@@ -139,27 +139,14 @@ FANUC: dict[str, tuple[str, str]] = {
 }
 
 
-def placed(found: Diagnostic, marked: str) -> None:
-    """The error stands where the mark is."""
-    before = marked[: marked.index("¦")]
-    line = before.count("\n") + 1
-    assert (found.line, found.column) == (line, len(before) - before.rfind("\n")), found
-    assert found.text == marked.replace("¦", "").split("\n")[line - 1]
-    assert found.message
-
-
 @pytest.mark.parametrize(("code", "source"), NGC.values(), ids=NGC)
 def test_the_error_stands_at_its_place(code: str, source: str) -> None:
-    found = refused(source.replace("¦", ""))
-    assert found.code == code, found
-    placed(found, source)
+    stands(code, source)
 
 
 @pytest.mark.parametrize(("code", "source"), FANUC.values(), ids=FANUC)
 def test_the_error_of_a_macro_stands_at_its_place(code: str, source: str) -> None:
-    found = refused(source.replace("¦", ""), dialect="fanuc")
-    assert found.code == code, found
-    placed(found, source)
+    stands(code, source, dialect="fanuc")
 
 
 @pytest.mark.parametrize(
@@ -213,9 +200,7 @@ ENDLESS: dict[str, tuple[str, str, str]] = {
 @pytest.mark.parametrize(("dialect", "source", "name"), ENDLESS.values(), ids=ENDLESS)
 def test_a_program_without_end_is_found_out(dialect: str, source: str, name: str) -> None:
     begin = time.process_time()
-    found = refused(source.replace("¦", ""), dialect=dialect, limits=Limits(repeated_lines=1000))
-    assert found.code == "loop-endless"
-    placed(found, source)
+    found = stands("loop-endless", source, dialect=dialect, limits=Limits(repeated_lines=1000))
     assert found.message == f"{name} does not come to an end: more than 1 000 lines were executed again"
     assert time.process_time() - begin < 2
 
@@ -262,10 +247,7 @@ FILES: dict[str, tuple[str, str, str]] = {
 @pytest.mark.parametrize(("code", "file", "main"), FILES.values(), ids=FILES)
 def test_an_error_names_the_file_that_it_stands_in(tmp_path: Path, code: str, file: str, main: str) -> None:
     (tmp_path / "f.ngc").write_text(file.replace("¦", ""))
-    found = refused(main, folders=[tmp_path])
-    assert found.code == code
-    assert found.file == str(tmp_path / "f.ngc")
-    placed(found, file)
+    placed(refused(main, folders=[tmp_path]), code, file, file=str(tmp_path / "f.ngc"))
 
 
 def test_after_the_return_errors_name_the_program_again(tmp_path: Path) -> None:

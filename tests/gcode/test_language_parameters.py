@@ -7,7 +7,7 @@ import math
 import pytest
 
 from cnc.gcode.parameters import Parameters
-from gcode_cases import refused, rows, run, said
+from gcode_cases import rows, run, said, stands
 
 PROGRAMS: dict[str, tuple[str, list[str]]] = {
     "a value after a letter": ("#1=2.5\nG0 X#1 Y-#1 Z[#1*2]", ["rapid 2.5 -2.5 5"]),
@@ -94,19 +94,14 @@ ERRORS: dict[str, tuple[str, str]] = {
 
 @pytest.mark.parametrize("name", ERRORS)
 def test_errors(name: str) -> None:
-    code, marked = ERRORS[name]
-    before = marked[: marked.index("¦")]
-    found = refused(marked.replace("¦", ""))
-    assert (found.code, found.line, found.column) == (code, before.count("\n") + 1, len(before) - before.rfind("\n")), found
+    stands(*ERRORS[name])
 
 
 @pytest.mark.parametrize(
     ("code", "source"), [("syntax-not-in-dialect", "G0 X¦[1]"), ("syntax-not-in-dialect", "¦#1=5"), ("syntax-not-in-dialect", "¦o1 sub")]
 )
 def test_grbl_has_none_of_it(code: str, source: str) -> None:
-    found = refused(source.replace("¦", ""), dialect="grbl")
-    assert (found.code, found.column) == (code, source.index("¦") + 1)
-    assert "grbl" in found.message
+    assert "grbl" in stands(code, source, dialect="grbl").message
 
 
 NAMES = """

@@ -9,8 +9,8 @@ import pytest
 from geomdl import NURBS
 
 from cnc.gcode.parameters import Parameters
-from gcode_cases import means, rows, run
-from spline_cases import curve, curves_of, points_on, stands
+from gcode_cases import means, rows, run, stands
+from spline_cases import curve, curves_of, points_on
 
 ALONG = np.linspace(0.0, 1.0, 41)
 

@@ -8,7 +8,7 @@ import pytest
 
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.tools import ToolEntry, ToolTable
-from gcode_cases import means, refused, run
+from gcode_cases import means, refused, run, stands
 
 INCH = 25.4
 ROOT = math.sqrt(3.0) / 2.0
@@ -211,15 +211,9 @@ ERRORS = {
 }
 
 
-def refused_at(code: str, marked: str, **options: object) -> None:
-    before = marked[: marked.index("¦")]
-    found = refused(marked.replace("¦", ""), **options)
-    assert (found.code, found.line, found.column) == (code, before.count("\n") + 1, len(before) - before.rfind("\n"))
-
-
 @pytest.mark.parametrize("name", ERRORS)
 def test_errors(name: str) -> None:
-    refused_at(*ERRORS[name], tools=table())
+    stands(*ERRORS[name], tools=table())
 
 
 @pytest.mark.parametrize(
@@ -250,7 +244,7 @@ def test_errors(name: str) -> None:
     ],
 )
 def test_errors_of_dialects(dialect: str, code: str, marked: str) -> None:
-    refused_at(code, marked, dialect=dialect)
+    stands(code, marked, dialect=dialect)
 
 
 def test_without_a_tool_table() -> None:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from gcode_cases import refused, rows, run, said
+from gcode_cases import refused, rows, run, said, stands
 
 HALF = f"{math.sqrt(3) / 2 * 10:.6f}"
 
@@ -65,10 +65,7 @@ ERRORS = {
 
 @pytest.mark.parametrize("name", ERRORS)
 def test_where_they_can_not_stand(name: str) -> None:
-    code, marked = ERRORS[name]
-    before = marked[: marked.index("¦")]
-    found = refused(marked.replace("¦", ""))
-    assert (found.code, found.line, found.column) == (code, before.count("\n") + 1, len(before) - before.rfind("\n")), found
+    stands(*ERRORS[name])
 
 
 @pytest.mark.parametrize(("dialect", "code"), [("grbl", "syntax-not-in-dialect"), ("fanuc", "character-unknown")])

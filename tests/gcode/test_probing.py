@@ -9,7 +9,7 @@ import pytest
 from cnc.canon import Block, Probe
 from cnc.gcode.program import interpret
 from cnc.gcode.text import Text
-from gcode_cases import refused, rows, run, said
+from gcode_cases import refused, rows, run, said, stands
 
 BEGIN = "G21 F600\nG0 X1 Y2 Z3\n"
 STARTED = ["rapid 1 2 3"]
@@ -81,11 +81,7 @@ WRONG: dict[str, tuple[str, str]] = {
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
     code, source = WRONG[name]
-    text = BEGIN + source
-    before = text[: text.index("¦")]
-    found = refused(text.replace("¦", ""), axes=("x", "y", "z", "a"))
-    place = before.count("\n") + 1, len(before) - before.rfind("\n")
-    assert (found.code, found.line, found.column) == (code, *place), found.message
+    stands(code, BEGIN + source, axes=("x", "y", "z", "a"))
 
 
 def test_no_feed() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from spline_cases import stands
+from gcode_cases import stands
 
 FEED = "F60\n"
 OPEN = "F60\nG5.2 P1 L3\nX0 Y1\n"

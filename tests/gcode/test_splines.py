@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cnc.gcode.parameters import Parameters
-from gcode_cases import means, rows, run
-from spline_cases import curve, curves_of, points_on, stands
+from gcode_cases import means, rows, run, stands
+from spline_cases import curve, curves_of, points_on
 
 CUBIC = [0, 0, 0, 0, 1, 1, 1, 1]
 ALONG = np.linspace(0.0, 1.0, 33)

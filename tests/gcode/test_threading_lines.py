@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gcode_cases import refused, said
+from gcode_cases import refused, said, stands
 
 BEGIN = "G21 F600 S600 M3\nG0 X1 Y2 Z3\n"
 STARTED = ["spindle cw 600", "rapid 1 2 3"]
@@ -145,11 +145,7 @@ WRONG: dict[str, tuple[str, str]] = {
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
     code, source = WRONG[name]
-    text = LATHE + source
-    before = text[: text.index("¦")]
-    found = refused(text.replace("¦", ""), axes=("x", "y", "z", "a"))
-    place = before.count("\n") + 1, len(before) - before.rfind("\n")
-    assert (found.code, found.line, found.column) == (code, *place), found.message
+    stands(code, LATHE + source, axes=("x", "y", "z", "a"))
 
 
 def test_the_slide_takes_from_both_tapers() -> None:
