@@ -237,7 +237,10 @@ def variants(text: str, syntax: Syntax) -> Iterator[tuple[str, list[str]]]:
     statement = parse_line(text, syntax)
     computed = {index for index, _ in statement.computed}
     codes = {word.written for word in statement.words if word.letter in "GM"}
+    letters = {word.letter for word in statement.words}
     for index, word in enumerate(statement.words):
+        if word.letter == "^" and "@" not in letters:
+            continue  # of the zero point any angle is the same
         if word.letter in IDLE or codes & IDLE_WITH.get(word.letter, set()) or (index in computed and word.letter in "GM"):
             continue
         new = [f"{word.letter}{number}" for number in ("37.4321", "-37", "2", "0")] if index in computed else _others(word)
