@@ -97,10 +97,19 @@ class Settings:
             raise fault(
                 "axis-words-missing", f"{code.word.written} needs axis words", code.word, "give the axes that are to go, such as Z0"
             )
-        end = motion.position.copy()
-        for index in columns or range(len(end)):
-            end[index] = stored[index]
-        motion.traverse(end)
+        motion.traverse(self._partly_home(columns, stored))
+
+    def _partly_home(self, columns: list[int], stored: list[float]) -> list[float]:
+        """The stored position in the axes of ``columns`` (all if none), which are turned with the coordinate system as words are."""
+        if not columns:
+            return stored
+        coordinates, here = self._coordinates, self._motion.position
+        if not coordinates.rotation:
+            return [stored[index] if index in columns else value for index, value in enumerate(here)]
+        end, there = coordinates.to_program(here), coordinates.to_program(stored)
+        for index in columns:
+            end[index] = there[index]
+        return coordinates.to_machine(end)
 
     def _home(self, words: LineWords, code: Code) -> list[float]:
         """The stored position; FANUC's P2 to P4 of G30 say which."""

@@ -61,7 +61,7 @@ CASES = {
     "the point has offsets, the stored place has none": (
         "G10 L2 P1 X100 Z10\nG92 Z-3\nG43 H1\nG28 X1 Z5", ends((101.5, 0, 48), (0, 0, 0))),
     "the point in inches": ("G20 G28 X1", ends((INCH, 0, 0), (0, 0, 0))),
-    "the point under R": ("G10 L2 P1 R90\nG28 X5", ends((0, 5, 0), (0, 5, 0))),
+    "the axes under R": ("#5161=1 #5162=2\nG10 L2 P1 R90\nG28 X5\nG28 Y3", ends((0, 5, 0), (0, 2, 0), (-3, 2, 0), (1, 2, 0))),
     "G28.1 stores what the machine is at": (
         "G10 L2 P1 X100 R90\nG43 H2\nG0 X1 Y0 Z1\nG28.1\nG49 G54\n#1=[#5161+#5162+#5163]\nG53 G0 X#1", ends(
             (100, 1, 101), (202, 1, 101))),

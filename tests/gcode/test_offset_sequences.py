@@ -121,12 +121,13 @@ def line(rng: random.Random, model: Model, dialect: str) -> tuple[str, bool]:
         model.current = system
         return ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")[system], False
     if what == "G28.1":
-        # Stored, and gone to by way of a point.
+        # Stored, and gone to by way of a point; the axes are those of the program.
         model.homes[28] = model.here
         model.move(words, absolute=True)
-        home = model.homes[28]
-        keep = {"X": home.xy.real, "Y": home.xy.imag, "Z": home.z}
-        model.here = model.here.given({letter: keep[letter] for letter in words})
+        angle = model.angles[model.current]
+        way = (model.homes[28] - model.here).turned(-angle)
+        keep = {"X": way.xy.real, "Y": way.xy.imag, "Z": way.z}
+        model.here += Place().given({letter: keep[letter] for letter in words}).turned(angle)
         return f"G28.1\nG90 G28 {text(words)}", True
     if what == "G43.1":
         model.tool = model.tool.given(words)
