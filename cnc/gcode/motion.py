@@ -246,6 +246,8 @@ class Motion:
         if user not in _POLAR_USERS or self._machine_words or (user in _CYCLES and not self._state.absolute):
             taker = "G53" if self._machine_words else f"{user} under G91" if user in _CYCLES else user
             raise fault("polar-not-here", f"{taker} takes no polar coordinates", at, "give X and Y")
+        if self._state.plane != "XY":
+            raise fault("polar-plane", f"polar coordinates in the {self._state.plane} plane", at, "give G17: they are of X and Y")
         if x is None or y is None:
             raise fault("axis-missing", "polar coordinates need the axes X and Y", at)
         if {x, y} & found.keys():

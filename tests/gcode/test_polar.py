@@ -49,6 +49,7 @@ def test_an_increment_counts_from_the_distance_and_the_angle_of_the_position() -
 
 ERRORS = {
     "an increment from the zero point": ("polar-at-origin", "G91 G0 ¦@5"),
+    "in another plane": ("polar-plane", "G18 G0 ¦@5 ^30"),
     "beside X": ("polar-and-axis", "G0 ¦@5 X1"),
     "beside Y": ("polar-and-axis", "G0 Y1 ¦^5"),
     "in machine coordinates": ("polar-not-here", "G53 G0 ¦@5 ^0"),
