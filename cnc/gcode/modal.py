@@ -40,6 +40,10 @@ _GROUPS: dict[str, tuple[int, ...]] = {
     "spindle-mode": (960, 970),
     "retract": (980, 990),
     "diameter": (70, 80),
+    # Ends of what no dialect has the beginning of. Headers of CAM posts hold them; there is nothing to end.
+    "polar": (150,),
+    "call": (670,),
+    "rotation": (690,),
 }  # fmt: skip
 _M_GROUPS: dict[str, tuple[int, ...]] = {
     "stop": (0, 1, 2, 30, 60, 98, 99),
