@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
+from importlib.resources import files
+
 import pytest
 
 from cnc.errors import UsageError
@@ -26,6 +29,13 @@ def test_every_code_has_a_modal_group(name: str) -> None:
     assert dialect.g <= GROUP_OF_G.keys()
     assert dialect.m <= GROUP_OF_M.keys()
     assert dialect.motion is None or GROUP_OF_G[dialect.motion] == "motion"
+
+
+def test_what_is_refused_by_name_is_spoken_nowhere() -> None:
+    spoken = [dialects.load(name) for name in dialects.NAMES]
+    known = tomllib.loads(files(dialects).joinpath("known.toml").read_text(encoding="utf-8"))
+    for kind, unit in (("g", 10), ("m", 1)):
+        assert not {code for code in known[kind] if any(round(float(code) * unit) in getattr(each, kind) for each in spoken)}
 
 
 @pytest.mark.parametrize("name", FULL)
