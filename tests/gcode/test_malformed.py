@@ -299,3 +299,19 @@ def test_an_error_is_drawn_with_its_place() -> None:
     with pytest.raises(GcodeError) as caught:
         list(interpret(Text.of_lines(["G0 X1", "G1 Y2 I3 F60"], "part.nc")))
     assert str(caught.value).split("\n")[:3] == ["part.nc:2:7: word-unused: I3 has no use in this line", "  G1 Y2 I3 F60", "        ^~"]
+
+
+def test_an_error_in_a_file_that_is_called_stands_in_that_file() -> None:
+    found = refused("G0 X1\no<broken> call\nG0 X2", folders=[HERE / "subroutines"])
+    assert (found.code, found.line, found.column, found.text) == ("word-unused", 3, 7, "G1 Y2 I3 F60")
+    assert Path(found.file) == HERE / "subroutines" / "broken.ngc"
+
+
+@pytest.mark.parametrize(
+    ("dialect", "source"), [("auto", "o<deep> call [1]"), ("auto", "o<again> call"), ("fanuc", "N1 M98 P2001\nGOTO 1")]
+)
+def test_what_never_ends_is_ended(dialect: str, source: str) -> None:
+    found = refused(source, dialect=dialect, folders=[HERE / "subroutines"], limits=Limits(repeated_lines=1000, depth=10))
+    assert found.code in ("call-too-deep", "loop-endless")
+    assert found.line
+    assert found.hint
