@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 MAX_TURNS = 1_000_000
 
 _NAMES = {20: "G2", 30: "G3"}
-_CENTER_WORDS = {"x": "I", "y": "J", "z": "K"}
-_PLANE_LETTERS = {plane: [_CENTER_WORDS[axis] for axis in pair] for plane, pair in PLANE_AXES.items()}
+CENTER_WORDS = {"x": "I", "y": "J", "z": "K"}
+"""The letter of an offset along an axis, from the start to a centre or a control point."""
+_PLANE_LETTERS = {plane: [CENTER_WORDS[axis] for axis in pair] for plane, pair in PLANE_AXES.items()}
 _NOWHERE = Word("G", 2.0, "G2", 1, 1)
 """Where errors of the quick way stand: nobody sees them, the slow way finds them again."""
 
@@ -45,7 +46,7 @@ class ArcMoves:
     def move(self, words: LineWords, motion: int, code: Word | None) -> None:
         """G2 (20) or G3 (30) with the words of a line; ``code`` is its own motion word, if it has one."""
         user, state, mover = _NAMES[motion], self._state, self._motion
-        at = code or min(words.rest.values(), key=lambda word: word.column)
+        at = code or words.first()
         i, j = self.plane_columns(at)
         end = mover.target(words, user, mover.position)
         radius = words.take("R", user)

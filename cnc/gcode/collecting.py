@@ -67,19 +67,11 @@ class Gathering:
 
     def company(self, words: LineWords) -> None:
         """Refuse what may not stand in the line that opens a curve: nothing but modes of the language goes with it."""
-        for word in words.m:
-            raise fault("nurbs-foreign-word", f"{word.written} can't stand in the line of {self.name}", word, "write it on the line before")
-        for word in words.g:
-            if GROUP_OF_G.get(word.tenths) == "non-modal":
-                raise fault(
-                    "nurbs-foreign-word", f"{word.written} can't stand in the line of {self.name}", word, "write it on the line before"
-                )
-        for letter in "ST":
-            if letter in words.users:
-                word = words.users[letter][1]
-                raise fault(
-                    "nurbs-foreign-word", f"{word.written} can't stand in the line of {self.name}", word, "write it on the line before"
-                )
+        strangers = [*words.m, *(word for word in words.g if GROUP_OF_G.get(word.tenths) == "non-modal")]
+        strangers += [words.users[letter][1] for letter in "ST" if letter in words.users]
+        for word in strangers[:1]:
+            message = f"{word.written} can't stand in the line of {self.name}"
+            raise fault("nurbs-foreign-word", message, word, "write it on the line before")
 
     def axes(self, words: LineWords) -> list[Word]:
         """The axis words of a line from left to right: X, Y and Z alone move along a NURBS."""

@@ -17,10 +17,9 @@ import math
 from collections.abc import Callable, Mapping
 
 from cnc.canon import AXIS_LETTERS, ROTARY_LETTERS
-from cnc.gcode.parameters import Parameters
+from cnc.gcode.parameters import CURRENT_SYSTEM, Parameters
 
 SHIFT_IN_EFFECT = 5210
-CURRENT = 5220
 EXTERNAL = -1
 """The number of the offset that counts in every system (FANUC's P0)."""
 NAMES = (540, 550, 560, 570, 580, 590, 591, 592, 593)
@@ -67,7 +66,7 @@ class Coordinates:
         if not shift_stays:
             self._values[SHIFT_IN_EFFECT] = 0.0
         self._shift = self._stored(_SHIFT) if self._values.get(SHIFT_IN_EFFECT, 0.0) else [0.0] * len(axes)
-        number = self._values.get(CURRENT, 1.0)
+        number = self._values.get(CURRENT_SYSTEM, 1.0)
         self._use(int(number) - 1 if number in range(1, systems + 1) else 0)
 
     def bind(self, here: Callable[[], list[float]], scale: Callable[[], float]) -> None:
@@ -152,7 +151,7 @@ class Coordinates:
 
     def select(self, system: int) -> None:
         """G54 (0) to G59.3 (8). To choose the one in use again changes nothing: stored numbers are not read anew."""
-        self._values[CURRENT] = system + 1.0
+        self._values[CURRENT_SYSTEM] = system + 1.0
         if system != self.system:
             self._use(system)
 
@@ -163,7 +162,7 @@ class Coordinates:
     def end(self) -> None:
         """The program is over (M2, M30): the first system, and no local offset."""
         self._local = [0.0] * len(self._axes)
-        self._values[CURRENT] = 1.0
+        self._values[CURRENT_SYSTEM] = 1.0
         self._use(0)
 
     def set_origin(self, system: int, values: Mapping[int, float], *, rotation: float | None = None, add: bool = False) -> None:

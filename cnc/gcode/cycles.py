@@ -72,7 +72,7 @@ class Cycles:
         cycle = state.motion
         assert cycle is not None
         name = f"G{cycle // 10}"
-        at = code.word if code else min(words.rest.values(), key=lambda word: word.column)
+        at = code.word if code else words.first()
         refuse_modes(motion, state, name, at)
         if not words.has_axis() and not (self._rules.words_stay and "R" in words.rest):
             raise fault("axis-words-missing", f"{name} needs axis words", at, "give the place of the hole, such as X10 Y20")

@@ -214,6 +214,9 @@ def _to_increments(a: Value) -> Value:
     return lambda p: half_away(a(p) * p.increments) / p.increments
 
 
+# The four rules of arithmetic are written out: through one function for all of them each operation of a program would take a call more.
+
+
 def _add(a: Value, b: Value, place: tuple[int, int]) -> Value:
     def value(p: Parameters) -> float:
         result = a(p) + b(p)

@@ -30,12 +30,12 @@ from cnc.gcode.here import Here
 from cnc.gcode.modal import Code, Codes, Modal
 from cnc.gcode.output import Output
 from cnc.gcode.parameters import Parameters
+from cnc.gcode.tools import MAX_TOOL
 from cnc.gcode.words import LineWords, Word, fault, not_negative, whole
 from cnc.units import MM_PER_INCH
 
 MAX_DWELL = 1e6
 """s. What is longer is a slip: it is more than eleven days."""
-MAX_TOOL = 99_999
 MAX_CHANNEL = 63
 """Highest number of an input or output."""
 INPUT_ANSWER = 5399

@@ -19,6 +19,7 @@ from cnc.units import per_second
 NURBS = 62
 """G6.2, ten times its number as everywhere."""
 CANCEL = 800
+COMPENSATION_OFF = 400
 BSPLINE = -10
 """Siemens' motion code that is a word."""
 
@@ -33,7 +34,7 @@ _GROUPS: dict[str, tuple[int, ...]] = {
     "distance": (900, 910),
     "arc-distance": (901, 911),
     "feed-mode": (930, 940, 950),
-    "compensation": (400, 410, 411, 420, 421),
+    "compensation": (COMPENSATION_OFF, 410, 411, 420, 421),
     "tool-length": (430, 431, 432, 440, 490),
     "system": (540, 550, 560, 570, 580, 590, 591, 592, 593, 541),
     "path": (610, 611, 640),

@@ -1,4 +1,4 @@
-"""Text to statements: the Lark grammars, one line at a time, and the lines of a file.
+"""Text to statements: the Lark grammars, one line at a time.
 
 The grammars' tables are cached in the user's cache folder, which saves their construction at every start; where that folder can't be
 written, they are built anew. Parsed lines are memoised by their text, for programs that repeat themselves.
@@ -143,9 +143,9 @@ def _board_line(text: str, syntax: Syntax) -> Statement:
 
 
 def _refuse_foreign(squeezed: str, columns: list[int], syntax: Syntax) -> None:
-    """Parameters, expressions and O-words, by name, where the dialect has none of them."""
+    """Refuse parameters, expressions and O-words by name, in a dialect that has none of them."""
     for found in _FOREIGN.finditer(squeezed):
         if found[1]:
             message = f"{_FOREIGN_NAMES[found[1]]} not in the {syntax.dialect} dialect"
-            hint = "use --dialect linuxcnc, or auto" if syntax.flavour == "none" else ""
-            raise fault("syntax-not-in-dialect", message, column=columns[found.start()] + 1, hint=hint)
+            column = columns[found.start()] + 1
+            raise fault("syntax-not-in-dialect", message, column=column, hint="use --dialect linuxcnc, or auto")

@@ -45,7 +45,7 @@ class Probing:
         motion, state, here = self._motion, self._state, self._here
         assert state.motion is not None
         name = f"G{state.motion / 10:g}"
-        at = code.word if code else min(words.rest.values(), key=lambda word: word.column)
+        at = code.word if code else words.first()
         refuse_modes(motion, state, name, at, inverse_time=False)
         if state.feed_mode == "per-revolution":
             raise fault("probe-feed-mode", f"{name} under G95", at, "give G94 and F before")

@@ -14,7 +14,6 @@ from cnc.gcode.toolsettings import ToolSettings
 from cnc.gcode.words import AXES, LineWords, Word, fault, whole
 
 _HOME = {280: 28, 281: 28, 300: 30, 301: 30}
-_STORED_PLACES = {28: 1, 30: 2}
 _ORIGINS = (2, 20)
 _MORE = 541
 

@@ -13,14 +13,13 @@ from cnc.errors import CncError
 from cnc.gcode.compensation import Side
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.here import Here
-from cnc.gcode.modal import PLANES, Code, Codes, Modal
+from cnc.gcode.modal import COMPENSATION_OFF, PLANES, Code, Codes, Modal
 from cnc.gcode.motion import Motion
 from cnc.gcode.output import Output
 from cnc.gcode.tools import MAX_TOOL, ORIENTATIONS
 from cnc.gcode.toolsettings import ToolSettings
 from cnc.gcode.words import LineWords, Word, fault, whole
 
-_OFF = 400
 _DYNAMIC = (411, 421)
 _LEFT = (410, 411)
 _CHANGE_TOOL, _WAIT = 6, 66
@@ -56,7 +55,7 @@ class Sides:
 
     def code(self, words: LineWords, code: Code) -> None:
         """G40, G41, G42, G41.1, G42.1."""
-        if code.number == _OFF:
+        if code.number == COMPENSATION_OFF:
             self.off()
             return
         at = code.word

@@ -17,6 +17,7 @@ import numpy as np
 
 from cnc.canon import PLANE_AXES, NurbsFeed, Plane
 from cnc.gcode import curves
+from cnc.gcode.arcmoves import CENTER_WORDS
 from cnc.gcode.collecting import check_mode
 from cnc.gcode.here import Here
 from cnc.gcode.modal import Code, Modal
@@ -24,7 +25,6 @@ from cnc.gcode.motion import Motion
 from cnc.gcode.words import AXES, LineWords, Word, fault
 
 CUBIC, QUADRATIC = 50, 51
-_OFFSET_WORDS = {"x": "I", "y": "J", "z": "K"}
 
 Vector = list[float]
 
@@ -98,7 +98,7 @@ class _Splines:
         return PLANE_AXES[self._state.plane]
 
     def _letters(self) -> list[str]:
-        return [_OFFSET_WORDS[axis] for axis in self._axes()]
+        return [CENTER_WORDS[axis] for axis in self._axes()]
 
     def _first(self, words: LineWords, at: Word) -> Vector:
         """The way from the start to the first control point of a G5."""

@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from cnc.gcode.here import Here
-from cnc.gcode.modal import CANCEL, PLANES, Modal
+from cnc.gcode.modal import CANCEL, COMPENSATION_OFF, PLANES, Modal
 from cnc.gcode.parameters import Parameters
 from cnc.units import per_minute
 
 VERSION = (2.9, 0.0)
 """LinuxCNC's version whose language this is: #<_vmajor>, #<_vminor>."""
 
-_NO_COMPENSATION = 400
 _PLANE_CODES = {plane: float(code) for code, plane in PLANES.items()}
 
 
@@ -29,7 +28,7 @@ def bind(parameters: Parameters, state: Modal, here: Here) -> None:
         "_line": lambda: here.line,
         "_motion_mode": lambda: CANCEL if state.motion is None else state.motion,
         "_plane": lambda: _PLANE_CODES[state.plane],
-        "_ccomp": lambda: state.compensation or _NO_COMPENSATION,
+        "_ccomp": lambda: state.compensation or COMPENSATION_OFF,
         "_metric": lambda: state.scale == 1.0,
         "_imperial": lambda: state.scale != 1.0,
         "_absolute": lambda: state.absolute,

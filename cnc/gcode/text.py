@@ -122,7 +122,7 @@ class Text:
     @classmethod
     def of_lines(cls, lines: Iterable[str], name: str) -> Text:
         """Lines in memory, with or without their ends. They are read when they are needed, and kept."""
-        kept: list[tuple[int, list[str]]] = []
+        kept: Kept = []
         return cls(name, _windows_of_lines(iter(lines), kept), lambda index: _window_of_lines(*kept[index]))
 
     def window(self, line: int) -> Window | None:

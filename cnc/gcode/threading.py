@@ -42,7 +42,7 @@ class Threading:
         motion, state = self._motion, self._state
         rigid = state.motion == TAP
         name = "G33.1" if rigid else "G33"
-        at = code.word if code else min(words.rest.values(), key=lambda word: word.column)
+        at = code.word if code else words.first()
         refuse_modes(motion, state, name, at, inverse_time=False)
         if not words.has_axis():
             raise fault("axis-words-missing", f"{name} needs axis words", at, "give where the thread ends, such as Z-10")
@@ -83,7 +83,7 @@ class Threading:
     def thread(self, words: LineWords, code: Code | None) -> None:
         """G76."""
         motion, state = self._motion, self._state
-        at = code.word if code else min(words.rest.values(), key=lambda word: word.column)
+        at = code.word if code else words.first()
         refuse_modes(motion, state, "G76", at, inverse_time=False)
         if state.plane != "ZX":
             raise fault("thread-plane", f"G76 in the {state.plane} plane", at, "give G18 before")

@@ -27,7 +27,7 @@ _HINTS = {
 
 def unused(words: LineWords, state: Modal) -> GcodeError:
     """The error for the leftmost word that is left."""
-    word = min(words.rest.values(), key=lambda word: word.column)
+    word = words.first()
     if state.motion == NURBS and word.letter in "KURPW":
         message = f"{word.written} after the last knot: the curve was complete"
         return fault("nurbs-still-active", message, word, "go on with G0, G1, G2, G3 or another G6.2")

@@ -11,7 +11,7 @@ from functools import partial
 from cnc.canon import Stop
 from cnc.gcode.coordinates import NAMES, Coordinates
 from cnc.gcode.here import Here
-from cnc.gcode.modal import CANCEL, FEED_MODES, PLANES, Modal
+from cnc.gcode.modal import CANCEL, COMPENSATION_OFF, FEED_MODES, PLANES, Modal
 from cnc.gcode.output import Output
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.system import feed_word
@@ -22,7 +22,6 @@ _SWITCHES = (3003, 3004)
 """They keep the operator from stopping between blocks and from overrides; here they only remember."""
 _BLOCK_END, _MACHINE, _CURRENT = 5001, 5021, 5041
 _MODAL = 4000
-_NO_COMPENSATION = 400
 _LAST_PLAIN = 330
 """Motion codes beyond are cycles, which have a group of their own."""
 _PLANE_CODES = {plane: code / 10 for code, plane in PLANES.items()}
@@ -43,7 +42,7 @@ def bind(
         3: lambda: 90.0 if state.absolute else 91.0,
         5: lambda: _FEED_CODES[state.feed_mode],
         6: lambda: 21.0 if state.scale == 1.0 else 20.0,
-        7: lambda: (state.compensation or _NO_COMPENSATION) / 10,
+        7: lambda: (state.compensation or COMPENSATION_OFF) / 10,
         9: lambda: CANCEL / 10 if state.motion is None or state.motion <= _LAST_PLAIN else state.motion / 10,
         10: lambda: 98.0 if state.initial_level else 99.0,
         13: lambda: 96.0 if state.constant_surface else 97.0,

@@ -100,6 +100,10 @@ class LineWords:
         """Whether an axis word is left, polar ones among them."""
         return not _POINT.isdisjoint(self.rest)
 
+    def first(self) -> Word:
+        """The leftmost word left, codes aside."""
+        return min(self.rest.values(), key=lambda word: word.column)
+
     def first_axis(self) -> Word:
         """The leftmost axis word left."""
         return min((word for letter, word in self.rest.items() if letter in _POINT), key=lambda word: word.column)
