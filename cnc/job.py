@@ -35,11 +35,11 @@ from cnc.report.outputs import JsonLines, Output, TraceWriter, check_formats, pu
 from cnc.report.result import Extremes, Report
 from cnc.report.survey import Survey
 from cnc.source import readable, shown_name, with_texts
+from cnc.stopwatch import Stopwatch, TimedPulses
 from cnc.stream import PulseChunk, SampleChunk
 from cnc.warm import ensure_compiled
 
 Floats = NDArray[np.float64]
-Item = TypeVar("Item")
 Stage = Literal["checking", "running"]
 
 LINE_BOARDS = ("grbl", "grbl-sim")
@@ -80,56 +80,6 @@ def start_position(machine: Machine) -> Floats:
 
 class Stopped(Exception):
     """The operator wants to stop, and nothing has moved yet."""
-
-
-class Stopwatch:
-    """Adds up the time that is spent inside an iterator."""
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-
-    def inside(self, source: Iterable[Item]) -> Iterator[Item]:
-        """The same items."""
-        iterator = iter(source)
-        while True:
-            began = perf_counter()
-            try:
-                item = next(iterator)
-            except StopIteration:
-                return
-            finally:
-                self.seconds += perf_counter() - began
-            yield item
-
-
-class TimedPulses:
-    """An interpolator with a stopwatch: what the executor asks of one."""
-
-    def __init__(self, interpolator: ReferencePulse, watch: Stopwatch) -> None:
-        self._interpolator = interpolator
-        self._watch = watch
-
-    @property
-    def origin_steps(self) -> NDArray[np.int64]:
-        """Grid point at which the program begins (axes,)."""
-        return self._interpolator.origin_steps
-
-    @property
-    def position_steps(self) -> NDArray[np.int64]:
-        """Grid point after the pulses made so far (axes,)."""
-        return self._interpolator.position_steps
-
-    def pulses(self, chunk: PlanChunk) -> Iterator[PulseChunk]:
-        """The grid moves of a stretch of the plan."""
-        return self._watch.inside(self._interpolator.pulses(chunk))
-
-    def settle(self) -> Iterator[PulseChunk]:
-        """The last grid move at the end of the path."""
-        return self._interpolator.settle()
-
-    def stand_at(self, grid: NDArray[np.int64]) -> None:
-        """The machine stands at a grid point that was not planned."""
-        self._interpolator.stand_at(grid)
 
 
 class Job:
