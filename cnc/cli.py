@@ -148,8 +148,8 @@ def check(
 
     if format == "json" and common.json is None:
         common = _with_json(common)
-    outputs = common.outputs(*programs)
     names = [name.replace(HYPHEN, "-") for name in programs]
+    outputs = common.outputs(*names)
     files = find_programs(names)
     listed = len(files) != 1 or names != files
     if listed and outputs != api.Outputs():

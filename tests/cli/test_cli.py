@@ -218,6 +218,14 @@ def test_a_hyphen_is_standard_output_and_the_summary_moves_over(cncrun, program)
     assert [json.loads(line)["kind"] for line in out.splitlines()] == ["traverse", "line", "arc", "end"]
 
 
+@pytest.mark.parametrize("command", [("-",), ("check", "-")])
+def test_a_hyphen_is_standard_input(command):
+    line = [sys.executable, "-m", "cnc.cli", *command, "--quiet", "--blocks", "-"]
+    done = subprocess.run(line, cwd=ROOT, input=GOOD, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(done.stdout.splitlines()) == 4
+
+
 def test_a_faulty_program_writes_its_errors_and_nothing_else(cncrun, program, tmp_path):
     file = program("G21 G90\nG1 X10 F600\nG2 X20 Y5 I5 J9\nM2\n")
     target = tmp_path / "out"
