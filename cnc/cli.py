@@ -134,7 +134,7 @@ def run(
     if common.json is not None:
         _write_json(common.json, report)
     _show(report, common)
-    return _end([report])
+    return _end([report], quiet=common.quiet)
 
 
 @app.command
@@ -172,7 +172,7 @@ def check(
         _write_json(common.json, reports if listed else reports[0])
     if not listed:
         _show(reports[0], common)
-    return _end(reports)
+    return _end(reports, quiet=common.quiet)
 
 
 def find_programs(names: Sequence[str]) -> list[str]:
@@ -254,10 +254,12 @@ def _internal_error(error: Exception, verbose: bool) -> int:
     return EXIT_REJECTED
 
 
-def _end(reports: Sequence[Report]) -> int:
+def _end(reports: Sequence[Report], *, quiet: bool) -> int:
     """Faults of all reports on standard error, the exit code of the worst."""
     sys.stdout.flush()
     for report in reports:
+        if report.hidden_warnings and not quiet:
+            print(f"{report.program}: {report.hidden_warnings} more warnings are not shown", file=sys.stderr)
         if report.hidden_faults:
             print(f"{report.program}: {report.hidden_faults} more places outside the travel are not shown", file=sys.stderr)
         for fault in report.faults:

@@ -46,6 +46,8 @@ LINE_BOARDS = ("grbl", "grbl-sim")
 """Kinds of board that take lines, and so commands of their own."""
 MOST_FAULTS = 20
 """Soft-limit faults that are kept; the rest are counted."""
+MOST_WARNINGS = 100
+"""Warnings that are told and kept; the rest are counted."""
 KEPT_NUMBERS = 4_000_000
 """Numbers of path data (32 MB) that are kept between the passes; a longer program is read twice."""
 
@@ -103,6 +105,7 @@ class Job:
         self._state: tuple[Parameters, ToolTable] | None = None
         self._senses = self._takes_lines = True
         self._last_line = 0
+        self._warned: set[tuple[str, str, int, int]] = set()
         self.report = Report(self.name, machine, limits=Extremes.limits(machine))
         self._kept: list[PathChunk | Block] | None = []
         self._reading, self._reading_again, self._planning, self._interpolating = Stopwatch(), Stopwatch(), Stopwatch(), Stopwatch()
@@ -364,7 +367,15 @@ class Job:
                 trace.write(chunk)
 
     def _warn(self, diagnostic: Diagnostic) -> None:
-        self.report.warnings.append(diagnostic)
+        """Tell and keep a warning once for its place, however often a loop comes by."""
+        warnings, place = self.report.warnings, (diagnostic.code, diagnostic.file, diagnostic.line, diagnostic.column)
+        if place in self._warned:
+            return
+        if len(warnings) >= MOST_WARNINGS:
+            self.report.hidden_warnings += 1
+            return
+        self._warned.add(place)
+        warnings.append(diagnostic)
         if self.watch.on_warning is not None:
             self.watch.on_warning(diagnostic)
 

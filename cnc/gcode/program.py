@@ -177,7 +177,9 @@ class _Steps:
                 step = control.Conditional(flow.parameters, line_control.values[0], line_control.then)
             else:
                 step = _MAKERS[line_control.keyword](flow, line, line_control)
-            flow.listing.steps[line] = step
+            # A jump knows the loop that it makes. Calls know nothing: a program may be a million of them.
+            if line_control.keyword in _JUMPS:
+                flow.listing.steps[line] = step
         return step
 
     def _of_words(self, line: int, statement: Statement) -> Step | Statement:
@@ -195,6 +197,7 @@ class _Steps:
         return NOTHING
 
 
+_JUMPS = ("goto", "if-goto")
 _MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = blocks.MAKERS | subprograms.MAKERS
 
 

@@ -75,10 +75,10 @@ class Timing:
 class Report:
     """A program, checked or run.
 
-    ``faults`` are the errors that ended it, in order; ``warnings`` did not. lines: of the program as read. blocks: canonical blocks, each
-    move of a run of lines counted. duration_s: machine time, dwells included. bounding_box: mm by axis, of the whole path. end_position: mm
-    by axis. steps: by axis, both directions together. pulse_error_blu: largest distance of a grid point from the path, in BLU.
-    stopped_at_line: where the operator stopped the run, None if nobody did.
+    ``faults`` are the errors that ended it, in order; ``warnings`` did not; ``hidden_`` ones are counted only. lines: of the program as
+    read. blocks: canonical blocks, each move of a run of lines counted. duration_s: machine time, dwells included. bounding_box: mm by
+    axis, of the whole path. end_position: mm by axis. steps: by axis, both directions together. pulse_error_blu: largest distance of a grid
+    point from the path, in BLU. stopped_at_line: where the operator stopped the run, None if nobody did.
     """
 
     program: str
@@ -86,6 +86,7 @@ class Report:
     faults: list[CncError] = field(default_factory=list)
     warnings: list[Diagnostic] = field(default_factory=list)
     hidden_faults: int = 0
+    hidden_warnings: int = 0
     board: str | None = None
     lines: int = 0
     blocks: int = 0

@@ -106,6 +106,17 @@ def test_a_spindle_that_would_drive_the_tool_too_fast(cncrun, program):
     assert "50.5 mm/s, 1.01 times" in message
 
 
+def test_many_warnings_are_cut_short_and_a_loop_gives_one(cncrun, program):
+    loop = "#1 = 0\no1 while [#1 LT 9]\nM3\n#1 = [#1 + 1]\no1 endwhile\n"
+    file = program(loop + "M3\n" * 102 + "M2\n")
+    code, _, err = cncrun("check", file)
+    assert code == 0
+    assert err.count("spindle-speed-missing") == 100
+    assert err.count(f"{file}:3:") == 1
+    assert "3 more warnings are not shown" in err
+    assert "warnings" not in cncrun("check", file, "--quiet")[2]
+
+
 def test_many_places_outside_the_travel_are_cut_short(cncrun, program):
     code, _, err = cncrun("check", program("G21 G90 F6000\n" + "G1 X500\nG1 X501\n" * 20 + "M2\n"))
     assert code == 1

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cnc.canon import Polyline
+from cnc.gcode import program
 from cnc.gcode.flow import Limits
 from cnc.gcode.listing import Listing
 from cnc.gcode.parameters import Parameters
@@ -275,3 +277,17 @@ def test_blocks_name_the_file_of_their_line(tmp_path: Path) -> None:
     blocks = run("G0 X0\no<one> call\nG0 X3", folders=[tmp_path])
     found = [(block.file, block.lines.tolist()) for block in blocks if isinstance(block, Polyline)]
     assert found == [("test.nc", [1]), (str(tmp_path / "one.ngc"), [2, 3]), ("test.nc", [3])]
+
+
+def test_calls_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program may be a million of them; of the subroutine one line knows where it ends."""
+    made: list[Listing] = []
+
+    class Watched(Listing):
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
+            made.append(self)
+
+    monkeypatch.setattr(program, "Listing", Watched)
+    run("o1 sub\nG0 X[#1]\no1 endsub\n" + "".join(f"o1 call [{number}]\n" for number in range(50)))
+    assert made[0].steps.keys() == {1}
