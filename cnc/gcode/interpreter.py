@@ -192,6 +192,10 @@ class Interpreter:
         if remark.kind in _MESSAGES:
             text = remark.text if remark.kind == "msg" else fill(remark.text, self.parameters)
             self.out.add(Message(here.file, here.line, text))
+        else:
+            name = f"({remark.kind.upper()})"
+            at = Word("(", 0.0, name, remark.column, 1)
+            here.caution("comment-not-active", f"{name} does nothing here", at, "it writes a file or runs code on LinuxCNC only")
 
     def _execute(self, words: LineWords, codes: Codes | None) -> None:
         if codes is None:

@@ -209,6 +209,13 @@ def test_odd_but_legal_lines_are_warned_about() -> None:
     assert warned == [("spindle-speed-missing", 1, 1, "warning"), ("feed-before-units", 2, 5, "warning")]
 
 
+@pytest.mark.parametrize("comment", ["(LOG, a)", "(logopen, a.txt)", "(LOGCLOSE)", "(probeopen a.txt)", "(PROBECLOSE)", "(py, a)"])
+def test_comments_that_would_do_something_elsewhere_are_warned_about(comment: str) -> None:
+    warned: list[tuple[str, int, int]] = []
+    run(f"G0 X1\nG0 X2 {comment}\n(logarithm)\nM2", warn=lambda d: warned.append((d.code, d.line, d.column)))
+    assert warned == [("comment-not-active", 2, 7)]
+
+
 def test_nothing_is_warned_about_in_a_tidy_program() -> None:
     run("G21 F100\nG20\nG20 F10\nS1 M3\nG1 X1", warn=lambda d: pytest.fail(d.render()))
 
