@@ -11,9 +11,8 @@ from cnc.gcode import arcs
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.here import Here
 from cnc.gcode.modal import Modal
-from cnc.gcode.parser import MAX_NUMBER
 from cnc.gcode.prepared import QuickMove
-from cnc.gcode.words import LineWords, Word, fault, whole
+from cnc.gcode.words import MAX_NUMBER, LineWords, Word, fault, whole
 
 if TYPE_CHECKING:
     from cnc.gcode.motion import Motion

@@ -21,9 +21,8 @@ from cnc.gcode.functions import surface_rpm
 from cnc.gcode.here import Here
 from cnc.gcode.modal import BSPLINE, CANCEL, NURBS, Code, Codes, Feed, Modal, feed_of
 from cnc.gcode.output import Output
-from cnc.gcode.parser import MAX_NUMBER
 from cnc.gcode.prepared import QuickMove
-from cnc.gcode.words import AXES, POLAR, LineWords, Word, fault
+from cnc.gcode.words import AXES, MAX_NUMBER, POLAR, LineWords, Word, fault
 from cnc.units import per_second
 
 MIN_FEED = 1e-6

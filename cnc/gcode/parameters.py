@@ -46,14 +46,16 @@ class Parameters:
     """The variables of a program.
 
     ``values`` is the plain store of the numbers above the locals; ``locals`` holds those of the current call. Both are open to compiled
-    expressions, which look there first. With ``macro`` the ranges are FANUC's, and a number that was never set is vacant (NaN), not 0.
-    ``increments`` is how many least input increments a unit of length has: FANUC's ROUND rounds a word to that (1000 a mm, 10000 an inch).
+    expressions, which look there first. ``open_numbers`` are the numbers of the line that is being computed (:mod:`cnc.gcode.shapes`).
+    With ``macro`` the ranges are FANUC's, and a number that was never set is vacant (NaN), not 0. ``increments`` is how many least input
+    increments a unit of length has: FANUC's ROUND rounds a word to that (1000 a mm, 10000 an inch).
     """
 
     def __init__(self, values: Mapping[int, float] | None = None, *, macro: bool = False) -> None:
         self.macro = macro
         self.values: dict[int, float] = dict.fromkeys(sorted(SYSTEM), 0.0) | {CURRENT_SYSTEM: 1.0} | dict(values or {})
         self.locals: dict[int, float] = {}
+        self.open_numbers: tuple[float, ...] = ()
         self._names: dict[str, float] = {}
         self._globals: dict[str, float] = {}
         self._callers: list[tuple[dict[int, float], dict[str, float]]] = []

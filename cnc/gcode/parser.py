@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from cnc import __version__
+from cnc.gcode import shapes
 from cnc.gcode.expressions import Builder
 from cnc.gcode.statement import Statement
 from cnc.gcode.syntax import describe
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
 
 MAX_LINE = 4096
 """Characters of a line. RS274 allows 256; what is longer than this is no program."""
-MAX_NUMBER = 1e9
-"""Largest magnitude of a word's number: a thousand kilometres, or a slip."""
 MEMO = 4096
 """Distinct lines whose parse is kept."""
 
@@ -99,6 +98,12 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         return Statement()
     if text.lstrip(" \t").startswith("$"):
         return _board_line(text, syntax)
+    flavour = f"{syntax.flavour} {syntax.siemens} {syntax.dialect}"
+    return shapes.statement(text, flavour, lambda open_numbers: _parse(text, syntax, open_numbers))
+
+
+def _parse(text: str, syntax: Syntax, open_numbers: dict[int, int] | None) -> Statement:
+    """Parse a line by the grammar; see :mod:`cnc.gcode.shapes` for ``open_numbers``."""
     squeezed, columns = squeeze(text)
     if syntax.flavour == "none":
         _refuse_foreign(squeezed, columns, syntax)
@@ -115,7 +120,7 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
         mark_rounding(tree)
     build = Builder(columns, macro=macro)
     try:
-        statement: Statement = Translator(squeezed, build, siemens=syntax.siemens, dialect=syntax.dialect).transform(tree)
+        statement: Statement = Translator(squeezed, build, open_numbers, siemens=syntax.siemens, dialect=syntax.dialect).transform(tree)
     except VisitError as error:
         raise error.orig_exc from None
     return statement

@@ -10,9 +10,8 @@ from typing import NamedTuple
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.modal import NURBS, Codes, codes_of
 from cnc.gcode.parameters import Parameters
-from cnc.gcode.parser import MAX_NUMBER
 from cnc.gcode.statement import Statement, Value
-from cnc.gcode.words import AXES, LineWords, Word, fault
+from cnc.gcode.words import AXES, MAX_NUMBER, LineWords, Word, fault
 
 NEAR_CODE = 1e-3
 """How far from a whole number ten times a computed code may be."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.parser import MAX_LINE, MAX_NUMBER
+from cnc.gcode.parser import MAX_LINE
 from cnc.gcode.statement import Statement
-from cnc.gcode.words import Word
+from cnc.gcode.words import MAX_NUMBER, Word
 from cnc.kernels import scanner as kernel
 
 _LINE_BYTES, _WORD_BYTES = 8, 3

@@ -16,9 +16,8 @@ from lark import Token, Transformer_NonRecursive, Tree, v_args
 
 from cnc.gcode.expressions import Builder, Node, ParameterNode, constant
 from cnc.gcode.parameters import Parameters
-from cnc.gcode.parser import MAX_NUMBER
 from cnc.gcode.statement import Assignment, Control, Keyword, Remark, Statement, Value
-from cnc.gcode.words import Word, fault
+from cnc.gcode.words import MAX_NUMBER, Word, fault
 
 LENGTHS = "XYZUVWABCIJKRQ"
 """Letters whose words FANUC's ROUND rounds to the least input increment."""
@@ -29,15 +28,23 @@ _REMARK = re.compile(
 )
 """A comment that does something: its word, and what stands behind a comma (behind a blank with PROBEOPEN)."""
 
+CHECKED_NOW = -1
+"""No place in a line: left among the open numbers where a constant has to be checked while the line is read."""
+
 Item = tuple[Word, Value | None]
 
 
 @v_args(inline=True)
 class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
-    """Makes the statement of one line, whose text without blanks is ``text``."""
+    """Makes the statement of one line, whose text without blanks is ``text``.
 
-    def __init__(self, text: str, build: Builder, *, siemens: bool, dialect: str) -> None:
+    ``open_numbers``: numbers to be left open, by their place in the line (from 0); those that were met are taken out of it.
+    """
+
+    def __init__(self, text: str, build: Builder, open_numbers: dict[int, int] | None, *, siemens: bool, dialect: str) -> None:
         super().__init__(visit_tokens=False)
+        self._open = open_numbers
+        self._opened = -1
         self._text = text
         self._build = build
         self._siemens = siemens
@@ -51,6 +58,9 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
         if number == math.inf:
             letter = begin - 1 if self._text[begin - 1].isalpha() else begin
             raise self._build.fault("number-too-large", "this number is too large", letter, end)
+        if self._open is not None and (index := self._open.pop(self._build.columns[begin], None)) is not None:
+            self._opened = begin
+            return Node(lambda p: p.open_numbers[index], begin, end)
         return constant(number, begin, end)
 
     def bracket(self, left: Token, inside: Node, right: Token) -> Node:
@@ -70,6 +80,8 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
 
     def parameter(self, hash_: Token, index: Node | Token) -> ParameterNode:
         if isinstance(index, Node):
+            if self._open is not None and _begin(hash_) < self._opened and "#" not in self._text[_begin(hash_) + 1 : index.end]:
+                self._open[CHECKED_NOW] = 0
             return self._build.parameter(index, _begin(hash_), index.end)
         return self._build.parameter(_name(index), _begin(hash_), _end(index))
 

@@ -13,6 +13,8 @@ from typing import NoReturn
 
 from cnc.errors import Diagnostic, GcodeError
 
+MAX_NUMBER = 1e9
+"""Largest magnitude of a word's number: a thousand kilometres, or a slip."""
 AXES = frozenset("XYZABCUVW")
 POLAR = frozenset("@^")
 """Distance and angle, in the place of X and Y."""
