@@ -6,12 +6,14 @@ import is imported when it is needed: ``cncrun --help`` has to be quick.
 
 from __future__ import annotations
 
+import gc
 import glob
 import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
@@ -117,8 +119,7 @@ def run(
     """Run a program."""
     if dry_run:
         return check(program, common=common)
-    from cnc import api
-
+    api = _library()
     with Screen(quiet=common.quiet) as screen:
         machine = api.load_machine(common.machine)
         report = api.run(
@@ -144,7 +145,7 @@ def check(
     common: Common = _COMMON,
 ) -> int:
     """Verify programs without a board: language, travel, the limits of the plan, the pulses."""
-    from cnc import api
+    api = _library()
 
     if format == "json" and common.json is None:
         common = _with_json(common)
@@ -197,6 +198,14 @@ def find_programs(names: Sequence[str]) -> list[str]:
             raise UsageError(Diagnostic("no-program", where, hint="check the name and the folder"))
         found += matches
     return list(dict.fromkeys(found))
+
+
+def _library() -> ModuleType:
+    """:mod:`cnc.api`. All that it brings along lives as long as the process: the garbage collector need not look at it time and again."""
+    from cnc import api
+
+    gc.freeze()
+    return api
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

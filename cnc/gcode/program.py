@@ -88,8 +88,8 @@ def _run(flow: Flow, make: _Steps, on_line: Callable[[int], None] | None) -> Ite
             if step is None:
                 assert page is not None
                 step = make.step(page, index)
-                # Of a long program's moves few ever come again: what is kept would keep the garbage collector busy.
-                if line <= listing.high or step.__class__ is not _Move:
+                # Of a long program's lines few ever come again: what is kept would keep the garbage collector busy.
+                if line <= listing.high or step.__class__ not in (_Move, Statement):
                     steps[index] = step
                 if line > listing.high:
                     listing.high = line

@@ -49,14 +49,12 @@ class Window:
         """``texts`` by index are of lines that the bytes don't hold as they are."""
         count = found.count
         self.first, self.count, self.scan = first, count, found
-        self.statements: list[Statement | None] = [None] * count
         self.head: NDArray[np.uint8] = found.head[:count]
         self.label: NDArray[np.int64] = found.label[:count]
         self.plain: NDArray[np.int32] = found.plain[:count]
         self.straight: NDArray[np.int32] = found.straight[:count]
         self._data, self._begin, self._end = data, found.begin, found.end
         self._texts = texts or {}
-        self._syntax: Syntax | None = None
 
     def text(self, index: int) -> str:
         """The line without its end: UTF-8, or Latin-1, in which no byte is wrong, where it is no UTF-8."""
@@ -74,15 +72,9 @@ class Window:
         return end if found is None else int(np.searchsorted(self._begin[index:end], found.start(), side="right")) + index - 1
 
     def statement(self, index: int, syntax: Syntax) -> Statement:
-        """The parsed line, which ``statements`` keeps for the syntax that was asked for last. Errors as those of ``parse_line``."""
-        if syntax is not self._syntax:
-            self._syntax, self.statements = syntax, [None] * self.count
-        found = self.statements[index]
-        if found is None:
-            text = self.text(index)
-            found = self._plain(index, text) if self.plain[index] else parse_line(text, syntax)
-            self.statements[index] = found
-        return found
+        """The parsed line; equal lines share one. Errors as those of ``parse_line``."""
+        text = self.text(index)
+        return self._plain(index, text) if self.plain[index] else parse_line(text, syntax)
 
     def _plain(self, index: int, text: str) -> Statement:
         found = _memo.get(text)

@@ -190,7 +190,7 @@ def test_blocks_are_handed_on_as_they_are_made() -> None:
     assert [type(block).__name__ for block in first] == ["Polyline", "Stop"] * 50
 
 
-def test_the_body_of_a_loop_is_parsed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_body_of_a_loop_is_read_twice_and_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[int] = []
     whole = Listing.statement
 
@@ -201,7 +201,7 @@ def test_the_body_of_a_loop_is_parsed_once(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(Listing, "statement", counting)
     xs("o1 repeat [100]\n#1=[#1+1]\nG0 X#1\no1 endrepeat")
     assert sorted(set(read)) == [0, 1, 2, 3]
-    assert len(read) <= 6
+    assert len(read) <= 8
 
 
 def test_a_loop_longer_than_any_window() -> None:
