@@ -158,7 +158,7 @@ class Job:
         report, survey, room = self.report, Survey(self.machine), KEPT_NUMBERS
         blocks = self._reading.inside(self._blocks(self._warn, self._at_line))
         if self.outputs.blocks is not None:
-            blocks = _written(blocks, self._opened(JsonLines(self.outputs.blocks, self.machine.axis_names, self.name)))
+            blocks = self._opened(JsonLines(self.outputs.blocks, self.machine.axis_names, self.name)).passed(blocks)
         for item in self._planning.inside(self._path(self._counted(blocks))):
             if isinstance(item, BoardCommand | Probe | WaitInput | SpindleSync):
                 self._check_board(item)
@@ -393,9 +393,3 @@ class Job:
 
 
 OutputKind = TypeVar("OutputKind", bound=Output)
-
-
-def _written(blocks: Iterable[Block], writer: JsonLines) -> Iterator[Block]:
-    for block in blocks:
-        writer.write(block)
-        yield block

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -94,6 +94,12 @@ class JsonLines:
         """Add a block; a run of moves becomes one object a move."""
         place = {} if block.file == self._program else {"file": block.file}
         self._target.write("".join(json.dumps(each | place, allow_nan=False) + "\n" for each in block_objects(block, self.axes)))
+
+    def passed(self, blocks: Iterable[canon.Block]) -> Iterator[canon.Block]:
+        """The same blocks, each written as it goes by."""
+        for block in blocks:
+            self.write(block)
+            yield block
 
     def close(self) -> None:
         """Put the file in place."""
