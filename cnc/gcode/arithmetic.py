@@ -1,7 +1,7 @@
 """What the operators and functions of expressions compute: plain numbers in, plain numbers out, angles in degrees.
 
-Where the two families differ: RS274/NGC compares EQ, NE, GE and LE to within 1e-6 and takes what is not 0 for true in AND, OR and XOR; its
-FIX and FUP round down and up, its MOD is never negative. FANUC's compare exactly, AND, OR and XOR work on the bits of whole numbers, FIX
+Where the two families differ: RS274/NGC compares EQ and NE to within 1e-6, GE and LE exactly, and takes what is
+not 0 for true in AND, OR and XOR; its FIX and FUP round down and up, its MOD is never negative. FANUC's compare exactly, AND, OR and XOR work on the bits of whole numbers, FIX
 and FUP round toward and away from zero, MOD takes the sign of its left side. Sources: LinuxCNC 2.9, "G-code overview"; FANUC, "Custom
 macro".
 """
@@ -190,9 +190,9 @@ OPERATORS: dict[str, Binary] = {
     "EQ": lambda a, b: 1.0 if abs(a - b) < NEAR else 0.0,
     "NE": lambda a, b: 0.0 if abs(a - b) < NEAR else 1.0,
     "GT": lambda a, b: 1.0 if a > b else 0.0,
-    "GE": lambda a, b: 1.0 if a > b or abs(a - b) < NEAR else 0.0,
+    "GE": lambda a, b: 1.0 if a >= b else 0.0,
     "LT": lambda a, b: 1.0 if a < b else 0.0,
-    "LE": lambda a, b: 1.0 if a < b or abs(a - b) < NEAR else 0.0,
+    "LE": lambda a, b: 1.0 if a <= b else 0.0,
     "AND": lambda a, b: 1.0 if a != 0 and b != 0 else 0.0,
     "OR": lambda a, b: 1.0 if a != 0 or b != 0 else 0.0,
     "XOR": lambda a, b: 1.0 if (a != 0) != (b != 0) else 0.0,
@@ -203,9 +203,9 @@ MACRO_OPERATORS: dict[str, Binary] = {
     "EQ": lambda a, b: 1.0 if a == b or (a != a and b != b) else 0.0,
     "NE": lambda a, b: 0.0 if a == b or (a != a and b != b) else 1.0,
     "GT": OPERATORS["GT"],
-    "GE": lambda a, b: 1.0 if a >= b else 0.0,
+    "GE": OPERATORS["GE"],
     "LT": OPERATORS["LT"],
-    "LE": lambda a, b: 1.0 if a <= b else 0.0,
+    "LE": OPERATORS["LE"],
     "AND": _bitwise(int.__and__),
     "OR": _bitwise(int.__or__),
     "XOR": _bitwise(int.__xor__),

@@ -164,4 +164,4 @@ def _operator(name: str, a: float, b: float, macro: bool) -> float:
         case "AND" | "OR" | "XOR":
             return {"AND": bool(a) and bool(b), "OR": bool(a) or bool(b), "XOR": bool(a) is not bool(b)}[name]
     near = abs(a - b) < 1e-6 and not macro
-    return {"EQ": a == b or near, "NE": a != b and not near, "GT": a > b, "GE": a >= b or near, "LT": a < b, "LE": a <= b or near}[name]
+    return {"EQ": a == b or near, "NE": a != b and not near, "GT": a > b, "GE": a >= b, "LT": a < b, "LE": a <= b}[name]
