@@ -1,9 +1,9 @@
 """What the operators and functions of expressions compute: plain numbers in, plain numbers out, angles in degrees.
 
-Where the two families differ: RS274/NGC compares EQ and NE to within 1e-6, GE and LE exactly, and takes what is
-not 0 for true in AND, OR and XOR; its FIX and FUP round down and up, its MOD is never negative. FANUC's compare exactly, AND, OR and XOR work on the bits of whole numbers, FIX
-and FUP round toward and away from zero, MOD takes the sign of its left side. Sources: LinuxCNC 2.9, "G-code overview"; FANUC, "Custom
-macro".
+Where the two families differ: RS274/NGC compares EQ and NE to within 1e-6, GE and LE exactly, and takes what is not 0 for true in AND, OR
+and XOR; its FIX and FUP round down and up, its MOD is never negative. FANUC's compare exactly, AND, OR and XOR work on the bits of whole
+numbers, FIX and FUP round toward and away from zero, MOD takes the sign of its left side. Sources: LinuxCNC 2.9, "G-code overview"; FANUC,
+"Custom macro".
 """
 
 from __future__ import annotations
