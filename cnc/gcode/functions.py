@@ -34,6 +34,8 @@ from cnc.gcode.tools import MAX_TOOL
 from cnc.gcode.words import LineWords, Word, fault, not_negative, whole
 from cnc.units import MM_PER_INCH
 
+LONG_DWELL = 100.0
+"""s. A whole number of them may have been meant as milliseconds."""
 MAX_DWELL = 1e6
 """s. What is longer is a slip: it is more than eleven days."""
 MAX_CHANNEL = 63
@@ -247,6 +249,9 @@ class Functions:
         seconds = not_negative(time, "the time") * letters[letter]
         if seconds > MAX_DWELL:
             raise fault("value-out-of-range", f"{time.written}: a dwell of {seconds:g} s is more than eleven days", time)
+        if seconds >= LONG_DWELL and letters[letter] == 1.0 and "." not in time.written:
+            message = f"{time.written} is {seconds:g} s here; controls that count milliseconds take {seconds / 1000.0:g} s"
+            self._here.caution("dwell-long", message, time, f"write {time.written}. if seconds are meant")
         self._out.add(Dwell(self._here.file, self._here.line, seconds))
 
     def path_control(self, words: LineWords, code: Code) -> None:

@@ -40,6 +40,8 @@ PLAIN = re.compile(r"\b(?:Token|None|True|False|nan|inf|[A-Z]+_[A-Z_]+|__\w+|lar
 """What no message may say: names from inside."""
 IDLE = frozenset("NO")
 """Line and program numbers mean nothing."""
+IDLE_CODES = frozenset((150, 670, 690))
+"""Ten times the codes that end what can't be in effect: they stand in the headers of posts."""
 IDLE_WITH = {"Q": {"G64"}}
 """Q of G64 gives leave that is not taken."""
 
@@ -241,6 +243,8 @@ def variants(text: str, syntax: Syntax) -> Iterator[tuple[str, list[str]]]:
     for index, word in enumerate(statement.words):
         if word.letter == "^" and "@" not in letters:
             continue  # of the zero point any angle is the same
+        if word.letter == "G" and word.tenths in IDLE_CODES:
+            continue
         if word.letter in IDLE or codes & IDLE_WITH.get(word.letter, set()) or (index in computed and word.letter in "GM"):
             continue
         new = [f"{word.letter}{number}" for number in ("37.4321", "-37", "2", "0")] if index in computed else _others(word)

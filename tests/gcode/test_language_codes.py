@@ -216,6 +216,17 @@ def test_comments_that_would_do_something_elsewhere_are_warned_about(comment: st
     assert warned == [("comment-not-active", 2, 7)]
 
 
+@pytest.mark.parametrize(("line", "warned"), [("G4 P500", True), ("G4 P500.", False), ("G4 P99", False)])
+def test_a_dwell_that_may_be_meant_in_milliseconds_is_warned_about(line: str, warned: bool) -> None:
+    found: list[tuple[str, int, int]] = []
+    run(f"G0 X1\n{line}\nM2", warn=lambda d: found.append((d.code, d.line, d.column)))
+    assert found == ([("dwell-long", 2, 4)] if warned else [])
+
+
+def test_milliseconds_of_fanuc_are_no_long_dwell() -> None:
+    run("G4 P500\nG4 P900000\nM30", dialect="fanuc", warn=lambda d: pytest.fail(d.render()))
+
+
 def test_nothing_is_warned_about_in_a_tidy_program() -> None:
     run("G21 F100\nG20\nG20 F10\nS1 M3\nG1 X1", warn=lambda d: pytest.fail(d.render()))
 
