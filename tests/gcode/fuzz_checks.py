@@ -243,7 +243,7 @@ def variants(text: str, syntax: Syntax) -> Iterator[tuple[str, list[str]]]:
     for index, word in enumerate(statement.words):
         if word.letter == "^" and "@" not in letters:
             continue  # of the zero point any angle is the same
-        if word.letter == "G" and word.tenths in IDLE_CODES:
+        if word.letter == "G" and index not in computed and word.tenths in IDLE_CODES:
             continue
         if word.letter in IDLE or codes & IDLE_WITH.get(word.letter, set()) or (index in computed and word.letter in "GM"):
             continue
