@@ -239,9 +239,9 @@ def variants(text: str, syntax: Syntax) -> Iterator[tuple[str, list[str]]]:
     statement = parse_line(text, syntax)
     computed = {index for index, _ in statement.computed}
     codes = {word.written for word in statement.words if word.letter in "GM"}
-    letters = {word.letter for word in statement.words}
+    radius = any(word.letter == "@" and abs(word.number) > 0.0 for word in statement.words)
     for index, word in enumerate(statement.words):
-        if word.letter == "^" and "@" not in letters:
+        if word.letter == "^" and not radius:
             continue  # of the zero point any angle is the same
         if word.letter == "G" and index not in computed and word.tenths in IDLE_CODES:
             continue
