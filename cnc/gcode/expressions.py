@@ -19,6 +19,7 @@ from cnc.gcode.words import NEAR_WHOLE, fault
 
 MAX_DEPTH = 100
 """Operations inside each other. Each costs a frame of Python's stack; brackets alone cost nothing."""
+_LOOK = "look at the numbers that it is computed from: (DEBUG, #1) in the line before shows a parameter"
 _INF = math.inf
 
 
@@ -272,7 +273,7 @@ def _divide(a: Value, b: Value, place: tuple[int, int]) -> Value:
         try:
             result = a(p) / b(p)
         except ZeroDivisionError:
-            raise fault("division-by-zero", "a division by zero", column=place[0]) from None
+            raise fault("division-by-zero", "a division by zero", column=place[0], hint=_LOOK) from None
         if -_INF < result < _INF:
             return result
         raise _overflow(*place)
@@ -300,8 +301,8 @@ def _operation(a: Value, operator: str, b: Value, place: tuple[int, int], *, mac
 
 def _failed(undefined: Undefined, column: int, length: int) -> GcodeError:
     code, message, hint = undefined.args
-    return fault(code, message, column=column, length=length, hint=hint)
+    return fault(code, message, column=column, length=length, hint=hint or _LOOK)
 
 
 def _overflow(column: int, length: int) -> GcodeError:
-    return fault("number-too-large", "the result is too large to be a number", column=column, length=length)
+    return fault("number-too-large", "the result is too large to be a number", column=column, length=length, hint=_LOOK)

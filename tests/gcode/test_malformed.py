@@ -315,3 +315,8 @@ def test_what_never_ends_is_ended(dialect: str, source: str) -> None:
     assert found.code in ("call-too-deep", "loop-endless")
     assert found.line
     assert found.hint
+
+
+@pytest.mark.parametrize("value", ["1/0", "5 MOD 0", "SQRT[-1]", "LN[0]", "TAN[90]", "0**-1", "EXP[1000]", "ACOS[2]"])
+def test_what_can_not_be_computed_says_what_to_do(value: str) -> None:
+    assert refused(f"G0 X[{value}]").hint
