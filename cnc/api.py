@@ -46,7 +46,7 @@ def plan(
     """Yield the jerk-limited plan of a program file and the blocks between the moves, in order; MotionLimitError, and as :func:`parse`."""
     known = _machine(machine)
     blocks = parse(program, known, dialect=dialect)
-    yield from LookAhead(known).plan(build(blocks, axes=known.axis_names, start=start_position(known)))
+    yield from LookAhead(known).plan(build(blocks, axes=known.axis_names, start=start_position(known), tolerance=known.path.tolerance))
 
 
 def check(

@@ -295,7 +295,7 @@ class Job:
             raise GcodeError(Diagnostic("board-senseless", message, block.file, block.line, hint="run it on a board that does"))
 
     def _path(self, blocks: Iterable[Block]) -> Iterator[PathChunk | Block]:
-        return build(blocks, axes=self.machine.axis_names, start=self.start)
+        return build(blocks, axes=self.machine.axis_names, start=self.start, tolerance=self.machine.path.tolerance)
 
     def _surveyed(self, path: Iterator[PathChunk | Block]) -> Iterator[PathChunk | Block]:
         """The same path, as it is read again: by what probes and inputs answer it may go where the first pass did not."""

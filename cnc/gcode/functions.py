@@ -255,7 +255,10 @@ class Functions:
         self._out.add(Dwell(self._here.file, self._here.line, seconds))
 
     def path_control(self, words: LineWords, code: Code) -> None:
-        """G61, G61.1, G64. Q of G64 allows straight moves to be merged within a tolerance: leave that needs not be taken."""
+        """G61, G61.1, G64; P0 is the exact path.
+
+        Q of G64, a tolerance for merging straight moves, is not asked for: P serves both.
+        """
         control: PathControl = "blend"
         tolerance = 0.0
         if code.number != 640:
@@ -264,7 +267,8 @@ class Functions:
             for letter in sorted(self._dialect.path_words):
                 if word := words.take(letter, "G64"):
                     value = not_negative(word, "the tolerance") * self._state.scale
-                    tolerance = value if letter == "P" else tolerance
+                    if letter == "P":
+                        control, tolerance = "blend" if value > 0.0 else "exact-path", value
         self._state.path, self._state.tolerance = control, tolerance
         self._path()
 

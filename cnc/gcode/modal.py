@@ -139,7 +139,9 @@ def feed_of(number: float, scale: float) -> Feed:
 
 @dataclass(slots=True)
 class Modal:
-    """The state that lines leave behind, with LinuxCNC's defaults: G17 G21 G90 G91.1 G94 G40 G49 G54 G64 G97 G99 G8, M5 M9 M48 M53.
+    """The state that lines leave behind, with LinuxCNC's defaults: G17 G21 G90 G91.1 G94 G40 G49 G54 G97 G99 G8, M5 M9 M48 M53.
+
+    One of them is not taken over: LinuxCNC begins with G64, but here a program leaves its path only where it says so.
 
     ``scale`` is mm a program unit; ``diameter`` (G7): X words are diameters. ``speed`` is in rpm, or mm/s under G96, where ``most_rpm``
     limits the spindle (0: no limit). ``tool`` is the number of the last T word, ``loaded`` that of the tool in the spindle (0: none).
@@ -165,7 +167,7 @@ class Modal:
     loaded: int = 0
     initial_level: bool = False
     compensation: int = 0
-    path: PathControl = "blend"
+    path: PathControl = "exact-path"
     tolerance: float = 0.0
     feed_override: bool = True
     speed_override: bool = True

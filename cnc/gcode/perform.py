@@ -1,10 +1,13 @@
-"""Steps of cycles to canonical blocks: points of a plane become machine positions, the spindle's steps become blocks."""
+"""Steps of cycles to canonical blocks: points of a plane become machine positions, the spindle's steps become blocks.
+
+Holes and threads are made on the exact path: G64 rests meanwhile.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-from cnc.canon import PLANE_AXES, Dwell, Orient, Overrides, Spindle, SpindleSync, Stop
+from cnc.canon import PLANE_AXES, Dwell, Orient, Overrides, PathMode, Spindle, SpindleSync, Stop
 from cnc.gcode.here import Here
 from cnc.gcode.modal import Modal
 from cnc.gcode.motion import Motion
@@ -92,6 +95,9 @@ class Performer:
     def perform(self, steps: Iterable[Step], stage: Stage) -> None:
         """The blocks of the steps, in order; the position is where they end."""
         motion, out, file, line = self._motion, self._out, self._here.file, self._here.line
+        blending = self._state.path == "blend"
+        if blending:
+            out.add(PathMode(file, line, "exact-path"))
         for step in steps:
             match step:
                 case Rapid(to):
@@ -110,6 +116,8 @@ class Performer:
                     out.add(self._overrides(step))
                 case Synchronise(pitch):
                     out.add(SpindleSync(file, line, pitch))
+        if blending:
+            out.add(PathMode(file, line, "blend", self._state.tolerance))
 
     def _spindle(self, turn: Turn) -> Spindle:
         """A turn of the spindle at the speed in effect; what the program has said of the spindle stays as it is."""

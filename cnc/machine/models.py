@@ -17,6 +17,7 @@ AXIS_LETTERS: tuple[AxisLetter, ...] = get_args(AxisLetter)
 DialectName = Literal["auto", "linuxcnc", "grbl", "fanuc", "paper"]
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
+NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 
 
 def _tuple(value: Any) -> Any:
@@ -71,7 +72,7 @@ class PathLimits(_Section):
 
     ``max_feed`` mm/s; ``max_tangential_acceleration`` and ``max_normal_acceleration`` mm/s^2 and ``max_jerk`` mm/s^3 (tangential), None
     where the axes alone limit them; ``chord_error`` mm, between the path and the straight line over one ``period`` s; ``tolerance`` mm,
-    of corners and smoothing under G64 without P; ``step_deviation``, relative, of a sample's step from the one commanded.
+    of corners and smoothing under G64 without P (0: exact path); ``step_deviation``, relative, of a sample's step from the one commanded.
     """
 
     max_feed: Positive = 500.0
@@ -79,7 +80,7 @@ class PathLimits(_Section):
     max_normal_acceleration: Positive | None = None
     max_jerk: Positive | None = None
     chord_error: Positive = 0.001
-    tolerance: Positive = 0.01
+    tolerance: NonNegative = 0.01
     period: Positive = 0.001
     step_deviation: Positive = 0.001
 

@@ -4,7 +4,8 @@
                                                                        must rest at their end  ──►  chunks and blocks
 
 Motion rests at the end of the stream, before every block that isn't motion (but a message), under exact stop (G61.1) at the end of
-every block and every straight move, and at both ends of a probing move. PathMode ends here: nothing below asks for it.
+every block and every straight move, and at both ends of a probing move. Under G64 each joint of two pieces is given the tolerance in
+effect, or the smaller one where it changes there. PathMode ends here: nothing below asks for it.
 
 A probe passes through, then its move, and no block is read behind it before somebody asks for more: by then the board has answered, and
 the path goes on from where contact was.
@@ -43,14 +44,16 @@ class _Gatherer:
         self.feeds: list[Floats] = []
         self.lines: list[NDArray[np.int32]] = []
         self.stops: list[NDArray[np.bool_]] = []
+        self.tolerances: list[Floats] = []
         self.pieces = 0
         self.numbers = 0
 
-    def add(self, records: Records, feeds: Floats, lines: NDArray[np.int32], stops: NDArray[np.bool_]) -> None:
+    def add(self, records: Records, feeds: Floats, lines: NDArray[np.int32], stops: NDArray[np.bool_], tolerance: float) -> None:
         self.records.append(records)
         self.feeds.append(feeds)
         self.lines.append(lines)
         self.stops.append(stops)
+        self.tolerances.append(np.where(stops, 0.0, tolerance))
         self.pieces += len(records.at)
         self.numbers += len(records.data)
 
@@ -70,21 +73,26 @@ class _Gatherer:
             feed=np.concatenate(self.feeds),
             line=np.concatenate(self.lines),
             stop_after=np.concatenate(self.stops),
+            tolerance=np.concatenate(self.tolerances),
         )
         self.clear()
         return chunk
 
 
-def build(blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, accuracy: float = 1e-12) -> Iterator[PathChunk | Block]:
+def build(
+    blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, accuracy: float = 1e-12, tolerance: float = 0.0
+) -> Iterator[PathChunk | Block]:
     """Yield the path of ``blocks`` in chunks, and the blocks that don't move, in order.
 
-    axes: names, one a column; start (n,): position before the first block, mm; accuracy: largest error of arc length and its inverse, mm.
+    axes: names, one a column; start (n,): position before the first block, mm; accuracy: largest error of arc length and its inverse, mm;
+    tolerance: that of G64 without P, mm.
     Raises GcodeError (``not-finite``, ``nurbs-not-continuous``, ``nurbs-start``) at the block's line.
     """
     classes = axis_classes(axes)
     position = np.array(start, np.float64)
     gatherer = _Gatherer(axes)
     exact_stop = False
+    allowed = 0.0
     # a chunk and the messages behind it wait here until it is known whether the motion goes on
     held: list[PathChunk | Block] = []
 
@@ -100,8 +108,15 @@ def build(blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, accu
         yield from close()
         if held and isinstance(held[0], PathChunk):
             held[0].stop_after[-1] = True
+            held[0].tolerance[-1] = 0.0
         yield from held
         held.clear()
+
+    def limit_last(allowed: float) -> None:
+        """Let the joint behind the last piece so far have no more than this."""
+        last = gatherer.tolerances[-1] if gatherer.pieces else held[0].tolerance if held and isinstance(held[0], PathChunk) else None
+        if last is not None:
+            last[-1] = min(last[-1], allowed)
 
     for block in blocks:
         if isinstance(block, Polyline | ArcFeed | NurbsFeed):
@@ -109,17 +124,19 @@ def build(blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, accu
                 yield from close()
                 gatherer.file = block.file
             for records, feeds, lines, stops in _pieces(block, position, axes, classes, accuracy, exact_stop):
-                gatherer.add(records, feeds, lines, stops)
+                gatherer.add(records, feeds, lines, stops, allowed)
                 if gatherer.full():
                     yield from close()
         elif isinstance(block, PathMode):
             exact_stop = block.control == "exact-stop"
+            allowed = (block.tolerance or tolerance) if block.control == "blend" else 0.0
+            limit_last(allowed)
         elif isinstance(block, Probe):
             yield from rest()
             yield block
             gatherer.file = block.file
             for records, feeds, lines, stops in _pieces(_probing(block), position, axes, classes, accuracy, True):
-                gatherer.add(records, feeds, lines, stops)
+                gatherer.add(records, feeds, lines, stops, 0.0)
             yield from rest()
             if block.answer.values is not None:
                 position[:] = block.answer.values[1:]

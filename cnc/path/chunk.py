@@ -18,7 +18,8 @@ class PathChunk:
 
     axes: names, one a column of every position. kind int64 (m,): LINE, ARC or SPAN of :mod:`cnc.kernels.curve`. at int64 (m,): where each
     piece's record starts in ``data``. length (m,): arc length in mm (degrees for a move of rotary axes alone), > 0. feed (m,): mm/s, NaN
-    for a traverse. line int32 (m,): source lines in ``file``. stop_after bool (m,): motion comes to rest at the end of the piece.
+    for a traverse. line int32 (m,): source lines in ``file``. stop_after bool (m,): motion comes to rest at the end of the piece. tolerance
+    (m,): mm, how far the motion may leave the path at the joint behind the piece (0: not at all).
     """
 
     axes: tuple[str, ...]
@@ -30,6 +31,7 @@ class PathChunk:
     feed: NDArray[np.float64]
     line: NDArray[np.int32]
     stop_after: NDArray[np.bool_]
+    tolerance: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.kind)

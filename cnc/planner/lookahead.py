@@ -265,6 +265,7 @@ class _Window:
             path=PathChunk(
                 path.axes, path.file, path.kind[touched], path.at[touched], path.data,
                 path.length[touched], path.feed[touched], path.line[touched], path.stop_after[touched],
+                path.tolerance[touched],
             ),
             piece_s=piece_s[first : last + 1] - zero,
             t0=self.clock,

@@ -29,7 +29,7 @@ def stretch(line: int, t0: float, seconds: float = 1.0, speed_at_end: float = 0.
     """A stretch of a plan of which only times, line and end speed matter here."""
     one = np.ones(1)
     path = PathChunk(
-        ("x",), FILE, one.astype(np.int8), one.astype(np.int64), one, one, one, np.array([line], np.int32), one.astype(np.bool_)
+        ("x",), FILE, one.astype(np.int8), one.astype(np.int64), one, one, one, np.array([line], np.int32), one.astype(np.bool_), 0 * one
     )
     ends = np.array([0.0, 1.0])
     return PlanChunk(path, ends, t0, 0.0, ends * seconds, ends, np.array([0.0, speed_at_end]), np.zeros(2), np.zeros(1))

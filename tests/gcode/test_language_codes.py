@@ -109,6 +109,14 @@ CASES = {
     "exact path, exact stop": ("G61\nG61.1", [("path", "exact-path", 0.0), ("path", "exact-stop", 0.0)]),
     "blend": ("G64\nG64 P.05\nG64 P.05 Q.1\nG20\nG64 P.001", [
         ("path", "blend", 0.0), ("path", "blend", 0.05), ("path", "blend", 0.05), ("path", "blend", 0.0254)]),
+    "blend within nothing": ("G64 P.1\nG64 P0", [("path", "blend", 0.1), ("path", "exact-path", 0.0)]),
+    "holes are made on the exact path": ("G0 Z1\nG64 P.1\nG98 G81 Z-1 R1 F60\nG61\nG81 X1", [
+        ("rapid", 0, 0, 1), ("path", "blend", 0.1),
+        ("path", "exact-path", 0.0), ("line", 0, 0, -1, 60), ("rapid", 0, 0, 1), ("path", "blend", 0.1),
+        ("path", "exact-path", 0.0), ("rapid", 1, 0, 1), ("line", 1, 0, -1, 60), ("rapid", 1, 0, 1)]),
+    "threads are made on the exact path": ("G64\nS60 M3\nG33 Z1 K1", [
+        ("path", "blend", 0.0), ("spindle", "cw", 60.0),
+        ("path", "exact-path", 0.0), ("sync", 1.0), ("line", 0, 0, 1, 60), ("sync", 0.0), ("path", "blend", 0.0)]),
     # codes that cancel what is off anyway
     "header": ("G17 G21 G40 G49 G54 G64 G80 G90 G91.1 G94\nG0 X1", [("path", "blend", 0.0), ("rapid", 1, 0, 0)]),
     # spindle, coolant, tool

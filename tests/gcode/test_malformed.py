@@ -259,7 +259,7 @@ def test_the_error_stands_at_its_place(dialect: str, code: str, marked: str) -> 
 
 
 NO_ERRORS = """
-arc-distance before-each exact-stop feed-mode if-goto if-then input-output inverse-time latin-1 macro-b non-modal per-minute
+arc-distance before-each exact-path exact-stop feed-mode if-goto if-then input-output inverse-time latin-1 macro-b non-modal per-minute
 per-revolution spindle-mode tool-change tool-length utf-8 utf-8-sig while-do
 """
 """Words of the interpreter that look like a code of an error and are none."""

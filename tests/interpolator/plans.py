@@ -106,7 +106,7 @@ def pieces(path: PathChunk, first: int, last: int) -> PathChunk:
     """Pieces first .. last of a path."""
     some = slice(first, last + 1)
     return PathChunk(path.axes, path.file, path.kind[some], path.at[some], path.data, path.length[some], path.feed[some],
-                     path.line[some], path.stop_after[some])  # fmt: skip
+                     path.line[some], path.stop_after[some], path.tolerance[some])  # fmt: skip
 
 
 def cut(plan: PlanChunk, times: Sequence[float]) -> list[PlanChunk]:

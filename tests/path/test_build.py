@@ -93,6 +93,33 @@ def test_behind_a_probe_nothing_is_read_before_it_was_made():
     assert evaluate(after, 0, ends(after, 0)[0])[0].tolist() == [0, 0, -3]
 
 
+def blend(tolerance=0.0):
+    return PathMode("part.nc", 1, "blend", tolerance)
+
+
+@pytest.mark.parametrize(
+    ("blocks", "expected"),
+    [
+        ([lines([[1, 0, 0], [2, 0, 0]])], [0, 0]),
+        ([blend(0.1), lines([[1, 0, 0], [1, 1, 0], [0, 1, 0]])], [0.1, 0.1, 0]),
+        ([blend(), lines([[1, 0, 0], [1, 1, 0]])], [0.02, 0]),
+        ([blend(0.1), lines([[1, 0, 0]]), EXACT_PATH, lines([[1, 1, 0]])], [0, 0]),
+        ([lines([[1, 0, 0]]), blend(0.1), lines([[1, 1, 0], [0, 1, 0]])], [0, 0.1, 0]),
+        ([blend(0.1), lines([[1, 0, 0]]), blend(0.05), lines([[1, 1, 0]]), blend(0.2), lines([[0, 1, 0]])], [0.05, 0.05, 0]),
+        ([blend(0.1), lines([[1, 0, 0]]), EXACT_STOP, lines([[1, 1, 0]])], [0, 0]),
+        ([blend(0.1), lines([[1, 0, 0], [1, 1, 0]]), DWELL, lines([[0, 1, 0], [0, 0, 0]])], [0.1, 0, 0.1, 0]),
+        ([blend(0.1), lines([[1, 0, 0]]), MESSAGE, lines([[1, 1, 0]])], [0.1, 0]),
+        ([blend(0.1), lines([[1, 0, 0]]), MESSAGE, blend(0.05), lines([[1, 1, 0]])], [0.05, 0]),
+        ([blend(0.1), lines([[1, 0, 0]]), probe([1, 1, 0]), lines([[0, 1, 0], [0, 0, 0]])], [0, 0, 0.1, 0]),
+        ([blend(0.1), arc([0, 2, 0], (0, 1), 0.5), lines([[-1, 2, 0]], np.nan), lines([[-1, 3, 0]])], [0.1, 0.1, 0]),
+    ],
+)
+def test_tolerance_of_joints(blocks, expected):
+    items = build(iter(blocks), axes=XYZ, start=ORIGIN, tolerance=0.02)
+    found = np.concatenate([item.tolerance for item in items if isinstance(item, PathChunk)])
+    assert found.tolist() == expected
+
+
 def test_an_exact_stop_is_no_stop_between_spans():
     block = random_nurbs(np.random.default_rng(1), 3, 7)
     items = built(EXACT_STOP, block, EXACT_PATH, lines([[1, 1, 1]]), start=block.control_points[0])
