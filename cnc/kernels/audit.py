@@ -13,8 +13,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.curve import METRIC, METRICS, curve_eval, curve_eval_s, curve_inv_arclen
+from cnc.kernels.curve import AXES, METRIC, METRICS, curve_eval, curve_eval_s, curve_inv_arclen
 from cnc.kernels.jit import njit
+from cnc.kernels.timed import is_timed, timed_motion
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -51,7 +52,6 @@ def audit_phases(
         duration = phase_t[k + 1] - phase_t[k]
         points = max(POINTS, int(min(duration / period, (phase_s[k + 1] - phase_s[k]) / CLOSE)))
         j = phase_j[k]
-        largest[JERK] = max(largest[JERK], abs(j))
         for m in range(points + 1):
             s, v, a = phase_at(duration * m / points, phase_s[k], phase_v[k], phase_a[k], j)
             # At a junction the phase that starts there belongs to the piece after it, the one that ends there to the piece before.
@@ -61,13 +61,18 @@ def audit_phases(
             local = min(max(s - piece_s[piece], 0.0), piece_s[piece + 1] - piece_s[piece])
             here = kind[piece]
             curve_eval_s(here, data, at[piece], curve_inv_arclen(here, data, at[piece], local), q)
-            largest[FEED] = max(largest[FEED], v)
-            largest[ACCEL] = max(largest[ACCEL], abs(a))
-            largest[OVERSPEED] = max(largest[OVERSPEED], v / feed[piece])
-            squared = 0.0
-            for i in range(int(data[at[piece] + METRICS])):
-                squared += q[2, int(data[at[piece] + METRIC + i])] ** 2
-            largest[NORMAL_ACCEL] = max(largest[NORMAL_ACCEL], v * v * math.sqrt(squared))
+            if is_timed(here, data, at[piece]):
+                speed, along, change, normal = timed_motion(data, at[piece], q, v)
+            else:
+                squared = 0.0
+                for i in range(int(data[at[piece] + METRICS])):
+                    squared += q[2, int(data[at[piece] + METRIC + i])] ** 2
+                speed, along, change, normal = v, a, j, v * v * math.sqrt(squared)
+            largest[FEED] = max(largest[FEED], speed)
+            largest[ACCEL] = max(largest[ACCEL], abs(along))
+            largest[JERK] = max(largest[JERK], abs(change))
+            largest[OVERSPEED] = max(largest[OVERSPEED], speed / feed[piece])
+            largest[NORMAL_ACCEL] = max(largest[NORMAL_ACCEL], normal)
             for i in range(n):
                 axis_v[i] = max(axis_v[i], abs(q[1, i] * v))
                 axis_a[i] = max(axis_a[i], abs(q[2, i] * v * v + q[1, i] * a))
@@ -122,7 +127,8 @@ def audit_samples(
 
     last (5, n): positions at the instants before, newest in row 0, of which ``known`` are valid; rows 3 and 4 are scratch. The
     step deviation and the chord error count in steps longer than ``shortest`` (on a shorter one they are no length to speak of) within
-    which the motion doesn't stop: a stop is a corner, and there a sample belongs to neither side. Returns the next index and the number of
+    which the motion doesn't stop: a stop is a corner, and there a sample belongs to neither side. For the same reason the step deviation
+    doesn't count where the ramps at a corner overlap. Returns the next index and the number of
     valid rows.
     """
     n = len(axis_v)
@@ -155,7 +161,11 @@ def audit_samples(
             last[4, i] = p
         if s_before >= 0.0 and not stopped and s - s_before > shortest:
             chord, apart = _step_and_sagitta(kind, at, data, piece_s, piece_before, piece, s_before, s, last, q)
-            largest[STEP_DEVIATION] = max(largest[STEP_DEVIATION], abs(chord - (s - s_before)) / (s - s_before))
+            corner = False
+            for k in range(piece_before, piece + 1):
+                corner = corner or is_timed(kind[k], data, at[k])
+            if not corner:
+                largest[STEP_DEVIATION] = max(largest[STEP_DEVIATION], abs(chord - (s - s_before)) / (s - s_before))
             largest[CHORD_ERROR] = max(largest[CHORD_ERROR], apart)
         for m in range(2, 0, -1):
             last[m] = last[m - 1]
@@ -164,7 +174,8 @@ def audit_samples(
         piece_before = piece
         known = min(known + 1, 3)
         index += 1
-        if known == 3 and phase_a[phase] == 0.0 and phase_j[phase] == 0.0 and phase_v[phase] > 0.0:
+        steady = phase_a[phase] == 0.0 and phase_j[phase] == 0.0 and phase_v[phase] > 0.0 and not is_timed(here, data, at[piece])
+        if known == 3 and steady:
             # A crawl shows the same differences over and over: look at a few instants, then go on to where the path may have changed.
             skipped = int(CLOSE / (phase_v[phase] * period)) - 2 * POINTS
             left = int((phase_t[phase + 1] + t0 - index * period) / period) - 2 * POINTS
@@ -173,3 +184,44 @@ def audit_samples(
                 known = 0
                 s_before = -1.0
     return index, known
+
+
+@njit
+def timed_joints(
+    kind: Ints, at: Ints, data: Floats, piece_s: Floats, phase_t: Floats, phase_s: Floats, phase_v: Floats, phase_a: Floats,
+    phase_j: Floats, touched: NDArray[np.bool_],
+) -> tuple[float, float, float]:  # fmt: skip
+    """Mark in ``touched`` (p - 1,) the phases' joints at the ends of timed pieces; returns the largest jumps of position, velocity and
+    acceleration in any axis there.
+
+    The plan's coordinate changes its meaning at such a joint: its rate may jump where the motion doesn't.
+    """
+    n = int(data[at[0] + AXES])
+    q = np.zeros((2, 4, n))
+    gaps = np.zeros(3)
+    piece = 0
+    for k in range(1, len(phase_j)):
+        touched[k - 1] = False
+        s = phase_s[k]
+        while piece + 1 < len(kind) and s - JOINT > piece_s[piece + 1]:
+            piece += 1
+        after = piece
+        while after + 1 < len(kind) and s + JOINT > piece_s[after + 1]:
+            after += 1
+        if not (is_timed(kind[piece], data, at[piece]) or is_timed(kind[after], data, at[after])):
+            continue
+        touched[k - 1] = True
+        rates = phase_at(phase_t[k] - phase_t[k - 1], phase_s[k - 1], phase_v[k - 1], phase_a[k - 1], phase_j[k - 1])
+        for side in range(2):
+            here = piece if side == 0 else after
+            v = rates[1] if side == 0 else phase_v[k]
+            a = rates[2] if side == 0 else phase_a[k]
+            local = min(max(s - piece_s[here], 0.0), piece_s[here + 1] - piece_s[here])
+            curve_eval_s(kind[here], data, at[here], curve_inv_arclen(kind[here], data, at[here], local), q[side])
+            for i in range(n):
+                q[side, 2, i] = q[side, 2, i] * v * v + q[side, 1, i] * a
+                q[side, 1, i] *= v
+        for order in range(3):
+            for i in range(n):
+                gaps[order] = max(gaps[order], abs(q[1, order, i] - q[0, order, i]))
+    return gaps[0], gaps[1], gaps[2]

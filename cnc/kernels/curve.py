@@ -6,7 +6,8 @@ A path is made of pieces, each smooth inside. A piece is a record in a float64 a
     1, 2    range of the parameter, u0 < u1
     3       arc length in mm
     4..7    number of metric axes (1 to 3) and their columns
-    8       where the table of the arc length begins, counted from ``at``; 0 where u - u0 is itself the arc length
+    8       where the table of the arc length begins, counted from ``at``; 0 where u - u0 is itself the arc length, or stands for it
+            (:mod:`cnc.kernels.timed`)
     9       start point (n), end point (n): exact, and where two pieces meet the same to the last bit
     then    LINE: nothing more
             ARC:  first and second column of the plane, radius at the start, growth of the radius, sweep (rad, signed), angle of the start,

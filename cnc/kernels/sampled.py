@@ -17,7 +17,7 @@ chords run ahead of s(t) a little more on every bend. And the step asked for is 
 leaves of one step is made good by the next. Both lengths are short Gauss quadratures, good to rounding; hence no drift, and no
 noise in third differences.
 
-Where u is itself the arc length (lines, arcs) there is nothing to look for.
+Where u is itself the arc length (lines, arcs) there is nothing to look for; nor on timed pieces, where u follows from the clock.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from cnc.kernels.curve import METRIC, METRICS, TABLE, curve_arclen, curve_eval, curve_inv_arclen, curve_range, curve_speed
 from cnc.kernels.jit import njit
+from cnc.kernels.timed import is_timed, timed_length, timed_motion
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -166,7 +167,8 @@ def samples(
             made = 0.0
             known = 1
         if row < rows:
-            total = s_before + local
+            timed = is_timed(k, data, where)
+            total = s_before + (piece_s[piece] + timed_length(k, data, where, u, r) if timed else local)
             step_deviation[row] = deviation(floats[CHORD], total - floats[S])
             floats[S] = total
             floats[CHORD] = 0.0
@@ -176,6 +178,9 @@ def samples(
             feed[row] = v + dt * (a + dt * (0.5 * j))
             accel[row] = a + dt * j
             jerk[row] = j
+            if timed:
+                curve_eval(k, data, where, u, r)
+                feed[row], accel[row], jerk[row], _ = timed_motion(data, where, r, v)
             line[row] = source_line[piece]
     place[0] = piece
     place[1] = phase

@@ -18,6 +18,7 @@ from cnc.kernels.audit import (
     STEP_DEVIATION,
     audit_phases,
     audit_samples,
+    timed_joints,
 )
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
@@ -110,17 +111,22 @@ class Audit:
             )
 
     def _continuity(self, chunk: PlanChunk) -> list[tuple[str, str]]:
-        """Integrate each phase and compare its end with the start of the next."""
+        """Integrate each phase and compare its end with the start of the next: along the path, or in every axis about timed pieces."""
         dt = np.diff(chunk.phase_t)
         s, v, a, j = chunk.phase_s, chunk.phase_v, chunk.phase_a, chunk.phase_j
         s_end = s[:-1] + dt * (v[:-1] + dt * (a[:-1] / 2 + dt * j / 6))
         v_end = v[:-1] + dt * (a[:-1] + dt * j / 2)
         a_end = a[:-1] + dt * j
+        speed_gap, accel_gap = np.abs(v_end - v[1:]), np.abs(a_end - a[1:])
+        path = chunk.path
+        touched = np.zeros(len(j) - 1, np.bool_)
+        moved, faster, pushed = timed_joints(path.kind, path.at, path.data, chunk.piece_s, chunk.phase_t, s, v, a, j, touched)
+        speed_gap[:-1][touched] = accel_gap[:-1][touched] = 0.0
         highest = max(self.limits.max_feed, float(v.max()))
         gaps = {
-            "position": (np.abs(s_end - s[1:]).max(), 1e-9 + 1e-12 * float(s[-1])),
-            "speed": (np.abs(v_end - v[1:]).max(), 1e-9 * highest),
-            "acceleration": (np.abs(a_end - a[1:]).max(), 1e-6 * max(1.0, float(np.abs(a).max()))),
+            "position": (max(np.abs(s_end - s[1:]).max(), moved), 1e-9 + 1e-12 * float(s[-1])),
+            "speed": (max(speed_gap.max(), faster), 1e-9 * highest),
+            "acceleration": (max(accel_gap.max(), pushed), 1e-6 * max(1.0, float(np.abs(a).max()))),
             "time": (-float(dt.min()), 0.0),
             "standing still": (-float(v.min()), 1e-9),
         }
