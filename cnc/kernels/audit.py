@@ -191,10 +191,10 @@ def timed_joints(
     kind: Ints, at: Ints, data: Floats, piece_s: Floats, phase_t: Floats, phase_s: Floats, phase_v: Floats, phase_a: Floats,
     phase_j: Floats, touched: NDArray[np.bool_],
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Mark in ``touched`` (p - 1,) the phases' joints at the ends of timed pieces; returns the largest jumps of position, velocity and
-    acceleration in any axis there.
+    """Mark in ``touched`` (p - 1,) the phases' joints at the ends of timed pieces, and measure the motion there.
 
-    The plan's coordinate changes its meaning at such a joint: its rate may jump where the motion doesn't.
+    The plan's coordinate changes its meaning at such a joint: its rate may jump where the motion doesn't. Returns the largest jumps of
+    position, velocity and acceleration in any axis.
     """
     n = int(data[at[0] + AXES])
     q = np.zeros((2, 4, n))
