@@ -52,7 +52,8 @@ def points(moves: int) -> NDArray[np.float64]:
     across = np.where(row % 2 == 0, column, MOVES_IN_ROW - 1 - column) * MOVE
     along = row * MOVE
     height = DEPTH_CHANGE * np.sin(across / 7.0 + 0.3 * np.sin(along / 5.0)) * np.cos(along / 9.0)
-    return np.round(np.stack((20.0 + across, 20.0 + along, height - 10.0), axis=1), 3)
+    xyz: NDArray[np.float64] = np.stack((20.0 + across, 20.0 + along, height - 10.0), axis=1)
+    return xyz.round(3)
 
 
 def lines(moves: int, tolerance: float = TOLERANCE) -> Iterator[str]:
