@@ -41,6 +41,7 @@ class ReferencePulse:
         self._time_ns = np.empty(ROWS, dtype=np.int64)
         self._step = np.empty((ROWS, len(self._grid)), dtype=np.int8)
         self._line = np.empty(ROWS, dtype=np.int32)
+        self._reach = np.empty(ROWS)
 
     @property
     def origin_steps(self) -> NDArray[np.int64]:
@@ -72,7 +73,7 @@ class ReferencePulse:
         while integers[kernel.PIECE] < len(chunk.path):
             rows = kernel.pulses(
                 *arrays, whole * 1_000_000_000, chunk.t0 - whole, self.steps_per_mm, self._grid, integers, floats,
-                self._time_ns, self._step, self._line, self._filled, self._recent, self.min_pulse_ns,
+                self._time_ns, self._step, self._line, self._reach, self._filled, self._recent, self.min_pulse_ns,
             )  # fmt: skip
             self._last_ns = int(integers[kernel.LAST_NS])
             self._error = float(floats[kernel.ERROR])

@@ -5,12 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CLOSE = 1e-12
 """s: a step this short ends the iteration; the convergence is cubic, so what remains is rounding."""
@@ -60,15 +56,6 @@ def time_in_phase(v: float, a: float, j: float, ds: float, span: float, guess: f
         if abs(step) <= CLOSE:
             break
     return t
-
-
-@njit
-def phase_holding(phase_s: Floats, s: float, k: int) -> int:
-    """The first phase, from ``k`` on, whose end lies at or beyond s; the last one for a larger s."""
-    last = len(phase_s) - 2
-    while k < last and s > phase_s[k + 1]:
-        k += 1
-    return k
 
 
 @njit
