@@ -26,6 +26,7 @@ from cnc.kernels.scurve import phase_time
 from cnc.machine.models import Machine
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
+from cnc.planner.corners import Overlaps
 from cnc.planner.limits import STANDSTILL, Intervals, Junction, Limits, intervals, junction_between
 from cnc.planner.plan import PlanChunk
 
@@ -54,6 +55,7 @@ class LookAhead:
         self.limits = Limits.of(machine)
         self.audit = Audit(self.limits)
         self._window = _Window(self.limits)
+        self._overlaps = Overlaps(self.limits)
 
     def plan(self, stream: Iterable[PathChunk | Block]) -> Iterator[PlanChunk | Block]:
         """Yield plans for the path; blocks that aren't motion pass through in order, the motion before them at rest.
@@ -64,7 +66,7 @@ class LookAhead:
         Raises:
             MotionLimitError: ``plan-illegal`` where a plan breaks a limit; it is not handed on.
         """
-        window, audit = self._window, self.audit
+        window = self._window
         pending: PathChunk | None = None
         before = STANDSTILL
         probe: Probe | None = None
@@ -72,29 +74,35 @@ class LookAhead:
             if isinstance(item, PathChunk):
                 if pending is not None:
                     junction = junction_between(pending, item, self.limits)
-                    yield from audit.passed(window.add(pending, before, junction))
+                    yield from self._finished(window.add(pending, before, junction))
                     before = junction
                 pending = item
                 if item.stop_after[-1]:
-                    yield from audit.passed(window.add(pending, before, STANDSTILL))
+                    yield from self._finished(window.add(pending, before, STANDSTILL), at_rest=True)
                     pending, before = None, STANDSTILL
                     if probe is not None and probe.answer.values is not None:
-                        audit.jump()
+                        self.audit.jump()
                     probe = None
                 continue
             if pending is not None and not isinstance(item, Message):
-                yield from audit.passed(window.add(pending, before, STANDSTILL))
+                yield from self._finished(window.add(pending, before, STANDSTILL), at_rest=True)
                 pending, before = None, STANDSTILL
             if isinstance(item, Dwell):
                 window.clock += item.seconds
             probe = item if isinstance(item, Probe) else None
             yield item
         if pending is not None:
-            yield from audit.passed(window.add(pending, before, STANDSTILL))
+            yield from self._finished(window.add(pending, before, STANDSTILL), at_rest=True)
 
     def ramp_down(self) -> Iterator[PlanChunk]:
         """Come to rest on the path, soon after the last plan that was handed out; nothing can be planned after that."""
-        yield from self.audit.passed(self._window.ramp_down())
+        yield from self._finished(self._window.ramp_down(), at_rest=True)
+
+    def _finished(self, plans: Iterable[PlanChunk], *, at_rest: bool = False) -> Iterator[PlanChunk]:
+        """Plans with their corners cut, audited. ``at_rest``: no motion follows on theirs."""
+        yield from self.audit.passed(self._overlaps.passed(plans))
+        if at_rest:
+            yield from self.audit.passed(self._overlaps.flush())
 
 
 NOTHING = Intervals(np.empty(0), np.empty(0), np.empty((0, LEVELS)), np.empty((0, LEVELS)), np.empty(0, np.bool_))

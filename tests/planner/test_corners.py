@@ -1,0 +1,220 @@
+"""Corners under a tolerance: as fast as theory says, legal by differences of positions, within the tolerance both ways, pulses complete."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cnc.canon import PathMode
+from cnc.interpolator.reference_pulse import ReferencePulse
+from cnc.interpolator.sampled import Sampled
+from cnc.kernels.corners import overlap_time
+from cnc.kernels.curve import SPAN
+from cnc.path.build import build
+from cnc.planner.audit import Audit
+from cnc.planner.corners import Overlaps
+from cnc.planner.limits import Limits
+from cnc.planner.lookahead import LookAhead
+from cnc.planner.plan import PlanChunk
+from interpolator.plans import cut
+from motions import AXES, lines, machine, sampled
+from support import share
+
+PER_AXIS = machine(axis=(2400.0, 48000.0), tangential=None, normal=None, jerk=None)
+SQUARE = [(10, 0, 0), (10, 10, 0)]
+USED = 0.998
+"""The part of the jerk limit that the planner uses."""
+
+
+def planned(points, tolerance, mill=PER_AXIS, feed=300.0):
+    """Plans of straight moves from the origin, and the look-ahead that made them."""
+    ahead = LookAhead(mill)
+    mode = [PathMode("t.nc", 1, "blend", tolerance)] if tolerance else []
+    items = ahead.plan(build([*mode, lines(points, feed)], axes=AXES, start=np.zeros(3)))
+    return [item for item in items if isinstance(item, PlanChunk)], ahead
+
+
+def duration(chunks):
+    return chunks[-1].t0 + chunks[-1].duration
+
+
+def distances(points, corners):
+    """Of each point from the polygon of the corners, and of each corner from the polygon of the points."""
+
+    def to_polygon(p, polygon):
+        a, b = polygon[:-1], polygon[1:]
+        along = b - a
+        squared = np.maximum((along**2).sum(axis=1), 1e-300)
+        best = np.full(len(p), np.inf)
+        for k in range(len(a)):
+            x = np.clip(((p - a[k]) @ along[k]) / squared[k], 0.0, 1.0)
+            best = np.minimum(best, np.linalg.norm(p - (a[k] + x[:, None] * along[k]), axis=1))
+        return best
+
+    return to_polygon(points, corners), to_polygon(corners, points)
+
+
+def assert_legal(chunks, mill, periods):
+    limits = Limits.of(mill)
+    for period in periods:
+        points = sampled(chunks, period)
+        for order, bound in ((1, limits.axis_velocity), (2, limits.axis_acceleration), (3, limits.axis_jerk)):
+            seen = np.abs(np.diff(points, order, axis=0)).max(axis=0, initial=0.0) / period**order
+            assert (seen <= bound * 1.001 + 2**order * 1e-11 / period**order).all(), (period, order, seen, bound)
+        # along the path: differences of the lengths of steps
+        speed = np.linalg.norm(np.diff(points, axis=0), axis=1) / period
+        assert speed.max(initial=0.0) <= limits.max_feed * 1.001
+
+
+def test_one_corner_takes_the_time_of_theory():
+    # Rest to rest in 10 mm without a cruise takes 4 (D / 2J)^(1/3) a leg; the corner saves (24 eps / (J sin 45))^(1/3).
+    jerk = 48000.0 * USED
+    stop = 8.0 * (10.0 / (2.0 * jerk)) ** (1 / 3)
+    assert duration(planned(SQUARE, 0.0)[0]) == pytest.approx(stop, rel=1e-6)
+    saved = (24.0 * 0.01 / (jerk * math.sin(math.pi / 4))) ** (1 / 3)
+    chunks, ahead = planned(SQUARE, 0.01)
+    assert duration(chunks) == pytest.approx(stop - saved, rel=1e-6)
+    assert not ahead.audit.violations
+    points = sampled(chunks, 1e-4)
+    assert points[-1] == pytest.approx([10, 10, 0], abs=1e-3)
+    assert np.hypot(points[:, 0] - 10.0, points[:, 1]).min() == pytest.approx(0.01, rel=1e-3)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 3.0, 20.0])
+def test_unequal_jerks_keep_the_corner_within_the_tolerance(ratio):
+    u = np.array([[1.0, 0.0], [math.cos(2.0), math.sin(2.0)]])
+    sine = math.sin(1.0)
+    record = np.zeros(13)
+    record[[4, 5, 6]] = 2, 0, 1
+    j1, j2 = 48000.0, 48000.0 / ratio
+    unlimited = np.full(6, math.inf)
+    unlimited[4] = 1e-3
+    tau = overlap_time(u, sine, sine, j1, j2, 1.0, 1.0, 1e3, 1e3, 0.02, record, 0, unlimited, np.full(2, math.inf))
+    x = np.linspace(0.0, 1.0, 100_001)[:, None]
+    motion = tau**3 / 6 * (-j1 * (1 - x) ** 3 * u[0] + j2 * x**3 * u[1])
+    nearest = np.linalg.norm(motion, axis=1).min()
+    assert nearest <= 0.02 * (1 + 1e-9)
+    assert nearest == pytest.approx(0.02, rel=1e-6 if ratio == 1.0 else 0.1)
+
+
+def test_jerks_that_would_add_up_in_an_axis_are_a_stop():
+    # Both legs use all of x: at 45 degrees the axes' jerks are in the same sense.
+    straight, cut = planned([(10, 10, 0), (20, 0, 0)], 0.0), planned([(10, 10, 0), (20, 0, 0)], 0.01)
+    assert not cut[1].audit.violations
+    assert duration(cut[0]) <= duration(straight[0])
+
+
+def random_chain(rng):
+    count = int(rng.integers(2, 12))
+    flat = rng.random() < 0.5
+    size = 10 ** rng.uniform(-2, 1.7)
+    points, here, heading = [], np.zeros(3), np.array([1.0, 0.0, 0.0])
+    for _ in range(count):
+        across = rng.normal(size=3) * [1, 1, 0 if flat else 1]
+        if rng.random() < 0.4:
+            # along the axes, as in pockets
+            heading = np.zeros(3)
+            heading[rng.integers(2 if flat else 3)] = rng.choice((-1, 1))
+        else:
+            across -= across @ heading * heading
+            turn = rng.uniform(0, math.pi) if rng.random() < 0.7 else rng.choice((math.pi / 2, math.pi / 4, math.pi))
+            heading = math.cos(turn) * heading + math.sin(turn) * across / np.linalg.norm(across)
+        here = here + heading * size * 10 ** rng.uniform(-1, 0.3)
+        points.append(here)
+    return np.array(points)
+
+
+def random_mill(rng):
+    both = rng.random() < 0.3
+    axis = (10 ** rng.uniform(2, 4), 10 ** rng.uniform(3.5, 6)) if both or rng.random() < 0.7 else None
+    along = both or axis is None
+    return machine(
+        axis=axis,
+        tangential=10 ** rng.uniform(2, 4) if along else None,
+        normal=10 ** rng.uniform(2, 4) if along else None,
+        jerk=10 ** rng.uniform(3.5, 6) if along else None,
+    )
+
+
+@settings(max_examples=share(2000, 40), deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_random_chains(seed):
+    rng = np.random.default_rng(seed)
+    points, mill = random_chain(rng), random_mill(rng)
+    tolerance, feed = 10 ** rng.uniform(-3, -0.5), 10 ** rng.uniform(0, 2.5)
+    stops, _ = planned(points, 0.0, mill, feed)
+    chunks, ahead = planned(points, tolerance, mill, feed)
+    assert not ahead.audit.violations
+    assert duration(chunks) <= duration(stops) * (1 + 1e-9)
+    assert_legal(chunks, mill, (1e-3,))
+    corners = np.concatenate((np.zeros((1, 3)), points))
+    fine = sampled(chunks, duration(chunks) / 20_000)
+    off, missed = distances(fine, corners)
+    assert off.max() <= tolerance * (1 + 1e-6)
+    assert missed.max() <= tolerance * (1 + 1e-6) + 1e-4 * np.linalg.norm(np.diff(fine, axis=0), axis=1).max()
+    assert fine[-1] == pytest.approx(points[-1], abs=1e-3)
+    # the path length is that of the motion
+    assert chunks[-1].s0 + chunks[-1].phase_s[-1] == pytest.approx(np.linalg.norm(np.diff(fine, axis=0), axis=1).sum(), rel=1e-3)
+
+    interpolator = ReferencePulse([100.0] * 3, np.zeros(3))
+    pulses = [part for chunk in chunks for part in interpolator.pulses(chunk)] + list(interpolator.settle())
+    made = sum((part.step.sum(axis=0, dtype=np.int64) for part in pulses), np.zeros(3, np.int64))
+    assert made.tolist() == np.rint(points[-1] * 100.0).astype(int).tolist()
+    assert interpolator.error_blu <= 0.5 + 1e-6
+
+
+@settings(max_examples=share(500, 20), deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_plans_may_be_cut_anywhere(seed):
+    rng = np.random.default_rng(seed)
+    stops, ahead = planned([(10, 0, 0), (10, 10, 0), (0, 10, 0), (0, 4, 9)], 0.0, feed=10 ** rng.uniform(1, 2.5))
+    stops = [replace(chunk, path=replace(chunk.path, tolerance=np.full(len(chunk.path), 0.01))) for chunk in stops]
+    slices = [part for chunk in stops for part in cut(chunk, rng.uniform(0, chunk.duration, int(rng.integers(1, 12))))]
+
+    def after(plans):
+        overlaps = Overlaps(ahead.limits)
+        return [*overlaps.passed(plans), *overlaps.flush()]
+
+    expected, chunks = after(stops), after(slices)
+    audit = Audit(ahead.limits)
+    for chunk in chunks:
+        audit.check(chunk)
+    assert duration(chunks) == pytest.approx(duration(expected), abs=1e-9)
+    # a ramp up that was cut in its first phase is overlapped as a whole
+    assert sampled(chunks, 1e-3) == pytest.approx(sampled(expected, 1e-3), abs=1e-9)
+
+
+def test_columns_of_the_trace_follow_from_the_positions():
+    chunks, _ = planned(SQUARE, 0.01)
+    sampler = Sampled(1e-4, np.zeros(3))
+    rows = [part for chunk in chunks for part in sampler.samples(chunk)]
+    position, s, feed, accel, jerk = (
+        np.concatenate([getattr(part, name) for part in rows]) for name in ("position", "s", "feed", "accel", "jerk")
+    )
+    near = np.flatnonzero(np.hypot(position[:, 0] - 10.0, position[:, 1]) < 0.05)[2:-2]
+    step = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    assert np.diff(s)[near] == pytest.approx(step[near], rel=1e-4)
+    assert np.gradient(s, 1e-4)[near] == pytest.approx(feed[near], rel=1e-3)
+    assert np.gradient(feed, 1e-4)[near] == pytest.approx(accel[near], rel=1e-2, abs=3.0)
+    inside = near[5:-5]
+    assert np.gradient(accel, 1e-4)[inside] == pytest.approx(jerk[inside], rel=3e-2, abs=1500.0)
+    # in the middle of a right angle the tangential jerk is 4.24 J
+    assert np.abs(jerk[near]).max() == pytest.approx((4 * 0.5 / math.sqrt(0.5) + 2 * math.sqrt(0.5)) * 48000 * USED, rel=0.01)
+
+
+def test_the_audit_sees_a_break_at_a_timed_piece():
+    chunks, ahead = planned(SQUARE, 0.01)
+    chunk = chunks[0]
+    timed = int(np.flatnonzero(chunk.path.kind == SPAN)[0])
+    k = int(np.searchsorted(chunk.phase_s, chunk.piece_s[timed] + 1e-9)) - 1
+    t = chunk.phase_t.copy()
+    t[k + 1 :] += 1e-4
+    v = chunk.phase_v.copy()
+    v[k] *= (chunk.phase_t[k + 1] - chunk.phase_t[k]) / (t[k + 1] - t[k])
+    slower = replace(chunk, phase_t=t, phase_v=v)
+    found = Audit(ahead.limits)._continuity(slower)
+    assert [name for name, _ in found] == ["continuity", "continuity"]
+    assert not Audit(ahead.limits)._continuity(chunk)
