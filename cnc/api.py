@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Literal
 
 from cnc.canon import Block
+from cnc.control import Control
 from cnc.drivers.base import PulseSink
 from cnc.drivers.registry import open_board
 from cnc.errors import Diagnostic, UsageError
@@ -30,7 +31,7 @@ from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
 
-__all__ = ["Outputs", "Report", "Watch", "check", "load_machine", "parse", "plan", "run", "start_position"]
+__all__ = ["Control", "Outputs", "Report", "Watch", "check", "load_machine", "parse", "plan", "run", "start_position"]
 
 Interpolator = Literal["reference-pulse", "sampled"]
 
@@ -57,13 +58,15 @@ def check(
     interpolator: Interpolator = "reference-pulse",
     outputs: Outputs | None = None,
     watch: Watch | None = None,
+    control: Control | None = None,
 ) -> Report:
     """Verify a program without a board: language, travel, the plan against every limit, and its pulses.
 
     program: its file, ``-`` for standard input. machine: itself, its file or shipped name, None for the default. dialect: None for the
-    machine's. interpolator: ``sampled`` samples the motion at the machine's period, too; a trace does so in any case.
+    machine's. interpolator: ``sampled`` samples the motion at the machine's period, too; a trace does so in any case. control: its feed
+    override scales the feeds, its stop ends the check.
     """
-    return Job(program, _machine(machine), dialect, interpolator == "sampled", outputs or Outputs(), watch or Watch()).carry_out()
+    return Job(program, _machine(machine), dialect, interpolator == "sampled", outputs or Outputs(), watch or Watch(), control).carry_out()
 
 
 def run(
@@ -76,13 +79,15 @@ def run(
     interpolator: Interpolator = "reference-pulse",
     outputs: Outputs | None = None,
     watch: Watch | None = None,
+    control: Control | None = None,
 ) -> Report:
     """Check a program, then run it on a board; the other arguments are those of :func:`check`.
 
-    board: itself, its name, None for the one of the machine file. port: where the board is; for the file board, the file to write.
+    board: itself, its name, None for the one of the machine file. port: where the board is; for the file board, the file to write. control:
+    hold, resume, override and stop, from any thread or from ``watch.on_sent``; each takes effect at the end of what has been sent.
     """
     known = _machine(machine)
-    job = Job(program, known, dialect, interpolator == "sampled", outputs or Outputs(), watch or Watch())
+    job = Job(program, known, dialect, interpolator == "sampled", outputs or Outputs(), watch or Watch(), control)
     if board is not None and not isinstance(board, str):
         return job.carry_out(board, type(board).__name__)
     name = board or known.board.kind

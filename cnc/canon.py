@@ -229,3 +229,8 @@ class BoardCommand(Block):
     """A line for the board alone, such as GRBL's ``$H``: passed on as it stands, and refused where the board doesn't know it."""
 
     text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Held(Block):
+    """Not of a program: the operator holds the motion, which rests here on its way to the end of ``line`` until it is resumed."""

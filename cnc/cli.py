@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 
 from cnc import __version__
+from cnc.control import Control
 from cnc.errors import EXIT_REJECTED, EXIT_STOPPED, CncError, Diagnostic, UsageError
 from cnc.screen import Screen
 
@@ -72,6 +73,7 @@ class Common:
     interpolator: Annotated[
         Interpolator, _option("reference-pulse: grid moves alone. sampled: also positions at the machine's period.")
     ] = "reference-pulse"
+    feed_override: Annotated[float, _option("Per cent of the programmed feeds, 1 to 200; traverses are not scaled.")] = 100.0
     blocks: Annotated[str | None, _output("Write the canonical blocks to FILE.jsonl (- is standard output, here and below).")] = None
     trace: Annotated[str | None, _output("Write position, feed, acceleration and jerk a period to FILE.npz or FILE.csv.")] = None
     pulses: Annotated[str | None, _output("Write the grid moves to FILE.npz, or to FILE.vcd for a logic analyser.")] = None
@@ -120,7 +122,8 @@ def run(
     if dry_run:
         return check(program, common=common)
     api = _library()
-    with Screen(quiet=common.quiet) as screen:
+    control = Control(common.feed_override)
+    with Screen(control, quiet=common.quiet) as screen:
         machine = api.load_machine(common.machine)
         report = api.run(
             program,
@@ -131,6 +134,7 @@ def run(
             interpolator=common.interpolator,
             outputs=common.outputs(program, port),
             watch=screen.watch(),
+            control=control,
         )
     if common.json is not None:
         _write_json(common.json, report)
@@ -160,9 +164,16 @@ def check(
     machine = api.load_machine(common.machine)
     reports: list[Report] = []
     for file in files:
-        with Screen(quiet=common.quiet) as screen:
+        control = Control(common.feed_override)
+        with Screen(control, quiet=common.quiet) as screen:
             report = api.check(
-                file, machine, dialect=common.dialect, interpolator=common.interpolator, outputs=outputs, watch=screen.watch()
+                file,
+                machine,
+                dialect=common.dialect,
+                interpolator=common.interpolator,
+                outputs=outputs,
+                watch=screen.watch(),
+                control=control,
             )
         reports.append(report)
         if report.stopped_at_line is not None:

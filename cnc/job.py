@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -13,7 +12,8 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import ArcFeed, Block, BoardCommand, Dwell, NurbsFeed, Polyline, Probe, SpindleSync, WaitInput
+from cnc.canon import ArcFeed, Block, BoardCommand, Dwell, Held, NurbsFeed, Polyline, Probe, SpindleSync, WaitInput
+from cnc.control import Control
 from cnc.drivers.base import PulseSink
 from cnc.errors import BoardError, CncError, Diagnostic, GcodeError
 from cnc.executor.run import Progress, execute
@@ -31,6 +31,7 @@ from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
+from cnc.planner.window import LONG, SLICE
 from cnc.report.outputs import JsonLines, Output, TraceWriter, check_formats, pulse_writer, trace_writer
 from cnc.report.result import Extremes, Report
 from cnc.report.survey import Survey
@@ -72,7 +73,7 @@ class Watch:
     on_progress: Callable[[Stage, int, int | None], None] | None = None
     on_warning: Callable[[Diagnostic], None] | None = None
     on_compiling: Callable[[], None] | None = None
-    stop: threading.Event | None = None
+    on_sent: Callable[[Progress], None] | None = None
 
 
 def start_position(machine: Machine) -> Floats:
@@ -88,7 +89,14 @@ class Job:
     """Fills ``report`` as it goes; see :func:`cnc.api.run` for the arguments. UsageError ``output-format`` for an unknown suffix."""
 
     def __init__(
-        self, program: Path | str, machine: Machine, dialect: DialectName | None, sampled: bool, outputs: Outputs, watch: Watch
+        self,
+        program: Path | str,
+        machine: Machine,
+        dialect: DialectName | None,
+        sampled: bool,
+        outputs: Outputs,
+        watch: Watch,
+        control: Control | None = None,
     ) -> None:
         check_formats(outputs.trace, outputs.pulses)
         self.program = program
@@ -99,6 +107,7 @@ class Job:
         self.sampled = sampled or outputs.trace is not None
         self.outputs = outputs
         self.watch = watch
+        self.control = control or Control()
         self.start = start_position(machine)
         self._place = None if self.name != str(program) else Path(program)
         self._memory = Memory(machine)
@@ -190,7 +199,8 @@ class Job:
         if self.outputs.pulses is not None:
             on_pulses = self._opened(pulse_writer(self.outputs.pulses, machine, interpolator.origin_steps)).write
         path = self._kept if self._kept is not None else self._surveyed(self._path(self._reading_again.inside(self.blocks())))
-        ahead = LookAhead(machine)
+        # Without a board nobody can wish for anything once it is under way.
+        ahead = LookAhead(machine, self.control, slice_s=LONG if board is None else SLICE)
         planned = self._timed(self._planning.inside(ahead.plan(path)))
         if self.sampled:
             planned = self._sampled(planned)
@@ -226,6 +236,8 @@ class Job:
 
         for item in planned:
             self._look_up("running", item)
+            if isinstance(item, Held):
+                self.control.wait()
             if isinstance(item, PlanChunk):
                 seen(pulses.pulses(item))
         seen(pulses.settle())
@@ -245,12 +257,14 @@ class Job:
         def on_progress(progress: Progress) -> None:
             if self.watch.on_progress is not None:
                 self.watch.on_progress("running", progress.line, self._last_line)
+            if self.watch.on_sent is not None:
+                self.watch.on_sent(progress)
 
         # The board is about to move: from here on a wish to stop is the executor's to carry out.
         on_progress(Progress(0.0, 0, 0))
         try:
             outcome = execute(
-                planned, board, pulses, on_pulses=on_pulses, on_progress=on_progress, stop=self.watch.stop, ramp_down=ahead.ramp_down
+                planned, board, pulses, on_pulses=on_pulses, on_progress=on_progress, control=self.control, ramp_down=ahead.ramp_down
             )
         except BoardError:
             self._stands_at(board.position_steps)
@@ -314,7 +328,7 @@ class Job:
         self._look_up("checking", executed)
 
     def _look_up(self, stage: Stage, item: int | PlanChunk | Block) -> None:
-        if self.watch.stop is not None and self.watch.stop.is_set():
+        if self.control.stopped:
             raise Stopped
         if self.watch.on_progress is not None:
             line = item if isinstance(item, int) else int(item.path.line[-1]) if isinstance(item, PlanChunk) else item.line

@@ -8,6 +8,7 @@ import threading
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
+from cnc.control import Control
 from cnc.errors import Diagnostic
 
 if TYPE_CHECKING:
@@ -23,9 +24,9 @@ class Screen:
     As long as nothing moves it ends the program. In motion the first asks for a stop, the second ends at once.
     """
 
-    def __init__(self, *, quiet: bool) -> None:
+    def __init__(self, control: Control, *, quiet: bool) -> None:
         self._quiet = quiet
-        self._stop = threading.Event()
+        self._control = control
         self._bar: _Bar | None = None
         self._moving = False
         self._before: dict[signal.Signals, Any] = {}
@@ -38,7 +39,6 @@ class Screen:
             on_progress=self._on_progress,
             on_warning=None if self._quiet else self._warn,
             on_compiling=None if self._quiet else self._compiling,
-            stop=self._stop,
         )
 
     def __enter__(self) -> Screen:
@@ -62,9 +62,9 @@ class Screen:
     def _on_signal(self, *_: object) -> None:
         if not self._moving:
             raise KeyboardInterrupt("stopped by the operator; nothing has moved")
-        if self._stop.is_set():
+        if self._control.stopped:
             raise KeyboardInterrupt("stopped by the operator at once; where the axes stand has to be found again (home them)")
-        self._stop.set()
+        self._control.stop()
 
     def _compiling(self) -> None:
         print("compiling the kernels; this happens once and takes some seconds", file=sys.stderr, flush=True)

@@ -2,12 +2,14 @@
 
 The executor works ahead of time. It never waits for a pulse: the board plays what it has been sent and holds the caller back when it
 is full.
+
+The operator's :class:`~cnc.control.Control` is looked at between two stretches of the plan. A hold takes no machine time: the clock goes on
+with the motion.
 """
 
 from __future__ import annotations
 
 import contextlib
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
@@ -15,7 +17,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import Block, Dwell, End, Probe, WaitInput
+from cnc.canon import Block, Dwell, End, Held, Probe, WaitInput
+from cnc.control import Control
 from cnc.drivers.base import PulseSink
 from cnc.errors import BoardError, CncError, Diagnostic
 from cnc.planner.plan import PlanChunk
@@ -23,6 +26,9 @@ from cnc.stream import PulseChunk
 
 REST = 1e-9
 """Speed in mm/s below which a chunk's end is at rest."""
+
+ARRIVED = 1e-9
+"""mm; what rounding may leave of a path that has been gone to its end."""
 
 
 class PulseInterpolator(Protocol):
@@ -48,11 +54,12 @@ class PulseInterpolator(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far the program has been sent: seconds of machine time, source line, grid moves."""
+    """How far the program has been sent: seconds of machine time, source line, grid moves; held: the motion rests until it is resumed."""
 
     time: float
     line: int
     rows: int
+    held: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,11 +118,18 @@ class _Run:
         self.line = block.line
         self._tell()
 
-    def motion(self, chunk: PlanChunk, stop: threading.Event | None = None) -> None:
-        """A stretch of the plan, as far as ``stop`` lets it."""
+    def motion(self, chunk: PlanChunk, control: Control | None = None) -> None:
+        """A stretch of the plan, as far as ``control`` lets it."""
         self.file = chunk.path.file
-        self.send(self.interpolator.pulses(chunk), stop)
+        self.send(self.interpolator.pulses(chunk), control)
         self.clock = chunk.t0 + chunk.duration
+
+    def hold(self, block: Held, control: Control | None) -> None:
+        """Wait until the operator goes on, or stops the run; whoever watches may do either at once."""
+        self.board.execute(block, round(self.clock * 1e9))
+        self._tell(held=True)
+        if control is not None:
+            control.wait()
 
     def probed(self) -> None:
         """The motion rests: if it was that of a probe, its answer counts now. BoardError ``probe-no-contact`` where there had to be one."""
@@ -131,10 +145,10 @@ class _Run:
             hint = f"{'G38.3' if block.towards else 'G38.5'} goes on without"
             raise BoardError(Diagnostic("probe-no-contact", f"the probe {what} on its way", block.file, block.line, hint=hint))
 
-    def send(self, chunks: Iterable[PulseChunk], stop: threading.Event | None = None) -> None:
-        """Pulses, as far as ``stop`` lets them."""
+    def send(self, chunks: Iterable[PulseChunk], control: Control | None = None) -> None:
+        """Pulses, as far as ``control`` lets them."""
         for pulses in chunks:
-            if stop is not None and stop.is_set():
+            if control is not None and control.stopped:
                 return
             self.board.send(pulses)
             if self.on_pulses is not None:
@@ -149,9 +163,9 @@ class _Run:
     def outcome(self, stopped: bool) -> Outcome:
         return Outcome(self.clock, self.board.position_steps, self.steps, self.rows, self.line if stopped else None)
 
-    def _tell(self) -> None:
+    def _tell(self, *, held: bool = False) -> None:
         if self.on_progress is not None:
-            self.on_progress(Progress(self.clock, self.line, self.rows))
+            self.on_progress(Progress(self.clock, self.line, self.rows, held))
 
 
 def execute(
@@ -161,14 +175,15 @@ def execute(
     *,
     on_pulses: Callable[[PulseChunk], None] | None = None,
     on_progress: Callable[[Progress], None] | None = None,
-    stop: threading.Event | None = None,
+    control: Control | None = None,
     ramp_down: Callable[[], Iterable[PlanChunk]] | None = None,
 ) -> Outcome:
     """Run a plan on a board.
 
-    on_pulses is shown every chunk that the board has taken, on_progress how far things are. When ``stop`` is set, no more than the stop
-    needs is sent: without ``ramp_down`` nothing at all; with it the rest of the stretch under way and then, unless that ends at rest, the
-    motion that ``ramp_down`` gives, which begins where the stretch ends. The board is left stopped.
+    on_pulses is shown every chunk that the board has taken, on_progress how far things are; either may tell ``control`` what to do. When it
+    says stop, no more than the stop needs is sent: without ``ramp_down`` nothing at all; with it the rest of the stretch under way, then,
+    unless that ends at rest, the motion that ``ramp_down`` gives, which begins where the stretch ends. The board is left stopped. For a
+    hold the plan itself comes to rest and says so (:class:`~cnc.canon.Held`): all before it has been sent, and the board is told to wait.
 
     Raises BoardError when the board fails, at the source line that the fault names, else at the last one that the board has taken; the
     board has been told to abort, as after any other exception. After the fault of a program (it went another way than in the first pass,
@@ -179,21 +194,23 @@ def execute(
     try:
         board.start(interpolator.origin_steps)
         items = iter(plan_stream)
-        while stop is None or not stop.is_set():
+        while control is None or not control.stopped:
             # What has been handed out is sent: the ramp begins where the last stretch ends.
             item = next(items, None)
             if item is None:
                 break
             if isinstance(item, PlanChunk):
-                run.motion(item, stop if ramp_down is None else None)
+                run.motion(item, control if ramp_down is None else None)
                 at_rest = float(item.phase_v[-1]) <= REST
-                if at_rest:
+                if at_rest and _arrived(item):
                     run.probed()
+            elif isinstance(item, Held):
+                run.hold(item, control)
             else:
                 if isinstance(item, End):
                     run.send(interpolator.settle())
                 run.command(item)
-        if stop is not None and stop.is_set():
+        if control is not None and control.stopped:
             if ramp_down is not None and not at_rest:
                 for chunk in ramp_down():
                     run.motion(chunk)
@@ -219,6 +236,11 @@ def execute(
     except BaseException:
         _abort(board)
         raise
+
+
+def _arrived(chunk: PlanChunk) -> bool:
+    """Whether the motion has come to where the path itself stops: a hold may rest anywhere."""
+    return bool(chunk.path.stop_after[-1]) and float(chunk.piece_s[-1] - chunk.phase_s[-1]) <= ARRIVED
 
 
 def _abort(board: PulseSink) -> None:

@@ -6,7 +6,7 @@ Each piece is smooth inside (a line, an arc or helix, one knot span of a NURBS) 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,3 +35,8 @@ class PathChunk:
 
     def __len__(self) -> int:
         return len(self.kind)
+
+    def part(self, first: int, last: int) -> PathChunk:
+        """The pieces [first, last)."""
+        each = {field.name: getattr(self, field.name)[first:last] for field in fields(self) if field.name not in ("axes", "file", "data")}
+        return replace(self, **each)

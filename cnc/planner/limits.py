@@ -6,8 +6,9 @@ A limit that the machine file leaves out is infinite.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import inf
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from math import inf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits in mm, s (degrees for rotary axes); axis arrays have one entry an axis of the machine."""
+    """Limits in mm, s (degrees for rotary axes); axis arrays have one entry an axis of the machine.
+
+    feed_factor: the operator's override of programmed feeds; 0 while the motion is held. slowing_from: mm/s; motion that is being slowed
+    may be this fast where its feed is lower.
+    """
 
     max_feed: float
     tangential_acceleration: float
@@ -33,6 +38,8 @@ class Limits:
     axis_velocity: Floats
     axis_acceleration: Floats
     axis_jerk: Floats
+    feed_factor: float = 1.0
+    slowing_from: float = 0.0
 
     @classmethod
     def of(cls, machine: Machine) -> Limits:
@@ -70,8 +77,18 @@ class Limits:
         )
 
     def feeds(self, path: PathChunk) -> Floats:
-        """The largest feed that each piece may have: programmed and within the machine's; infinite for a traverse, which the axes limit."""
-        return np.where(np.isnan(path.feed), inf, np.minimum(path.feed, self.max_feed))
+        """The largest feed that each piece may have: programmed, times the override, and within the machine's.
+
+        A traverse is limited by the axes alone: infinite, but for motion that is coming to rest.
+        """
+        feeds = np.minimum(np.maximum(path.feed * self.feed_factor, self.slowing_from), self.max_feed)
+        return np.where(np.isnan(path.feed), inf if self.feed_factor > 0.0 else self.slowing_from, feeds)
+
+    def stopping_distance(self, v: float) -> float:
+        """The least length within which any motion of this machine comes to rest from ``v``, on the straightest of paths."""
+        a = min(self.tangential_acceleration, float(np.linalg.norm(self.axis_acceleration)))
+        j = min(self.tangential_jerk, float(np.linalg.norm(self.axis_jerk)))
+        return 0.5 * v * (v / a + a / j) if v * j >= a * a else v * sqrt(v / j)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +115,24 @@ class Intervals:
     accel: Floats
     jerk: Floats
     flat: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.end)
+
+    def between(self, start: float, stop: float) -> Intervals:
+        """The intervals from ``start`` to ``stop``, the last one cut there; a stop at ``stop`` is one of them, one at ``start`` isn't."""
+        first = int(np.searchsorted(self.end, start, side="right"))
+        last = int(np.searchsorted(self.end, stop, side="right"))
+        cut = last < len(self) and (last == 0 or self.end[last - 1] < stop) and last >= first
+        part = Intervals(*(getattr(self, field.name)[first : last + cut] for field in fields(self)))
+        return replace(part, end=np.minimum(part.end, stop)) if cut else part
+
+    @staticmethod
+    def joined(parts: Sequence[Intervals], bases: Sequence[float]) -> Intervals:
+        """Intervals of stretches that follow each other and begin at ``bases``."""
+        ends = [part.end + base for part, base in zip(parts, bases, strict=True)]
+        others = [field.name for field in fields(Intervals) if field.name != "end"]
+        return Intervals(np.concatenate(ends), *(np.concatenate([getattr(part, name) for part in parts]) for name in others))
 
 
 def junction_between(before: PathChunk, after: PathChunk, limits: Limits) -> Junction:

@@ -1,12 +1,11 @@
 """The library's front door, and what a terminal shows meanwhile."""
 
-import threading
 from pathlib import Path
 
 import pytest
 
 from cnc import screen, warm
-from cnc.api import Outputs, Watch, check, load_machine, parse, plan, run
+from cnc.api import Control, Outputs, Watch, check, load_machine, parse, plan, run
 from cnc.canon import ArcFeed, Dwell, End, Polyline
 from cnc.drivers.loopback import Loopback
 from cnc.errors import EXIT_BOARD, Diagnostic, GcodeError, MachineFileError, UsageError
@@ -104,13 +103,15 @@ def test_progress_tells_both_passes(program, monkeypatch):
 @pytest.mark.parametrize("stage", ["checking", "running"])
 def test_a_stop_ends_both_passes(program, monkeypatch, stage):
     monkeypatch.setattr("cnc.gcode.program.TELL", 1)
-    stop = threading.Event()
-    watch = Watch(on_progress=lambda now, *_: stop.set() if now == stage else None, stop=stop)
-    report = check(program, watch=watch)
+
+    def stopping():
+        control = Control()
+        return {"control": control, "watch": Watch(on_progress=lambda now, *_: control.stop() if now == stage else None)}
+
+    report = check(program, **stopping())
     assert report.stopped_at_line == 0
     board = Loopback(3)
-    stop.clear()
-    report = run(program, board=board, watch=watch)
+    report = run(program, board=board, **stopping())
     assert report.stopped_at_line == 0
     assert board.rows == 0
 
@@ -131,12 +132,12 @@ def test_the_bar_appears_for_long_programs_alone(capsys, monkeypatch):
 
 def test_warnings_are_shown_unless_quiet(capsys):
     warning = Diagnostic("odd-word", "odd", "p.nc", 3, severity="warning")
-    with screen.Screen(quiet=False) as shown:
+    with screen.Screen(Control(), quiet=False) as shown:
         on_warning = shown.watch().on_warning
         assert on_warning is not None
         on_warning(warning)
     assert capsys.readouterr().err == "warning: p.nc:3: odd-word: odd\n"
-    with screen.Screen(quiet=True) as shown:
+    with screen.Screen(Control(), quiet=True) as shown:
         assert shown.watch().on_warning is None
 
 
@@ -150,10 +151,10 @@ def test_the_first_run_compiles_and_says_so_once(tmp_path, monkeypatch):
 
 
 def test_compiling_is_announced_unless_quiet(capsys):
-    with screen.Screen(quiet=False) as shown:
+    with screen.Screen(Control(), quiet=False) as shown:
         shown.watch().on_compiling()
     assert capsys.readouterr().err == "compiling the kernels; this happens once and takes some seconds\n"
-    with screen.Screen(quiet=True) as shown:
+    with screen.Screen(Control(), quiet=True) as shown:
         assert shown.watch().on_compiling is None
 
 

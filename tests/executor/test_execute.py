@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cnc.canon import Block, Dwell, End, Message, Polyline, Probe, Spindle
+from cnc.control import Control
 from cnc.drivers.loopback import Loopback
 from cnc.errors import BoardError, Diagnostic, GcodeError
 from cnc.executor.run import Outcome, Progress, execute
@@ -104,15 +104,15 @@ class TestStop:
     """The operator stops the run while its first chunk of pulses is under way."""
 
     def stopping(self, **options: Any) -> tuple[Outcome, Loopback, list[int]]:
-        stop = threading.Event()
+        control = Control()
         lines: list[int] = []
 
         def on_pulses(chunk: PulseChunk) -> None:
             lines.append(int(chunk.line[0]))
-            stop.set()
+            control.stop()
 
         items = (stretch(2, 0.0, speed_at_end=5.0), stretch(4, 1.0), Spindle(FILE, 5, "off", 0.0))
-        outcome, board = go(*items, on_pulses=on_pulses, stop=stop, **options)
+        outcome, board = go(*items, on_pulses=on_pulses, control=control, **options)
         return outcome, board, lines
 
     def test_without_a_ramp_nothing_more_is_sent(self) -> None:
@@ -135,26 +135,26 @@ class TestStop:
         assert board.state == "stopped"
 
     def test_no_ramp_after_a_stretch_that_ends_at_rest(self) -> None:
-        stop = threading.Event()
+        control = Control()
 
         def never() -> list[PlanChunk]:
             raise AssertionError
 
-        outcome, _ = go(stretch(2, 0.0), stretch(3, 1.0), stop=stop, on_pulses=lambda _: stop.set(), ramp_down=never)
+        outcome, _ = go(stretch(2, 0.0), stretch(3, 1.0), control=control, on_pulses=lambda _: control.stop(), ramp_down=never)
         assert outcome.stopped_at_line == 2
         assert outcome.rows == 4
 
     def test_set_beforehand(self) -> None:
-        stop = threading.Event()
-        stop.set()
-        outcome, board = go(Spindle(FILE, 1, "cw", 1.0), stretch(2, 0.0), stop=stop)
+        control = Control()
+        control.stop()
+        outcome, board = go(Spindle(FILE, 1, "cw", 1.0), stretch(2, 0.0), control=control)
         assert outcome.stopped_at_line == 0
         assert outcome.rows == 0
         assert board.commands == []
         assert board.state == "stopped"
 
     def test_never_set(self) -> None:
-        outcome, board = go(stretch(2, 0.0), stop=threading.Event(), ramp_down=list)
+        outcome, board = go(stretch(2, 0.0), control=Control(), ramp_down=list)
         assert outcome.finished
         assert board.state == "idle"
 
@@ -278,17 +278,18 @@ def test_a_stop_at_any_moment_comes_to_rest_on_the_path() -> None:
     ends = np.arange(1, 4001)[:, None] * 0.05
     moves = Polyline(FILE, 1, ends, np.full(4000, 100.0), np.arange(1, 4001, dtype=np.int32))
     for sent in range(1, 6):
-        stop, ahead, board = threading.Event(), LookAhead(machine), Loopback(1)
+        control = Control()
+        ahead, board = LookAhead(machine, control), Loopback(1)
         interpolator = ReferencePulse([100.0], [0.0], 1e9 / 200_000)
         chunks: list[PulseChunk] = []
 
-        def look(pulses: PulseChunk, chunks: list[PulseChunk] = chunks, stop: threading.Event = stop, sent: int = sent) -> None:
+        def look(pulses: PulseChunk, chunks: list[PulseChunk] = chunks, control: Control = control, sent: int = sent) -> None:
             chunks.append(pulses)
             if len(chunks) == sent:
-                stop.set()
+                control.stop()
 
         plans = ahead.plan(build([moves], axes=("x",), start=np.zeros(1)))
-        outcome = execute(plans, board, interpolator, on_pulses=look, stop=stop, ramp_down=ahead.ramp_down)
+        outcome = execute(plans, board, interpolator, on_pulses=look, control=control, ramp_down=ahead.ramp_down)
         assert outcome.stopped_at_line is not None
         times = np.concatenate([chunk.time_ns for chunk in chunks])
         assert np.diff(times).min() > 0.99e9 / (100.0 * 100.0)

@@ -1,0 +1,132 @@
+"""Plans of a window as arrays of phases: rows of duration, arc length, speed, acceleration and jerk at the start of each."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.lookahead import plan_window
+from cnc.kernels.scurve import phase_time
+from cnc.planner.limits import Intervals
+
+Floats = NDArray[np.float64]
+
+DURATION, S, V, A, J = range(5)
+"""Columns of an array of phases."""
+
+INSTANT = 1e-7
+"""s; what would be left of a phase beside a cut at a time is not shorter."""
+
+
+def plan_to_rest(start: float, known: Intervals, v_start: float) -> tuple[int, Floats]:
+    """Plan from ``start``, where the motion has speed ``v_start``, to rest at the end of ``known``: the kernel's status and the phases."""
+    phases = np.empty((8 * len(known) + 16, 5))
+    bound_s = np.concatenate(([start], known.end))
+    status, written = plan_window(bound_s, known.speed, known.accel, known.jerk, known.flat, v_start, phases)
+    phases = phases[:written]
+    return status, phases[phases[:, DURATION] > 0.0]
+
+
+def first_steady(phases: Floats) -> int:
+    """Number of phases up to the first point without acceleration after the start (or all: at rest)."""
+    steady = np.flatnonzero(phases[1:, A] == 0.0)
+    return int(steady[0]) + 1 if len(steady) else len(phases)
+
+
+def first_rest(phases: Floats) -> int:
+    """Number of phases up to the first rest after the start."""
+    rests = np.flatnonzero((phases[1:, V] == 0.0) & (phases[1:, A] == 0.0))
+    return int(rests[0]) + 1 if len(rests) else len(phases)
+
+
+def last_slowing(phases: Floats, end: float) -> float:
+    """Length of the last stretch in which the motion only slows, down to rest at ``end``; a short cruise does not interrupt it."""
+    after = end - np.append(phases[1:, S], end)
+    level = (phases[:, A] == 0.0) & (phases[:, J] == 0.0) & (phases[:, DURATION] * phases[:, V] >= 0.5 * after)
+    rising = (phases[:, A] > 0.0) | (phases[:, A] == 0.0) & (phases[:, J] > 0.0)
+    ends = np.flatnonzero(level | rising)
+    return float(after[ends[-1]]) if len(ends) else end - float(phases[0, S])
+
+
+def cut_steady(phases: Floats, limit: float) -> tuple[Floats, int]:
+    """The phases, and how many of them lead to the last point without acceleration at or before arc length ``limit``.
+
+    A cruise that passes ``limit`` is cut there.
+    """
+    k = int(np.searchsorted(phases[:, S], limit, side="right")) - 1
+    if k >= 0 and phases[k, A] == 0.0 and phases[k, J] == 0.0 and phases[k, V] > 0.0:
+        t = (limit - float(phases[k, S])) / float(phases[k, V])
+        if INSTANT < t < phases[k, DURATION] - INSTANT:
+            head, tail = cut_inside(phases, k, t)
+            tail[0, S] = limit
+            return np.concatenate((head, tail)), k + 1
+    steady = np.flatnonzero(phases[: max(k, 0) + 1, A] == 0.0)
+    return phases, int(steady[-1]) if len(steady) else 0
+
+
+def cut_inside(phases: Floats, k: int, t: float) -> tuple[Floats, Floats]:
+    """Phases up to ``t`` seconds into phase ``k`` and those after it; the array itself becomes the latter."""
+    head = phases[: k + 1].copy()
+    head[k, DURATION] = t
+    s, v, a, j = head[k, S:].tolist()
+    left = float(phases[k, DURATION]) - t
+    phases[k] = (left, s + t * (v + t * (0.5 * a + t * j / 6.0)), v + t * (a + 0.5 * t * j), a + t * j, j)
+    return head, phases[k:]
+
+
+def cut_at_length(phases: Floats, s: float) -> tuple[Floats, Floats]:
+    """Phases before and after arc length ``s``; the array itself becomes the latter."""
+    k = int(np.searchsorted(phases[:, S], s, side="right")) - 1
+    duration, start, v, a, j = phases[k].tolist()
+    t = phase_time(v, a, j, duration, s - start)
+    if t <= 0.0:
+        return phases[:k], phases[k:]
+    if t >= duration:
+        return phases[: k + 1], phases[k + 1 :]
+    head, tail = cut_inside(phases, k, t)
+    tail[0, S] = s
+    return head, tail
+
+
+def slice_end(phases: Floats, seconds: float, length: float) -> tuple[int, float]:
+    """Where a slice ends that takes at least ``seconds`` and covers at least ``length``: whole phases, and seconds of the one after them.
+
+    The first phase out of rest and the last one into it are left whole: with them moves may be overlapped at a corner.
+    """
+    rows = 64
+    while True:
+        part = phases[:rows]
+        elapsed = np.cumsum(part[:, DURATION])
+        near = (elapsed < seconds) | (np.append(part[1:, S], np.inf) - part[0, S] < length)
+        k = int(np.count_nonzero(near))
+        if k < len(part) - 1 or len(part) == len(phases):
+            break
+        rows *= 4
+    if k >= len(phases) - 1:
+        return len(phases), 0.0
+    duration, s, v, a, j = part[k].tolist()
+    if v == 0.0 or part[k + 1, V] == 0.0:
+        return k + 1, 0.0
+    t = seconds - (float(elapsed[k]) - duration)
+    covered = float(part[0, S]) + length - s
+    if covered > 0.0:
+        t = max(t, phase_time(v, a, j, duration, covered))
+    if t < INSTANT and k > 0:
+        return k, 0.0
+    return (k, t) if INSTANT <= t < duration - INSTANT else (k + 1, 0.0)
+
+
+def release(phases: Floats) -> Floats | None:
+    """The phase that lets go of the acceleration (> 0) at the start of ``phases``, at the jerk at which their ramp does so in the end."""
+    falling = np.flatnonzero(phases[:, J] < 0.0)
+    if not len(falling):
+        return None
+    _, s, v, a, _ = phases[0].tolist()
+    j = float(phases[falling[0], J])
+    return np.array([[-a / j, s, v, a, j]])
+
+
+def end_of(phases: Floats) -> tuple[float, float]:
+    """Arc length and speed at the end of the phases."""
+    t, s, v, a, j = phases[-1].tolist()
+    return s + t * (v + t * (0.5 * a + t * j / 6.0)), v + t * (a + 0.5 * t * j)
