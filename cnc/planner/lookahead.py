@@ -33,10 +33,10 @@ class LookAhead:
     def __init__(
         self, machine: Machine, control: Control | None = None, *, slice_s: float = SLICE, stops_known: float = STOPS_KNOWN
     ) -> None:
-        limits = Limits.of(machine)
-        self.audit = Audit(limits)
-        self._window = Window(limits, stops_known)
-        self._overlaps = Overlaps(limits)
+        self.limits = Limits.of(machine)
+        self.audit = Audit(self.limits)
+        self._window = Window(self.limits, stops_known)
+        self._overlaps = Overlaps(self.limits)
         self._control = control
         self._slice_s = LONG if control is None else slice_s
         self._finished: deque[PlanChunk] = deque()

@@ -380,11 +380,14 @@ class Window:
 
 
 def _beyond_flat(known: Intervals, s: float) -> float:
-    """The first place from ``s`` on that is not in a stretch of constant speed."""
+    """The first place from ``s`` on that is not in or at a stretch of constant speed: there the motion may come to rest."""
     k = int(np.searchsorted(known.end, s, side="right"))
-    while k < len(known) and known.flat[k]:
-        s = float(known.end[k])
-        k += 1
+    if k < len(known) and known.flat[k] or 0 < k < len(known) and known.flat[k - 1] and known.end[k - 1] == s:
+        while k < len(known) and known.flat[k]:
+            k += 1
+        if k == len(known):
+            return inf
+        s = 0.5 * float(known.end[k - 1] + known.end[k]) if k > 0 else s
     return s
 
 
