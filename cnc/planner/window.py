@@ -382,7 +382,7 @@ class Window:
 def _beyond_flat(known: Intervals, s: float) -> float:
     """The first place from ``s`` on that is not in or at a stretch of constant speed: there the motion may come to rest."""
     k = int(np.searchsorted(known.end, s, side="right"))
-    if k < len(known) and known.flat[k] or 0 < k < len(known) and known.flat[k - 1] and known.end[k - 1] == s:
+    if (k < len(known) and known.flat[k]) or (0 < k < len(known) and known.flat[k - 1] and known.end[k - 1] == s):
         while k < len(known) and known.flat[k]:
             k += 1
         if k == len(known):
