@@ -4,6 +4,9 @@ Two ways, neither of which shares a formula with the planner:
 
 - at points throughout every phase, each axis's velocity, acceleration and jerk by the chain rule from the curve and the phase;
 - at the sampling period T, the differences of successive positions, which see jumps at junctions as well.
+
+Where the hull of a piece's control points (:mod:`cnc.kernels.hull`) shows that its derivatives can't raise any maximum seen before, they
+are not looked at inside the piece: the maxima are the same as if they were. Positions are looked at everywhere.
 """
 
 from __future__ import annotations
@@ -13,7 +16,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.curve import AXES, METRIC, METRICS, curve_eval, curve_eval_s, curve_inv_arclen
+from cnc.kernels.curve import AXES, LINE, METRIC, METRICS, SPAN, SPAN_BODY, START, U0, U1, curve_eval, curve_eval_s, curve_inv_arclen
+from cnc.kernels.hull import BOUNDS, derivative_bounds
 from cnc.kernels.jit import njit
 from cnc.kernels.timed import is_timed, timed_motion
 
@@ -22,6 +26,7 @@ Ints = NDArray[np.int64]
 
 FEED, ACCEL, JERK, NORMAL_ACCEL, CHORD_ERROR, STEP_DEVIATION, OVERSPEED = range(7)
 """Entries of ``largest``; OVERSPEED is the largest ratio of speed to the feed that the piece may have."""
+ENTRIES = 7
 
 POINTS = 8
 """Least number of points looked at in a phase."""
@@ -47,26 +52,60 @@ def audit_phases(
     """Raise ``largest`` and the axes' maxima (n,) to what the plan reaches at points throughout its phases."""
     n = len(axis_v)
     q = np.zeros((4, n))
+    bounds = np.zeros((n + 1, BOUNDS))
     piece = 0
+    bounded = -1
     for k in range(len(phase_j)):
         duration = phase_t[k + 1] - phase_t[k]
         points = max(POINTS, int(min(duration / period, (phase_s[k + 1] - phase_s[k]) / CLOSE)))
         j = phase_j[k]
+        v_most = max(phase_v[k], phase_v[k + 1])
+        a_most = max(abs(phase_a[k]), abs(phase_a[k] + duration * j))
+        if phase_a[k] * j < 0.0:
+            v_most = max(v_most, phase_v[k] - 0.5 * phase_a[k] * phase_a[k] / j)
+        steady = phase_a[k] == 0.0 and j == 0.0
+        looked_at = -1
+        dull = False
         for m in range(points + 1):
             s, v, a = phase_at(duration * m / points, phase_s[k], phase_v[k], phase_a[k], j)
             # At a junction the phase that starts there belongs to the piece after it, the one that ends there to the piece before.
             ahead = JOINT if m == 0 else -JOINT
             while piece + 1 < len(kind) and s + ahead > piece_s[piece + 1]:
                 piece += 1
-            local = min(max(s - piece_s[piece], 0.0), piece_s[piece + 1] - piece_s[piece])
             here = kind[piece]
-            curve_eval_s(here, data, at[piece], curve_inv_arclen(here, data, at[piece], local), q)
-            if is_timed(here, data, at[piece]):
-                speed, along, change, normal = timed_motion(data, at[piece], q, v)
+            where = at[piece]
+            if looked_at != piece:
+                looked_at = piece
+                if bounded != piece:
+                    bounded = piece
+                    derivative_bounds(here, data, where, bounds)
+                dull = (
+                    v_most <= largest[FEED]
+                    and a_most <= largest[ACCEL]
+                    and abs(j) <= largest[JERK]
+                    and v_most <= largest[OVERSPEED] * feed[piece]
+                    and bounds[n, 1] * v_most * v_most <= largest[NORMAL_ACCEL]
+                )
+                for i in range(n):
+                    d1 = bounds[i, 0]
+                    d2 = bounds[i, 1] * v_most
+                    d3 = bounds[i, 2] * v_most * v_most
+                    dull = (
+                        dull
+                        and d1 * v_most <= axis_v[i]
+                        and d2 * v_most + d1 * a_most <= axis_a[i]
+                        and d3 * v_most + 3.0 * d2 * a_most + d1 * abs(j) <= axis_j[i]
+                    )
+            elif dull and m < points:
+                continue
+            local = min(max(s - piece_s[piece], 0.0), piece_s[piece + 1] - piece_s[piece])
+            curve_eval_s(here, data, where, curve_inv_arclen(here, data, where, local), q)
+            if is_timed(here, data, where):
+                speed, along, change, normal = timed_motion(data, where, q, v)
             else:
                 squared = 0.0
-                for i in range(int(data[at[piece] + METRICS])):
-                    squared += q[2, int(data[at[piece] + METRIC + i])] ** 2
+                for i in range(int(data[where + METRICS])):
+                    squared += q[2, int(data[where + METRIC + i])] ** 2
                 speed, along, change, normal = v, a, j, v * v * math.sqrt(squared)
             largest[FEED] = max(largest[FEED], speed)
             largest[ACCEL] = max(largest[ACCEL], abs(along))
@@ -77,6 +116,27 @@ def audit_phases(
                 axis_v[i] = max(axis_v[i], abs(q[1, i] * v))
                 axis_a[i] = max(axis_a[i], abs(q[2, i] * v * v + q[1, i] * a))
                 axis_j[i] = max(axis_j[i], abs(q[3, i] * v * v * v + 3.0 * q[2, i] * v * a + q[1, i] * j))
+            # a line at constant speed is the same all along
+            dull = dull or (here == LINE and steady)
+
+
+@njit
+def _cubic_point(data: Floats, at: int, u: float, out: Floats) -> None:
+    """Position at u of a span of degree 3 into the last row of out: without the derivatives, which take most of the time."""
+    n = out.shape[1]
+    start = at + START
+    x = (u - data[at + U0]) / (data[at + U1] - data[at + U0])
+    y = 1.0 - x
+    c0 = y * y * y
+    c1 = 3.0 * y * y * x
+    c2 = 3.0 * y * x * x
+    c3 = x * x * x
+    k = start + 2 * n + SPAN_BODY
+    inverse = 1.0 / (c0 * data[k] + c1 * data[k + 1] + c2 * data[k + 2] + c3 * data[k + 3])
+    row = out.shape[0] - 1
+    for i in range(n):
+        k += 4
+        out[row, i] = data[start + i] + (c0 * data[k] + c1 * data[k + 1] + c2 * data[k + 2] + c3 * data[k + 3]) * inverse
 
 
 @njit
@@ -133,6 +193,12 @@ def audit_samples(
     """
     n = len(axis_v)
     q = np.zeros((4, n))
+    bounds = np.zeros((n + 1, BOUNDS))
+    per_v = 1.0 / period
+    per_a = per_v * per_v
+    per_j = per_a * per_v
+    bent = math.inf
+    bounded = -1
     piece = 0
     phase = 0
     s_before = -1.0
@@ -149,32 +215,54 @@ def audit_samples(
             piece += 1
         local = min(max(s - piece_s[piece], 0.0), piece_s[piece + 1] - piece_s[piece])
         here = kind[piece]
-        curve_eval(here, data, at[piece], curve_inv_arclen(here, data, at[piece], local), q)
+        where = at[piece]
+        u = curve_inv_arclen(here, data, where, local)
+        if here == SPAN and data[where + START + 2 * n] == 3.0:
+            _cubic_point(data, where, u, last)
+        else:
+            curve_eval(here, data, where, u, q)
+            for i in range(n):
+                last[4, i] = q[0, i]
         for i in range(n):
-            p = q[0, i]
+            v = last[4, i] - last[0, i]
+            a = v - (last[0, i] - last[1, i])
+            j = a - (last[0, i] - 2.0 * last[1, i] + last[2, i])
             if known > 0:
-                axis_v[i] = max(axis_v[i], abs(p - last[0, i]) / period)
+                axis_v[i] = max(axis_v[i], abs(v) * per_v)
             if known > 1:
-                axis_a[i] = max(axis_a[i], abs(p - 2.0 * last[0, i] + last[1, i]) / period**2)
+                axis_a[i] = max(axis_a[i], abs(a) * per_a)
             if known > 2:
-                axis_j[i] = max(axis_j[i], abs(p - 3.0 * last[0, i] + 3.0 * last[1, i] - last[2, i]) / period**3)
-            last[4, i] = p
-        if s_before >= 0.0 and not stopped and s - s_before > shortest:
-            chord, apart = _step_and_sagitta(kind, at, data, piece_s, piece_before, piece, s_before, s, last, q)
-            corner = False
-            for k in range(piece_before, piece + 1):
-                corner = corner or is_timed(kind[k], data, at[k])
-            if not corner:
-                largest[STEP_DEVIATION] = max(largest[STEP_DEVIATION], abs(chord - (s - s_before)) / (s - s_before))
-            largest[CHORD_ERROR] = max(largest[CHORD_ERROR], apart)
-        for m in range(2, 0, -1):
-            last[m] = last[m - 1]
-        last[0] = last[4]
+                axis_j[i] = max(axis_j[i], abs(j) * per_j)
+        step = s - s_before
+        if s_before >= 0.0 and not stopped and step > shortest:
+            if piece != bounded:
+                bounded = piece
+                derivative_bounds(here, data, where, bounds)
+                bent = bounds[n, 1] / 8.0
+            if piece == piece_before and step * step * bent <= largest[CHORD_ERROR]:
+                # the chord alone: a curve bent no more than that leaves it by less than what was seen before
+                chord = 0.0
+                for m in range(int(data[where + METRICS])):
+                    c = int(data[where + METRIC + m])
+                    chord += (last[4, c] - last[0, c]) * (last[4, c] - last[0, c])
+                largest[STEP_DEVIATION] = max(largest[STEP_DEVIATION], abs(math.sqrt(chord) - step) / step)
+            else:
+                chord, apart = _step_and_sagitta(kind, at, data, piece_s, piece_before, piece, s_before, s, last, q)
+                corner = False
+                for k in range(piece_before, piece + 1):
+                    corner = corner or is_timed(kind[k], data, at[k])
+                if not corner:
+                    largest[STEP_DEVIATION] = max(largest[STEP_DEVIATION], abs(chord - step) / step)
+                largest[CHORD_ERROR] = max(largest[CHORD_ERROR], apart)
+        for i in range(n):
+            last[2, i] = last[1, i]
+            last[1, i] = last[0, i]
+            last[0, i] = last[4, i]
         s_before = s
         piece_before = piece
         known = min(known + 1, 3)
         index += 1
-        steady = phase_a[phase] == 0.0 and phase_j[phase] == 0.0 and phase_v[phase] > 0.0 and not is_timed(here, data, at[piece])
+        steady = phase_a[phase] == 0.0 and phase_j[phase] == 0.0 and phase_v[phase] > 0.0 and not is_timed(here, data, where)
         if known == 3 and steady:
             # A crawl shows the same differences over and over: look at a few instants, then go on to where the path may have changed.
             skipped = int(CLOSE / (phase_v[phase] * period)) - 2 * POINTS
@@ -187,41 +275,53 @@ def audit_samples(
 
 
 @njit
-def timed_joints(
+def continuity(
     kind: Ints, at: Ints, data: Floats, piece_s: Floats, phase_t: Floats, phase_s: Floats, phase_v: Floats, phase_a: Floats,
-    phase_j: Floats, touched: NDArray[np.bool_],
-) -> tuple[float, float, float]:  # fmt: skip
-    """Mark in ``touched`` (p - 1,) the phases' joints at the ends of timed pieces, and measure the motion there.
+    phase_j: Floats, gaps: Floats,
+) -> None:  # fmt: skip
+    """Integrate each phase and compare its end with the start of the next.
 
-    The plan's coordinate changes its meaning at such a joint: its rate may jump where the motion doesn't. Returns the largest jumps of
-    position, velocity and acceleration in any axis.
+    gaps (5,): raised to the largest jumps of position, speed and acceleration, and to how far a duration and a speed lie below zero; what
+    is NaN stays NaN.
+
+    The plan's coordinate changes its meaning at the ends of timed pieces: its rate may jump where the motion doesn't. There velocity and
+    acceleration are compared in every axis.
     """
     n = int(data[at[0] + AXES])
     q = np.zeros((2, 4, n))
-    gaps = np.zeros(3)
+    gap = np.zeros(5)
+    last = len(phase_j)
     piece = 0
-    for k in range(1, len(phase_j)):
-        touched[k - 1] = False
-        s = phase_s[k]
-        while piece + 1 < len(kind) and s - JOINT > piece_s[piece + 1]:
-            piece += 1
-        after = piece
-        while after + 1 < len(kind) and s + JOINT > piece_s[after + 1]:
-            after += 1
-        if not (is_timed(kind[piece], data, at[piece]) or is_timed(kind[after], data, at[after])):
-            continue
-        touched[k - 1] = True
-        rates = phase_at(phase_t[k] - phase_t[k - 1], phase_s[k - 1], phase_v[k - 1], phase_a[k - 1], phase_j[k - 1])
-        for side in range(2):
-            here = piece if side == 0 else after
-            v = rates[1] if side == 0 else phase_v[k]
-            a = rates[2] if side == 0 else phase_a[k]
-            local = min(max(s - piece_s[here], 0.0), piece_s[here + 1] - piece_s[here])
-            curve_eval_s(kind[here], data, at[here], curve_inv_arclen(kind[here], data, at[here], local), q[side])
-            for i in range(n):
-                q[side, 2, i] = q[side, 2, i] * v * v + q[side, 1, i] * a
-                q[side, 1, i] *= v
-        for order in range(3):
-            for i in range(n):
-                gaps[order] = max(gaps[order], abs(q[1, order, i] - q[0, order, i]))
-    return gaps[0], gaps[1], gaps[2]
+    for k in range(last + 1):
+        gap[4] = -phase_v[k]
+        if k > 0:
+            dt = phase_t[k] - phase_t[k - 1]
+            s_end, v_end, a_end = phase_at(dt, phase_s[k - 1], phase_v[k - 1], phase_a[k - 1], phase_j[k - 1])
+            gap[0] = abs(s_end - phase_s[k])
+            gap[1] = abs(v_end - phase_v[k])
+            gap[2] = abs(a_end - phase_a[k])
+            gap[3] = -dt
+            s = phase_s[k]
+            while piece + 1 < len(kind) and s - JOINT > piece_s[piece + 1]:
+                piece += 1
+            after = piece
+            while after + 1 < len(kind) and s + JOINT > piece_s[after + 1]:
+                after += 1
+            if k < last and (is_timed(kind[piece], data, at[piece]) or is_timed(kind[after], data, at[after])):
+                gap[1] = 0.0
+                gap[2] = 0.0
+                for side in range(2):
+                    here = piece if side == 0 else after
+                    v = v_end if side == 0 else phase_v[k]
+                    a = a_end if side == 0 else phase_a[k]
+                    local = min(max(s - piece_s[here], 0.0), piece_s[here + 1] - piece_s[here])
+                    curve_eval_s(kind[here], data, at[here], curve_inv_arclen(kind[here], data, at[here], local), q[side])
+                    for i in range(n):
+                        q[side, 2, i] = q[side, 2, i] * v * v + q[side, 1, i] * a
+                        q[side, 1, i] *= v
+                for order in range(3):
+                    for i in range(n):
+                        gap[order] = max(gap[order], abs(q[1, order, i] - q[0, order, i]))
+        for m in range(5):
+            if gaps[m] == gaps[m] and not gap[m] <= gaps[m]:
+                gaps[m] = gap[m]

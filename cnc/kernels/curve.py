@@ -206,42 +206,50 @@ def curve_speed(kind: int, data: Floats, at: int, u: float) -> float:
         if kind == SPAN:
             p = int(data[body])
             body += SPAN_BODY
-            # value and slope of W and of up to three numerators together, from the two points above the tip of the triangle (see
-            # curve_eval)
+            # value and slope of W, then of the numerators, from the four points three rows above the tip (see curve_eval)
+            m = p - 3
             near = t <= 0.5
             base = 1.0 - t if near else t
             ratio = (t if near else 1.0 - t) / base
             step = 1 if near else -1
-            weight = base
-            for _ in range(p - 2):
-                weight *= base
-            metrics = int(data[at + METRICS])
-            k = body if near else body + p - 1
-            kx = k + (int(data[at + METRIC]) + 1) * (p + 1)
-            ky = k + (int(data[at + METRIC + 1]) + 1) * (p + 1) if metrics > 1 else kx
-            kz = k + (int(data[at + METRIC + 2]) + 1) * (p + 1) if metrics > 2 else kx
-            w0 = w1 = x0 = x1 = y0 = y1 = z0 = z1 = 0.0
-            for j in range(p):
-                w0 += weight * data[k]
-                w1 += weight * data[k + 1]
-                x0 += weight * data[kx]
-                x1 += weight * data[kx + 1]
-                y0 += weight * data[ky]
-                y1 += weight * data[ky + 1]
-                z0 += weight * data[kz]
-                z1 += weight * data[kz + 1]
-                weight *= ratio * (p - 1 - j) / (j + 1)
-                k += step
-                kx += step
-                ky += step
-                kz += step
-            inverse = 1.0 / (w0 + t * (w1 - w0))
-            pull = (w1 - w0) * inverse
-            x0 = (x1 - x0) - pull * (x0 + t * (x1 - x0))
-            y0 = (y1 - y0) - pull * (y0 + t * (y1 - y0)) if metrics > 1 else 0.0
-            z0 = (z1 - z0) - pull * (z0 + t * (z1 - z0)) if metrics > 2 else 0.0
-            inverse *= p
-            square = (x0 * x0 + y0 * y0 + z0 * z0) * (inverse * inverse)
+            inverse = 1.0
+            pull = 0.0
+            for c in range(int(data[at + METRICS]) + 1):
+                k = body + (int(data[at + METRIC + c - 1]) + 1) * (p + 1) if c > 0 else body
+                c0 = data[k]
+                c1 = data[k + 1]
+                c2 = data[k + 2]
+                c3 = data[k + 3]
+                if m > 0:
+                    weight = base
+                    for _ in range(m - 1):
+                        weight *= base
+                    if not near:
+                        k += m
+                    c0 = 0.0
+                    c1 = 0.0
+                    c2 = 0.0
+                    c3 = 0.0
+                    for j in range(m + 1):
+                        c0 += weight * data[k]
+                        c1 += weight * data[k + 1]
+                        c2 += weight * data[k + 2]
+                        c3 += weight * data[k + 3]
+                        weight *= ratio * (m - j) / (j + 1)
+                        k += step
+                b0 = c0 + t * (c1 - c0)
+                b1 = c1 + t * (c2 - c1)
+                b2 = c2 + t * (c3 - c2)
+                a0 = b0 + t * (b1 - b0)
+                rise = b1 + t * (b2 - b1) - a0
+                f0 = a0 + t * rise
+                if c == 0:
+                    inverse = 1.0 / f0
+                    pull = rise * inverse
+                else:
+                    f1 = (rise - pull * f0) * inverse
+                    square += f1 * f1
+            square *= p * p
         else:
             rho = data[body + 2] + t * data[body + 3]
             square = rho * rho * data[body + 4] * data[body + 4] + data[body + 3] * data[body + 3]

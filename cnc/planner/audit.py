@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from math import ceil
+from math import ceil, inf
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cnc.errors import Diagnostic, MotionLimitError
 from cnc.kernels.audit import (
     ACCEL,
     CHORD_ERROR,
+    ENTRIES,
     FEED,
     JERK,
     NORMAL_ACCEL,
@@ -18,7 +20,7 @@ from cnc.kernels.audit import (
     STEP_DEVIATION,
     audit_phases,
     audit_samples,
-    timed_joints,
+    continuity,
 )
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
@@ -40,14 +42,44 @@ class Audit:
     def __init__(self, limits: Limits) -> None:
         self.limits = limits
         n = len(limits.axis_velocity)
-        self._largest = np.zeros(7)
-        self.axis_velocity = np.zeros(n)
-        self.axis_acceleration = np.zeros(n)
-        self.axis_jerk = np.zeros(n)
         self.violations: dict[str, int] = {}
+        along = np.full(ENTRIES, inf)
+        along[ACCEL], along[JERK], along[OVERSPEED] = limits.tangential_acceleration, limits.tangential_jerk, 1.0
+        along[NORMAL_ACCEL], along[CHORD_ERROR], along[STEP_DEVIATION] = (
+            limits.normal_acceleration,
+            limits.chord_error,
+            limits.step_deviation,
+        )
+        axes = np.stack((limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk))
+        self._limits = np.concatenate((along, axes.reshape(-1)))
+        # A difference of order k of positions, each known to POSITION, is off by up to 2^k times that.
+        order = np.arange(1, 4)
+        self._unsure = np.concatenate((np.zeros(ENTRIES), np.repeat(2.0**order * POSITION / limits.period**order, n)))
+        # The maxima of all plans, and those of the legal ones: a plan is compared with the latter.
+        self._largest = np.zeros(len(self._limits))
+        self._legal = np.zeros(len(self._limits))
         self._index = 0
         self._known = 0
         self._last = np.zeros((5, n))
+
+    @property
+    def axis_velocity(self) -> NDArray[np.float64]:
+        """Largest speed of each axis (axes,), mm/s."""
+        return self._axes[0]
+
+    @property
+    def axis_acceleration(self) -> NDArray[np.float64]:
+        """Largest acceleration of each axis (axes,), mm/s^2."""
+        return self._axes[1]
+
+    @property
+    def axis_jerk(self) -> NDArray[np.float64]:
+        """Largest jerk of each axis (axes,), mm/s^3."""
+        return self._axes[2]
+
+    @property
+    def _axes(self) -> tuple[NDArray[np.float64], ...]:
+        return tuple(self._largest[ENTRIES:].reshape(3, -1))
 
     @property
     def feed(self) -> float:
@@ -111,33 +143,26 @@ class Audit:
             )
 
     def _continuity(self, chunk: PlanChunk) -> list[tuple[str, str]]:
-        """Integrate each phase and compare its end with the start of the next: along the path, or in every axis about timed pieces."""
-        dt = np.diff(chunk.phase_t)
-        s, v, a, j = chunk.phase_s, chunk.phase_v, chunk.phase_a, chunk.phase_j
-        s_end = s[:-1] + dt * (v[:-1] + dt * (a[:-1] / 2 + dt * j / 6))
-        v_end = v[:-1] + dt * (a[:-1] + dt * j / 2)
-        a_end = a[:-1] + dt * j
-        speed_gap, accel_gap = np.abs(v_end - v[1:]), np.abs(a_end - a[1:])
-        path = chunk.path
-        touched = np.zeros(len(j) - 1, np.bool_)
-        moved, faster, pushed = timed_joints(path.kind, path.at, path.data, chunk.piece_s, chunk.phase_t, s, v, a, j, touched)
-        speed_gap[:-1][touched] = accel_gap[:-1][touched] = 0.0
-        highest = max(self.limits.max_feed, float(v.max()))
-        gaps = {
-            "position": (max(np.abs(s_end - s[1:]).max(), moved), 1e-9 + 1e-12 * float(s[-1])),
-            "speed": (max(speed_gap.max(), faster), 1e-9 * highest),
-            "acceleration": (max(accel_gap.max(), pushed), 1e-6 * max(1.0, float(np.abs(a).max()))),
-            "time": (-float(dt.min()), 0.0),
-            "standing still": (-float(v.min()), 1e-9),
-        }
-        return [("continuity", f"{name} jumps by {gap:g}") for name, (gap, allowed) in gaps.items() if not gap <= allowed]
+        """Compare each phase's end with the start of the next."""
+        path, gaps = chunk.path, np.full(5, -inf)
+        s, v, a = chunk.phase_s, chunk.phase_v, chunk.phase_a
+        continuity(path.kind, path.at, path.data, chunk.piece_s, chunk.phase_t, s, v, a, chunk.phase_j, gaps)
+        highest, strongest = max(self.limits.max_feed, float(v.max())), max(1.0, float(a.max()), -float(a.min()))
+        allowed = (1e-9 + 1e-12 * float(s[-1]), 1e-9 * highest, 1e-6 * strongest, 0.0, 1e-9)
+        names = ("position", "speed", "acceleration", "time", "standing still")
+        return [
+            ("continuity", f"{name} jumps by {gap:g}")
+            for name, gap, most in zip(names, gaps.tolist(), allowed, strict=True)
+            if not gap <= most
+        ]
 
     def _values(self, chunk: PlanChunk) -> list[tuple[str, str]]:
+        """Raise the maxima to those of the plan, and compare them with the limits."""
         limits, path = self.limits, chunk.path
-        feeds = limits.feeds(path)
         phases = (chunk.piece_s, chunk.phase_t, chunk.phase_s, chunk.phase_v, chunk.phase_a, chunk.phase_j)
-        largest, axes = np.zeros(7), np.zeros((3, len(self.axis_velocity)))
-        audit_phases(path.kind, path.at, path.data, feeds, *phases, limits.period, largest, axes[0], axes[1], axes[2])
+        values = self._legal.copy()
+        largest, axes = values[:ENTRIES], values[ENTRIES:].reshape(3, -1)
+        audit_phases(path.kind, path.at, path.data, limits.feeds(path), *phases, limits.period, largest, axes[0], axes[1], axes[2])
         # Between the plans the machine stands where this one begins: three instants of that are as good as a long dwell.
         standing = ceil(chunk.t0 / limits.period) - 3
         if standing > self._index:
@@ -146,27 +171,12 @@ class Audit:
             path.kind, path.at, path.data, *phases, chunk.t0, limits.period, limits.chord_error, self._index, self._known, self._last,
             largest, axes[0], axes[1], axes[2],
         )  # fmt: skip
-        checks = [
-            ("feed", largest[OVERSPEED], 1.0),
-            ("accel", largest[ACCEL], limits.tangential_acceleration),
-            ("jerk", largest[JERK], limits.tangential_jerk),
-            ("normal_accel", largest[NORMAL_ACCEL], limits.normal_acceleration),
-            ("chord_error", largest[CHORD_ERROR], limits.chord_error),
-            ("step_deviation", largest[STEP_DEVIATION], limits.step_deviation),
-        ]
-        names = path.axes
-        for row, (name, bounds) in enumerate(
-            (("velocity", limits.axis_velocity), ("acceleration", limits.axis_acceleration), ("jerk", limits.axis_jerk))
-        ):
-            # A difference of order n of positions, each known to POSITION, is off by up to 2^n times that.
-            unsure = 2.0 ** (row + 1) * POSITION / limits.period ** (row + 1)
-            checks += [(f"{name}_{axis}", axes[row, i] - unsure, bounds[i]) for i, axis in enumerate(names)]
-        self._largest = np.maximum(self._largest, largest)
-        self.axis_velocity = np.maximum(self.axis_velocity, axes[0])
-        self.axis_acceleration = np.maximum(self.axis_acceleration, axes[1])
-        self.axis_jerk = np.maximum(self.axis_jerk, axes[2])
-        return [
-            (name, f"{name} reaches {value:g}, the limit is {bound:g}")
-            for name, value, bound in checks
-            if not value <= bound * (1.0 + TOLERANCE)
-        ]
+        self._largest = np.maximum(self._largest, values)
+        sure = values - self._unsure
+        broken = ~(sure <= self._limits * (1.0 + TOLERANCE))
+        if not broken.any():
+            self._legal = values
+            return []
+        names = ["", "accel", "jerk", "normal_accel", "chord_error", "step_deviation", "feed"]
+        names += [f"{name}_{axis}" for name in ("velocity", "acceleration", "jerk") for axis in path.axes]
+        return [(names[k], f"{names[k]} reaches {sure[k]:g}, the limit is {self._limits[k]:g}") for k in np.flatnonzero(broken).tolist()]
