@@ -22,6 +22,7 @@ from cnc.canon import PLANE_AXES, ArcFeed, Block, Message, NurbsFeed, PathMode, 
 from cnc.errors import Diagnostic, GcodeError
 from cnc.kernels.curve import START
 from cnc.path.chunk import PathChunk
+from cnc.path.fit import LEAST_TOLERANCE, Fitter, Pieces
 from cnc.path.records import Floats, Records, arc_records, axis_classes, line_records, moving, spline_records
 
 MOST_PIECES = 4096
@@ -48,7 +49,9 @@ class _Gatherer:
         self.pieces = 0
         self.numbers = 0
 
-    def add(self, records: Records, feeds: Floats, lines: NDArray[np.int32], stops: NDArray[np.bool_], tolerance: float) -> None:
+    def add(
+        self, records: Records, feeds: Floats, lines: NDArray[np.int32], stops: NDArray[np.bool_], tolerance: float | Floats
+    ) -> None:
         self.records.append(records)
         self.feeds.append(feeds)
         self.lines.append(lines)
@@ -96,7 +99,23 @@ def build(
     # a chunk and the messages behind it wait here until it is known whether the motion goes on
     held: list[PathChunk | Block] = []
 
+    fitter: Fitter | None = None
+
+    def gather(fitted: Iterable[Pieces]) -> Iterator[PathChunk | Block]:
+        for pieces in fitted:
+            gatherer.add(pieces.records, pieces.feed, pieces.line, np.zeros(len(pieces.feed), np.bool_), pieces.tolerance)
+            if gatherer.full():
+                yield from hold()
+
     def close() -> Iterator[PathChunk | Block]:
+        """No more moves to be fitted with those so far: hold them all."""
+        nonlocal fitter
+        if fitter is not None:
+            yield from gather(fitter.flush())
+            fitter = None
+        yield from hold()
+
+    def hold() -> Iterator[PathChunk | Block]:
         """Hold what was gathered; what was held before it is followed by motion, so it may go."""
         if gatherer.pieces:
             chunk = gatherer.take()
@@ -123,14 +142,28 @@ def build(
             if block.file != gatherer.file:
                 yield from close()
                 gatherer.file = block.file
+            if isinstance(block, Polyline) and allowed >= LEAST_TOLERANCE:
+                if fitter is None:
+                    fitter = Fitter(classes, allowed, accuracy, position)
+                for points, feeds, lines in _moves(block, position):
+                    yield from gather(fitter.add(points, feeds, lines))
+                continue
+            if fitter is not None:
+                yield from gather(fitter.flush())
+                fitter = None
             for records, feeds, lines, stops in _pieces(block, position, axes, classes, accuracy, exact_stop):
                 gatherer.add(records, feeds, lines, stops, allowed)
                 if gatherer.full():
-                    yield from close()
+                    yield from hold()
         elif isinstance(block, PathMode):
             exact_stop = block.control == "exact-stop"
+            before = allowed
             allowed = (block.tolerance or tolerance) if block.control == "blend" else 0.0
-            limit_last(allowed)
+            if allowed != before:
+                if fitter is not None:
+                    yield from gather(fitter.flush())
+                    fitter = None
+                limit_last(allowed)
         elif isinstance(block, Probe):
             yield from rest()
             yield block
@@ -167,17 +200,10 @@ def _pieces(
 ) -> Iterator[tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_]]]:
     """Records of one block with feed, line and stop of each piece; ``position`` is moved along."""
     if isinstance(block, Polyline):
-        _check_polyline(block)
-        for first in range(0, len(block.points), MOST_PIECES):
-            part = slice(first, first + MOST_PIECES)
-            points, feeds, lines = block.points[part], block.feeds[part], block.lines[part]
-            keep = moving(position, points)
-            if not keep.all():
-                points, feeds, lines = points[keep], feeds[keep], lines[keep]
-            if len(points):
-                records = line_records(position, points, classes)
-                position[:] = points[-1]
-                yield records, feeds.astype(np.float64), lines.astype(np.int32), np.full(len(points), exact_stop)
+        here = position.copy()
+        for moves, feeds, lines in _moves(block, position):
+            yield line_records(here, moves, classes), feeds, lines, np.full(len(moves), exact_stop)
+            here[:] = moves[-1]
         return
     if isinstance(block, ArcFeed):
         _check_finite(block, block.end, np.array([*block.center, block.radius, block.turns]), np.array(block.feed))
@@ -197,6 +223,20 @@ def _pieces(
     if last is not None:
         position[:] = _end_of(last, len(axes))
         yield _spread(block, last, exact_stop)
+
+
+def _moves(block: Polyline, position: Floats) -> Iterator[tuple[Floats, Floats, NDArray[np.int32]]]:
+    """Ends, feeds and lines of the moves that have a length, MOST_PIECES at a time; ``position`` is moved along."""
+    _check_polyline(block)
+    for first in range(0, len(block.points), MOST_PIECES):
+        part = slice(first, first + MOST_PIECES)
+        points, feeds, lines = block.points[part], block.feeds[part], block.lines[part]
+        keep = moving(position, points)
+        if not keep.all():
+            points, feeds, lines = points[keep], feeds[keep], lines[keep]
+        if len(points):
+            position[:] = points[-1]
+            yield points, feeds.astype(np.float64), lines.astype(np.int32)
 
 
 def _spread(block: ArcFeed | NurbsFeed, records: Records, stop: bool) -> tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_]]:

@@ -28,9 +28,9 @@ TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """Pieces of one kind: at int64 (m,) into data, length (m,) mm."""
+    """Pieces, of one kind or each of its own: at int64 (m,) into data, length (m,) mm."""
 
-    kind: int
+    kind: int | Ints
     at: Ints
     data: Floats
     length: Floats
@@ -67,22 +67,34 @@ def moving(start: Floats, points: Floats) -> NDArray[np.bool_]:
     return keep
 
 
-def line_records(start: Floats, points: Floats, classes: Ints) -> Records:
-    """Straight moves start (n,) -> points[0] -> .. (m, n), each longer than NEGLIGIBLE (see :func:`moving`)."""
-    m, n = points.shape
-    ends = np.concatenate((start[None], points))
-    squares = np.diff(ends, axis=0)
-    np.multiply(squares, squares, out=squares)
-    lengths = np.zeros((3, m))
+def _lengths(steps: Floats, classes: Ints) -> tuple[Floats, Ints]:
+    """Lengths of moves, steps (m, n), by class (3, m), and the class that counts (m,)."""
+    squares = steps * steps
+    lengths = np.zeros((3, len(steps)))
     for k in range(3):
         for column in np.flatnonzero(classes == k):
             lengths[k] += squares[:, column]
     np.sqrt(lengths, out=lengths)
-    which = np.argmax(lengths > NOTICEABLE, axis=0)
-    rows = np.arange(m)
-    faint = lengths[which, rows] <= NOTICEABLE
+    which: Ints = np.argmax(lengths > NOTICEABLE, axis=0)
+    faint = lengths[which, np.arange(len(steps))] <= NOTICEABLE
     if np.any(faint):
         which[faint] = np.argmax(lengths[:, faint] > NEGLIGIBLE, axis=0)
+    return lengths, which
+
+
+def move_classes(steps: Floats, classes: Ints) -> Ints:
+    """The class (m,) that measures each of the moves, steps (m, n)."""
+    if not classes.any():
+        return np.zeros(len(steps), np.int64)
+    return _lengths(steps, classes)[1]
+
+
+def line_records(start: Floats, points: Floats, classes: Ints) -> Records:
+    """Straight moves start (n,) -> points[0] -> .. (m, n), each longer than NEGLIGIBLE (see :func:`moving`)."""
+    m, n = points.shape
+    ends = np.concatenate((start[None], points))
+    lengths, which = _lengths(np.diff(ends, axis=0), classes)
+    rows = np.arange(m)
     length = lengths[which, rows]
     stride = curve.START + 2 * n
     data = np.zeros((m, stride))
