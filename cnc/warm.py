@@ -63,10 +63,11 @@ def use_language() -> None:
 
 
 def use_curves() -> None:
-    """Build one curve of each kind, and make pulses and samples along a line."""
+    """Build one curve of each kind and a fitted one, and make pulses and samples along a line."""
     corner, end = np.array([[1.0, 0.0, 0.0]]), np.array([1.0, 2.0, 0.0])
     points = np.array([[1.0, 2.0, 0.0], [2.0, 3.0, 0.0], [3.0, 1.0, 0.0], [4.0, 2.0, 0.0]])
     blocks = [
+        PathMode("", 1, "blend", 0.01),
         Polyline("", 1, corner, np.array([1.0]), np.array([1], np.int32)),
         ArcFeed("", 2, "XY", (1.0, 1.0), end, 1.0, 0.5, 1.0),
         NurbsFeed("", 3, 3, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]), points, np.ones(4), 1.0),

@@ -1,21 +1,19 @@
 """Chains of short straight moves to cubic splines within a tolerance: the knots, their refinement, the proof of both distances.
 
-The moves are a polyline; t is the length along it over its metric axes. Knots t_k with their points p_k of the polyline are laid widely, and
-the spline's control points follow from three of them each, without a system to solve (h, s: spacing and slope before and behind knot k):
+The moves are a polyline; t is the length along it over its metric axes. Knots t_k with their points p_k of the polyline are laid as widely
+as the tolerance permits. The control points follow from three points each (h, s: spacing and slope before and behind knot k):
 
     d_k = p_k + (h1^2 s0 - h0^2 s1) / (3 (h0 + h1))      the blossom at (t_k-1, t_k, t_k+1) of the parabola through the three points
 
 This quasi-interpolant reproduces cubics on knots of any spacing, so it errs by h^4; it is C2 whatever the d_k are; it is local (a span
-knows three knots either side of itself), so it can be handed out while the polyline goes on, and where the points lie on a straight line it is
-that line exactly. An interpolating spline would need half as many knots, but its ripples run along straight stretches.
+knows three knots either side of itself), so it can be handed out while the polyline goes on, and where the points lie on a straight line it
+is that line exactly. An interpolating spline needs half as many knots, but its ripples run along straight stretches.
 
-    p_k x----.      span k is proved with the vertices v between its knots: to each belongs a parameter, near its foot on
-         \   '--v   the curve and not before the last one's; between two of them curve and polyline go along together, no
-          S      \  farther apart than at the ends and the sagitta there, max |S''| dt^2 / 8. That bounds both distances.
-           \_     \
-             '--.__x p_k+1
+                  v       Span k is proved with the vertices v between its knots. To each belongs a parameter, near its foot on the curve
+         v--------'---v   and not before the last one's; between two of them curve and polyline go along together, no farther apart
+    p_k x       S      x p_k+1    than at the ends and the sagitta there, max |S''| dt^2 / 8. That bounds both distances.
 
-A span that fails is cut in half, at a vertex if there is one near; spans more than RATIO as long as their neighbour are cut as well; until
+A span that fails is cut in half, at a vertex if there is one near; spans more than RATIO as long as their neighbour are cut as well, until
 all hold. A span too short to be cut is left to the polyline: there, and at corners, the spline is broken and goes through p_k.
 """
 
@@ -32,8 +30,8 @@ from cnc.kernels.jit import njit
 Flags = NDArray[np.bool_]
 
 T, AT, ON, ENDS, POLYLINE, FRESH = range(6)
-"""Columns of an array of knots: the parameter; the vertex at or before the knot; whether it is that vertex; whether the spline is broken there.
-Of the span behind it: whether it is left to the polyline; whether it has to be proved (again)."""
+"""Columns of an array of knots: the parameter; the vertex at or before the knot; whether it is that vertex; whether the spline is broken
+there. Of the span behind it: whether it is left to the polyline; whether it has to be proved (again)."""
 RATIO = 2.6
 """Longest span beside a shorter one; halves of neighbours that are cut at vertices may be this far apart."""
 WIDEST = 64
@@ -47,7 +45,7 @@ USED_STRAIGHT = 0.25
 LEAST = 0.5
 """Least spacing of knots in parts of the tolerance."""
 BESIDE = 4.2
-"""A blend that leaves a corner by the tolerance eps and turns by theta begins 4 eps / sin(theta / 2) before it: that much stays straight."""
+"""A blend that turns by theta within eps of the corner begins 4 eps / sin(theta / 2) before it: that much stays straight."""
 
 
 @njit
@@ -95,7 +93,7 @@ def first_knots(x: Floats, metric: Ints, corner: Flags, tolerance: float, along:
     outer one will be straight.
     """
     m = x.shape[0]
-    knots = np.zeros((m + 4 * np.count_nonzero(corner), 6))
+    knots = np.zeros((m + 8 * np.count_nonzero(corner), 6))
     count = 0
     kept = 0
     since = 0
@@ -242,7 +240,7 @@ def spans_of(knots: Floats, p: Floats, state: Floats, bezier: Floats) -> None:
 
 @njit
 def span_distance(b: Floats, tau: float, x: Floats, metric: Ints, metrics: Flags, foot: bool) -> tuple[float, float]:
-    """How far the point x (n,) is from the span at tau, over the metric axes or in one of the others; and tau, moved to the foot if asked."""
+    """How far the point x (n,) is from the span at tau, over the metric axes or in one of the others; tau, moved to the foot if asked."""
     n = x.shape[0]
     left = 1.0 - tau
     w0, w1, w2, w3 = left * left * left, 3.0 * left * left * tau, 3.0 * left * tau * tau, tau * tau * tau

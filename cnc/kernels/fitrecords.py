@@ -203,8 +203,8 @@ def write_pieces(
                     continue
                 if not whole:
                     tau = min(max((along[i] - knots[k, T]) / h, ta), 1.0)
-                    for _ in range(3):
-                        off, tau = span_distance(bezier[k], tau, x[i], metric, metrics, True)
+                    for _n in range(3):
+                        _, tau = span_distance(bezier[k], tau, x[i], metric, metrics, True)
                         tau = min(max(tau, ta), 1.0)
                     _point(bezier[k], tau, end)
                     if tau - ta < 1e-6 or 1.0 - tau < 1e-6:

@@ -41,42 +41,39 @@ class _Gatherer:
         self.clear()
 
     def clear(self) -> None:
-        self.records: list[Records] = []
-        self.feeds: list[Floats] = []
-        self.lines: list[NDArray[np.int32]] = []
+        self.parts: list[Pieces] = []
         self.stops: list[NDArray[np.bool_]] = []
-        self.tolerances: list[Floats] = []
         self.pieces = 0
         self.numbers = 0
 
-    def add(
-        self, records: Records, feeds: Floats, lines: NDArray[np.int32], stops: NDArray[np.bool_], tolerance: float | Floats
-    ) -> None:
-        self.records.append(records)
-        self.feeds.append(feeds)
-        self.lines.append(lines)
+    def add(self, records: Records, feeds: Floats, lines: NDArray[np.int32], stops: NDArray[np.bool_], tolerance: float) -> None:
+        kind = np.full(len(records.at), records.kind)
+        self.put(Pieces(kind, records.at, records.data, records.length, feeds, lines, np.where(stops, 0.0, tolerance)), stops)
+
+    def put(self, pieces: Pieces, stops: NDArray[np.bool_]) -> None:
+        self.parts.append(pieces)
         self.stops.append(stops)
-        self.tolerances.append(np.where(stops, 0.0, tolerance))
-        self.pieces += len(records.at)
-        self.numbers += len(records.data)
+        self.pieces += len(pieces.at)
+        self.numbers += len(pieces.data)
 
     def full(self) -> bool:
         return self.pieces >= MOST_PIECES or self.numbers >= MOST_NUMBERS
 
     def take(self) -> PathChunk:
         """What was gathered, as one chunk; the gatherer is empty after it."""
-        offsets = np.cumsum([0] + [len(r.data) for r in self.records[:-1]])
+        parts = self.parts
+        offsets = np.cumsum([0] + [len(part.data) for part in parts[:-1]])
         chunk = PathChunk(
             axes=self.axes,
             file=self.file,
-            kind=np.concatenate([np.full(len(r.at), r.kind, np.int64) for r in self.records]),
-            at=np.concatenate([r.at + offset for r, offset in zip(self.records, offsets, strict=True)]),
-            data=np.concatenate([r.data for r in self.records]),
-            length=np.concatenate([r.length for r in self.records]),
-            feed=np.concatenate(self.feeds),
-            line=np.concatenate(self.lines),
+            kind=np.concatenate([part.kind for part in parts]),
+            at=np.concatenate([part.at + offset for part, offset in zip(parts, offsets, strict=True)]),
+            data=np.concatenate([part.data for part in parts]),
+            length=np.concatenate([part.length for part in parts]),
+            feed=np.concatenate([part.feed for part in parts]),
+            line=np.concatenate([part.line for part in parts]),
             stop_after=np.concatenate(self.stops),
-            tolerance=np.concatenate(self.tolerances),
+            tolerance=np.concatenate([part.tolerance for part in parts]),
         )
         self.clear()
         return chunk
@@ -103,16 +100,20 @@ def build(
 
     def gather(fitted: Iterable[Pieces]) -> Iterator[PathChunk | Block]:
         for pieces in fitted:
-            gatherer.add(pieces.records, pieces.feed, pieces.line, np.zeros(len(pieces.feed), np.bool_), pieces.tolerance)
+            gatherer.put(pieces, np.zeros(len(pieces.at), np.bool_))
             if gatherer.full():
                 yield from hold()
 
-    def close() -> Iterator[PathChunk | Block]:
-        """No more moves to be fitted with those so far: hold them all."""
+    def end_chain() -> Iterator[PathChunk | Block]:
+        """No more moves will be fitted with those so far."""
         nonlocal fitter
         if fitter is not None:
             yield from gather(fitter.flush())
             fitter = None
+
+    def close() -> Iterator[PathChunk | Block]:
+        """Hold all there is."""
+        yield from end_chain()
         yield from hold()
 
     def hold() -> Iterator[PathChunk | Block]:
@@ -133,7 +134,7 @@ def build(
 
     def limit_last(allowed: float) -> None:
         """Let the joint behind the last piece so far have no more than this."""
-        last = gatherer.tolerances[-1] if gatherer.pieces else held[0].tolerance if held and isinstance(held[0], PathChunk) else None
+        last = gatherer.parts[-1].tolerance if gatherer.pieces else held[0].tolerance if held and isinstance(held[0], PathChunk) else None
         if last is not None:
             last[-1] = min(last[-1], allowed)
 
@@ -148,9 +149,7 @@ def build(
                 for points, feeds, lines in _moves(block, position):
                     yield from gather(fitter.add(points, feeds, lines))
                 continue
-            if fitter is not None:
-                yield from gather(fitter.flush())
-                fitter = None
+            yield from end_chain()
             for records, feeds, lines, stops in _pieces(block, position, axes, classes, accuracy, exact_stop):
                 gatherer.add(records, feeds, lines, stops, allowed)
                 if gatherer.full():
@@ -160,9 +159,7 @@ def build(
             before = allowed
             allowed = (block.tolerance or tolerance) if block.control == "blend" else 0.0
             if allowed != before:
-                if fitter is not None:
-                    yield from gather(fitter.flush())
-                    fitter = None
+                yield from end_chain()
                 limit_last(allowed)
         elif isinstance(block, Probe):
             yield from rest()

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from cnc.kernels.fit import AT, ENDS, T, find_corners, first_knots, refined
 from cnc.kernels.fitrecords import write_pieces
-from cnc.path.records import NOTICEABLE, Floats, Ints, Records, line_records, move_classes
+from cnc.path.records import Floats, Ints, line_records, move_classes
 
 LEAST_TOLERANCE = 1e-6
 """mm. Less is the exact path."""
@@ -35,9 +35,12 @@ ROOM = 1 << 18
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Records that follow each other with feed, line, and tolerance of the joint behind, of each."""
+    """Pieces that follow each other: kind, place in data, length, feed, line, and tolerance of the joint behind, of each."""
 
-    records: Records
+    kind: Ints
+    at: Ints
+    data: Floats
+    length: Floats
     feed: Floats
     line: NDArray[np.int32]
     tolerance: Floats
@@ -74,7 +77,9 @@ class Fitter:
                 self._begin(ends[first], int(which[first]))
             if which[first] < 0:
                 records = line_records(ends[first], points[run], self._classes)
-                yield Pieces(records, feeds[run], lines[run], np.full(last - first, self._tolerance))
+                kind = np.full(last - first, records.kind)
+                allowed = np.full(last - first, self._tolerance)
+                yield Pieces(kind, records.at, records.data, records.length, feeds[run], lines[run], allowed)
                 self._begin(points[last - 1], -1)
             else:
                 self._points.append(points[run])
@@ -116,7 +121,8 @@ class Fitter:
         most = len(knots) + len(x)
         while span < last:
             data = np.empty(room)
-            kind, at, line, length, feed = (np.empty(most, dtype) for dtype in (np.int64, np.int64, np.int64, np.float64, np.float64))
+            kind, at, line = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64)
+            length, feed = np.empty(most), np.empty(most)
             joint = np.empty(most, np.bool_)
             following, pieces, used = write_pieces(
                 knots, p, bezier, x, along, feeds, lines64, span, last, metric, metrics, here, self._accuracy,
@@ -127,8 +133,9 @@ class Fitter:
                 continue
             span = following
             if pieces:
-                records = Records(kind[:pieces], at[:pieces], data[:used].copy(), length[:pieces])
-                yield Pieces(records, feed[:pieces], line[:pieces].astype(np.int32), np.where(joint[:pieces], self._tolerance, 0.0))
+                some = slice(pieces)
+                allowed = np.where(joint[some], self._tolerance, 0.0)
+                yield Pieces(kind[some], at[some], data[:used].copy(), length[some], feed[some], line[some].astype(np.int32), allowed)
         if last == spans:
             self._begin(x[-1], self._class)
             return

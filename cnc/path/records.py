@@ -28,9 +28,9 @@ TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """Pieces, of one kind or each of its own: at int64 (m,) into data, length (m,) mm."""
+    """Pieces of one kind: at int64 (m,) into data, length (m,) mm."""
 
-    kind: int | Ints
+    kind: int
     at: Ints
     data: Floats
     length: Floats
