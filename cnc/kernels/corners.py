@@ -24,6 +24,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.kernels.arclength import MAX_ROWS, measure
 from cnc.kernels.curve import (
     ARC,
     ARC_BODY,
@@ -33,14 +34,18 @@ from cnc.kernels.curve import (
     METRICS,
     ROW,
     SPAN,
+    SPAN_BODY,
     START,
     TABLE,
     U1,
     Floats,
     Ints,
+    curve_eval_s,
 )
 from cnc.kernels.jit import njit
-from cnc.kernels.timed import ROOM_OF_TIMED, ROOM_OF_TIMED_PER_AXIS, write_timed
+from cnc.kernels.limits import UNSEEN, joint, speed_bound
+from cnc.kernels.scurve import ramp_distance, ramp_shape, ramp_time, reachable_speed
+from cnc.kernels.timed import ROOM_OF_TIMED, ROOM_OF_TIMED_PER_AXIS, timed_length, write_cubic, write_timed, write_turns
 
 Flags = NDArray[np.bool_]
 Lines = NDArray[np.int32]
@@ -51,14 +56,26 @@ SHARPEST = math.sin(math.radians(135.0) / 2.0)
 LEGS_SHARE = 0.49
 """The part of a move that either of its corners may take."""
 
-PHASE_SHARE = 0.999999
+PHASE_SHARE = 0.999
 """The part of a ramp's last phase that may be overlapped: something is left of it, so that phases remain where they are."""
 
-WORTHWHILE = 1e-6
-"""s; corners that would save less are stops."""
+SHORTEST = 1e-6
+"""mm; corners that are cut by less are stops."""
 
 LOOKS = 33
 """Places at which a motion in common is compared with the limits along the path."""
+
+BLEND_LOOKS = 9
+"""Places at which the speed in a blend is looked at."""
+
+BETTER = 1e-3
+"""The part of the time that a blend has to save."""
+
+BLEND_ROOM = 3 + ROW * (MAX_ROWS + 1)
+"""Numbers that the table of a blend may take."""
+
+STAY, OVERLAP, BLEND = 0, 1, 2
+"""Ways round a corner: as it is, ramps that overlap, a curve."""
 
 REST = 1e-9
 """mm, mm/s: what rounding leaves of a distance and a speed of nothing."""
@@ -133,7 +150,7 @@ def overlap_time(
         if most > rules[1]:
             return 0.0
         tau = min(tau, rules[0] / pull, rules[2] / bend, 8.0 * rules[3] / (rules[4] * rules[4] * bend))
-    return tau if tau > WORTHWHILE else 0.0
+    return tau if min(j1, j2) * tau**3 / 6.0 > SHORTEST else 0.0
 
 
 @njit
@@ -299,6 +316,155 @@ def overlap_stops(
             out_j[written] = 0.0
             written += 1
     return count, written, used
+
+
+@njit
+def half_time(v: float, distance: float, top: float, a: float, j: float) -> float:
+    """Time from the middle of a move to the end of ``distance`` where the speed is ``v``: its ramp, and what the top speed leaves of it."""
+    peak = max(v, min(top, reachable_speed(v, distance, a, j)))
+    return ramp_time(v, peak, a, j) + max(distance - ramp_distance(v, peak, a, j), 0.0) / peak
+
+
+@njit
+def line_bounds(u: Floats, feed: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats) -> tuple[float, float, float]:
+    """Speed, acceleration and jerk along a line of direction ``u`` (n,)."""
+    v = feed
+    a = rules[0]
+    j = rules[1]
+    for i in range(len(u)):
+        if u[i] != 0.0:
+            v = min(v, axis_v[i] / abs(u[i]))
+            a = min(a, axis_a[i] / abs(u[i]))
+            j = min(j, axis_j[i] / abs(u[i]))
+    return v, a, j * (1.0 - 2.0 * UNSEEN)
+
+
+@njit
+def blend_speed(data: Floats, at: int, feed: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats, q: Floats) -> float:
+    """The constant speed at which the cubic at ``at`` can be crossed. q: scratch (4, n)."""
+    data[at + TABLE] = 1.0  # derivatives by arc length, please
+    v = feed
+    for k in range(BLEND_LOOKS):
+        curve_eval_s(SPAN, data, at, k / (BLEND_LOOKS - 1.0), q)
+        v = min(v, speed_bound(data, at, q, feed, rules, axis_v, axis_a, axis_j))
+    data[at + TABLE] = 0.0
+    return v
+
+
+@njit
+def choose(
+    kind: Ints, at: Ints, data: Floats, length: Floats, bound: Floats, k: int, eps: float, rules: Floats, axis_v: Floats, axis_a: Floats,
+    axis_j: Floats, blend: int, out_data: Floats, u: Floats, q: Floats, pair: Floats, ends: Floats,
+) -> tuple[int, float]:  # fmt: skip
+    """The fastest way round the corner behind line k and what a blend takes off both lines, mm; the blend is written at out_data[blend].
+
+    Each way is given the time from the middle of the one line to the middle of the other, with no acceleration there. u (2, n), q (4, n),
+    pair (2, 4, n), ends (3, n): scratch.
+    """
+    n = len(axis_v)
+    a = at[k]
+    b = at[k + 1]
+    sine, widest = directions(data, a, data, b, u)
+    if sine > 1.0:
+        return STAY, 0.0
+    straight, flat = joint(
+        kind[k], data, a, length[k], bound[k], kind[k + 1], data, b, length[k + 1], bound[k + 1], rules, axis_v, axis_a, axis_j, pair
+    )
+    if not flat:
+        return STAY, 0.0
+    v1, a1, j1 = line_bounds(u[0], bound[k], rules, axis_v, axis_a, axis_j)
+    v2, a2, j2 = line_bounds(u[1], bound[k + 1], rules, axis_v, axis_a, axis_j)
+    half1 = 0.5 * length[k]
+    half2 = 0.5 * length[k + 1]
+    best = half_time(straight, half1, v1, a1, j1) + half_time(straight, half2, v2, a2, j2)
+    choice = STAY
+    if straight == 0.0:
+        t1 = ramp_shape(min(v1, reachable_speed(0.0, half1, a1, j1)), a1, j1)[0]
+        t2 = ramp_shape(min(v2, reachable_speed(0.0, half2, a2, j2)), a2, j2)[0]
+        room1 = LEGS_SHARE * length[k]
+        room2 = LEGS_SHARE * length[k + 1]
+        saved = overlap_time(u, sine, widest, j1, j2, t1, t2, room1, room2, eps, data, a, rules, axis_j)
+        if saved > 0.0:
+            best -= saved
+            choice = OVERLAP
+    taken = 0.0
+    if sine <= SHARPEST:
+        d = min(4.0 * eps / widest, LEGS_SHARE * length[k], LEGS_SHARE * length[k + 1])
+        for i in range(n):
+            corner = data[b + START + i]
+            ends[0, i] = corner - d * u[0, i]
+            ends[1, i] = d * u[0, i]
+            ends[2, i] = corner + d * u[1, i]
+        write_cubic(out_data, blend, a, ends[0], ends[1], ends[1], ends[2])
+        v = min(reachable_speed(0.0, length[k] - d, a1, j1), reachable_speed(0.0, length[k + 1] - d, a2, j2))
+        v = blend_speed(out_data, blend, min(v, bound[k], bound[k + 1]), rules, axis_v, axis_a, axis_j, q)
+        time = half_time(v, half1 - d, v1, a1, j1) + half_time(v, half2 - d, v2, a2, j2)
+        time += timed_length(SPAN, out_data, blend, 1.0, q) / v
+        if time < best * (1.0 - BETTER):
+            choice = BLEND
+            taken = d
+    return choice, taken
+
+
+@njit
+def round_corners(
+    own: int, kind: Ints, at: Ints, data: Floats, length: Floats, bound: Floats, feed: Floats, line: Lines, stop_after: Flags,
+    tolerance: Floats, taken: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats, accuracy: float,
+    out_kind: Ints, out_at: Ints, out_data: Floats, out_length: Floats, out_feed: Floats, out_line: Lines, out_stop: Flags,
+    out_tolerance: Floats,
+) -> tuple[int, int, float]:  # fmt: skip
+    """Choose the fastest way round each corner of a chunk of path, and put in the blends.
+
+    kind .. tolerance: its pieces, as in PathChunk, ``own`` of them, and maybe the one that follows; bound: largest feed of each, infinite
+    for a traverse. taken: mm that a blend has taken off the first. accuracy: largest error of the inverse arc length of blends, mm. out_*:
+    room for twice the pieces, and for data. Where ramps shall overlap the tolerance stays, elsewhere it becomes 0. Returns (pieces,
+    numbers, mm taken off the piece that follows); (-1, 0, 0) where there was no room for the data.
+    """
+    n = len(axis_v)
+    u = np.zeros((2, n))
+    q = np.zeros((4, n))
+    pair = np.zeros((2, 4, n))
+    ends = np.zeros((3, n))
+    used = len(data)
+    out_data[:used] = data
+    count = 0
+    for k in range(own):
+        if used + BLEND_ROOM + ROOM_OF_TIMED + n * ROOM_OF_TIMED_PER_AXIS + START + 2 * n > len(out_data):
+            return -1, 0, 0.0
+        choice = STAY
+        reach = 0.0
+        cornered = tolerance[k] > 0.0 and not stop_after[k] and k + 1 < len(kind) and kind[k] == LINE and kind[k + 1] == LINE
+        blend = used + START + 2 * n
+        if cornered:
+            choice, reach = choose(
+                kind, at, data, length, bound, k, tolerance[k], rules, axis_v, axis_a, axis_j, blend, out_data, u, q, pair, ends
+            )
+        out_kind[count] = kind[k]
+        out_at[count] = at[k]
+        if taken > 0.0 or reach > 0.0:
+            out_at[count] = used
+            used = write_line(out_data, used, at[k], taken, reach)
+        out_length[count] = out_data[out_at[count] + LENGTH]
+        out_feed[count] = feed[k]
+        out_line[count] = line[k]
+        out_stop[count] = stop_after[k]
+        out_tolerance[count] = tolerance[k] if choice == OVERLAP else 0.0
+        count += 1
+        taken = 0.0
+        if choice == BLEND:
+            taken = reach
+            out_kind[count] = SPAN
+            out_at[count] = blend
+            end = measure(SPAN, out_data, blend, blend + START + 2 * n + SPAN_BODY + 4 * (n + 1), accuracy, q)
+            used = write_turns(out_data, blend, end)
+            out_length[count] = out_data[blend + LENGTH]
+            slower = bound[k] <= bound[k + 1]
+            out_feed[count] = feed[k] if slower else feed[k + 1]
+            out_line[count] = line[k]
+            out_stop[count] = False
+            out_tolerance[count] = 0.0
+            count += 1
+    return count, used, taken
 
 
 @njit

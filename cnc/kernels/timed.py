@@ -94,26 +94,22 @@ def timed_length(kind: int, data: Floats, at: int, u: float, q: Floats) -> float
 
 
 @njit
-def write_timed(data: Floats, at: int, like: int, start: Floats, first: Floats, second: Floats, end: Floats, q: Floats) -> int:
-    """Write the record of a timed piece at index ``at``; returns the index behind it.
+def write_cubic(data: Floats, at: int, like: int, start: Floats, first: Floats, second: Floats, end: Floats) -> int:
+    """Write all of a record of a cubic on [0, 1] but for its length, table and turning points at index ``at``; returns the index behind.
 
     start, end (n,): its ends; first, second (n,): the two Bernstein coefficients between, measured from the start. Metric axes are those of
-    the record at ``like``. The parameter is scaled to the piece's length, so that coordinates behind the piece are path lengths again. q:
-    scratch (4, n).
+    the record at ``like``.
     """
     n = len(start)
     body = at + START + 2 * n
-    turning = body + SPAN_BODY + 4 * (n + 1)
     for k in range(START):
         data[at + k] = data[like + k]
     data[at + U0] = 0.0
     data[at + U1] = 1.0
     data[at + TABLE] = 0.0
     data[body] = 3.0
-    data[body + 1] = turning - at
     for k in range(4):
         data[body + SPAN_BODY + k] = 1.0
-    to = turning + n
     for i in range(n):
         data[at + START + i] = start[i]
         data[at + START + n + i] = end[i]
@@ -122,12 +118,26 @@ def write_timed(data: Floats, at: int, like: int, start: Floats, first: Floats, 
         data[row + 1] = first[i]
         data[row + 2] = second[i]
         data[row + 3] = end[i] - start[i]
+    return body + SPAN_BODY + 4 * (n + 1)
+
+
+@njit
+def write_turns(data: Floats, at: int, to: int) -> int:
+    """Write the turning points of a cubic's record from index ``to`` on, behind everything else of it; returns the index behind them."""
+    n = int(data[at])
+    body = at + START + 2 * n
+    extent = data[at + U1] - data[at + U0]
+    data[body + 1] = to - at
+    counts = to
+    to += n
+    for i in range(n):
         # An axis turns where a (1-x)^2 + 2 b x (1-x) + c x^2 changes sign.
-        a = first[i]
-        b = second[i] - first[i]
-        c = data[row + 3] - second[i]
+        row = body + SPAN_BODY + 4 * (i + 1)
+        a = data[row + 1]
+        b = data[row + 2] - a
+        c = data[row + 3] - data[row + 2]
         under = b * b - a * c
-        data[turning + i] = 0.0
+        data[counts + i] = 0.0
         if under > 0.0:
             # with y = x / (1 - x): c y^2 + 2 b y + a = 0, in the form that loses no digits
             big = -(b + math.copysign(math.sqrt(under), b))
@@ -135,12 +145,20 @@ def write_timed(data: Floats, at: int, like: int, start: Floats, first: Floats, 
             y2 = big / c if c != 0.0 else math.inf
             for y in (min(y1, y2), max(y1, y2)):
                 if 0.0 < y < math.inf:
-                    data[to] = y / (1.0 + y)
-                    data[turning + i] += 1.0
+                    data[to] = y / (1.0 + y) * extent
+                    data[counts + i] += 1.0
                     to += 1
+    return to
+
+
+@njit
+def write_timed(data: Floats, at: int, like: int, start: Floats, first: Floats, second: Floats, end: Floats, q: Floats) -> int:
+    """Write the record of a timed piece, from :func:`write_cubic`'s arguments; returns the index behind it. q: scratch (4, n).
+
+    The parameter is scaled to the piece's length, so that coordinates behind the piece are path lengths again.
+    """
+    behind = write_cubic(data, at, like, start, first, second, end)
     extent = timed_length(SPAN, data, at, 1.0, q)
     data[at + U1] = extent
     data[at + LENGTH] = extent
-    for k in range(turning + n, to):
-        data[k] *= extent
-    return to
+    return write_turns(data, at, behind)

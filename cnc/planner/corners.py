@@ -1,6 +1,8 @@
-r"""Corners under a tolerance: on finished plans the ramps at a stop on a corner overlap. The kernel of the same name tells how.
+r"""Corners under a tolerance, before and behind the window; the kernels of the same name tell how.
 
-A plan may end anywhere. What the next one could still change is held back: the last phase before a stop, and the first behind it.
+Before it the way round each corner is chosen and blends are put into the path (:class:`Rounding`). Behind it, on finished plans, the ramps
+at a stop on a corner overlap (:class:`Overlaps`). A plan may end anywhere: what the next one could still change is held back, the last
+phase before a stop and the first behind it.
 
         v |``\            ,--
           |   \         ,'
@@ -17,7 +19,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.corners import REST, overlap_room, overlap_stops, record_end
+from cnc.canon import Block, Message
+from cnc.kernels.corners import REST, overlap_room, overlap_stops, record_end, round_corners
 from cnc.kernels.curve import LINE
 from cnc.path.chunk import PathChunk
 from cnc.planner.limits import Limits
@@ -25,8 +28,80 @@ from cnc.planner.plan import PlanChunk
 
 Floats = NDArray[np.float64]
 
+ACCURACY = 1e-12
+"""mm: of the arc length of blends and its inverse."""
+
+BLENDS_ROOM = 1 << 16
+"""Numbers of room for blends to begin with."""
+
 SAME = 1e-9
 """s: plans follow each other without a rest where the clock says no more than this (clocks are sums of floats)."""
+
+
+class Rounding:
+    """Takes a stream of path and hands it on with blends in its corners.
+
+    Tolerances that it leaves mark the corners where ramps shall overlap.
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._taken = 0.0
+
+    def rounded(self, stream: Iterable[PathChunk | Block]) -> Iterator[PathChunk | Block]:
+        """One chunk behind the stream, as long as the motion goes on: a blend may reach into the next."""
+        held: PathChunk | None = None
+        for item in stream:
+            if not isinstance(item, PathChunk):
+                if held is not None and not isinstance(item, Message):
+                    yield self._with_blends(held, None)
+                    held = None
+                yield item
+                continue
+            if held is not None:
+                yield self._with_blends(held, item)
+            held = item
+            if item.stop_after[-1]:
+                yield self._with_blends(item, None)
+                held = None
+        if held is not None:
+            yield self._with_blends(held, None)
+
+    def _with_blends(self, path: PathChunk, following: PathChunk | None) -> PathChunk:
+        """The chunk with its corners decided; ``following`` is what the motion goes on with."""
+        taken, self._taken = self._taken, 0.0
+        if not taken and not path.tolerance.any():
+            return path
+        limits, own = self._limits, len(path)
+        kind, at, data, length, feed, bound = path.kind, path.at, path.data, path.length, path.feed, limits.feeds(path)
+        if following is not None:
+            first = slice(0, 1)
+            start = int(following.at[0])
+            record = following.data[start : record_end(int(following.kind[0]), following.data, start)]
+            kind = np.append(kind, following.kind[first])
+            at = np.append(at, len(data))
+            data = np.append(data, record)
+            length = np.append(length, following.length[first])
+            feed = np.append(feed, following.feed[first])
+            bound = np.append(bound, limits.feeds(following)[first])
+        most = 2 * own
+        room = len(data) + BLENDS_ROOM
+        while True:
+            out_kind, out_at = np.empty((2, most), np.int64)
+            out_length, out_feed, out_tolerance = np.empty((3, most))
+            out_line, out_stop, out_data = np.empty(most, np.int32), np.empty(most, np.bool_), np.empty(room)
+            count, numbers, self._taken = round_corners(
+                own, kind, at, data, length, bound, feed, path.line, path.stop_after, path.tolerance, taken,
+                limits.rules, limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk, ACCURACY,
+                out_kind, out_at, out_data, out_length, out_feed, out_line, out_stop, out_tolerance,
+            )  # fmt: skip
+            if count >= 0:
+                break
+            room *= 2
+        return PathChunk(
+            path.axes, path.file, out_kind[:count], out_at[:count], out_data[:numbers].copy(),
+            out_length[:count], out_feed[:count], out_line[:count], out_stop[:count], out_tolerance[:count],
+        )  # fmt: skip
 
 
 class Overlaps:

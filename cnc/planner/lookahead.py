@@ -1,8 +1,8 @@
 """Look-ahead: a stream of path in, a stream of plans out, in one pass and with a window of bounded length.
 
-path ──► Window: plans ahead, hands out slices ──► audit ──► plans
-            ^
-         Control: hold, override, between two slices
+path ──► corners: blends ──► Window: plans ahead, hands out slices ──► corners: overlaps ──► audit ──► plans
+                                ^
+                             Control: hold, override, between two slices
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from cnc.control import Control
 from cnc.machine.models import Machine
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
-from cnc.planner.corners import Overlaps
+from cnc.planner.corners import Overlaps, Rounding
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
@@ -36,6 +36,7 @@ class LookAhead:
         self.limits = Limits.of(machine)
         self.audit = Audit(self.limits)
         self._window = Window(self.limits, stops_known)
+        self._rounding = Rounding(self.limits)
         self._overlaps = Overlaps(self.limits)
         self._control = control
         self._slice_s = LONG if control is None else slice_s
@@ -56,7 +57,7 @@ class LookAhead:
         previous: PathChunk | None = None
         pending: PathChunk | None = None
         probe: Probe | None = None
-        for item in stream:
+        for item in self._rounding.rounded(stream):
             if isinstance(item, PathChunk):
                 if pending is not None:
                     window.add(pending, previous, item)
