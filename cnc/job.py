@@ -229,7 +229,7 @@ class Job:
         def seen(chunks: Iterable[PulseChunk]) -> None:
             nonlocal steps
             for chunk in chunks:
-                steps += np.count_nonzero(chunk.step, axis=0)
+                steps += [np.count_nonzero(column) for column in chunk.step.T]
                 report.pulse_rows += len(chunk.step)
                 if on_pulses is not None:
                     on_pulses(chunk)
