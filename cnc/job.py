@@ -49,8 +49,8 @@ MOST_FAULTS = 20
 """Soft-limit faults that are kept; the rest are counted."""
 MOST_WARNINGS = 100
 """Warnings that are told and kept; the rest are counted."""
-KEPT_NUMBERS = 4_000_000
-"""Numbers of path data (32 MB) that are kept between the passes; a longer program is read twice."""
+KEPT_NUMBERS = 8_000_000
+"""Numbers of path data (64 MB) that are kept between the passes: a finishing program of a million lines. A longer one is read twice."""
 
 
 @dataclass(frozen=True, slots=True)
