@@ -68,6 +68,9 @@ def audit_phases(
         dull = False
         for m in range(points + 1):
             s, v, a = phase_at(duration * m / points, phase_s[k], phase_v[k], phase_a[k], j)
+            if m == points:
+                # as exact as the junction that may be there
+                s = phase_s[k + 1]
             # At a junction the phase that starts there belongs to the piece after it, the one that ends there to the piece before.
             ahead = JOINT if m == 0 else -JOINT
             while piece + 1 < len(kind) and s + ahead > piece_s[piece + 1]:
