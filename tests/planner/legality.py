@@ -1,0 +1,327 @@
+"""Is a motion legal? An answer from the files that a check writes, by mathematics that the planner has no part in.
+
+The blocks file says what was programmed, the trace where the machine was at every period, the pulse file when its last step came.
+Velocity, acceleration and jerk are differences of the positions; the distance from the path is that from lines, arcs and NURBS made anew
+(scipy's B-splines). A difference of order n is a weighted mean of the n-th derivative over n periods, so a motion that keeps a limit shows
+no larger one, however long the period.
+
+A finer trace needs a machine with a shorter period: some limits depend on it (the chord error, how fast a joint is crossed), so the motion
+is planned anew and need not be the same.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.spatial import cKDTree
+
+from cnc.api import Outputs, check, start_position
+from cnc.machine.models import Machine
+
+ALLOWED = 1e-3
+"""A value may lie this much above its limit, relative."""
+APART = 1e-6
+"""mm; a point may lie this much farther from the path than the tolerance."""
+NOISE = 1e-12
+"""mm that a position may be off by its arc length's accuracy and by rounding."""
+WINDOW = 4
+"""Programmed pieces before and after those of a row's source line that the row may belong to."""
+PLANES = {"XY": ("x", "y"), "ZX": ("z", "x"), "YZ": ("y", "z")}
+
+
+@dataclass
+class Piece:
+    """A programmed move: ``curve`` maps u of 0..1 (n,) to points (n, axes); a straight one is known by ``start`` and ``end`` alone."""
+
+    line: int
+    feed: float
+    tolerance: float
+    start: np.ndarray
+    end: np.ndarray
+    curve: Callable[[np.ndarray], np.ndarray] | None = None
+    corners: tuple[float, ...] = ()
+
+    def points(self, count: int) -> np.ndarray:
+        """Points along a curve, and where it may have corners inside."""
+        u = np.unique(np.concatenate((np.linspace(0.0, 1.0, count), self.corners)))
+        return np.stack((self.start, self.end)) if self.curve is None else self.curve(u)
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """Of points from the curve: the nearest chords of many, evenly spaced, and golden sections on what they span."""
+        u = np.linspace(0.0, 1.0, 4097)
+        along = np.concatenate(([0.0], np.cumsum(_lengths(np.diff(self.curve(u), axis=0)))))
+        u = np.unique(np.concatenate((np.interp(np.linspace(0.0, along[-1], 4097), along, u), self.corners)))
+        on = self.curve(u)
+        _, near = cKDTree(on).query(points, k=8)
+        chords = np.clip(np.concatenate((near - 1, near), axis=1), 0, len(u) - 2)
+        apart = np.stack([_from_segments(points, on[chord], on[chord + 1]) for chord in chords.T], axis=1)
+        best = np.full(len(points), math.inf)
+        for rank in range(2):
+            chord = chords[np.arange(len(points)), np.argsort(apart, axis=1)[:, rank]]
+            low, high = u[chord], u[chord + 1]
+            for _ in range(40):
+                third = (high - low) * 0.381966
+                nearer = _lengths(self.curve(low + third) - points) < _lengths(self.curve(high - third) - points)
+                low, high = np.where(nearer, low, low + third), np.where(nearer, high - third, high)
+            best = np.minimum(best, _lengths(self.curve(0.5 * (low + high)) - points))
+        return best
+
+
+@dataclass
+class Findings:
+    """What a trace shows: each largest value as a part of its limit, and what is wrong."""
+
+    duration: float = 0.0
+    ratios: dict[str, float] = field(default_factory=dict)
+    apart: float = 0.0
+    wrong: list[str] = field(default_factory=list)
+    refused: str = ""
+    moved: bool = False
+
+    @property
+    def largest(self) -> tuple[str, float]:
+        """The limit that is used most, and how much of it."""
+        return max(self.ratios.items(), key=lambda item: item[1], default=("nothing", 0.0))
+
+
+def examine(text: str, machine: Machine, folder: Path) -> Findings:
+    """Check a program with a machine, and judge the files that this writes into ``folder``."""
+    program, blocks, trace, pulses = (folder / name for name in ("program.nc", "blocks.jsonl", "trace.npz", "pulses.npz"))
+    program.write_text(text)
+    report = check(program, machine, outputs=Outputs(blocks=str(blocks), trace=str(trace), pulses=str(pulses)))
+    if not report.ok:
+        return Findings(refused=report.faults[0].diagnostic.code, wrong=[str(fault.diagnostic.message) for fault in report.faults])
+    found = Findings(report.duration_s)
+    rows = {name: value for name, value in np.load(trace).items()}
+    path = programmed([json.loads(line) for line in blocks.read_text().splitlines()], machine)
+    if not all(np.isfinite(rows[name]).all() for name in ("t", "position", "s", "feed", "accel", "jerk")):
+        found.wrong.append("the trace has numbers that are none")
+        return found
+    found.moved = bool(path)
+    _judge_clock(rows, np.load(pulses), machine, report.duration_s, found)
+    _judge_limits(rows, machine, found)
+    if path:
+        _judge_path(rows, path, machine, found)
+    for name, ratio in found.ratios.items():
+        if not ratio <= 1.0 + ALLOWED:
+            found.wrong.append(f"{name} is {ratio:.6g} of its limit")
+    return found
+
+
+def programmed(blocks: list[dict], machine: Machine) -> list[Piece]:
+    """The moves of a blocks file."""
+    axes = machine.axis_names
+    here, tolerance = np.array(start_position(machine), float), 0.0
+    pieces: list[Piece] = []
+
+    def add(end: np.ndarray, curve: Callable | None = None, corners: tuple[float, ...] = ()) -> None:
+        nonlocal here
+        if curve is not None or (end != here).any():
+            feed = block.get("feed")
+            pieces.append(Piece(block["line"], math.inf if feed is None else feed / 60.0, tolerance, here, end, curve, corners))
+        here = end
+
+    for block in blocks:
+        match block["kind"]:
+            case "path-mode":
+                tolerance = (block["tolerance"] or machine.path.tolerance) if block["control"] == "blend" else 0.0
+            case "line" | "traverse" | "probe":
+                add(_place(block["end"], axes))
+            case "arc":
+                end = _place(block["end"], axes)
+                add(end, _arc(block, axes, here, end))
+            case "nurbs":
+                curve, corners = _nurbs(block, axes, here)
+                add(curve(np.ones(1))[0], curve, corners)
+    return pieces
+
+
+def _place(where: dict[str, float], axes: tuple[str, ...]) -> np.ndarray:
+    return np.array([where[axis] for axis in axes])
+
+
+def _arc(block: dict, axes: tuple[str, ...], start: np.ndarray, end: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    plane = [axes.index(axis) for axis in PLANES[block["plane"]]]
+    center = np.array([block["center"][axis] for axis in PLANES[block["plane"]]])
+    out, back = start[plane] - center, end[plane] - center
+    first, radii = math.atan2(out[1], out[0]), (math.hypot(*out), math.hypot(*back))
+
+    def curve(u: np.ndarray) -> np.ndarray:
+        points = start + u[:, None] * (end - start)
+        angle, radius = first + 2 * math.pi * block["turns"] * u, radii[0] + (radii[1] - radii[0]) * u
+        points[:, plane[0]], points[:, plane[1]] = center[0] + radius * np.cos(angle), center[1] + radius * np.sin(angle)
+        return points
+
+    return curve
+
+
+def _nurbs(block: dict, axes: tuple[str, ...], start: np.ndarray) -> tuple[Callable[[np.ndarray], np.ndarray], tuple[float, ...]]:
+    degree, knots, weights = block["degree"], np.array(block["knots"]), np.array(block["weights"])
+    points = np.tile(start, (len(weights), 1))
+    for column, axis in enumerate(block["axes"]):
+        points[:, axes.index(axis)] = np.array(block["control_points"])[:, column]
+    above, below = BSpline(knots, points * weights[:, None], degree), BSpline(knots, weights, degree)
+    low, high = knots[degree], knots[-degree - 1]
+    # Just before a knot of full multiplicity the curve has another limit than at it.
+    inner = np.unique(knots[(knots > low) & (knots < high)])
+
+    def curve(u: np.ndarray) -> np.ndarray:
+        x = np.clip(low + u * (high - low), low, high)
+        return above(x) / below(x)[:, None]
+
+    return curve, tuple(((inner - low) / (high - low)).tolist())
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    return np.sqrt((vectors**2).sum(axis=1))
+
+
+def _judge_clock(rows: dict, pulses: dict, machine: Machine, duration: float, found: Findings) -> None:
+    """Rows are a period apart and end with the motion; the last pulse lies in it, and from there on half a step is the most that is left."""
+    period, t, p = machine.path.period, rows["t"], rows["position"]
+    if abs(float(rows["period"]) - period) > 1e-15 or np.abs(t - np.arange(len(t)) * period).max() > 1e-9 * max(1.0, t[-1]):
+        found.wrong.append("rows are not a period apart")
+    if not duration - 1e-9 <= t[-1] <= duration + period + 1e-9:
+        found.wrong.append(f"the trace ends at {t[-1]:.6f} s, the motion at {duration:.6f} s")
+    per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
+    grid = pulses["origin_steps"] + pulses["step"].sum(axis=0, dtype=np.int64)
+    last = float(pulses["time_ns"][-1]) * 1e-9 if len(pulses["time_ns"]) else 0.0
+    left = np.abs(p[min(math.ceil(last / period), len(p) - 1) :] * per_mm - grid).max()
+    if last > duration + 2e-9 or left > 0.5 + 1e-3:
+        found.wrong.append(f"the last pulse comes at {last:.6f} s, {left:.4f} steps from where the motion still goes to")
+
+
+def _judge_limits(rows: dict, machine: Machine, found: Findings) -> None:
+    """Differences against limits."""
+    period, p, s, path = machine.path.period, rows["position"], rows["s"], machine.path
+    noise = [0.0] + [2.0**order * (NOISE + 4.0 * np.spacing(np.abs(p).max(initial=1.0))) / period**order for order in (1, 2, 3)]
+    s_noise = [0.0] + [2.0**order * (NOISE + 4.0 * np.spacing(s[-1])) / period**order for order in (1, 2, 3)]
+
+    def note(name: str, values: np.ndarray, order: int, limit: float | None, unsure: list[float]) -> None:
+        if limit is not None:
+            found.ratios[name] = max(0.0, float(np.abs(values).max(initial=0.0)) / period**order - unsure[order]) / limit
+
+    for column, (letter, axis) in enumerate(machine.axes.items()):
+        limits = (axis.max_velocity, axis.max_acceleration, axis.max_jerk)
+        for order, (name, limit) in enumerate(zip(("velocity", "acceleration", "jerk"), limits, strict=True), 1):
+            note(f"{name} of {letter}", np.diff(p[:, column], order), order, limit, noise)
+    if len(p) < 4:
+        return
+    note("tangential acceleration", np.diff(s, 2), 2, path.max_tangential_acceleration, s_noise)
+    note("tangential jerk", np.diff(s, 3), 3, path.max_jerk, s_noise)
+
+    # The path length against the positions, and the normal acceleration from them; around a stop the directions before and after mix.
+    step, ds = np.diff(p, axis=0), np.diff(s)
+    jerk = min(path.max_jerk or math.inf, math.sqrt(sum((axis.max_jerk or math.inf) ** 2 for axis in machine.axes.values())))
+    moving = ds > max(2.0 * jerk * period**3, 1e-9)
+    chord = _lengths(step)
+    if (chord > ds * (1.0 + 1e-9) + 1e-11).any():
+        found.wrong.append("steps are longer than the path length that they cover")
+    inside = np.zeros(len(ds), bool)
+    inside[1:-1] = moving[1:-1] & moving[:-2] & moving[2:]
+    short = (ds - chord)[inside & (ds > path.chord_error)] / ds[inside & (ds > path.chord_error)]
+    found.ratios["step deviation"] = float(short.max(initial=0.0)) / path.step_deviation
+    both = moving[1:] & moving[:-1]
+    bend, along = np.diff(step, axis=0)[both], (step[1:] + step[:-1])[both]
+    length = _lengths(along)
+    normal = bend - along * ((bend * along).sum(axis=1) / length**2)[:, None]
+    across = _lengths(normal).max(initial=0.0)
+    note("normal acceleration", np.array([across]), 2, path.max_normal_acceleration, noise)
+    found.ratios["chord error"] = max(0.0, across / 8.0 - NOISE) / path.chord_error
+
+
+def _judge_path(rows: dict, path: list[Piece], machine: Machine, found: Findings) -> None:
+    """The trace against the programmed path, and the path against the trace."""
+    p, line, ds = rows["position"], rows["line"], np.diff(rows["s"])
+    first, last = _belongs(line, np.array([piece.line for piece in path]))
+    tolerance = np.array([piece.tolerance for piece in path])
+    straight = np.array([piece.curve is None for piece in path])
+    start, end = np.array([piece.start for piece in path]), np.array([piece.end for piece in path])
+    best, allowed = np.full(len(p), math.inf), np.zeros(len(p))
+    by_curve: dict[int, list[np.ndarray]] = {}
+    for offset in range(int((last - first).max()) + 1):
+        rows_here = np.flatnonzero(first + offset <= last)
+        piece = first[rows_here] + offset
+        allowed[rows_here] = np.maximum(allowed[rows_here], tolerance[piece])
+        on_line = straight[piece]
+        a, b, q = start[piece[on_line]], end[piece[on_line]], p[rows_here[on_line]]
+        best[rows_here[on_line]] = np.minimum(best[rows_here[on_line]], _from_segments(q, a, b))
+        for k in np.unique(piece[~on_line]):
+            by_curve.setdefault(int(k), []).append(rows_here[piece == k])
+    for k, some in by_curve.items():
+        # Only where no line was near enough already.
+        wanted = np.concatenate(some)
+        wanted = wanted[best[wanted] > allowed[wanted] + 0.5 * APART]
+        if len(wanted):
+            best[wanted] = np.minimum(best[wanted], path[k].distance(p[wanted]))
+    found.apart = float((best - allowed).max())
+    if found.apart > APART:
+        worst = int(np.argmax(best - allowed))
+        found.wrong.append(f"{best[worst]:.3g} mm from the path at {rows['t'][worst]:.4f} s (line {line[worst]})")
+
+    # Speed against the feed of any piece that the step may lie on; a traverse has none, the axes limit it.
+    feed = np.array([piece.feed if math.isinf(piece.feed) else min(piece.feed, machine.path.max_feed) for piece in path])
+    lo, hi = np.minimum(first[:-1], first[1:]), np.maximum(last[:-1], last[1:])
+    highest = _range_max(feed, lo, hi)
+    fed = np.isfinite(highest)
+    noise = 2.0 * (NOISE + 4.0 * np.spacing(rows["s"][-1])) / machine.path.period
+    over = (ds[fed] / machine.path.period - noise) / highest[fed]
+    found.ratios["feed"] = max(0.0, float(over.max(initial=0.0)))
+
+    # Every programmed corner and points along every curve lie within the tolerance of the polygon of samples, which itself cuts a bend by
+    # the chord error at most, and a corner that is stopped at by the steps about it.
+    tree = cKDTree(p)
+    for k, piece in enumerate(path):
+        targets = piece.points(33)
+        _, near = tree.query(targets, k=min(6, len(p)))
+        apart = np.full(len(targets), math.inf)
+        slack = np.full(len(targets), math.inf)
+        for candidate in near.T:
+            for a in (np.maximum(candidate - 1, 0), np.minimum(candidate, len(p) - 2)):
+                apart = np.minimum(apart, _from_segments(targets, p[a], p[a + 1]))
+                slack = np.minimum(slack, _lengths(p[a + 1] - p[a]))
+        reach = max(t.tolerance for t in path[max(k - 1, 0) : k + 2])
+        over_by = apart - (reach + machine.path.chord_error + 2.0 * slack + APART)
+        if (over_by > 0.0).any():
+            found.wrong.append(f"the motion passes line {piece.line} by {apart[int(np.argmax(over_by))]:.3g} mm")
+            break
+    if np.abs(p[-1] - path[-1].end).max() > 1e-9:
+        found.wrong.append(f"the end point is missed by {np.abs(p[-1] - path[-1].end).max():.3g} mm")
+
+
+def _belongs(line: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and last piece that each row may lie on: those of its source line, WINDOW more on both sides, as they follow each other."""
+    first, last = np.empty(len(line), np.int64), np.empty(len(line), np.int64)
+    changes = np.flatnonzero(np.diff(line)) + 1
+    at = 0
+    for begin, end in zip(np.append(0, changes), np.append(changes, len(line)), strict=True):
+        ahead = np.flatnonzero(lines[at:] == line[begin])
+        if len(ahead):
+            at += int(ahead[0])
+        upto = at
+        while upto + 1 < len(lines) and lines[upto + 1] == line[begin]:
+            upto += 1
+        first[begin:end], last[begin:end] = max(at - WINDOW, 0), min(upto + WINDOW, len(lines) - 1)
+    return first, last
+
+
+def _range_max(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Largest of values[low..high] for each pair."""
+    best = values[low]
+    for offset in range(1, int((high - low).max()) + 1):
+        best = np.maximum(best, values[np.minimum(low + offset, high)])
+    return best
+
+
+def _from_segments(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Distance of each point from the segment a..b of its own."""
+    along = b - a
+    square = (along**2).sum(axis=1)
+    part = np.divide(((points - a) * along).sum(axis=1), square, out=np.zeros(len(points)), where=square > 0.0)
+    return _lengths(a + np.clip(part, 0.0, 1.0)[:, None] * along - points)
