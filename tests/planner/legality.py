@@ -53,16 +53,16 @@ class Piece:
         return np.stack((self.start, self.end)) if self.curve is None else self.curve(u)
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """Of points from the curve: the nearest chords of many, evenly spaced, and golden sections on what they span."""
+        """Of points from the curve: the nearest chords of many, even in u and along the curve, and golden sections on what they span."""
         u = np.linspace(0.0, 1.0, 4097)
         along = np.concatenate(([0.0], np.cumsum(_lengths(np.diff(self.curve(u), axis=0)))))
-        u = np.unique(np.concatenate((np.interp(np.linspace(0.0, along[-1], 4097), along, u), self.corners)))
+        u = np.unique(np.concatenate((u, np.interp(np.linspace(0.0, along[-1], 4097), along, u), self.corners)))
         on = self.curve(u)
         _, near = cKDTree(on).query(points, k=8)
         chords = np.clip(np.concatenate((near - 1, near), axis=1), 0, len(u) - 2)
         apart = np.stack([_from_segments(points, on[chord], on[chord + 1]) for chord in chords.T], axis=1)
         best = np.full(len(points), math.inf)
-        for rank in range(2):
+        for rank in range(3):
             chord = chords[np.arange(len(points)), np.argsort(apart, axis=1)[:, rank]]
             low, high = u[chord], u[chord + 1]
             for _ in range(40):
@@ -90,21 +90,26 @@ class Findings:
         return max(self.ratios.items(), key=lambda item: item[1], default=("nothing", 0.0))
 
 
-def examine(text: str, machine: Machine, folder: Path) -> Findings:
-    """Check a program with a machine, and judge the files that this writes into ``folder``."""
+def examine(text: str, machine: Machine, folder: Path, *, judged_by: Machine | None = None) -> Findings:
+    """Check a program with a machine, and judge the files that this writes into ``folder`` by its limits, or by another's."""
     program, blocks, trace, pulses = (folder / name for name in ("program.nc", "blocks.jsonl", "trace.npz", "pulses.npz"))
     program.write_text(text)
     report = check(program, machine, outputs=Outputs(blocks=str(blocks), trace=str(trace), pulses=str(pulses)))
     if not report.ok:
         return Findings(refused=report.faults[0].diagnostic.code, wrong=[str(fault.diagnostic.message) for fault in report.faults])
-    found = Findings(report.duration_s)
-    rows = {name: value for name, value in np.load(trace).items()}
+    return judge(blocks, trace, pulses, judged_by or machine, report.duration_s)
+
+
+def judge(blocks: Path, trace: Path, pulses: Path, machine: Machine, duration: float) -> Findings:
+    """The files of a check, and how long it says that the motion takes."""
+    found = Findings(duration)
+    rows = dict(np.load(trace).items())
     path = programmed([json.loads(line) for line in blocks.read_text().splitlines()], machine)
     if not all(np.isfinite(rows[name]).all() for name in ("t", "position", "s", "feed", "accel", "jerk")):
         found.wrong.append("the trace has numbers that are none")
         return found
     found.moved = bool(path)
-    _judge_clock(rows, np.load(pulses), machine, report.duration_s, found)
+    _judge_clock(rows, np.load(pulses), machine, duration, found)
     _judge_limits(rows, machine, found)
     if path:
         _judge_path(rows, path, machine, found)
@@ -183,7 +188,7 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
 
 
 def _judge_clock(rows: dict, pulses: dict, machine: Machine, duration: float, found: Findings) -> None:
-    """Rows are a period apart and end with the motion; the last pulse lies in it, and from there on half a step is the most that is left."""
+    """Rows are a period apart and end with the motion; the last pulse lies in it, from there on half a step is the most that is left."""
     period, t, p = machine.path.period, rows["t"], rows["position"]
     if abs(float(rows["period"]) - period) > 1e-15 or np.abs(t - np.arange(len(t)) * period).max() > 1e-9 * max(1.0, t[-1]):
         found.wrong.append("rows are not a period apart")
@@ -285,9 +290,9 @@ def _judge_path(rows: dict, path: list[Piece], machine: Machine, found: Findings
         for candidate in near.T:
             for a in (np.maximum(candidate - 1, 0), np.minimum(candidate, len(p) - 2)):
                 apart = np.minimum(apart, _from_segments(targets, p[a], p[a + 1]))
-                slack = np.minimum(slack, _lengths(p[a + 1] - p[a]))
+                slack = np.minimum(slack, ds[a])
         reach = max(t.tolerance for t in path[max(k - 1, 0) : k + 2])
-        over_by = apart - (reach + machine.path.chord_error + 2.0 * slack + APART)
+        over_by = apart - (reach + machine.path.chord_error + slack + APART)
         if (over_by > 0.0).any():
             found.wrong.append(f"the motion passes line {piece.line} by {apart[int(np.argmax(over_by))]:.3g} mm")
             break
