@@ -223,15 +223,10 @@ def _judge_limits(rows: dict, machine: Machine, found: Findings) -> None:
 
     # The path length against the positions, and the normal acceleration from them; around a stop the directions before and after mix.
     step, ds = np.diff(p, axis=0), np.diff(s)
-    jerk = min(path.max_jerk or math.inf, math.sqrt(sum((axis.max_jerk or math.inf) ** 2 for axis in machine.axes.values())))
-    moving = ds > max(2.0 * jerk * period**3, 1e-9)
+    moving = ds > _crawl(machine)
     chord = _lengths(step)
-    if (chord > ds * (1.0 + 1e-9) + 1e-11).any():
+    if (chord > ds * (1.0 + 1e-5) + 1e-10).any():
         found.wrong.append("steps are longer than the path length that they cover")
-    inside = np.zeros(len(ds), bool)
-    inside[1:-1] = moving[1:-1] & moving[:-2] & moving[2:]
-    short = (ds - chord)[inside & (ds > path.chord_error)] / ds[inside & (ds > path.chord_error)]
-    found.ratios["step deviation"] = float(short.max(initial=0.0)) / path.step_deviation
     both = moving[1:] & moving[:-1]
     bend, along = np.diff(step, axis=0)[both], (step[1:] + step[:-1])[both]
     length = _lengths(along)
@@ -239,6 +234,12 @@ def _judge_limits(rows: dict, machine: Machine, found: Findings) -> None:
     across = _lengths(normal).max(initial=0.0)
     note("normal acceleration", np.array([across]), 2, path.max_normal_acceleration, noise)
     found.ratios["chord error"] = max(0.0, across / 8.0 - NOISE) / path.chord_error
+
+
+def _crawl(machine: Machine) -> float:
+    """A step that shorter ones may follow or precede where the motion comes to rest between two samples."""
+    jerk = min(machine.path.max_jerk or math.inf, math.sqrt(sum((axis.max_jerk or math.inf) ** 2 for axis in machine.axes.values())))
+    return max(2.0 * jerk * machine.path.period**3, 1e-9)
 
 
 def _judge_path(rows: dict, path: list[Piece], machine: Machine, found: Findings) -> None:
@@ -269,6 +270,14 @@ def _judge_path(rows: dict, path: list[Piece], machine: Machine, found: Findings
     if found.apart > APART:
         worst = int(np.argmax(best - allowed))
         found.wrong.append(f"{best[worst]:.3g} mm from the path at {rows['t'][worst]:.4f} s (line {line[worst]})")
+
+    # A sample's step against the path that it covers, but at corners: those that are stopped at, and those that a tolerance rounds.
+    chord = _lengths(np.diff(p, axis=0))
+    moving = ds > _crawl(machine)
+    inside = np.zeros(len(ds), bool)
+    inside[1:-1] = moving[1:-1] & moving[:-2] & moving[2:]
+    inside &= (ds > machine.path.chord_error) & (allowed[1:] == 0.0) & (allowed[:-1] == 0.0)
+    found.ratios["step deviation"] = float(((ds - chord)[inside] / ds[inside]).max(initial=0.0)) / machine.path.step_deviation
 
     # Speed against the feed of any piece that the step may lie on; a traverse has none, the axes limit it.
     feed = np.array([piece.feed if math.isinf(piece.feed) else min(piece.feed, machine.path.max_feed) for piece in path])
