@@ -31,7 +31,7 @@ APART = 1e-6
 NOISE = 1e-12
 """mm that a position may be off by its arc length's accuracy and by rounding."""
 WINDOW = 4
-"""Programmed pieces before and after those of a row's source line that the row may belong to."""
+"""Programmed pieces more, before and after, that a row may belong to by its source line."""
 PLANES = {"XY": ("x", "y"), "ZX": ("z", "x"), "YZ": ("y", "z")}
 
 
@@ -310,19 +310,25 @@ def _judge_path(rows: dict, path: list[Piece], machine: Machine, found: Findings
 
 
 def _belongs(line: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and last piece that each row may lie on: those of its source line, WINDOW more on both sides, as they follow each other."""
-    first, last = np.empty(len(line), np.int64), np.empty(len(line), np.int64)
-    changes = np.flatnonzero(np.diff(line)) + 1
+    """First and last piece that each row may lie on.
+
+    They follow each other as the rows' source lines do. Where moves become one curve a row's line is that of any of them: it may lie
+    between the pieces of the line before its own and those of the one after it, and WINDOW pieces more.
+    """
+    runs = np.append(0, np.flatnonzero(np.diff(line)) + 1)
+    begins, ends = np.empty(len(runs), np.int64), np.empty(len(runs), np.int64)
     at = 0
-    for begin, end in zip(np.append(0, changes), np.append(changes, len(line)), strict=True):
-        ahead = np.flatnonzero(lines[at:] == line[begin])
-        if len(ahead):
-            at += int(ahead[0])
-        upto = at
-        while upto + 1 < len(lines) and lines[upto + 1] == line[begin]:
-            upto += 1
-        first[begin:end], last[begin:end] = max(at - WINDOW, 0), min(upto + WINDOW, len(lines) - 1)
-    return first, last
+    for k, run in enumerate(runs):
+        ahead = np.flatnonzero(lines[at:] == line[run])
+        at += int(ahead[0]) if len(ahead) else 0
+        begins[k] = at
+        while at + 1 < len(lines) and lines[at + 1] == line[run]:
+            at += 1
+        ends[k] = at
+    first = np.maximum(np.append(0, begins[:-1]) - WINDOW, 0)
+    last = np.minimum(np.append(begins[1:], len(lines) - 1) + WINDOW, len(lines) - 1)
+    which = np.repeat(np.arange(len(runs)), np.diff(np.append(runs, len(line))))
+    return first[which], np.maximum(last, ends)[which]
 
 
 def _range_max(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
