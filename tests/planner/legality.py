@@ -313,7 +313,8 @@ def _belongs(line: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """First and last piece that each row may lie on.
 
     They follow each other as the rows' source lines do. Where moves become one curve a row's line is that of any of them: it may lie
-    between the pieces of the line before its own and those of the one after it, and WINDOW pieces more.
+    between the pieces of the line before its own and those of the second after it (a rounded corner reaches into what follows), and
+    WINDOW pieces more.
     """
     runs = np.append(0, np.flatnonzero(np.diff(line)) + 1)
     begins, ends = np.empty(len(runs), np.int64), np.empty(len(runs), np.int64)
@@ -326,7 +327,7 @@ def _belongs(line: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarra
             at += 1
         ends[k] = at
     first = np.maximum(np.append(0, begins[:-1]) - WINDOW, 0)
-    last = np.minimum(np.append(begins[1:], len(lines) - 1) + WINDOW, len(lines) - 1)
+    last = np.minimum(np.concatenate((begins, [len(lines) - 1] * 2))[2:] + WINDOW, len(lines) - 1)
     which = np.repeat(np.arange(len(runs)), np.diff(np.append(runs, len(line))))
     return first[which], np.maximum(last, ends)[which]
 
