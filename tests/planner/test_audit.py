@@ -43,7 +43,7 @@ class Reference:
                 v = chunk.phase_v[k] + t * (chunk.phase_a[k] + t * j / 2)
                 a = chunk.phase_a[k] + t * j
                 s = chunk.phase_s[k] + t * (chunk.phase_v[k] + t * (chunk.phase_a[k] / 2 + t * j / 6))
-                ahead = 1e-11 if m == 0 else -1e-11
+                ahead = 1e-9 if m == 0 else -1e-9
                 piece = min(int(np.searchsorted(chunk.piece_s[1:], s + ahead, side="left")), len(path) - 1)
                 at, kind = int(path.at[piece]), int(path.kind[piece])
                 local = min(max(s - chunk.piece_s[piece], 0.0), chunk.piece_s[piece + 1] - chunk.piece_s[piece])
