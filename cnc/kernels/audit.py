@@ -35,8 +35,8 @@ CLOSE = 1e-3
 """mm; motion so slow that it covers less than this in many periods is looked at this often along the path instead."""
 
 JOINT = 1e-9
-"""mm; a phase that starts this little before a junction starts at it, one that ends this little after it ends there: what rounding may leave
-of the arc lengths in a window of many metres, and far less than anything that moves can show."""
+"""mm; a phase that starts this little before a junction starts at it, one that ends this little after it ends there: what rounding may
+leave of the arc lengths in a window of many metres, and far less than anything that moves can show."""
 
 
 @njit
