@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.canon import Block, Message
-from cnc.kernels.corners import REST, overlap_room, overlap_stops, record_end, round_corners
+from cnc.kernels.corners import round_corners
 from cnc.kernels.curve import LINE
+from cnc.kernels.overlap import REST, ROOM_OF_CORNER, overlap_room, overlap_stops, overshoot, record_end
 from cnc.path.chunk import PathChunk
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
@@ -108,8 +109,7 @@ class Overlaps:
     """Takes plans in the order in which they run and hands them on with the corners cut; all that comes after happens earlier."""
 
     def __init__(self, limits: Limits) -> None:
-        self._rules = limits.rules
-        self._axis_jerk = limits.axis_jerk
+        self._limits = limits
         self._held: PlanChunk | None = None
         self._earlier = 0.0
         self._shorter = 0.0
@@ -144,19 +144,34 @@ class Overlaps:
 
     def _overlapped(self, plan: PlanChunk) -> PlanChunk:
         """The plan with its stops on corners cut short."""
-        path, pieces, phases = plan.path, len(plan.path), len(plan.phase_j)
-        axes = len(path.axes)
-        kind, at = np.empty((2, 2 * pieces), np.int64)
-        data = np.empty(len(path.data) + (pieces + 1) * overlap_room(axes))
-        length, feed, tolerance = np.empty((3, 2 * pieces))
-        line, stop = np.empty(2 * pieces, np.int32), np.empty(2 * pieces, np.bool_)
-        piece_s = np.empty(2 * pieces + 1)
-        t, s, v, a, j = np.empty((5, 2 * phases + 1))
-        count, spans, numbers = overlap_stops(
-            path.kind, path.at, path.data, path.length, path.feed, path.line, path.stop_after, path.tolerance, plan.piece_s,
-            plan.phase_t, plan.phase_s, plan.phase_v, plan.phase_a, plan.phase_j, self._rules, self._axis_jerk,
-            kind, at, data, length, feed, line, stop, tolerance, piece_s, t, s, v, a, j,
+        path, limits = plan.path, self._limits
+        most, room = (1 + ROOM_OF_CORNER) * len(path), len(plan.phase_j) + (1 + ROOM_OF_CORNER) * len(path) + 1
+        kind, at = np.empty((2, most), np.int64)
+        data = np.empty(len(path.data) + (len(path) + 1) * overlap_room(len(path.axes)))
+        length, feed, tolerance, piece_s = np.empty((4, most + 1))
+        line, stop = np.empty(most, np.int32), np.empty(most, np.bool_)
+        t, s, v, a, j = np.empty((5, room + (1 + ROOM_OF_CORNER) * len(path)))
+        past = np.zeros(len(path))
+        t0, s0, v0, a0, j0 = plan.phase_t, plan.phase_s, plan.phase_v, plan.phase_a, plan.phase_j
+        t1, s1, v1, a1, j1 = np.empty((5, room))
+        reshaped = overshoot(
+            path.kind, path.at, path.data, path.length, limits.feeds(path), path.stop_after, path.tolerance, plan.piece_s,
+            t0, s0, v0, a0, j0, limits.rules, limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk, past, t1, s1, v1, a1, j1,
         )  # fmt: skip
+        if reshaped:
+            here = slice(reshaped + 1)
+            t0, s0, v0, a0, j0 = t1[here], s1[here], v1[here], a1[here], j1[:reshaped]
+        while True:
+            count, spans, numbers = overlap_stops(
+                path.kind, path.at, path.data, path.length, path.feed, path.line, path.stop_after, path.tolerance, plan.piece_s,
+                t0, s0, v0, a0, j0, past, limits.rules, limits.axis_jerk,
+                kind, at, data, length, feed, line, stop, tolerance, piece_s, t, s, v, a, j,
+            )  # fmt: skip
+            if count >= 0:
+                break
+            # Neighbours have made an overshoot impossible: rare, and then none is made.
+            t0, s0, v0, a0, j0 = plan.phase_t, plan.phase_s, plan.phase_v, plan.phase_a, plan.phase_j
+            past[:] = 0.0
         cut = self._moved(plan)
         if count:
             cut = PlanChunk(

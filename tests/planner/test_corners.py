@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 
 from cnc.canon import PathMode
 from cnc.interpolator.reference_pulse import ReferencePulse
 from cnc.interpolator.sampled import Sampled
-from cnc.kernels.corners import overlap_time
 from cnc.kernels.curve import SPAN
+from cnc.kernels.overlap import overlap_time
+from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.path.build import build
 from cnc.planner.audit import Audit
 from cnc.planner.corners import Overlaps
@@ -70,17 +72,59 @@ def assert_legal(chunks, mill, periods):
 
 
 def test_one_corner_takes_the_time_of_theory():
-    # Rest to rest in 10 mm without a cruise takes 4 (D / 2J)^(1/3) a leg; the corner saves (24 eps / (J sin 45))^(1/3).
+    # Rest to rest in 10 mm without a cruise takes 4 (D / 2J)^(1/3) a leg; a turn by 120 degrees saves (24 eps / (J sin 60))^(1/3). The
+    # machine's axes are such that both legs have the same jerk.
     jerk = 48000.0 * USED
+    axes = {"x": (2400.0, 48000.0), "y": (2400.0 * math.sqrt(0.75), 48000.0 * math.sqrt(0.75)), "z": (1.0, 1.0)}
+    mill = Machine(
+        axes={name: Axis(steps_per_mm=100.0, max_velocity=400.0, max_acceleration=a, max_jerk=j) for name, (a, j) in axes.items()},
+        path=PathLimits(max_feed=300.0),
+    )
+    points = [(10, 0, 0), (5, 10 * math.sqrt(0.75), 0)]
     stop = 8.0 * (10.0 / (2.0 * jerk)) ** (1 / 3)
-    assert duration(planned(SQUARE, 0.0)[0]) == pytest.approx(stop, rel=1e-6)
-    saved = (24.0 * 0.01 / (jerk * math.sin(math.pi / 4))) ** (1 / 3)
-    chunks, ahead = planned(SQUARE, 0.01)
+    assert duration(planned(points, 0.0, mill)[0]) == pytest.approx(stop, rel=1e-6)
+    saved = (24.0 * 0.01 / (jerk * math.sin(math.pi / 3))) ** (1 / 3)
+    chunks, ahead = planned(points, 0.01, mill)
     assert duration(chunks) == pytest.approx(stop - saved, rel=1e-6)
     assert not ahead.audit.violations
-    points = sampled(chunks, 1e-4)
-    assert points[-1] == pytest.approx([10, 10, 0], abs=1e-3)
-    assert np.hypot(points[:, 0] - 10.0, points[:, 1]).min() == pytest.approx(0.01, rel=1e-3)
+    motion = sampled(chunks, 1e-4)
+    assert motion[-1] == pytest.approx([*points[-1]], abs=1e-3)
+    assert np.linalg.norm(motion - [10, 0, 0], axis=1).min() == pytest.approx(0.01, rel=1e-3)
+
+
+def overshooting(length, jerk, e):
+    """Phases from rest to rest of jerks +J, -J, +J, -J, the last for a time e, without a limit of acceleration: durations."""
+
+    def states(times):
+        s = v = a = 0.0
+        for dt, j in zip(times, (jerk, -jerk, jerk, -jerk), strict=True):
+            s, v, a = s + dt * (v + dt * (a / 2 + dt * j / 6)), v + dt * (a + dt * j / 2), a + dt * j
+        return s, v
+
+    def times(t1):
+        t2 = brentq(lambda t2: states((t1, t2, t2 - t1 + e, e))[1], t1, 4 * (t1 + e), xtol=1e-16)
+        return t1, t2, t2 - t1 + e, e
+
+    return times(brentq(lambda t1: states(times(t1))[0] - length, 1e-3, 1.0, xtol=1e-16))
+
+
+def test_ramps_of_different_axes_overshoot_the_corner():
+    # By hand: the overshoot that just stays within the tolerance, and the time at which both ramps are eps / sqrt 2 from the corner.
+    jerk, eps = 48000.0 * USED, 0.01
+    r = 1 + math.sqrt(2)
+    e = (0.999 * eps / (1.943 * jerk)) ** (1 / 3)
+    assert r**3 / 6 - r**2 / 2 - r / 2 - 1 / 6 == pytest.approx(-1.943, abs=1e-3)
+    left = brentq(lambda x: jerk * (x**3 / 6 - e * x**2 / 2 - e * e * x / 2 - e**3 / 6) - eps / math.sqrt(2), 2 * e, 0.1, xtol=1e-16)
+    expected = 2 * sum(overshooting(10.0, jerk, e)) - 2 * (left + e)
+    chunks, ahead = planned(SQUARE, eps)
+    assert not ahead.audit.violations
+    assert duration(chunks) == pytest.approx(expected, rel=1e-6)
+    # the best that was known is 0.357
+    assert duration(chunks) < 0.348
+    motion = sampled(chunks, 1e-4)
+    assert motion[-1] == pytest.approx([10, 10, 0], abs=1e-3)
+    assert np.hypot(motion[:, 0] - 10.0, motion[:, 1]).min() == pytest.approx(eps, rel=1e-3)
+    assert motion[:, 0].max() == pytest.approx(10.0 + eps, abs=2e-5)
 
 
 @pytest.mark.parametrize("ratio", [1.0, 3.0, 20.0])
@@ -172,7 +216,7 @@ def test_random_chains(seed):
 @given(seed=st.integers(0, 2**31))
 def test_plans_may_be_cut_anywhere(seed):
     rng = np.random.default_rng(seed)
-    stops, ahead = planned([(10, 0, 0), (10, 10, 0), (0, 10, 0), (0, 4, 9)], 0.0, feed=10 ** rng.uniform(1, 2.5))
+    stops, ahead = planned([(10, 0, 0), (5, 9, 0), (0, 0, 0), (0, -4, 9)], 0.0, feed=10 ** rng.uniform(1, 2.5))
     stops = [replace(chunk, path=replace(chunk.path, tolerance=np.full(len(chunk.path), 0.01))) for chunk in stops]
     slices = [part for chunk in stops for part in cut(chunk, rng.uniform(0, chunk.duration, int(rng.integers(1, 12))))]
 
@@ -190,21 +234,25 @@ def test_plans_may_be_cut_anywhere(seed):
 
 
 def test_columns_of_the_trace_follow_from_the_positions():
-    chunks, _ = planned(SQUARE, 0.01)
-    sampler = Sampled(1e-4, np.zeros(3))
-    rows = [part for chunk in chunks for part in sampler.samples(chunk)]
-    position, s, feed, accel, jerk = (
-        np.concatenate([getattr(part, name) for part in rows]) for name in ("position", "s", "feed", "accel", "jerk")
-    )
-    near = np.flatnonzero(np.hypot(position[:, 0] - 10.0, position[:, 1]) < 0.05)[2:-2]
-    step = np.linalg.norm(np.diff(position, axis=0), axis=1)
-    assert np.diff(s)[near] == pytest.approx(step[near], rel=1e-4)
-    assert np.gradient(s, 1e-4)[near] == pytest.approx(feed[near], rel=1e-3)
-    assert np.gradient(feed, 1e-4)[near] == pytest.approx(accel[near], rel=1e-2, abs=3.0)
-    inside = near[5:-5]
-    assert np.gradient(accel, 1e-4)[inside] == pytest.approx(jerk[inside], rel=3e-2, abs=1500.0)
-    # in the middle of a right angle the tangential jerk is 4.24 J
-    assert np.abs(jerk[near]).max() == pytest.approx((4 * 0.5 / math.sqrt(0.5) + 2 * math.sqrt(0.5)) * 48000 * USED, rel=0.01)
+    for points in (SQUARE, [(10, 0, 0), (4, 8, 0)]):
+        chunks, _ = planned(points, 0.01)
+        sampler = Sampled(1e-4, np.zeros(3))
+        rows = [part for chunk in chunks for part in sampler.samples(chunk)]
+        position, s, feed, accel, jerk = (
+            np.concatenate([getattr(part, name) for part in rows]) for name in ("position", "s", "feed", "accel", "jerk")
+        )
+        near = np.flatnonzero(np.hypot(position[:, 0] - 10.0, position[:, 1]) < 0.05)[2:-2]
+        step = np.linalg.norm(np.diff(position, axis=0), axis=1)
+        assert np.diff(s)[near] == pytest.approx(step[near], rel=1e-3)
+        assert np.gradient(s, 1e-4)[near] == pytest.approx(feed[near], rel=2e-3)
+        speed = np.gradient(feed, 1e-4)
+        assert speed[near] == pytest.approx(accel[near], rel=2e-2, abs=10.0)
+        # where no axis's jerk changes, the tangential one is the difference of the accelerations
+        change = np.gradient(accel, 1e-4)
+        most = np.abs(jerk[near]).max()
+        smooth = [k for k in near if np.ptp(jerk[k - 1 : k + 2]) < 0.1 * most]
+        assert len(smooth) > 0.5 * len(near)
+        assert change[smooth] == pytest.approx(jerk[smooth], abs=0.05 * most)
 
 
 def test_the_audit_sees_a_break_at_a_timed_piece():
