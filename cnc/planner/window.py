@@ -294,6 +294,8 @@ class Window:
         # Rest only where no junction would want a constant speed at any feed: the motion has to start there again.
         horizon = min(goal, s + HORIZON * stopping)
         near = self._known(slowing, s, horizon)
+        stops = near.end[near.flat & (near.speed == 0.0)]
+        horizon = float(stops[0]) if len(stops) else horizon
         level = self._known(replace(self.limits, feed_factor=inf), s, horizon) if to_rest else near
         far = None if to_rest else self._known(self.limits, s, goal)
 
@@ -309,9 +311,13 @@ class Window:
         found = attempt(works) if far is not None and works < horizon else None
         length = stopping if to_rest else stopping / 16.0
         while found is None:
+            if works == horizon:
+                return False
             failed, works = works, _beyond_flat(level, works + length)
             if works >= horizon:
-                return False
+                if not len(stops):
+                    return False
+                works = horizon
             found = attempt(works)
             length *= 1.5
         for _ in range(HALVINGS):

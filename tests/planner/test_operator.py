@@ -1,0 +1,272 @@
+"""Hold, resume and override while the motion runs: legal, on the path, soon, and at no feed that was not asked for."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cnc.canon import Block, Held, Overrides, SpindleSync
+from cnc.control import Control
+from cnc.errors import UsageError
+from cnc.interpolator.sampled import Sampled
+from cnc.planner.limits import Limits
+from cnc.planner.lookahead import LookAhead
+from cnc.planner.plan import PlanChunk
+from cnc.planner.window import SLICE
+from motions import arc, lines, machine, path_of, random_blocks
+from support import share
+
+Plans = list[PlanChunk]
+
+
+def driven(blocks: list[Block], mill, watch: Callable[[Control, Plans, bool], None]) -> tuple[Plans, list[int]]:
+    """Plans under an operator who looks at what was handed out after every slice, and at every hold. Returns also how many plans came
+    before each hold."""
+    control, chunks, holds = Control(), [], []
+    ahead = LookAhead(mill, control)
+    for item in ahead.plan(path_of(blocks)):
+        if isinstance(item, Held):
+            holds.append(len(chunks))
+            assert len(holds) < 1000
+        elif isinstance(item, PlanChunk):
+            chunks.append(item)
+        watch(control, chunks, isinstance(item, Held))
+    assert not ahead.audit.violations
+    return chunks, holds
+
+
+def assert_on_the_path(chunks: Plans) -> None:
+    """Chunks follow each other in time, place, speed and acceleration."""
+    clock = travelled = v = a = 0.0
+    for chunk in chunks:
+        assert chunk.t0 == pytest.approx(clock, abs=1e-9)
+        assert chunk.s0 + chunk.phase_s[0] == pytest.approx(travelled, abs=1e-9)
+        assert (chunk.phase_v[0], chunk.phase_a[0]) == pytest.approx((v, a), abs=1e-6)
+        clock, travelled = chunk.t0 + chunk.duration, chunk.s0 + chunk.phase_s[-1]
+        v, a = chunk.phase_v[-1], chunk.phase_a[-1]
+    assert (v, a) == (0.0, 0.0)
+
+
+def assert_legal_by_positions(chunks: Plans, mill) -> None:
+    """Differences of sampled positions of order 1 to 3 stay within each axis's limits."""
+    limits, period = Limits.of(mill), mill.path.period
+    sampler = Sampled(period, np.zeros(3))
+    end = chunks[-1].t0 + chunks[-1].duration
+    rows = [part.position for chunk in chunks for part in sampler.samples(chunk)] + [part.position for part in sampler.finish(end)]
+    points = np.concatenate(rows)
+    for order, bound in ((1, limits.axis_velocity), (2, limits.axis_acceleration), (3, limits.axis_jerk)):
+        seen = np.abs(np.diff(points, order, axis=0)).max(axis=0, initial=0.0) / period**order
+        assert (seen <= bound * 1.001 + 2**order * 2e-12 / period**order).all(), (order, seen, bound)
+
+
+def random_machine(rng):
+    return machine(
+        axis=(10 ** rng.uniform(1.5, 4.5), 10 ** rng.uniform(3, 7)) if rng.random() < 0.6 else None,
+        tangential=10 ** rng.uniform(1.5, 4.5),
+        normal=10 ** rng.uniform(1.5, 4.5),
+        jerk=10 ** rng.uniform(3, 7),
+        period=float(rng.choice((0.001, 0.0001))),
+        velocity=10 ** rng.uniform(1, 3),
+    )
+
+
+def speeds(chunk: PlanChunk) -> np.ndarray:
+    """Speed at points throughout the phases."""
+    t = np.diff(chunk.phase_t)[:, None] * np.linspace(0.0, 1.0, 9)
+    return (chunk.phase_v[:-1, None] + t * (chunk.phase_a[:-1, None] + t * chunk.phase_j[:, None] / 2)).ravel()
+
+
+@settings(max_examples=share(500, 25))
+@given(seed=st.integers(0, 2**31))
+def test_random_schedules_on_random_paths_and_machines(seed):
+    rng = np.random.default_rng(seed)
+    mill, blocks = random_machine(rng), [block for block in random_blocks(rng, 4) if type(block).__name__ != "Dwell"]
+    plain = [item for item in LookAhead(mill).plan(path_of(blocks)) if isinstance(item, PlanChunk)]
+    if not plain:
+        return
+    whole = plain[-1].t0 + plain[-1].duration
+    wishes = sorted((rng.uniform(0.0, 1.2 * whole), float(rng.choice((0, 0, 1, 10, 30, 70, 100, 150, 200)))) for _ in range(6))
+
+    def operator(control: Control, chunks: Plans, held: bool) -> None:
+        if held:
+            assert chunks == [] or chunks[-1].phase_v[-1] == 0.0
+            control.resume()
+        while wishes and chunks and chunks[-1].t0 + chunks[-1].duration >= wishes[0][0]:
+            percent = wishes.pop(0)[1]
+            control.hold() if percent == 0.0 else control.override(percent)
+
+    chunks, _ = driven(blocks, mill, operator)
+    assert_on_the_path(chunks)
+    assert chunks[-1].s0 + chunks[-1].phase_s[-1] == pytest.approx(plain[-1].s0 + plain[-1].phase_s[-1], rel=1e-12)
+    assert_legal_by_positions(chunks, mill)
+
+
+FEED, A, J = 100.0, 2400.0, 48000.0
+
+
+def ramp(v0: float, v1: float) -> tuple[float, float]:
+    """Time and length of the fastest ramp between two speeds."""
+    change = abs(v1 - v0)
+    t = change / A + A / J if change * J >= A * A else 2 * math.sqrt(change / J)
+    return t, t * (v0 + v1) / 2
+
+
+@pytest.mark.parametrize("blocks", [[lines([(400, 0, 0)], FEED)], [lines([(x, 0, 0) for x in np.linspace(0.15, 400, 2667)], FEED)]])
+@pytest.mark.parametrize("at", [0.02, 0.05, 0.1, 0.3, 2.0])
+def test_a_hold_comes_to_rest_as_soon_as_theory_has_it(blocks, at):
+    asked = []
+
+    def operator(control: Control, chunks: Plans, held: bool) -> None:
+        if held:
+            control.resume()
+        elif not asked and chunks[-1].t0 + chunks[-1].duration >= at:
+            asked.append(len(chunks))
+            control.hold()
+
+    chunks, holds = driven(blocks, machine(), operator)
+    assert_on_the_path(chunks)
+    assert len(holds) == 1
+    last = chunks[asked[0] - 1]
+    assert last.duration <= 1.5 * SLICE
+    # Acceleration is let go of at full jerk, then the shortest ramp to rest follows.
+    v, a = float(last.phase_v[-1]), float(last.phase_a[-1])
+    rise, top = (a / J, v + a * a / (2 * J)) if a > 0 else (0.0, v)
+    took, length = ramp(top, 0.0)
+    ramp_s = sum(c.duration for c in chunks[asked[0] : holds[0]])
+    covered = sum(float(c.phase_s[-1] - c.phase_s[0]) for c in chunks[asked[0] : holds[0]])
+    assert ramp_s <= (took + rise) * 1.05 + 1e-4
+    assert covered <= (length + rise * top) * 1.05 + 1e-3
+    # From rest it goes on as from any start.
+    rest_of_it = ramp(FEED, 0.0)
+    left = 400.0 - (chunks[holds[0] - 1].s0 + float(chunks[holds[0] - 1].phase_s[-1]))
+    assert sum(c.duration for c in chunks[holds[0] :]) == pytest.approx(2 * rest_of_it[0] + (left - 2 * rest_of_it[1]) / FEED, rel=1e-4)
+
+
+@pytest.mark.parametrize("percent", [1.0, 25.0, 70.0, 100.0, 130.0, 200.0])
+def test_an_override_from_the_start_is_another_feed(percent):
+    control = Control(percent)
+    blocks = [lines([(30, 0, 0)], FEED), arc((30, 0, 0), (30, 10), 0.75, FEED), lines([(60, 60, 0)], math.nan)]
+    slower = [lines([(30, 0, 0)], FEED * percent / 100), arc((30, 0, 0), (30, 10), 0.75, FEED * percent / 100), blocks[2]]
+    seen = [item for item in LookAhead(machine(), control).plan(path_of(blocks)) if isinstance(item, PlanChunk)]
+    programmed = [item for item in LookAhead(machine()).plan(path_of(slower)) if isinstance(item, PlanChunk)]
+    assert seen[-1].t0 + seen[-1].duration == pytest.approx(programmed[-1].t0 + programmed[-1].duration, rel=1e-9)
+
+
+@pytest.mark.parametrize(("before", "after"), [(100, 50), (50, 100), (100, 1), (1, 200), (200, 100), (100, 99)])
+def test_an_override_takes_effect_at_once(before, after):
+    control, chunks, changed = Control(before), [], 0
+    for item in LookAhead(machine(), control).plan(path_of([lines([(x, 0, 0) for x in range(1, 200)], FEED)])):
+        chunks.append(item)
+        if not changed and item.s0 + item.phase_s[-1] >= 5.0:
+            changed = len(chunks)
+            control.override(after)
+    assert_on_the_path(chunks)
+    start = chunks[changed].t0
+    reached = next(
+        chunk.t0 + chunk.phase_t[np.argmax(np.isclose(chunk.phase_v, FEED * after / 100, rtol=1e-6))]
+        for chunk in chunks[changed:]
+        if np.isclose(chunk.phase_v, FEED * after / 100, rtol=1e-6).any()
+    )
+    assert reached - start <= 1.05 * ramp(FEED * before / 100, FEED * after / 100)[0] + 1e-4
+    assert max(float(chunk.phase_v.max()) for chunk in chunks if chunk.t0 > reached) <= FEED * after / 100 * (1 + 1e-6)
+
+
+def test_no_feed_but_the_one_asked_for():
+    """Speeds lie below the programmed feed times the factor but while the motion is slowed, and then no higher than it was."""
+    rng = np.random.default_rng(5)
+    state = {"factor": 1.0, "highest": 0.0, "slowing": 0.0}
+    longest = ramp(2 * FEED, 0.0)[0]
+
+    def operator(control: Control, chunks: Plans, held: bool) -> None:
+        chunk = chunks[-1]
+        v = speeds(chunk)
+        feed = FEED * state["factor"]
+        if (v > feed * (1 + 1e-6)).any():
+            assert v.max() <= state["highest"] * (1 + 1e-6)
+            state["slowing"] += chunk.duration
+            assert state["slowing"] <= longest + 2 * SLICE
+        else:
+            state["slowing"] = 0.0
+        if rng.random() < 0.2:
+            state["factor"] = float(rng.choice((0.05, 0.3, 0.7, 1.0, 1.5, 2.0)))
+            # Letting go of the acceleration raises the speed a little.
+            state["highest"] = float(chunk.phase_v[-1]) + max(float(chunk.phase_a[-1]), 0.0) ** 2 / (2 * 0.99 * J)
+            state["slowing"] = 0.0
+            control.override(100 * state["factor"])
+
+    chunks, _ = driven([lines([(x, 0, 0) for x in np.arange(1, 4000) * 0.2], FEED)], machine(), operator)
+    assert_on_the_path(chunks)
+    assert max(float(chunk.phase_v.max()) for chunk in chunks) > 1.9 * FEED
+
+
+def test_traverses_are_held_but_not_scaled():
+    blocks = [lines([(200, 0, 0)], math.nan)]
+    one = sum(c.duration for c in driven(blocks, machine(), lambda *_: None)[0])
+    held_at = []
+
+    def operator(control: Control, chunks: Plans, held: bool) -> None:
+        control.override(10.0)
+        if held:
+            control.resume()
+        elif not held_at and chunks[-1].t0 > 0.2:
+            held_at.append(chunks[-1].s0 + chunks[-1].phase_s[-1])
+            control.hold()
+
+    chunks, holds = driven(blocks, machine(), operator)
+    assert len(holds) == 1
+    slow = sum(item.duration for item in LookAhead(machine(), Control(10.0)).plan(path_of(blocks)) if isinstance(item, PlanChunk))
+    assert slow == pytest.approx(one, rel=1e-9)
+    assert sum(c.duration for c in chunks) > one
+
+
+def test_what_the_program_does_not_allow():
+    """M49: no override. M53 P0: no hold. Neither while the motion follows the spindle."""
+    plain = [lines([(100, 0, 0)], FEED)]
+    seconds = sum(c.duration for c in driven(plain, machine(), lambda *_: None)[0])
+    fixed = Overrides("t.nc", 1, feed=False, spindle=True, adaptive_feed=False, feed_stop=True)
+    unstoppable = Overrides("t.nc", 1, feed=True, spindle=True, adaptive_feed=False, feed_stop=False)
+
+    def slower(control: Control, chunks: Plans, held: bool) -> None:
+        control.override(10.0)
+
+    def hold(control: Control, chunks: Plans, held: bool) -> None:
+        control.resume() if held else control.hold()
+
+    for first, operator, allowed in (
+        (fixed, slower, False),
+        (fixed, hold, True),
+        (unstoppable, hold, False),
+        (unstoppable, slower, True),
+        (SpindleSync("t.nc", 1, 1.0), slower, False),
+        (SpindleSync("t.nc", 1, 1.0), hold, False),
+        (SpindleSync("t.nc", 1, 0.0), slower, True),
+    ):
+        chunks, holds = driven([first, *plain], machine(), operator)
+        if not allowed:
+            assert holds == []
+            assert sum(c.duration for c in chunks) == pytest.approx(seconds, rel=1e-9)
+        else:
+            assert holds or sum(c.duration for c in chunks) > 2 * seconds
+
+
+def test_a_hold_before_the_first_move_keeps_it_from_moving():
+    control = Control()
+    control.hold()
+    made = LookAhead(machine(), control).plan(path_of([lines([(10, 0, 0)])]))
+    for _ in range(3):
+        assert isinstance(next(made), Held)
+    control.override(50.0)
+    assert isinstance(next(made), Held)
+    control.resume()
+    chunks = list(made)
+    assert max(float(chunk.phase_v.max()) for chunk in chunks if isinstance(chunk, PlanChunk)) == pytest.approx(50.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("percent", [0.0, 0.99, 200.1, math.nan, math.inf, -100.0])
+def test_overrides_out_of_range_are_refused(percent):
+    with pytest.raises(UsageError) as refusal:
+        Control().override(percent)
+    assert refusal.value.diagnostic.code == "feed-override"
