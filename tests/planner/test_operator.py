@@ -160,7 +160,7 @@ def test_an_override_takes_effect_at_once(before, after):
     control, chunks, changed = Control(before), [], 0
     for item in LookAhead(machine(), control).plan(path_of([lines([(x, 0, 0) for x in range(1, 200)], FEED)])):
         chunks.append(item)
-        if not changed and item.s0 + item.phase_s[-1] >= 5.0:
+        if not changed and item.s0 + item.phase_s[-1] >= 30.0:
             changed = len(chunks)
             control.override(after)
     assert_on_the_path(chunks)
