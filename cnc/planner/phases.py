@@ -14,6 +14,9 @@ Floats = NDArray[np.float64]
 DURATION, S, V, A, J = range(5)
 """Columns of an array of phases."""
 
+TOUCHING = 1e-6
+"""Relative: a speed this little below its bound is at it."""
+
 INSTANT = 1e-7
 """s; what would be left of a phase beside a cut at a time is not shorter."""
 
@@ -39,13 +42,17 @@ def first_rest(phases: Floats) -> int:
     return int(rests[0]) + 1 if len(rests) else len(phases)
 
 
-def last_slowing(phases: Floats, end: float) -> float:
-    """Length of the last stretch in which the motion only slows, down to rest at ``end``; a short cruise does not interrupt it."""
-    after = end - np.append(phases[1:, S], end)
-    level = (phases[:, A] == 0.0) & (phases[:, J] == 0.0) & (phases[:, DURATION] * phases[:, V] >= 0.5 * after)
-    rising = (phases[:, A] > 0.0) | (phases[:, A] == 0.0) & (phases[:, J] > 0.0)
-    ends = np.flatnonzero(level | rising)
-    return float(after[ends[-1]]) if len(ends) else end - float(phases[0, S])
+def last_bound(phases: Floats, known: Intervals) -> float:
+    """Arc length of the last place, from the plan's start on, where it is as fast as the path allows: behind it the coming rest shows."""
+    place, v = phases[:, S], phases[:, V] * (1.0 + TOUCHING)
+    before = np.minimum(np.searchsorted(known.end, place, side="left"), len(known) - 1)
+    after = np.minimum(np.searchsorted(known.end, place, side="right"), len(known) - 1)
+    touching = np.flatnonzero((phases[:, A] == 0.0) & (v >= np.minimum(known.speed[before], known.speed[after])))
+    if not len(touching):
+        return float(place[0])
+    k = int(touching[-1])
+    cruises = phases[k, J] == 0.0 and k + 1 < len(phases)
+    return float(place[k + 1] if cruises else place[k])
 
 
 def cut_steady(phases: Floats, limit: float) -> tuple[Floats, int]:

@@ -36,7 +36,7 @@ from cnc.planner.phases import (
     end_of,
     first_rest,
     first_steady,
-    last_slowing,
+    last_bound,
     plan_to_rest,
     release,
     slice_end,
@@ -53,6 +53,9 @@ STOPS_KNOWN = 4.0
 
 MANY = 16384
 """Intervals that are planned together in any case: their plan tells how far the motion really needs to stop."""
+
+MOST = 65536
+"""Intervals of which half are settled in any case: the bound of the memory, where the way to rest is longer than any that is met."""
 
 SLICE = 0.1
 """s; motion is handed out in slices of about this when somebody may want to change it. It is the latency of a hold or an override."""
@@ -261,7 +264,9 @@ class Window:
         count = len(phases)
         if not rests:
             top = float(phases[:, V].max())
-            kept = STOPS_KEPT * max(last_slowing(phases, goal), self.limits.stopping_distance(top))
+            kept = STOPS_KEPT * max(goal - last_bound(phases, known), self.limits.stopping_distance(top))
+            if len(known) >= MOST:
+                kept = min(kept, 0.5 * (goal - self._at))
             phases, count = cut_steady(phases, goal - kept)
         self._plan, self._rest_at, self._settled = phases, goal, max(count, lead)
         self._arrived = 0

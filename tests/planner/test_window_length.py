@@ -1,0 +1,110 @@
+"""The window: how long it is hardly shows in the time, its memory is bounded, and each stretch of path is planned about twice."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import cnc.planner.window
+from cnc.canon import Block, Polyline
+from cnc.control import Control
+from cnc.planner.lookahead import LookAhead
+from cnc.planner.plan import PlanChunk
+from cnc.planner.window import STOPS_KNOWN, Window
+from motions import arc, lines, machine, nurbs, path_of
+
+
+def chain(rng: np.random.Generator) -> list[Block]:
+    """A finishing pass: 6000 moves that turn a little."""
+    turn = 0.4 * np.sin(np.arange(6000) * 0.02) + rng.normal(0, 1e-4, 6000)
+    return [lines(np.cumsum(0.15 * np.stack((np.cos(turn), np.sin(turn), 0 * turn), axis=1), axis=0), 120.0)]
+
+
+def straight(_: np.random.Generator) -> list[Block]:
+    """Straight on, in moves of feeds that change."""
+    points = np.zeros((4000, 3))
+    points[:, 0] = np.linspace(0.25, 1000, 4000)
+    feeds = 150.0 + 100.0 * np.sin(np.arange(4000) * 0.003)
+    return [Polyline("t.nc", 1, points, feeds, np.arange(1, 4001, dtype=np.int32))]
+
+
+def arcs(rng: np.random.Generator) -> list[Block]:
+    """A hundred tangent half circles of many sizes."""
+    blocks, here, sense = [], np.zeros(3), 1
+    for line in range(1, 101):
+        radius = 10 ** rng.uniform(-0.3, 1.3)
+        bow = arc(here, (here[0] + radius, here[1]), sense * 0.5, 200.0, line=line)
+        blocks.append(bow)
+        here, sense = bow.end, -sense
+    return blocks
+
+
+def splines(rng: np.random.Generator) -> list[Block]:
+    """One long curve."""
+    points = np.concatenate(([np.zeros(3)], np.cumsum(rng.normal(4, 4, (300, 3)), axis=0)))
+    return [nurbs(points, feed=200.0)]
+
+
+def seconds(blocks, mill, stops_known) -> float:
+    chunks = [item for item in LookAhead(mill, stops_known=stops_known).plan(path_of(blocks)) if isinstance(item, PlanChunk)]
+    return chunks[-1].t0 + chunks[-1].duration
+
+
+@pytest.mark.parametrize("make", [chain, straight, arcs, splines])
+@pytest.mark.parametrize("axis", [None, (2400.0, 48000.0)])
+def test_a_window_ten_times_longer_changes_the_time_by_less_than_a_hundredth(make, axis, monkeypatch):
+    # Chunks of few pieces, so that the window is as short as it may be.
+    monkeypatch.setattr("cnc.path.build.MOST_PIECES", 32)
+    blocks, mill = make(np.random.default_rng(3)), machine(axis=axis)
+    short, long = (seconds(blocks, mill, STOPS_KNOWN * times) for times in (1.0, 10.0))
+    assert short == pytest.approx(long, rel=0.01)
+
+
+def test_each_stretch_is_planned_about_twice(monkeypatch):
+    monkeypatch.setattr("cnc.path.build.MOST_PIECES", 64)
+    planned, cut = [0], [0]
+    plan, add = cnc.planner.window.plan_to_rest, Window.add
+
+    def counted(start, known, v_start):
+        planned[0] += len(known)
+        return plan(start, known, v_start)
+
+    def added(self, *chunk):
+        before = self._arrived
+        add(self, *chunk)
+        cut[0] += self._arrived - before
+
+    monkeypatch.setattr(cnc.planner.window, "plan_to_rest", counted)
+    monkeypatch.setattr(Window, "add", added)
+    for make in (chain, straight, splines):
+        planned[0] = cut[0] = 0
+        seconds(make(np.random.default_rng(4)), machine(), STOPS_KNOWN)
+        assert planned[0] <= 2.1 * cut[0]
+
+
+def test_memory_does_not_grow_with_the_path():
+    def endless(count: int):
+        for k in range(count):
+            x = 600.0 * k + np.arange(1, 4001) * 0.15
+            yield lines(np.stack((x, np.sin(x / 20.0), 0 * x), axis=1), 25.0, 4000 * k + 1)
+
+    def peak(count: int) -> int:
+        ahead = LookAhead(machine(chord_error=0.01))
+        tracemalloc.start()
+        for _ in ahead.plan(path_of(endless(count))):
+            pass
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return found
+
+    peak(2)
+    assert peak(30) <= 1.2 * peak(10)
+
+
+def test_slices_are_short_when_somebody_may_want_to_change_the_motion():
+    blocks = [lines([(300, 0, 0)], 50.0), arc((300, 0, 0), (300, 50), 1.0, 50.0)]
+    plain = list(LookAhead(machine()).plan(path_of(blocks)))
+    sliced = list(LookAhead(machine(), Control()).plan(path_of(blocks)))
+    assert len(plain) < 5
+    assert max(chunk.duration for chunk in sliced) <= 0.151
+    assert sum(chunk.duration for chunk in sliced) == pytest.approx(sum(chunk.duration for chunk in plain), rel=1e-12)
