@@ -14,7 +14,7 @@ what stays open, so each stretch is planned about twice. Memory: the window hold
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from cnc.errors import Diagnostic, MotionLimitError
 from cnc.kernels.lookahead import PLANNED, START_TOO_FAST
 from cnc.path.chunk import PathChunk
-from cnc.planner.limits import STANDSTILL, Intervals, Limits, intervals, junction_between
+from cnc.planner.limits import Intervals, Limits
 from cnc.planner.phases import (
     DURATION,
     A,
@@ -42,6 +42,7 @@ from cnc.planner.phases import (
     slice_end,
 )
 from cnc.planner.plan import PlanChunk
+from cnc.planner.section import Section, Stretch
 
 Floats = NDArray[np.float64]
 
@@ -76,44 +77,6 @@ HALVINGS = 5
 """Times that the length in which the motion is slowed is halved between too short and long enough."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Stretch:
-    """A chunk of path and its neighbours, None where the motion rests between them."""
-
-    path: PathChunk
-    previous: PathChunk | None
-    following: PathChunk | None
-
-    def bounds(self, limits: Limits) -> Intervals:
-        """Its intervals, from its start."""
-        before = STANDSTILL if self.previous is None else junction_between(self.previous, self.path, limits)
-        after = STANDSTILL if self.following is None else junction_between(self.path, self.following, limits)
-        return intervals(self.path, limits, before, after)
-
-
-class _Section:
-    """A stretch in the window. base: the window's arc length at its start; travelled: the path length before it.
-
-    last_stop, last_open: where it stops last, and where motion in it may come to rest last (-inf: nowhere); top: its largest speed bound.
-    """
-
-    def __init__(self, stretch: _Stretch, limits: Limits, base: float, travelled: float) -> None:
-        self.stretch = stretch
-        self.piece_s = np.concatenate(([0.0], np.cumsum(stretch.path.length)))
-        self.base = base
-        self.travelled = travelled
-        self.intervals = known = stretch.bounds(limits)
-        stops = np.flatnonzero(known.flat & (known.speed == 0.0))
-        opens = np.flatnonzero(~known.flat)
-        self.last_stop = float(known.end[stops[-1]]) if len(stops) else -inf
-        self.last_open = float(known.end[opens[-1]]) if len(opens) else -inf
-        self.top = float(known.speed.max())
-
-    @property
-    def end(self) -> float:
-        return self.base + float(self.piece_s[-1])
-
-
 class Window:
     """Path that is known and not handed out, from :attr:`at` on.
 
@@ -124,7 +87,7 @@ class Window:
         self.limits = limits
         self.clock = 0.0
         self._stops_known = stops_known
-        self._sections: deque[_Section] = deque()
+        self._sections: deque[Section] = deque()
         self._travelled = 0.0
         self._at = 0.0
         self._plan = np.empty((0, 5))
@@ -134,6 +97,8 @@ class Window:
         self._arrived = 0
         """Intervals that came in since the last plan, and those that it left open."""
         self._left = 0
+        self._detour = 1
+        """Phases that are gone along at least where no new plan begins; twice as many each time, or each would cost a whole plan."""
         self._stopping = False
         self._slowing = -inf, limits
         """Up to where the motion is being slowed, and the limits until there."""
@@ -156,7 +121,7 @@ class Window:
         if not self._sections:
             self._at, self._slowing = 0.0, (-inf, self.limits)
         base = self._sections[-1].end if self._sections else 0.0
-        section = _Section(_Stretch(path, previous, following), self.limits, base, self._travelled)
+        section = Section(Stretch(path, previous, following), self.limits, base, self._travelled)
         self._sections.append(section)
         self._travelled += float(section.piece_s[-1])
         self._arrived += len(section.intervals)
@@ -179,8 +144,10 @@ class Window:
         known = self._known(self.limits, self._at, goal)
         status, phases = plan_to_rest(self._at, known, float(self._plan[0, V]) if len(self._plan) else 0.0)
         if status == START_TOO_FAST and len(self._plan):
-            # The plan made before the window grew is legal to its end: follow it to its next point without acceleration, and try again.
-            self._settled = first_steady(self._plan)
+            # The plan made before the window grew is legal to its end: follow it to a point without acceleration, and try again from there.
+            self._settled = min(self._detour, len(self._plan)) - 1
+            self._settled += first_steady(self._plan[self._settled :])
+            self._detour *= 2
             return True
         if status != PLANNED:
             path = self._sections[0].stretch.path
@@ -222,7 +189,7 @@ class Window:
         before, sections = self.limits, self._sections
         self._rebase()
         self.limits = replace(before, feed_factor=feed_factor)
-        self._sections = deque(_Section(each.stretch, self.limits, each.base, each.travelled) for each in sections)
+        self._sections = deque(Section(each.stretch, self.limits, each.base, each.travelled) for each in sections)
         if self.moving and not self._redirect(to_rest=False):
             self.limits, self._sections = before, sections
             return False
@@ -269,7 +236,7 @@ class Window:
                 kept = min(kept, 0.5 * (goal - self._at))
             phases, count = cut_steady(phases, goal - kept)
         self._plan, self._rest_at, self._settled = phases, goal, max(count, lead)
-        self._arrived = 0
+        self._arrived, self._detour = 0, 1
         open_from = float(phases[self._settled, S]) if self._settled < len(phases) else goal
         self._left = len(known) - int(np.searchsorted(known.end, open_from))
 
@@ -362,7 +329,7 @@ class Window:
         self._plan[:, S] -= shift
         self._slowing = self._slowing[0] - shift, self._slowing[1]
 
-    def _plan_chunk(self, section: _Section, phases: Floats, end: float, v_end: float, a_end: float) -> PlanChunk:
+    def _plan_chunk(self, section: Section, phases: Floats, end: float, v_end: float, a_end: float) -> PlanChunk:
         """Phases over one section as a plan in that section's own arc length, over the pieces that it touches, with the feeds that hold."""
         piece_s, path = section.piece_s, section.stretch.path
         local = phases[:, S] - section.base

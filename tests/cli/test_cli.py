@@ -285,6 +285,27 @@ def test_a_shipped_machine_by_name(cncrun, program):
     assert json.loads(out)["machine"] == "paper, NURBS"
 
 
+def test_a_feed_override(cncrun, program):
+    file = program("G21 G90\nG1 X50 F600\nM2\n")
+    seconds = {}
+    for command in (), ("check",):
+        for percent in ("50", "100", "200"):
+            code, out, _ = cncrun(*command, file, "--feed-override", percent, "--json", "-", "--quiet")
+            assert code == 0
+            seconds[command, percent] = json.loads(out)["duration_s"]
+        assert seconds[command, "50"] == pytest.approx(2 * seconds[command, "100"], rel=0.05)
+        assert seconds[command, "100"] == pytest.approx(2 * seconds[command, "200"], rel=0.05)
+    assert seconds[(), "50"] == pytest.approx(seconds[("check",), "50"], rel=1e-9)
+
+
+@pytest.mark.parametrize("percent", ["0", "0.5", "201", "-10", "nan", "fast"])
+def test_a_feed_override_out_of_range_is_wrong_usage(cncrun, program, percent):
+    for command in (), ("check",):
+        code, out, err = cncrun(*command, program(GOOD), f"--feed-override={percent}")
+        assert (code, out) == (2, "")
+        assert last_message(err, "usage" if percent == "fast" else "feed-override")
+
+
 def test_the_operator_stops_a_run(cncrun, program, monkeypatch):
     class Interrupting(Loopback):
         told = False
