@@ -77,8 +77,9 @@ def speed_bound(data: Floats, at: int, q: Floats, feed: float, rules: Floats, ax
     if curvature > 0.0:
         radius = 1.0 / curvature
         v = min(v, math.sqrt(rules[2] * radius))
-        if 2.0 * radius > rules[3]:
-            v = min(v, 2.0 / rules[4] * math.sqrt(rules[3] * (2.0 * radius - rules[3])))
+        # A half circle's chord leaves it by the radius, and no chord by more.
+        sagitta = min(rules[3], radius)
+        v = min(v, 2.0 / rules[4] * math.sqrt(sagitta * (2.0 * radius - sagitta)))
         v = min(v, math.sqrt(24.0 * (1.0 - UNSEEN) * rules[5]) * radius / rules[4])
     for i in range(q.shape[1]):
         if q[1, i] != 0.0:
