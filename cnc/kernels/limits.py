@@ -67,28 +67,39 @@ UNSEEN = 1e-3
 
 
 @njit
-def speed_bound(data: Floats, at: int, q: Floats, feed: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats) -> float:
-    """Largest speed at a point of the piece at ``at``, from its derivatives by arc length ``q`` (4, n)."""
-    v = feed
+def speed_bounds(
+    data: Floats, at: int, q: Floats, feed: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats
+) -> tuple[float, float]:
+    """Largest speeds at a point of the piece at ``at``, from its derivatives by arc length ``q`` (4, n).
+
+    The first leaves each axis its shares of acceleration and jerk for changes of speed, whatever their direction; no motion is faster than
+    the second.
+    """
+    top = feed
     squared = 0.0
     for m in range(int(data[at + METRICS])):
         squared += q[2, int(data[at + METRIC + m])] ** 2
     curvature = math.sqrt(squared)
     if curvature > 0.0:
         radius = 1.0 / curvature
-        v = min(v, math.sqrt(rules[2] * radius))
+        top = min(top, math.sqrt(rules[2] * radius))
         # A half circle's chord leaves it by the radius, and no chord by more.
         sagitta = min(rules[3], radius)
-        v = min(v, 2.0 / rules[4] * math.sqrt(sagitta * (2.0 * radius - sagitta)))
-        v = min(v, math.sqrt(24.0 * (1.0 - UNSEEN) * rules[5]) * radius / rules[4])
+        top = min(top, 2.0 / rules[4] * math.sqrt(sagitta * (2.0 * radius - sagitta)))
+        top = min(top, math.sqrt(24.0 * (1.0 - UNSEEN) * rules[5]) * radius / rules[4])
+    bend = 0.0
+    twist = 0.0
     for i in range(q.shape[1]):
         if q[1, i] != 0.0:
-            v = min(v, axis_v[i] / abs(q[1, i]))
-        if q[2, i] != 0.0:
-            v = min(v, math.sqrt(ACCEL_SHARE * axis_a[i] / abs(q[2, i])))
-        if q[3, i] != 0.0:
-            v = min(v, (JERK_SHARE * axis_j[i] / abs(q[3, i])) ** (1.0 / 3.0))
-    return v
+            top = min(top, axis_v[i] / abs(q[1, i]))
+        bend = max(bend, abs(q[2, i]) / axis_a[i])
+        twist = max(twist, abs(q[3, i]) / axis_j[i])
+    v = top
+    if bend * v * v > ACCEL_SHARE:
+        v = math.sqrt(ACCEL_SHARE / bend)
+    if twist * v * v * v > JERK_SHARE:
+        v = (JERK_SHARE / twist) ** (1.0 / 3.0)
+    return v, top
 
 
 @njit
@@ -217,14 +228,22 @@ def bounds_vary(q: Floats, v: float, spacing: float, speed: Floats, rules: Float
 
 @njit
 def write_interval(
-    end: float, v: float, flat: bool, first: Floats, second: Floats, third: Floats,
+    start: float, end: float, v: float, top: float, flat: bool, first: Floats, second: Floats, third: Floats, q: Floats,
     rules: Floats, axis_a: Floats, axis_j: Floats, count: int,
-    out_end: Floats, out_speed: Floats, out_accel: Floats, out_jerk: Floats, out_flat: Flags,
+    out_end: Floats, out_speed: Floats, out_top: Floats, out_accel: Floats, out_jerk: Floats, out_flat: Flags,
+    out_sampled: Floats, out_samples: Floats,
 ) -> int:  # fmt: skip
-    """Append an interval that reaches to ``end``, with its bounds at every level of speed; returns the new count."""
+    """Append an interval, with its bounds at every level of speed and the path's derivatives; returns the new count."""
     out_end[count] = end
     out_speed[count] = v * (1.0 - 1e-9)
+    out_top[count] = top * (1.0 - 1e-9)
     out_flat[count] = flat
+    out_sampled[count, 0] = start
+    out_sampled[count, 1] = end
+    for m in range(3):
+        for order in range(3):
+            for i in range(q.shape[2]):
+                out_samples[count, m, order, i] = q[m * (SAMPLES - 1) // 2, order + 1, i]
     for m in range(LEVELS):
         a, j = tangential_bounds(first, second, third, v * (1.0 - 0.1 * m), rules, axis_a, axis_j)
         out_accel[count, m] = a * (1.0 - 1e-6)
@@ -233,16 +252,22 @@ def write_interval(
 
 
 @njit
-def gather(q: Floats, speed: Floats, first: Floats, second: Floats, third: Floats) -> float:
-    """Fold the samples into bounds on |q'|, |q''|, |q'''| of each axis; returns the speed bound of the interval.
-
-    Between samples a bound may be passed by a fraction of its variation from sample to sample: that much is added.
-    """
+def lowest_between(speed: Floats) -> float:
+    """A bound for the speeds between the samples too: below the lowest by part of what they vary."""
     lowest = speed[0]
     highest = speed[0]
     for m in range(1, SAMPLES):
         lowest = min(lowest, speed[m])
         highest = max(highest, speed[m])
+    return lowest - 0.125 * min(highest - lowest, lowest)
+
+
+@njit
+def gather(q: Floats, speed: Floats, first: Floats, second: Floats, third: Floats) -> float:
+    """Fold the samples into bounds on |q'|, |q''|, |q'''| of each axis; returns the speed bound of the interval.
+
+    Between samples a bound may be passed by a fraction of its variation from sample to sample: that much is added.
+    """
     for i in range(q.shape[2]):
         first[i] = second[i] = third[i] = 0.0
         for m in range(SAMPLES):
@@ -253,7 +278,7 @@ def gather(q: Floats, speed: Floats, first: Floats, second: Floats, third: Float
             first[i] = max(first[i], abs(q[m, 1, i]) + 0.25 * abs(q[m, 1, i] - q[m - 1, 1, i]))
             second[i] = max(second[i], abs(q[m, 2, i]) + 0.25 * abs(q[m, 2, i] - q[m - 1, 2, i]))
             third[i] = max(third[i], abs(q[m, 3, i]) + 0.25 * abs(q[m, 3, i] - q[m - 1, 3, i]))
-    return lowest - 0.125 * min(highest - lowest, lowest)
+    return lowest_between(speed)
 
 
 @njit
@@ -271,8 +296,8 @@ def joint(
     if singular != 0 or differ:
         return 0.0, True
     v = min(
-        speed_bound(data_a, at_a, q[0], feed_a, rules, axis_v, axis_a, axis_j),
-        speed_bound(data_b, at_b, q[1], feed_b, rules, axis_v, axis_a, axis_j),
+        speed_bounds(data_a, at_a, q[0], feed_a, rules, axis_v, axis_a, axis_j)[0],
+        speed_bounds(data_b, at_b, q[1], feed_b, rules, axis_v, axis_a, axis_j)[0],
     )
     room = FLAT_SHARE * min(length_a, length_b) / (FLAT_PERIODS * rules[4])
     speed, flat = junction(data_a, at_a, q[0], q[1], v, rules, axis_a, axis_j)
@@ -283,18 +308,21 @@ def joint(
 def chunk_intervals(
     kind: Ints, at: Ints, data: Floats, length: Floats, feed: Floats, stop_after: Flags,
     v_in: float, flat_in: bool, v_out: float, flat_out: bool, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats,
-    out_end: Floats, out_speed: Floats, out_accel: Floats, out_jerk: Floats, out_flat: Flags,
+    out_end: Floats, out_speed: Floats, out_top: Floats, out_accel: Floats, out_jerk: Floats, out_flat: Flags,
+    out_sampled: Floats, out_samples: Floats,
 ) -> int:  # fmt: skip
     """Cut the pieces of a chunk into intervals with constant bounds.
 
     feed (m,): mm/s, inf where only the axes limit it. v_in, flat_in, v_out, flat_out: the junctions with the chunks before and after.
     rules: tangential acceleration, jerk, normal acceleration, chord error, period, step deviation. out_*: room for where each interval ends
-    (arc length from the chunk's start), its speed bound, its bounds by level of speed, its flatness. Returns the number of intervals, or -1
-    where there was no room for them.
+    (arc length from the chunk's start), its speed bounds (see :func:`speed_bounds`), its bounds by level of speed, its flatness, from where
+    to where it was sampled, and q', q'', q''' at its start, middle and end. Returns the number of intervals, or -1 where there was no room
+    for them.
     """
     axes = len(axis_v)
     q = np.zeros((SAMPLES, 4, axes))
     speed = np.zeros(SAMPLES)
+    tops = np.zeros(SAMPLES)
     first = np.zeros(axes)
     second = np.zeros(axes)
     third = np.zeros(axes)
@@ -315,7 +343,7 @@ def chunk_intervals(
         flat_from = FLAT_PERIODS * rules[4] * v_before if flat_before else 0.0
         flat_to = length[k] - (FLAT_PERIODS * rules[4] * v_after if flat_after else 0.0)
         start = 0.0
-        step = length[k] if shape != SPAN else length[k] / 16.0
+        step = length[k]
         while start < length[k]:
             if count + 2 > len(out_end):
                 return -1
@@ -328,19 +356,20 @@ def chunk_intervals(
             while True:
                 interval_samples(shape, data, at[k], start, end, q)
                 for m in range(SAMPLES):
-                    speed[m] = speed_bound(data, at[k], q[m], IN_SIGHT * feed[k], rules, axis_v, axis_a, axis_j)
+                    speed[m], tops[m] = speed_bounds(data, at[k], q[m], IN_SIGHT * feed[k], rules, axis_v, axis_a, axis_j)
                 v = min(feed[k], gather(q, speed, first, second, third))
                 if shape == LINE or end - start <= SHORTEST:
                     break
                 if not bounds_vary(q, v, (end - start) / (SAMPLES - 1), speed, rules, axis_a, axis_j):
                     break
                 end = start + 0.5 * (end - start)
+            top = min(feed[k], lowest_between(tops))
             if flat:
                 v = min(v, v_before if start < flat_from else v_after)
             step = 2.0 * (end - start)
             count = write_interval(
-                base + end, v, flat, first, second, third, rules, axis_a, axis_j, count,
-                out_end, out_speed, out_accel, out_jerk, out_flat,
+                base + start, base + end, v, top, flat, first, second, third, q, rules, axis_a, axis_j, count,
+                out_end, out_speed, out_top, out_accel, out_jerk, out_flat, out_sampled, out_samples,
             )  # fmt: skip
             start = end
         if flat_after and v_after == 0.0:
@@ -349,8 +378,8 @@ def chunk_intervals(
             second[:] = 0.0
             third[:] = 0.0
             count = write_interval(
-                base + length[k], 0.0, True, first, second, third, rules, axis_a, axis_j, count,
-                out_end, out_speed, out_accel, out_jerk, out_flat,
+                base + length[k], base + length[k], 0.0, 0.0, True, first, second, third, q, rules, axis_a, axis_j, count,
+                out_end, out_speed, out_top, out_accel, out_jerk, out_flat, out_sampled, out_samples,
             )  # fmt: skip
         base += length[k]
         v_before, flat_before = v_after, flat_after

@@ -76,6 +76,11 @@ class Limits:
             ]
         )
 
+    @property
+    def per_axis(self) -> bool:
+        """Whether some axis has limits of its own for acceleration or jerk."""
+        return bool(np.isfinite(self.axis_acceleration).any() or np.isfinite(self.axis_jerk).any())
+
     def feeds(self, path: PathChunk) -> Floats:
         """The largest feed that each piece may have: programmed, times the override, and within the machine's.
 
@@ -106,15 +111,20 @@ STANDSTILL = Junction(0.0, True)
 class Intervals:
     """A stretch of path as intervals with constant bounds.
 
-    end (n,): arc length where each ends, from the start of the chunk. speed (n,). accel, jerk (n, LEVELS): bounds at falling levels of
-    speed. flat (n,): crossed at constant speed; a stop is a flat interval of no length at speed 0.
+    end (n,): arc length where each ends, from the start of the chunk. speed (n,): leaves room to change speed in any direction; top (n,):
+    no motion is faster. accel, jerk (n, LEVELS): bounds at falling levels of speed. flat (n,): crossed at constant speed; a stop is a flat
+    interval of no length at speed 0. sampled (n, 2): arc lengths between which ``samples`` (n, 3, 3, axes) holds the path's first three
+    derivatives at the start, in the middle and at the end.
     """
 
     end: Floats
     speed: Floats
+    top: Floats
     accel: Floats
     jerk: Floats
     flat: NDArray[np.bool_]
+    sampled: Floats
+    samples: Floats
 
     def __len__(self) -> int:
         return len(self.end)
@@ -130,9 +140,18 @@ class Intervals:
     @staticmethod
     def joined(parts: Sequence[Intervals], bases: Sequence[float]) -> Intervals:
         """Intervals of stretches that follow each other and begin at ``bases``."""
-        ends = [part.end + base for part, base in zip(parts, bases, strict=True)]
-        others = [field.name for field in fields(Intervals) if field.name != "end"]
-        return Intervals(np.concatenate(ends), *(np.concatenate([getattr(part, name) for part in parts]) for name in others))
+        places = {"end", "sampled"}
+        return Intervals(
+            *(
+                np.concatenate(
+                    [
+                        getattr(part, field.name) + base if field.name in places else getattr(part, field.name)
+                        for part, base in zip(parts, bases, strict=True)
+                    ]
+                )
+                for field in fields(Intervals)
+            )
+        )
 
 
 def junction_between(before: PathChunk, after: PathChunk, limits: Limits) -> Junction:
@@ -151,14 +170,17 @@ def intervals(path: PathChunk, limits: Limits, before: Junction, after: Junction
     """Cut a chunk into intervals with constant bounds."""
     room = 4 * len(path) + 1024
     while True:
-        end, speed, flat = np.empty(room), np.empty(room), np.empty(room, np.bool_)
-        accel, jerk = np.empty((room, LEVELS)), np.empty((room, LEVELS))
+        found = Intervals(
+            end=np.empty(room), speed=np.empty(room), top=np.empty(room),
+            accel=np.empty((room, LEVELS)), jerk=np.empty((room, LEVELS)), flat=np.empty(room, np.bool_),
+            sampled=np.empty((room, 2)), samples=np.empty((room, 3, 3, len(path.axes))),
+        )  # fmt: skip
         count = chunk_intervals(
             path.kind, path.at, path.data, path.length, limits.feeds(path), path.stop_after,
             before.speed, before.flat, after.speed, after.flat,
             limits.rules, limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk,
-            end, speed, accel, jerk, flat,
+            found.end, found.speed, found.top, found.accel, found.jerk, found.flat, found.sampled, found.samples,
         )  # fmt: skip
         if count >= 0:
-            return Intervals(end[:count], speed[:count], accel[:count], jerk[:count], flat[:count])
+            return Intervals(*(getattr(found, field.name)[:count] for field in fields(Intervals)))
         room *= 2

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.lookahead import plan_window
+from cnc.kernels.lookahead import PLANNED, START_TOO_FAST, plan_window
+from cnc.kernels.refine import refine
 from cnc.kernels.scurve import phase_time
-from cnc.planner.limits import Intervals
+from cnc.planner.limits import Intervals, Limits
 
 Floats = NDArray[np.float64]
 
@@ -17,12 +20,42 @@ DURATION, S, V, A, J = range(5)
 TOUCHING = 1e-6
 """Relative: a speed this little below its bound is at it."""
 
+ROUGHLY = 1.4
+"""How much faster than usual a plan may be that is to be refined in any case."""
+
 INSTANT = 1e-7
 """s; what would be left of a phase beside a cut at a time is not shorter."""
 
 
-def plan_to_rest(start: float, known: Intervals, v_start: float) -> tuple[int, Floats]:
-    """Plan from ``start``, where the motion has speed ``v_start``, to rest at the end of ``known``: the kernel's status and the phases."""
+def plan_to_rest(start: float, known: Intervals, v_start: float, limits: Limits) -> tuple[int, Floats]:
+    """Plan from ``start``, where the motion has speed ``v_start``, to rest at the end of ``known``: the kernel's status and the phases.
+
+    Where limits for each axis bind on a curve, the plan is refined. From a speed that the refinement has led to, a plan may have to begin
+    with one that only nearly keeps to the limits.
+    """
+    status, phases = _planned(start, known, v_start)
+    rough = status == START_TOO_FAST
+    if not limits.per_axis or not (rough or status == PLANNED):
+        return status, phases
+    if rough:
+        freer = replace(
+            known,
+            speed=np.where(known.flat, known.speed, np.minimum(known.top, ROUGHLY * known.speed)),
+            accel=np.maximum(known.accel, 0.5 * known.accel[:, -1:]),
+            jerk=np.maximum(known.jerk, 0.5 * known.jerk[:, -1:]),
+        )
+        status, phases = _planned(start, freer, v_start)
+        if status != PLANNED:
+            return status, phases
+    legal, phases = refine(
+        phases, known.end, known.top, known.flat, known.sampled, known.samples,
+        limits.axis_acceleration, limits.axis_jerk, limits.tangential_acceleration, limits.tangential_jerk, rough,
+    )  # fmt: skip
+    return (PLANNED, phases) if legal else (START_TOO_FAST, phases[:0])
+
+
+def _planned(start: float, known: Intervals, v_start: float) -> tuple[int, Floats]:
+    """A plan from bounds that are constant on each interval."""
     phases = np.empty((8 * len(known) + 16, 5))
     bound_s = np.concatenate(([start], known.end))
     status, written = plan_window(bound_s, known.speed, known.accel, known.jerk, known.flat, v_start, phases)

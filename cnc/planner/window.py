@@ -142,7 +142,7 @@ class Window:
         self._rebase()
         goal, _ = self._goal()
         known = self._known(self.limits, self._at, goal)
-        status, phases = plan_to_rest(self._at, known, float(self._plan[0, V]) if len(self._plan) else 0.0)
+        status, phases = plan_to_rest(self._at, known, float(self._plan[0, V]) if len(self._plan) else 0.0, self.limits)
         if status == START_TOO_FAST and len(self._plan):
             # The plan made before the window grew is legal to its end: follow it to a point without acceleration, and try again from there.
             self._settled = min(self._detour, len(self._plan)) - 1
@@ -276,7 +276,7 @@ class Window:
             if far is not None:
                 end = goal if whole else min(goal, _beyond_flat(far, up_to + HORIZON * stopping))
                 known = Intervals.joined((known, far.between(up_to, end)), (0.0, 0.0))
-            status, phases = plan_to_rest(s, known, v)
+            status, phases = plan_to_rest(s, known, v, slowing)
             return phases if status == PLANNED else None
 
         works = failed = _beyond_flat(level, s)
