@@ -42,7 +42,9 @@ WINDOW = 400
 """Cells that are refined together; of a longer stretch the first half is kept each time, and the rest refined with what follows."""
 
 RAMP_CELLS = 5
-"""Cells in the longest jerk phase of a stretch; the others are about as long in time."""
+PLATEAU = 0.3
+"""Cells in the longest jerk phase of a stretch, or in this part of its longest phase of constant acceleration; the others are about as long
+in time."""
 
 SPANNED = 6
 """Intervals that a cell may reach over."""
@@ -512,6 +514,8 @@ def place_cuts(rows: Floats, first: int, last: int, end: Floats, s: Floats, v: F
         whole += rows[r, 0]
         if rows[r, 4] != 0.0:
             ramp = max(ramp, rows[r, 0])
+        elif rows[r, 3] != 0.0:
+            ramp = max(ramp, PLATEAU * rows[r, 0])
     usual = (ramp if ramp > 0.0 else 0.25 * whole) / RAMP_CELLS
     count = 0
     k = interval_at(rows[first, 1], np.searchsorted(end, rows[first, 1]), end)
