@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cnc.kernels.arclength import MAX_ROWS, measure
 from cnc.kernels.curve import LENGTH, LINE, ROW, SPAN, SPAN_BODY, START, TABLE, Floats, Ints, curve_eval_s
 from cnc.kernels.jit import njit
-from cnc.kernels.limits import joint, speed_bound
+from cnc.kernels.limits import joint, speed_bounds
 from cnc.kernels.overlap import LEGS_SHARE, SHARPEST, directions, line_bounds, overlap_time, write_line
 from cnc.kernels.scurve import ramp_distance, ramp_shape, ramp_time, reachable_speed
 from cnc.kernels.timed import ROOM_OF_TIMED, ROOM_OF_TIMED_PER_AXIS, timed_length, write_cubic, write_turns
@@ -48,7 +48,7 @@ def blend_speed(data: Floats, at: int, feed: float, rules: Floats, axis_v: Float
     v = feed
     for k in range(BLEND_LOOKS):
         curve_eval_s(SPAN, data, at, k / (BLEND_LOOKS - 1.0), q)
-        v = min(v, speed_bound(data, at, q, feed, rules, axis_v, axis_a, axis_j))
+        v = min(v, speed_bounds(data, at, q, feed, rules, axis_v, axis_a, axis_j)[0])
     data[at + TABLE] = 0.0
     return v
 

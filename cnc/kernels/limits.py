@@ -240,10 +240,10 @@ def write_interval(
     out_flat[count] = flat
     out_sampled[count, 0] = start
     out_sampled[count, 1] = end
-    for m in range(3):
+    for m in range(SAMPLES):
         for order in range(3):
             for i in range(q.shape[2]):
-                out_samples[count, m, order, i] = q[m * (SAMPLES - 1) // 2, order + 1, i]
+                out_samples[count, m, order, i] = q[m, order + 1, i]
     for m in range(LEVELS):
         a, j = tangential_bounds(first, second, third, v * (1.0 - 0.1 * m), rules, axis_a, axis_j)
         out_accel[count, m] = a * (1.0 - 1e-6)
@@ -316,7 +316,7 @@ def chunk_intervals(
     feed (m,): mm/s, inf where only the axes limit it. v_in, flat_in, v_out, flat_out: the junctions with the chunks before and after.
     rules: tangential acceleration, jerk, normal acceleration, chord error, period, step deviation. out_*: room for where each interval ends
     (arc length from the chunk's start), its speed bounds (see :func:`speed_bounds`), its bounds by level of speed, its flatness, from where
-    to where it was sampled, and q', q'', q''' at its start, middle and end. Returns the number of intervals, or -1 where there was no room
+    to where it was sampled, and q', q'', q''' at SAMPLES points. Returns the number of intervals, or -1 where there was no room
     for them.
     """
     axes = len(axis_v)

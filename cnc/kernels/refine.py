@@ -386,16 +386,25 @@ def interval_at(s: float, start: int, end: Floats) -> int:
 
 @njit
 def derivatives(k: int, s: float, sampled: Floats, samples: Floats, out: Floats) -> None:
-    """q', q'', q''' at ``s`` in interval ``k``, from the parabola through its samples; the last column stands for the path itself."""
+    """q', q'', q''' at ``s`` in interval ``k``, from the quartic through its five samples; the last column stands for the path itself."""
     axes = samples.shape[3]
     extent = sampled[k, 1] - sampled[k, 0]
     x = min(max((s - sampled[k, 0]) / extent, 0.0), 1.0) if extent > 0.0 else 0.0
-    w0 = (2.0 * x - 1.0) * (x - 1.0)
-    w1 = 4.0 * x * (1.0 - x)
-    w2 = x * (2.0 * x - 1.0)
+    x *= 4.0
+    w0 = (x - 1.0) * (x - 2.0) * (x - 3.0) * (x - 4.0) / 24.0
+    w1 = -x * (x - 2.0) * (x - 3.0) * (x - 4.0) / 6.0
+    w2 = x * (x - 1.0) * (x - 3.0) * (x - 4.0) / 4.0
+    w3 = -x * (x - 1.0) * (x - 2.0) * (x - 4.0) / 6.0
+    w4 = x * (x - 1.0) * (x - 2.0) * (x - 3.0) / 24.0
     for order in range(3):
         for i in range(axes):
-            out[order, i] = w0 * samples[k, 0, order, i] + w1 * samples[k, 1, order, i] + w2 * samples[k, 2, order, i]
+            out[order, i] = (
+                w0 * samples[k, 0, order, i]
+                + w1 * samples[k, 1, order, i]
+                + w2 * samples[k, 2, order, i]
+                + w3 * samples[k, 3, order, i]
+                + w4 * samples[k, 4, order, i]
+            )
         out[order, axes] = 1.0 if order == 0 else 0.0
 
 
@@ -404,22 +413,40 @@ def phase_worst(
     duration: float, s: float, v: float, a: float, j: float, s_end: float, k: int, end: Floats, top: Floats, sampled: Floats,
     samples: Floats, limit_a: Floats, limit_j: Floats, q: Floats,
 ) -> tuple[float, int]:  # fmt: skip
-    """The largest part of a limit that a phase takes up, at points throughout it, and the interval in which it ends. q: scratch."""
+    """The largest part of a limit that a phase takes up, at points throughout it and on both sides of each end of an interval.
+
+    Returns it and the interval in which the phase ends. q: scratch.
+    """
     worst = 0.0
-    for m in range(DENSE + 1):
-        t = duration * m / DENSE
-        here = s + t * (v + t * (0.5 * a + t * j / 6.0))
+    t_before = 0.0
+    s_before = s
+    k = interval_at(s, k, end)
+    m = 0
+    while m <= DENSE:
+        t_next = duration * m / DENSE
+        s_next = s_end if m == DENSE else s + t_next * (v + t_next * (0.5 * a + t_next * j / 6.0))
+        t = t_next
+        here = s_next
+        crossing = k + 1 < len(end) and end[k] < s_next
+        if crossing:
+            here = end[k]
+            t = t_before + (t_next - t_before) * (here - s_before) / (s_next - s_before)
+        else:
+            t_before = t_next
+            s_before = s_next
+            m += 1
         speed = v + t * (a + 0.5 * t * j)
         accel = a + t * j
-        # Each end is looked at from the inside.
-        k = interval_at(s_end if m == DENSE else here, k, end)
-        if m == DENSE and k > 0 and s_end <= end[k - 1]:
-            k -= 1
-        worst = max(worst, speed / top[k])
-        derivatives(k, here, sampled, samples, q)
-        for i in range(q.shape[1]):
-            worst = max(worst, abs(q[0, i] * accel + q[1, i] * speed * speed) / limit_a[i])
-            worst = max(worst, abs(q[0, i] * j + 3.0 * q[1, i] * speed * accel + q[2, i] * speed * speed * speed) / limit_j[i])
+        for side in range(2):
+            if side == 1:
+                if not crossing:
+                    break
+                k += 1
+            worst = max(worst, speed / top[k])
+            derivatives(k, here, sampled, samples, q)
+            for i in range(q.shape[1]):
+                worst = max(worst, abs(q[0, i] * accel + q[1, i] * speed * speed) / limit_a[i])
+                worst = max(worst, abs(q[0, i] * j + 3.0 * q[1, i] * speed * accel + q[2, i] * speed * speed * speed) / limit_j[i])
     return worst, k
 
 
@@ -491,8 +518,8 @@ def can_gain(rows: Floats, first: int, last: int, end: Floats, top: Floats, samp
             lowest = min(lowest, top[k])
             for i in range(axes):
                 limit = limit_j[i] if j != 0.0 else limit_a[i]
-                if samples[k, 1, 0, i] != 0.0:
-                    highest = min(highest, limit / abs(samples[k, 1, 0, i]))
+                if samples[k, 2, 0, i] != 0.0:
+                    highest = min(highest, limit / abs(samples[k, 2, 0, i]))
             if not (k + 1 < len(end) and end[k] < finish):
                 break
             k += 1
@@ -658,7 +685,7 @@ def refine(
     """Make a plan faster where curves cost time.
 
     phases (p, 5): rows of duration, s, v, a, j. end, top, flat (n,): the intervals that it runs over, with the speed that they may be
-    crossed at by any motion. sampled (n, 2): from where to where their ``samples`` (n, 3, 3, axes) of q', q'', q''' reach. rough: the plan
+    crossed at by any motion. sampled (n, 2): from where to where their ``samples`` (n, 5, 3, axes) of q', q'', q''' reach. rough: the plan
     itself need not be legal. Returns whether the result is, and its phases.
     """
     axes = len(axis_a)

@@ -13,7 +13,7 @@ from math import inf, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.limits import LEVELS, chunk_intervals, joint
+from cnc.kernels.limits import LEVELS, SAMPLES, chunk_intervals, joint
 from cnc.machine.models import Machine
 from cnc.path.chunk import PathChunk
 
@@ -113,8 +113,8 @@ class Intervals:
 
     end (n,): arc length where each ends, from the start of the chunk. speed (n,): leaves room to change speed in any direction; top (n,):
     no motion is faster. accel, jerk (n, LEVELS): bounds at falling levels of speed. flat (n,): crossed at constant speed; a stop is a flat
-    interval of no length at speed 0. sampled (n, 2): arc lengths between which ``samples`` (n, 3, 3, axes) holds the path's first three
-    derivatives at the start, in the middle and at the end.
+    interval of no length at speed 0. sampled (n, 2): arc lengths between which ``samples`` (n, SAMPLES, 3, axes) holds the path's first three
+    derivatives, evenly spaced.
     """
 
     end: Floats
@@ -173,7 +173,7 @@ def intervals(path: PathChunk, limits: Limits, before: Junction, after: Junction
         found = Intervals(
             end=np.empty(room), speed=np.empty(room), top=np.empty(room),
             accel=np.empty((room, LEVELS)), jerk=np.empty((room, LEVELS)), flat=np.empty(room, np.bool_),
-            sampled=np.empty((room, 2)), samples=np.empty((room, 3, 3, len(path.axes))),
+            sampled=np.empty((room, 2)), samples=np.empty((room, SAMPLES, 3, len(path.axes))),
         )  # fmt: skip
         count = chunk_intervals(
             path.kind, path.at, path.data, path.length, limits.feeds(path), path.stop_after,
