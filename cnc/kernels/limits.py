@@ -23,7 +23,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.curve import LINE, METRIC, METRICS, SPAN, curve_eval_s, curve_inv_arclen, curve_range
+from cnc.kernels.curve import LINE, METRIC, METRICS, curve_eval_s, curve_inv_arclen, curve_range
 from cnc.kernels.jit import njit
 
 Floats = NDArray[np.float64]

@@ -113,8 +113,8 @@ class Intervals:
 
     end (n,): arc length where each ends, from the start of the chunk. speed (n,): leaves room to change speed in any direction; top (n,):
     no motion is faster. accel, jerk (n, LEVELS): bounds at falling levels of speed. flat (n,): crossed at constant speed; a stop is a flat
-    interval of no length at speed 0. sampled (n, 2): arc lengths between which ``samples`` (n, SAMPLES, 3, axes) holds the path's first three
-    derivatives, evenly spaced.
+    interval of no length at speed 0. sampled (n, 2): arc lengths between which ``samples`` (n, SAMPLES, 3, axes) holds the path's
+    first three derivatives, evenly spaced.
     """
 
     end: Floats
