@@ -614,7 +614,8 @@ def tighten(
     x = np.empty(5)
     dx = np.empty((5, 4))
     scratch = np.empty((3, q.shape[3]))
-    none = np.empty((0, 2, 2))
+    no_blocks = np.empty((0, 2, 2))
+    no_gradient = np.empty((0, 2))
     k = interval_at(s[first], np.searchsorted(end, s[first]), end)
     largest = 0.0
     for m in range(first, last):
@@ -627,7 +628,7 @@ def tighten(
         seen = max(one, two)
         largest = max(largest, seen)
         if seen > TIGHT:
-            _, held, _ = merit(m, m + 1, v, a, d, cell_top, share, q, limit_a, limit_j, 0.0, HIGH, False, none, none, none[0])
+            _, held, _ = merit(m, m + 1, v, a, d, cell_top, share, q, limit_a, limit_j, 0.0, HIGH, False, no_blocks, no_blocks, no_gradient)
             held = max(held * share[m], TIGHT)
             if seen > held * (1.0 + TOUCH):
                 share[m] = min(share[m], (1.0 - TOUCH) * held / seen)

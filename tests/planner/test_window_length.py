@@ -65,9 +65,9 @@ def test_each_stretch_is_planned_about_twice(monkeypatch):
     planned, cut = [0], [0]
     plan, add = cnc.planner.window.plan_to_rest, Window.add
 
-    def counted(start, known, v_start):
+    def counted(start, known, *others):
         planned[0] += len(known)
-        return plan(start, known, v_start)
+        return plan(start, known, *others)
 
     def added(self, *chunk):
         before = self._arrived
