@@ -261,6 +261,8 @@ class Window:
         On that length it may keep its speed, but not rise above it.
         """
         goal, rests = (self._rest_at, True) if to_rest else self._goal()
+        if s >= goal - _rounding(goal):
+            return False
         slowing = replace(self.limits, slowing_from=v * (1.0 + ROOM), feed_factor=0.0 if to_rest else self.limits.feed_factor)
         stopping = self.limits.stopping_distance(v)
         # Rest only where no junction would want a constant speed at any feed: the motion has to start there again.
