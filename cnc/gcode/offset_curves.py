@@ -94,11 +94,11 @@ class Round:
 
     def ahead(self, point: complex) -> float:
         """The angle from ``first`` to a point, from -pi to pi."""
-        return self.spin * cmath.phase((point - self.center) * (self.first - self.center).conjugate())
+        return self.spin * angle((point - self.center) * (self.first - self.center).conjugate())
 
     def back(self, point: complex) -> float:
         """The angle from a point to ``last``, from -pi to pi."""
-        return self.spin * cmath.phase((self.last - self.center) * (point - self.center).conjugate())
+        return self.spin * angle((self.last - self.center) * (point - self.center).conjugate())
 
 
 Curve = Straight | Round
@@ -130,21 +130,26 @@ def true_arcs(start: complex, end: complex, center: complex, turns: float) -> It
     by more than twice the tolerance. Where the ends of a nearly full circle are so close together that this place would be far away, the
     arc is cut into arcs of up to half a turn first.
     """
-    reach, chord = abs(start - center), abs(end - start)
+    reach = abs(start - center)
     grown = abs(end - center) - reach
     if abs(grown) <= SLACK:
         yield TrueArc(end, center, turns, 1.0)
         return
-    pieces = 1 if abs(turns) <= 0.5 or chord >= reach / 2 else math.ceil(2 * abs(turns))
+    pieces = math.ceil(2 * abs(turns)) if closes(start, end, center, turns) else 1
     here = start
     for piece in range(1, pieces + 1):
         share = piece / pieces
         there = end if piece == pieces else center + (start - center) * cmath.rect(1.0 + grown * share / reach, math.tau * turns * share)
         along = (there - here) / abs(there - here)
         moved = center + along * _dot((here + there) / 2 - center, along)
-        swept = cmath.phase((there - moved) * (here - moved).conjugate()) / math.tau
+        swept = angle((there - moved) * (here - moved).conjugate()) / math.tau
         yield TrueArc(there, moved, swept + round(turns / pieces - swept), share)
         here = there
+
+
+def closes(start: complex, end: complex, center: complex, turns: float) -> bool:
+    """Whether an arc ends close to where it began, going around."""
+    return abs(turns) > 0.5 and abs(end - start) < abs(start - center) / 2
 
 
 def round_offset(start: complex, arc: TrueArc, side: int, radius: float) -> Round | None:
@@ -168,7 +173,7 @@ def leading_in(start: complex, arc: Round) -> Round | None:
         return None
     radius = _dot(back, back) / (2.0 * across)
     center = arc.last + radius * inwards
-    sweep = arc.spin * cmath.phase((arc.last - center) * (start - center).conjugate()) % math.tau
+    sweep = arc.spin * angle((arc.last - center) * (start - center).conjugate()) % math.tau
     return Round(arc.corner, start, arc.last, center, radius, arc.spin, sweep, arc.bend)
 
 
@@ -192,7 +197,7 @@ def join(a: Curve, b: Curve, side: int, radius: float, *, entry: bool = False) -
 
     With ``entry`` a leads in, and may do so from anywhere.
     """
-    turn = side * cmath.phase(b.heading * a.leaving.conjugate())
+    turn = side * angle(b.heading * a.leaving.conjugate())
     if (math.pi - abs(turn)) * min(a.length * a.scale, b.length * b.scale) <= SLACK:
         # The path turns right back: around its end, or into the cusp where the way back bends to the tool's side of the way there.
         turn = math.pi if a.bend + b.bend < -SLACK * abs(a.bend) else -math.pi
@@ -222,16 +227,16 @@ def _loop(a: Curve, b: Curve, left: int) -> bool:
     """Whether a move crosses the one before it again after their corner, to its ``left`` (1) or right (-1): the tool has cut there then."""
     if isinstance(a, Straight) and isinstance(b, Straight):
         return False
-    a, b = _programmed(a), _programmed(b)
-    point = _meet(a, b, left)
+    a, b = programmed(a), programmed(b)
+    point = meet(a, b, left)
     if point is None:
         return False
     cut, begin = _onwards(a, a.back(point)) * a.scale, _onwards(b, b.ahead(point)) * b.scale
     return NEAR < cut < a.length * a.scale - NEAR and NEAR < begin < b.length * b.scale - NEAR
 
 
-def _programmed(curve: Curve) -> Curve:
-    """The move that a curve is the offset of."""
+def programmed(curve: Curve) -> Curve:
+    """The move that a curve is the offset of; not for one that leads in."""
     if isinstance(curve, Straight):
         back = curve.corner - curve.last
         return replace(curve, first=curve.first + back, last=curve.corner)
@@ -246,7 +251,7 @@ def _crossing(a: Curve, b: Curve, left: int, *, inside: bool) -> Join | None:
     Of the two crossings of circles one turns left and the other right. As the tool grows from nothing to its radius, the crossing moves
     from the corner to its place without ever changing sides: so the side tells which one is meant.
     """
-    point = _meet(a, b, left)
+    point = meet(a, b, left)
     if point is None:
         return None
     cut, begin = a.back(point), b.ahead(point)
@@ -255,16 +260,21 @@ def _crossing(a: Curve, b: Curve, left: int, *, inside: bool) -> Join | None:
     return Join(point, point, cut, begin)
 
 
-def _meet(a: Curve, b: Curve, left: int) -> complex | None:
+def meet(a: Curve, b: Curve, left: int) -> complex | None:
+    """Where two curves cross if neither had ends, b to the ``left`` of a (1) or to its right (-1); None where they don't."""
     if isinstance(a, Straight):
         if isinstance(b, Straight):
-            return a.last + a.heading * (_cross(b.first - a.last, b.heading) / _cross(a.heading, b.heading))
+            across = _cross(a.heading, b.heading)
+            return None if across == 0.0 else a.last + a.heading * (_cross(b.first - a.last, b.heading) / across)
         return _line_and_circle(a.last, a.heading, b, left * b.spin)
     if isinstance(b, Straight):
         return _line_and_circle(b.first, b.heading, a, -left * a.spin)
+    if a.radius > b.radius:
+        # Seen from the greater circle, a last digit of its radius would be many of the other's.
+        return meet(b, a, -left)
     apart = b.center - a.center
     distance = abs(apart)
-    if distance == 0.0:
+    if distance == 0.0 or b.radius - a.radius > 2.0 * distance:
         return None
     along = 0.5 * (distance + (a.radius - b.radius) * (a.radius + b.radius) / distance)
     square = (a.radius - along) * (a.radius + along)
@@ -291,6 +301,11 @@ def _onwards(curve: Curve, distance: float) -> float:
 def _stretch(curve: Curve) -> float:
     """How many times the programmed radius is the offset's."""
     return 1.0 / abs(curve.bend * curve.radius) if isinstance(curve, Round) else 1.0
+
+
+def angle(direction: complex) -> float:
+    """From -pi to pi; ``cmath.phase`` raises OverflowError where the result is hardly more than 0."""
+    return math.atan2(direction.imag, direction.real)
 
 
 def _dot(a: complex, b: complex) -> float:
