@@ -6,6 +6,7 @@ Where a move ends is known only when the next one in the plane is: each move is 
     first move        from the uncompensated point to beside the end of the programmed move (an arc: tangentially)
     outside corner    an arc about the corner; for a traverse, straight moves that stay outside of that arc
     inside corner     both moves end where their offsets cross; a corner that the tool can't get into is an error
+    each move         is an error, too, where the tool cuts into the one before or after it anywhere else
     G40               the last move ends beside its end point; the next move leads from there to its own
 
 Source: LinuxCNC, "Cutter compensation", and NISTIR 6556, appendix A. LinuxCNC sends traverses straight across outside corners, which cuts
@@ -24,8 +25,23 @@ import numpy as np
 
 from cnc.canon import ArcFeed, Block, Plane
 from cnc.errors import CncError
+from cnc.gcode.clearance import clearance
 from cnc.gcode.here import Here
-from cnc.gcode.offset_curves import SLACK, Curve, Round, TrueArc, join, leading_in, round_offset, straight_offset, true_arcs
+from cnc.gcode.offset_curves import (
+    SLACK,
+    Curve,
+    Round,
+    Straight,
+    TrueArc,
+    angle,
+    closes,
+    join,
+    leading_in,
+    programmed,
+    round_offset,
+    straight_offset,
+    true_arcs,
+)
 from cnc.gcode.words import Word, fault
 
 MAX_WAITING = 1000
@@ -77,8 +93,9 @@ class _Straight:
 class _Held:
     """A move whose end is not yet known.
 
-    ``template`` is the arc as it was programmed. ``around`` is the outside corner that the tool goes around before it, and where it gets
-    to: nothing of that is sent before the move itself is known to be possible. ``entry`` marks the move that leads in.
+    ``template`` is the arc as it was programmed. ``around`` is the way around the outside corner before it: nothing of that is sent before
+    the move itself is known to be possible. ``entry`` marks the move that leads in, ``circle`` one that is part of a full circle or nearly
+    one. ``before`` is the move before, unless that leads in.
     """
 
     curve: Curve
@@ -86,8 +103,10 @@ class _Held:
     feed: float
     place: _Place
     template: ArcFeed | None = None
-    around: tuple[complex, complex] | None = None
+    around: tuple[Curve, ...] = ()
     entry: bool = False
+    circle: bool = False
+    before: Curve | None = None
 
 
 class Compensation:
@@ -159,6 +178,7 @@ class Compensation:
     def stop(self) -> None:
         """G40, or the end of the program: the move that is held ends beside its end point."""
         if self._held is not None:
+            self._check_clearance(self._held, 0.0)
             self._finish(self._held, self._held.curve.last, 0.0)
             self._held = None
         if self._side:
@@ -207,9 +227,13 @@ class Compensation:
         first = np.asarray(self._last if self._held is None else self._held.end)
         for waiting in self._waiting:
             first = np.asarray(waiting.end) if isinstance(waiting, _Straight) else first
-        for arc in true_arcs(start, self._point(block.end.tolist()), complex(*block.center), block.turns):
+        last, center = self._point(block.end.tolist()), complex(*block.center)
+        circle = abs(block.turns) >= 1.0 or closes(start, last, center, block.turns)
+        for arc in true_arcs(start, last, center, block.turns):
             end = block.end if arc.share == 1.0 else first + arc.share * (block.end - first)
-            self._next(self._held_arc(start, arc, block, end.tolist()))
+            held = self._held_arc(start, arc, block, end.tolist())
+            held.circle = circle
+            self._next(held)
             start = arc.end
 
     def refuse_curve(self, at: Word | None = None) -> None:
@@ -250,10 +274,12 @@ class Compensation:
                 self._check_room(old, corner.cut)
             if corner is None or (corner.begin - new.curve.length) * new.curve.scale > SLACK:
                 raise self._gouge(new, "the move before it")
+            if corner.around:
+                new.around = self._around(old.curve.corner, corner.leave, corner.enter, rapid=math.isnan(new.feed))
+            self._check_clearance(old, corner.cut, new)
             self._finish(old, corner.leave, corner.cut)
             new.curve.begin = corner.begin
-            if corner.around:
-                new.around = old.curve.corner, corner.enter
+            new.before = None if old.entry else old.curve
         new.entry, self._first = self._first, False
         self._held = new
         self._programmed = new.curve.corner
@@ -282,8 +308,8 @@ class Compensation:
         """Sends a move, which ends at ``leave``, ``cut`` units of its curve before its natural end; then what waited for it."""
         curve = held.curve
         part = curve.length - curve.begin - cut
-        if held.around:
-            self._around(*held.around, held)
+        for path in held.around:
+            self._go_around(path, held)
         end = self._placed(held.end, leave)
         block = held.template
         if isinstance(curve, Round) and block is not None and part * curve.scale > SLACK:
@@ -304,23 +330,57 @@ class Compensation:
         if (curve.length - curve.begin - cut) * curve.scale < -SLACK:
             raise self._gouge(held, "the moves before and after it")
 
-    def _around(self, corner: complex, enter: complex, held: _Held) -> None:
-        """Around an outside corner, as part of the move after it."""
-        ray = self._here - corner
-        turned = -self._side * abs(cmath.phase((enter - corner) * ray.conjugate()))
-        end = self._placed(self._last, enter)
-        if math.isnan(held.feed):
-            # The polygon about the arc, in steps of up to 45 degrees.
-            steps = math.ceil(abs(turned) / (math.pi / 4))
-            for step in range(steps):
-                vertex = corner + ray * cmath.rect(1.0 / math.cos(turned / steps / 2), turned * (step + 0.5) / steps)
-                self._emit.place(self._placed(self._last, vertex), held.feed, held.place.line, held.place.file)
-            self._emit.place(end, held.feed, held.place.line, held.place.file)
+    def _check_clearance(self, held: _Held, cut: float, after: _Held | None = None) -> None:
+        """Refuses a move that ends where it meets the one ``after`` it, or a way around their corner, where the tool cuts into either.
+
+        The move that leads in does so from anywhere. A full circle is a contour of its own, and the moves beside it lead to it and away
+        from it: on its way around the tool passes over them.
+        """
+        curve = held.curve
+        if not held.entry and not held.circle:
+            stop = curve.length - cut
+            if held.before is not None and not self._clear(curve, curve.begin, stop, held.before):
+                raise self._gouge(held, "the move before it")
+            if after is not None and not self._clear(curve, curve.begin, stop, after.curve):
+                raise self._gouge(held, "the move after it")
+        if after is not None:
+            for path in after.around:
+                if not self._clear(path, 0.0, path.length, after.curve):
+                    raise self._gouge(after, "its own")
+                if not held.entry and not self._clear(path, 0.0, path.length, curve):
+                    raise self._gouge(after, "the move before it")
+
+    def _clear(self, path: Curve, start: float, stop: float, offset: Curve) -> bool:
+        """Whether a part of a path is nowhere nearer to the move of an offset curve than the tool's radius.
+
+        That is so of straight moves that have a corner: the offset of one does not come back to the other.
+        """
+        if isinstance(path, Straight) and isinstance(offset, Straight):
+            return True
+        return clearance(path, start, stop, programmed(offset)) >= self._radius - SLACK
+
+    def _around(self, corner: complex, leave: complex, enter: complex, *, rapid: bool) -> tuple[Curve, ...]:
+        """The way around an outside corner: an arc, or the polygon about it, in steps of up to 45 degrees."""
+        ray = leave - corner
+        turned = abs(angle((enter - corner) * ray.conjugate()))
+        if not rapid:
+            return (Round(corner, leave, enter, corner, self._radius, -self._side, turned, 0.0),)
+        steps = math.ceil(turned / (math.pi / 4))
+        far = 1.0 / math.cos(turned / steps / 2)
+        ends = [corner + ray * cmath.rect(far, -self._side * turned * (step + 0.5) / steps) for step in range(steps)]
+        starts = [leave, *ends]
+        return tuple(straight_offset(start, end, 0, 0.0) for start, end in zip(starts, [*ends, enter], strict=True))
+
+    def _go_around(self, path: Curve, held: _Held) -> None:
+        """A part of the way around an outside corner, as part of the move after it."""
+        end, place = self._placed(self._last, path.last), held.place
+        if isinstance(path, Straight):
+            self._emit.place(end, held.feed, place.line, place.file)
         else:
-            center = corner + self._shift
-            around, turns = (center.real, center.imag), turned / math.tau
-            self._emit.put(ArcFeed(held.place.file, held.place.line, self._plane, around, np.array(end), self._radius, turns, held.feed))
-        self._here, self._last = enter, end
+            center, turns = path.center + self._shift, path.spin * path.length / math.tau
+            around = (center.real, center.imag)
+            self._emit.put(ArcFeed(place.file, place.line, self._plane, around, np.array(end), self._radius, turns, held.feed))
+        self._here, self._last = path.last, end
 
     def _gouge(self, held: _Held, what: str) -> CncError:
         message = f"a tool of radius {self._radius:.6g} mm can't make this move without cutting into the contour of {what}"

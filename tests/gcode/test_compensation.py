@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -77,11 +78,11 @@ def test_tangent_moves_pass_straight(side: str, arc: Arc, expected: Row) -> None
     ],
 )
 def test_inside_corner_of_line_and_arc(arc: Arc, enter: tuple[float, float], radius: float) -> None:
-    found = record([Line(-10, 0), Line(10, 0), arc], "left", 2.0, start=(-20.0, 0.0, 0.0))
+    found = record([Line(5, 0), Line(10, 0), arc], "left", 2.0)
     spin = math.copysign(1.0, arc.turns)
     swept = math.asin(2.0 / radius) / math.tau
     end = arc.cx + math.copysign(radius, arc.x - arc.cx), arc.cy
-    expected: list[Row] = [("line", -10, 2, 0), ("line", *enter, 0), ("arc", *end, 0, arc.cx, arc.cy, radius, spin * (0.5 - swept))]
+    expected: list[Row] = [("line", 5, 2, 0), ("line", *enter, 0), ("arc", *end, 0, arc.cx, arc.cy, radius, spin * (0.5 - swept))]
     same(found.rows, expected)
 
 
@@ -177,11 +178,32 @@ def test_slight_outside_corner_of_line_and_arc() -> None:
     """An arc of radius 5 begins 0.01 rad to the right of the line before it: its offset crosses the line's behind the corner."""
     off = 0.01
     center = 10 - 5j * cmath.exp(-1j * off)
-    end = center + 5j
-    found = record([Line(5, 0), Line(10, 0), Arc(end.real, end.imag, center.real, center.imag, -0.9)], "left", 2.0)
+    end = 2 * center - 10
+    found = record([Line(5, 0), Line(10, 0), Arc(end.real, end.imag, center.real, center.imag, -0.5)], "left", 2.0)
     x = center.real + math.sqrt(49 - (2 - center.imag) ** 2)
     same(found.rows[1:2], [("line", x, 2, 0)])
     assert 10 < x < 10.03
+
+
+# Circles of radius 10 about 0, 0 from 10, 0; the ways in and out are straight, quarters and halves of circles that touch it there.
+@pytest.mark.parametrize(
+    ("side", "turns", "way_in", "way_out", "start"),
+    [
+        ("right", 1.0, [Line(10, -30), Line(10, 0)], [Line(10, 30)], (10, -50)),
+        ("right", 1.0, [Line(15, -5), Arc(10, 0, 15, 0, -0.25)], [Arc(15, 5, 15, 0, -0.25), Line(20, 5)], (30, -5)),
+        ("right", 1.0, [Line(50, 0), Arc(10, 0, 30, 0, -0.5)], [Arc(50, 0, 30, 0, -0.5)], (50, 20)),
+        ("left", 1.0, [Line(5, -5), Arc(10, 0, 5, 0, 0.25)], [Arc(5, 5, 5, 0, 0.25), Line(4, 5)], (-5, -5)),
+        ("left", 1.0, [Line(0, 0), Arc(10, 0, 5, 0, 0.5)], [Arc(0, 0, 5, 0, 0.5)], (0, 8)),
+        ("right", 1.0 - 0.1 / math.tau, [Line(15, -5), Arc(10, 0, 15, 0, -0.25)], [Arc(10, 0, 0, 0, 0.1 / math.tau)], (30, -5)),
+    ],
+)
+def test_the_ways_to_a_full_circle_and_from_it(
+    side: Literal["left", "right"], turns: float, way_in: list[Move], way_out: list[Move], start: tuple[float, float]
+) -> None:
+    end = cmath.rect(10.0, math.tau * turns)
+    found = record([*way_in, Arc(end.real, end.imag, 0, 0, turns), *way_out], side, 3.0, start=(*start, 0.0))
+    circle = next(row for row in found.rows if row[0] == "arc" and row[4:6] == (0.0, 0.0))
+    assert circle[6:] == pytest.approx((13.0 if side == "right" else 7.0, turns), abs=1e-9)
 
 
 def test_helix_of_many_turns() -> None:
