@@ -29,19 +29,26 @@ from cnc.kernels.jit import njit
 
 Flags = NDArray[np.bool_]
 
-T, AT, ON, ENDS, POLYLINE, FRESH = range(6)
+T, AT, ON, ENDS, INSIDE, POLYLINE, FRESH = range(7)
+COLUMNS = 7
 """Columns of an array of knots: the parameter; the vertex at or before the knot; whether it is that vertex; whether the spline is broken
-there. Of the span behind it: whether it is left to the polyline; whether it has to be proved (again)."""
+there; whether it keeps to the inside of the vertex (see INWARD). Of the span behind it: whether it is left to the polyline; whether it has to be proved (again)."""
 RATIO = 2.6
 """Longest span beside a shorter one; halves of neighbours that are cut at vertices may be this far apart."""
 WIDEST = 64
 """Vertices in a span at most."""
+FAR = 256
+"""Vertices that are looked at to see where a corner is."""
 FORWARD = 0.2
 """Least part of a third of its chord that each leg of a span's control polygon advances along the chord: no cusps, no loops."""
 USED = 0.8
 """Part of the tolerance that a span may use."""
+USED_ONE = 0.98
+"""The same for a span that is one move: nothing wider holds there."""
 USED_STRAIGHT = 0.25
 """The same for a span beside a part of a segment: what is straight stays so as nearly as smoothness allows."""
+INWARD = 0.625
+"""Part of the step from p_k to d_k with which the spline runs midway between vertices on a circle and their chords."""
 LEAST = 0.5
 """Least spacing of knots in parts of the tolerance."""
 BESIDE = 4.2
@@ -52,7 +59,7 @@ BESIDE = 4.2
 def find_corners(x: Floats, metric: Ints, cosine: float, reach: float, corner: Flags) -> None:
     """Mark the vertices x (m, n) where the direction turns by more than the angle of this cosine, as seen from ``reach`` away, into corner.
 
-    metric: the columns that count. The first and the last vertex are none.
+    metric: the columns that count. The first and the last vertex are none, nor are those that nothing is that far from.
     """
     m = x.shape[0]
     for i in range(m):
@@ -68,13 +75,13 @@ def find_corners(x: Floats, metric: Ints, cosine: float, reach: float, corner: F
         if dot < cosine * math.sqrt(aa * bb):
             # moves shorter than the reach may turn by their rounding alone
             before = i - 1
-            while aa < reach * reach and before > 0 and not corner[before]:
+            while aa < reach * reach and before > 0 and i - before < FAR and not corner[before]:
                 before -= 1
                 aa = 0.0
                 for c in metric:
                     aa += (x[i, c] - x[before, c]) ** 2
             after = i + 1
-            while bb < reach * reach and after < m - 1:
+            while bb < reach * reach and after < m - 1 and after - i < FAR:
                 after += 1
                 bb = 0.0
                 for c in metric:
@@ -82,7 +89,7 @@ def find_corners(x: Floats, metric: Ints, cosine: float, reach: float, corner: F
             dot = 0.0
             for c in metric:
                 dot += (x[i, c] - x[before, c]) * (x[after, c] - x[i, c])
-            corner[i] = dot < cosine * math.sqrt(aa * bb)
+            corner[i] = min(aa, bb) >= reach * reach and dot < cosine * math.sqrt(aa * bb)
 
 
 @njit
@@ -93,7 +100,7 @@ def first_knots(x: Floats, metric: Ints, corner: Flags, tolerance: float, along:
     outer one will be straight.
     """
     m = x.shape[0]
-    knots = np.zeros((m + 8 * np.count_nonzero(corner), 6))
+    knots = np.zeros((m + 8 * np.count_nonzero(corner), COLUMNS))
     count = 0
     kept = 0
     since = 0
@@ -188,7 +195,8 @@ def spans_of(knots: Floats, p: Floats, state: Floats, bezier: Floats) -> None:
                 b = knots[j + 1, T] - knots[j, T]
                 s0 = (p[j, c] - p[j - 1, c]) / a
                 s1 = (p[j + 1, c] - p[j, c]) / b
-                d[j, 0, c] = d[j, 1, c] = p[j, c] + (b * b * s0 - a * a * s1) / (3.0 * (a + b))
+                part = INWARD if knots[j, INSIDE] == 1.0 else 1.0
+                d[j, 0, c] = d[j, 1, c] = p[j, c] + part * (b * b * s0 - a * a * s1) / (3.0 * (a + b))
             # slopes at the ends: of the parabola or cubic through the nearest points
             s0 = (p[k + 1, c] - p[k, c]) / h0
             sm = (p[end, c] - p[end - 1, c]) / hm
@@ -291,9 +299,12 @@ def _proved(
         bend = max(bend, math.sqrt(square))
     first = int(knots[k, AT]) + 1
     last = int(knots[k + 1, AT]) - int(knots[k + 1, ON])
-    virtual = first > last and (knots[k, ON] == 0.0 or knots[k + 1, ON] == 0.0) and k > 0
-    allowed = tolerance * (USED_STRAIGHT if virtual else USED)
+    allowed = tolerance * USED
+    if first > last and k > 0:
+        allowed = tolerance * (USED_ONE if knots[k, ON] * knots[k + 1, ON] != 0.0 else USED_STRAIGHT)
     h = knots[k + 1, T] - knots[k, T]
+    here = np.empty(n)
+    step = np.empty(n)
     before = 0.0
     gap, tau = span_distance(b, 0.0, p[k], metric, metrics, False)
     i = first
@@ -307,7 +318,19 @@ def _proved(
         else:
             tau = 1.0
             there, foot = span_distance(b, 1.0, p[k + 1], metric, metrics, False)
-        good = max(gap, there) + 0.125 * bend * (tau - before) ** 2 <= allowed
+        sagitta = 0.125 * bend * (tau - before) ** 2
+        good = max(gap, there) + sagitta <= allowed
+        if not good and max(gap, there) <= allowed and sagitta <= 3.0 * allowed:
+            # where the curve crosses the move the two don't add up: look at the quarters
+            for c in range(n):
+                here[c] = p[k, c] if i == first else x[i - 1, c]
+                step[c] = 0.25 * ((p[k + 1, c] if i > last else x[i, c]) - here[c])
+            worst = max(gap, there)
+            for j in range(1, 4):
+                for c in range(n):
+                    here[c] += step[c]
+                worst = max(worst, span_distance(b, before + 0.25 * j * (tau - before), here, metric, metrics, False)[0])
+            good = worst + 0.0625 * sagitta <= allowed
         gap = there
         before = tau
         i += 1
@@ -328,21 +351,32 @@ def refined(
         spans_of(knots, p, state, bezier)
         cut = np.zeros(count - 1, np.bool_)
         size = np.empty(count - 1)
-        broken = False
+        again = False
         for k in range(count - 1):
             size[k] = knots[k + 1, T] - knots[k, T]
             if knots[k, FRESH] != 0.0 and knots[k, POLYLINE] == 0.0:
                 knots[k, FRESH] = 0.0
                 if not _proved(knots, k, bezier[k], p, x, along, metric, metrics, tolerance):
-                    if size[k] >= 2.0 * LEAST * tolerance:
+                    one_move = knots[k, ON] != 0.0 and knots[k + 1, ON] != 0.0 and knots[k, AT] + 1.0 == knots[k + 1, AT]
+                    if one_move and max(knots[k, INSIDE], knots[k + 1, INSIDE]) < 2.0 and min(knots[k, INSIDE], knots[k + 1, INSIDE]) == 0.0:
+                        # moves as long as this are chords of a curve: halfway to it is as near as the spline can keep to both
+                        knots[k, INSIDE] = knots[k + 1, INSIDE] = 1.0
+                        for j in range(max(k - 3, 0), min(k + 4, count - 1)):
+                            knots[j, FRESH] = 1.0
+                        again = True
+                    elif size[k] >= 2.0 * LEAST * tolerance:
                         cut[k] = True
                         size[k] *= 0.5
+                        if one_move:
+                            knots[k, INSIDE] = knots[k + 1, INSIDE] = 2.0
+                            for j in range(max(k - 3, 0), min(k + 4, count - 1)):
+                                knots[j, FRESH] = 1.0
                     else:
                         knots[k, POLYLINE] = 1.0
                         knots[k, ENDS] = knots[k + 1, ENDS] = 1.0
                         for j in range(max(k - 3, 0), min(k + 4, count - 1)):
                             knots[j, FRESH] = 1.0
-                        broken = True
+                        again = True
         added = 0
         for k in range(1, count - 1):
             if knots[k, ENDS] == 0.0 and not cut[k] and size[k] > RATIO * size[k - 1]:
@@ -354,9 +388,9 @@ def refined(
                 size[k - 1] *= 0.5
         for k in range(count - 1):
             added += cut[k]
-        if added == 0 and not broken:
+        if added == 0 and not again:
             return knots, p, bezier
-        finer = np.zeros((count + added, 6))
+        finer = np.zeros((count + added, COLUMNS))
         to = 0
         for k in range(count):
             finer[to] = knots[k]

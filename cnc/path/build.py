@@ -28,6 +28,8 @@ from cnc.path.records import Floats, Records, arc_records, axis_classes, line_re
 MOST_PIECES = 4096
 MOST_NUMBERS = 1 << 18
 """A chunk is closed when it has this many pieces or this many numbers in its records."""
+ENOUGH = 64
+"""Under G64 a chunk is closed with the block when it has this many pieces: they may stand for thousands of moves."""
 JOIN = 1e-6
 """mm. A NURBS whose first control point is this near to the position is moved there; farther off is an error."""
 
@@ -148,6 +150,8 @@ def build(
                     fitter = Fitter(classes, allowed, accuracy, position)
                 for points, feeds, lines in _moves(block, position):
                     yield from gather(fitter.add(points, feeds, lines))
+                if gatherer.pieces >= ENOUGH:
+                    yield from hold()
                 continue
             yield from end_chain()
             for records, feeds, lines, stops in _pieces(block, position, axes, classes, accuracy, exact_stop):
