@@ -32,7 +32,8 @@ Flags = NDArray[np.bool_]
 T, AT, ON, ENDS, INSIDE, POLYLINE, FRESH = range(7)
 COLUMNS = 7
 """Columns of an array of knots: the parameter; the vertex at or before the knot; whether it is that vertex; whether the spline is broken
-there; whether it keeps to the inside of the vertex (see INWARD). Of the span behind it: whether it is left to the polyline; whether it has to be proved (again)."""
+there; whether it passes inside the vertex (see INWARD; 2: no more). Of the span behind it: whether it is left to the polyline; whether it
+has to be proved (again)."""
 RATIO = 2.6
 """Longest span beside a shorter one; halves of neighbours that are cut at vertices may be this far apart."""
 WIDEST = 64
@@ -358,7 +359,11 @@ def refined(
                 knots[k, FRESH] = 0.0
                 if not _proved(knots, k, bezier[k], p, x, along, metric, metrics, tolerance):
                     one_move = knots[k, ON] != 0.0 and knots[k + 1, ON] != 0.0 and knots[k, AT] + 1.0 == knots[k + 1, AT]
-                    if one_move and max(knots[k, INSIDE], knots[k + 1, INSIDE]) < 2.0 and min(knots[k, INSIDE], knots[k + 1, INSIDE]) == 0.0:
+                    if (
+                        one_move
+                        and max(knots[k, INSIDE], knots[k + 1, INSIDE]) < 2.0
+                        and min(knots[k, INSIDE], knots[k + 1, INSIDE]) == 0.0
+                    ):
                         # moves as long as this are chords of a curve: halfway to it is as near as the spline can keep to both
                         knots[k, INSIDE] = knots[k + 1, INSIDE] = 1.0
                         for j in range(max(k - 3, 0), min(k + 4, count - 1)):

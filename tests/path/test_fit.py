@@ -2,6 +2,7 @@
 
 import time
 import tracemalloc
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -73,7 +74,7 @@ def assert_sound(chunks):
     for chunk in chunks:
         assert np.isfinite(chunk.data).all() and (chunk.length > 0).all() and np.isfinite(chunk.length).all()
     everything = pieces(chunks)
-    for (a, i), (b, j) in zip(everything, everything[1:], strict=False):
+    for (a, i), (b, j) in pairwise(everything):
         left, right = evaluate(a, i, ends(a, i)[1])[0], evaluate(b, j, ends(b, j)[0])[0]
         assert np.array_equal(left, right)
         if a.tolerance[i] == 0.0:
@@ -161,7 +162,7 @@ def test_lines_beside_an_arc_stay_lines(radius):
 
 def test_corners_are_kept():
     square = np.array([[0, 0], [20, 0], [20, 20], [0, 20], [0, 0]])
-    points = np.vstack([a + np.outer(np.arange(0, 1, 0.01), b - a) for a, b in zip(square, square[1:], strict=False)] + [square[-1:]])
+    points = np.vstack([a + np.outer(np.arange(0, 1, 0.01), b - a) for a, b in pairwise(square)] + [square[-1:]])
     (chunk,) = fitted(np.column_stack((points, 0 * points[:, 0])))
     assert list(chunk.kind) == [LINE] * 4 and list(chunk.tolerance) == [EPS, EPS, EPS, 0]
     assert [tuple(evaluate(chunk, k, ends(chunk, k)[1])[0][:2]) for k in range(4)] == [(20, 0), (20, 20), (0, 20), (0, 0)]
@@ -208,7 +209,9 @@ def random_points(rng, count, axes):
                     heading = turn @ heading
                     points.append(points[-1] + size * rng.uniform(0.1, 1.0) * heading)
             case 3:
-                points += list(here + size * np.outer(np.arange(1, many + 1), heading) + rng.normal(size=(many, axes)) * 10 ** rng.uniform(-6, -2))
+                points += list(
+                    here + size * np.outer(np.arange(1, many + 1), heading) + rng.normal(size=(many, axes)) * 10 ** rng.uniform(-6, -2)
+                )
             case 4:
                 points += [here] * many
             case 5:
@@ -373,7 +376,9 @@ def test_what_ends_a_chain():
     chunks = fitted(points, feeds)
     ((chunk, k),) = [(chunk, k) for chunk, k in pieces(chunks) if np.isnan(chunk.feed[k])]
     assert chunk.kind[k] == LINE and np.array_equal(evaluate(chunk, k, ends(chunk, k)[0])[0], points[half])
-    (chunk,) = build([blend(), first, arc(points[half - 1] + [0, 1, 0], points[half - 1][:2] + [0, 0.5], 0.5), second], axes=XYZ, start=points[0])
+    (chunk,) = build(
+        [blend(), first, arc(points[half - 1] + [0, 1, 0], points[half - 1][:2] + [0, 0.5], 0.5), second], axes=XYZ, start=points[0]
+    )
     assert ARC in chunk.kind
 
 
@@ -381,7 +386,9 @@ def test_speed():
     """Two microseconds a move on a machine that does nothing else; five here."""
     points = terrain(rows=share(150, 20))
     feeds, line = np.full(len(points) - 1, 25.0), np.arange(1, len(points), dtype=np.int32)
-    blocks = [Polyline("part.nc", 1, points[1 + k : 4097 + k], feeds[k : k + 4096], line[k : k + 4096]) for k in range(0, len(points), 4096)]
+    blocks = [
+        Polyline("part.nc", 1, points[1 + k : 4097 + k], feeds[k : k + 4096], line[k : k + 4096]) for k in range(0, len(points), 4096)
+    ]
     took = []
     for _ in range(3):
         began = time.process_time()
