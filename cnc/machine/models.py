@@ -72,7 +72,8 @@ class PathLimits(_Section):
 
     ``max_feed`` mm/s; ``max_tangential_acceleration`` and ``max_normal_acceleration`` mm/s^2 and ``max_jerk`` mm/s^3 (tangential), None
     where the axes alone limit them; ``chord_error`` mm, between the path and the straight line over one ``period`` s; ``tolerance`` mm,
-    of corners and smoothing under G64 without P (0: exact path); ``step_deviation``, relative, of a sample's step from the one commanded.
+    of corners and smoothing under G64 without P (0: exact path); ``step_deviation``, relative: by how much the straight line over one
+    period may be shorter than the path there, None where it may by what the other limits leave.
     """
 
     max_feed: Positive = 500.0
@@ -82,7 +83,7 @@ class PathLimits(_Section):
     chord_error: Positive = 0.001
     tolerance: NonNegative = 0.01
     period: Positive = 0.001
-    step_deviation: Positive = 0.001
+    step_deviation: Positive | None = None
 
 
 class Board(_Section):

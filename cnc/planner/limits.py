@@ -56,7 +56,7 @@ class Limits:
             normal_acceleration=inf if path.max_normal_acceleration is None else path.max_normal_acceleration,
             chord_error=path.chord_error,
             period=path.period,
-            step_deviation=path.step_deviation,
+            step_deviation=inf if path.step_deviation is None else path.step_deviation,
             axis_velocity=each("max_velocity"),
             axis_acceleration=each("max_acceleration"),
             axis_jerk=each("max_jerk"),

@@ -277,7 +277,8 @@ def _judge_path(rows: dict, path: list[Piece], machine: Machine, found: Findings
     inside = np.zeros(len(ds), bool)
     inside[1:-1] = moving[1:-1] & moving[:-2] & moving[2:]
     inside &= (ds > machine.path.chord_error) & (allowed[1:] == 0.0) & (allowed[:-1] == 0.0)
-    found.ratios["step deviation"] = float(((ds - chord)[inside] / ds[inside]).max(initial=0.0)) / machine.path.step_deviation
+    if machine.path.step_deviation is not None:
+        found.ratios["step deviation"] = float(((ds - chord)[inside] / ds[inside]).max(initial=0.0)) / machine.path.step_deviation
 
     # Speed against the feed of any piece that the step may lie on; a traverse has none, the axes limit it.
     feed = np.array([piece.feed if math.isinf(piece.feed) else min(piece.feed, machine.path.max_feed) for piece in path])

@@ -13,7 +13,18 @@ from cnc.planner.plan import PlanChunk
 AXES = ("x", "y", "z")
 
 
-def machine(*, axis=None, tangential=2400.0, normal=4903.3, jerk=48000.0, period=0.001, velocity=400.0, max_feed=300.0, chord_error=0.001):
+def machine(
+    *,
+    axis=None,
+    tangential=2400.0,
+    normal=4903.3,
+    jerk=48000.0,
+    period=0.001,
+    velocity=400.0,
+    max_feed=300.0,
+    chord_error=0.001,
+    deviation=None,
+):
     """A three-axis machine; ``axis`` is (acceleration, jerk) of each axis, or None for limits along the path alone."""
     a, j = axis if axis else (None, None)
     each = Axis(steps_per_mm=100.0, max_velocity=velocity, max_acceleration=a, max_jerk=j)
@@ -26,6 +37,7 @@ def machine(*, axis=None, tangential=2400.0, normal=4903.3, jerk=48000.0, period
             max_jerk=jerk,
             period=period,
             chord_error=chord_error,
+            step_deviation=deviation,
         ),
     )
 
