@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from cnc.kernels.curve import LINE, METRIC, METRICS, curve_eval_s, curve_inv_arclen, curve_range
 from cnc.kernels.jit import njit
+from cnc.kernels.scurve import reachable_speed
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -50,8 +51,12 @@ IN_SIGHT = 1.25
 """How far above the feed the other bounds on speed are followed: one that comes from above this dips below the feed at no place unseen."""
 
 SAMPLES = 5
-SHORTEST = 1e-6
-"""mm; intervals are not made shorter than this, where curvature grows without bound towards a cusp."""
+SHORTEST = 5e-8
+"""mm; intervals are not made shorter than this, where curvature grows without bound towards a cusp. A bend of less radius is a stop."""
+
+BENT_SHARE = 1.0 / 16.0
+"""The part of the jerk for the last way to a stop in such a bend. From a distance d the motion stops with v = (9/2 J d^2)^(1/3) and
+a = (6 J^2 d)^(1/3); where the radius is d, q''' v^3 + 3 q'' v a + q' j comes to 14.5 J, whatever d is."""
 
 FLAT_PERIODS = 2.0
 """Periods at constant speed either side of a junction."""
@@ -76,10 +81,7 @@ def speed_bounds(
     the second.
     """
     top = feed
-    squared = 0.0
-    for m in range(int(data[at + METRICS])):
-        squared += q[2, int(data[at + METRIC + m])] ** 2
-    curvature = math.sqrt(squared)
+    curvature = curvature_of(data, at, q)
     if curvature > 0.0:
         radius = 1.0 / curvature
         top = min(top, math.sqrt(rules[2] * radius))
@@ -100,6 +102,15 @@ def speed_bounds(
     if twist * v * v * v > JERK_SHARE:
         v = (JERK_SHARE / twist) ** (1.0 / 3.0)
     return v, top
+
+
+@njit
+def curvature_of(data: Floats, at: int, q: Floats) -> float:
+    """Of the piece at ``at``, 1/mm, from its derivatives by arc length ``q`` (4, n)."""
+    squared = 0.0
+    for m in range(int(data[at + METRICS])):
+        squared += q[2, int(data[at + METRIC + m])] ** 2
+    return math.sqrt(squared)
 
 
 @njit
@@ -229,11 +240,11 @@ def bounds_vary(q: Floats, v: float, spacing: float, speed: Floats, rules: Float
 @njit
 def write_interval(
     start: float, end: float, v: float, top: float, flat: bool, first: Floats, second: Floats, third: Floats, q: Floats,
-    rules: Floats, axis_a: Floats, axis_j: Floats, count: int,
+    rules: Floats, axis_a: Floats, axis_j: Floats, share: float, count: int,
     out_end: Floats, out_speed: Floats, out_top: Floats, out_accel: Floats, out_jerk: Floats, out_flat: Flags,
     out_sampled: Floats, out_samples: Floats,
 ) -> int:  # fmt: skip
-    """Append an interval, with its bounds at every level of speed and the path's derivatives; returns the new count."""
+    """Append an interval, with its bounds at every level of speed, a share of them, and the path's derivatives; returns the new count."""
     out_end[count] = end
     out_speed[count] = v * (1.0 - 1e-9)
     out_top[count] = top * (1.0 - 1e-9)
@@ -246,8 +257,8 @@ def write_interval(
                 out_samples[count, m, order, i] = q[m, order + 1, i]
     for m in range(LEVELS):
         a, j = tangential_bounds(first, second, third, v * (1.0 - 0.1 * m), rules, axis_a, axis_j)
-        out_accel[count, m] = a * (1.0 - 1e-6)
-        out_jerk[count, m] = j * (1.0 - 2.0 * UNSEEN)
+        out_accel[count, m] = share * a * (1.0 - 1e-6)
+        out_jerk[count, m] = share * j * (1.0 - 2.0 * UNSEEN)
     return count + 1
 
 
@@ -293,7 +304,7 @@ def joint(
         differ = differ or data_a[at_a + METRIC + m] != data_b[at_b + METRIC + m]
     singular = curve_eval_s(kind_a, data_a, at_a, curve_range(kind_a, data_a, at_a)[1], q[0])
     singular += curve_eval_s(kind_b, data_b, at_b, curve_range(kind_b, data_b, at_b)[0], q[1])
-    if singular != 0 or differ:
+    if singular != 0 or differ or max(curvature_of(data_a, at_a, q[0]), curvature_of(data_b, at_b, q[1])) * SHORTEST > 1.0:
         return 0.0, True
     v = min(
         speed_bounds(data_a, at_a, q[0], feed_a, rules, axis_v, axis_a, axis_j)[0],
@@ -364,11 +375,22 @@ def chunk_intervals(
                     break
                 end = start + 0.5 * (end - start)
             top = min(feed[k], lowest_between(tops))
+            share = 1.0
+            if end - start <= SHORTEST:
+                sharp = v_before == 0.0 and start == 0.0 and curvature_of(data, at[k], q[0]) * SHORTEST > 1.0
+                sharp = sharp or (v_after == 0.0 and end == length[k] and curvature_of(data, at[k], q[SAMPLES - 1]) * SHORTEST > 1.0)
+                if sharp:
+                    # All that matters of the bend is in the share.
+                    q[:, 2:] = 0.0
+                    share = BENT_SHARE
+                    gather(q, speed, first, second, third)
+                    a, j = tangential_bounds(first, second, third, 0.0, rules, axis_a, axis_j)
+                    v = top = min(feed[k], reachable_speed(0.0, end - start, share * a, share * j))
             if flat:
                 v = min(v, v_before if start < flat_from else v_after)
             step = 2.0 * (end - start)
             count = write_interval(
-                base + start, base + end, v, top, flat, first, second, third, q, rules, axis_a, axis_j, count,
+                base + start, base + end, v, top, flat, first, second, third, q, rules, axis_a, axis_j, share, count,
                 out_end, out_speed, out_top, out_accel, out_jerk, out_flat, out_sampled, out_samples,
             )  # fmt: skip
             start = end
@@ -378,7 +400,7 @@ def chunk_intervals(
             second[:] = 0.0
             third[:] = 0.0
             count = write_interval(
-                base + length[k], base + length[k], 0.0, 0.0, True, first, second, third, q, rules, axis_a, axis_j, count,
+                base + length[k], base + length[k], 0.0, 0.0, True, first, second, third, q, rules, axis_a, axis_j, 1.0, count,
                 out_end, out_speed, out_top, out_accel, out_jerk, out_flat, out_sampled, out_samples,
             )  # fmt: skip
         base += length[k]
