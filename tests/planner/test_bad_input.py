@@ -11,13 +11,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cnc.api import check
 from cnc.machine.models import Axis, Board, Machine, PathLimits
 from legality import Findings, examine
+from support import share
 
 LONGEST = 60.0
 """s."""
-REFUSALS: dict[str, set[str]] = {}
-"""Programs that may be refused, and by which codes."""
+REFUSALS = {
+    "knots inside as often as the order": "nurbs-position-jump",
+    "a jump inside": "nurbs-position-jump",
+    "feed of 1e-6": "feed-too-slow",
+    "feed of 1e-6 on a curve": "feed-too-slow",
+}
+"""Programs that are refused, and by which code; all others are planned."""
 
 
 def nurbs(degree: int, knots: list[float], points: list[tuple[float, ...]], feed: float = 6000, weights: list[float] | None = None) -> str:
@@ -26,7 +33,7 @@ def nurbs(degree: int, knots: list[float], points: list[tuple[float, ...]], feed
     for k, knot in enumerate(knots):
         words = [f"U{knot:.9f}"]
         if k < len(points):
-            words += [f"{letter}{value:.6f}" for letter, value in zip("XYZ", points[k], strict=False)]
+            words += [f"{letter}{value:.13f}" for letter, value in zip("XYZ", points[k], strict=False)]
             words.append(f"W{weights[k] if weights else 1:.6f}")
         rows.append(" ".join(words))
     return f"G06.2 K{degree} {rows[0]} F{feed:.6f}\n" + "\n".join(rows[1:])
@@ -50,7 +57,7 @@ SPIKES = [(0.1 * k, 3.0 if k % 20 == 10 else 0.0) for k in range(1, 100)]
 PROGRAMS = {
     "a cusp": nurbs(3, clamped(3), [(0, 0), (10, 10), (0, 10), (10, 0)]),
     "a cusp in space": nurbs(3, clamped(3), [(0, 0, 0), (10, 10, 5), (0, 10, 5), (10, 0, 0)]),
-    "nearly a cusp": nurbs(3, clamped(3), [(0, 0), (10, 10), (0.01, 10), (10, 0)]),
+    **{f"a cusp but for {off:g}": nurbs(3, clamped(3), [(0, 0), (10, 10), (off, 10), (10, 0)]) for off in 10.0 ** -np.arange(1, 13)},
     "a cusp crossed at speed": moves([(-1, -1)]) + "\nG0 X0 Y0\n" + nurbs(3, clamped(3), [(0, 0), (10, 10), (0, 10), (10, 0)], 60000),
     "a straight spline that turns back": nurbs(2, clamped(2), [(0, 0), (10, 0), (2, 0)]),
     "a spline that is a point": nurbs(3, clamped(3), [(0, 0)] * 4) + "\nG1 X1",
@@ -78,6 +85,8 @@ PROGRAMS = {
     "a loop gone round thrice": moves(np.tile(LOOP, (3, 1))),
     "spikes": moves(SPIKES),
     "a long line and short ones": moves([(100, 0), (100.001, 0), (100.001, 0.001), (200, 0.001), (200, 0.002)]),
+    "feed of 1e-6 mm/s": moves([(1e-6, 0)], 6e-5),
+    "feed of 1e-6 mm/s on a curve": "G2 X0.000002 Y0 I0.000001 J0 F0.00006",
     "feed of 1e-6": moves([(1e-9, 0)], 1e-6) + "\nG1 X0.000001 F0.000001",
     "feed of 1e-6 on a curve": "G1 X0.00001 F0.01\nG2 X0.00001 Y0.00002 I0 J0.00001 F0.000001",
     "feed of 1e6": moves([(10, 0), (10, 10), (0, 10)], 1e6) + "\nG2 X0 Y0 I0 J-5 F1000000",
@@ -150,9 +159,12 @@ SOME = (
     "below a step",
 )
 
-CASES = [(program, prefix, machine) for program in PROGRAMS for prefix in ("exact", "G64") for machine in EVERYWHERE]
-CASES += [(program, prefix, "axes") for program in SOME for prefix in PREFIXES if prefix not in ("exact", "G64")]
-CASES += [(program, prefix, machine) for program in SOME for prefix in ("exact", "G64") for machine in UNUSUAL]
+ALL = [(program, prefix, machine) for program in PROGRAMS for prefix in ("exact", "G64") for machine in EVERYWHERE]
+ALL += [(program, prefix, "axes") for program in SOME for prefix in PREFIXES if prefix not in ("exact", "G64")]
+ALL += [(program, prefix, machine) for program in SOME for prefix in ("exact", "G64") for machine in UNUSUAL]
+QUICK = [(program, ("exact", "G64")[k % 2], EVERYWHERE[k % 3]) for k, program in enumerate(PROGRAMS)]
+QUICK += [(SOME[k % len(SOME)], ("G64", "exact")[k % 2], machine) for k, machine in enumerate(UNUSUAL)]
+QUICK += [("spikes", "G64", "axes that differ"), ("a star", "tolerance 10", "axes"), ("a star", "exact stop", "axes")]
 
 
 class Elsewhere:
@@ -186,11 +198,31 @@ def elsewhere(tmp_path_factory) -> Iterator[Elsewhere]:
     process.end()
 
 
-@pytest.mark.parametrize(("program", "prefix", "machine"), CASES, ids=" | ".join)
+@pytest.mark.parametrize(("program", "prefix", "machine"), share(ALL, QUICK), ids=lambda part: part.replace(" ", "_"))
 def test_hard_input_is_planned_legally_or_refused(program, prefix, machine, elsewhere, tmp_path):
     found = elsewhere.examine(f"G21 G90 G94 G17\n{PREFIXES[prefix]}\n{PROGRAMS[program]}\nM2\n", MACHINES[machine], tmp_path)
-    if found.refused:
-        assert found.refused in REFUSALS.get(program, set()), found.wrong
-        return
-    assert not found.wrong
-    assert math.isfinite(found.duration)
+    assert found.refused == REFUSALS.get(program, ""), found.wrong
+    if not found.refused:
+        assert not found.wrong
+        assert math.isfinite(found.duration)
+
+
+def test_a_sharp_bend_takes_no_longer_than_a_cusp(elsewhere, tmp_path):
+    """However sharp: its parts are looked at on the scale of its radius, and below that it is a stop."""
+    for machine in EVERYWHERE:
+        cusp, *nearly = (
+            elsewhere.examine(f"G21 G90 G94 G17\nG61\n{PROGRAMS[name]}\nM2\n", MACHINES[machine], tmp_path).duration
+            for name in PROGRAMS
+            if name == "a cusp" or name.startswith("a cusp but for")
+        )
+        assert max(nearly) < 2.0 * cusp
+
+
+@pytest.mark.parametrize("machine", EVERYWHERE)
+def test_years_of_motion_are_planned_at_once(machine, tmp_path):
+    """Nothing is counted off period by period where nothing happens."""
+    file = tmp_path / "p.nc"
+    file.write_text("G21 G90 G94 G17\nG64\nG1 X60 Y80 F0.00006\nG2 X60 Y0 I0 J-40\nM2\n")
+    report = check(file, MACHINES[machine])
+    assert report.ok
+    assert report.duration_s == pytest.approx((100.0 + 40.0 * math.pi) / 1e-6, rel=1e-6)
