@@ -65,6 +65,8 @@ def audit_phases(
         if phase_a[k] * j < 0.0:
             v_most = max(v_most, phase_v[k] - 0.5 * phase_a[k] * phase_a[k] / j)
         steady = phase_a[k] == 0.0 and j == 0.0
+        # A whole phase may lie that near to a junction.
+        inside = min(JOINT, 0.5 * (phase_s[k + 1] - phase_s[k]))
         looked_at = -1
         dull = False
         for m in range(points + 1):
@@ -73,7 +75,7 @@ def audit_phases(
                 # as exact as the junction that may be there
                 s = phase_s[k + 1]
             # At a junction the phase that starts there belongs to the piece after it, the one that ends there to the piece before.
-            ahead = JOINT if m == 0 else -JOINT
+            ahead = inside if m == 0 else -inside
             while piece + 1 < len(kind) and s + ahead > piece_s[piece + 1]:
                 piece += 1
             here = kind[piece]
