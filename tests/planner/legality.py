@@ -30,6 +30,8 @@ APART = 1e-6
 """mm; a point may lie this much farther from the path than the tolerance."""
 NOISE = 1e-12
 """mm that a position may be off by its arc length's accuracy and by rounding."""
+SLICES_S, SLICES_LENGTH = 0.2, 0.02
+"""s, mm: how far the motion may go on without what the operator wishes; the length counts at a crawl."""
 WINDOW = 4
 """Programmed pieces more, before and after, that a row may belong to by its source line."""
 PLANES = {"XY": ("x", "y"), "ZX": ("z", "x"), "YZ": ("y", "z")}
@@ -100,8 +102,13 @@ def examine(text: str, machine: Machine, folder: Path, *, judged_by: Machine | N
     return judge(blocks, trace, pulses, judged_by or machine, report.duration_s)
 
 
-def judge(blocks: Path, trace: Path, pulses: Path, machine: Machine, duration: float) -> Findings:
-    """The files of a check, and how long it says that the motion takes."""
+Override = tuple[np.ndarray, np.ndarray]
+"""Machine times from which on feeds are scaled, the first of them 0, and by how much."""
+NEVER: Override = np.zeros(1), np.ones(1)
+
+
+def judge(blocks: Path, trace: Path, pulses: Path, machine: Machine, duration: float, override: Override = NEVER) -> Findings:
+    """The files of a check or a run, how long it says that the motion takes, and how feeds were overridden."""
     found = Findings(duration)
     rows = dict(np.load(trace).items())
     path = programmed([json.loads(line) for line in blocks.read_text().splitlines()], machine)
@@ -112,7 +119,7 @@ def judge(blocks: Path, trace: Path, pulses: Path, machine: Machine, duration: f
     _judge_clock(rows, np.load(pulses), machine, duration, found)
     _judge_limits(rows, machine, found)
     if path:
-        _judge_path(rows, path, machine, found)
+        _judge_path(rows, path, machine, override, found)
     for name, ratio in found.ratios.items():
         if not ratio <= 1.0 + ALLOWED:
             found.wrong.append(f"{name} is {ratio:.6g} of its limit")
@@ -242,7 +249,7 @@ def _crawl(machine: Machine) -> float:
     return max(2.0 * jerk * machine.path.period**3, 1e-9)
 
 
-def _judge_path(rows: dict, path: list[Piece], machine: Machine, found: Findings) -> None:
+def _judge_path(rows: dict, path: list[Piece], machine: Machine, override: Override, found: Findings) -> None:
     """The trace against the programmed path, and the path against the trace."""
     p, line, ds = rows["position"], rows["line"], np.diff(rows["s"])
     first, last = _belongs(line, np.array([piece.line for piece in path]))
@@ -281,10 +288,13 @@ def _judge_path(rows: dict, path: list[Piece], machine: Machine, found: Findings
         found.ratios["step deviation"] = float(((ds - chord)[inside] / ds[inside]).max(initial=0.0)) / machine.path.step_deviation
 
     # Speed against the feed of any piece that the step may lie on; a traverse has none, the axes limit it.
-    feed = np.array([piece.feed if math.isinf(piece.feed) else min(piece.feed, machine.path.max_feed) for piece in path])
+    feed = np.array([piece.feed for piece in path])
     lo, hi = np.minimum(first[:-1], first[1:]), np.maximum(last[:-1], last[1:])
     highest = _range_max(feed, lo, hi)
     fed = np.isfinite(highest)
+    highest = np.minimum(
+        highest * _in_force(override, rows["t"], rows["s"], ds / machine.path.period / highest, _letting_go(machine)), machine.path.max_feed
+    )
     noise = 2.0 * (NOISE + 4.0 * np.spacing(rows["s"][-1])) / machine.path.period
     over = (ds[fed] / machine.path.period - noise) / highest[fed]
     found.ratios["feed"] = max(0.0, float(over.max(initial=0.0)))
@@ -308,6 +318,32 @@ def _judge_path(rows: dict, path: list[Piece], machine: Machine, found: Findings
             break
     if np.abs(p[-1] - path[-1].end).max() > 1e-9:
         found.wrong.append(f"the end point is missed by {np.abs(p[-1] - path[-1].end).max():.3g} mm")
+
+
+def _in_force(override: Override, t: np.ndarray, s: np.ndarray, used: np.ndarray, letting_go: float) -> np.ndarray:
+    """The factor of its feed that each step may use, of which it does use a part.
+
+    A wish takes effect where the motion that the board has or is about to get ends: two slices. From there on acceleration may be let go
+    of, for so long, and then no step is faster than the fastest by then until feeds are as they were wished.
+    """
+    since, factors = override
+    now = factors[np.searchsorted(since, t[1:], side="right") - 1]
+    allowed = now.copy()
+    for changed in np.flatnonzero(np.diff(now)) + 1:
+        handed_out = max(t[changed + 1] + SLICES_S, t[min(int(np.searchsorted(s, s[changed + 1] + SLICES_LENGTH)), len(now))])
+        gone = min(int(np.searchsorted(t[1:], handed_out + letting_go)) + 1, len(now))
+        before, peak = allowed[changed - 1], used[changed:gone].max()
+        slowed = gone + int(np.append(np.flatnonzero(used[gone:] <= now[gone:] * (1.0 + ALLOWED)), len(now) - gone)[0])
+        allowed[changed:gone] = np.maximum(now[changed:gone], before)
+        allowed[gone:slowed] = np.maximum(now[gone:slowed], min(before, peak))
+    return allowed
+
+
+def _letting_go(machine: Machine) -> float:
+    """s; twice as long as any acceleration takes to come to nothing where nothing else needs jerk."""
+    limits = [(machine.path.max_tangential_acceleration, machine.path.max_jerk)]
+    limits += [(axis.max_acceleration, axis.max_jerk) for axis in machine.axes.values()]
+    return 2.0 * max(a / j for a, j in limits if a is not None and j is not None)
 
 
 def _belongs(line: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

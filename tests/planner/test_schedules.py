@@ -1,0 +1,61 @@
+"""Programs that are held, resumed and overridden while they run, judged from their traces as undisturbed ones are."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc.api import Control, Outputs, Report, Watch, run
+from cnc.executor.run import Progress
+from cnc.machine.models import Machine
+from legality import Findings, judge
+from random_jobs import random_job
+from support import share
+
+HOLD = 0.0
+FACTORS = (HOLD, HOLD, 0.01, 0.1, 0.3, 0.7, 1.0, 1.5, 2.0)
+
+
+def scheduled(program: Path, machine: Machine, wishes: list[tuple[float, float]], folder: Path) -> tuple[Report, Findings, int]:
+    """Run with wishes (machine time, factor of the feed); what the judge says, and how often the motion was held."""
+    control, left, holds = Control(), list(wishes), 0
+    since, factors = [0.0], [1.0]
+
+    def on_sent(sent: Progress) -> None:
+        nonlocal holds
+        if sent.held:
+            holds += 1
+            control.resume()
+        while left and sent.time >= left[0][0]:
+            factor = left.pop(0)[1]
+            if factor == HOLD:
+                control.hold()
+            else:
+                control.override(100.0 * factor)
+                since.append(sent.time)
+                factors.append(factor)
+
+    files = {name: str(folder / f"{name}.{'jsonl' if name == 'blocks' else 'npz'}") for name in ("blocks", "trace", "pulses")}
+    report = run(program, machine, control=control, outputs=Outputs(**files), watch=Watch(on_sent=on_sent))
+    report.raise_if_faulty()
+    override = (np.array(since), np.array(factors))
+    return report, judge(*(Path(file) for file in files.values()), machine, report.duration_s, override), holds
+
+
+@pytest.mark.parametrize("first", range(0, share(500, 20), 20))
+def test_random_programs_under_random_schedules_are_legal(first, tmp_path):
+    held = 0
+    for seed in range(first, first + 20):
+        text, machine = random_job(seed)
+        program = tmp_path / "program.nc"
+        program.write_text(text)
+        plain = run(program, machine)
+        rng = np.random.default_rng(seed)
+        times = np.sort(rng.uniform(0.0, 1.2 * plain.duration_s, 6))
+        wishes = [(time, float(rng.choice(FACTORS))) for time in times.tolist()]
+        report, found, holds = scheduled(program, machine, wishes, tmp_path)
+        assert not found.wrong, (seed, wishes)
+        assert report.steps == plain.steps, (seed, wishes)
+        assert report.end_position == plain.end_position
+        held += holds
+    assert held > 0
