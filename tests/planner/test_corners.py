@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from cnc.canon import PathMode
+from cnc.canon import Held, PathMode
+from cnc.control import Control
 from cnc.interpolator.reference_pulse import ReferencePulse
 from cnc.interpolator.sampled import Sampled
 from cnc.kernels.curve import SPAN
@@ -268,3 +269,33 @@ def test_the_audit_sees_a_break_at_a_timed_piece():
     found = Audit(ahead.limits)._continuity(slower)
     assert [name for name, _ in found] == ["continuity", "continuity"]
     assert not Audit(ahead.limits)._continuity(chunk)
+
+
+@settings(max_examples=share(500, 15), deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_holds_and_overrides_about_corners(seed):
+    rng = np.random.default_rng(seed)
+    points, mill, tolerance = random_chain(rng), random_mill(rng), 10 ** rng.uniform(-3, -0.5)
+    control = Control()
+    ahead = LookAhead(mill, control, slice_s=10 ** rng.uniform(-2, -0.5))
+    mode = PathMode("t.nc", 1, "blend", tolerance)
+    path = build([mode, lines(points, 10 ** rng.uniform(1, 2.5))], axes=AXES, start=np.zeros(3))
+    chunks = []
+    for item in ahead.plan(path):
+        if isinstance(item, Held):
+            control.resume()
+            continue
+        chunks.append(item)
+        match rng.integers(6):
+            case 0:
+                control.hold()
+            case 1:
+                control.override(float(10 ** rng.uniform(0.5, 2.3)))
+    assert not ahead.audit.violations
+    assert_legal(chunks, mill, (1e-3,))
+    off, _ = distances(sampled(chunks, max(1e-3, duration(chunks) / 20_000)), np.concatenate((np.zeros((1, 3)), points)))
+    assert off.max() <= tolerance * (1 + 1e-6)
+    interpolator = ReferencePulse([100.0] * 3, np.zeros(3))
+    pulses = [part for chunk in chunks for part in interpolator.pulses(chunk)] + list(interpolator.settle())
+    made = sum((part.step.sum(axis=0, dtype=np.int64) for part in pulses), np.zeros(3, np.int64))
+    assert made.tolist() == np.rint(points[-1] * 100.0).astype(int).tolist()
