@@ -25,10 +25,11 @@ lint: $(VENV)/installed-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Speed of reading, planning and interpolating the shipped programs.
-bench: $(VENV)/installed
+# Speed of reading, planning and interpolating; how fast the planner's motions are, whether they are legal, what they cost.
+bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/programs.py
 	$(BIN)/python benchmarks/language.py
+	$(BIN)/python benchmarks/planner.py --whole
 
 # The picture and the summary in the README.
 picture: $(VENV)/installed-view
