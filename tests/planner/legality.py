@@ -293,7 +293,8 @@ def _judge_path(rows: dict, path: list[Piece], machine: Machine, override: Overr
     highest = _range_max(feed, lo, hi)
     fed = np.isfinite(highest)
     highest = np.minimum(
-        highest * _in_force(override, rows["t"], rows["s"], ds / machine.path.period / highest, _letting_go(machine)), machine.path.max_feed
+        highest * _in_force(override, rows["t"][: len(p)], rows["s"], ds / machine.path.period / highest, _letting_go(machine)),
+        machine.path.max_feed,
     )
     noise = 2.0 * (NOISE + 4.0 * np.spacing(rows["s"][-1])) / machine.path.period
     over = (ds[fed] / machine.path.period - noise) / highest[fed]
