@@ -26,6 +26,7 @@ def scheduled(program: Path, machine: Machine, wishes: list[tuple[float, float]]
         if sent.held:
             holds += 1
             control.resume()
+            return
         while left and sent.time >= left[0][0]:
             factor = left.pop(0)[1]
             if factor == HOLD:
