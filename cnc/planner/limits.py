@@ -89,10 +89,11 @@ class Limits:
         feeds = np.minimum(np.maximum(path.feed * self.feed_factor, self.slowing_from), self.max_feed)
         return np.where(np.isnan(path.feed), inf if self.feed_factor > 0.0 else self.slowing_from, feeds)
 
-    def stopping_distance(self, v: float) -> float:
-        """The least length within which any motion of this machine comes to rest from ``v``, on the straightest of paths."""
-        a = min(self.tangential_acceleration, float(np.linalg.norm(self.axis_acceleration)))
-        j = min(self.tangential_jerk, float(np.linalg.norm(self.axis_jerk)))
+    def stopping_distance(self, v: float, *, any_direction: bool = False) -> float:
+        """The least length within which motion comes to rest from ``v`` on a straight path: in the best direction, or in any."""
+        size = np.min if any_direction else np.linalg.norm
+        a = min(self.tangential_acceleration, float(size(self.axis_acceleration)))
+        j = min(self.tangential_jerk, float(size(self.axis_jerk)))
         return 0.5 * v * (v / a + a / j) if v * j >= a * a else v * sqrt(v / j)
 
 

@@ -266,7 +266,8 @@ class Window:
         slowing = replace(self.limits, slowing_from=v * (1.0 + ROOM), feed_factor=0.0 if to_rest else self.limits.feed_factor)
         stopping = self.limits.stopping_distance(v)
         # Rest only where no junction would want a constant speed at any feed: the motion has to start there again.
-        horizon = min(goal, s + HORIZON * stopping)
+        far_off = HORIZON * self.limits.stopping_distance(v, any_direction=True)
+        horizon = min(goal, s + far_off)
         near = self._known(slowing, s, horizon)
         stops = near.end[near.flat & (near.speed == 0.0)]
         horizon = float(stops[0]) if len(stops) else horizon
@@ -276,7 +277,7 @@ class Window:
         def attempt(up_to: float, whole: bool = False) -> Floats | None:
             known = near.between(s, up_to)
             if far is not None:
-                end = goal if whole else min(goal, _beyond_flat(far, up_to + HORIZON * stopping))
+                end = goal if whole else min(goal, _beyond_flat(far, up_to + far_off))
                 known = Intervals.joined((known, far.between(up_to, end)), (0.0, 0.0))
             status, phases = plan_to_rest(s, known, v, slowing)
             return phases if status == PLANNED else None

@@ -12,6 +12,7 @@ from cnc.canon import Block, Held, Overrides, SpindleSync
 from cnc.control import Control
 from cnc.errors import UsageError
 from cnc.interpolator.sampled import Sampled
+from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
@@ -270,3 +271,31 @@ def test_overrides_out_of_range_are_refused(percent):
     with pytest.raises(UsageError) as refusal:
         Control().override(percent)
     assert refusal.value.diagnostic.code == "feed-override"
+
+
+def test_a_hold_and_an_override_along_an_axis_that_is_slower_than_the_others():
+    """The way to slow down is looked for as far as the slow axis needs it."""
+    fast = Axis(steps_per_mm=100.0, max_velocity=400.0, max_acceleration=A, max_jerk=J)
+    slow = fast.model_copy(update={"max_acceleration": A / 1000.0, "max_jerk": J / 1000.0})
+    mill = Machine(axes={"x": fast, "y": fast, "z": slow}, path=PathLimits(max_feed=300.0))
+    asked: list[float] = []
+
+    def operator(control: Control, chunks: Plans, held: bool) -> None:
+        end = chunks[-1].t0 + chunks[-1].duration
+        if held:
+            control.resume()
+        elif not asked and end > 5.0:
+            asked.append(end)
+            control.override(10.0)
+        elif len(asked) == 1 and end > 15.0:
+            asked.append(end)
+            control.hold()
+
+    chunks, holds = driven([lines([(0, 0, 60)], 1.0)], mill, operator)
+    assert_on_the_path(chunks)
+    assert len(holds) == 1
+    slowed = next(chunk.t0 for chunk in chunks if chunk.phase_v.max() <= 0.1 * (1 + 1e-6))
+    # From 1 to 0.1 mm/s, then to rest: in slices, each a crawl's.
+    assert slowed - asked[0] < 2.0 * math.sqrt(0.9 / (J / 1000.0)) * 1.1 + 2.0 * SLICE
+    rested = chunks[holds[0] - 1].t0 + chunks[holds[0] - 1].duration
+    assert rested - asked[1] < 2.0 * math.sqrt(0.1 / (J / 1000.0)) * 1.1 + 2.0 * SLICE
