@@ -247,9 +247,18 @@ class Window:
         """
         follow = self._plan[: first_steady(self._plan)] if self._plan[0, A] != 0.0 else self._plan[:0]
         leads = [(follow, *self._state(len(follow)))]
-        if self._plan[0, A] > 0.0 and (let_go := release(self._plan)) is not None:
+        if self._plan[0, A] > 0.0 and (let_go := release(self._plan)) is not None and self._in_limits(let_go):
             leads.insert(0, (let_go, *end_of(let_go)))
         return any(v > 0.0 and self._slow(lead, s, v, to_rest=to_rest) for lead, s, v in leads)
+
+    def _in_limits(self, phase: Floats) -> bool:
+        """Whether a phase of falling acceleration keeps to the axes' limits of jerk: it may come from another bend."""
+        _, s, v, a, j = phase[0].tolist()
+        end, top = end_of(phase)
+        first, second, third = np.moveaxis(self._known(self.limits, s, end).samples, 2, 0)
+        return all(
+            bool((np.abs(third * v**3 + 3.0 * second * v * a + first * j) <= self.limits.axis_jerk).all()) for v, a in ((v, a), (top, 0.0))
+        )
 
     def _state(self, count: int) -> tuple[float, float]:
         """Arc length and speed after the first ``count`` phases of the plan."""
