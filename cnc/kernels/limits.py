@@ -44,6 +44,9 @@ TURNING_SHARE = 0.6
 VARIATION = 0.02
 """How much the bounds may vary between neighbouring samples of one interval, relative to the limits."""
 
+BRIEF_VARIATION = 0.1
+"""How much the speed bound may vary along the path in an interval that takes less than a period: there is no time to lose in it."""
+
 TURN = 0.1
 """Largest turn of the direction within an interval, rad."""
 
@@ -214,11 +217,12 @@ def bounds_vary(q: Floats, v: float, spacing: float, speed: Floats, rules: Float
     for m in range(1, SAMPLES):
         lowest = min(lowest, speed[m])
         highest = max(highest, speed[m])
-    if highest - lowest > VARIATION * lowest:
-        return True
     per_axis = False
     for i in range(q.shape[2]):
         per_axis = per_axis or axis_a[i] < math.inf or axis_j[i] < math.inf
+    brief = not per_axis and (SAMPLES - 1) * spacing < lowest * rules[4]
+    if highest - lowest > (BRIEF_VARIATION if brief else VARIATION) * lowest:
+        return True
     turn = TURN / (SAMPLES - 1) if per_axis else TURN
     for m in range(1, SAMPLES):
         for i in range(q.shape[2]):
@@ -316,6 +320,24 @@ def joint(
 
 
 @njit
+def attainable_speed(
+    kind: int, data: Floats, at: int, length: float, feed: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats, q: Floats
+) -> float:
+    """A speed that no motion exceeds on a curve: ``feed``, or what it can gain over the piece beside its slowest place. q: scratch.
+
+    Most of a short curve about a tight bend would allow speeds that are out of reach there; bounds on them needn't be known.
+    """
+    interval_samples(kind, data, at, 0.0, length, q)
+    lowest = feed
+    for m in range(SAMPLES):
+        lowest = min(lowest, speed_bounds(data, at, q[m], feed, rules, axis_v, axis_a, axis_j)[1])
+    squared = 0.0
+    for i in range(len(axis_a)):
+        squared += axis_a[i] * axis_a[i]
+    return min(feed, math.sqrt(lowest * lowest + 2.0 * min(rules[0], math.sqrt(squared)) * length))
+
+
+@njit
 def chunk_intervals(
     kind: Ints, at: Ints, data: Floats, length: Floats, feed: Floats, stop_after: Flags,
     v_in: float, flat_in: bool, v_out: float, flat_out: bool, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats,
@@ -353,6 +375,9 @@ def chunk_intervals(
         shape = kind[k]
         flat_from = FLAT_PERIODS * rules[4] * v_before if flat_before else 0.0
         flat_to = length[k] - (FLAT_PERIODS * rules[4] * v_after if flat_after else 0.0)
+        fastest = feed[k]
+        if shape != LINE:
+            fastest = attainable_speed(shape, data, at[k], length[k], fastest, rules, axis_v, axis_a, axis_j, q)
         start = 0.0
         step = length[k]
         while start < length[k]:
@@ -367,14 +392,14 @@ def chunk_intervals(
             while True:
                 interval_samples(shape, data, at[k], start, end, q)
                 for m in range(SAMPLES):
-                    speed[m], tops[m] = speed_bounds(data, at[k], q[m], IN_SIGHT * feed[k], rules, axis_v, axis_a, axis_j)
-                v = min(feed[k], gather(q, speed, first, second, third))
+                    speed[m], tops[m] = speed_bounds(data, at[k], q[m], IN_SIGHT * fastest, rules, axis_v, axis_a, axis_j)
+                v = min(fastest, gather(q, speed, first, second, third))
                 if shape == LINE or end - start <= SHORTEST:
                     break
                 if not bounds_vary(q, v, (end - start) / (SAMPLES - 1), speed, rules, axis_a, axis_j):
                     break
                 end = start + 0.5 * (end - start)
-            top = min(feed[k], lowest_between(tops))
+            top = min(fastest, lowest_between(tops))
             share = 1.0
             if end - start <= SHORTEST:
                 sharp = v_before == 0.0 and start == 0.0 and curvature_of(data, at[k], q[0]) * SHORTEST > 1.0
@@ -385,7 +410,7 @@ def chunk_intervals(
                     share = BENT_SHARE
                     gather(q, speed, first, second, third)
                     a, j = tangential_bounds(first, second, third, 0.0, rules, axis_a, axis_j)
-                    v = top = min(feed[k], reachable_speed(0.0, end - start, share * a, share * j))
+                    v = top = min(fastest, reachable_speed(0.0, end - start, share * a, share * j))
             if flat:
                 v = min(v, v_before if start < flat_from else v_after)
             step = 2.0 * (end - start)
