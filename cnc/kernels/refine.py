@@ -83,7 +83,8 @@ DENSE = 4
 """Points in each phase at which the result is looked at again."""
 
 ROUNDS = 20
-"""Rounds at most: five, and again for cells whose limits had to be tightened."""
+SETBACKS = 4
+"""Rounds at most: five, and again for cells whose limits had to be tightened; and how often that is done to better a legal motion."""
 
 TIGHT = 0.8
 """A cell that takes up less than this of every limit isn't looked at more closely."""
@@ -153,7 +154,7 @@ def merit(
     """Value of what is minimised over the cells [first, last), the largest constraint, and the time; infinite beyond a (lifted) limit.
 
     top (cells, 2): speed bounds in the middle and at the end of each cell. q (cells, 3, 3, axes): derivatives of the path at its start, in
-    its middle and at its end. share: part of the limits that a cell may use.
+    its middle and at its end. share: part of the limits of acceleration and jerk that a cell may use.
     With ``slopes`` the gradient and the Hessian's blocks are written as well.
     """
     x = np.empty(5)
@@ -240,7 +241,7 @@ def merit(
                             for o in range(m, 4):
                                 block[m, o] += stiff * c[m] * c[o]
             if p == 1 or (p == 3 and k + 1 < last):
-                taken = speed / (top[k, p // 2] * allowed)
+                taken = speed / (top[k, p // 2] * (1.0 + lift))
                 slack = 1.0 - taken
                 worst = max(worst, taken)
                 if not slack > 0.0:
@@ -412,12 +413,13 @@ def derivatives(k: int, s: float, sampled: Floats, samples: Floats, out: Floats)
 def phase_worst(
     duration: float, s: float, v: float, a: float, j: float, s_end: float, k: int, end: Floats, top: Floats, sampled: Floats,
     samples: Floats, limit_a: Floats, limit_j: Floats, q: Floats,
-) -> tuple[float, int]:  # fmt: skip
+) -> tuple[float, float, int]:  # fmt: skip
     """The largest part of a limit that a phase takes up, at points throughout it and on both sides of each end of an interval.
 
-    Returns it and the interval in which the phase ends. q: scratch.
+    Returns that of the limits of acceleration and jerk, that of the speed bounds, and the interval in which the phase ends. q: scratch.
     """
     worst = 0.0
+    fastest = 0.0
     t_before = 0.0
     s_before = s
     k = interval_at(s, k, end)
@@ -442,12 +444,12 @@ def phase_worst(
                 if not crossing:
                     break
                 k += 1
-            worst = max(worst, speed / top[k])
+            fastest = max(fastest, speed / top[k])
             derivatives(k, here, sampled, samples, q)
             for i in range(q.shape[1]):
                 worst = max(worst, abs(q[0, i] * accel + q[1, i] * speed * speed) / limit_a[i])
                 worst = max(worst, abs(q[0, i] * j + 3.0 * q[1, i] * speed * accel + q[2, i] * speed * speed * speed) / limit_j[i])
-    return worst, k
+    return worst, fastest, k
 
 
 @njit
@@ -623,10 +625,13 @@ def tighten(
             return math.inf
         h = x[0]
         half = s[m] + h * (v[m] + h * (0.5 * a[m] + h * x[1] / 6.0))
-        one, k = phase_worst(h, s[m], v[m], a[m], x[1], half, k, end, top, sampled, samples, limit_a, limit_j, scratch)
-        two, k = phase_worst(h, half, x[3], x[4], x[2], s[m + 1], k, end, top, sampled, samples, limit_a, limit_j, scratch)
+        one, fast_one, k = phase_worst(h, s[m], v[m], a[m], x[1], half, k, end, top, sampled, samples, limit_a, limit_j, scratch)
+        two, fast_two, k = phase_worst(h, half, x[3], x[4], x[2], s[m + 1], k, end, top, sampled, samples, limit_a, limit_j, scratch)
         seen = max(one, two)
-        largest = max(largest, seen)
+        fastest = max(fast_one, fast_two)
+        largest = max(largest, seen, fastest)
+        if fastest > 1.0:
+            cell_top[m] /= fastest * (1.0 + TOUCH)
         if seen > TIGHT:
             _, held, _ = merit(m, m + 1, v, a, d, cell_top, share, q, limit_a, limit_j, 0.0, HIGH, False, no_blocks, no_blocks, no_gradient)
             held = max(held * share[m], TIGHT)
@@ -640,20 +645,31 @@ def descend(
     first: int, last: int, s: Floats, v: Floats, a: Floats, d: Floats, cell_top: Floats, share: Floats, q: Floats, end: Floats, top: Floats,
     sampled: Floats, samples: Floats, limit_a: Floats, limit_j: Floats,
 ) -> bool:  # fmt: skip
-    """Bring the cells [first, last) to the least time, from any motion; whether the result is legal."""
+    """Bring the cells [first, last) near to the least time, from any motion; whether a legal one was found."""
     weight = FIRST_WEIGHT
+    good = 0.0
+    setbacks = 0
+    good_v = v[first : last + 1].copy()
+    good_a = a[first : last + 1].copy()
     for _ in range(ROUNDS):
         legal = centre(first, last, v, a, d, cell_top, share, q, limit_a, limit_j, weight) <= 1.0
         if weight > CHECKED_FROM:
             seen = tighten(first, last, s, v, a, d, cell_top, share, q, end, top, sampled, samples, limit_a, limit_j)
             legal = legal and seen <= 1.0 + TOUCH
-            if legal and weight >= LAST_WEIGHT:
-                return True
+            if legal and weight > good:
+                good = weight
+                good_v[:] = v[first : last + 1]
+                good_a[:] = a[first : last + 1]
+            setbacks += not legal
+            if good >= LAST_WEIGHT or (good > 0.0 and setbacks >= SETBACKS):
+                break
         elif not legal:
             break
         # Where the barrier counts there is room to get off limits that have become tighter.
         weight = weight * WEIGHT_STEP if legal else FIRST_WEIGHT * WEIGHT_STEP
-    return False
+    v[first : last + 1] = good_v
+    a[first : last + 1] = good_a
+    return good > 0.0
 
 
 @njit
@@ -762,10 +778,10 @@ def refine(
                 count += 1
                 if rough:
                     reached = rows[r + 1, 1] if r + 1 < total else end[-1]
-                    worst, place = phase_worst(
+                    worst, fastest, place = phase_worst(
                         rows[r, 0], rows[r, 1], rows[r, 2], rows[r, 3], rows[r, 4], reached, place,
                         end, top, sampled, samples, limit_a, limit_j, q_here,
                     )  # fmt: skip
-                    legal = legal and worst <= 1.0 + TOUCH
+                    legal = legal and max(worst, fastest) <= 1.0 + TOUCH
         first = last
     return legal, out[:count]
