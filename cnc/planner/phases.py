@@ -30,18 +30,25 @@ INSTANT = 1e-7
 """s; what would be left of a phase beside a cut at a time is not shorter."""
 
 
-def plan_to_rest(start: float, known: Intervals, v_start: float, limits: Limits) -> tuple[int, Floats]:
+NO_PHASES: Floats = np.empty((0, 5))
+
+
+def plan_to_rest(start: float, known: Intervals, v_start: float, limits: Limits, lead: Floats = NO_PHASES) -> tuple[int, Floats]:
     """Plan from ``start``, where the motion has speed ``v_start``, to rest at the end of ``known``: the kernel's status and the phases.
 
-    Where limits for each axis bind on a curve, the plan is refined. From a speed that the refinement has led to, a plan may have to begin
-    with one that only nearly keeps to the limits.
+    lead: phases that lead to the start, over the first of the intervals known, and become part of the plan.
+    Where limits for each axis bind on a curve, the plan is refined. From a speed that the refinement has led to, or where the lead isn't
+    legal, a plan may have to begin with one that only nearly keeps to the limits.
     """
+    whole = known
+    if len(lead):
+        known = known.between(start, float(known.end[-1]))
     if limits.per_axis:
         known = replace(known, speed=known.speed * (1.0 - ROOM_TO_REFINE))
     status, phases = _planned(start, known, v_start)
     rough = status == START_TOO_FAST
     if not limits.per_axis or not (rough or status == PLANNED):
-        return status, phases
+        return (START_TOO_FAST if rises_above(lead, whole) else status), np.concatenate((lead, phases))
     if rough:
         freer = replace(
             known,
@@ -53,8 +60,8 @@ def plan_to_rest(start: float, known: Intervals, v_start: float, limits: Limits)
         if status != PLANNED:
             return status, phases
     legal, phases = refine(
-        phases, known.end, known.top, known.flat, known.sampled, known.samples,
-        limits.axis_acceleration, limits.axis_jerk, limits.tangential_acceleration, limits.tangential_jerk, rough,
+        np.concatenate((lead, phases)), whole.end, whole.top, whole.flat, whole.sampled, whole.samples,
+        limits.axis_acceleration, limits.axis_jerk, limits.tangential_acceleration, limits.tangential_jerk, rough or len(lead) > 0,
     )  # fmt: skip
     return (PLANNED, phases) if legal else (START_TOO_FAST, phases[:0])
 
@@ -66,6 +73,16 @@ def _planned(start: float, known: Intervals, v_start: float) -> tuple[int, Float
     status, written = plan_window(bound_s, known.speed, known.accel, known.jerk, known.flat, v_start, phases)
     phases = phases[:written]
     return status, phases[phases[:, DURATION] > 0.0]
+
+
+def rises_above(phases: Floats, known: Intervals) -> bool:
+    """Whether the speed at the end of a phase is above the bounds of the intervals that the phase touches."""
+    if not len(phases):
+        return False
+    s, v = np.append(phases[1:, S], end_of(phases)[0]), np.append(phases[1:, V], end_of(phases)[1])
+    first = np.searchsorted(known.end, phases[:, S], side="right")
+    last = np.minimum(np.searchsorted(known.end, s, side="left"), len(known) - 1)
+    return any(v[k] > known.speed[first[k] : last[k] + 1].min(initial=np.inf) * (1.0 + TOUCHING) for k in range(len(phases)))
 
 
 def first_steady(phases: Floats) -> int:

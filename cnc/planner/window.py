@@ -100,6 +100,8 @@ class Window:
         self._detour = 1
         """Phases that are gone along at least where no new plan begins; twice as many each time, or each would cost a whole plan."""
         self._stopping = False
+        self._stops_late = False
+        """Whether no way was found yet to rest sooner than the plan does."""
         self._slowing = -inf, limits
         """Up to where the motion is being slowed, and the limits until there."""
 
@@ -200,11 +202,12 @@ class Window:
 
     def stop(self) -> None:
         """Come to rest on the path as soon as the limits allow, from where the next slice begins."""
-        if self._stopping or not self.moving:
+        if not self.moving or (self._stopping and not self._stops_late):
             return
         self._rebase()
-        if not self._redirect(to_rest=True):
-            # Nothing is faster than the plan, which rests at the next stop of the path, or at the end of what is known.
+        self._stops_late = not self._redirect(to_rest=True)
+        if self._stops_late:
+            # From here nothing is sooner than the plan, which rests at the next stop of the path, or at the end of what is known.
             self._settled = first_rest(self._plan)
             if self._settled < len(self._plan):
                 self._rest_at = float(self._plan[self._settled, S])
@@ -247,18 +250,9 @@ class Window:
         """
         follow = self._plan[: first_steady(self._plan)] if self._plan[0, A] != 0.0 else self._plan[:0]
         leads = [(follow, *self._state(len(follow)))]
-        if self._plan[0, A] > 0.0 and (let_go := release(self._plan)) is not None and self._in_limits(let_go):
+        if self._plan[0, A] > 0.0 and (let_go := release(self._plan)) is not None:
             leads.insert(0, (let_go, *end_of(let_go)))
         return any(v > 0.0 and self._slow(lead, s, v, to_rest=to_rest) for lead, s, v in leads)
-
-    def _in_limits(self, phase: Floats) -> bool:
-        """Whether a phase of falling acceleration keeps to the axes' limits of jerk: it may come from another bend."""
-        _, s, v, a, j = phase[0].tolist()
-        end, top = end_of(phase)
-        first, second, third = np.moveaxis(self._known(self.limits, s, end).samples, 2, 0)
-        return all(
-            bool((np.abs(third * v**3 + 3.0 * second * v * a + first * j) <= self.limits.axis_jerk).all()) for v, a in ((v, a), (top, 0.0))
-        )
 
     def _state(self, count: int) -> tuple[float, float]:
         """Arc length and speed after the first ``count`` phases of the plan."""
@@ -278,17 +272,19 @@ class Window:
         far_off = HORIZON * self.limits.stopping_distance(v, any_direction=True)
         horizon = min(goal, s + far_off)
         near = self._known(slowing, s, horizon)
+        faster = replace(slowing, slowing_from=max(v, float(self._plan[0, V])) * (1.0 + ROOM))
+        before = [self._known(faster, self._at, s)] if len(lead) else []
         stops = near.end[near.flat & (near.speed == 0.0)]
         horizon = float(stops[0]) if len(stops) else horizon
         level = self._known(replace(self.limits, feed_factor=inf), s, horizon) if to_rest else near
         far = None if to_rest else self._known(self.limits, s, goal)
 
         def attempt(up_to: float, whole: bool = False) -> Floats | None:
-            known = near.between(s, up_to)
+            parts = [*before, near.between(s, up_to)]
             if far is not None:
                 end = goal if whole else min(goal, _beyond_flat(far, up_to + far_off))
-                known = Intervals.joined((known, far.between(up_to, end)), (0.0, 0.0))
-            status, phases = plan_to_rest(s, known, v, slowing)
+                parts.append(far.between(up_to, end))
+            status, phases = plan_to_rest(s, Intervals.joined(parts, [0.0] * len(parts)), v, slowing, lead)
             return phases if status == PLANNED else None
 
         works = failed = _beyond_flat(level, s)
@@ -317,9 +313,9 @@ class Window:
             found = attempt(works, whole=True)
             if found is None:
                 return False
-        self._slowing = works, replace(slowing, slowing_from=max(v, float(self._plan[0, V])) * (1.0 + ROOM))
+        self._slowing = works, faster
         self._follow(
-            np.concatenate((lead, found)), works if to_rest else goal, rests=rests, known=near if far is None else far, lead=len(lead)
+            found, works if to_rest else goal, rests=rests, known=near if far is None else far, lead=first_steady(found) if len(lead) else 0
         )
         return True
 
