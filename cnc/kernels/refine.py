@@ -70,7 +70,7 @@ HALVINGS = 20
 CENTRED = 0.1
 """A round ends when a step promises less than this per cell."""
 
-NEAR = 0.9999
+NEAR = 0.99999
 LIFT = 0.003
 HIGH = 1e6
 """How much of a limit may be taken up to start without lifting, by how much they are lifted at least, and out of the way."""

@@ -20,9 +20,6 @@ DURATION, S, V, A, J = range(5)
 TOUCHING = 1e-6
 """Relative: a speed this little below its bound is at it."""
 
-ROOM_TO_REFINE = 2e-4
-"""Part of the speed bounds that a plan which may be refined stays below: what starts and ends on a bound has no way off it."""
-
 ROUGHLY = 1.4
 """How much faster than usual a plan may be that is to be refined in any case."""
 
@@ -43,8 +40,6 @@ def plan_to_rest(start: float, known: Intervals, v_start: float, limits: Limits,
     whole = known
     if len(lead):
         known = known.between(start, float(known.end[-1]))
-    if limits.per_axis:
-        known = replace(known, speed=known.speed * (1.0 - ROOM_TO_REFINE))
     status, phases = _planned(start, known, v_start)
     rough = status == START_TOO_FAST
     if not limits.per_axis or not (rough or status == PLANNED):
