@@ -102,7 +102,7 @@ WORTHWHILE = 0.002
 
 @njit
 def cell_phases(v0: float, a0: float, v1: float, a1: float, d: float, x: Floats, slope: Floats) -> bool:
-    """The two phases through a cell of length ``d``: x = h, j1, j2, speed and acceleration between them; False if there are none.
+    """The two phases through a cell of length ``d``: x = h, j1, j2, speed and acceleration between them; False if none lead forward.
 
     slope (5, 4): derivatives of x by v0, a0, v1, a1.
     """
@@ -143,7 +143,13 @@ def cell_phases(v0: float, a0: float, v1: float, a1: float, d: float, x: Floats,
     x[2] = j2
     x[3] = v0 + h * (a0 + 0.5 * h * j1)
     x[4] = middle
-    return x[3] > 0.0
+    # Where the acceleration rises through nothing the speed is lowest.
+    lowest = x[3]
+    if a0 < 0.0 < middle:
+        lowest = v0 - a0 * a0 / (2.0 * j1)
+    elif middle < 0.0 < a1:
+        lowest = x[3] - middle * middle / (2.0 * j2)
+    return lowest > 0.0
 
 
 @njit
