@@ -92,7 +92,6 @@ def separate(phases: Floats, end: Floats, top: Floats, flat: Flags, rows: Floats
 def can_gain(rows: Floats, first: int, last: int, end: Floats, top: Floats, samples: Floats, limit_a: Floats, limit_j: Floats) -> bool:
     """Whether the motion of some row is slower than the speed bounds, or the ramp's limits on a straight path, would let it be."""
     axes = samples.shape[3]
-    k = 0
     k = interval_at(rows[first, 1], np.searchsorted(end, rows[first, 1]), end)
     for r in range(first, last):
         duration, s, v, a, j = rows[r, 0], rows[r, 1], rows[r, 2], rows[r, 3], rows[r, 4]

@@ -85,7 +85,7 @@ def choose(
         t2 = ramp_shape(min(v2, reachable_speed(0.0, half2, a2, j2)), a2, j2)[0]
         room1 = LEGS_SHARE * length[k]
         room2 = LEGS_SHARE * length[k + 1]
-        saved = overlap_time(u, sine, widest, j1, j2, t1, t2, room1, room2, eps, data, a, rules, axis_j)
+        saved = overlap_time(u, sine, widest, j1, j2, t1, t2, room1, room2, eps, rules, axis_j)
         if saved > 0.0:
             best -= saved
             choice = OVERLAP

@@ -248,7 +248,7 @@ def spans_of(knots: Floats, p: Floats, state: Floats, bezier: Floats) -> None:
 
 
 @njit
-def span_distance(b: Floats, tau: float, x: Floats, metric: Ints, metrics: Flags, foot: bool) -> tuple[float, float]:
+def span_distance(b: Floats, tau: float, x: Floats, metrics: Flags, foot: bool) -> tuple[float, float]:
     """How far the point x (n,) is from the span at tau, over the metric axes or in one of the others; tau, moved to the foot if asked."""
     n = x.shape[0]
     left = 1.0 - tau
@@ -307,18 +307,18 @@ def _proved(
     here = np.empty(n)
     step = np.empty(n)
     before = 0.0
-    gap, tau = span_distance(b, 0.0, p[k], metric, metrics, False)
+    gap, tau = span_distance(b, 0.0, p[k], metrics, False)
     i = first
     while good and i <= last + 1:
         if i <= last:
             tau = min(max((along[i] - knots[k, T]) / h, before), 1.0)
-            there, foot = span_distance(b, tau, x[i], metric, metrics, True)
+            there, foot = span_distance(b, tau, x[i], metrics, True)
             if there > 0.1 * allowed:
                 tau = min(max(foot, before), 1.0)
-                there, foot = span_distance(b, tau, x[i], metric, metrics, False)
+                there, foot = span_distance(b, tau, x[i], metrics, False)
         else:
             tau = 1.0
-            there, foot = span_distance(b, 1.0, p[k + 1], metric, metrics, False)
+            there, foot = span_distance(b, 1.0, p[k + 1], metrics, False)
         sagitta = 0.125 * bend * (tau - before) ** 2
         good = max(gap, there) + sagitta <= allowed
         if not good and max(gap, there) <= allowed and sagitta <= 3.0 * allowed:
@@ -330,7 +330,7 @@ def _proved(
             for j in range(1, 4):
                 for c in range(n):
                     here[c] += step[c]
-                worst = max(worst, span_distance(b, before + 0.25 * j * (tau - before), here, metric, metrics, False)[0])
+                worst = max(worst, span_distance(b, before + 0.25 * j * (tau - before), here, metrics, False)[0])
             good = worst + 0.0625 * sagitta <= allowed
         gap = there
         before = tau

@@ -204,7 +204,7 @@ def write_pieces(
                 if not whole:
                     tau = min(max((along[i] - knots[k, T]) / h, ta), 1.0)
                     for _n in range(3):
-                        _, tau = span_distance(bezier[k], tau, x[i], metric, metrics, True)
+                        _, tau = span_distance(bezier[k], tau, x[i], metrics, True)
                         tau = min(max(tau, ta), 1.0)
                     _point(bezier[k], tau, end)
                     if tau - ta < 1e-6 or 1.0 - tau < 1e-6:

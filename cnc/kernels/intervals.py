@@ -21,7 +21,7 @@ DENSE = 4
 @njit
 def interval_at(s: float, start: int, end: Floats) -> int:
     """The interval that arc length ``s`` lies in, searched from interval ``start`` on, or back from there."""
-    k = start
+    k = min(start, len(end) - 1)
     while k > 0 and s < end[k - 1]:
         k -= 1
     while k + 1 < len(end) and s >= end[k]:

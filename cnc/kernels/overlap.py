@@ -104,12 +104,12 @@ def directions(data_a: Floats, at_a: int, data_b: Floats, at_b: int, u: Floats) 
 @njit
 def overlap_time(
     u: Floats, sine: float, widest: float, j1: float, j2: float, t1: float, t2: float, room1: float, room2: float, eps: float,
-    data: Floats, at: int, rules: Floats, axis_j: Floats,
+    rules: Floats, axis_j: Floats,
 ) -> float:  # fmt: skip
     """How long the ramps of two lines may have in common, s; 0 where that breaks a limit or saves nothing.
 
     u, sine, widest: from :func:`directions`. j1, j2: the jerks beside the corner, t1, t2: how long they last. room1, room2: how much of
-    each line may be used, mm. eps: how far the motion may stay away from the corner, mm. data, at: either record, for its metric axes.
+    each line may be used, mm. eps: how far the motion may stay away from the corner, mm.
     """
     if sine > SHARPEST or sine == 0.0:
         return 0.0
@@ -442,7 +442,7 @@ def overlap_stops(
         elif j1 > 0.0 and j2 > 0.0 and abs(phase_a[k - 1] + j1 * t1) <= SPLIT * j1:
             room1 = min(LEGS_SHARE * length[b], phase_s[k] - phase_s[k - 1])
             room2 = min(LEGS_SHARE * length[b + 1], phase_s[k + 1] - phase_s[k])
-            common = overlap_time(u, sine, widest, j1, j2, t1, t2, room1, room2, tolerance[b], data, at[b], rules, axis_j)
+            common = overlap_time(u, sine, widest, j1, j2, t1, t2, room1, room2, tolerance[b], rules, axis_j)
         if common > 0.0:
             at_time(phase_t[k] - common, k - m, phase_t, phase_s, phase_v, phase_a, phase_j, a)
             at_time(phase_t[k] + common, k + m - 1, phase_t, phase_s, phase_v, phase_a, phase_j, c)

@@ -132,12 +132,10 @@ def test_ramps_of_different_axes_overshoot_the_corner():
 def test_unequal_jerks_keep_the_corner_within_the_tolerance(ratio):
     u = np.array([[1.0, 0.0], [math.cos(2.0), math.sin(2.0)]])
     sine = math.sin(1.0)
-    record = np.zeros(13)
-    record[[4, 5, 6]] = 2, 0, 1
     j1, j2 = 48000.0, 48000.0 / ratio
     unlimited = np.full(6, math.inf)
     unlimited[4] = 1e-3
-    tau = overlap_time(u, sine, sine, j1, j2, 1.0, 1.0, 1e3, 1e3, 0.02, record, 0, unlimited, np.full(2, math.inf))
+    tau = overlap_time(u, sine, sine, j1, j2, 1.0, 1.0, 1e3, 1e3, 0.02, unlimited, np.full(2, math.inf))
     x = np.linspace(0.0, 1.0, 100_001)[:, None]
     motion = tau**3 / 6 * (-j1 * (1 - x) ** 3 * u[0] + j2 * x**3 * u[1])
     nearest = np.linalg.norm(motion, axis=1).min()

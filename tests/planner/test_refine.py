@@ -1,0 +1,44 @@
+"""The pieces that the refinement is made of, by themselves."""
+
+import numpy as np
+import pytest
+
+from cnc.kernels.cells import can_gain
+from cnc.kernels.descent import cell_phases
+from cnc.kernels.intervals import interval_at
+
+END = np.array([1.0, 3.0, 3.0, 4.0])  # the third is a stop
+
+
+@pytest.mark.parametrize("start", range(5))
+@pytest.mark.parametrize(("s", "interval"), [(-1.0, 0), (0.0, 0), (1.0, 1), (2.9, 1), (3.0, 3), (4.0, 3), (4.1, 3)])
+def test_interval_at_is_one_of_the_intervals_wherever_the_search_begins(s, interval, start):
+    assert interval_at(s, start, END) == interval
+
+
+def test_phases_of_a_cell_lead_from_one_cut_to_the_other():
+    x, slope = np.empty(5), np.empty((5, 4))
+    cut = np.array([3.0, -10.0, 4.0, 20.0])
+    d = 0.3
+    assert cell_phases(*cut, d, x, slope)
+    h, j1, j2, v, a = x
+    assert 3.0 + h * (-10.0 + 0.5 * h * j1) == pytest.approx(v, rel=1e-12)
+    assert (v + h * (a + 0.5 * h * j2), a + h * j2) == pytest.approx((4.0, 20.0), rel=1e-12)
+    first = h * (3.0 + h * (-5.0 + h * j1 / 6.0))
+    assert first + h * (v + h * (0.5 * a + h * j2 / 6.0)) == pytest.approx(d, rel=1e-12)
+    other, unused = np.empty(5), np.empty((5, 4))
+    for m in range(4):
+        step = np.zeros(4)
+        step[m] = 1e-6
+        cell_phases(*(cut + step), d, other, unused)
+        ahead = other.copy()
+        cell_phases(*(cut - step), d, other, unused)
+        assert (ahead - other) / 2e-6 == pytest.approx(slope[:, m], rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize(("speed", "gains"), [(9.0, True), (9.9, False)])
+def test_a_cruise_may_gain_where_it_is_slower_than_its_bound(speed, gains):
+    rows = np.array([[0.1, 0.5, speed, 0.0, 0.0]])
+    samples = np.zeros((4, 5, 3, 2))
+    limits = np.full(3, 100.0)
+    assert can_gain(rows, 0, 1, END, np.full(4, 10.0), samples, limits, limits) is gains
