@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from cnc.kernels.arclength import MAX_ROWS, measure
 from cnc.kernels.curve import LENGTH, LINE, ROW, SPAN, SPAN_BODY, START, TABLE, Floats, Ints, curve_eval_s
 from cnc.kernels.jit import njit
+from cnc.kernels.legs import LEGS_SHARE, SHARPEST, directions, line_bounds, write_line
 from cnc.kernels.limits import joint, speed_bounds
-from cnc.kernels.overlap import LEGS_SHARE, SHARPEST, directions, line_bounds, overlap_time, write_line
+from cnc.kernels.overlap import overlap_time
 from cnc.kernels.scurve import ramp_distance, ramp_shape, ramp_time, reachable_speed
 from cnc.kernels.timed import ROOM_OF_TIMED, ROOM_OF_TIMED_PER_AXIS, timed_length, write_cubic, write_turns
 

@@ -22,7 +22,9 @@ from numpy.typing import NDArray
 from cnc.canon import Block, Message
 from cnc.kernels.corners import round_corners
 from cnc.kernels.curve import LINE
-from cnc.kernels.overlap import REST, ROOM_OF_CORNER, overlap_room, overlap_stops, overshoot, record_end
+from cnc.kernels.legs import REST, record_end
+from cnc.kernels.overlap import ROOM_OF_CORNER, overlap_room, overlap_stops
+from cnc.kernels.overshoot import overshoot
 from cnc.path.chunk import PathChunk
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
