@@ -193,9 +193,8 @@ def audit_samples(
 
     last (5, n): positions at the instants before, newest in row 0, of which ``known`` are valid; rows 3 and 4 are scratch. The
     step deviation and the chord error count in steps longer than ``shortest`` (on a shorter one they are no length to speak of) within
-    which the motion doesn't stop: a stop is a corner, and there a sample belongs to neither side. For the same reason the step deviation
-    doesn't count where the ramps at a corner overlap. Returns the next index and the number of
-    valid rows.
+    which the motion doesn't stop: a stop is a corner, and there a sample belongs to neither side. For the same reason the step
+    deviation doesn't count where the ramps at a corner overlap. Returns the next index and the number of valid rows.
     """
     n = len(axis_v)
     q = np.zeros((4, n))

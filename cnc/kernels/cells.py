@@ -41,6 +41,7 @@ def separate(phases: Floats, end: Floats, top: Floats, flat: Flags, rows: Floats
     """Copy the phases to ``rows``, a long cruise in three; ``apart`` marks those that stay as they are. Returns how many there are.
 
     Those are stretches of constant speed at junctions, and the middle of a cruise that can't be faster.
+    rows (3 p, 5), apart (3 p,): room for them.
     """
     count = 0
     k = 0
@@ -119,7 +120,10 @@ def can_gain(rows: Floats, first: int, last: int, end: Floats, top: Floats, samp
 
 @njit
 def place_cuts(rows: Floats, first: int, last: int, end: Floats, s: Floats, v: Floats, a: Floats, write: bool) -> int:
-    """Cut the motion of the rows [first, last) into cells: arc length, speed and acceleration at the cuts. Returns the number of cells."""
+    """Cut the motion of the rows [first, last) into cells: arc length, speed and acceleration at the cuts.
+
+    They are written only where ``write`` says so. Returns the number of cells.
+    """
     ramp = 0.0
     whole = 0.0
     for r in range(first, last):

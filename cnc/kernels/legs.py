@@ -46,7 +46,7 @@ def directions(data_a: Floats, at_a: int, data_b: Floats, at_b: int, u: Floats) 
 
 @njit
 def line_bounds(u: Floats, feed: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats) -> tuple[float, float, float]:
-    """Speed, acceleration and jerk along a line of direction ``u`` (n,)."""
+    """Largest speed (mm/s), acceleration and jerk along a line of direction ``u`` (n,), no faster than ``feed``."""
     v = feed
     a = rules[0]
     j = rules[1]

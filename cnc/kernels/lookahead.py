@@ -188,7 +188,8 @@ def plan_window(
     bound_s (n + 1,): arc length at the intervals' ends; speed (n,); accel, jerk (n, levels); flat (n,): crossed at constant speed (a stop
     is a flat interval of no length at speed 0). phases (8 n + 16, 5): room for the result, rows of duration, s, v, a, j.
 
-    Returns (status, phase count). START_TOO_FAST: the motion can't be slowed in time from the fixed start, the caller keeps its last plan.
+    Returns (status, phase count). START_TOO_FAST: by these bounds the motion can't be slowed in time from the fixed
+    start.
     """
     n = len(speed)
     room = 2 * n + 4

@@ -157,9 +157,10 @@ def refine(
 ) -> tuple[bool, Floats]:  # fmt: skip
     """Make a plan faster where curves cost time.
 
-    phases (p, 5): rows of duration, s, v, a, j. end, top, flat (n,): the intervals that it runs over, with the speed that they may be
-    crossed at by any motion. sampled (n, 2): from where to where their ``samples`` (n, 5, 3, axes) of q', q'', q''' reach. rough: the plan
-    itself need not be legal. Returns whether the result is, and its phases.
+    phases (p, 5): rows of duration, s, v, a, j. end, top, flat (n,): where the intervals that it runs over end, the speed that no motion
+    over them exceeds, and whether they are crossed at constant speed. sampled (n, 2): from where to where their ``samples`` (n, 5, 3, axes)
+    of q', q'', q''' reach. axis_a, axis_j (axes,), tangential_a, tangential_j: limits in mm/s^2 and mm/s^3, infinite where there is none.
+    rough: the plan itself need not be legal. Returns whether the result is, and its phases.
     """
     axes = len(axis_a)
     limit_a = np.empty(axes + 1)
