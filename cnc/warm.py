@@ -15,6 +15,7 @@ from contextlib import suppress
 import numpy as np
 
 from cnc.canon import ArcFeed, NurbsFeed, PathMode, Polyline
+from cnc.control import Control
 from cnc.gcode import dialects
 from cnc.gcode.interpreter import Interpreter
 from cnc.gcode.parameters import Parameters
@@ -86,13 +87,13 @@ def use_curves() -> None:
 
 
 def use_planner() -> None:
-    """Plan two lines and cut the corner between them, and audit the plan."""
+    """Plan two lines and cut the corner between them, in slices as for an operator, and audit the plan."""
     axis = Axis(steps_per_mm=10.0, max_velocity=10.0, max_acceleration=100.0, max_jerk=1000.0)
     machine = Machine(axes=dict.fromkeys(AXES, axis), path=PathLimits(max_feed=10.0))
     ends = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
     lines = Polyline("", 1, ends, np.array([1.0, 1.0]), np.array([1, 2], np.int32))
     chunks = build([PathMode("", 1, "blend", 0.01), lines], axes=AXES, start=np.zeros(3))
-    for _ in LookAhead(machine).plan(chunks):
+    for _ in LookAhead(machine, Control(), slice_s=0.01).plan(chunks):
         pass
 
 

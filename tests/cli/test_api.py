@@ -10,6 +10,7 @@ from cnc.canon import ArcFeed, Dwell, End, Polyline
 from cnc.drivers.loopback import Loopback
 from cnc.errors import EXIT_BOARD, Diagnostic, GcodeError, MachineFileError, UsageError
 from cnc.kernels import jit
+from cnc.planner import phases
 from cnc.planner.plan import PlanChunk
 
 ROOT = Path(__file__).parents[2]
@@ -148,6 +149,13 @@ def test_the_first_run_compiles_and_says_so_once(tmp_path, monkeypatch):
         warm.ensure_compiled(lambda: told.append("compiling"))
     assert told == ["compiling"]
     assert mark.exists()
+
+
+def test_what_cuts_a_plan_in_slices_is_compiled_with_the_rest(monkeypatch):
+    called, phase_time = [], phases.phase_time
+    monkeypatch.setattr(phases, "phase_time", lambda *values: called.append(values) or phase_time(*values))
+    warm.use_planner()
+    assert called
 
 
 def test_compiling_is_announced_unless_quiet(capsys):
