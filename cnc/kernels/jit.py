@@ -70,15 +70,31 @@ _cache_folder = _choose_cache_folder()
 os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder)
 
 import numba  # noqa: E402 - reads NUMBA_CACHE_DIR when it is imported
+from numba.core.types import unliteral  # noqa: E402
 
 
 def njit(function: Kernel) -> Kernel:
-    """Compile ``function`` without Python objects, cached on disk."""
-    return cast(Kernel, numba.njit(cache=True, error_model="numpy")(function))
+    """Compile ``function`` without Python objects, cached on disk.
+
+    A constant in a call between kernels has a type of its own, for which numba would compile what is called once more: it is taken for a
+    number like any other.
+    """
+    kernel = numba.njit(cache=True, error_model="numpy")(function)
+    if compiling():
+        template = kernel.get_call_template
+        kernel.get_call_template = lambda args, kws: template(
+            tuple(map(unliteral, args)), {name: unliteral(kind) for name, kind in kws.items()}
+        )
+    return cast(Kernel, kernel)
+
+
+def compiling() -> bool:
+    """Whether kernels are compiled, and not run as plain Python."""
+    return not getattr(numba.config, "DISABLE_JIT", 0)
 
 
 def compiled_mark() -> Path | None:
     """The file whose presence says that all kernels were compiled into this folder; None without a compiler."""
-    if getattr(numba.config, "DISABLE_JIT", 0):
+    if not compiling():
         return None
     return _cache_folder / f"compiled-{numba.__version__}"

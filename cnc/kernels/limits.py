@@ -70,7 +70,7 @@ FLAT_SHARE = 0.4
 CORNER = 0.1
 """rad; a sharper turn is a stop: crossed at (jerk limit T^2) / CORNER it would save next to no time."""
 
-UNSEEN = 1e-3
+UNSEEN = 5e-4
 """The part of a limit that a jump may take without a flat stretch; the planner keeps that part of the jerk limits free."""
 
 
