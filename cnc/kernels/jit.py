@@ -79,12 +79,10 @@ def njit(function: Kernel) -> Kernel:
     A constant in a call between kernels has a type of its own, for which numba would compile what is called once more: it is taken for a
     number like any other.
     """
-    kernel = numba.njit(cache=True, error_model="numpy")(function)
+    kernel: Any = numba.njit(cache=True, error_model="numpy")(function)
     if compiling():
         template = kernel.get_call_template
-        kernel.get_call_template = lambda args, kws: template(
-            tuple(map(unliteral, args)), {name: unliteral(kind) for name, kind in kws.items()}
-        )
+        kernel.get_call_template = lambda args, kws: template(tuple(unliteral(kind) for kind in args), kws)  # type: ignore[no-untyped-call]
     return cast(Kernel, kernel)
 
 

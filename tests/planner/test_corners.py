@@ -28,7 +28,7 @@ from support import share
 
 PER_AXIS = machine(axis=(2400.0, 48000.0), tangential=None, normal=None, jerk=None)
 SQUARE = [(10, 0, 0), (10, 10, 0)]
-USED = 0.998
+USED = 0.999
 """The part of the jerk limit that the planner uses."""
 
 
