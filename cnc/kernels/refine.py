@@ -30,6 +30,7 @@ from cnc.kernels.cells import can_gain, describe, place_cuts, separate
 from cnc.kernels.descent import HIGH, TOUCH, cell_phases, centre, merit
 from cnc.kernels.intervals import interval_at, phase_worst
 from cnc.kernels.jit import njit
+from cnc.kernels.limits import UNSEEN
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -46,7 +47,7 @@ CHECKED_FROM = 50.0
 """From this weight on the motion is good enough to see what the constraints miss between their points."""
 
 MARGIN = 5e-5
-JERK_MARGIN = 2e-3
+JERK_MARGIN = 2.0 * UNSEEN
 """Parts of the limits kept free: for the interpolation of the path's derivatives, for jumps of curvature that show in differences."""
 
 ROUNDS = 20
