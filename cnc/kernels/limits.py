@@ -422,6 +422,9 @@ def chunk_intervals(
         if flat_after and v_after == 0.0:
             if count + 1 > len(out_end):
                 return -1
+            # The path at the stop is the path at the end of the interval before.
+            for m in range(SAMPLES - 1):
+                q[m] = q[SAMPLES - 1]
             second[:] = 0.0
             third[:] = 0.0
             count = write_interval(

@@ -6,6 +6,8 @@ import pytest
 from cnc.kernels.cells import can_gain
 from cnc.kernels.descent import cell_phases
 from cnc.kernels.intervals import interval_at
+from cnc.planner.limits import STANDSTILL, Limits, intervals
+from motions import arc, machine, path_of
 
 END = np.array([1.0, 3.0, 3.0, 4.0])  # the third is a stop
 
@@ -42,3 +44,11 @@ def test_a_cruise_may_gain_where_it_is_slower_than_its_bound(speed, gains):
     samples = np.zeros((4, 5, 3, 2))
     limits = np.full(3, 100.0)
     assert can_gain(rows, 0, 1, END, np.full(4, 10.0), samples, limits, limits) is gains
+
+
+def test_the_path_at_a_stop_is_the_path_at_its_end():
+    (path,) = path_of([arc((0, 0, 0), (10, 0), -0.25)])
+    known = intervals(path, Limits.of(machine(axis=(2400.0, 48000.0))), STANDSTILL, STANDSTILL)
+    assert known.flat[-1] and known.speed[-1] == 0.0
+    assert known.samples[-1] == pytest.approx(np.broadcast_to(known.samples[-2, -1], known.samples[-1].shape), abs=1e-12)
+    assert known.samples[-1, 0, 0] == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)
