@@ -53,6 +53,9 @@ TURN = 0.1
 IN_SIGHT = 1.25
 """How far above the feed the other bounds on speed are followed: one that comes from above this dips below the feed at no place unseen."""
 
+REFINED = 1.6
+"""How much faster than with room for changes of speed in any direction an interval may be crossed in the end: it is cut for that speed."""
+
 SAMPLES = 5
 SHORTEST = 5e-8
 """mm; intervals are not made shorter than this, where curvature grows without bound towards a cusp. A bend of less radius is a stop."""
@@ -310,12 +313,15 @@ def joint(
     singular += curve_eval_s(kind_b, data_b, at_b, curve_range(kind_b, data_b, at_b)[0], q[1])
     if singular != 0 or differ or max(curvature_of(data_a, at_a, q[0]), curvature_of(data_b, at_b, q[1])) * SHORTEST > 1.0:
         return 0.0, True
-    v = min(
-        speed_bounds(data_a, at_a, q[0], feed_a, rules, axis_v, axis_a, axis_j)[0],
-        speed_bounds(data_b, at_b, q[1], feed_b, rules, axis_v, axis_a, axis_j)[0],
-    )
+    v_a, top_a = speed_bounds(data_a, at_a, q[0], feed_a, rules, axis_v, axis_a, axis_j)
+    v_b, top_b = speed_bounds(data_b, at_b, q[1], feed_b, rules, axis_v, axis_a, axis_j)
+    v = min(v_a, v_b)
+    top = min(top_a, top_b)
     room = FLAT_SHARE * min(length_a, length_b) / (FLAT_PERIODS * rules[4])
     speed, flat = junction(data_a, at_a, q[0], q[1], v, rules, axis_a, axis_j)
+    if not flat and top > v:
+        # A refined motion may be as fast as that.
+        flat = junction(data_a, at_a, q[0], q[1], top, rules, axis_a, axis_j)[1]
     return (min(speed, room), True) if flat else (speed, False)
 
 
@@ -394,12 +400,12 @@ def chunk_intervals(
                 for m in range(SAMPLES):
                     speed[m], tops[m] = speed_bounds(data, at[k], q[m], IN_SIGHT * fastest, rules, axis_v, axis_a, axis_j)
                 v = min(fastest, gather(q, speed, first, second, third))
+                top = min(fastest, lowest_between(tops))
                 if shape == LINE or end - start <= SHORTEST:
                     break
-                if not bounds_vary(q, v, (end - start) / (SAMPLES - 1), speed, rules, axis_a, axis_j):
+                if not bounds_vary(q, min(top, REFINED * v), (end - start) / (SAMPLES - 1), speed, rules, axis_a, axis_j):
                     break
                 end = start + 0.5 * (end - start)
-            top = min(fastest, lowest_between(tops))
             share = 1.0
             if end - start <= SHORTEST:
                 sharp = v_before == 0.0 and start == 0.0 and curvature_of(data, at[k], q[0]) * SHORTEST > 1.0

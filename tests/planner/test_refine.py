@@ -3,11 +3,15 @@
 import numpy as np
 import pytest
 
+from cnc.canon import PathMode
 from cnc.kernels.cells import can_gain
 from cnc.kernels.descent import cell_phases
 from cnc.kernels.intervals import interval_at
+from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.path.build import build
 from cnc.planner.limits import STANDSTILL, Limits, intervals
-from motions import arc, machine, path_of
+from cnc.planner.lookahead import LookAhead
+from motions import AXES, arc, lines, machine, path_of
 
 END = np.array([1.0, 3.0, 3.0, 4.0])  # the third is a stop
 
@@ -52,3 +56,20 @@ def test_the_path_at_a_stop_is_the_path_at_its_end():
     assert known.flat[-1] and known.speed[-1] == 0.0
     assert known.samples[-1] == pytest.approx(np.broadcast_to(known.samples[-2, -1], known.samples[-1].shape), abs=1e-12)
     assert known.samples[-1, 0, 0] == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)
+
+
+CHAIN = [
+    (-3.921818, -1.181045, -1.661058), (-3.986347, -0.972909, -2.932979), (-4.007835, -0.987751, -3.797937), (-4.019369, -1.015563, -4.229656),
+    (-4.032303, -1.053083, -4.660604), (-4.408661, -2.000944, -10.188829), (-11.928712, -3.220359, 0.0),
+]  # fmt: skip
+
+
+def test_where_derivatives_vary_much_intervals_are_cut_for_the_speed_that_the_refinement_leads_to():
+    axes = {
+        letter: Axis(steps_per_mm=160.0, max_velocity=v, max_acceleration=a, max_jerk=j)
+        for letter, v, a, j in (("x", 11.1, 2744.6, 53368.0), ("y", 16.7, 2868.6, 196577.0), ("z", 63.4, 386.8, 22151.0))
+    }
+    mill = Machine(axes=axes, path=PathLimits(max_feed=23.0))
+    ahead = LookAhead(mill)
+    list(ahead.plan(build([PathMode("", 1, "blend", 0.01), lines(CHAIN, 86.6)], axes=AXES, start=np.zeros(3))))
+    assert not ahead.audit.violations
