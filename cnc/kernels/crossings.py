@@ -37,6 +37,8 @@ CHECKS = (0.375, 0.75)
 """Where in a window the polynomials are compared with the curve: not in the middle, where the error may vanish by symmetry."""
 SHORTEST = 2.0**-20
 """Part of a piece that is not divided any more."""
+ROUNDING = 1e3
+"""A polynomial off by up to so many times what is allowed is taken where a narrower window is hardly better: rounding."""
 FEW = 8.0
 """BLU: next to a cusp, where the arc length is no polynomial of u at any scale, it is asked of the table over so much of the path."""
 TOGETHER = 1e-4
@@ -336,6 +338,8 @@ def curve_rows(
         steepest = max(steepest, scale[i])
     ua = begin
     width = upto - begin
+    shortest = SHORTEST * (u1 - u0)
+    wider_off = math.inf
     curve_eval(kind, data, at, ua, ra)
     lengths[0, 0] = curve_arclen(kind, data, at, u0, ua)
     full = False
@@ -345,10 +349,15 @@ def curve_rows(
         # the error goes with the eighth power of the width
         width = (ub - ua) * min(max(0.9 * math.sqrt(math.sqrt(math.sqrt(1.0 / max(axes_off, length_off, 1e-9)))), 0.1), 4.0)
         by_table = length_off > 1.0
-        short = ub - ua <= SHORTEST * (u1 - u0)
-        if not short and (axes_off > 1.0 or (by_table and (lengths[1, 0] - lengths[0, 0]) * steepest > FEW)):
-            width = min(width, 0.7 * (ub - ua))
+        by_rounding = 0.5 * wider_off < axes_off < ROUNDING
+        too_wide = (axes_off > 1.0 and not by_rounding) or (by_table and (lengths[1, 0] - lengths[0, 0]) * steepest > FEW)
+        if too_wide and ub - ua > shortest:
+            width = max(min(width, 0.7 * (ub - ua)), shortest)
+            wider_off = axes_off
             continue
+        wider_off = math.inf
+        # what was taken with more than is allowed would not be better for being narrower
+        width = max(width, ub - ua if axes_off > 1.0 else shortest)
         for i in range(n):
             k = 0
             for j in range(MAX_TURNING_POINTS):

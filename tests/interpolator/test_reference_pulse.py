@@ -340,6 +340,20 @@ def test_cusps_and_repeated_control_points() -> None:
     check([cusp], [0.0, 0.0], 50.0, dense=2000)
 
 
+@pytest.mark.parametrize("weight", [1e2, 1e3, 1e4])
+def test_a_strained_conic(weight: float) -> None:
+    """A heavy point rounds positions by more than polynomials may be off, however narrow their windows are."""
+    points = np.array([[0.0, 0, 0], [5, 5, 0], [10, 0, 0]])
+    block = NurbsFeed(FILE, 1, 2, np.array([0.0, 0, 0, 1, 1, 1]), points, np.array([1.0, weight, 1.0]), 10.0)
+    scale = np.array([1000.0, 80.0, 400.0])
+    rows, interpolator = run([plan_of(path_of([block], np.zeros(3)))], scale, np.zeros(3))
+    check_rows(rows, interpolator, points[-1])
+    # y of the conic at its middle, by de Casteljau
+    highest = round(5.0 * weight / (1.0 + weight) * scale[1])
+    assert np.abs(rows.step).sum(axis=0).tolist() == [10_000, 2 * highest, 0]
+    assert np.cumsum(rows.step[:, 1], dtype=int).max() == highest
+
+
 @pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="this is the inner run")
 def test_the_same_without_the_compiler() -> None:
     """A share of this file as plain Python, where an index out of its array can't go unnoticed."""
