@@ -31,6 +31,9 @@ ENTRIES = 7
 POINTS = 8
 """Least number of points looked at in a phase."""
 
+TIMED_POINTS = 64
+"""The same in a timed piece, where the jerk along the path may have a sharp peak."""
+
 CLOSE = 1e-3
 """mm; motion so slow that it covers less than this in many periods is looked at this often along the path instead."""
 
@@ -58,7 +61,6 @@ def audit_phases(
     bounded = -1
     for k in range(len(phase_j)):
         duration = phase_t[k + 1] - phase_t[k]
-        points = max(POINTS, int(min(duration / period, (phase_s[k + 1] - phase_s[k]) / CLOSE)))
         j = phase_j[k]
         v_most = max(phase_v[k], phase_v[k + 1])
         a_most = max(abs(phase_a[k]), abs(phase_a[k] + duration * j))
@@ -67,6 +69,10 @@ def audit_phases(
         steady = phase_a[k] == 0.0 and j == 0.0
         # A whole phase may lie that near to a junction.
         inside = min(JOINT, 0.5 * (phase_s[k + 1] - phase_s[k]))
+        while piece + 1 < len(kind) and phase_s[k] + inside > piece_s[piece + 1]:
+            piece += 1
+        least = TIMED_POINTS if is_timed(kind[piece], data, at[piece]) else POINTS
+        points = max(least, int(min(duration / period, (phase_s[k + 1] - phase_s[k]) / CLOSE)))
         looked_at = -1
         dull = False
         for m in range(points + 1):
@@ -86,7 +92,8 @@ def audit_phases(
                     bounded = piece
                     derivative_bounds(here, data, where, bounds)
                 dull = (
-                    v_most <= largest[FEED]
+                    not is_timed(here, data, where)
+                    and v_most <= largest[FEED]
                     and a_most <= largest[ACCEL]
                     and abs(j) <= largest[JERK]
                     and v_most <= largest[OVERSPEED] * feed[piece]

@@ -352,7 +352,7 @@ def curve_rows(
         by_rounding = 0.5 * wider_off < axes_off < ROUNDING
         too_wide = (axes_off > 1.0 and not by_rounding) or (by_table and (lengths[1, 0] - lengths[0, 0]) * steepest > FEW)
         if too_wide and ub - ua > shortest:
-            width = max(min(width, 0.7 * (ub - ua)), shortest)
+            width = min(width, 0.7 * (ub - ua))
             wider_off = axes_off
             continue
         wider_off = math.inf

@@ -41,6 +41,9 @@ SHORTEST = 1e-6
 LOOKS = 33
 """Places at which a motion in common is compared with the limits along the path."""
 
+CLOSER = 4
+"""Times that as many places again are looked at between the neighbours of the highest: a sharp corner's jerk has a sharp peak."""
+
 ROOM_OF_CORNER = 3
 """Timed pieces that a corner may have."""
 
@@ -64,28 +67,44 @@ def overlap_time(
     tau = (3.0 * eps / (j1 * j2 * widest)) ** (1.0 / 3.0) * roots
     tau = min(tau, PHASE_SHARE * t1, PHASE_SHARE * t2, (6.0 * room1 / j1) ** (1.0 / 3.0), (6.0 * room2 / j2) ** (1.0 / 3.0))
     if min(rules[0], rules[1], rules[2]) < math.inf or rules[3] < rules[4] * rules[4] / 8.0 * max(j1, j2) * tau:
-        # From the middle of a mean's two ends: d/dt |r'| etc. as in timed_motion, with tau = 1.
-        cos = 1.0 - 2.0 * sine * sine
-        most = 0.0
-        pull = 0.0
-        bend = 0.0
-        for k in range(LOOKS):
-            x = k / (LOOKS - 1.0)
-            a1 = -j1 * (1.0 - x)
-            a2 = j2 * x
-            v1 = 0.5 * j1 * (1.0 - x) ** 2
-            v2 = 0.5 * j2 * x * x
-            speed = math.sqrt(v1 * v1 + v2 * v2 + 2.0 * v1 * v2 * cos)
-            squared = a1 * a1 + a2 * a2 + 2.0 * a1 * a2 * cos
-            along = (v1 * a1 + v2 * a2 + (v1 * a2 + v2 * a1) * cos) / speed
-            jerk = (squared + v1 * j1 + v2 * j2 + (v1 * j2 + v2 * j1) * cos - along * along) / speed
-            most = max(most, abs(jerk))
-            pull = max(pull, abs(along))
-            bend = max(bend, math.sqrt(max(squared - along * along, 0.0)))
+        most, pull, bend = along_in_common(j1, j2, 1.0 - 2.0 * sine * sine)
         if most > rules[1]:
             return 0.0
         tau = min(tau, rules[0] / pull, rules[2] / bend, 8.0 * rules[3] / (rules[4] * rules[4] * bend))
     return tau if min(j1, j2) * tau**3 / 6.0 > SHORTEST else 0.0
+
+
+@njit
+def along_in_common(j1: float, j2: float, cos: float) -> tuple[float, float, float]:
+    """Largest tangential jerk, tangential and normal acceleration while two ramps with jerks j1, j2 have a time of 1 in common.
+
+    cos: of the turn. The jerk is the same for any time, the accelerations grow with it. The motion is that of :func:`timed_motion` there.
+    """
+    most = np.zeros(3)
+    values = np.zeros(3)
+    for m in range(3):
+        low = 0.0
+        high = 1.0
+        for _ in range(CLOSER):
+            best = 0
+            for k in range(LOOKS):
+                x = low + (high - low) * k / (LOOKS - 1.0)
+                a1 = -j1 * (1.0 - x)
+                a2 = j2 * x
+                v1 = 0.5 * j1 * (1.0 - x) ** 2
+                v2 = 0.5 * j2 * x * x
+                speed = math.sqrt(v1 * v1 + v2 * v2 + 2.0 * v1 * v2 * cos)
+                squared = a1 * a1 + a2 * a2 + 2.0 * a1 * a2 * cos
+                along = (v1 * a1 + v2 * a2 + (v1 * a2 + v2 * a1) * cos) / speed
+                values[0] = abs((squared + v1 * j1 + v2 * j2 + (v1 * j2 + v2 * j1) * cos - along * along) / speed)
+                values[1] = abs(along)
+                values[2] = math.sqrt(max(squared - along * along, 0.0))
+                if values[m] > most[m]:
+                    most[m] = values[m]
+                    best = k
+            width = (high - low) / (LOOKS - 1.0)
+            low, high = max(low + (best - 1) * width, 0.0), min(low + (best + 1) * width, 1.0)
+    return most[0], most[1], most[2]
 
 
 @njit

@@ -35,6 +35,9 @@ BACK = 4.85
 TRIES = 4
 """Overshoots that are compared: the largest that the tolerance allows, and parts of it."""
 
+PHASES = 9
+"""A move that overshoots has up to so many phases."""
+
 GAIN = 1e-5
 """s; an overshoot has to save this."""
 
@@ -79,7 +82,7 @@ def write_leg(
     v = 0.0
     acc = 0.0
     here = s
-    for m in range(9):
+    for m in range(PHASES):
         dt = e1 if m == 0 else e1 + t1 if m == 1 else c1 if m == 2 else t1 if m == 3 else cruise
         if m > 4:
             dt = t2 if m == 5 else c2 if m == 6 else t2 + e2 if m == 7 else e2
@@ -116,7 +119,7 @@ def overshoot(
     """Let straight moves between two rests run past their corners where that saves time.
 
     kind .. phase_j: a plan, as in PlanChunk; bound: largest feed of each piece. past (pieces,): the time of the overshoot at the end of
-    each, or 0. out_*: room for the new phases, 4 more for each piece. Returns how many phases there are; 0 if nothing changes.
+    each, or 0. out_*: room for the new phases, PHASES more for each piece. Returns how many phases there are; 0 if nothing changes.
     """
     pieces = len(kind)
     phases = len(phase_j)

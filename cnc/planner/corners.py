@@ -24,7 +24,7 @@ from cnc.kernels.corners import round_corners
 from cnc.kernels.curve import LINE
 from cnc.kernels.legs import REST, record_end
 from cnc.kernels.overlap import ROOM_OF_CORNER, overlap_room, overlap_stops
-from cnc.kernels.overshoot import overshoot
+from cnc.kernels.overshoot import PHASES, overshoot
 from cnc.path.chunk import PathChunk
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
@@ -147,7 +147,7 @@ class Overlaps:
     def _overlapped(self, plan: PlanChunk) -> PlanChunk:
         """The plan with its stops on corners cut short."""
         path, limits = plan.path, self._limits
-        most, room = (1 + ROOM_OF_CORNER) * len(path), len(plan.phase_j) + (1 + ROOM_OF_CORNER) * len(path) + 1
+        most, room = (1 + ROOM_OF_CORNER) * len(path), len(plan.phase_j) + PHASES * len(path) + 1
         kind, at = np.empty((2, most), np.int64)
         data = np.empty(len(path.data) + (len(path) + 1) * overlap_room(len(path.axes)))
         length, feed, tolerance, piece_s = np.empty((4, most + 1))
