@@ -67,7 +67,7 @@ class Screen:
         self._control.stop()
 
     def _compiling(self) -> None:
-        print("compiling the kernels; this happens once and takes some seconds", file=sys.stderr, flush=True)
+        print("compiling the kernels; this happens once and takes up to a minute", file=sys.stderr, flush=True)
 
     def _warn(self, diagnostic: Diagnostic) -> None:
         print(f"warning: {diagnostic.render()}", file=sys.stderr)

@@ -1,14 +1,16 @@
 """The first run ever: the kernels are compiled, in two processes at once, before the program is looked at.
 
-What each half needs is found by using it: one reads lines, builds curves and makes pulses and samples of them, the other plans and audits.
+What each half needs is found by using it: one reads lines, builds curves, makes pulses and samples of them and audits, the other plans.
 Compiled code is kept on disk (:mod:`cnc.kernels.jit`), where the one process finds what the other made; a file beside it says that this was
 done for these kernels.
 """
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -16,6 +18,7 @@ import numpy as np
 
 from cnc.canon import ArcFeed, NurbsFeed, PathMode, Polyline
 from cnc.control import Control
+from cnc.errors import MotionLimitError
 from cnc.gcode import dialects
 from cnc.gcode.interpreter import Interpreter
 from cnc.gcode.parameters import Parameters
@@ -28,6 +31,8 @@ from cnc.machine.models import Axis, AxisLetter, Machine, PathLimits
 from cnc.path.bounds import bounding_box
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
+from cnc.planner.audit import Audit
+from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 
@@ -42,7 +47,7 @@ def ensure_compiled(tell: Callable[[], None] | None) -> None:
     if tell is not None:
         tell()
     other = subprocess.Popen(
-        [sys.executable, "-m", "cnc.warm"], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [sys.executable, "-m", "cnc.warm"], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
     try:
         use_language()
@@ -53,7 +58,7 @@ def ensure_compiled(tell: Callable[[], None] | None) -> None:
     finally:
         # A child that is left over, as after Ctrl-C, has nobody to compile for.
         other.kill()
-        other.wait()
+        other.communicate()
 
 
 def use_language() -> None:
@@ -64,7 +69,7 @@ def use_language() -> None:
 
 
 def use_curves() -> None:
-    """Build one curve of each kind and a fitted one, and make pulses and samples along a line."""
+    """Build one curve of each kind and a fitted one, and make pulses and samples along each; audit that motion."""
     corner, end = np.array([[1.0, 0.0, 0.0]]), np.array([1.0, 2.0, 0.0])
     points = np.array([[1.0, 2.0, 0.0], [2.0, 3.0, 0.0], [3.0, 1.0, 0.0], [4.0, 2.0, 0.0]])
     blocks = [
@@ -84,18 +89,33 @@ def use_curves() -> None:
             pass
         for _ in Sampled(0.1, np.zeros(3)).samples(plan):
             pass
+        with suppress(MotionLimitError):
+            # a motion that begins at speed
+            Audit(Limits.of(_machine())).check(plan)
 
 
 def use_planner() -> None:
-    """Plan two lines and cut the corner between them, in slices as for an operator, and audit the plan."""
-    axis = Axis(steps_per_mm=10.0, max_velocity=10.0, max_acceleration=100.0, max_jerk=1000.0)
-    machine = Machine(axes=dict.fromkeys(AXES, axis), path=PathLimits(max_feed=10.0))
+    """Plan two traverses, with which nothing is fitted, and cut the corner between them, in slices as for an operator."""
     ends = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
-    lines = Polyline("", 1, ends, np.array([1.0, 1.0]), np.array([1, 2], np.int32))
+    lines = Polyline("", 1, ends, np.full(2, np.nan), np.array([1, 2], np.int32))
     chunks = build([PathMode("", 1, "blend", 0.01), lines], axes=AXES, start=np.zeros(3))
-    for _ in LookAhead(machine, Control(), slice_s=0.01).plan(chunks):
+    for _ in LookAhead(_machine(), Control(), slice_s=0.01).plan(chunks):
         pass
 
 
+def _machine() -> Machine:
+    axis = Axis(steps_per_mm=10.0, max_velocity=10.0, max_acceleration=100.0, max_jerk=1000.0)
+    return Machine(axes=dict.fromkeys(AXES, axis), path=PathLimits(max_feed=10.0))
+
+
+def end_with_parent() -> None:
+    """End this process as soon as the one that started it is gone, in whatever way: then nobody holds the other end of its input."""
+    # not by sys.stdin, whose lock the other thread would wait for at its end
+    while os.read(0, 1):
+        pass
+    os._exit(1)
+
+
 if __name__ == "__main__":
+    threading.Thread(target=end_with_parent, daemon=True).start()
     use_planner()

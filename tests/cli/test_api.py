@@ -1,5 +1,7 @@
 """The library's front door, and what a terminal shows meanwhile."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -151,6 +153,11 @@ def test_the_first_run_compiles_and_says_so_once(tmp_path, monkeypatch):
     assert mark.exists()
 
 
+def test_nobody_goes_on_compiling_for_a_process_that_is_gone():
+    # Its input ends with the process that holds the other end of it.
+    assert subprocess.run([sys.executable, "-m", "cnc.warm"], stdin=subprocess.DEVNULL, check=False).returncode == 1
+
+
 def test_what_cuts_a_plan_in_slices_is_compiled_with_the_rest(monkeypatch):
     called, phase_time = [], phases.phase_time
     monkeypatch.setattr(phases, "phase_time", lambda *values: called.append(values) or phase_time(*values))
@@ -161,7 +168,7 @@ def test_what_cuts_a_plan_in_slices_is_compiled_with_the_rest(monkeypatch):
 def test_compiling_is_announced_unless_quiet(capsys):
     with screen.Screen(Control(), quiet=False) as shown:
         shown.watch().on_compiling()
-    assert capsys.readouterr().err == "compiling the kernels; this happens once and takes some seconds\n"
+    assert capsys.readouterr().err == "compiling the kernels; this happens once and takes up to a minute\n"
     with screen.Screen(Control(), quiet=True) as shown:
         assert shown.watch().on_compiling is None
 
