@@ -267,7 +267,9 @@ def overlap_stops(
             used = write_timed(out_data, used, left, ends[0], ends[1], ends[2], ends[3], q)
             out_length[count] = out_data[out_at[count] + LENGTH]
             out_feed[count] = max(feed[b], feed[b + 1]) if feed[b] == feed[b] and feed[b + 1] == feed[b + 1] else math.nan
-            out_line[count] = line[b]
+            # that of the faster move: a traverse's speed is not laid to a feed move
+            faster = feed[b] < feed[b + 1] or (feed[b] == feed[b] and feed[b + 1] != feed[b + 1])
+            out_line[count] = line[b + 1] if faster else line[b]
             out_stop[count] = False
             out_tolerance[count] = 0.0
             out_piece_s[count] = s

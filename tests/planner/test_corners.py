@@ -255,6 +255,22 @@ def test_columns_of_the_trace_follow_from_the_positions():
         assert change[smooth] == pytest.approx(jerk[smooth], abs=0.05 * most)
 
 
+def test_motion_in_common_belongs_to_the_faster_move():
+    # Feed moves into a traverse of far more jerk and out of it: no sample of the feed moves' lines is faster than their feed.
+    axes = {"x": (2400.0, 5000.0), "y": (8000.0, 500_000.0), "z": (1.0, 1.0)}
+    mill = Machine(
+        axes={name: Axis(steps_per_mm=100.0, max_velocity=400.0, max_acceleration=a, max_jerk=j) for name, (a, j) in axes.items()},
+        path=PathLimits(max_feed=300.0),
+    )
+    moves = replace(lines([*SQUARE, (0, 10, 0)], 5.0), feeds=np.array([5.0, np.nan, 5.0]))
+    plans = list(LookAhead(mill).plan(build([PathMode("t.nc", 1, "blend", 0.01), moves], axes=AXES, start=np.zeros(3))))
+    sampler = Sampled(1e-4, np.zeros(3))
+    rows = [part for plan in plans if isinstance(plan, PlanChunk) for part in sampler.samples(plan)]
+    line, feed = (np.concatenate([getattr(part, name) for part in rows]) for name in ("line", "feed"))
+    assert feed[line != 2].max() <= 5.0 * (1 + 1e-9)
+    assert (np.diff(line) >= 0).all()
+
+
 def test_the_audit_sees_a_break_at_a_timed_piece():
     chunks, ahead = planned(SQUARE, 0.01)
     chunk = chunks[0]
