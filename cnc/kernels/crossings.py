@@ -99,7 +99,7 @@ def _interpolate(
 
 
 @njit
-def _risen(c0: float, c1: float, c2: float, c3: float, c4: float, c5: float, c6: float, c7: float, x: float) -> float:
+def risen(c0: float, c1: float, c2: float, c3: float, c4: float, c5: float, c6: float, c7: float, x: float) -> float:
     """The polynomial at x, c0 added last."""
     x2 = x * x
     return c0 + (c1 * x + (c2 + c3 * x) * x2 + ((c4 + c5 * x) + (c6 + c7 * x) * x2) * (x2 * x2))
@@ -108,7 +108,7 @@ def _risen(c0: float, c1: float, c2: float, c3: float, c4: float, c5: float, c6:
 @njit
 def _value(poly: Floats, row: int, x: float) -> float:
     c = poly[row]
-    return _risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x)
+    return risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x)
 
 
 @njit
@@ -181,7 +181,7 @@ def fit_window(
 
 
 @njit
-def _approach(f: float, f1: float, f2: float, f3: float) -> float:
+def approach(f: float, f1: float, f2: float, f3: float) -> float:
     """The step to the zero of the cubic with value f <= 0 and these derivatives, as good as one step gets; inf where it has none ahead."""
     step = math.inf
     square = GENTLE * f1 * f1
@@ -271,7 +271,7 @@ def window_rows(
                             high = x
                         else:
                             low = x
-                        near = x + _approach(f, sign * f1, sign * f2, sign * f3)
+                        near = x + approach(f, sign * f1, sign * f2, sign * f3)
                         if not low < near < high:
                             near = 0.5 * (low + high)
                             if not low < near < high:
@@ -313,10 +313,60 @@ def window_rows(
         c = poly[i]
         g = grid[i]
         for row in range(rows - 1, first - 1, -1):
-            p = _risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], reach[row])
+            p = risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], reach[row])
             error = max(error, abs(g - p))
             g -= step[row, i]
     return rows, reached, error
+
+
+@njit
+def next_window(
+    kind: int, data: Floats, at: int, ua: float, limit: float, width: float, scale: Floats, ra: Floats, rb: Floats, rc: Floats,
+    lengths: Floats, poly: Floats,
+) -> tuple[float, float, bool]:  # fmt: skip
+    """Fit the next window, from ua on, at most to ``limit`` and about ``width`` long if that can be: see :func:`fit_window`.
+
+    Returns its end ub, the width that the next one may try, and whether arc lengths in it are to be asked of the table.
+    """
+    u0, u1 = curve_range(kind, data, at)
+    shortest = SHORTEST * (u1 - u0)
+    steepest = 0.0
+    for i in range(len(scale)):
+        steepest = max(steepest, scale[i])
+    wider_off = math.inf
+    ub = ua
+    by_table = False
+    too_wide = True
+    while too_wide:
+        ub = ua + width if limit - (ua + width) > 0.1 * width else limit
+        axes_off, length_off = fit_window(kind, data, at, ua, ub, scale, ra, rb, rc, lengths, poly)
+        # the error goes with the eighth power of the width
+        width = (ub - ua) * min(max(0.9 * math.sqrt(math.sqrt(math.sqrt(1.0 / max(axes_off, length_off, 1e-9)))), 0.1), 4.0)
+        by_table = length_off > 1.0
+        by_rounding = 0.5 * wider_off < axes_off < ROUNDING
+        too_wide = (axes_off > 1.0 and not by_rounding) or (by_table and (lengths[1, 0] - lengths[0, 0]) * steepest > FEW)
+        too_wide = too_wide and ub - ua > shortest
+        if too_wide:
+            width = min(width, 0.7 * (ub - ua))
+            wider_off = axes_off
+        else:
+            # what was taken with more than is allowed would not be better for being narrower
+            width = max(width, ub - ua if axes_off > 1.0 else shortest)
+    return ub, width, by_table
+
+
+@njit
+def place_rows(
+    kind: int, data: Floats, at: int, ua: float, ub: float, s0: float, by_table: bool, poly: Floats, first: int, rows: int, reach: Floats
+) -> None:
+    """Turn the x of the rows from ``first`` on, places in the window [ua, ub], into path coordinates: s0 at the start of the piece."""
+    u0, _ = curve_range(kind, data, at)
+    c = poly[len(poly) - 1]
+    for row in range(first, rows):
+        if by_table:
+            reach[row] = s0 + curve_arclen(kind, data, at, u0, ua + reach[row] * (ub - ua))
+        else:
+            reach[row] = s0 + risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], reach[row])
 
 
 @njit
@@ -331,33 +381,16 @@ def curve_rows(
     the u up to which all is done, and the largest |grid - position| in BLU seen so far.
     """
     n = len(grid)
-    u0, u1 = curve_range(kind, data, at)
-    steepest = 0.0
+    u0, _ = curve_range(kind, data, at)
     for i in range(n):
         turns[i, curve_turning_points(kind, data, at, i, turns[i])] = math.inf
-        steepest = max(steepest, scale[i])
     ua = begin
     width = upto - begin
-    shortest = SHORTEST * (u1 - u0)
-    wider_off = math.inf
     curve_eval(kind, data, at, ua, ra)
     lengths[0, 0] = curve_arclen(kind, data, at, u0, ua)
     full = False
     while ua < upto and not full:
-        ub = ua + width if upto - (ua + width) > 0.1 * width else upto
-        axes_off, length_off = fit_window(kind, data, at, ua, ub, scale, ra, rb, rc, lengths, poly)
-        # the error goes with the eighth power of the width
-        width = (ub - ua) * min(max(0.9 * math.sqrt(math.sqrt(math.sqrt(1.0 / max(axes_off, length_off, 1e-9)))), 0.1), 4.0)
-        by_table = length_off > 1.0
-        by_rounding = 0.5 * wider_off < axes_off < ROUNDING
-        too_wide = (axes_off > 1.0 and not by_rounding) or (by_table and (lengths[1, 0] - lengths[0, 0]) * steepest > FEW)
-        if too_wide and ub - ua > shortest:
-            width = min(width, 0.7 * (ub - ua))
-            wider_off = axes_off
-            continue
-        wider_off = math.inf
-        # what was taken with more than is allowed would not be better for being narrower
-        width = max(width, ub - ua if axes_off > 1.0 else shortest)
+        ub, width, by_table = next_window(kind, data, at, ua, upto, width, scale, ra, rb, rc, lengths, poly)
         for i in range(n):
             k = 0
             for j in range(MAX_TURNING_POINTS):
@@ -370,12 +403,7 @@ def curve_rows(
         first = rows
         rows, x, error = window_rows(poly, ends, scale, rb, grid, state, place, stretch, error, rows, step, reach)
         full = x < 1.0
-        c = poly[n]
-        for row in range(first, rows):
-            if by_table:
-                reach[row] = s0 + curve_arclen(kind, data, at, u0, ua + reach[row] * (ub - ua))
-            else:
-                reach[row] = s0 + _risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], reach[row])
+        place_rows(kind, data, at, ua, ub, s0, by_table, poly, first, rows, reach)
         ua = ua + x * (ub - ua) if full else ub
         lengths[0, 0] = lengths[1, 0]
         ra, rb = rb, ra
