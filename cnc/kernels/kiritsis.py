@@ -23,7 +23,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.crossings import risen, slack
+from cnc.kernels.crossings import SLACK, risen, slack
 from cnc.kernels.curve import Floats, Ints
 from cnc.kernels.enclosing_line import window_rows as enclosing_line
 from cnc.kernels.jit import njit
@@ -95,7 +95,7 @@ def window_rows(
                     c = poly[i]
                     off = grid[i] + (ahead[i] if mask >> i & 1 else 0) - risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], foot)
                     normal += off * off
-                if normal < least:
+                if normal < least - SLACK:
                     least = normal
                     best = mask
                     near = foot
