@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.crossings import approach, risen, slack
-from cnc.kernels.curve import Floats, Ints
+from cnc.kernels.curve import Floats, Ints, curve_eval, curve_range
 from cnc.kernels.jit import njit
 
 CLOSE = 1e-8
@@ -146,3 +146,44 @@ def window_rows(
         exact = False
         high = 2.0
     return rows, x if lead >= 0 else 1.0, error
+
+
+@njit
+def as_printed(
+    kind: int, data: Floats, at: int, scale: Floats, grid: Ints, step: NDArray[np.int8], place: Floats
+) -> tuple[int, float]:  # fmt: skip
+    """The paper's procedure (Figure 3) on a piece in two axes: one step along the tangent, no end treated; Tables 3 to 5 as mended.
+
+    scale (2,): steps per mm. grid (2,): starts at the rounded start point, is carried on. step (room, 2) gets the iterations, null steps
+    too, place (room,) the u of each. Returns their number and the largest |P - r(u)| in BLU, straight across both axes.
+    """
+    u, u1 = curve_range(kind, data, at)
+    room = len(place)
+    r = np.empty((4, 2))
+    curve_eval(kind, data, at, u, r)
+    rows = 0
+    error = 0.0
+    while rows < room:
+        x = r[0, 0] * scale[0] - grid[0]
+        y = r[0, 1] * scale[1] - grid[1]
+        x1 = r[1, 0] * scale[0]
+        y1 = r[1, 1] * scale[1]
+        dx = 1.0 - x if x1 >= 0.0 else 1.0 + x
+        dy = 1.0 - y if y1 >= 0.0 else 1.0 + y
+        x1 = abs(x1)
+        y1 = abs(y1)
+        u += dx / x1 if x1 * dy - y1 * dx > 0.0 else dy / y1
+        if not u <= u1:
+            break
+        curve_eval(kind, data, at, u, r)
+        square = 0.0
+        for i in range(2):
+            off = r[0, i] * scale[i] - grid[i]
+            move = int(off > 0.5) - int(off < -0.5)
+            step[rows, i] = move
+            grid[i] += move
+            square += (off - move) * (off - move)
+        place[rows] = u
+        error = max(error, square)
+        rows += 1
+    return rows, np.sqrt(error)

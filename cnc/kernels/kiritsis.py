@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.crossings import SLACK, risen, slack
-from cnc.kernels.curve import Floats, Ints
+from cnc.kernels.curve import Floats, Ints, curve_eval, curve_range
 from cnc.kernels.enclosing_line import window_rows as enclosing_line
 from cnc.kernels.jit import njit
 
@@ -123,3 +123,58 @@ def window_rows(
                 x = reach[before]
                 _look(poly, x, now)
     return rows, 1.0 if through else x, error
+
+
+@njit
+def as_printed(
+    kind: int, data: Floats, at: int, scale: Floats, grid: Ints, step: NDArray[np.int8], place: Floats
+) -> tuple[int, float]:  # fmt: skip
+    """Equations 2 and 3 on a piece in two axes, one step of Newton's iteration each, no end treated.
+
+    Takes and returns what :func:`cnc.kernels.enclosing_line.as_printed` does.
+    """
+    u, u1 = curve_range(kind, data, at)
+    room = len(place)
+    near = np.empty((4, 2))
+    r = np.empty((4, 2))
+    tried = np.empty((4, 2))
+    curve_eval(kind, data, at, u, r)
+    rows = 0
+    error = 0.0
+    while rows < room:
+        sx = 1 if r[1, 0] >= 0.0 else -1
+        sy = 1 if r[1, 1] >= 0.0 else -1
+        x0 = r[0, 0] * scale[0] - grid[0]
+        y0 = r[0, 1] * scale[1] - grid[1]
+        x1 = r[1, 0] * scale[0]
+        y1 = r[1, 1] * scale[1]
+        x2 = r[2, 0] * scale[0]
+        y2 = r[2, 1] * scale[1]
+        least = math.inf
+        best = 0
+        u_best = u
+        for k in range(1, 4):
+            px = sx * (k & 1)
+            py = sy * (k >> 1)
+            ui = u - ((px - x0) * x1 + (py - y0) * y1) / ((px - x0) * x2 + (py - y0) * y2 - x1 * x1 - y1 * y1)
+            curve_eval(kind, data, at, ui, tried)
+            nx = px - (tried[0, 0] * scale[0] - grid[0])
+            ny = py - (tried[0, 1] * scale[1] - grid[1])
+            normal = nx * nx + ny * ny
+            if normal < least:
+                least = normal
+                best = k
+                u_best = ui
+                near, tried = tried, near
+        if not u_best <= u1:
+            break
+        u = u_best
+        r, near = near, r
+        step[rows, 0] = sx * (best & 1)
+        step[rows, 1] = sy * (best >> 1)
+        grid[0] += step[rows, 0]
+        grid[1] += step[rows, 1]
+        place[rows] = u
+        error = max(error, least)
+        rows += 1
+    return rows, math.sqrt(error)

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from cnc.canon import ArcFeed, Block, NurbsFeed
+from cnc.kernels import enclosing_line, kiritsis
 from cnc.kernels.curve import curve_eval, curve_inv_arclen, curve_range
 from cnc.kernels.monotone import enclosing_line_rows, kiritsis_rows
 from cnc.path.chunk import PathChunk
@@ -203,7 +205,7 @@ def test_a_line_steps_with_its_longest_axis() -> None:
 
 
 def test_the_circle_of_the_paper() -> None:
-    """1 mm, BLU 0.001 mm: as many steps as the octants' longer axes together, 8 cos(45 degrees) a BLU of radius, and none more than half off."""
+    """1 mm, BLU 0.001 mm: 8 cos(45 degrees) steps a BLU of radius, what the octants' longer axes have together, and none half a BLU off."""
     start = np.array([1.0, 0.0])
     for generator in (enclosing_line_rows, kiritsis_rows):
         rows = walk(generator, path_of([arc(start, (0.0, 0.0), 1.0)], start), start, np.full(2, 1000.0))
@@ -212,6 +214,30 @@ def test_the_circle_of_the_paper() -> None:
         radii = np.hypot(*rows.grid.T)
         assert np.abs(radii - 1000.0).max() <= 0.5
         assert (rows.grid[-1] == rows.grid[0]).all()
+
+
+def test_as_printed() -> None:
+    """What the paper's procedure does at BLU 0.001 mm, and why it needs mending at 1 mm: a null step and more than half a BLU."""
+    start = np.array([0.0, 5.25])
+    points = np.array([[0.0, 5.25], [2.44, 5.25], [-11.12, -10.75]])
+    polynomial = path_of([NurbsFeed(FILE, 1, 2, np.repeat([0.0, 4.0], 3), points, np.ones(3), 1.0)], start)
+    circle = path_of([arc([1.0, 0.0], (0.0, 0.0), 1.0)], [1.0, 0.0])
+    step = np.empty((20000, 2), np.int8)
+    place = np.empty(20000)
+
+    def run(path: PathChunk, grid: list[int], scale: float, module: ModuleType = enclosing_line) -> tuple[int, float, int]:
+        rows, error = module.as_printed(
+            int(path.kind[0]), path.data, int(path.at[0]), np.full(2, scale), np.array(grid), step, place
+        )  # fmt: skip
+        assert (np.diff(place[:rows]) > 0.0).all()
+        return rows, error, int((~step[:rows].any(axis=1)).sum())
+
+    assert run(circle, [1000, 0], 1000.0) == (pytest.approx(5656, abs=1), pytest.approx(0.4999, abs=1e-4), 0)
+    assert run(polynomial, [0, 5250], 1000.0) == (16185, pytest.approx(0.499999, abs=2e-6), 0)
+    assert run(polynomial, [0, 5], 1.0) == (16, pytest.approx(0.534, abs=1e-3), 1)
+    for path, grid in ((circle, [1000, 0]), (polynomial, [0, 5250])):
+        rows, error, null = run(path, grid, 1000.0, kiritsis)
+        assert rows == run(path, grid, 1000.0)[0] and null == 0 and 0.48 < error < 0.5
 
 
 @BOTH
