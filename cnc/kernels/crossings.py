@@ -73,7 +73,7 @@ def grid_after(g: int, p: float) -> int:
 
 
 @njit
-def _interpolate(
+def interpolate(
     poly: Floats, row: int, p0: float, p1: float, p2: float, p3: float, q0: float, q1: float, q2: float, q3: float
 ) -> None:  # fmt: skip
     """Write the polynomial with value, slope, half of the second and a sixth of the third derivative p at 0 and q at 1."""
@@ -112,7 +112,7 @@ def _value(poly: Floats, row: int, x: float) -> float:
 
 
 @njit
-def _length_rates(data: Floats, at: int, r: Floats, out: Floats) -> None:
+def length_rates(data: Floats, at: int, r: Floats, out: Floats) -> None:
     """Write the arc length's first three derivatives by u into out[1:], from r (4, n); just a 0 first where it does not grow."""
     d11 = 0.0
     d12 = 0.0
@@ -147,7 +147,7 @@ def fit_window(
     curve_eval(kind, data, at, ub, rb)
     for i in range(n):
         k = scale[i]
-        _interpolate(
+        interpolate(
             poly, i, ra[0, i] * k, ra[1, i] * k * h, ra[2, i] * k * h2, ra[3, i] * k * h3,
             rb[0, i] * k, rb[1, i] * k * h, rb[2, i] * k * h2, rb[3, i] * k * h3,
         )  # fmt: skip
@@ -156,10 +156,10 @@ def fit_window(
     measured = data[at + TABLE] != 0.0
     if measured:
         lengths[1, 0] = curve_arclen(kind, data, at, u0, ub)
-        _length_rates(data, at, ra, lengths[0])
-        _length_rates(data, at, rb, lengths[1])
+        length_rates(data, at, ra, lengths[0])
+        length_rates(data, at, rb, lengths[1])
         if lengths[0, 1] > 0.0 and lengths[1, 1] > 0.0:
-            _interpolate(
+            interpolate(
                 poly, n, lengths[0, 0], lengths[0, 1] * h, lengths[0, 2] * h2, lengths[0, 3] * h3,
                 lengths[1, 0], lengths[1, 1] * h, lengths[1, 2] * h2, lengths[1, 3] * h3,
             )  # fmt: skip
@@ -167,7 +167,7 @@ def fit_window(
             length_off = math.inf
     else:
         lengths[1, 0] = ub - u0
-        _interpolate(poly, n, lengths[0, 0], h, 0.0, 0.0, lengths[1, 0], h, 0.0, 0.0)
+        interpolate(poly, n, lengths[0, 0], h, 0.0, 0.0, lengths[1, 0], h, 0.0, 0.0)
     for k in range(2):
         x = CHECKS[k]
         u = ua + x * h
