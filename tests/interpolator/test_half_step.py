@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
@@ -44,7 +39,13 @@ class Run:
 
 
 def run(
-    blocks: Sequence[Block], start: ArrayLike, scale: ArrayLike, *, room: int = 50_000, cuts: Sequence[float] = (), origin: Ints | None = None
+    blocks: Sequence[Block],
+    start: ArrayLike,
+    scale: ArrayLike,
+    *,
+    room: int = 50_000,
+    cuts: Sequence[float] = (),
+    origin: Ints | None = None,
 ) -> Run:
     """The rows of the blocks, in buffers of ``room`` rows, each piece done in parts that end at ``cuts`` (of 1)."""
     path = path_of(blocks, start)
