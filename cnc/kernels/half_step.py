@@ -8,11 +8,11 @@ has it, towards the nearer of two candidates, which are one BLU apart, so that t
                     ,--'   D         CD is comparing the distances themselves: BE / CF = BD / CD (figure 3). A tie moves the leader alone
       g      - - P - - - - B         (equation 9, f >= 0, which is the mended end of section 3): here |g - y| > 1/2 + slack is needed.
 
-A row lies at the place of the path at which the leader is on its grid line: there it is exact and the others are within half a BLU.
-Where the path turns so that another axis becomes the fastest (figures 2 and 6: eight octants in a plane, by the end point's larger coordinate
-on a line, by the tangent on an arc), that one leads; if it is a whole BLU behind, there is a row at once. An axis that would have to make two
-steps in a row, as after a start far from the middle of its cell, gets a row of its own before. At the end of the piece a last row rounds the
-grid point to the end, on the grid or not.
+A row lies at the place of the path at which the leader is on its grid line: there it is exact and the others are within half a BLU. Where
+the path turns so that another axis becomes the fastest (figures 2 and 6: eight octants in a plane, by the end point's larger coordinate
+on a line, by the tangent on an arc), that one leads; if it is a whole BLU behind, there is a row at once. An axis that would have to make
+two steps in a row, as after a start far from the middle of its cell, gets a row of its own before. At the end of the piece a last row
+rounds the grid point to the end, on the grid or not.
 
 LINE. The deviation f of an axis is counted in integers: with the line's ends on the grid, in units of half the leader's travel, it is the
 paper's recursion (equations 8 to 10: -2 Ye for each step of X, +2 Xe for one of Y) without any rounding; else in units of 2^-52 BLU.

@@ -172,7 +172,8 @@ def _fit(
 ) -> float:  # fmt: skip
     """Fit polynomials in the leader's position, 0 at ua and 1 at ub, to the other axes (BLU).
 
-    That in the leader's row is u - u0, and that in the last the arc length from the piece's start (mm), where u does not stand for it. ra, rb (4, n): the curve at ua and ub. lengths[0, 0]: arc length at ua; lengths[1, 0] becomes that at ub. rc (4, n): scratch. Returns by
+    That in the leader's row is u - u0, and that in the last the arc length from the piece's start (mm), where u does not stand for it.
+    ra, rb (4, n): the curve at ua and ub. lengths[0, 0]: arc length at ua; lengths[1, 0] becomes that at ub. rc (4, n): scratch. Returns by
     how many times what is allowed a polynomial is off.
     """
     n = len(scale)
