@@ -187,6 +187,29 @@ def check(
     return _end(reports, quiet=common.quiet)
 
 
+@app.command
+def papers(
+    folder: Annotated[Path, Parameter(help="Where the page and its figures go.")] = Path("papers"),
+    /,
+    *,
+    quiet: Annotated[bool, _option("Do not print the tables.")] = False,
+) -> int:
+    """Run the experiments of the papers that the interpolators come from: tables and figures, published beside ours."""
+    from cnc.papers import page
+    from cnc.papers.contents import sections
+
+    page.prepared(folder)
+    done = []
+    for section in sections():
+        if not quiet:
+            print(page.markdown(section), end="\n\n", flush=True)
+        done.append(section)
+    written = page.write(done, folder)
+    if not quiet:
+        print(written)
+    return 0
+
+
 def find_programs(names: Sequence[str]) -> list[str]:
     """Files in the order given: a folder stands for the programs anywhere in it, a pattern for what it matches, each sorted by name.
 

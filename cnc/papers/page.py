@@ -1,0 +1,120 @@
+"""A page of tables and figures: what the experiments of a paper give, and how that is written to a folder.
+
+    papers.md           the sections one after the other, tables as Markdown, figures as links
+    NAME.png            one file a figure
+
+matplotlib draws the figures. It comes with the extra ``view`` and is imported when it is needed, as late as possible: the tables alone do
+without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+from cnc.errors import Diagnostic, UsageError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+Cell: TypeAlias = str | int | float
+
+PAGE = "papers.md"
+DOTS_PER_INCH = 120
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows under columns; cells that are numbers are written with six digits, integers whole. note: below the table."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A picture NAME.png of ``size`` (width, height) inches; ``draw`` gets the empty figure and adds the axes that it needs."""
+
+    name: str
+    title: str
+    draw: Callable[[Canvas], None]
+    size: tuple[float, float] = (7.0, 4.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """What one paper's experiments give."""
+
+    title: str
+    text: str
+    tables: Sequence[Table] = ()
+    figures: Sequence[Figure] = ()
+
+
+def prepared(folder: Path) -> Path:
+    """The folder, made if need be, before any work is done. UsageError if it can't be or nothing can draw."""
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError:
+        hint = "pip install 'cnc[view]', or pip install matplotlib"
+        raise UsageError(Diagnostic("drawing-missing", "the figures need matplotlib, which is not installed", hint=hint)) from None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _can_not_write(folder, error) from None
+    return folder
+
+
+def write(sections: Iterable[Section], folder: Path) -> Path:
+    """Page and pictures into an existing folder; returns the page's file. UsageError ``can-not-write``."""
+    page = folder / PAGE
+    try:
+        parts = ["# The papers' experiments"]
+        for section in sections:
+            for figure in section.figures:
+                _save(figure, folder / f"{figure.name}.png")
+            parts.append(markdown(section))
+        page.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise _can_not_write(error.filename or page, error) from None
+    return page
+
+
+def markdown(section: Section) -> str:
+    """The section as Markdown, its figures as links."""
+    parts = [f"## {section.title}", section.text]
+    parts += [_table(table) for table in section.tables]
+    parts += [f"![{figure.title}]({figure.name}.png)\n\n{figure.title}" for figure in section.figures]
+    return "\n\n".join(parts)
+
+
+def _table(table: Table) -> str:
+    rows = [[_cell(cell) for cell in row] for row in (table.columns, *table.rows)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |" for row in rows]
+    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
+    text = f"**{table.title}**\n\n" + "\n".join(lines)
+    return f"{text}\n\n{table.note}" if table.note else text
+
+
+def _cell(cell: Cell) -> str:
+    return f"{cell:.6g}" if isinstance(cell, float) else str(cell).replace("|", "\\|")
+
+
+def _save(figure: Figure, file: Path) -> None:
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure as Canvas
+
+    with rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.0}):
+        canvas = Canvas(figsize=figure.size, dpi=DOTS_PER_INCH, layout="constrained")
+        figure.draw(canvas)
+        canvas.savefig(file)
+
+
+def _can_not_write(place: Path | str, error: OSError) -> UsageError:
+    hint = "name a folder that can be written: cncrun papers DIR"
+    return UsageError(Diagnostic("can-not-write", f"{place}: {error.strerror or error}", hint=hint))
