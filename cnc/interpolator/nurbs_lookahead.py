@@ -26,8 +26,8 @@ Floats = NDArray[np.float64]
 class Samples:
     """One row a period, the first at rest at the start.
 
-    u, position (m, n) mm, and of the period that led there the step asked for, the chord made, and its error, mm. went_back: how often
-    the look-ahead did.
+    u, position (m, n) mm, and of the period that led there the step by speed, the chord made, its error, mm, and its relative deviation
+    from what was asked for. went_back: how often the look-ahead did.
     """
 
     period: float
@@ -36,17 +36,13 @@ class Samples:
     step: Floats
     chord: Floats
     chord_error: Floats
+    deviation: Floats
     went_back: int
 
     @property
     def feed(self) -> Floats:
         """mm/s, as asked for in the period that led to each row."""
         return self.step / self.period
-
-    @property
-    def deviation(self) -> Floats:
-        """Relative, of the chord made from the step asked for; 0 at the start."""
-        return np.abs(self.step - self.chord) / np.where(self.step > 0.0, self.step, 1.0)
 
 
 def interpolate(curve: PathChunk, limits: PathLimits, *, look_ahead: bool = True) -> Samples:
@@ -68,8 +64,8 @@ def interpolate(curve: PathChunk, limits: PathLimits, *, look_ahead: bool = True
     work = np.empty((3, 4, n))
     room = 1024
     while True:
-        u, step, chord, error, queue = np.empty((5, room))
-        outcome, count, backs = kernel.interpolate(kind, at, data, values, look_ahead, u, step, chord, error, queue, *work)
+        u, step, chord, error, deviation, queue = np.empty((6, room))
+        outcome, count, backs = kernel.interpolate(kind, at, data, values, look_ahead, u, step, chord, error, deviation, queue, *work)
         if outcome == kernel.STUCK:
             raise MotionLimitError(Diagnostic("plan-failed", "the look-ahead goes back again and again", hint="use the planner"))
         if outcome == kernel.DONE:
@@ -80,7 +76,7 @@ def interpolate(curve: PathChunk, limits: PathLimits, *, look_ahead: bool = True
     for i in range(count):
         piece = kernel.position(kind, at, data, piece, u[i], work[0])
         where[i] = work[0, 0]
-    rows = (array[:count].copy() for array in (step, chord, error))
+    rows = (array[:count].copy() for array in (step, chord, error, deviation))
     return Samples(limits.period, u[:count].copy(), where, *rows, backs)
 
 

@@ -15,8 +15,8 @@ each period of T finds its own step, a chord from the last sample r(u_i) to the 
 
 Equations 6 to 8 bring the speed down as suddenly as the curve bends. The look-ahead of section 4.2 goes back from such a place:
 
-    v |-----------B                    c) The step to A is slower than the sample before it by more than T A: from A back along the samples
-      |            \_   i                with a speed that grows by T A a period, until it meets them, at B.
+    v |-----------B                    c) The speed falls by more than T A a period until, at A, it does no more: from A back along the
+      |            \_   i                samples with a speed that grows by T A a period, until it meets them, at B.
       |              \_ :             d) From B again, slower by (V_B - V_A) / n <= T A a period, n as small as T A permits. What the n
       |                \_               steps lack of the way is made by whole periods of V_B first and one shorter step, which is put
       |__________________A___ s          where it fits between its neighbours.
@@ -46,7 +46,7 @@ TRIES = 16
 
 @njit
 def position(kind: Ints, at: Ints, data: Floats, piece: int, u: float, r: Floats) -> int:
-    """r (4, n) at u: position and derivatives. piece: where to look first; returns the piece that u lies in."""
+    """Position and derivatives at u into r (4, n). piece: where to look first; returns the piece that u lies in."""
     while piece > 0 and u < data[at[piece] + U0]:
         piece -= 1
     while piece < at.shape[0] - 1 and u >= data[at[piece] + U1]:
@@ -148,13 +148,14 @@ def raised(v: float, a: float, limits: Floats) -> float:
 @njit
 def interpolate(
     kind: Ints, at: Ints, data: Floats, limits: Floats, look_ahead: bool,
-    u: Floats, step: Floats, chord: Floats, error: Floats, queue: Floats, p: Floats, q: Floats, m: Floats,
+    u: Floats, step: Floats, chord: Floats, error: Floats, deviation: Floats, queue: Floats, p: Floats, q: Floats, m: Floats,
 ) -> tuple[int, int, int]:  # fmt: skip
     """Samples from rest at the start of a curve to its end; see the head of the module.
 
-    kind, at, data: the pieces of one curve, over which u runs on. Outputs, one a sample: u, and of the period that led there the step
-    asked for, the chord made and its error, mm. Speeds are those asked for: what the corrector leaves, up to delta_max, is noise of
-    delta_max v / T in the acceleration of the chords. queue, as long as these; p, q, m (4, n): work.
+    kind, at, data: the pieces of one curve, over which u runs on. Outputs, one a sample: u, and of the period that led there the step by
+    speed, the chord made, its error (mm), and its relative deviation from what was asked for. That is the step by speed and what the chords
+    before have left of theirs: so that they keep to the way that the look-ahead has laid out. queue, as long as these, and p, q, m (4, n)
+    are work.
 
     Returns an outcome, the number of samples, and how often the look-ahead went back.
     """
@@ -166,9 +167,12 @@ def interpolate(
     step[0] = 0.0
     chord[0] = 0.0
     error[0] = 0.0
+    deviation[0] = 0.0
     piece = position(kind, at, data, 0, u[0], p)
     i = 0
     queued = 0
+    owed = 0.0
+    falling = False
     backs = 0
     tried = 0
     outcome = DONE
@@ -179,34 +183,39 @@ def interpolate(
         if queued > 0:
             queued -= 1
             feed = min(feed, queue[queued])
-        u1 = u[max(i - 1, 0)]
-        u2 = u[max(i - 2, 0)]
-        to, asked, length, h = next_step(kind, at, data, piece, limits, u2, u1, u[i], feed * period, p, q, m)
+        wanted = feed * period + owed
+        to, asked, made, h = next_step(kind, at, data, piece, limits, u[max(i - 2, 0)], u[max(i - 1, 0)], u[i], wanted, p, q, m)
         arrived = to == end
-        asked = length if arrived else asked
-        feed = asked / period
-        # at the end of the curve the last step may be any part of a period, and the speed after it is 0
-        low = most if arrived else feed
-        if look_ahead and (v - feed > most * (1.0 + TOLERANCE) and not arrived or arrived and max(v, feed) > most * (1.0 + TOLERANCE)):
-            # back to B: the last sample from which the way to A is long enough to slow down
-            way = length
+        asked = made if arrived else asked
+        # the last step may be any part of a period, and the speed after it is 0
+        new = asked if asked < wanted else feed * period
+        falls = (v - new / period > most * (1.0 + TOLERANCE)) or (arrived and new / period > most * (1.0 + TOLERANCE))
+        if look_ahead and ((arrived and falls) or (falling and (arrived or not falls))):
+            # A is the end of the curve, or the sample at which the speed has ceased to fall too fast
+            way = 0.0 if falling else made
+            low = v if falling else 0.5 * most
             j = i
             while j > 0 and _slowing(step[j] / period, low, most, period) > way:
                 way += chord[j]
                 j -= 1
-            queued = _fill(step[j] / period, low, most, period, way, arrived, queue)
+            queued = _fill(step[j] / period, low, most, period, way, not falling, queue)
+            owed = 0.0
+            falling = False
             backs += 1
             i = j
             piece = position(kind, at, data, piece, u[i], p)
         elif i + 1 >= room:
             outcome = NO_ROOM
         else:
+            falling = look_ahead and falls
             i += 1
             u[i] = to
-            step[i] = asked
-            chord[i] = length
+            step[i] = new
+            chord[i] = made
             error[i] = h
-            piece = position(kind, at, data, piece, to, p)
+            deviation[i] = abs(asked - made) / asked
+            owed = asked - made
+            p, q = q, p
         tried += 1
         if outcome == DONE and tried > TRIES * room:
             outcome = STUCK
@@ -216,7 +225,7 @@ def interpolate(
 @njit
 def _periods(v: float, low: float, most: float) -> int:
     """Periods in which v comes down to ``low`` by at most ``most`` each; one at least."""
-    return max(int(math.ceil((v - low) / most * (1.0 - TOLERANCE))), 1)
+    return max(math.ceil((v - low) / most * (1.0 - TOLERANCE)), 1)
 
 
 @njit
