@@ -65,19 +65,15 @@ def interpolate(curve: PathChunk, limits: PathLimits, *, look_ahead: bool = True
     room = 1024
     while True:
         u, step, chord, error, deviation, queue = np.empty((6, room))
-        outcome, count, backs = kernel.interpolate(kind, at, data, values, look_ahead, u, step, chord, error, deviation, queue, *work)
+        where = np.empty((room, n))
+        rows = (step, chord, error, deviation)
+        outcome, count, backs = kernel.interpolate(kind, at, data, values, look_ahead, u, where, *rows, queue, *work)
         if outcome == kernel.STUCK:
             raise MotionLimitError(Diagnostic("plan-failed", "the look-ahead goes back again and again", hint="use the planner"))
         if outcome == kernel.DONE:
             break
         room *= 4
-    where = np.empty((count, n))
-    piece = 0
-    for i in range(count):
-        piece = kernel.position(kind, at, data, piece, u[i], work[0])
-        where[i] = work[0, 0]
-    rows = (array[:count].copy() for array in (step, chord, error, deviation))
-    return Samples(limits.period, u[:count].copy(), where, *rows, backs)
+    return Samples(limits.period, u[:count], where[:count], *(array[:count] for array in rows), backs)
 
 
 def _or_none(limit: float | None) -> float:

@@ -40,7 +40,7 @@ class Sampled:
         yield from self._rest(self._count_before(chunk.t0 - GAP))
         arrays = kernel_arrays(chunk)
         place = np.zeros(3, dtype=np.int64)
-        history = np.zeros(4)
+        history = np.zeros(2)
         begin = self._next
         end = self._count_before(chunk.t0 + chunk.duration)
         while True:

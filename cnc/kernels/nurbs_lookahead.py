@@ -148,11 +148,11 @@ def raised(v: float, a: float, limits: Floats) -> float:
 @njit
 def interpolate(
     kind: Ints, at: Ints, data: Floats, limits: Floats, look_ahead: bool,
-    u: Floats, step: Floats, chord: Floats, error: Floats, deviation: Floats, queue: Floats, p: Floats, q: Floats, m: Floats,
+    u: Floats, where: Floats, step: Floats, chord: Floats, error: Floats, deviation: Floats, queue: Floats, p: Floats, q: Floats, m: Floats,
 ) -> tuple[int, int, int]:  # fmt: skip
     """Samples from rest at the start of a curve to its end; see the head of the module.
 
-    kind, at, data: the pieces of one curve, over which u runs on. Outputs, one a sample: u, and of the period that led there the step by
+    kind, at, data: the pieces of one curve, over which u runs on. Outputs, one a sample: u, position (room, n), and of the period that led there the step by
     speed, the chord made, its error (mm), and its relative deviation from what was asked for. That is the step by speed and what the chords
     before have left of theirs: so that they keep to the way that the look-ahead has laid out. queue, as long as these, and p, q, m (4, n)
     are work.
@@ -169,6 +169,7 @@ def interpolate(
     error[0] = 0.0
     deviation[0] = 0.0
     piece = position(kind, at, data, 0, u[0], p)
+    where[0] = p[0]
     i = 0
     queued = 0
     owed = 0.0
@@ -216,6 +217,7 @@ def interpolate(
             deviation[i] = abs(asked - made) / asked
             owed = asked - made
             p, q = q, p
+            where[i] = p[0]
         tried += 1
         if outcome == DONE and tried > TRIES * room:
             outcome = STUCK

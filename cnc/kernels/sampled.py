@@ -1,21 +1,18 @@
 """Sampled interpolation: where the path is at every period, by predictor and corrector.
 
-After Hui, Wei, Gao (2013), section 3.2. s(t) comes from the plan, so the commanded step dL of a period is known, and the u that makes it is
-looked for:
+s(t) comes from the plan, so the step ds of a period is known, and the u that makes it is looked for. Hui, Wei and Gao (2013, section 3.2)
+foretell u from the three samples before and correct it by secants until the chord fits to a thousandth; :mod:`cnc.kernels.nurbs_lookahead`
+has that. Here both halves go further:
 
-    predictor, equation 3            u~ = (9 u_i - 6 u_(i-1) + u_(i-2)) / 4
-    at the start of a piece          u~ = u_i + dL / |r'(u_i)|
-    corrector, equation 5            u = u_i + dL / dL~ (u~ - u_i)
+    predictor      u~ = u(s), the table of the piece: to its accuracy at once, however uneven the steps
+    corrector      u = u~ + (ds - L(u_i, u~)) / |r'(u~)| until what is left is rounding; one round as a rule
 
-The predictor is exact for even steps only, and one correction leaves an error of second order; the paper stops at a relative deviation of
-delta_max. Here the correction is iterated to rounding. Equation 5 is the secant of L(u) - dL through u_i and u~, so the next ones run
-through the last two iterates, which converges faster than going on from u_i and does converge next to a cusp, where equation 5 alone
-oscillates; the root stays bracketed.
+L is the arc length from u_i to u~ by a short Gauss quadrature, not the chord (equation 4): chords are shorter than arcs, so that steps of
+chords run ahead of s(t) a little more on every bend. Newton's last correction is not measured again where its square is rounding. The root
+stays bracketed: next to a cusp |r'| vanishes.
 
-Two further changes. dL~ is the arc length from u_i to u~, not the chord (equation 4): chords are shorter than arcs, so that steps of
-chords run ahead of s(t) a little more on every bend. And the step asked for is s(t) less the length made so far, so that what rounding
-leaves of one step is made good by the next. Both lengths are short Gauss quadratures, good to rounding; hence no drift, and no
-noise in third differences.
+The step asked for is s(t) less the length made so far, so that what rounding leaves of one step is made good by the next: hence no drift,
+and no noise in third differences.
 
 Where u is itself the arc length (lines, arcs) there is nothing to look for; nor on timed pieces, where u follows from the clock.
 """
@@ -39,6 +36,8 @@ SNAP = 1e-9
 TINY = 1e-7
 """mm: the relative deviation of a shorter step would show the rounding of positions, and counts as 0."""
 ROUNDING = 2.3e-16
+SETTLED = 1e-16
+"""Relative: what a correction leaves of a step, its square times how unevenly the curve runs there."""
 
 S, CHORD = 0, 1
 """Float state: path length at the last sample, and the length of the polygon from it to where the motion has been followed."""
@@ -47,15 +46,10 @@ FLOATS = 2
 
 @njit
 def advance(kind: int, data: Floats, at: int, u: float, ds: float, guess: float, upto: float) -> tuple[float, float]:
-    """The parameter ds of arc length after u, at most ``upto``, and the arc length that lies between in fact.
-
-    Secants from ``guess``, the first of them equation 5.
-    """
+    """The parameter ds of arc length after u, at most ``upto``, and the arc length that lies between in fact."""
     low = u
     high = upto
-    x = guess if low < guess < high else 0.5 * (low + high)
-    was_x = u
-    was_f = -ds
+    x = guess if low < guess <= high else 0.5 * (low + high)
     length = 0.0
     for _ in range(100):
         length = curve_arclen(kind, data, at, u, x)
@@ -66,13 +60,16 @@ def advance(kind: int, data: Floats, at: int, u: float, ds: float, guess: float,
             high = x
         else:
             low = x
-        near = x - f * (x - was_x) / (f - was_f)
+        speed = curve_speed(kind, data, at, x)
+        near = x - f / speed if speed > 0.0 else low
         if not low < near < high:
             near = 0.5 * (low + high)
             if not low < near < high:
                 break
-        was_x = x
-        was_f = f
+        elif f * f * abs(1.0 - speed * (x - u) / length) <= SETTLED * ds * ds:
+            x = near
+            length = ds
+            break
         x = near
     return x, length
 
@@ -93,7 +90,7 @@ def samples(
     """Rows at the times first + k period, counted from the chunk's start, from k = done on and for as many k as the outputs have rows.
 
     kind .. phase_j: as in PlanChunk; s_before: path length before local 0. Carried from call to call of one chunk, zeros at its
-    start: place [piece, phase, samples in history], history [arc length made in the piece, u of the last samples]. Carried for
+    start: place [piece, phase, whether begun], history [arc length made in the piece, u of the last sample]. Carried for
     good: floats, and vertex (n,): the last point of the polygon. ``last``: no rows of this chunk come after these; the motion is
     followed to its end, and vertex becomes the end point. Outputs as in SampleChunk.
 
@@ -105,12 +102,10 @@ def samples(
     r = np.empty((4, n))
     piece = place[0]
     phase = place[1]
-    known = place[2]
+    begun = place[2]
     made = history[0]
     u = history[1]
-    u1st = history[2]
-    u2nd = history[3]
-    if known == 0:
+    if begun == 0:
         while piece < len(kind) - 1 and piece_s[piece + 1] <= phase_s[0]:
             piece += 1
     for row in range(rows + (1 if last else 0)):
@@ -129,10 +124,10 @@ def samples(
             where = int(at[piece])
             u0, u1 = curve_range(k, data, where)
             measured = data[where + TABLE] != 0.0
-            if known == 0:
+            if begun == 0:
                 u = curve_inv_arclen(k, data, where, phase_s[0] - piece_s[piece])
                 made = curve_arclen(k, data, where, u0, u)
-                known = 1
+                begun = 1
             wanted = local - piece_s[piece]
             passes = local >= piece_s[piece + 1] - (SNAP if row == rows else 0.0)
             if passes:
@@ -140,18 +135,8 @@ def samples(
             elif not measured:
                 u = min(max(u0 + wanted, u), u1)
             elif wanted > made:
-                ds = wanted - made
-                guess = 0.25 * (9.0 * u - 6.0 * u1st + u2nd)
-                if known < 3:
-                    speed = curve_speed(k, data, where, u)
-                    guess = u + ds / speed if speed > 0.0 else u1
-                    if guess >= u1:
-                        guess = curve_inv_arclen(k, data, where, wanted)
-                u2nd = u1st
-                u1st = u
-                u, length = advance(k, data, where, u, ds, guess, u1)
+                u, length = advance(k, data, where, u, wanted - made, curve_inv_arclen(k, data, where, wanted), u1)
                 made += length
-                known = min(known + 1, 3)
             curve_eval(k, data, where, u, r)
             square = 0.0
             for i in range(int(data[where + METRICS])):
@@ -165,7 +150,7 @@ def samples(
             piece += 1
             u, _ = curve_range(int(kind[piece]), data, int(at[piece]))
             made = 0.0
-            known = 1
+            begun = 1
         if row < rows:
             timed = is_timed(k, data, where)
             total = s_before + (piece_s[piece] + timed_length(k, data, where, u, r) if timed else local)
@@ -184,8 +169,6 @@ def samples(
             line[row] = source_line[piece]
     place[0] = piece
     place[1] = phase
-    place[2] = known
+    place[2] = begun
     history[0] = made
     history[1] = u
-    history[2] = u1st
-    history[3] = u2nd
