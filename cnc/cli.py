@@ -197,8 +197,11 @@ def papers(
     """Run the experiments of the papers that the interpolators come from: tables and figures, published beside ours."""
     from cnc.papers import page
     from cnc.papers.contents import sections
+    from cnc.screen import tell_compiling
+    from cnc.warm import ensure_compiled
 
     page.prepared(folder)
+    ensure_compiled(None if quiet else tell_compiling)
     done = []
     for section in sections():
         if not quiet:

@@ -38,7 +38,7 @@ class Screen:
         return Watch(
             on_progress=self._on_progress,
             on_warning=None if self._quiet else self._warn,
-            on_compiling=None if self._quiet else self._compiling,
+            on_compiling=None if self._quiet else tell_compiling,
         )
 
     def __enter__(self) -> Screen:
@@ -66,11 +66,13 @@ class Screen:
             raise KeyboardInterrupt("stopped by the operator at once; where the axes stand has to be found again (home them)")
         self._control.stop()
 
-    def _compiling(self) -> None:
-        print("compiling the kernels; this happens once and takes up to a minute", file=sys.stderr, flush=True)
-
     def _warn(self, diagnostic: Diagnostic) -> None:
         print(f"warning: {diagnostic.render()}", file=sys.stderr)
+
+
+def tell_compiling() -> None:
+    """Say why the first run ever takes longer."""
+    print("compiling the kernels; this happens once and takes up to a minute", file=sys.stderr, flush=True)
 
 
 class _Bar:

@@ -66,14 +66,16 @@ def interpolate(curve: PathChunk, limits: PathLimits, *, look_ahead: bool = True
     while True:
         u, step, chord, error, deviation, queue = np.empty((6, room))
         where = np.empty((room, n))
-        rows = (step, chord, error, deviation)
-        outcome, count, backs = kernel.interpolate(kind, at, data, values, look_ahead, u, where, *rows, queue, *work)
+        outcome, count, backs = kernel.interpolate(
+            kind, at, data, values, look_ahead, u, where, step, chord, error, deviation, queue, *work
+        )  # fmt: skip
         if outcome == kernel.STUCK:
             raise MotionLimitError(Diagnostic("plan-failed", "the look-ahead goes back again and again", hint="use the planner"))
         if outcome == kernel.DONE:
             break
         room *= 4
-    return Samples(limits.period, u[:count], where[:count], *(array[:count] for array in rows), backs)
+    rows = slice(count)
+    return Samples(limits.period, u[rows], where[rows], step[rows], chord[rows], error[rows], deviation[rows], backs)
 
 
 def _or_none(limit: float | None) -> float:

@@ -152,10 +152,10 @@ def interpolate(
 ) -> tuple[int, int, int]:  # fmt: skip
     """Samples from rest at the start of a curve to its end; see the head of the module.
 
-    kind, at, data: the pieces of one curve, over which u runs on. Outputs, one a sample: u, position (room, n), and of the period that led there the step by
-    speed, the chord made, its error (mm), and its relative deviation from what was asked for. That is the step by speed and what the chords
-    before have left of theirs: so that they keep to the way that the look-ahead has laid out. queue, as long as these, and p, q, m (4, n)
-    are work.
+    kind, at, data: the pieces of one curve, over which u runs on. Outputs, one a sample: u, position (room, n), and of the period that led
+    there the step by speed, the chord made, its error (mm), and its relative deviation from what was asked for. That is the step by speed
+    and what the chords before have left of theirs: so they keep to the way that the look-ahead has laid out. queue (room,) and p, q, m
+    (4, n) are work.
 
     Returns an outcome, the number of samples, and how often the look-ahead went back.
     """

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from cnc.papers import nurbs_lookahead
 from cnc.papers.page import Section
 
 
 def sections() -> Iterator[Section]:
     """Run the experiments, one paper after the other."""
-    yield from ()
+    yield nurbs_lookahead.section()
