@@ -189,7 +189,7 @@ def interpolate(
         arrived = to == end
         asked = made if arrived else asked
         # the last step may be any part of a period, and the speed after it is 0
-        new = asked if asked < wanted else feed * period
+        new = feed * period if asked == wanted else min(asked, feed * period)
         falls = (v - new / period > most * (1.0 + TOLERANCE)) or (arrived and new / period > most * (1.0 + TOLERANCE))
         if look_ahead and ((arrived and falls) or (falling and (arrived or not falls))):
             # A is the end of the curve, or the sample at which the speed has ceased to fall too fast
