@@ -69,7 +69,7 @@ def every_radius() -> Table:
         f"Every radius from {RADII[0]} to {RADII[-1]}, and R = {LARGE}",
         ("", "largest error, published", "ours, inside", "ours, outside", f"steps at R = {LARGE}", "ns a step"),
         rows,
-        "Errors in pulses. The steps are those of the paper's recursions in integers, without times.",
+        "Errors in pulses. Computing time of the recursion in integers and of the list of its grid points.",
     )
 
 
