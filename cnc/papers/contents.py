@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cnc.papers import half_step, nurbs_lookahead
+from cnc.papers import enclosing_line, half_step, nurbs_lookahead
 from cnc.papers.page import Section
 
 
 def sections() -> Iterator[Section]:
     """Run the experiments, one paper after the other."""
+    yield enclosing_line.section()
     yield nurbs_lookahead.section()
     yield half_step.section()

@@ -9,7 +9,6 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from cnc.canon import ArcFeed, Block, NurbsFeed
-from cnc.kernels import enclosing_line, kiritsis
+from cnc.interpolator.enclosing_line import Algorithm, as_printed, fitted, interpolate
 from cnc.kernels.curve import curve_eval, curve_inv_arclen, curve_range
 from cnc.kernels.monotone import enclosing_line_rows, kiritsis_rows
 from cnc.path.chunk import PathChunk
@@ -218,26 +217,18 @@ def test_the_circle_of_the_paper() -> None:
 
 def test_as_printed() -> None:
     """What the paper's procedure does at BLU 0.001 mm, and why it needs mending at 1 mm: a null step and more than half a BLU."""
-    start = np.array([0.0, 5.25])
-    points = np.array([[0.0, 5.25], [2.44, 5.25], [-11.12, -10.75]])
-    polynomial = path_of([NurbsFeed(FILE, 1, 2, np.repeat([0.0, 4.0], 3), points, np.ones(3), 1.0)], start)
+    polynomial = fitted(*BARE["polynomial"])
     circle = path_of([arc([1.0, 0.0], (0.0, 0.0), 1.0)], [1.0, 0.0])
-    step = np.empty((20000, 2), np.int8)
-    place = np.empty(20000)
-
-    def run(path: PathChunk, grid: list[int], scale: float, module: ModuleType = enclosing_line) -> tuple[int, float, int]:
-        rows, error = module.as_printed(
-            int(path.kind[0]), path.data, int(path.at[0]), np.full(2, scale), np.array(grid), step, place
-        )  # fmt: skip
-        assert (np.diff(place[:rows]) > 0.0).all()
-        return rows, error, int((~step[:rows].any(axis=1)).sum())
-
-    assert run(circle, [1000, 0], 1000.0) == (pytest.approx(5656, abs=1), pytest.approx(0.4999, abs=1e-4), 0)
-    assert run(polynomial, [0, 5250], 1000.0) == (16185, pytest.approx(0.499999, abs=2e-6), 0)
-    assert run(polynomial, [0, 5], 1.0) == (16, pytest.approx(0.534, abs=1e-3), 1)
-    for path, grid in ((circle, [1000, 0]), (polynomial, [0, 5250])):
-        rows, error, null = run(path, grid, 1000.0, kiritsis)
-        assert rows == run(path, grid, 1000.0)[0] and null == 0 and 0.48 < error < 0.5
+    for curve, rows, error in ((circle, 5656, 0.4999), (polynomial, 16185, 0.499999)):
+        steps = as_printed(curve, 1000.0)
+        baseline = as_printed(curve, 1000.0, Algorithm.KIRITSIS)
+        assert len(steps.step) == len(baseline.step) == pytest.approx(rows, abs=1)
+        assert steps.error_blu == pytest.approx(error, abs=2 * 10.0 ** -len(str(error)[2:]))
+        assert 0.48 < baseline.error_blu < 0.5
+        assert steps.null == baseline.null == 0
+        assert (np.diff(steps.u) > 0.0).all()
+    coarse = as_printed(polynomial, 1.0)
+    assert coarse.null == 1 and coarse.error_blu == pytest.approx(0.534, abs=1e-3)
 
 
 @BOTH
@@ -293,6 +284,51 @@ def test_buffers_and_parts(generator: Rows) -> None:
             np.testing.assert_array_equal(again.step, whole.step)
             assert np.abs(again.reach - whole.reach).max() <= 1e-8
     check(generator, blocks, [10.0, 10.0], [20.0, 31.0], parts=37)
+
+
+BARE: dict[str, tuple[Callable[[float], list[float]], Callable[[float], list[float]], float, float]] = {
+    "circle": (lambda u: [np.cos(u), np.sin(u)], lambda u: [-np.sin(u), np.cos(u)], 0.0, 2 * np.pi),
+    "polynomial": (lambda u: [1.22 * u - u * u, 5.25 - u * u], lambda u: [1.22 - 2 * u, -2 * u], 0.0, 4.0),
+    "cusp": (lambda u: [u * u, u**3], lambda u: [2 * u, 3 * u * u], -1.0, 1.3),
+    "astroid": (
+        lambda u: [np.cos(u) ** 3, np.sin(u) ** 3],
+        lambda u: [-3 * np.cos(u) ** 2 * np.sin(u), 3 * np.sin(u) ** 2 * np.cos(u)], 0.0, 2 * np.pi,
+    ),
+    "corner": (lambda u: [u, abs(u - 0.3)], lambda u: [1.0, math.copysign(1.0, u - 0.3)], 0.0, 1.0),
+    "knot in space": (
+        lambda u: [np.sin(u) + 2 * np.sin(2 * u), np.cos(u) - 2 * np.cos(2 * u), -np.sin(3 * u)],
+        lambda u: [np.cos(u) + 4 * np.cos(2 * u), -np.sin(u) + 4 * np.sin(2 * u), -3 * np.cos(3 * u)], 0.1, 0.1 + 2 * np.pi,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("algorithm", Algorithm)
+@pytest.mark.parametrize("name", BARE)
+def test_bare_curves(name: str, algorithm: Algorithm) -> None:
+    """Curves given by two functions: each grid point half a BLU from them where it is due, and the curve in the square until the next."""
+    position, derivative, u0, u1 = BARE[name]
+    curve = fitted(position, derivative, u0, u1)
+    scale = np.array([70.0, 50.0, 90.0])[: len(curve.axes)]
+    steps = interpolate(curve, scale, algorithm)
+    assert steps.null == 0 and steps.error_blu <= 0.5 + 1e-8
+    assert (np.diff(steps.u) >= 0.0).all()
+    r = np.array([position(u) for u in steps.u.tolist()])
+    assert np.abs(r * scale - steps.grid[1:]).max() <= 0.5 + 1e-5
+    assert np.abs(np.array(position(u1)) * scale - steps.grid[-1]).max() <= 0.5 + 1e-5
+    if algorithm is Algorithm.ENCLOSING_LINE:
+        dense = np.linspace(u0, u1, 20001)
+        held = steps.grid[np.searchsorted(steps.u, dense)]
+        assert np.abs(np.array([position(u) for u in dense.tolist()]) * scale - held).max() <= 1.0 + 1e-5
+
+
+def test_a_fitted_curve_is_the_curve() -> None:
+    for name, pieces in (("polynomial", 1), ("cusp", 2)):
+        position, derivative, u0, u1 = BARE[name]
+        assert len(fitted(position, derivative, u0, u1)) == pieces
+    with pytest.raises(ValueError, match="no length"):
+        fitted(lambda u: [1.0, 2.0], lambda u: [0.0, 0.0], 0.0, 1.0)
+    with pytest.raises(ValueError, match="one smooth curve"):
+        as_printed(fitted(*BARE["knot in space"]), 10.0)
 
 
 @pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="this is the inner run")
