@@ -28,9 +28,9 @@ from cnc.kernels.curve import (
 from cnc.kernels.jit import njit
 
 SLACK = 5e-10
-"""BLU. Far below anything that matters, and above the rounding of positions of up to a million BLU (2e-16 of their size each)."""
-SLACK_PER_BLU = 4e-16
-"""Added to SLACK for each BLU of distance from the origin, where rounding grows with the position."""
+"""BLU. Far below anything that matters, and above the rounding of positions of up to 100 000 BLU."""
+SLACK_PER_BLU = 2e-15
+"""Added to SLACK for each BLU of distance from the origin, where rounding grows with the position: some products of that size."""
 EXACT = 1e-11
 """mm: by how much the arc length's polynomial may be off."""
 CHECKS = (0.375, 0.75)
@@ -151,6 +151,11 @@ def fit_window(
             poly, i, ra[0, i] * k, ra[1, i] * k * h, ra[2, i] * k * h2, ra[3, i] * k * h3,
             rb[0, i] * k, rb[1, i] * k * h, rb[2, i] * k * h2, rb[3, i] * k * h3,
         )  # fmt: skip
+    farthest = 0.0
+    for i in range(n):
+        farthest = max(farthest, abs(ra[0, i] * scale[i]), abs(rb[0, i] * scale[i]))
+    # one axis of an arc is as rough as the other is far; narrower windows would not be better
+    allowed = 0.25 * SLACK + SLACK_PER_BLU * farthest
     axes_off = 0.0
     length_off = 0.0
     measured = data[at + TABLE] != 0.0
@@ -174,7 +179,7 @@ def fit_window(
         curve_eval(kind, data, at, u, rc)
         for i in range(n):
             p = rc[0, i] * scale[i]
-            axes_off = max(axes_off, abs(_value(poly, i, x) - p) / (0.25 * slack(p)))
+            axes_off = max(axes_off, abs(_value(poly, i, x) - p) / allowed)
         if measured and length_off < math.inf:
             length_off = max(length_off, abs(_value(poly, n, x) - curve_arclen(kind, data, at, u0, u)) / EXACT)
     return axes_off, length_off

@@ -19,6 +19,7 @@ from scipy.optimize import brentq
 
 from cnc.canon import ArcFeed, Block, NurbsFeed
 from cnc.interpolator.enclosing_line import Algorithm, as_printed, fitted, interpolate
+from cnc.kernels.crossings import POLYNOMIAL, next_window
 from cnc.kernels.curve import curve_eval, curve_inv_arclen, curve_range
 from cnc.kernels.monotone import enclosing_line_rows, kiritsis_rows
 from cnc.path.chunk import PathChunk
@@ -229,6 +230,26 @@ def test_as_printed() -> None:
         assert (np.diff(steps.u) > 0.0).all()
     coarse = as_printed(polynomial, 1.0)
     assert coarse.null == 1 and coarse.error_blu == pytest.approx(0.534, abs=1e-3)
+
+
+@pytest.mark.parametrize("radius", [10.0, 100.0, 1000.0])
+def test_windows_stay_wide_however_far_from_the_origin(radius: float) -> None:
+    """What rounding leaves of a million BLU must not be taken for the polynomial's error, which narrower windows would mend."""
+    path = path_of([arc([radius, 0.0], (0.0, 0.0), 1.0)], [radius, 0.0])
+    kind, at, data = int(path.kind[0]), int(path.at[0]), path.data
+    u, u1 = curve_range(kind, data, at)
+    ra, rb, rc = np.empty((3, 4, 2))
+    lengths, poly = np.zeros((2, 4)), np.empty((3, POLYNOMIAL))
+    curve_eval(kind, data, at, u, ra)
+    width = u1 - u
+    windows = 0
+    while u < u1:
+        u, width, by_table = next_window(kind, data, at, u, u1, width, np.full(2, 1e4), ra, rb, rc, lengths, poly)
+        assert not by_table
+        ra, rb = rb, ra
+        lengths[0] = lengths[1]
+        windows += 1
+        assert windows <= 80
 
 
 @BOTH
