@@ -21,8 +21,8 @@ Equations 6 to 8 bring the speed down as suddenly as the curve bends. The look-a
       |                \_               steps lack of the way is made by whole periods of V_B first and one shorter step, which is put
       |__________________A___ s          where it fits between its neighbours.
 
-The end of the curve is such a place with V_A = 0. Going back holds the acceleration, and nothing holds the jerk: the plans of
-:mod:`cnc.planner` keep both.
+The end of the curve is such a place with V_A = 0. Going back holds the acceleration, and nothing holds the jerk; h is held by the bend of
+the step foretold, and a step that meets a corner first learns of it too late. The plans of :mod:`cnc.planner` keep to all of them.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ FEED, PERIOD, NORMAL, TANGENTIAL, JERK, CHORD_ERROR, DEVIATION = 0, 1, 2, 3, 4, 
 LIMITS = 7
 DONE, NO_ROOM, STUCK = 0, 1, 2
 """Outcomes of :func:`interpolate`: at the end of the curve; more samples than the arrays hold; going back never came to an end."""
-CORRECTIONS = 60
+SECANTS, CORRECTIONS = 8, 60
+"""Equation 5 is used so often at most; from then on the step in u is doubled until there is a bracket, and that is halved."""
 TOLERANCE = 1e-6
 """By this part a speed may drop more than T A before the look-ahead goes back: rounding is no reason."""
 TRIES = 16
@@ -120,10 +121,11 @@ def next_step(
             high = guess
         else:
             low = guess
-        guess = u + step / chord * (guess - u)
+        # where the curve turns back the chord hardly grows: the secant would leave the neighbourhood, or go on by tiny steps
+        guess = u + (2.0 if k >= SECANTS and chord < step else min(step / chord, 2.0)) * (guess - u)
         if guess >= high and high == end:
             guess = end
-        elif not low < guess < high:
+        elif not low < guess < high or (k >= SECANTS and high < end):
             guess = 0.5 * (low + high)
         here = position(kind, at, data, here, guess, q)
         chord = distance(p, q)
@@ -184,7 +186,7 @@ def interpolate(
         if queued > 0:
             queued -= 1
             feed = min(feed, queue[queued])
-        wanted = feed * period + owed
+        wanted = max(feed * period + owed, 0.5 * feed * period)
         to, asked, made, h = next_step(kind, at, data, piece, limits, u[max(i - 2, 0)], u[max(i - 1, 0)], u[i], wanted, p, q, m)
         arrived = to == end
         asked = made if arrived else asked
