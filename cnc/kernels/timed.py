@@ -35,7 +35,7 @@ from cnc.kernels.curve import (
 )
 from cnc.kernels.jit import njit
 
-ACCURACY = 1e-7
+ACCURACY = 1e-10
 """Relative: how well two halves of a part, each measured by Gauss-Legendre of 6 points, agree with the whole. They are 2^12 times as good.
 Where one axis has much less jerk than the other, the speed changes all at once."""
 
