@@ -14,10 +14,11 @@ They raise only what the caller has to mend: UsageError and MachineFileError.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Literal
 
+from cnc.batch import pool
 from cnc.canon import Block
 from cnc.control import Control
 from cnc.drivers.base import PulseSink
@@ -31,7 +32,7 @@ from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
 
-__all__ = ["Control", "Outputs", "Report", "Watch", "check", "load_machine", "parse", "plan", "run", "start_position"]
+__all__ = ["Control", "Outputs", "Report", "Watch", "check", "check_many", "load_machine", "parse", "plan", "run", "start_position"]
 
 Interpolator = Literal["reference-pulse", "sampled"]
 
@@ -67,6 +68,25 @@ def check(
     override scales the feeds, its stop ends the check.
     """
     return Job(program, _machine(machine), dialect, interpolator == "sampled", outputs or Outputs(), watch or Watch(), control).carry_out()
+
+
+def check_many(
+    programs: Sequence[Path | str],
+    machine: Machine | Path | str | None = None,
+    *,
+    dialect: DialectName | None = None,
+    interpolator: Interpolator = "reference-pulse",
+    feed_override: float = 100.0,
+    jobs: int | None = None,
+) -> Iterator[Report]:
+    """Verify many programs in ``jobs`` processes (None: one a core) and yield their reports in their order.
+
+    The other arguments are those of :func:`check`. A program at which a process dies twice has the fault ``worker-died``, one at which this
+    library fails ``internal-error``; the rest are checked all the same.
+    """
+    names = [str(program) for program in programs]
+    sampled = interpolator == "sampled"
+    return pool.check_many(names, _machine(machine), dialect=dialect, sampled=sampled, feed_override=feed_override, jobs=jobs)
 
 
 def run(

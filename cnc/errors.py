@@ -78,6 +78,10 @@ class CncError(Exception):
         super().__init__(diagnostic.render())
         self.diagnostic = diagnostic
 
+    def __reduce__(self) -> tuple[type[CncError], tuple[Diagnostic]]:
+        """A fault goes from one process to another with its diagnostic, not with the text of it alone."""
+        return type(self), (self.diagnostic,)
+
     def at(self, *, file: str | None = None, line: int | None = None, text: str | None = None) -> CncError:
         """The same fault, its place filled in by a caller that knows it."""
         known = self.diagnostic

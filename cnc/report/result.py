@@ -119,6 +119,11 @@ class Report:
         codes = [fault.exit_code for fault in self.faults]
         return next((code for code in codes if code != EXIT_REJECTED), EXIT_REJECTED) if codes else 0
 
+    @property
+    def findings(self) -> list[Diagnostic]:
+        """The faults, then the warnings."""
+        return [*(fault.diagnostic for fault in self.faults), *self.warnings]
+
     def raise_if_faulty(self) -> None:
         """Raise the first fault, for callers who would rather not ask."""
         if self.faults:
@@ -133,7 +138,7 @@ class Report:
             "ok": self.ok,
             "lines": self.lines,
             "blocks": self.blocks,
-            "errors": [_finding(each) for each in [*(fault.diagnostic for fault in self.faults), *self.warnings]],
+            "errors": [_finding(each) for each in self.findings],
             "duration_s": self.duration_s,
             "path_length_mm": self.path_length_mm,
             "bounding_box": {axis: list(box) for axis, box in self.bounding_box.items()},
