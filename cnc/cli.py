@@ -12,16 +12,17 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import TextIOWrapper
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
-from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
+from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError, validators
 
 from cnc import __version__
 from cnc.control import Control
 from cnc.errors import EXIT_REJECTED, EXIT_STOPPED, CncError, Diagnostic, UsageError
-from cnc.screen import Screen
+from cnc.screen import Screen, tell_compiling
 
 if TYPE_CHECKING:
     from cyclopts import Token
@@ -40,6 +41,7 @@ HYPHEN = "\0-"
 
 Dialect = Literal["auto", "linuxcnc", "grbl", "fanuc", "paper"]
 Interpolator = Literal["reference-pulse", "sampled"]
+CheckFormat = Literal["text", "json", "sarif", "junit", "github"]
 
 app = App(
     name="cncrun",
@@ -81,12 +83,10 @@ class Common:
     quiet: Annotated[bool, _option("Say nothing but errors.")] = False
     verbose: Annotated[bool, _option("Say more: each axis's dynamics, computing times, details of an internal error.")] = False
 
-    def outputs(self, *inputs: str | None) -> Outputs:
-        """The files to write; UsageError if two of them are the same file, or one is the machine file or one of ``inputs``."""
-        from cnc.api import Outputs
-
+    def check_outputs(self, *inputs: str | None, printing: bool = False) -> None:
+        """UsageError if two outputs are the same file (``printing``: standard output), or one is the machine file or one of ``inputs``."""
         read = {os.path.realpath(name): name for name in (self.machine, *inputs) if name is not None and name != "-"}
-        taken: set[str] = set()
+        taken = {"-"} if printing else set()
         for name in (self.blocks, self.trace, self.pulses, self.json):
             if name is None:
                 continue
@@ -97,12 +97,17 @@ class Common:
             if file in read:
                 raise UsageError(Diagnostic("output-over-input", f"an output would overwrite {read[file]}", hint="give it another name"))
             taken.add(file)
+
+    def outputs(self) -> Outputs:
+        """The files to write along the way."""
+        from cnc.api import Outputs
+
         return Outputs(blocks=self.blocks, trace=self.trace, pulses=self.pulses)
 
     @property
-    def summary_file(self) -> int:
+    def summary_file(self) -> TextIO:
         """Where the summary for people goes: standard error if an output has taken standard output."""
-        return 2 if "-" in (self.blocks, self.trace, self.pulses, self.json) else 1
+        return sys.stderr if "-" in (self.blocks, self.trace, self.pulses, self.json) else sys.stdout
 
 
 _COMMON = Common()
@@ -123,6 +128,7 @@ def run(
         return check(program, common=common)
     api = _library()
     control = Control(common.feed_override)
+    common.check_outputs(program, port)
     with Screen(control, quiet=common.quiet) as screen:
         machine = api.load_machine(common.machine)
         report = api.run(
@@ -132,59 +138,92 @@ def run(
             port=port,
             dialect=common.dialect,
             interpolator=common.interpolator,
-            outputs=common.outputs(program, port),
+            outputs=common.outputs(),
             watch=screen.watch(),
             control=control,
         )
     if common.json is not None:
         _write_json(common.json, report)
-    _show(report, common)
+    _show(report, common, common.summary_file)
     return _end([report], quiet=common.quiet)
 
 
 @app.command
 def check(
     *programs: Annotated[str, Parameter(help="Programs, folders of programs, and patterns such as 'parts/**/*.nc'.")],
-    format: Annotated[Literal["text", "json"], _option("What to print: a summary for people, or JSON.")] = "text",
+    format: Annotated[CheckFormat, _option("What to print: a summary for people, JSON, or findings as other tools read them.")] = "text",
+    jobs: Annotated[
+        int | None, Parameter(help="How many programs to check at once; one a core if left out.", validator=validators.Number(gte=1))
+    ] = None,
     common: Common = _COMMON,
 ) -> int:
     """Verify programs without a board: language, travel, the limits of the plan, the pulses."""
-    api = _library()
-
-    if format == "json" and common.json is None:
-        common = _with_json(common)
     names = [name.replace(HYPHEN, "-") for name in programs]
-    outputs = common.outputs(*names)
+    common.check_outputs(*names, printing=format != "text" and (format, common.json) != ("json", "-"))
     files = find_programs(names)
     listed = len(files) != 1 or names != files
-    if listed and outputs != api.Outputs():
+    shown = common.summary_file if format == "text" else sys.stderr
+    reports = _check_listed(files, common, jobs, shown) if listed else [_check_one(files[0], common)]
+    for name in {common.json, "-" if format == "json" else None}:
+        if name is not None:
+            _write_json(name, reports if listed else reports[0])
+    if format != "text" and format != "json":
+        from cnc.report.formats import write_format
+
+        write_format(format, reports)
+    if not listed:
+        _show(reports[0], common, shown)
+    return _end(reports, quiet=common.quiet)
+
+
+def _check_one(file: str, common: Common) -> Report:
+    """A program alone, in this process."""
+    api = _library()
+    machine = api.load_machine(common.machine)
+    control = Control(common.feed_override)
+    with Screen(control, quiet=common.quiet) as screen:
+        report: Report = api.check(
+            file,
+            machine,
+            dialect=common.dialect,
+            interpolator=common.interpolator,
+            outputs=common.outputs(),
+            watch=screen.watch(),
+            control=control,
+        )
+    return report
+
+
+def _check_listed(files: Sequence[str], common: Common, jobs: int | None, shown: TextIO) -> list[Report]:
+    """Programs in their order, in processes of their own; a line for each as soon as those before it have theirs."""
+    from cnc.batch.pool import check_many
+    from cnc.machine.load import load_machine
+    from cnc.report.summary import one_line
+
+    if any((common.blocks, common.trace, common.pulses)):
         raise UsageError(
             Diagnostic("one-program-only", "--blocks, --trace and --pulses take one program", hint="check that program alone to get them")
         )
-    machine = api.load_machine(common.machine)
     reports: list[Report] = []
-    for file in files:
-        control = Control(common.feed_override)
-        with Screen(control, quiet=common.quiet) as screen:
-            report = api.check(
-                file,
-                machine,
-                dialect=common.dialect,
-                interpolator=common.interpolator,
-                outputs=outputs,
-                watch=screen.watch(),
-                control=control,
-            )
-        reports.append(report)
-        if report.stopped_at_line is not None:
-            break
-        if listed:
-            _show_line(report, common)
-    if common.json is not None:
-        _write_json(common.json, reports if listed else reports[0])
-    if not listed:
-        _show(reports[0], common)
-    return _end(reports, quiet=common.quiet)
+    control = Control(common.feed_override)
+    with Screen(control, quiet=common.quiet) as screen:
+        found = check_many(
+            files,
+            load_machine(common.machine),
+            dialect=common.dialect,
+            sampled=common.interpolator == "sampled",
+            feed_override=control.feed_override,
+            jobs=jobs,
+            on_done=lambda done: screen.count(done, len(files)),
+            on_compiling=None if common.quiet else tell_compiling,
+        )
+        for report in found:
+            reports.append(report)
+            for warning in report.warnings:
+                screen.warn(warning)
+            if not common.quiet:
+                print(one_line(report), file=shown, flush=True)
+    return reports
 
 
 @app.command
@@ -247,6 +286,9 @@ def _library() -> ModuleType:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """The program ``cncrun``: carry out and exit. Codes: 0 well, 1 program, 2 usage, 3 board, 130 stopped; 1 for an internal error, too."""
+    # A file's name need not be text; it must not end the run, as little as its contents.
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(exit_code(sys.argv[1:] if arguments is None else arguments))
 
 
@@ -327,19 +369,13 @@ def _where_stopped(report: Report) -> str:
     return f"stopped by the operator at line {report.stopped_at_line}; the board has come to rest at {place}"
 
 
-def _with_json(common: Common) -> Common:
-    from dataclasses import replace
-
-    return replace(common, json="-")
-
-
 def _write_json(name: str, summary: Report | Sequence[Report]) -> None:
     from cnc.report.outputs import write_json
 
     write_json(name, summary)
 
 
-def _show(report: Report, common: Common) -> None:
+def _show(report: Report, common: Common, stream: TextIO) -> None:
     """The summary; a program that never moved has none."""
     if common.quiet or report.faults or report.stopped_at_line is not None:
         return
@@ -347,16 +383,8 @@ def _show(report: Report, common: Common) -> None:
 
     from cnc.report.summary import print_summary
 
-    stream = sys.stderr if common.summary_file == 2 else sys.stdout
     console = Console(file=stream, highlight=False, width=None if stream.isatty() else 120)
     print_summary(report, console, verbose=common.verbose)
-
-
-def _show_line(report: Report, common: Common) -> None:
-    if not common.quiet:
-        from cnc.report.summary import one_line
-
-        print(one_line(report), file=sys.stderr if common.summary_file == 2 else sys.stdout, flush=True)
 
 
 if __name__ == "__main__":

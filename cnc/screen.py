@@ -37,9 +37,19 @@ class Screen:
 
         return Watch(
             on_progress=self._on_progress,
-            on_warning=None if self._quiet else self._warn,
+            on_warning=None if self._quiet else self.warn,
             on_compiling=None if self._quiet else tell_compiling,
         )
+
+    def count(self, done: int, total: int) -> None:
+        """Programs that have been checked."""
+        if self._bar is not None:
+            self._bar.update("checking", done, total, "programs")
+
+    def warn(self, diagnostic: Diagnostic) -> None:
+        """Show a finding that ends nothing."""
+        if not self._quiet:
+            print(f"warning: {diagnostic.render()}", file=sys.stderr)
 
     def __enter__(self) -> Screen:
         if threading.current_thread() is threading.main_thread():
@@ -66,9 +76,6 @@ class Screen:
             raise KeyboardInterrupt("stopped by the operator at once; where the axes stand has to be found again (home them)")
         self._control.stop()
 
-    def _warn(self, diagnostic: Diagnostic) -> None:
-        print(f"warning: {diagnostic.render()}", file=sys.stderr)
-
 
 def tell_compiling() -> None:
     """Say why the first run ever takes longer."""
@@ -76,7 +83,7 @@ def tell_compiling() -> None:
 
 
 class _Bar:
-    """A progress bar on standard error, for programs that take longer than a moment."""
+    """A progress bar on standard error, for what takes longer than a moment."""
 
     PATIENCE = 1.0
 
@@ -85,8 +92,8 @@ class _Bar:
         self._progress: Progress | None = None
         self._drawn = 0.0
 
-    def update(self, stage: Stage, done: int, total: int | None) -> None:
-        """Lines done of ``total`` (None: not known yet)."""
+    def update(self, stage: Stage, done: int, total: int | None, unit: str = "lines") -> None:
+        """How much is done of ``total`` (None: not known yet)."""
         now = monotonic()
         if now - self._began < self.PATIENCE or now - self._drawn < 0.1:
             return
@@ -95,8 +102,10 @@ class _Bar:
             from rich.console import Console
             from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-            columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.0f} lines"), TimeElapsedColumn())
-            bar = Progress(*columns, console=Console(stderr=True), transient=True)
+            counted = f"{{task.completed:.0f}} {unit}" if unit == "lines" else f"{{task.completed:.0f}} of {total} {unit}"
+            columns = (TextColumn("{task.description}"), BarColumn(), TextColumn(counted), TimeElapsedColumn())
+            # What is printed meanwhile goes above the bar, unless it goes to a file.
+            bar = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=sys.stdout.isatty())
             bar.start()
             self._progress = bar
             self._task = bar.add_task(stage, total=total)

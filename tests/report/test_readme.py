@@ -12,8 +12,8 @@ from cnc.machine.models import Axis, Board, PathLimits, Program
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-MAKERS = {"fault", "Diagnostic", "board_error", "error"}
-"""Functions and classes whose first argument is a code."""
+MAKERS = {"fault", "Diagnostic", "board_error", "error", "wrong", "caution", "Undefined", "file_error", "failed"}
+"""Functions and classes of which an argument is a code."""
 
 
 def codes() -> set[str]:

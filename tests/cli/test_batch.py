@@ -1,0 +1,276 @@
+"""Many programs at once: the same findings on any number of processes, in order, whatever one of them holds or does to its process."""
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cnc import cli, screen
+from cnc.api import Control, check, check_many
+from cnc.batch import pool
+from cnc.errors import GcodeError, MachineFileError, UsageError
+from support import share
+
+ROOT = Path(__file__).parents[2]
+GOOD = b"G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
+
+BROKEN = [
+    ("arc-center-missing", "G2 X5"), ("arc-center-missing", "G17 G2 Z5 F100"), ("arc-radius-and-center", "G2 X5 R9 I3"),
+    ("arc-radius-mismatch", "G2 X20 Y5 I5 J9"), ("arc-radius-no-chord", "G2 R5"), ("arc-radius-too-small", "G2 X20 R1"),
+    ("arctangent-second", "G1 X[ATAN[1]]"), ("argument-out-of-range", "G1 X[SQRT[-1]]"), ("argument-out-of-range", "G1 X[LN[0]]"),
+    ("assignment-missing", "#1 5"), ("axis-missing", "G1 A5 F5"), ("axis-words-missing", "G92"), ("block-delete-place", "/ / G0"),
+    ("block-not-closed", "o1 if [1]"), ("bracket-not-closed", "G1 X[1"), ("channel-missing", "M64"), ("character-unknown", "G1 X5 !"),
+    ("code-unknown", "G999"), ("code-unknown", "G28.5"), ("comment-nested", "G1 (to (the) right)"), ("comment-not-closed", "G1 X5 (to"),
+    ("cycle-retract-below-bottom", "G81 X5 Z-1 F5 R-5"), ("cycle-word-missing", "G81 X5 Z-1"),
+    ("cycle-word-missing", "G83 X1 Z-5 R1 F100"), ("division-by-zero", "G1 X[1/0]"), ("dwell-time-missing", "G4"),
+    ("expression-without-brackets", "G1 X0/0 F5"), ("feed-missing", "G1 X5"), ("feed-missing", "G93\nG1 X5"), ("feed-missing", "G6.2"),
+    ("feed-not-positive", "F-5"), ("function-unknown", "G1 X[SINE[5]]"), ("label-missing", "O call"), ("letter-missing", "5 5"),
+    ("line-number-bad", "N-5 G0"), ("loop-endless", "o1 while [1]\no1 endwhile"), ("machine-coordinates-motion", "G53 G2 X1 I5"),
+    ("modal-conflict", "G0 G1 X5"), ("modal-conflict", "M70 M73"), ("motion-missing", "X5"), ("number-malformed", "G1 X5.5.5"),
+    ("number-malformed", "G1 X--5"), ("number-missing", "G1 X"), ("number-missing", "G1 X]"),
+    ("number-too-large", "G1 X99999999999999999"), ("nurbs-left-early", "G5.2 X1 Y1 L3"), ("operator-unknown", "G1 X[1 PLUS 2]"),
+    ("parameter-number-missing", "G1 X#"), ("parameter-read-only", "#5400 = 3"), ("parameter-undefined", "G1 X#<nothing>"),
+    ("pitch-missing", "G33 Z5"), ("probe-length", "G38.2 X0 Y0 F5"), ("program-unknown", "M98 P1"), ("soft-limit", "G0 X5000"),
+    ("spindle-stopped", "G33.1 Z5 K1"), ("spindle-stopped", "G95\nG1 X5 F1"), ("spline-tangent-missing", "G5 X1 Y1"),
+    ("state-not-saved", "M72"), ("sub-nested", "o1 sub\no1 sub"), ("sub-not-open", "o1 endsub"), ("sub-unknown", "o<nowhere> call"),
+    ("thread-plane", "G76"), ("tool-not-chosen", "M6"), ("tool-table-missing", "G43 H99"), ("value-out-of-range", "S-5"),
+    ("value-out-of-range", "G10 L2 P99 X5"), ("value-out-of-range", "G4 P-1"), ("value-out-of-range", "G64 P-1"),
+    ("wait-time-missing", "M66 P1 L3"), ("word-repeated", "G1 X5 X6"), ("word-unused", "G21 L5"),
+]  # fmt: skip
+"""What is to be found, and the faulty line."""
+
+
+def write_folder(folder: Path, count: int) -> dict[str, str]:
+    """``count`` programs of every sort, and what is to be found in each ("": nothing)."""
+    kinds: list[tuple[str, bytes]] = [(code, f"G21 G90 G94\n{line}\nM2\n".encode()) for code, line in BROKEN]
+    long = b"".join(b"G1 X%d.%03d Y%d\n" % (n % 300, n % 1000, n % 200) for n in range(share(3_000_000, 5000)))
+    kinds += [
+        ("", GOOD),
+        ("", GOOD.replace(b"\n", b"\r\n")),
+        ("", b"\xef\xbb\xbf" + GOOD),
+        ("", "(für Müller)\n".encode("latin-1") + GOOD),
+        ("", b"%\n" + GOOD + b"%\n"),
+        ("", b""),
+        ("", b"G21 G90 G64 P0.05 F6000\n" + long),
+        ("control-character", bytes(range(256)) * 40),
+        ("no-such-file", b""),
+    ]
+    folder.mkdir()
+    wanted = {}
+    for number in range(count):
+        code, text = kinds[number % len(kinds)]
+        if number >= len(kinds) and len(text) > 100_000:
+            text = GOOD
+        name = folder / f"{number:03d}-{code or 'good'}.nc"
+        if code != "no-such-file":
+            name.write_bytes(text)
+        wanted[str(name)] = code
+    return wanted
+
+
+@pytest.fixture
+def cncrun(capfd):
+    def carry_out(*arguments: str) -> tuple[int, str, str]:
+        code = cli.exit_code(arguments)
+        out, err = capfd.readouterr()
+        return code, out, err
+
+    return carry_out
+
+
+def lasting(reports: str) -> list[dict]:
+    """What does not depend on the clock of this computer."""
+    return [
+        {key: value for key, value in each.items() if key not in ("timing", "lines_per_s", "steps_per_s")} for each in json.loads(reports)
+    ]
+
+
+def test_the_same_findings_on_one_core_and_two(cncrun, tmp_path):
+    wanted = write_folder(tmp_path / "shop", share(200, len(BROKEN) + 9))
+    found = [cncrun("check", *wanted, "--jobs", jobs, "--format", "json") for jobs in ("1", "2")]
+    one, two = (lasting(out) for _, out, _ in found)
+    assert one == two
+    codes = {each["program"]: ([error["code"] for error in each["errors"] if error["severity"] == "error"] or [""])[0] for each in one}
+    assert {name: code for name, code in codes.items() if code != wanted[name]} == {}
+    assert list(codes) == list(wanted)
+    assert [code for code, _, _ in found] == [2, 2]  # a file that is not there
+    assert found[0][2] == found[1][2]
+    assert lasting(json.dumps([check(next(iter(wanted))).as_json()])) == one[:1]
+
+
+def test_a_process_that_dies_is_told_and_nothing_is_lost(tmp_path, monkeypatch):
+    """``deadly`` kills its process every time, ``flaky`` the first time only."""
+    spoilt = f"""
+import os, cnc.batch.task as task
+perform = task.Task.perform
+def spoilt(self):
+    if "deadly" in self.program: os.kill(os.getpid(), 9)
+    mark = {str(tmp_path / "mark")!r}
+    if "flaky" in self.program and not os.path.exists(mark):
+        open(mark, "w").close()
+        os._exit(7)
+    return perform(self)
+task.Task.perform = spoilt
+"""
+    monkeypatch.setattr(pool, "START", pool.START.replace("from cnc.batch.worker", f"exec({spoilt!r}); from cnc.batch.worker"))
+    names = [tmp_path / f"{number}-{kind}.nc" for number, kind in enumerate(["good", "deadly", "good", "flaky", "good"])]
+    for name in names:
+        name.write_bytes(GOOD)
+    reports = list(check_many(names, jobs=2))
+    assert [report.program for report in reports] == [str(name) for name in names]
+    assert [report.ok for report in reports] == [True, False, True, True, True]
+    (fault,) = reports[1].faults
+    assert fault.diagnostic.code == "worker-died"
+    assert fault.diagnostic.message.startswith("the process that checked it was ended by signal 9 (")
+    assert reports[1].exit_code == 1
+
+
+def test_a_fault_of_ours_is_told_and_stops_nothing(tmp_path, monkeypatch):
+    broken = "import cnc.job\ndef interpret(text, **_): raise RuntimeError('oh')\ncnc.job.interpret = interpret"
+    monkeypatch.setattr(pool, "START", pool.START.replace("from cnc.batch.worker", f"exec({broken!r}); from cnc.batch.worker"))
+    for name in "ab":
+        (tmp_path / f"{name}.nc").write_bytes(GOOD)
+    reports = list(check_many([tmp_path / "a.nc", tmp_path / "b.nc"], jobs=1))
+    assert [report.faults[0].diagnostic.message for report in reports] == ["cncrun failed: RuntimeError: oh"] * 2
+    assert [report.exit_code for report in reports] == [1, 1]
+
+
+def test_faults_keep_their_kind_on_their_way(tmp_path):
+    (tmp_path / "a.nc").write_bytes(b"G2 X20 Y5 I5 J9\n")
+    bad, missing = check_many([tmp_path / "a.nc", tmp_path / "b.nc"])
+    assert type(bad.faults[0]) is GcodeError
+    assert type(missing.faults[0]) is UsageError
+    assert (bad.exit_code, missing.exit_code) == (1, 2)
+    assert bad.faults[0].diagnostic == check(tmp_path / "a.nc").faults[0].diagnostic
+
+
+def test_what_is_wrong_with_every_program_is_raised_once(tmp_path, cncrun):
+    for name in "ab":
+        (tmp_path / f"{name}.nc").write_bytes(GOOD)
+    (tmp_path / "tools.tbl").write_text("no tools here\n")
+    (tmp_path / "m.toml").write_text(
+        '[axes.x]\nsteps_per_mm = 1\nmax_velocity = 5\nmax_acceleration = 1\nmax_jerk = 1\n[program]\ntool_table = "tools.tbl"\n'
+    )
+    with pytest.raises(MachineFileError):
+        list(check_many([tmp_path / "a.nc", tmp_path / "b.nc"], tmp_path / "m.toml"))
+    with pytest.raises(UsageError, match="job-count"):
+        list(check_many([tmp_path / "a.nc"], jobs=0))
+    assert cncrun("check", str(tmp_path), "--jobs", "0")[0] == 2
+    assert cncrun("check", str(tmp_path), "--feed-override", "0")[0] == 2
+
+
+def test_options_reach_the_workers(tmp_path):
+    (tmp_path / "a.nc").write_bytes(b"G21 G90\nG1 X50 F600\nM2\n")
+    (found,) = check_many([tmp_path / "a.nc"], "paper-nurbs", dialect="grbl", feed_override=50, interpolator="sampled")
+    alone = check(tmp_path / "a.nc", "paper-nurbs", dialect="grbl", control=Control(50), interpolator="sampled")
+    assert lasting(json.dumps([found.as_json()])) == lasting(json.dumps([alone.as_json()]))
+    assert found.duration_s == pytest.approx(10.0, rel=0.05)
+
+
+@pytest.mark.parametrize("form", ["sarif", "junit", "github"])
+def test_formats_are_printed_and_the_rest_moves_over(cncrun, tmp_path, form):
+    bad, good = str(tmp_path / "a.nc"), str(tmp_path / "b.nc")
+    Path(bad).write_bytes(b"G2 X20 Y5 I5 J9\n")
+    Path(good).write_bytes(GOOD)
+    code, out, err = cncrun("check", bad, "--format", form)
+    assert code == 1
+    assert out.startswith({"sarif": "{", "junit": "<?xml", "github": "::error file="}[form])
+    assert "arc-radius-mismatch" in out
+    assert "arc-radius-mismatch" in err
+    code, out, err = cncrun("check", good, "--format", form, "--json", str(tmp_path / "s.json"))
+    assert code == 0
+    assert "path length" in err
+    assert "path length" not in out
+    assert json.loads((tmp_path / "s.json").read_text())["ok"]
+    assert cncrun("check", good, "--format", form, "--blocks", "-")[0] == 2
+
+
+def test_a_list_in_a_format_and_its_lines_aside(cncrun, tmp_path):
+    write_folder(tmp_path / "shop", 3)
+    code, out, err = cncrun("check", str(tmp_path / "shop"), "--format", "sarif")
+    assert code == 1
+    assert len(json.loads(out)["runs"][0]["results"]) == 3
+    assert err.count("1 error\n") == 3
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "cnc.cli", "check", *arguments]
+
+
+def test_standard_input_may_be_one_of_many(tmp_path):
+    (tmp_path / "a.nc").write_bytes(GOOD)
+    done = subprocess.run(command(str(tmp_path / "a.nc"), "-"), cwd=ROOT, input=GOOD, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert [line.split(b": ")[1][:2] for line in done.stdout.splitlines()] == [b"ok", b"ok"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs names that are no text")
+def test_a_name_that_is_no_text(tmp_path):
+    for name in b"a.nc", b"caf\xe9.nc":
+        (tmp_path / os.fsdecode(name)).write_bytes(GOOD)
+    for form in "text", "github":
+        done = subprocess.run(command(str(tmp_path), "--format", form), cwd=ROOT, capture_output=True, check=False)
+        assert (done.returncode, b"Traceback" in done.stderr) == (0, False), form
+
+
+def test_modules_beside_the_programs_are_not_imported(tmp_path):
+    for name in "ab":
+        (tmp_path / f"{name}.nc").write_bytes(GOOD)
+    (tmp_path / "numpy.py").write_text("raise SystemExit('imported')\n")
+    code = f"import sys; sys.path[0] = {str(ROOT)!r}; from cnc.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", code, "check", "."], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.count(": ok, ")) == (0, 2), done.stderr
+
+
+def children(process: int) -> list[int]:
+    return [int(each) for each in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+
+
+def alive(process: int) -> bool:
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{process}/status").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_no_process_outlives_the_one_that_wants_to_know(tmp_path, how):
+    for name in "abc":
+        (tmp_path / f"{name}.nc").write_bytes(b"#1 = 0\no1 while [#1 LT 1000000]\n#1 = [#1 + 1]\no1 endwhile\nM2\n")
+    with subprocess.Popen(command(str(tmp_path), "--jobs", "2"), cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        workers = []
+        while len(workers) < 2:
+            assert process.poll() is None
+            time.sleep(0.05)
+            workers = children(process.pid)
+        time.sleep(2.0)  # in the middle of it
+        process.send_signal(how)
+        assert process.wait(20) == (130 if how != signal.SIGKILL else -9)
+        if how != signal.SIGKILL:
+            assert process.stderr.read().decode().splitlines()[-1] == "stopped by the operator; nothing has moved"
+    until = time.monotonic() + 20
+    while any(alive(worker) for worker in workers):
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+def test_a_bar_counts_programs_on_a_terminal_only(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(screen._Bar, "PATIENCE", 0.0)
+    for quiet, stream in (False, Terminal()), (True, Terminal()), (False, io.StringIO()):
+        monkeypatch.setattr(sys, "stderr", stream)
+        with screen.Screen(Control(), quiet=quiet) as shown:
+            time.sleep(0.11)
+            shown.count(3, 7)
+        assert ("3 of 7 programs" in stream.getvalue()) == (stream.isatty() and not quiet)
