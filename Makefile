@@ -29,6 +29,7 @@ lint: $(VENV)/installed-test
 bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/programs.py
 	$(BIN)/python benchmarks/language.py
+	$(BIN)/python benchmarks/sampled.py
 	$(BIN)/python benchmarks/planner.py --whole
 
 # The picture and the summary in the README.

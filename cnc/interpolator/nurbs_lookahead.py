@@ -62,7 +62,7 @@ def interpolate(curve: PathChunk, limits: PathLimits, *, look_ahead: bool = True
     values[kernel.CHORD_ERROR], values[kernel.DEVIATION] = limits.chord_error, limits.step_deviation or 1e-12
     n = len(curve.axes)
     work = np.empty((3, 4, n))
-    room = 1024
+    room = 4096
     while True:
         u, step, chord, error, deviation, queue = np.empty((6, room))
         where = np.empty((room, n))
@@ -73,7 +73,7 @@ def interpolate(curve: PathChunk, limits: PathLimits, *, look_ahead: bool = True
             raise MotionLimitError(Diagnostic("plan-failed", "the look-ahead goes back again and again", hint="use the planner"))
         if outcome == kernel.DONE:
             break
-        room *= 4
+        room *= 8
     rows = slice(count)
     return Samples(limits.period, u[rows], where[rows], step[rows], chord[rows], error[rows], deviation[rows], backs)
 
