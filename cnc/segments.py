@@ -1,0 +1,135 @@
+"""Pulses as segments for a board, and back: compressed, in the order and at the times that were asked for.
+
+The format is in ``docs/segments.md``; :mod:`cnc.kernels.segments` plays it, :mod:`cnc.kernels.segment_encoder` makes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels import segment_encoder as encoder
+from cnc.kernels import segments as form
+from cnc.kernels.windows import CORNERS
+from cnc.stream import PulseChunk
+
+ROWS = 65536
+"""Grid moves in the buffers of the encoder and the decoder."""
+BYTES = 65536
+"""Most bytes written at once."""
+
+
+class SegmentEncoder:
+    """Turns pulses, chunk by chunk, into segments; memory doesn't grow with their number.
+
+    axes: how many, up to 4. tolerance_ns: the farthest from its time that a move may be made, at least a tick. spacing_ns: the board's least
+    time between two grid moves, and before the first; moves that come sooner are put off (:attr:`put_off_ns`), the tolerance counts from there.
+    """
+
+    def __init__(self, axes: int, tolerance_ns: int = 2000, spacing_ns: int = 0) -> None:
+        if not 1 <= axes <= form.MOST_AXES:
+            raise ValueError(f"A segment holds 1 to {form.MOST_AXES} axes, not {axes}.")
+        if tolerance_ns < form.TICK_NS:
+            raise ValueError(f"The tolerance can't be less than a tick, {form.TICK_NS} ns.")
+        if not 0 <= spacing_ns < 0xFFFF * form.TICK_NS:
+            raise ValueError("The spacing must lie between 0 and the longest interval of a segment, 32 ms.")
+        self.axes = axes
+        self.tolerance_ns = tolerance_ns
+        self._spacing = -(-spacing_ns // form.TICK_NS)
+        self._state = np.zeros(encoder.STATE, dtype=np.int64)
+        self._state[encoder.GLANCE] = encoder.FIRST_GLANCE
+        self._rows = 0
+        self._moving = np.empty(ROWS, dtype=np.int64)
+        self._backward = np.empty(ROWS, dtype=np.int64)
+        self._due = np.empty(ROWS, dtype=np.int64)
+        self._out = np.empty(BYTES, dtype=np.uint8)
+        self._scratch = (
+            np.empty((3, form.LONGEST), dtype=np.uint8),
+            np.empty(form.MOST_ROWS, dtype=np.int64),
+            np.empty(form.MOST_ROWS, dtype=np.uint8),
+            np.empty(form.MOST_SLOTS, dtype=np.int64),
+            np.empty((3, form.MOST_SLOTS)),
+            np.empty((2, CORNERS)),
+            np.empty((2, CORNERS)),
+        )
+
+    @property
+    def put_off_ns(self) -> int:
+        """The longest that a move was put off for the board's spacing."""
+        return int(self._state[encoder.LATEST_NS])
+
+    @property
+    def waiting(self) -> int:
+        """Grid moves taken that no segment holds yet."""
+        return self._rows
+
+    def push(self, chunk: PulseChunk) -> bytes:
+        """Take grid moves; returns the segments that are ready. The last moves wait for the next ones, or for :meth:`flush`."""
+        parts: list[bytes] = []
+        at = 0
+        while at < len(chunk.time_ns):
+            until = min(len(chunk.time_ns), at + ROWS - self._rows)
+            encoder.take(
+                chunk.time_ns[at:until], chunk.step[at:until], self._spacing * form.TICK_NS, self._state, self._rows, self._moving,
+                self._backward, self._due,
+            )  # fmt: skip
+            self._rows += until - at
+            at = until
+            self._encode(encoder.AHEAD, parts)
+        return b"".join(parts)
+
+    def flush(self, *, end: bool = False) -> bytes:
+        """The segments of all moves that wait. ``end``: nothing follows, so that the board may run dry after the last one."""
+        parts: list[bytes] = []
+        self._encode(0, parts)
+        if end and parts:
+            last = bytearray(parts[-1])
+            last[self._state[encoder.LAST_AT] + 1] |= form.END
+            parts[-1] = bytes(last)
+        return b"".join(parts)
+
+    def _encode(self, keep: int, parts: list[bytes]) -> None:
+        """Write segments until no more than ``keep`` moves wait."""
+        buffers = (self._moving, self._backward, self._due)
+        while self._rows > keep:
+            done, size = encoder.encode(*buffers, self._rows, keep, self.tolerance_ns, self._spacing, self._state, self._out, *self._scratch)
+            parts.append(self._out[:size].tobytes())
+            for buffer in buffers:
+                buffer[: self._rows - done] = buffer[done : self._rows].copy()
+            self._rows -= done
+
+
+class SegmentDecoder:
+    """Plays segments as the board does, bit for bit."""
+
+    def __init__(self, axes: int) -> None:
+        self._clock = 0
+        self._time_ns = np.empty(ROWS, dtype=np.int64)
+        self._step = np.empty((ROWS, axes), dtype=np.int8)
+        self._tick = np.empty(form.MOST_ROWS, dtype=np.int64)
+        self._mask = np.empty(form.MOST_ROWS, dtype=np.uint8)
+
+    def play(self, segments: bytes) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int8]]]:
+        """The grid moves of whole segments: times (n,) in ns since the first one's start and steps (n, axes), some thousands at a time."""
+        data = np.frombuffer(segments, dtype=np.uint8)
+        at = 0
+        while at < len(data):
+            begin = at
+            at, self._clock, rows = form.play_all(data, at, self._clock, self._time_ns, self._step, self._tick, self._mask)
+            if at == begin:
+                raise ValueError(f"No segment begins at byte {at}: {segments[at : at + form.HEAD].hex(' ')}.")
+            yield self._time_ns[:rows].copy(), self._step[:rows].copy()
+
+
+def split(segments: bytes) -> Iterator[bytes]:
+    """The single segments."""
+    data = np.frombuffer(segments, dtype=np.uint8)
+    at = 0
+    while at < len(data):
+        size = form.segment_bytes(data, at)
+        if size < 0:
+            raise ValueError(f"No segment begins at byte {at}: {segments[at : at + form.HEAD].hex(' ')}.")
+        yield segments[at : at + size]
+        at += size
