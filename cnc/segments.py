@@ -24,8 +24,9 @@ BYTES = 65536
 class SegmentEncoder:
     """Turns pulses, chunk by chunk, into segments; memory doesn't grow with their number.
 
-    axes: how many, up to 4. tolerance_ns: the farthest from its time that a move may be made, at least a tick. spacing_ns: the board's least
-    time between two grid moves, and before the first; moves that come sooner are put off (:attr:`put_off_ns`), the tolerance counts from there.
+    axes: how many, up to 4. tolerance_ns: the farthest from its time that a move may be made, at least a tick. spacing_ns: the board's
+    least time between two grid moves, and before the first; moves that come sooner are put off (:attr:`put_off_ns`), the tolerance counts
+    from there.
     """
 
     def __init__(self, axes: int, tolerance_ns: int = 2000, spacing_ns: int = 0) -> None:
@@ -33,8 +34,8 @@ class SegmentEncoder:
             raise ValueError(f"A segment holds 1 to {form.MOST_AXES} axes, not {axes}.")
         if tolerance_ns < form.TICK_NS:
             raise ValueError(f"The tolerance can't be less than a tick, {form.TICK_NS} ns.")
-        if not 0 <= spacing_ns < 0xFFFF * form.TICK_NS:
-            raise ValueError("The spacing must lie between 0 and the longest interval of a segment, 32 ms.")
+        if not 0 <= spacing_ns < encoder.PAUSE * form.TICK_NS:
+            raise ValueError("The spacing must lie between 0 and the slots of a pause, 16 ms.")
         self.axes = axes
         self.tolerance_ns = tolerance_ns
         self._spacing = -(-spacing_ns // form.TICK_NS)
@@ -45,15 +46,12 @@ class SegmentEncoder:
         self._backward = np.empty(ROWS, dtype=np.int64)
         self._due = np.empty(ROWS, dtype=np.int64)
         self._out = np.empty(BYTES, dtype=np.uint8)
-        self._scratch = (
-            np.empty((3, form.LONGEST), dtype=np.uint8),
-            np.empty(form.MOST_ROWS, dtype=np.int64),
-            np.empty(form.MOST_ROWS, dtype=np.uint8),
-            np.empty(form.MOST_SLOTS, dtype=np.int64),
-            np.empty((3, form.MOST_SLOTS)),
-            np.empty((2, CORNERS)),
-            np.empty((2, CORNERS)),
-        )
+        self._trial = np.empty((3, form.LONGEST), dtype=np.uint8)
+        self._tick = np.empty(form.MOST_ROWS, dtype=np.int64)
+        self._mask = np.empty(form.MOST_ROWS, dtype=np.uint8)
+        self._ends = np.empty(form.MOST_SLOTS, dtype=np.int64)
+        self._windows = np.empty((3, form.MOST_SLOTS))
+        self._polygon = np.empty((2, 2, CORNERS))
 
     @property
     def put_off_ns(self) -> int:
@@ -94,7 +92,10 @@ class SegmentEncoder:
         """Write segments until no more than ``keep`` moves wait."""
         buffers = (self._moving, self._backward, self._due)
         while self._rows > keep:
-            done, size = encoder.encode(*buffers, self._rows, keep, self.tolerance_ns, self._spacing, self._state, self._out, *self._scratch)
+            done, size = encoder.encode(
+                *buffers, self._rows, keep, self.tolerance_ns, self._spacing, self._state, self._out, self._trial, self._tick, self._mask,
+                self._ends, self._windows, self._polygon[0], self._polygon[1],
+            )  # fmt: skip
             parts.append(self._out[:size].tobytes())
             for buffer in buffers:
                 buffer[: self._rows - done] = buffer[done : self._rows].copy()

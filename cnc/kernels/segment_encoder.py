@@ -1,8 +1,8 @@
 """Grid moves to segments: the longest ones whose times stay within a tolerance.
 
-At each move three forms of segment are tried, the one with the fewest bytes a move is taken, and what none of them makes short becomes timed
-moves. A segment grows slot by slot: the times of the slots, and the places of the steps of the axes with a phase, are lines through windows
-(:mod:`cnc.kernels.windows`), and it ends where one of them finds no line with whole coefficients. Windows are where a time may be:
+At each move three forms of segment are tried, the one with the fewest bytes a move is taken, and what none of them makes short becomes
+timed moves. A segment grows slot by slot: the times of the slots, and the places of the steps of the axes with a phase, are lines through
+windows (:mod:`cnc.kernels.windows`), and it ends where one of them finds no line with whole coefficients. Windows are where a time may be:
 
       time   ---[----due----]------[----due----]----      due: as asked for, or the board's smallest spacing after the one before.
 
@@ -51,10 +51,10 @@ ROOM = 1024
 PAUSE = 0x8000
 """Ticks of a slot of a pause."""
 FIRST_GLANCE = 16
-"""Grid moves looked at for which axes move, at the start; later twice as many as the last segment had."""
+"""Slots looked ahead at the start; later twice as many as the last segment had."""
 
 CLOCK, DUE_NS, LATEST_NS, GLANCE, LAST_AT = range(5)
-"""State: clock in 1/256 tick, when the last move taken is due, longest delay for spacing, FIRST_GLANCE, where the last segment begins."""
+"""State: clock in 1/256 tick, when the last move taken is due, longest delay for spacing, slots looked ahead, byte of the last segment."""
 STATE = 5
 ENOUGH = 0.6
 """Bytes a move: a form that needs no more is taken without a look at the next."""
@@ -66,8 +66,8 @@ def take(
 ) -> None:  # fmt: skip
     """Append grid moves to the buffers, of which ``rows`` rows are taken.
 
-    axes, backward: masks of the axes that step, and that step down. due: ns; a move that comes sooner than spacing_ns after the one before, or
-    after the start, is put off.
+    axes, backward: masks of the axes that step, and that step down. due: ns; a move that comes sooner than spacing_ns after the one before,
+    or after the start, is put off.
     """
     latest = state[DUE_NS]
     for row in range(len(time_ns)):
@@ -108,8 +108,8 @@ def encode(
 ) -> tuple[int, int]:  # fmt: skip
     """Write the segments of the first grid moves in the buffers; returns how many moves are done, and the bytes.
 
-    rows: moves in the buffers; ``keep`` of them are left for the next call. spacing: least ticks between two moves. trial (3, LONGEST), tick,
-    mask (MOST_ROWS,), ends (MOST_SLOTS,), windows (3, MOST_SLOTS), px, py (2, CORNERS): scratch.
+    rows: moves in the buffers; ``keep`` of them are left for the next call. tolerance: ns. spacing: least ticks between two moves. trial
+    (3, LONGEST), tick, mask (MOST_ROWS,), ends (MOST_SLOTS,), windows (3, MOST_SLOTS), px, py (2, CORNERS): scratch.
     """
     done, size = 0, 0
     run_at = -1
@@ -175,7 +175,7 @@ def _candidate(
     form: int, axes: Ints, backward: Ints, due: Ints, first: int, rows: int, tolerance: int, spacing: int, state: Ints, out: Bytes,
     tick: Ints, mask: Bytes, ends: Ints, windows: Floats, px: Floats, py: Floats,
 ) -> tuple[int, int]:  # fmt: skip
-    """Write to ``out`` the longest segment of a form that begins with move ``first``; returns its bytes and its moves, 0 if there is none."""
+    """Write to ``out`` the longest segment of a form from move ``first`` on; returns its bytes and its moves, 0 if there is none."""
     clock = state[CLOCK]
     always, phases = 0, 0
     if form != PACKED:
@@ -215,8 +215,8 @@ def _candidate(
 
 @njit
 def _slots(
-    form: int, always: int, phases: int, axes: Ints, backward: Ints, due: Ints, first: int, rows: int, clock: int, tolerance: int, most: int,
-    ends: Ints, windows: Floats,
+    form: int, always: int, phases: int, axes: Ints, backward: Ints, due: Ints, first: int, rows: int, clock: int, tolerance: int,
+    most: int, ends: Ints, windows: Floats,
 ) -> tuple[int, int]:  # fmt: skip
     """Divide the moves from ``first`` on into at most ``most`` slots; returns their number, and the axes that go down.
 

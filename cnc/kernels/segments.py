@@ -9,8 +9,9 @@ Grid moves are played in slots. Slot k lasts interval + k * add, so that a segme
     even              .          xy         .         .       xy                 the step joins that of its slot, or it is
     placed            .       y  x          .         .   y   x                  placed inside the slot: 0.8 and 0.4 of its length
 
-Even are the moves of algorithms that step the fastest axis in every move; placed those made where axes cross grid lines, one at a time. What
-is neither is ``packed`` (one mask a slot) or ``timed`` (a mask and an interval of its own for each move). ``docs/segments.md`` has the bits.
+Even are the moves of algorithms that step the fastest axis in every move; placed those made where axes cross grid lines, one at a time.
+What is neither is ``packed`` (one mask a slot) or ``timed`` (a mask and an interval of its own for each move). ``docs/segments.md`` has the
+bits.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def whole_number(data: Bytes, at: int, size: int) -> int:
     value = np.int64(0)
     for i in range(size):
         value |= np.int64(data[at + i]) << 8 * i
-    return value
+    return int(value)
 
 
 @njit
@@ -78,7 +79,8 @@ def segment_bytes(data: Bytes, at: int) -> int:
         elif form == PACKED:
             size = MASKS_AT + (slots + 1) // 2
         elif at + HEAD <= len(data):
-            always, phases = data[at + 7] & 15, data[at + 7] >> 4
+            roles = whole_number(data, at + 7, 1)
+            always, phases = roles & 15, roles >> 4
             count = (phases & 1) + (phases >> 1 & 1) + (phases >> 2 & 1) + (phases >> 3)
             if count <= MOST_PHASES and always & phases == 0 and (always != 0 or count == 0):
                 size = HEAD + PHASE_BYTES * count

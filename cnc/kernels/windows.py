@@ -1,12 +1,12 @@
 """A line with whole-number coefficients through as many windows as it can meet, one after the other.
 
-      value                    All (x, y) for which x + w y lies in given windows are a convex polygon. A line from its middle is
-        |           _|_        tried; the first window that it misses cuts the polygon smaller, and the next line is taken from
-        |      _|_   |         what is left, until there is nothing: then no line meets the windows up to there. Windows that no
-        | _|_   |  ,'          line misses never cost more than a look.
-        |  | ,-'|'
-        | ,|'                  The lines are: the times of a segment's slots (after k slots, k (x + (k - 1) / 2 y)), and the places
-        +------------- w       of an axis's steps among the slots (the j-th step at x + j y).
+value                    All (x, y) for which x + w y lies in given windows are a convex polygon. A line from its middle is
+  |           _|_        tried; the first window that it misses cuts the polygon smaller, and the next line is taken from
+  |      _|_   |         what is left, until there is nothing: then no line meets the windows up to there. Windows that no
+  | _|_   |  ,'          line misses never cost more than a look.
+  |  | ,-'|'
+  | ,|'                  The lines are: the times of a segment's slots (after k slots, k (x + (k - 1) / 2 y)), and the places
+  +------------- w       of an axis's steps among the slots (the j-th step at x + j y).
 """
 
 from __future__ import annotations
