@@ -31,6 +31,7 @@ bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/language.py
 	$(BIN)/python benchmarks/sampled.py
 	$(BIN)/python benchmarks/planner.py --whole
+	$(BIN)/python benchmarks/segments.py
 
 # The picture and the summary in the README.
 picture: $(VENV)/installed-view

@@ -15,7 +15,7 @@ def moves(data: bytes) -> list[Move]:
             for k in range(slots):
                 word = int.from_bytes(data[at + 2 + 2 * k : at + 4 + 2 * k], "little")
                 clock += (word & 0xFFF) << 8
-                played.append((clock >> 8, word >> 12, down))
+                played.append((clock >> 8, word >> 12, down & word >> 12))
             at += 2 + 2 * slots
             continue
         interval = int.from_bytes(data[at + 2 : at + 5], "little")
