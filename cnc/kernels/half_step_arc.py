@@ -16,7 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.catch_up import prepare, round_to
-from cnc.kernels.crossings import CHECKS, EXACT, POLYNOMIAL, ROUNDING, SHORTEST, interpolate, length_rates, risen, slack
+from cnc.kernels.crossings import (
+    CHECKS,
+    EXACT,
+    POLYNOMIAL,
+    ROUNDING,
+    SHORTEST,
+    SLACK,
+    SLACK_PER_BLU,
+    interpolate,
+    length_rates,
+    risen,
+    slack,
+)
 from cnc.kernels.curve import TABLE, Floats, Ints, curve_arclen, curve_eval, curve_range
 from cnc.kernels.jit import njit
 
@@ -37,6 +49,7 @@ def arc_rows(
     ra = np.empty((4, n))
     rb = np.empty((4, n))
     widest = (u1 - u0) / 8.0
+    shortest = SHORTEST * (u1 - u0)
     width = widest
     wider_off = math.inf
     full = False
@@ -58,17 +71,19 @@ def arc_rows(
         off = _fit(kind, data, at, ua, ub, leader, scale, ra, rb, here, lengths, poly)
         # the error goes with the eighth power of the width
         width = min((ub - ua) * min(max(0.9 * math.sqrt(math.sqrt(math.sqrt(1.0 / max(off, 1e-9)))), 0.1), 4.0), widest)
-        if off > 1.0 and not 0.5 * wider_off < off < ROUNDING and ub - ua > SHORTEST * (u1 - u0):
+        if off > 1.0 and not 0.5 * wider_off < off < ROUNDING and ub - ua > shortest:
             width = min(width, 0.7 * (ub - ua))
             wider_off = off
             continue
-        wider_off = math.inf
+        wider_off = off if off > 1.0 else math.inf
+        # what was taken with more than is allowed would not be better for being narrower
+        width = max(width, ub - ua if off > 1.0 else shortest)
         pa = ra[0, leader] * scale[leader]
         pb = rb[0, leader] * scale[leader]
         lines = max(math.floor(sign * (pb - grid[leader])), 0)
         count = min(lines, room - rows)
-        x = (grid[leader] + sign - pa) / (pb - pa)
-        dx = 1.0 / abs(pb - pa)
+        x = (grid[leader] + sign - pa) / (pb - pa) if count > 0 else 0.0
+        dx = 1.0 / abs(pb - pa) if count > 0 else 0.0
         made = count
         for i in range(n):
             moved[i] = 0
@@ -200,7 +215,9 @@ def _fit(
             a1, a2, a3 = _by_leader(ra[1, i] * q, ra[2, i] * q, ra[3, i] * q, ra[1, leader] * k, ra[2, leader] * k, ra[3, leader] * k, h)
             b1, b2, b3 = _by_leader(rb[1, i] * q, rb[2, i] * q, rb[3, i] * q, rb[1, leader] * k, rb[2, leader] * k, rb[3, leader] * k, h)
             interpolate(poly, i, ra[0, i] * q, a1, a2, a3, rb[0, i] * q, b1, b2, b3)
-    for check in range(2):
+    # a leader that does not move, but for rounding, leads nowhere
+    moves = h * ra[1, leader] > 0.0
+    for check in range(2 if moves else 0):
         u = ua + CHECKS[check] * (ub - ua)
         curve_eval(kind, data, at, u, rc)
         x = (rc[0, leader] * k - pa) / h
@@ -211,12 +228,12 @@ def _fit(
                 off = max(off, abs(y - (u - u0)) / (EXACT + 1e-15 * u0))
             else:
                 p = rc[0, i] * scale[i]
-                off = max(off, abs(y - p) / (0.25 * slack(p)))
+                off = max(off, abs(y - p) / (0.25 * SLACK + SLACK_PER_BLU * abs(p)))
         if measured:
             c = poly[n]
             y = risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x)
             off = max(off, abs(y - curve_arclen(kind, data, at, u0, u)) / EXACT)
-    return off if h * ra[1, leader] > 0.0 else math.inf
+    return off if moves else math.inf
 
 
 @njit

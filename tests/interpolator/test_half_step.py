@@ -202,6 +202,17 @@ def test_arcs(case: tuple[list[ArcFeed], Floats, Floats]) -> None:
     check(*case)
 
 
+@given(st.floats(1.0, 3.0), st.floats(3.0, 4.0), st.floats(0.0, 2 * math.pi), st.sampled_from([1, -1]), st.sampled_from([0.0, 1e-7]))
+@settings(max_examples=share(300, 15), deadline=None)
+def test_arcs_of_ten_million_steps_radius(size: float, fine: float, angle: float, way: int, growth: float) -> None:
+    """10 mm to 1 m at BLU of 1 to 0.1 um, a few thousand rows of them; half a BLU in spite of the size."""
+    radius, scale = 10.0**size, round(10.0**fine, 3)
+    start = np.array([radius * math.cos(angle), radius * math.sin(angle), 0.3])
+    block = arc(start, (0.0, 0.0), way * min(600.0 / (radius * scale), 1.0), rise=0.01)
+    end = block.end * [1.0 + growth, 1.0 + growth, 1.0]
+    check([ArcFeed(FILE, 1, "XY", (0.0, 0.0), end, radius, block.turns, 10.0)], start, [scale, 0.7 * scale, scale])
+
+
 def circle(radius: float, turns: float = 1.0) -> tuple[list[ArcFeed], Floats]:
     start = np.array([radius, 0.0])
     return [arc(start, (0.0, 0.0), turns)], start
