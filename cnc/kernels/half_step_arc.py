@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.catch_up import prepare, round_to
+from cnc.kernels.catch_up import round_to
 from cnc.kernels.crossings import (
     CHECKS,
     EXACT,
@@ -116,10 +116,11 @@ def arc_rows(
             _reaches(s0, c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x, dx, reach[rows : rows + made])
             rows += made
         if made < count:
+            # an axis would make two steps there
             c = poly[leader]
-            place = u0 + risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x + made * dx)
-            rows, u, error, done = prepare(kind, data, at, u, place, s0, scale, grid, here, error, rows, step, reach)
-            ua = u
+            ua = u0 + risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x + made * dx)
+            rows, u, error, done = round_to(kind, data, at, u, ua, s0, scale, grid, here, error, rows, step, reach)
+            full = not done
             curve_eval(kind, data, at, ua, ra)
             lengths[0, 0] = curve_arclen(kind, data, at, u0, ua)
         elif count < lines:
