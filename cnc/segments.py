@@ -50,7 +50,7 @@ class SegmentEncoder:
         self._tick = np.empty(form.MOST_ROWS, dtype=np.int64)
         self._mask = np.empty(form.MOST_ROWS, dtype=np.uint8)
         self._ends = np.empty(form.MOST_SLOTS, dtype=np.int64)
-        self._windows = np.empty((3, form.MOST_SLOTS))
+        self._windows = np.empty((4, form.MOST_SLOTS))
         self._polygon = np.empty((2, 2, CORNERS))
 
     @property

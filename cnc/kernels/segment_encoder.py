@@ -109,7 +109,7 @@ def encode(
     """Write the segments of the first grid moves in the buffers; returns how many moves are done, and the bytes.
 
     rows: moves in the buffers; ``keep`` of them are left for the next call. tolerance: ns. spacing: least ticks between two moves. trial
-    (3, LONGEST), tick, mask (MOST_ROWS,), ends (MOST_SLOTS,), windows (3, MOST_SLOTS), px, py (2, CORNERS): scratch.
+    (3, LONGEST), tick, mask (MOST_ROWS,), ends (MOST_SLOTS,), windows (4, MOST_SLOTS), px, py (2, CORNERS): scratch.
     """
     done, size = 0, 0
     run_at = -1
@@ -192,12 +192,24 @@ def _candidate(
     at = HEAD
     for i in range(MOST_AXES):
         if phases >> i & 1 and slots > 0:
-            slots = _steps(form, 1 << i, axes, due, first, clock, tolerance, slots, ends, windows)
-            slots, phase, period = longest(
+            slots, steps = _steps(form, 1 << i, axes, due, first, clock, tolerance, slots, ends, windows)
+            met, phase, period = longest(
                 windows[0], windows[1], windows[2], slots, 0.0, LONGEST_PERIOD, SLOT, LONGEST_PERIOD, px, py
             )  # fmt: skip
+            change = _bend(windows, slots, steps) if met < slots else 0
+            if change != 0:
+                bent, bent_phase, bent_period = longest(
+                    windows[0], windows[1], windows[2], slots, 0.0, LONGEST_PERIOD, SLOT, LONGEST_PERIOD, px, py
+                )  # fmt: skip
+                if bent > met:
+                    met, phase, period = bent, bent_phase, bent_period
+                else:
+                    change = 0
+            slots = met
             _whole24(out, at, phase)
             _whole24(out, at + 3, period)
+            out[at + 6] = change & 0xFF
+            out[at + 7] = change >> 8 & 0xFF
             at += PHASE_BYTES
     covered = 0
     if slots > 0:
@@ -220,7 +232,7 @@ def _slots(
 ) -> tuple[int, int]:  # fmt: skip
     """Divide the moves from ``first`` on into at most ``most`` slots; returns their number, and the axes that go down.
 
-    ends: gets the last move of each slot. windows (3, MOST_SLOTS): w, low and high of the line of their times.
+    ends: gets the last move of each slot. windows: w, low and high of the line of their times, a row each.
     """
     plus, minus = 0, 0
     slots, row = 0, first
@@ -252,8 +264,11 @@ def _slots(
 @njit
 def _steps(
     form: int, axis: int, axes: Ints, due: Ints, first: int, clock: int, tolerance: int, slots: int, ends: Ints, windows: Floats
-) -> int:
-    """Windows of the line of an axis's steps among the slots, one a slot; returns how many slots have but one step of it."""
+) -> tuple[int, int]:
+    """Windows of the line of an axis's steps among the slots, one a slot; returns how many slots have but one step of it, and the steps.
+
+    windows[3] gets where each step should be.
+    """
     begin = float(clock)
     off = SUB * max(0.5 * tolerance / TICK_NS - 0.5, 0.25)
     steps = 0
@@ -265,7 +280,7 @@ def _steps(
         for k in range(row, last + 1):
             if axes[k] & axis:
                 if found >= 0:
-                    return slot
+                    return slot, steps
                 found = k
         place = float(slot * SLOT)
         windows[0, slot] = steps
@@ -286,10 +301,30 @@ def _steps(
                     least, most = max(least, at - around), min(most, edge, at + around)
             windows[1, slot] = least
             windows[2, slot] = most
+            windows[3, steps] = 0.5 * (least + most)
             steps += 1
         begin = end
         row = last + 1
-    return slots
+    return slots, steps
+
+
+@njit
+def _bend(windows: Floats, slots: int, steps: int) -> int:
+    """How much an axis's period changes from step to step, by the mean places of its first, middle and last steps; windows without it."""
+    third = steps // 3
+    first, middle, last = 0.0, 0.0, 0.0
+    for j in range(third):
+        first += windows[3, j]
+        middle += windows[3, third + j]
+        last += windows[3, 2 * third + j]
+    change = 0
+    if third > 0:
+        change = int(np.floor(min(max((first - 2.0 * middle + last) / float(third) ** 3, LEAST_ADD), MOST_ADD) + 0.5))
+    for slot in range(slots):
+        j = windows[0, slot]
+        windows[1, slot] -= 0.5 * j * (j - 1.0) * change
+        windows[2, slot] -= 0.5 * j * (j - 1.0) * change
+    return change
 
 
 @njit

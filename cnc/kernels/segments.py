@@ -1,7 +1,8 @@
 """Compressed grid moves: the format of a segment and its player, in the integer arithmetic of an 8-bit board.
 
 Grid moves are played in slots. Slot k lasts interval + k * add, so that a segment follows an even or evenly changing speed; the axes of the
-``always`` mask step at its end. An axis that steps less often has a phase: the time to its next step, counted in slots.
+``always`` mask step at its end. An axis that steps less often has a phase: the time to its next step, counted in slots. Its period may
+change from step to step, too, as it does along a curve.
 
       slot            0          1          2          3          4              phase = 1.8 slots, period = 2.6 slots
       always   |------x----|-----x----|----x----|----x---|---x---|
@@ -52,7 +53,7 @@ END = 4
 """Bit of byte 1: nothing need follow, the board may run dry."""
 RESERVED = 8
 
-HEAD, PHASE_BYTES, MASKS_AT, TIMED_AT = 8, 6, 7, 2
+HEAD, PHASE_BYTES, MASKS_AT, TIMED_AT = 8, 8, 7, 2
 """Bytes of the fixed part and of a phase; where the masks of packed and the words of timed segments begin."""
 LONGEST = TIMED_AT + 2 * MOST_SLOTS
 """Bytes of the longest segment."""
@@ -65,6 +66,13 @@ def whole_number(data: Bytes, at: int, size: int) -> int:
     for i in range(size):
         value |= np.int64(data[at + i]) << 8 * i
     return int(value)
+
+
+@njit
+def _signed16(data: Bytes, at: int) -> int:
+    """The number in two bytes, below zero if its highest bit is set."""
+    value = whole_number(data, at, 2)
+    return value - 65536 if value > MOST_ADD else value
 
 
 @njit
@@ -108,23 +116,22 @@ def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int
             rows += 1
     else:
         interval = whole_number(data, at + 2, 3)
-        add = whole_number(data, at + 5, 2)
-        if add > MOST_ADD:
-            add -= 65536
+        add = _signed16(data, at + 5)
         roles = whole_number(data, at + 7, 1)
-        first_axis, phase, period = 0, LONGEST_PERIOD, 0
-        second_axis, other_phase, other_period = 0, LONGEST_PERIOD, 0
+        first_axis, phase, period, change = 0, LONGEST_PERIOD, 0, 0
+        second_axis, other_phase, other_period, other_change = 0, LONGEST_PERIOD, 0, 0
         if form != PACKED:
             where = at + HEAD
             for i in range(MOST_AXES):
                 if roles >> 4 + i & 1:
                     due = whole_number(data, where, 3)
                     every = whole_number(data, where + 3, 3)
+                    more = _signed16(data, where + 6)
                     where += PHASE_BYTES
                     if first_axis == 0:
-                        first_axis, phase, period = 1 << i, due, every
+                        first_axis, phase, period, change = 1 << i, due, every, more
                     else:
-                        second_axis, other_phase, other_period = 1 << i, due, every
+                        second_axis, other_phase, other_period, other_change = 1 << i, due, every, more
         for k in range(slots):
             begin = clock // SUB
             clock += interval
@@ -155,8 +162,10 @@ def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int
                 steps |= (first_axis if here == end else 0) | (second_axis if there == end else 0)
             else:
                 steps |= (first_axis if one else 0) | (second_axis if two else 0)
-            phase += (period if one else 0) - SLOT
-            other_phase += (other_period if two else 0) - SLOT
+            phase = (phase + (period if one else 0) - SLOT) & 0xFFFFFF
+            other_phase = (other_phase + (other_period if two else 0) - SLOT) & 0xFFFFFF
+            period = (period + (change if one else 0)) & 0xFFFFFF
+            other_period = (other_period + (other_change if two else 0)) & 0xFFFFFF
             if steps != 0:
                 tick[rows] = end
                 mask[rows] = steps

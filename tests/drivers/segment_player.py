@@ -27,9 +27,12 @@ def moves(data: bytes) -> list[Move]:
         else:
             masks = [data[at + 7] & 15] * slots
             axes = [i for i in range(4) if data[at + 7] >> 4 + i & 1]
-            words = [int.from_bytes(data[at + 8 + 3 * k : at + 11 + 3 * k], "little") for k in range(2 * len(axes))]
-            phases = [[1 << axis, words[2 * k], words[2 * k + 1]] for k, axis in enumerate(axes)]
-            at += 8 + 6 * len(axes)
+            at += 8
+            phases = []
+            for axis in axes:
+                phase, period = (int.from_bytes(data[at + k : at + k + 3], "little") for k in (0, 3))
+                phases.append([1 << axis, phase, period, int.from_bytes(data[at + 6 : at + 8], "little", signed=True)])
+                at += 8
         for mask in masks:
             begin = clock >> 8
             clock += interval
@@ -47,6 +50,7 @@ def moves(data: bytes) -> list[Move]:
                         steps[when] = both
                     steps[when] = steps.get(when, 0) | phase[0]
                     phase[1] += phase[2]
+                    phase[2] += phase[3]
                 phase[1] -= 0x10000
             if mask:
                 steps[end] = steps.get(end, 0) | mask
