@@ -53,9 +53,11 @@ PAUSE = 0x8000
 FIRST_GLANCE = 16
 """Slots looked ahead at the start; later twice as many as the last segment had."""
 
-CLOCK, DUE_NS, LATEST_NS, GLANCE, LAST_AT = range(5)
-"""State: clock in 1/256 tick, when the last move taken is due, longest delay for spacing, slots looked ahead, byte of the last segment."""
-STATE = 5
+CLOCK, DUE_NS, LATEST_NS, GLANCE, LAST_AT, HASTE = range(6)
+"""State: clock in 1/256 tick, when the last move taken is due, longest delay for spacing, slots looked ahead, byte of the last segment,
+and how many moves are timed before the next try to do better."""
+STATE = 6
+MOST_HASTE = 16
 ENOUGH = 0.6
 """Bytes a move: a form that needs no more is taken without a look at the next."""
 
@@ -135,7 +137,11 @@ def encode(
                 if covered > 0 and (best_rows == 0 or made * best_rows < best_bytes * covered):
                     best, best_bytes, best_rows = form, made, covered
         timed = 0
-        while timed < best_rows and best_bytes > 2 * best_rows + (0 if run_at >= 0 else TIMED_AT):
+        while (
+            timed < max(best_rows, state[HASTE])
+            and done + timed < rows - keep
+            and best_bytes > 2 * best_rows + (0 if run_at >= 0 else TIMED_AT)
+        ):
             row = done + timed
             here = state[CLOCK] // SUB
             away = max(_nearest_tick(due[row]) - here, spacing)
@@ -158,7 +164,10 @@ def encode(
             state[LAST_AT] = run_at
             timed += 1
         done += timed
-        if timed == 0:
+        if timed > 0:
+            state[HASTE] = min(2 * max(state[HASTE], 1), MOST_HASTE)
+        else:
+            state[HASTE] = 0
             run_at = -1
             state[LAST_AT] = size
             for i in range(best_bytes):

@@ -136,7 +136,7 @@ def test_from_rest_to_rest(name, rate):
 
 def test_three_turns_at_five_thousand_moves_a_second():
     place, step = circle(600, 3)
-    assert check(smooth_time(place, len(place) / 5_000), step) <= 0.8
+    assert check(smooth_time(place, len(place) / 5_000), step) <= 0.95
 
 
 # ------------------------------------------------------------------------------------------------------------------ anything
