@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,8 +16,16 @@ from cnc.stream import PulseChunk
 
 ROWS = 65536
 """Most rows in a chunk of pulses."""
-REST = 1e-6
-"""mm/s: a chunk that ends no faster than this ends at rest."""
+Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis", "crossings"]
+ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
+CODES: dict[Algorithm | None, int] = {
+    None: kernel.CHOICE,
+    "enclosing-line": kernel.ENCLOSING_LINE,
+    "half-step": kernel.HALF_STEP,
+    "point-by-point": kernel.POINT_BY_POINT,
+    "kiritsis": kernel.KIRITSIS,
+    "crossings": kernel.CROSSINGS,
+}
 
 
 class ReferencePulse:
@@ -24,16 +33,18 @@ class ReferencePulse:
 
     steps_per_mm (axes,): each axis's own, its inverse is the BLU. start (axes,) mm: where the path begins, on the grid or not. The grid
     point of an axis is the integer nearest to its position in BLU; of two equally near ones, the one that it came from while the path goes
-    on, the even one where it ends (:meth:`settle`). min_pulse_ns: the
-    board's least time between two pulses of one axis; an axis that turns back sooner after a step makes neither step (see the kernel).
+    on, the even one where it ends (:meth:`settle`). min_pulse_ns: the board's least time between two rows; an axis that turns back sooner
+    after a step makes neither step. algorithm: for the pieces that it can do, None for the one that suits each piece (see the kernel).
     """
 
-    def __init__(self, steps_per_mm: ArrayLike, start: ArrayLike, min_pulse_ns: float = 0.0) -> None:
+    def __init__(self, steps_per_mm: ArrayLike, start: ArrayLike, min_pulse_ns: float = 0.0, *, algorithm: Algorithm | None = None) -> None:
         self.steps_per_mm = np.array(steps_per_mm, dtype=np.float64)
         self._grid = np.rint(np.asarray(start, dtype=np.float64) * self.steps_per_mm).astype(np.int64)
         self._origin = self._grid.copy()
         self.min_pulse_ns = min_pulse_ns
+        self._algorithm = CODES[algorithm]
         self._last_ns = 0
+        self._released_ns = -(2**62)
         self._latest: PlanChunk | None = None
         self._error = 0.0
         self._filled = 0
@@ -55,7 +66,7 @@ class ReferencePulse:
 
     @property
     def error_blu(self) -> float:
-        """Largest distance, in any axis and at the moment of any grid move, of the grid point from the path: at most 0.5 + 1e-9 BLU."""
+        """Largest distance, in any axis and at the place of any grid move, of the grid point from the path: at most 0.5 + 1e-9 BLU."""
         return self._error
 
     def pulses(self, chunk: PlanChunk) -> Iterator[PulseChunk]:
@@ -68,22 +79,24 @@ class ReferencePulse:
         whole = int(np.floor(chunk.t0))
         integers = np.zeros(kernel.INTEGERS, dtype=np.int64)
         integers[kernel.LAST_NS] = self._last_ns
+        integers[kernel.RELEASED_NS] = self._released_ns
         floats = np.zeros(kernel.FLOATS)
         floats[kernel.ERROR] = self._error
         while integers[kernel.PIECE] < len(chunk.path):
             rows = kernel.pulses(
-                *arrays, whole * 1_000_000_000, chunk.t0 - whole, self.steps_per_mm, self._grid, integers, floats,
+                *arrays, whole * 1_000_000_000, chunk.t0 - whole, self._algorithm, self.steps_per_mm, self._grid, integers, floats,
                 self._time_ns, self._step, self._line, self._reach, self._filled, self._recent, self.min_pulse_ns,
             )  # fmt: skip
             self._last_ns = int(integers[kernel.LAST_NS])
             self._error = float(floats[kernel.ERROR])
-            at_rest = integers[kernel.PIECE] == len(chunk.path) and chunk.phase_v[-1] <= REST
+            at_rest = integers[kernel.PIECE] == len(chunk.path) and chunk.phase_v[-1] <= kernel.REST
             ready = rows if at_rest else int(np.searchsorted(self._time_ns[:rows], self._last_ns - self.min_pulse_ns, side="right"))
             if ready == 0 and rows == ROWS:
                 ready = rows
             self._filled = rows - ready
             self._recent = np.maximum(self._recent - ready, -1)
             if ready:
+                self._released_ns = integers[kernel.RELEASED_NS] = int(self._time_ns[ready - 1])
                 yield PulseChunk(self._time_ns[:ready].copy(), self._step[:ready].copy(), self._line[:ready].copy())
                 for buffer in (self._time_ns, self._step, self._line):
                     buffer[: self._filled] = buffer[ready:rows].copy()
@@ -107,5 +120,6 @@ class ReferencePulse:
         step = np.rint(end[0] * self.steps_per_mm).astype(np.int64) - self._grid
         if step.any():
             self._grid += step
-            self._last_ns = max(self._last_ns, round((chunk.t0 + chunk.duration) * 1e9))
+            earliest = self._released_ns + int(self.min_pulse_ns)
+            self._last_ns = self._released_ns = max(self._last_ns, round((chunk.t0 + chunk.duration) * 1e9), earliest)
             yield PulseChunk(np.array([self._last_ns]), step[None].astype(np.int8), chunk.path.line[-1:].copy())

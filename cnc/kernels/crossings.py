@@ -46,6 +46,9 @@ TOGETHER = 1e-4
 GENTLE = 1.0 / 256.0
 """With second and third derivatives so much smaller than the first the inverse series of the cubic is sharp to 1e-9 of a step."""
 
+KEPT = 32
+"""Numbers that a generator of rows may keep of a piece while it is under way; zeros when the piece is entered."""
+
 POLYNOMIAL = 26
 """Coefficients of a polynomial (8) and of its first (7), second (6) and third derivative (5)."""
 X, OFF, RATE, BEND, TWIST, LINE_AT = range(6)

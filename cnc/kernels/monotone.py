@@ -9,7 +9,7 @@ lies tells whether a line is reached inside:
         |  /          |          The interpolators of :mod:`cnc.kernels.enclosing_line` and :mod:`cnc.kernels.kiritsis` write the rows of
         +---------------> x      a window; the grid point goes along from one to the next, at most one BLU from the curve.
 
-Where the piece ends, or the part of it that is to be gone, a last row rounds the grid point to the end, on the grid or not.
+Where the piece ends a last row rounds the grid point to the end, on the grid or not; rows don't depend on where a piece is cut.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def _rows(
     ends = np.empty(n)
     turns = np.empty(n * MAX_TURNING_POINTS + 1)
     all_turning_points(kind, data, at, n, turns)
-    u0, _ = curve_range(kind, data, at)
+    u0, u1 = curve_range(kind, data, at)
     curve_eval(kind, data, at, u, ra)
     lengths[0, 0] = curve_arclen(kind, data, at, u0, u)
     for i in range(n):
@@ -84,7 +84,7 @@ def _rows(
         lengths[0, 0] = lengths[1, 0]
         ra, rb = rb, ra
     state[WIDTH] = width
-    moving = not full
+    moving = not full and upto == u1
     while moving:
         moving = False
         for i in range(n):

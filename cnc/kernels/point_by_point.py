@@ -7,7 +7,7 @@ keeps P within a whole BLU only. Moved by half a step it keeps half a BLU, which
       C o     ,'    |           corner inside the circle the arc leaves the cell at the top, so y steps, else at the left, so x steps.
         |    '      |
         |   :   P   |           In other words, an axis steps where the curve crosses its next half-grid line, whichever is first. So the
-        |   '.      |           rows are those of :mod:`cnc.kernels.crossings`, with one axis a row where the curve passes through a
+        |   '.      |           rows are those of :mod:`cnc.kernels.crossing_rows`, with one axis a row where the curve passes through a
         +-----'-----+           corner; and any number of axes may move, on any curve.
 
 As the paper has it, in integers on its line and circle, the method is in :mod:`cnc.kernels.comparison`.
@@ -18,8 +18,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.crossings import POLYNOMIAL, STATE, curve_rows
-from cnc.kernels.curve import MAX_TURNING_POINTS, Floats, Ints, curve_inv_arclen, curve_range
+from cnc.kernels.crossing_rows import crossing_rows
+from cnc.kernels.curve import Floats, Ints, curve_inv_arclen, curve_range
 from cnc.kernels.jit import njit
 
 
@@ -38,13 +38,7 @@ def point_by_point_rows(
     room = len(reach)
     first = rows
     u0, _ = curve_range(kind, data, at)
-    turns = np.empty((n, MAX_TURNING_POINTS + 1))
-    ends = np.empty((n, MAX_TURNING_POINTS + 1))
-    poly = np.empty((n + 1, POLYNOMIAL))
-    rows, u, error = curve_rows(
-        kind, data, at, u, upto, s0, scale, grid, turns, ends, poly, np.empty((4, n)), np.empty((4, n)), np.empty((4, n)),
-        np.empty((2, 4)), np.empty((n, STATE)), np.empty(n), np.empty((n, 2), np.int64), 0.0, rows, step, reach,
-    )  # fmt: skip
+    rows, u, error = crossing_rows(kind, data, at, u, upto, s0, scale, grid, state, rows, step, reach)
     count = first
     for row in range(first, rows):
         for i in range(n):
