@@ -24,6 +24,7 @@ from cnc.control import Control
 from cnc.drivers.base import PulseSink
 from cnc.drivers.registry import open_board
 from cnc.errors import Diagnostic, UsageError
+from cnc.interpolator.reference_pulse import Algorithm
 from cnc.job import Job, Outputs, Watch, start_position
 from cnc.machine.load import load_machine
 from cnc.machine.models import DialectName, Machine
@@ -57,6 +58,7 @@ def check(
     *,
     dialect: DialectName | None = None,
     interpolator: Interpolator = "reference-pulse",
+    algorithm: Algorithm | None = None,
     outputs: Outputs | None = None,
     watch: Watch | None = None,
     control: Control | None = None,
@@ -64,10 +66,12 @@ def check(
     """Verify a program without a board: language, travel, the plan against every limit, and its pulses.
 
     program: its file, ``-`` for standard input. machine: itself, its file or shipped name, None for the default. dialect: None for the
-    machine's. interpolator: ``sampled`` samples the motion at the machine's period, too; a trace does so in any case. control: its feed
-    override scales the feeds, its stop ends the check.
+    machine's. interpolator: ``sampled`` samples the motion at the machine's period, too; a trace does so in any case. algorithm: for the
+    pulses of the pieces of path that it can do; None for the one that suits each piece. control: its feed override scales the feeds, its
+    stop ends the check.
     """
-    return Job(program, _machine(machine), dialect, interpolator == "sampled", outputs or Outputs(), watch or Watch(), control).carry_out()
+    job = Job(program, _machine(machine), dialect, interpolator == "sampled", outputs or Outputs(), watch or Watch(), control, algorithm)
+    return job.carry_out()
 
 
 def check_many(
@@ -76,6 +80,7 @@ def check_many(
     *,
     dialect: DialectName | None = None,
     interpolator: Interpolator = "reference-pulse",
+    algorithm: Algorithm | None = None,
     feed_override: float = 100.0,
     jobs: int | None = None,
 ) -> Iterator[Report]:
@@ -85,8 +90,15 @@ def check_many(
     library fails ``internal-error``; the rest are checked all the same.
     """
     names = [str(program) for program in programs]
-    sampled = interpolator == "sampled"
-    return pool.check_many(names, _machine(machine), dialect=dialect, sampled=sampled, feed_override=feed_override, jobs=jobs)
+    return pool.check_many(
+        names,
+        _machine(machine),
+        dialect=dialect,
+        sampled=interpolator == "sampled",
+        algorithm=algorithm,
+        feed_override=feed_override,
+        jobs=jobs,
+    )
 
 
 def run(
@@ -97,6 +109,7 @@ def run(
     port: str | None = None,
     dialect: DialectName | None = None,
     interpolator: Interpolator = "reference-pulse",
+    algorithm: Algorithm | None = None,
     outputs: Outputs | None = None,
     watch: Watch | None = None,
     control: Control | None = None,
@@ -107,7 +120,7 @@ def run(
     hold, resume, override and stop, from any thread or from ``watch.on_sent``; each takes effect at the end of what has been sent.
     """
     known = _machine(machine)
-    job = Job(program, known, dialect, interpolator == "sampled", outputs or Outputs(), watch or Watch(), control)
+    job = Job(program, known, dialect, interpolator == "sampled", outputs or Outputs(), watch or Watch(), control, algorithm)
     if board is not None and not isinstance(board, str):
         return job.carry_out(board, type(board).__name__)
     name = board or known.board.kind

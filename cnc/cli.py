@@ -42,6 +42,7 @@ HYPHEN = "\0-"
 Dialect = Literal["auto", "linuxcnc", "grbl", "fanuc", "paper"]
 Interpolator = Literal["reference-pulse", "sampled"]
 CheckFormat = Literal["text", "json", "sarif", "junit", "github"]
+Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis", "crossings"]
 
 app = App(
     name="cncrun",
@@ -75,6 +76,9 @@ class Common:
     interpolator: Annotated[
         Interpolator, _option("reference-pulse: grid moves alone. sampled: also positions at the machine's period.")
     ] = "reference-pulse"
+    algorithm: Annotated[
+        Algorithm | None, _option("How the grid moves are made, where it can make them; what suits each piece of path if left out.")
+    ] = None
     feed_override: Annotated[float, _option("Per cent of the programmed feeds, 1 to 200; traverses are not scaled.")] = 100.0
     blocks: Annotated[str | None, _output("Write the canonical blocks to FILE.jsonl (- is standard output, here and below).")] = None
     trace: Annotated[str | None, _output("Write position, feed, acceleration and jerk a period to FILE.npz or FILE.csv.")] = None
@@ -138,6 +142,7 @@ def run(
             port=port,
             dialect=common.dialect,
             interpolator=common.interpolator,
+            algorithm=common.algorithm,
             outputs=common.outputs(),
             watch=screen.watch(),
             control=control,
@@ -187,6 +192,7 @@ def _check_one(file: str, common: Common) -> Report:
             machine,
             dialect=common.dialect,
             interpolator=common.interpolator,
+            algorithm=common.algorithm,
             outputs=common.outputs(),
             watch=screen.watch(),
             control=control,
@@ -212,6 +218,7 @@ def _check_listed(files: Sequence[str], common: Common, jobs: int | None, shown:
             load_machine(common.machine),
             dialect=common.dialect,
             sampled=common.interpolator == "sampled",
+            algorithm=common.algorithm,
             feed_override=control.feed_override,
             jobs=jobs,
             on_done=lambda done: screen.count(done, len(files)),

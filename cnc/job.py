@@ -23,7 +23,7 @@ from cnc.gcode.parameters import Parameters
 from cnc.gcode.program import interpret
 from cnc.gcode.text import Text
 from cnc.gcode.tools import ToolTable
-from cnc.interpolator.reference_pulse import ReferencePulse
+from cnc.interpolator.reference_pulse import Algorithm, ReferencePulse
 from cnc.interpolator.sampled import Sampled
 from cnc.machine.models import DialectName, Machine
 from cnc.memory import Memory, folders
@@ -97,6 +97,7 @@ class Job:
         outputs: Outputs,
         watch: Watch,
         control: Control | None = None,
+        algorithm: Algorithm | None = None,
     ) -> None:
         check_formats(outputs.trace, outputs.pulses)
         self.program = program
@@ -108,6 +109,7 @@ class Job:
         self.outputs = outputs
         self.watch = watch
         self.control = control or Control()
+        self.algorithm = algorithm
         self.start = start_position(machine)
         self._place = None if self.name != str(program) else Path(program)
         self._memory = Memory(machine)
@@ -194,7 +196,7 @@ class Job:
         """The second pass: plan, interpolate, and send or only look."""
         report, machine = self.report, self.machine
         steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
-        interpolator = ReferencePulse(steps_per_mm, self.start, 1e9 / machine.board.max_step_rate)
+        interpolator = ReferencePulse(steps_per_mm, self.start, 1e9 / machine.board.max_step_rate, algorithm=self.algorithm)
         on_pulses = None
         if self.outputs.pulses is not None:
             on_pulses = self._opened(pulse_writer(self.outputs.pulses, machine, interpolator.origin_steps)).write

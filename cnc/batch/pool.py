@@ -12,13 +12,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cnc.batch.task import Prepare, Task
 from cnc.errors import CncError, Diagnostic, UsageError
 from cnc.machine.models import DialectName, Machine
 from cnc.report.result import Report
 from cnc.source import STANDARD_INPUT
+
+if TYPE_CHECKING:
+    from cnc.interpolator.reference_pulse import Algorithm
 
 ATTEMPTS = 2
 """A program whose worker dies is tried again: it may have been another's memory that was wanted."""
@@ -40,6 +43,7 @@ def check_many(
     *,
     dialect: DialectName | None = None,
     sampled: bool = False,
+    algorithm: Algorithm | None = None,
     feed_override: float = 100.0,
     jobs: int | None = None,
     on_done: Callable[[int], None] | None = None,
@@ -53,7 +57,7 @@ def check_many(
     """
     if jobs is not None and jobs < 1:
         raise UsageError(Diagnostic("job-count", f"{jobs} processes can't check anything", hint="give --jobs 1 or more"))
-    tasks = [Task(program, machine, dialect, sampled, feed_override) for program in programs]
+    tasks = [Task(program, machine, dialect, sampled, feed_override, algorithm) for program in programs]
     crew = _Crew(tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None))
     finished: dict[int, Report | CncError] = {}
     count = 0

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from cnc.control import Control
 from cnc.errors import CncError, Diagnostic
 from cnc.machine.models import DialectName, Machine
 from cnc.report.result import Extremes, Report
+
+if TYPE_CHECKING:
+    from cnc.interpolator.reference_pulse import Algorithm
 
 
 class Prepare:
@@ -27,6 +31,7 @@ class Task:
     dialect: DialectName | None = None
     sampled: bool = False
     feed_override: float = 100.0
+    algorithm: Algorithm | None = None
 
     def perform(self) -> Report | CncError:
         """Check the program here; a CncError is for the caller, who named a machine or an option that can't be used with any program."""
@@ -34,7 +39,8 @@ class Task:
 
         try:
             control = Control(self.feed_override)
-            return Job(self.program, self.machine, self.dialect, self.sampled, Outputs(), Watch(), control).carry_out()
+            job = Job(self.program, self.machine, self.dialect, self.sampled, Outputs(), Watch(), control, self.algorithm)
+            return job.carry_out()
         except CncError as error:
             return error
         except Exception as error:

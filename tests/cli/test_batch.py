@@ -274,3 +274,13 @@ def test_a_bar_counts_programs_on_a_terminal_only(monkeypatch):
             time.sleep(0.11)
             shown.count(3, 7)
         assert ("3 of 7 programs" in stream.getvalue()) == (stream.isatty() and not quiet)
+
+
+def test_the_algorithm_reaches_every_worker(tmp_path: Path) -> None:
+    """Two axes at 45 degrees: as many rows as steps of one by half steps, twice as many by comparing point by point."""
+    programs = []
+    for number in range(2):
+        programs.append(str(tmp_path / f"{number}.nc"))
+        Path(programs[-1]).write_text("G21 G90 G1 X1 Y1 F600\nM2\n")
+    rows = {each: [report.pulse_rows for report in api.check_many(programs, algorithm=each, jobs=1)] for each in (None, "point-by-point")}
+    assert rows == {None: [200, 200], "point-by-point": [400, 400]}

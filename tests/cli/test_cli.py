@@ -374,7 +374,19 @@ def test_help_imports_nothing_that_takes_long(arguments):
 
 def test_help_says_what_there_is(cncrun):
     _, out, _ = cncrun("--help")
-    for word in ("check", "--machine", "--dialect", "--interpolator", "--board", "--dry-run", "--blocks", "--trace", "--pulses", "--json"):
+    for word in (
+        "check",
+        "--machine",
+        "--dialect",
+        "--interpolator",
+        "--algorithm",
+        "--board",
+        "--dry-run",
+        "--blocks",
+        "--trace",
+        "--pulses",
+        "--json",
+    ):
         assert word in out
 
 
