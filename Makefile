@@ -32,6 +32,7 @@ bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/sampled.py
 	$(BIN)/python benchmarks/planner.py --whole
 	$(BIN)/python benchmarks/segments.py
+	$(BIN)/python benchmarks/interpolators.py
 
 # The picture and the summary in the README.
 picture: $(VENV)/installed-view

@@ -282,5 +282,5 @@ def test_the_algorithm_reaches_every_worker(tmp_path: Path) -> None:
     for number in range(2):
         programs.append(str(tmp_path / f"{number}.nc"))
         Path(programs[-1]).write_text("G21 G90 G1 X1 Y1 F600\nM2\n")
-    rows = {each: [report.pulse_rows for report in api.check_many(programs, algorithm=each, jobs=1)] for each in (None, "point-by-point")}
+    rows = {each: [report.pulse_rows for report in check_many(programs, algorithm=each, jobs=1)] for each in (None, "point-by-point")}
     assert rows == {None: [200, 200], "point-by-point": [400, 400]}
