@@ -170,6 +170,27 @@ def test_random_curves(generator: Rows, seed: int) -> None:
     check(generator, [block], block.control_points[0], fine * rng.uniform(0.3, 1.0, axes))
 
 
+@BOTH
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=share(400, 20))
+def test_arcs_and_lines_of_any_size(generator: Rows, seed: int) -> None:
+    """From 1 um to 1 m, BLU from 1e-4 to 1 mm, ends on and off the grid and between its points, the BLU another for each axis."""
+    rng = np.random.default_rng(seed)
+    size = 10.0 ** rng.uniform(-3.0, 3.0)
+    blu = min(max(size / 10.0 ** rng.uniform(-1.0, share(3.5, 2.5)), 1e-4), 1.0)
+    axes = int(rng.integers(2, 5))
+    start, center, end = rng.uniform(-1.0, 1.0, (3, axes)) * size
+    scale = rng.uniform(0.3, 1.0, axes) / blu
+    if rng.random() < 0.5:
+        scale[:] = 1.0 / blu
+        start, center, end = (np.round(2.0 * p / blu) * 0.5 * blu for p in (start, center, end))
+    if rng.random() < 0.5 and np.hypot(*(start - center)[:2]) > 1e-3 * size:
+        turns = float(rng.choice([1.0, -1.0, 0.25, rng.uniform(-1.5, 1.5)]))
+        check(generator, [arc(start, (float(center[0]), float(center[1])), turns, rise=float(end[-1]) * (axes > 2))], start, scale)
+    elif np.abs(end - start).max() > 1e-6:
+        check(generator, [polyline([end, center])], start, scale)
+
+
 @pytest.mark.parametrize("seed", range(share(200, 12)))
 def test_each_row_is_the_exit_from_the_square(seed: int) -> None:
     """One Bezier of degree 2 to 5: the steps, all of them and in order, by an independent walk."""
