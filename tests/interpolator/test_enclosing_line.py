@@ -139,10 +139,12 @@ def by_squares(segments: Sequence[Segment], scale: Floats, grid: Ints, dense: in
 
 
 def check_squares(blocks: Sequence[Block], start: ArrayLike, steps_per_mm: ArrayLike, dense: int) -> None:
-    """The enclosing line's rows are those of :func:`by_squares`. All in one piece: where a piece ends the grid point is rounded."""
+    """The enclosing line's rows are those of :func:`by_squares`, if the path is one piece: where one ends the grid point is rounded."""
     origin = np.asarray(start, dtype=np.float64)
     scale = np.array(np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), origin.shape))
     rows = check(enclosing_line_rows, blocks, start, scale)
+    if len(path_of(blocks, origin)) > 1:
+        return
     expected, through = by_squares(segments_of(blocks, origin), scale, rows.grid[0], dense)
     np.testing.assert_array_equal(rows.grid[1 : len(expected) + 1], expected)
     assert not through or len(expected) == len(rows.step)
@@ -157,6 +159,7 @@ def nurbs(rng: np.random.Generator, axes: int, degree: int, points: int, heavies
 
 
 @BOTH
+@pytest.mark.filterwarnings("ignore::scipy.integrate.IntegrationWarning")  # next to cusps
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=share(400, 12))
 def test_random_curves(generator: Rows, seed: int) -> None:
