@@ -277,10 +277,10 @@ def test_a_bar_counts_programs_on_a_terminal_only(monkeypatch):
 
 
 def test_the_algorithm_reaches_every_worker(tmp_path: Path) -> None:
-    """Two axes at 45 degrees: as many rows as steps of one by half steps, twice as many by comparing point by point."""
+    """A line of slope 1/2: as many rows as steps of the one axis by half steps, as many as steps of both by comparing point by point."""
     programs = []
     for number in range(2):
         programs.append(str(tmp_path / f"{number}.nc"))
-        Path(programs[-1]).write_text("G21 G90 G1 X1 Y1 F600\nM2\n")
+        Path(programs[-1]).write_text("G21 G90 G1 X1 Y0.5 F600\nM2\n")
     rows = {each: [report.pulse_rows for report in check_many(programs, algorithm=each, jobs=1)] for each in (None, "point-by-point")}
-    assert rows == {None: [200, 200], "point-by-point": [400, 400]}
+    assert rows == {None: [200, 200], "point-by-point": [300, 300]}
