@@ -32,8 +32,22 @@ from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
+from cnc.report.selection import Selection
 
-__all__ = ["Control", "Outputs", "Report", "Watch", "check", "check_many", "load_machine", "parse", "plan", "run", "start_position"]
+__all__ = [
+    "Control",
+    "Outputs",
+    "Report",
+    "Selection",
+    "Watch",
+    "check",
+    "check_many",
+    "load_machine",
+    "parse",
+    "plan",
+    "run",
+    "start_position",
+]
 
 Interpolator = Literal["reference-pulse", "sampled"]
 
@@ -62,16 +76,17 @@ def check(
     outputs: Outputs | None = None,
     watch: Watch | None = None,
     control: Control | None = None,
+    selection: Selection | None = None,
 ) -> Report:
     """Verify a program without a board: language, travel, the plan against every limit, and its pulses.
 
     program: its file, ``-`` for standard input. machine: itself, its file or shipped name, None for the default. dialect: None for the
     machine's. interpolator: ``sampled`` samples the motion at the machine's period, too; a trace does so in any case. algorithm: for the
     pulses of the pieces of path that it can do; None for the one that suits each piece. control: its feed override scales the feeds, its
-    stop ends the check.
+    stop ends the check. selection: which findings besides errors to report.
     """
-    job = Job(program, _machine(machine), dialect, interpolator == "sampled", outputs or Outputs(), watch or Watch(), control, algorithm)
-    return job.carry_out()
+    known, sampled = _machine(machine), interpolator == "sampled"
+    return Job(program, known, dialect, sampled, outputs or Outputs(), watch or Watch(), control, algorithm, selection).carry_out()
 
 
 def check_many(
@@ -82,6 +97,7 @@ def check_many(
     interpolator: Interpolator = "reference-pulse",
     algorithm: Algorithm | None = None,
     feed_override: float = 100.0,
+    selection: Selection | None = None,
     jobs: int | None = None,
 ) -> Iterator[Report]:
     """Verify many programs in ``jobs`` processes (None: one a core) and yield their reports in their order.
@@ -97,6 +113,7 @@ def check_many(
         sampled=interpolator == "sampled",
         algorithm=algorithm,
         feed_override=feed_override,
+        selection=selection,
         jobs=jobs,
     )
 

@@ -21,7 +21,8 @@ from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError, valida
 
 from cnc import __version__
 from cnc.control import Control
-from cnc.errors import EXIT_REJECTED, EXIT_STOPPED, CncError, Diagnostic, UsageError
+from cnc.errors import EXIT_REJECTED, EXIT_STOPPED, SEVERITIES, CncError, Diagnostic, Severity, UsageError
+from cnc.report.selection import Selection
 from cnc.screen import Screen, tell_compiling
 
 if TYPE_CHECKING:
@@ -160,6 +161,9 @@ def check(
     jobs: Annotated[
         int | None, Parameter(help="How many programs to check at once; one a core if left out.", validator=validators.Number(gte=1))
     ] = None,
+    select: Annotated[tuple[str, ...], _option("Of the warnings and notes show those of these codes alone.")] = (),
+    ignore: Annotated[tuple[str, ...], _option("Don't show warnings and notes of these codes.")] = (),
+    fail_on: Annotated[Severity, _option("The least severe finding that makes the exit code 1.")] = "error",
     common: Common = _COMMON,
 ) -> int:
     """Verify programs without a board: language, travel, the limits of the plan, the pulses."""
@@ -168,7 +172,8 @@ def check(
     files = find_programs(names)
     listed = len(files) != 1 or names != files
     shown = common.summary_file if format == "text" else sys.stderr
-    reports = _check_listed(files, common, jobs, shown) if listed else [_check_one(files[0], common)]
+    selection = Selection(_codes(select), _codes(ignore))
+    reports = _check_listed(files, common, selection, jobs, shown) if listed else [_check_one(files[0], common, selection)]
     for name in {common.json, "-" if format == "json" else None}:
         if name is not None:
             _write_json(name, reports if listed else reports[0])
@@ -178,10 +183,15 @@ def check(
         write_format(format, reports)
     if not listed:
         _show(reports[0], common, shown)
-    return _end(reports, quiet=common.quiet)
+    return _end(reports, quiet=common.quiet, fail_on=fail_on)
 
 
-def _check_one(file: str, common: Common) -> Report:
+def _codes(listed: Sequence[str]) -> frozenset[str]:
+    """Codes that were given one by one or with commas between them."""
+    return frozenset(code for each in listed for code in each.split(",") if code)
+
+
+def _check_one(file: str, common: Common, selection: Selection) -> Report:
     """A program alone, in this process."""
     api = _library()
     machine = api.load_machine(common.machine)
@@ -196,11 +206,12 @@ def _check_one(file: str, common: Common) -> Report:
             outputs=common.outputs(),
             watch=screen.watch(),
             control=control,
+            selection=selection,
         )
     return report
 
 
-def _check_listed(files: Sequence[str], common: Common, jobs: int | None, shown: TextIO) -> list[Report]:
+def _check_listed(files: Sequence[str], common: Common, selection: Selection, jobs: int | None, shown: TextIO) -> list[Report]:
     """Programs in their order, in processes of their own; a line for each as soon as those before it have theirs."""
     from cnc.batch.pool import check_many
     from cnc.machine.load import load_machine
@@ -220,6 +231,7 @@ def _check_listed(files: Sequence[str], common: Common, jobs: int | None, shown:
             sampled=common.interpolator == "sampled",
             algorithm=common.algorithm,
             feed_override=control.feed_override,
+            selection=selection,
             jobs=jobs,
             on_done=lambda done: screen.count(done, len(files)),
             on_compiling=None if common.quiet else tell_compiling,
@@ -349,22 +361,24 @@ def _internal_error(error: Exception, verbose: bool) -> int:
     return EXIT_REJECTED
 
 
-def _end(reports: Sequence[Report], *, quiet: bool) -> int:
-    """Faults of all reports on standard error, the exit code of the worst."""
+def _end(reports: Sequence[Report], *, quiet: bool, fail_on: Severity = "error") -> int:
+    """Faults of all reports on standard error, and lesser findings that count for as much; the exit code of the worst."""
+    counting = SEVERITIES[: SEVERITIES.index(fail_on) + 1]
     sys.stdout.flush()
     for report in reports:
         if report.hidden_warnings and not quiet:
             print(f"{report.program}: {report.hidden_warnings} more warnings are not shown", file=sys.stderr)
         if report.hidden_faults:
             print(f"{report.program}: {report.hidden_faults} more places outside the travel are not shown", file=sys.stderr)
-        for fault in report.faults:
-            print(fault.diagnostic.render(), file=sys.stderr)
+        for finding in report.findings:
+            if finding.severity in counting:
+                print(finding.render(), file=sys.stderr)
     stopped = next((report for report in reports if report.stopped_at_line is not None), None)
     code = max((report.exit_code for report in reports), default=0)
     if stopped is not None and code == 0:
         print(_where_stopped(stopped), file=sys.stderr)
         return EXIT_STOPPED
-    return code
+    return code or int(any(finding.severity in counting for report in reports for finding in report.findings)) * EXIT_REJECTED
 
 
 def _where_stopped(report: Report) -> str:

@@ -32,8 +32,10 @@ from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import LONG, SLICE
+from cnc.report.hints import Hints, step_rate
 from cnc.report.outputs import JsonLines, Output, TraceWriter, check_formats, pulse_writer, trace_writer
 from cnc.report.result import Extremes, Report
+from cnc.report.selection import Selection
 from cnc.report.survey import Survey
 from cnc.source import readable, shown_name, with_texts
 from cnc.stopwatch import Stopwatch, TimedPulses
@@ -98,6 +100,7 @@ class Job:
         watch: Watch,
         control: Control | None = None,
         algorithm: Algorithm | None = None,
+        selection: Selection | None = None,
     ) -> None:
         check_formats(outputs.trace, outputs.pulses)
         self.program = program
@@ -110,6 +113,7 @@ class Job:
         self.watch = watch
         self.control = control or Control()
         self.algorithm = algorithm
+        self.selection = selection or Selection()
         self.start = start_position(machine)
         self._place = None if self.name != str(program) else Path(program)
         self._memory = Memory(machine)
@@ -141,6 +145,8 @@ class Job:
                     self._look_up("checking", report.lines)
                     if report.ok:
                         self._move(board)
+                        if board is None:
+                            self._hint(step_rate(report))
                     if report.ok and report.stopped_at_line is None:
                         self._close()
                         if board is not None and self._state is not None:
@@ -167,9 +173,12 @@ class Job:
     def _survey(self) -> None:
         """The first pass: read to the end; nothing moves."""
         report, survey, room = self.report, Survey(self.machine), KEPT_NUMBERS
+        hints = Hints(self.machine, self.start)
         blocks = self._reading.inside(self._blocks(self._warn, self._at_line))
         if self.outputs.blocks is not None:
             blocks = self._opened(JsonLines(self.outputs.blocks, self.machine.axis_names, self.name)).passed(blocks)
+        if report.board is None:
+            blocks = hints.passed(blocks)
         for item in self._planning.inside(self._path(self._counted(blocks))):
             if isinstance(item, BoardCommand | Probe | WaitInput | SpindleSync):
                 self._check_board(item)
@@ -191,6 +200,12 @@ class Job:
                 survey.between(item)
         report.path_length_mm = survey.length
         report.bounding_box = survey.box()
+        self._hint(hints.findings())
+
+    def _hint(self, findings: Iterable[Diagnostic]) -> None:
+        """Tell findings that were made without the source line at hand."""
+        for found in with_texts([GcodeError(finding) for finding in findings], {self.name: self.path}):
+            self._warn(found.diagnostic)
 
     def _move(self, board: PulseSink | None) -> None:
         """The second pass: plan, interpolate, and send or only look."""
@@ -385,7 +400,7 @@ class Job:
     def _warn(self, diagnostic: Diagnostic) -> None:
         """Tell and keep a warning once for its place, however often a loop comes by."""
         warnings, place = self.report.warnings, (diagnostic.code, diagnostic.file, diagnostic.line, diagnostic.column)
-        if place in self._warned:
+        if place in self._warned or not self.selection.wants(diagnostic):
             return
         if len(warnings) >= MOST_WARNINGS:
             self.report.hidden_warnings += 1

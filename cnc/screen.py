@@ -49,7 +49,7 @@ class Screen:
     def warn(self, diagnostic: Diagnostic) -> None:
         """Show a finding that ends nothing."""
         if not self._quiet:
-            print(f"warning: {diagnostic.render()}", file=sys.stderr)
+            print(f"{diagnostic.severity}: {diagnostic.render()}", file=sys.stderr)
 
     def __enter__(self) -> Screen:
         if threading.current_thread() is threading.main_thread():

@@ -80,7 +80,7 @@ def _with_text(fault: CncError, text: str) -> CncError:
     code = re.sub(r"\([^()]*\)|;.*", lambda comment: " " * len(comment[0]), text)
     if found.text or not code.strip():
         return fault
-    letter = found.message[0] if found.code == "soft-limit" else ""
+    letter = found.message[0] if found.code == "soft-limit" else "F" if found.code == "feed-unreachable" else ""
     word = (letter and re.search(rf"{letter}\s*[-+]?[\d.]+", code, re.IGNORECASE)) or re.search(r"\S(?:.*\S)?", code)
     column, length = (word.start() + 1, len(word[0])) if word and not found.column else (found.column, found.length)
     return type(fault)(replace(found, text=text, column=column, length=length))

@@ -18,6 +18,7 @@ from cnc.batch.task import Prepare, Task
 from cnc.errors import CncError, Diagnostic, UsageError
 from cnc.machine.models import DialectName, Machine
 from cnc.report.result import Report
+from cnc.report.selection import Selection
 from cnc.source import STANDARD_INPUT
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ def check_many(
     sampled: bool = False,
     algorithm: Algorithm | None = None,
     feed_override: float = 100.0,
+    selection: Selection | None = None,
     jobs: int | None = None,
     on_done: Callable[[int], None] | None = None,
     on_compiling: Callable[[], None] | None = None,
@@ -57,7 +59,7 @@ def check_many(
     """
     if jobs is not None and jobs < 1:
         raise UsageError(Diagnostic("job-count", f"{jobs} processes can't check anything", hint="give --jobs 1 or more"))
-    tasks = [Task(program, machine, dialect, sampled, feed_override, algorithm) for program in programs]
+    tasks = [Task(program, machine, dialect, sampled, feed_override, algorithm, selection) for program in programs]
     crew = _Crew(tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None))
     finished: dict[int, Report | CncError] = {}
     count = 0

@@ -9,6 +9,7 @@ from cnc.control import Control
 from cnc.errors import CncError, Diagnostic
 from cnc.machine.models import DialectName, Machine
 from cnc.report.result import Extremes, Report
+from cnc.report.selection import Selection
 
 if TYPE_CHECKING:
     from cnc.interpolator.reference_pulse import Algorithm
@@ -32,6 +33,7 @@ class Task:
     sampled: bool = False
     feed_override: float = 100.0
     algorithm: Algorithm | None = None
+    selection: Selection | None = None
 
     def perform(self) -> Report | CncError:
         """Check the program here; a CncError is for the caller, who named a machine or an option that can't be used with any program."""
@@ -39,7 +41,7 @@ class Task:
 
         try:
             control = Control(self.feed_override)
-            job = Job(self.program, self.machine, self.dialect, self.sampled, Outputs(), Watch(), control, self.algorithm)
+            job = Job(self.program, self.machine, self.dialect, self.sampled, Outputs(), Watch(), control, self.algorithm, self.selection)
             return job.carry_out()
         except CncError as error:
             return error

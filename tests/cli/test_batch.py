@@ -229,7 +229,8 @@ def test_modules_beside_the_programs_are_not_imported(tmp_path):
 
 
 def children(process: int) -> list[int]:
-    return [int(each) for each in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+    """Processes that any of its threads started."""
+    return [int(each) for listed in Path(f"/proc/{process}/task").glob("*/children") for each in listed.read_text().split()]
 
 
 def alive(process: int) -> bool:
@@ -242,15 +243,15 @@ def alive(process: int) -> bool:
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_no_process_outlives_the_one_that_wants_to_know(tmp_path, how):
-    for name in "abc":
-        (tmp_path / f"{name}.nc").write_bytes(b"#1 = 0\no1 while [#1 LT 1000000]\n#1 = [#1 + 1]\no1 endwhile\nM2\n")
+    for number in range(50):  # a second each, or more
+        (tmp_path / f"{number}.nc").write_bytes(b"#1 = 0\no1 while [#1 LT 1000000]\n#1 = [#1 + 1]\no1 endwhile\nM2\n")
     with subprocess.Popen(command(str(tmp_path), "--jobs", "2"), cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         workers = []
         while len(workers) < 2:
             assert process.poll() is None
             time.sleep(0.05)
             workers = children(process.pid)
-        time.sleep(2.0)  # in the middle of it
+        time.sleep(1.0)  # in the middle of it
         process.send_signal(how)
         assert process.wait(20) == (130 if how != signal.SIGKILL else -9)
         if how != signal.SIGKILL:
