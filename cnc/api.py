@@ -72,7 +72,7 @@ def check(
     *,
     dialect: DialectName | None = None,
     interpolator: Interpolator = "reference-pulse",
-    algorithm: Algorithm | None = None,
+    algorithm: Algorithm = "crossings",
     outputs: Outputs | None = None,
     watch: Watch | None = None,
     control: Control | None = None,
@@ -82,8 +82,8 @@ def check(
 
     program: its file, ``-`` for standard input. machine: itself, its file or shipped name, None for the default. dialect: None for the
     machine's. interpolator: ``sampled`` samples the motion at the machine's period, too; a trace does so in any case. algorithm: for the
-    pulses of the pieces of path that it can do; None for the one that suits each piece. control: its feed override scales the feeds, its
-    stop ends the check. selection: which findings besides errors to report.
+    pulses of the pieces of path that it can do, the others go by crossings. control: its feed override scales the feeds, its stop ends the
+    check. selection: which findings besides errors to report.
     """
     known, sampled = _machine(machine), interpolator == "sampled"
     return Job(program, known, dialect, sampled, outputs or Outputs(), watch or Watch(), control, algorithm, selection).carry_out()
@@ -95,7 +95,7 @@ def check_many(
     *,
     dialect: DialectName | None = None,
     interpolator: Interpolator = "reference-pulse",
-    algorithm: Algorithm | None = None,
+    algorithm: Algorithm = "crossings",
     feed_override: float = 100.0,
     selection: Selection | None = None,
     jobs: int | None = None,
@@ -126,7 +126,7 @@ def run(
     port: str | None = None,
     dialect: DialectName | None = None,
     interpolator: Interpolator = "reference-pulse",
-    algorithm: Algorithm | None = None,
+    algorithm: Algorithm = "crossings",
     outputs: Outputs | None = None,
     watch: Watch | None = None,
     control: Control | None = None,

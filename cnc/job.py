@@ -99,7 +99,7 @@ class Job:
         outputs: Outputs,
         watch: Watch,
         control: Control | None = None,
-        algorithm: Algorithm | None = None,
+        algorithm: Algorithm = "crossings",
         selection: Selection | None = None,
     ) -> None:
         check_formats(outputs.trace, outputs.pulses)

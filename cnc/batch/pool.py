@@ -44,7 +44,7 @@ def check_many(
     *,
     dialect: DialectName | None = None,
     sampled: bool = False,
-    algorithm: Algorithm | None = None,
+    algorithm: Algorithm = "crossings",
     feed_override: float = 100.0,
     selection: Selection | None = None,
     jobs: int | None = None,

@@ -32,7 +32,7 @@ class Task:
     dialect: DialectName | None = None
     sampled: bool = False
     feed_override: float = 100.0
-    algorithm: Algorithm | None = None
+    algorithm: Algorithm = "crossings"
     selection: Selection | None = None
 
     def perform(self) -> Report | CncError:

@@ -18,8 +18,7 @@ ROWS = 65536
 """Most rows in a chunk of pulses."""
 Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis", "crossings"]
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
-CODES: dict[Algorithm | None, int] = {
-    None: kernel.CHOICE,
+CODES: dict[Algorithm, int] = {
     "enclosing-line": kernel.ENCLOSING_LINE,
     "half-step": kernel.HALF_STEP,
     "point-by-point": kernel.POINT_BY_POINT,
@@ -33,11 +32,11 @@ class ReferencePulse:
 
     steps_per_mm (axes,): each axis's own, its inverse is the BLU. start (axes,) mm: where the path begins, on the grid or not. The grid
     point of an axis is the integer nearest to its position in BLU; of two equally near ones, the one that it came from while the path goes
-    on, the even one where it ends (:meth:`settle`). min_pulse_ns: the board's least time between two rows; an axis that turns back sooner
-    after a step makes neither step. algorithm: for the pieces that it can do, None for the one that suits each piece (see the kernel).
+    on, the even one where it ends (:meth:`settle`). min_pulse_ns: the board's least time between two steps; an axis that turns back sooner
+    after a step makes neither. algorithm: for the pieces that it can do, the others go by crossings (see the kernel).
     """
 
-    def __init__(self, steps_per_mm: ArrayLike, start: ArrayLike, min_pulse_ns: float = 0.0, *, algorithm: Algorithm | None = None) -> None:
+    def __init__(self, steps_per_mm: ArrayLike, start: ArrayLike, min_pulse_ns: float = 0.0, *, algorithm: Algorithm = "crossings") -> None:
         self.steps_per_mm = np.array(steps_per_mm, dtype=np.float64)
         self._grid = np.rint(np.asarray(start, dtype=np.float64) * self.steps_per_mm).astype(np.int64)
         self._origin = self._grid.copy()

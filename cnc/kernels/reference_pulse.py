@@ -6,12 +6,13 @@ A row is a grid move: the axes that step together, each by one BLU. Rows are mad
     phase by phase     when the motion is there                          :mod:`cnc.kernels.timing`
     row by row         what is too fast for the board                    :mod:`cnc.kernels.spacing`
 
-Every generator has the shape of :func:`cnc.kernels.crossing_rows.crossing_rows`; the grid point is what they hand on to each other. Lines
-and arcs go by half steps, curves in a plane by enclosing lines. Those step where the curve passes by a grid point, several axes at once, so
-that a row is within half a BLU of the curve in each axis. Other curves step axis by axis, each where it is half way to the next grid point.
+Every generator has the shape of :func:`cnc.kernels.crossing_rows.crossing_rows`; the grid point is what they hand on to each other. By
+crossings each axis steps where it is half way to its next grid point: no axis is ever more than half a BLU off, at a row or between rows,
+and its steps are as even as the motion. Half steps and enclosing lines step where the curve passes by a grid point, several axes at once:
+fewer rows, each within half a BLU of the curve in every axis, but behind it by up to a BLU and a half just before.
 
-A piece that ends off the grid ends with a row that rounds. Where a chunk ends inside a piece there is none: rows don't depend on how a plan
-is cut.
+With those a piece that ends off the grid ends with a row that rounds. Where a chunk ends inside a piece there is none: rows don't depend on
+how a plan is cut.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ from cnc.kernels.point_by_point import point_by_point_rows
 from cnc.kernels.spacing import spaced, without_grazes
 from cnc.kernels.timing import phase_times
 
-CHOICE, ENCLOSING_LINE, HALF_STEP, POINT_BY_POINT, KIRITSIS, CROSSINGS = range(6)
-"""Algorithms; CHOICE is the one that suits the piece."""
+ENCLOSING_LINE, HALF_STEP, POINT_BY_POINT, KIRITSIS, CROSSINGS = range(5)
+"""Algorithms."""
 
 SNAP = 1e-9
 """mm: a chunk that ends this near to the end of a piece ends with it."""
@@ -68,7 +69,7 @@ def moving_axes(kind: int, data: Floats, at: int, n: int) -> int:
 
 @njit
 def algorithm_for(kind: int, data: Floats, at: int, n: int, wanted: int) -> int:
-    """The algorithm for a piece: ``wanted`` where it can do the piece."""
+    """The algorithm for a piece: ``wanted`` where it can do the piece, else crossings."""
     moving = moving_axes(kind, data, at, n)
     able = (
         wanted in (CROSSINGS, POINT_BY_POINT)
@@ -76,11 +77,7 @@ def algorithm_for(kind: int, data: Floats, at: int, n: int, wanted: int) -> int:
         or (wanted == KIRITSIS and moving == 2)
         or (wanted == HALF_STEP and kind != SPAN)
     )
-    if able:
-        return wanted
-    if kind != SPAN:
-        return HALF_STEP
-    return ENCLOSING_LINE if moving == 2 else CROSSINGS
+    return wanted if able else CROSSINGS
 
 
 @njit
@@ -96,7 +93,8 @@ def pulses(
     (n,): steps per mm. grid (n,): grid point, carried on. integers, floats: state, zeros at the start of a chunk but for LAST_NS,
     RELEASED_NS and ERROR, which go on; the chunk is done when integers[PIECE] is past its last piece. time_ns (rows,), step (rows, n), line
     (rows,): buffers, of which the first ``filled`` rows are taken; reach (rows,): scratch. recent (n,): row of each axis's last pulse, -1
-    if it is no longer there. min_pulse_ns: rows come no faster, and an axis that steps back sooner after a step makes neither.
+    if it is no longer there. min_pulse_ns: an axis that steps back sooner after a step makes neither; but for crossings, rows
+    come no faster.
     """
     n = len(grid)
     s_begin = phase_s[0]
@@ -145,6 +143,9 @@ def pulses(
     integers[PIECE] = piece
     _times(phase_t, phase_s, phase_v, phase_a, phase_j, whole_ns, seconds, integers, floats, filled, rows, reach, time_ns)
     rows = without_grazes(filled, rows, time_ns, step, line, recent, min_pulse_ns)
+    if algorithm == CROSSINGS:
+        # an axis's own steps are as far apart as its speed makes them
+        return rows
     return spaced(rows, integers[RELEASED_NS], time_ns, step, line, recent, min_pulse_ns)
 
 

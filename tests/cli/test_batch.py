@@ -283,5 +283,7 @@ def test_the_algorithm_reaches_every_worker(tmp_path: Path) -> None:
     for number in range(2):
         programs.append(str(tmp_path / f"{number}.nc"))
         Path(programs[-1]).write_text("G21 G90 G1 X1 Y0.5 F600\nM2\n")
-    rows = {each: [report.pulse_rows for report in check_many(programs, algorithm=each, jobs=1)] for each in (None, "point-by-point")}
-    assert rows == {None: [200, 200], "point-by-point": [300, 300]}
+    rows = {
+        each: [report.pulse_rows for report in check_many(programs, algorithm=each, jobs=1)] for each in ("half-step", "point-by-point")
+    }
+    assert rows == {"half-step": [200, 200], "point-by-point": [300, 300]}

@@ -1,4 +1,4 @@
-"""Whole paths by every algorithm: each row within half a BLU of the path at its own time, whatever is chosen for the pieces."""
+"""Whole paths by every algorithm: each row within half a BLU of the path at its own time, for all kinds of pieces."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from plans import FILE, arc, at_constant_speed, cut, path_of, plan_of, polyline,
 from support import share
 
 Floats = NDArray[np.float64]
-EVERY = pytest.mark.parametrize("algorithm", [None, *ALGORITHMS])
-UNCUT = pytest.mark.parametrize("algorithm", [None, "half-step", "enclosing-line", "crossings", "point-by-point"])
+EVERY = pytest.mark.parametrize("algorithm", ALGORITHMS)
+UNCUT = pytest.mark.parametrize("algorithm", ["half-step", "enclosing-line", "crossings", "point-by-point"])
 """Their rows follow from path and grid point alone; the shortest normal is looked for from the place of the search before, or a cut."""
 
 
 def run(
-    plans: Sequence[PlanChunk], scale: ArrayLike, start: ArrayLike, algorithm: Algorithm | None, min_ns: float = 0.0
+    plans: Sequence[PlanChunk], scale: ArrayLike, start: ArrayLike, algorithm: Algorithm, min_ns: float = 0.0
 ) -> tuple[PulseChunk, ReferencePulse]:
     """All rows in one, the last move to the rounded end with them."""
     interpolator = ReferencePulse(scale, start, min_ns, algorithm=algorithm)
@@ -40,9 +40,7 @@ def run(
     ), interpolator
 
 
-def check(
-    blocks: Sequence[Block], start: ArrayLike, steps_per_mm: ArrayLike, algorithm: Algorithm | None, *, looked_at: int = 150
-) -> PulseChunk:
+def check(blocks: Sequence[Block], start: ArrayLike, steps_per_mm: ArrayLike, algorithm: Algorithm, *, looked_at: int = 150) -> PulseChunk:
     """Rows of a plan from rest to rest, and a share of them against the path evaluated another way at their times."""
     origin = np.asarray(start, dtype=np.float64)
     scale = np.array(np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), origin.shape))
@@ -108,42 +106,38 @@ def random_path(rng: np.random.Generator, axes: int) -> tuple[Floats, list[Block
 @EVERY
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=share(300, 4), deadline=None)
-def test_any_path(algorithm: Algorithm | None, seed: int) -> None:
+def test_any_path(algorithm: Algorithm, seed: int) -> None:
     rng = np.random.default_rng(seed)
     axes = int(rng.integers(2, 5))
     start, blocks = random_path(rng, axes)
     check(blocks, start, rng.choice([40.0, 50.0, 80.0, 100.0, 333.3], axes), algorithm, looked_at=40)
 
 
-def test_lines_and_arcs_go_by_half_steps_curves_in_a_plane_by_enclosing_lines_others_axis_by_axis() -> None:
-    def steps(blocks: Sequence[Block], start: Floats, algorithm: Algorithm | None) -> list[list[int]]:
+def test_what_an_algorithm_cant_do_goes_by_crossings() -> None:
+    def steps(blocks: Sequence[Block], start: Floats, algorithm: Algorithm) -> list[list[int]]:
         rows, _ = run([plan_of(path_of(blocks, start))], np.full(len(start), 100.0), start, algorithm)
         return [[int(each) for each in row] for row in rows.step]
 
     rng = np.random.default_rng(3)
     flat, space = np.zeros(2), np.zeros(3)
-    # the circle of the paper: 56 steps, 80 by comparing point by point, and as many by single axes
+    # the circle of the paper: 56 steps by half steps, 80 by comparing point by point
     circle = [arc([0.1, 0.0], (0.0, 0.0), 1.0)]
-    counts = {each: len(steps(circle, np.array([0.1, 0.0]), each)) for each in (None, *ALGORITHMS)}
-    assert counts[None] == counts["half-step"] == 56
-    assert counts["point-by-point"] == 80
-    assert steps([polyline([[0.3, 0.1, -0.2]])], space, None) == steps([polyline([[0.3, 0.1, -0.2]])], space, "half-step")
-    assert len(steps([polyline([[0.3, 0.1, -0.2]])], space, None)) == 30
+    assert len(steps(circle, np.array([0.1, 0.0]), "half-step")) == 56
+    assert len(steps(circle, np.array([0.1, 0.0]), "point-by-point")) == 80
+    line = [polyline([[0.3, 0.1, -0.2]])]
+    assert len(steps(line, space, "half-step")) == 30 < len(steps(line, space, "crossings"))
+    assert steps(line, space, "kiritsis") == steps(line, space, "crossings")
     curve, twisted = [random_nurbs(rng, flat, 3)], [random_nurbs(rng, space, 3)]
-    in_plane = [random_nurbs(rng, space, 3)]
-    in_plane[0].control_points[:, 1] = 0.0
-    assert steps(curve, flat, None) == steps(curve, flat, "enclosing-line") != steps(curve, flat, "crossings")
-    assert steps(in_plane, space, None) == steps(in_plane, space, "enclosing-line") != steps(in_plane, space, "crossings")
-    assert steps(twisted, space, None) == steps(twisted, space, "crossings") != steps(twisted, space, "enclosing-line")
-    # what an algorithm can't do goes as if it had not been named
-    assert steps(twisted, space, "kiritsis") == steps(twisted, space, "half-step") == steps(twisted, space, None)
-    assert steps(curve, flat, "half-step") == steps(curve, flat, None)
-    assert steps([polyline([[0.3, 0.1, -0.2]])], space, "kiritsis") == steps([polyline([[0.3, 0.1, -0.2]])], space, None)
+    assert steps(curve, flat, "half-step") == steps(curve, flat, "crossings") != steps(curve, flat, "enclosing-line")
+    assert steps(twisted, space, "kiritsis") == steps(twisted, space, "crossings") != steps(twisted, space, "enclosing-line")
     assert steps([polyline([[0.3]])], np.zeros(1), "enclosing-line") == [[1]] * 30
+    # if none is named
+    rows = ReferencePulse([100.0] * 3, space).pulses(plan_of(path_of(line, space)))
+    assert np.concatenate([part.step for part in rows]).tolist() == steps(line, space, "crossings")
 
 
 @UNCUT
-def test_a_chunk_may_be_cut_anywhere(algorithm: Algorithm | None) -> None:
+def test_a_chunk_may_be_cut_anywhere(algorithm: Algorithm) -> None:
     start = np.array([10.0, 10.0])
     blocks = [trident(), polyline([[10.5, 0.3], [10.7, -1.0]], line=5), arc([10.7, -1.0], (11.7, -1.2), -0.8, line=7)]
     plan = plan_of(path_of(blocks, start), t0=3.25)
@@ -160,7 +154,7 @@ def test_a_chunk_may_be_cut_anywhere(algorithm: Algorithm | None) -> None:
 
 
 @UNCUT
-def test_a_buffer_smaller_than_the_rows(algorithm: Algorithm | None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_buffer_smaller_than_the_rows(algorithm: Algorithm, monkeypatch: pytest.MonkeyPatch) -> None:
     start = np.array([10.0, 10.0])
     blocks = [trident(), polyline([[10.0, 0.5], [10.3, 0.8]], line=5), arc([10.3, 0.8], (10.3, 1.0), 1.4, line=6)]
     plan = plan_of(path_of(blocks, start))
@@ -173,9 +167,9 @@ def test_a_buffer_smaller_than_the_rows(algorithm: Algorithm | None, monkeypatch
         assert np.abs(rows.time_ns - whole.time_ns).max() <= 3000
 
 
-@EVERY
+@pytest.mark.parametrize("algorithm", [each for each in ALGORITHMS if each != "crossings"])
 @pytest.mark.parametrize("seed", range(share(60, 4)))
-def test_rows_are_never_nearer_than_the_board_takes_them(algorithm: Algorithm | None, seed: int) -> None:
+def test_rows_are_never_nearer_than_the_board_takes_them(algorithm: Algorithm, seed: int) -> None:
     """At the highest speed that the board's rate allows on any one axis, over short moves off the grid."""
     rng = np.random.default_rng(seed)
     start, blocks = random_path(rng, 3)
@@ -198,13 +192,13 @@ def test_rows_are_never_nearer_than_the_board_takes_them(algorithm: Algorithm | 
 
 def test_times_are_exact_after_hours() -> None:
     path = path_of([polyline([[1.0, 0.3]])], [0.0, 0.0])
-    early, _ = run([plan_of(path)], [100.0, 100.0], [0.0, 0.0], None)
-    late, _ = run([plan_of(path, t0=1e6)], [100.0, 100.0], [0.0, 0.0], None)
+    early, _ = run([plan_of(path)], [100.0, 100.0], [0.0, 0.0], "half-step")
+    late, _ = run([plan_of(path, t0=1e6)], [100.0, 100.0], [0.0, 0.0], "half-step")
     assert (late.time_ns - early.time_ns == 10**15).all()
 
 
 def test_half_steps_fall_due_on_the_grid() -> None:
-    rows, _ = run([at_constant_speed(path_of([polyline([[10.0, 3.3]])], [0.0, 0.0]), 20.0)], [100.0, 100.0], [0.0, 0.0], None)
+    rows, _ = run([at_constant_speed(path_of([polyline([[10.0, 3.3]])], [0.0, 0.0]), 20.0)], [100.0, 100.0], [0.0, 0.0], "half-step")
     length = np.hypot(10.0, 3.3)
     np.testing.assert_array_equal(rows.time_ns, np.rint(np.arange(1, 1001) * length / 1000 / 20.0 * 1e9))
     np.testing.assert_array_equal(np.cumsum(rows.step[:, 1]), np.rint(np.arange(1, 1001) * 0.33 - 1e-9))

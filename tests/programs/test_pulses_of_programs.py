@@ -56,17 +56,14 @@ def check_pulses(program: Path, tmp_path: Path, looked_at: int) -> None:
     end = np.array(list(report.end_position.values())) * STEPS_PER_MM
     assert np.abs(grid[-1] - end).max() <= 0.5 + 1e-6
 
-    # Over any number of steps no axis is faster than its velocity allows, but for the one BLU that the rows' distance from the path makes;
-    # and no row follows another faster than the board can.
+    # No axis is stepped faster than its velocity allows, nor than the board can.
     for axis, limits in enumerate(MACHINE.axes.values()):
         times = time[step[:, axis] != 0]
-        turns = np.diff(step[step[:, axis] != 0, axis]) != 0
-        for steps in (2, 3, 10, 100):
-            same_way = np.convolve(turns, np.ones(steps), "valid") == 0 if len(turns) >= steps else np.zeros(0, bool)
-            assert ((times[steps:] - times[:-steps])[same_way] >= (steps - 1) * 1e9 / limits.step_rate / 1.001 - 1).all()
-    assert (np.diff(time) >= 1e9 / MACHINE.board.max_step_rate - 1).all()
+        same_way = np.diff(step[step[:, axis] != 0, axis]) == 0
+        assert (np.diff(times)[same_way] >= 1e9 / limits.step_rate / 1.001 - 1).all()
+        assert (np.diff(times) >= 1e9 / MACHINE.board.max_step_rate - 1).all()
 
-    # A share of the rows against the plan: half a BLU at the row, one and a half just before it.
+    # A share of the rows against the plan: half a BLU before the step and after it.
     chunks = [item for item in plan(program, MACHINE) if isinstance(item, PlanChunk)]
     starts = np.array([chunk.t0 for chunk in chunks])
     before = np.vstack([origin, grid[:-1]])
@@ -75,7 +72,7 @@ def check_pulses(program: Path, tmp_path: Path, looked_at: int) -> None:
         chunk = chunks[max(int(np.searchsorted(starts, seconds, side="right")) - 1, 0)]
         exact = place(chunk, seconds) * STEPS_PER_MM
         assert np.abs(grid[row] - exact).max() <= 0.5 + ROUNDING
-        assert np.abs(before[row] - exact).max() <= 1.5 + ROUNDING
+        assert np.abs(before[row] - exact).max() <= 0.5 + ROUNDING
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.name)
