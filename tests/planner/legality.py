@@ -274,15 +274,13 @@ def _judge_path(rows: dict, path: list[Piece], machine: Machine, override: Overr
         best[rows_here[on_line]] = np.minimum(best[rows_here[on_line]], _from_segments(q, a, b))
         for k in np.unique(piece[~on_line]):
             by_curve.setdefault(int(k), []).append(rows_here[piece == k])
-    for k, some in by_curve.items():
-        # Only where no line was near enough already.
-        wanted = np.concatenate(some)
-        wanted = wanted[best[wanted] > allowed[wanted] + 0.5 * APART]
-        if len(wanted):
-            best[wanted] = np.minimum(best[wanted], path[k].distance(p[wanted]))
+    for everywhere in (False, True):
+        for k, some in by_curve.items():
+            # Only where nothing was near enough already.
+            wanted = np.concatenate(some)
             wanted = wanted[best[wanted] > allowed[wanted] + 0.5 * APART]
-        if len(wanted):
-            best[wanted] = np.minimum(best[wanted], path[k].distance(p[wanted], everywhere=True))
+            if len(wanted):
+                best[wanted] = np.minimum(best[wanted], path[k].distance(p[wanted], everywhere=everywhere))
     found.apart = float((best - allowed).max())
     if found.apart > APART:
         worst = int(np.argmax(best - allowed))
@@ -326,9 +324,7 @@ def _judge_path(rows: dict, path: list[Piece], machine: Machine, override: Overr
         allow = reach + machine.path.chord_error + APART
         for far in np.flatnonzero(apart > allow + slack):
             # the nearest samples may be those of another stretch, where the motion is slower
-            whole = _from_segments(np.broadcast_to(targets[far], p[1:].shape), p[:-1], p[1:])
-            nearest = int(np.argmin(whole - ds))
-            apart[far], slack[far] = whole[nearest], ds[nearest]
+            apart[far] = _from_segments(np.broadcast_to(targets[far], p[1:].shape), p[:-1], p[1:]).min()
         over_by = apart - (allow + slack)
         if (over_by > 0.0).any():
             found.wrong.append(f"the motion passes line {piece.line} by {apart[int(np.argmax(over_by))]:.3g} mm")
