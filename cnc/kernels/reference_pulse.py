@@ -70,13 +70,10 @@ def moving_axes(kind: int, data: Floats, at: int, n: int) -> int:
 @njit
 def algorithm_for(kind: int, data: Floats, at: int, n: int, wanted: int) -> int:
     """The algorithm for a piece: ``wanted`` where it can do the piece, else crossings."""
-    moving = moving_axes(kind, data, at, n)
-    able = (
-        wanted in (CROSSINGS, POINT_BY_POINT)
-        or (wanted == ENCLOSING_LINE and moving >= 2)
-        or (wanted == KIRITSIS and moving == 2)
-        or (wanted == HALF_STEP and kind != SPAN)
-    )
+    able = wanted == POINT_BY_POINT or (wanted == HALF_STEP and kind != SPAN)
+    if wanted in (ENCLOSING_LINE, KIRITSIS):
+        moving = moving_axes(kind, data, at, n)
+        able = moving == 2 or (wanted == ENCLOSING_LINE and moving > 2)
     return wanted if able else CROSSINGS
 
 
