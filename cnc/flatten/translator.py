@@ -1,0 +1,165 @@
+"""The plan stream as lines of G-code for a GRBL 1.1 board: arcs stay arcs, all else becomes lines and arcs within a tolerance.
+
+    PlanChunk ──► Strands ──► pending strand ──► fewest lines and arcs between its cuts ──► Writer ──► GcodeLine
+    Block ──────────────────► Commands ─────────────────────────────────────────────────────────────►
+
+**Coordinates.** The plan is in machine coordinates; GRBL takes those only of straight moves (G53 holds for one line and not for arcs), so
+lines are in work coordinates with G54 selected, and the Translator has to be told what the board adds to them:
+
+    work_offset = G54 + G92 + tool length, x y z in mm: the ``WCO`` of a status report while G54 is selected.
+
+The first line selects G54 and nothing that would change an offset is ever sent, so that WCO stays what it was. Who drives a board asks it
+for these numbers (``$#``, or ``?`` after G54), has the program read with the same offsets, and compares WCO with ``work_offset`` once the
+first line has been carried out, before any motion. For a file it is the offset of G54 with which the program was read: the file runs
+wherever G54 is set on the part.
+
+**Speed.** A line is sent with the highest speed that the plan has on it, so that curves and corners are taken as planned; the board makes
+its own ramps. F is said where that differs by more than 5 % from the one in effect, and is never more than programmed. Traverses are G0.
+
+**Rests.** Where the path itself rests between two moves (G61.1) G4 P0 stands, for which GRBL comes to rest. It does so by itself for
+everything that Commands sends but comments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from cnc.canon import Block, BoardCommand, End, Message, Probe
+from cnc.errors import Diagnostic, GcodeError
+from cnc.flatten.commands import Commands, probe_word
+from cnc.flatten.strand import NO_ARC, Strand, Strands
+from cnc.flatten.words import LETTERS
+from cnc.flatten.writer import Point, Writer
+from cnc.machine.models import Machine
+from cnc.planner.plan import PlanChunk
+from cnc.stream import GcodeLine
+
+PREAMBLE = "G21 G90 G94 G17 G54"
+REST = "G4 P0"
+DENSE = 0.05
+"""Part of the tolerance by which the points of a curve stand for it."""
+LEAST_TOLERANCE = 1e-4
+"""mm: one digit of what is printed."""
+
+
+class Translator:
+    """Lines for the items of one plan, in their order.
+
+    tolerance: mm, how far the lines may be from the path; None for the machine's (``path.tolerance``). work_offset: see above. mist: the
+    board has M7. Raises GcodeError ``not-on-board``, ``axis-not-on-board`` at the line of what GRBL can't do.
+    """
+
+    def __init__(
+        self, machine: Machine, tolerance: float | None = None, *, work_offset: Sequence[float] = (0.0, 0.0, 0.0), mist: bool = False
+    ) -> None:
+        axes = machine.axis_names
+        self.tolerance = max(machine.path.tolerance if tolerance is None else tolerance, LEAST_TOLERANCE)
+        letters = "".join(letter for letter in LETTERS if letter.lower() in axes)
+        self._axes = axes
+        self._commands = Commands(mist=mist)
+        self._strands = Strands(axes, DENSE * self.tolerance)
+        self._writer = Writer(work_offset, self.tolerance, machine.board.baud, letters)
+        self._pending: Strand | None = None
+        self._begun = False
+        self._rests = False
+        self._probing: Probe | None = None
+        self._guessed: Probe | None = None
+        self._position: Point | None = None
+
+    @property
+    def position(self) -> Point | None:
+        """Where the lines so far lead to, x y z in mm (machine coordinates); None where nobody knows: at first, and behind a probe."""
+        return self._position
+
+    def lines(self, item: PlanChunk | Block) -> Iterator[GcodeLine]:
+        """The lines that the next item of the plan makes certain; the others come with later items, or with :meth:`end`."""
+        if isinstance(item, PlanChunk):
+            strand = self._strands.made(item)
+            if strand is None:
+                return
+            if self._probing is not None:
+                # the way of a probe that has been sent as a line of its own
+                if strand.rest[-1]:
+                    self._guessed = self._probing if self._probing.answer.values is None else None
+                    self._probing = None
+                return
+            self._pending = strand if self._pending is None else Strand.joined(self._pending, strand)
+            yield from self._moves(whole=bool(strand.rest[-1]))
+            return
+        if not isinstance(item, Message):
+            yield from self.end()
+            self._rests = False
+            self._probing = None
+        yield from self._begin(item.line)
+        if isinstance(item, Probe):
+            yield self._probe(item)
+            return
+        for text in self._commands.lines(item):
+            yield GcodeLine(text, item.line)
+        if isinstance(item, BoardCommand):
+            self._writer.lost()
+        elif isinstance(item, End):
+            self._writer.program_ended()
+
+    def end(self) -> Iterator[GcodeLine]:
+        """What is left."""
+        yield from self._moves(whole=True)
+
+    def _begin(self, line: int) -> Iterator[GcodeLine]:
+        if not self._begun:
+            self._begun = True
+            yield GcodeLine(PREAMBLE, line)
+
+    def _moves(self, *, whole: bool) -> Iterator[GcodeLine]:
+        """The moves of the pending strand."""
+        strand, self._pending = self._pending, None
+        if strand is None:
+            return
+        first = int(strand.line[0])
+        yield from self._begin(first)
+        if self._guessed is not None:
+            yield GcodeLine(f"M0 (MSG, the probe of line {self._guessed.line} was not made: go on in a dry run only)", first)
+            self._guessed = None
+        points = strand.points.tolist()
+        if self._position is None or not self._writer.placed:
+            # where the board stands when nothing has moved; behind a probe it may stand a little farther
+            known = self._position is None and not self._commands.moved
+            self._position = _point(points[0])
+            if known:
+                self._writer.stands_at(self._position)
+        self._commands.moved = True
+        columns = strand.speed.tolist(), strand.feed.tolist(), strand.line.tolist(), strand.arc.tolist(), strand.rest.tolist()[1:]
+        for end, speed, feed, line, arc, rests in zip(points[1:], *columns, strict=True):
+            if self._rests:
+                self._rests = False
+                yield GcodeLine(REST, line)
+            to = _point(end)
+            if arc == NO_ARC:
+                texts = self._writer.line(to, speed, feed)
+            else:
+                true = strand.arcs[arc]
+                if not self._writer.placed:
+                    for text in self._writer.line(self._position, speed, feed):
+                        yield GcodeLine(text, line)
+                texts = self._writer.arc(to, true.plane, true.center, true.sweep, speed, feed)
+            for text in texts:
+                yield GcodeLine(text, line)
+            self._position = to
+            self._rests = rests
+
+    def _probe(self, probe: Probe) -> GcodeLine:
+        for axis, end in zip(self._axes, probe.end.tolist(), strict=True):
+            if axis.upper() not in LETTERS and end:
+                message = f"a GRBL board probes along X, Y and Z, not along {axis.upper()}"
+                raise GcodeError(Diagnostic("axis-not-on-board", message, probe.file, probe.line))
+        ends = dict(zip(self._axes, probe.end.tolist(), strict=True))
+        x, y, z = (ends.get(letter.lower(), 0.0) for letter in LETTERS)
+        self._probing = probe
+        self._commands.moved = True
+        self._position = None
+        return GcodeLine(self._writer.probe(probe_word(probe), (x, y, z), probe.feed), probe.line)
+
+
+def _point(row: Sequence[float]) -> Point:
+    x, y, z = row
+    return x, y, z
