@@ -77,16 +77,19 @@ def check(
     watch: Watch | None = None,
     control: Control | None = None,
     selection: Selection | None = None,
+    portable: Sequence[str] = (),
 ) -> Report:
     """Verify a program without a board: language, travel, the plan against every limit, and its pulses.
 
     program: its file, ``-`` for standard input. machine: itself, its file or shipped name, None for the default. dialect: None for the
     machine's. interpolator: ``sampled`` samples the motion at the machine's period, too; a trace does so in any case. algorithm: for the
     pulses of the pieces of path that it can do, the others go by crossings. control: its feed override scales the feeds, its stop ends the
-    check. selection: which findings besides errors to report.
+    check. selection: which findings besides errors to report. portable: dialects that have to understand the program in the same way.
     """
     known, sampled = _machine(machine), interpolator == "sampled"
-    return Job(program, known, dialect, sampled, outputs or Outputs(), watch or Watch(), control, algorithm, selection).carry_out()
+    return Job(
+        program, known, dialect, sampled, outputs or Outputs(), watch or Watch(), control, algorithm, selection, portable
+    ).carry_out()
 
 
 def check_many(
@@ -98,6 +101,7 @@ def check_many(
     algorithm: Algorithm = "crossings",
     feed_override: float = 100.0,
     selection: Selection | None = None,
+    portable: Sequence[str] = (),
     jobs: int | None = None,
 ) -> Iterator[Report]:
     """Verify many programs in ``jobs`` processes (None: one a core) and yield their reports in their order.
@@ -114,6 +118,7 @@ def check_many(
         algorithm=algorithm,
         feed_override=feed_override,
         selection=selection,
+        portable=portable,
         jobs=jobs,
     )
 

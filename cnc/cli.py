@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from cyclopts import Token
 
     from cnc.api import Outputs
+    from cnc.machine.models import Machine
     from cnc.report.result import Report
 
 SUFFIXES = (".nc", ".ngc", ".gcode", ".gc", ".cnc", ".tap", ".mpf")
@@ -162,6 +163,8 @@ def check(
     select: Annotated[tuple[str, ...], _option("Of the warnings and notes show those of these codes alone.")] = (),
     ignore: Annotated[tuple[str, ...], _option("Don't show warnings and notes of these codes.")] = (),
     fail_on: Annotated[Severity, _option("The least severe finding that makes the exit code 1.")] = "error",
+    stock: Annotated[str | None, _option("The raw part, such as X0:100,Y0:60,Z-12:0 (mm, machine coordinates): no G0 into it.")] = None,
+    portable: Annotated[tuple[str, ...], _option("Dialects that have to read the program in the same way, such as grbl,linuxcnc.")] = (),
     common: Common = _COMMON,
 ) -> int:
     """Verify programs without a board: language, travel, the limits of the plan, the pulses."""
@@ -170,8 +173,8 @@ def check(
     files = find_programs(names)
     listed = len(files) != 1 or names != files
     shown = common.summary_file if format == "text" else sys.stderr
-    selection = Selection(_codes(select), _codes(ignore))
-    reports = _check_listed(files, common, selection, jobs, shown) if listed else [_check_one(files[0], common, selection)]
+    look = Look(stock, Selection(frozenset(_codes(select)), frozenset(_codes(ignore))), tuple(_codes(portable)), jobs)
+    reports = _check_listed(files, common, look, shown) if listed else [_check_one(files[0], common, look)]
     for name in {common.json, "-" if format == "json" else None}:
         if name is not None:
             _write_json(name, reports if listed else reports[0])
@@ -184,15 +187,33 @@ def check(
     return _end(reports, quiet=common.quiet, fail_on=fail_on)
 
 
-def _codes(listed: Sequence[str]) -> frozenset[str]:
-    """Codes that were given one by one or with commas between them."""
-    return frozenset(code for each in listed for code in each.split(",") if code)
+@dataclass(frozen=True)
+class Look:
+    """What `check` looks for, and how."""
+
+    stock: str | None
+    selection: Selection
+    portable: tuple[str, ...]
+    jobs: int | None
+
+    def machine(self, name: str | None) -> Machine:
+        """The machine of a file, with the raw part on it."""
+        from cnc.machine.load import load_machine
+        from cnc.machine.stock import with_stock
+
+        machine = load_machine(name)
+        return machine if self.stock is None else with_stock(machine, self.stock)
 
 
-def _check_one(file: str, common: Common, selection: Selection) -> Report:
+def _codes(listed: Sequence[str]) -> list[str]:
+    """What was given one by one or with commas between."""
+    return [code for each in listed for code in each.split(",") if code]
+
+
+def _check_one(file: str, common: Common, look: Look) -> Report:
     """A program alone, in this process."""
     api = _library()
-    machine = api.load_machine(common.machine)
+    machine = look.machine(common.machine)
     control = Control(common.feed_override)
     with Screen(control, quiet=common.quiet) as screen:
         report: Report = api.check(
@@ -204,15 +225,15 @@ def _check_one(file: str, common: Common, selection: Selection) -> Report:
             outputs=common.outputs(),
             watch=screen.watch(),
             control=control,
-            selection=selection,
+            selection=look.selection,
+            portable=look.portable,
         )
     return report
 
 
-def _check_listed(files: Sequence[str], common: Common, selection: Selection, jobs: int | None, shown: TextIO) -> list[Report]:
+def _check_listed(files: Sequence[str], common: Common, look: Look, shown: TextIO) -> list[Report]:
     """Programs in their order, in processes of their own; a line for each as soon as those before it have theirs."""
     from cnc.batch.pool import check_many
-    from cnc.machine.load import load_machine
     from cnc.report.summary import one_line
 
     if any((common.blocks, common.trace, common.pulses)):
@@ -224,13 +245,14 @@ def _check_listed(files: Sequence[str], common: Common, selection: Selection, jo
     with Screen(control, quiet=common.quiet) as screen:
         found = check_many(
             files,
-            load_machine(common.machine),
+            look.machine(common.machine),
             dialect=common.dialect,
             sampled=common.interpolator == "sampled",
             algorithm=common.algorithm,
             feed_override=control.feed_override,
-            selection=selection,
-            jobs=jobs,
+            selection=look.selection,
+            portable=look.portable,
+            jobs=look.jobs,
             on_done=lambda done: screen.count(done, len(files)),
             on_compiling=None if common.quiet else tell_compiling,
         )

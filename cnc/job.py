@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,8 +34,9 @@ from cnc.planner.plan import PlanChunk
 from cnc.planner.window import LONG, SLICE
 from cnc.report.hints import Hints, step_rate
 from cnc.report.outputs import JsonLines, Output, TraceWriter, check_formats, pulse_writer, trace_writer
+from cnc.report.portable import dialects_of, portability
 from cnc.report.result import Extremes, Report
-from cnc.report.selection import Selection
+from cnc.report.selection import Selection, unknown_codes
 from cnc.report.survey import Survey
 from cnc.source import readable, shown_name, with_texts
 from cnc.stopwatch import Stopwatch, TimedPulses
@@ -44,6 +45,7 @@ from cnc.warm import ensure_compiled
 
 Floats = NDArray[np.float64]
 Stage = Literal["checking", "running"]
+State = tuple[Parameters, ToolTable]
 
 LINE_BOARDS = ("grbl", "grbl-sim")
 """Kinds of board that take lines, and so commands of their own."""
@@ -101,6 +103,7 @@ class Job:
         control: Control | None = None,
         algorithm: Algorithm = "crossings",
         selection: Selection | None = None,
+        portable: Sequence[str] = (),
     ) -> None:
         check_formats(outputs.trace, outputs.pulses)
         self.program = program
@@ -114,10 +117,11 @@ class Job:
         self.control = control or Control()
         self.algorithm = algorithm
         self.selection = selection or Selection()
+        self.portable = dialects_of(portable)
         self.start = start_position(machine)
         self._place = None if self.name != str(program) else Path(program)
         self._memory = Memory(machine)
-        self._state: tuple[Parameters, ToolTable] | None = None
+        self._state: State | None = None
         self._senses = self._takes_lines = True
         self._last_line = 0
         self._warned: set[tuple[str, str, int, int]] = set()
@@ -153,6 +157,8 @@ class Job:
                             self._memory.keep(*self._state)
                 except CncError as error:
                     report.faults.append(error)
+                if self.portable and report.stopped_at_line is None:
+                    report.faults += portability(self.path, self.name, self._read, self.dialect, self.portable, report.faults)
                 report.faults = with_texts(report.faults, {self.name: self.path})
         except Stopped:
             report.stopped_at_line = 0
@@ -191,6 +197,8 @@ class Job:
             if self._kept is not None:
                 self._kept.append(item)
             if isinstance(item, PathChunk):
+                if report.board is None:
+                    hints.see_path(item)
                 for fault in survey.add(item):
                     if len(report.faults) < MOST_FAULTS:
                         report.faults.append(fault)
@@ -200,7 +208,8 @@ class Job:
                 survey.between(item)
         report.path_length_mm = survey.length
         report.bounding_box = survey.box()
-        self._hint(hints.findings())
+        if report.board is None:
+            self._hint([*hints.findings(), *unknown_codes(self.path, self.name)])
 
     def _hint(self, findings: Iterable[Diagnostic]) -> None:
         """Tell findings that were made without the source line at hand."""
@@ -299,16 +308,33 @@ class Job:
         self.report.end_position = {letter: steps / axis.steps_per_mm for (letter, axis), steps in zip(axes, grid.tolist(), strict=True)}
 
     def _blocks(self, warn: Callable[[Diagnostic], None] | None, on_line: Callable[[int], None] | None) -> Iterator[Block]:
+        self._state = self._remembered(self.dialect)
+        return self._interpreted(self.dialect, Text.of_file(self.path, self.name), self._state, warn, on_line)
+
+    def _read(self, dialect: str, text: Text) -> Iterator[Block]:
+        """The canonical blocks of a text under another dialect, which nothing remembers."""
+        return self._interpreted(dialect, text, self._remembered(dialect), None, self._at_other_line)
+
+    def _remembered(self, dialect: str) -> State:
+        return self._memory.parameters(macro=dialects.load(dialect).flavour == "macro-b"), self._memory.tools()
+
+    def _interpreted(
+        self,
+        dialect: str,
+        text: Text,
+        state: State,
+        warn: Callable[[Diagnostic], None] | None,
+        on_line: Callable[[int], None] | None,
+    ) -> Iterator[Block]:
         program = self.machine.program
-        self._state = self._memory.parameters(macro=dialects.load(self.dialect).flavour == "macro-b"), self._memory.tools()
         return interpret(
-            Text.of_file(self.path, self.name),
+            text,
             axes=self.machine.axis_names,
-            dialect=self.dialect,
+            dialect=dialect,
             start=self.start,
             warn=warn,
-            parameters=self._state[0],
-            tools=self._state[1],
+            parameters=state[0],
+            tools=state[1],
             folders=folders(self._place, self.machine),
             limits=Limits(program.max_repeated_lines, program.max_call_depth),
             on_line=on_line,
@@ -342,6 +368,10 @@ class Job:
     def _at_line(self, executed: int) -> None:
         """Count the lines, tell how far things are, and give up if the operator wants to."""
         self.report.lines = executed
+        self._look_up("checking", executed)
+
+    def _at_other_line(self, executed: int) -> None:
+        """The same, of a reading under another dialect."""
         self._look_up("checking", executed)
 
     def _look_up(self, stage: Stage, item: int | PlanChunk | Block) -> None:

@@ -47,6 +47,7 @@ def check_many(
     algorithm: Algorithm = "crossings",
     feed_override: float = 100.0,
     selection: Selection | None = None,
+    portable: Sequence[str] = (),
     jobs: int | None = None,
     on_done: Callable[[int], None] | None = None,
     on_compiling: Callable[[], None] | None = None,
@@ -59,7 +60,7 @@ def check_many(
     """
     if jobs is not None and jobs < 1:
         raise UsageError(Diagnostic("job-count", f"{jobs} processes can't check anything", hint="give --jobs 1 or more"))
-    tasks = [Task(program, machine, dialect, sampled, feed_override, algorithm, selection) for program in programs]
+    tasks = [Task(program, machine, dialect, sampled, feed_override, algorithm, selection, tuple(portable)) for program in programs]
     crew = _Crew(tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None))
     finished: dict[int, Report | CncError] = {}
     count = 0

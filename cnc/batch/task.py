@@ -34,6 +34,7 @@ class Task:
     feed_override: float = 100.0
     algorithm: Algorithm = "crossings"
     selection: Selection | None = None
+    portable: tuple[str, ...] = ()
 
     def perform(self) -> Report | CncError:
         """Check the program here; a CncError is for the caller, who named a machine or an option that can't be used with any program."""
@@ -41,8 +42,18 @@ class Task:
 
         try:
             control = Control(self.feed_override)
-            job = Job(self.program, self.machine, self.dialect, self.sampled, Outputs(), Watch(), control, self.algorithm, self.selection)
-            return job.carry_out()
+            return Job(
+                self.program,
+                self.machine,
+                self.dialect,
+                self.sampled,
+                Outputs(),
+                Watch(),
+                control,
+                self.algorithm,
+                self.selection,
+                self.portable,
+            ).carry_out()
         except CncError as error:
             return error
         except Exception as error:

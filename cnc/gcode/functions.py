@@ -31,6 +31,7 @@ from cnc.gcode.modal import Code, Codes, Modal
 from cnc.gcode.output import Output
 from cnc.gcode.parameters import Parameters
 from cnc.gcode.tools import MAX_TOOL
+from cnc.gcode.waiting import Waiting
 from cnc.gcode.words import LineWords, Word, fault, not_negative, whole
 from cnc.units import MM_PER_INCH
 
@@ -55,12 +56,13 @@ _SAVED = (
 class Functions:
     """Carries out the codes that do not move. The methods are called in the standard order of execution."""
 
-    def __init__(self, dialect: Dialect, here: Here, state: Modal, out: Output, parameters: Parameters) -> None:
+    def __init__(self, dialect: Dialect, here: Here, state: Modal, out: Output, parameters: Parameters, waiting: Waiting) -> None:
         self._dialect = dialect
         self._here = here
         self._state = state
         self._out = out
         self._parameters = parameters
+        self._waiting = waiting
 
     # Speed, tool, spindle
 
@@ -71,8 +73,12 @@ class Functions:
             state.speed = self._speed(word)
             if state.spindle != "off" and "spindle" not in codes and "tool-change" not in codes:
                 self._spindle()
+            elif word.number:
+                self._waiting.give(word)
         if word := words.take("T", "T"):
             state.tool = whole(word, "the tool number", 0, MAX_TOOL)
+            if 6 in self._dialect.m:
+                self._waiting.give(word)
 
     def _speed(self, word: Word) -> float:
         """The number of an S word as the spindle mode has it: rpm, or mm/s from metres or feet a minute."""
@@ -96,6 +102,7 @@ class Functions:
             return
         if state.tool is None:
             raise fault("tool-not-chosen", "M6 without a tool chosen by a T word", code.word, "give T and the tool's number")
+        self._waiting.used("T")
         self._spindle_off()
         state.loaded = state.tool
         self._out.add(Tool(here.file, here.line, state.tool))
@@ -118,6 +125,7 @@ class Functions:
             if state.speed is None:
                 message = f"{code.word.written} without a speed ever given: the spindle stands"
                 self._here.caution("spindle-speed-missing", message, code.word, "give S")
+            self._waiting.used("S")
             state.spindle = "cw" if code.number == 3 else "ccw"
             self._spindle()
 

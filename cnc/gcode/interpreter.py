@@ -26,6 +26,7 @@ from cnc.gcode.statement import Assignment, Remark, Statement
 from cnc.gcode.tools import ToolTable
 from cnc.gcode.toolsettings import ToolSettings
 from cnc.gcode.unused import unused
+from cnc.gcode.waiting import Waiting
 from cnc.gcode.words import LineWords, Word, fault, whole
 from cnc.units import MM_PER_INCH
 
@@ -66,8 +67,9 @@ class Interpreter:
         self.coordinates = Coordinates(
             axes, parameters, systems=dialect.systems, fanuc=dialect.offset_memory, shift_stays=dialect.shift_stays
         )
-        self.functions = Functions(dialect, self.here, self.modal, self.out, parameters)
-        self.motion = Motion(axes, dialect, self.here, self.modal, position, self.coordinates, self.out)
+        self.waiting = Waiting(self.here)
+        self.functions = Functions(dialect, self.here, self.modal, self.out, parameters, self.waiting)
+        self.motion = Motion(axes, dialect, self.here, self.modal, position, self.coordinates, self.out, self.waiting)
         self.tools = ToolSettings(dialect, self.modal, self.motion, ToolTable() if tools is None else tools)
         self.settings = Settings(dialect, self.modal, self.motion, self.tools)
         self.sides = Sides(dialect, self.here, self.modal, self.motion, self.tools, self.out)
@@ -128,6 +130,7 @@ class Interpreter:
         if self.motion.collector:
             self.motion.collector.end("the program ends before the curve is complete")
         self.sides.off()
+        self.waiting.end()
         self.out.flush()
 
     def entered(self) -> None:
@@ -225,6 +228,7 @@ class Interpreter:
             mode = FEED_MODES[code.number]
             if mode != state.feed_mode:
                 state.feed_mode, state.feed = mode, None
+                self.waiting.used("F")
         if self.dialect.units_before_feed:
             self._units(codes)
         self._feed(words, codes)
@@ -278,6 +282,7 @@ class Interpreter:
         if feed.rotary < MIN_FEED:
             raise fault("feed-too-slow", f"{word.written}: the feed is next to nothing", word)
         self.modal.feed = feed
+        self.waiting.give(word)
 
     def _units(self, codes: Codes) -> None:
         """G20, G21, G7, G8."""
@@ -311,6 +316,7 @@ class Interpreter:
             message = "another plane or coordinate system would be in effect again, under cutter compensation"
             raise fault("compensation-active", message, at, "give G40 and a move before")
         self.functions.restore(saved[0])
+        self.waiting.words.clear()
         self.coordinates.restore(saved[1])
         self.motion.units_changed()
 
@@ -319,6 +325,7 @@ class Interpreter:
             raise fault("nurbs-foreign-word", f"{code.word.written} can't stand in the line of a spline", code.word)
         if code.number in (2, 30):
             self.sides.off()
+            self.waiting.end()
         self.ended = self.functions.stop(code)
         if self.ended:
             self.coordinates.end()

@@ -22,6 +22,7 @@ from cnc.gcode.here import Here
 from cnc.gcode.modal import BSPLINE, CANCEL, NURBS, Code, Codes, Feed, Modal, feed_of
 from cnc.gcode.output import Output
 from cnc.gcode.prepared import QuickMove
+from cnc.gcode.waiting import Waiting
 from cnc.gcode.words import AXES, MAX_NUMBER, POLAR, LineWords, Word, fault
 from cnc.units import per_second
 
@@ -68,8 +69,10 @@ class Motion:
         position: list[float],
         coordinates: Coordinates,
         out: Output,
+        waiting: Waiting,
     ) -> None:
         self.position = position
+        self._waiting = waiting
         self.axes = axes
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
         self.coordinates = coordinates
@@ -304,6 +307,7 @@ class Motion:
         feed = state.feed
         if feed is None:
             raise fault("feed-missing", "a feed move without a feed in effect", at, "give F")
+        self._waiting.used("F")
         rate = self.straight_feed(end, feed)
         if state.feed_mode == "per-revolution":
             rate *= self.spindle_rpm(end, at) / 60.0
@@ -354,6 +358,9 @@ class Motion:
         feed = state.feed
         if motion is None or motion > 30 or bool(move.arc) != (motion > 10) or (motion > 10 and state.arc_absolute):
             return False
+        waiting = self._waiting
+        if move.feed is not None and waiting.watching and (motion == 0 or "F" in waiting.words):
+            return False
         try:
             if move.feed is not None:
                 value = move.feed if move.feed.__class__ is float else move.feed(parameters)  # type: ignore[operator]
@@ -387,6 +394,8 @@ class Motion:
             return False
         else:
             self.arc(arc)
+        if motion and waiting.words:
+            waiting.used("F")
         state.feed = feed
         state.motion = motion
         return True

@@ -6,12 +6,14 @@ import math
 import re
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cnc.canon import ROTARY_LETTERS
 from cnc.gcode.interpreter import Interpreter
 from cnc.gcode.modal import Feed
 from cnc.gcode.motion import MIN_FEED
 from cnc.gcode.text import Window
+from cnc.gcode.words import Word
 from cnc.kernels import straight as kernel
 
 SHORTEST = 6
@@ -19,6 +21,9 @@ SHORTEST = 6
 
 WITHOUT_POINT = re.compile(rb"[XYZABCUVWIJKR][+-]?0*[1-9][0-9]*(?![0-9.])", re.IGNORECASE)
 """A distance that is not 0, without a decimal point (or a comment that looks like one, which does no harm)."""
+_FEED_WORD = re.compile(r"F\s*[-+]?[0-9.]+", re.IGNORECASE)
+_COMMENT = re.compile(r"\([^)]*\)|;.*")
+_F = ord("F")
 _MODES: dict[int | None, int] = {0: kernel.TRAVERSE, 10: kernel.FEED}
 
 
@@ -70,4 +75,30 @@ class StraightLane:
                 motion.compensation.move(point, rate, line)
         else:
             interpreter.out.moves(points[:moves], feeds[:moves], lines[:moves])
+        if interpreter.waiting.watching:
+            self._note_feeds(window, index, index + int(count), lines[:moves][~np.isnan(feeds[:moves])])
         return int(count)
+
+    def _note_feeds(self, window: Window, begin: int, end: int, moved: NDArray[np.int32]) -> None:
+        """Which F words of some lines wait for a move, where ``moved`` are the numbers of the lines with a feed move."""
+        waiting, scan = self._interpreter.waiting, window.scan
+        first = scan.first[begin : end + 1]
+        words = first[0] + np.flatnonzero(scan.letter[first[0] : first[-1]] == _F)
+        if len(moved) and (not len(words) or moved[0] < window.first + begin + int(np.searchsorted(first, words[0], side="right")) - 1):
+            waiting.used("F")
+        if not len(words):
+            return
+        rows = begin + np.searchsorted(first, words, side="right") - 1
+        nowhere = window.first + end
+        used = np.append(moved, nowhere)[np.searchsorted(moved, window.first + rows)]
+        idle = used >= np.append(window.first + rows[1:], nowhere)
+        # what is told of an F word depends on the one before it, so only those after an idle one have to be looked at, and the first
+        for each in np.flatnonzero(idle | np.append(True, idle[:-1])).tolist():
+            row = int(rows[each])
+            text = window.text(row)
+            found = _FEED_WORD.search(_COMMENT.sub(lambda comment: " " * len(comment[0]), text))
+            assert found
+            written = "".join(found[0].split()).upper()
+            waiting.give(Word("F", float(scan.number[words[each]]), written, found.start() + 1, len(found[0])), window.first + row, text)
+            if not idle[each]:
+                waiting.used("F")

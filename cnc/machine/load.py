@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cnc.errors import Diagnostic, MachineFileError
 from cnc.machine.locate import locate
-from cnc.machine.models import AXIS_LETTERS, Axis, Board, Machine, PathLimits, Program
+from cnc.machine.models import AXIS_LETTERS, Axis, Board, Machine, PathLimits, Program, Stock
 
 DEFAULT = "default"
 
@@ -46,7 +46,7 @@ class _Header(BaseModel):
     name: str = "machine"
 
 
-_SECTIONS: dict[str, type[BaseModel]] = {"machine": _Header, "path": PathLimits, "board": Board, "program": Program}
+_SECTIONS: dict[str, type[BaseModel]] = {"machine": _Header, "path": PathLimits, "board": Board, "program": Program, "stock": Stock}
 
 
 def shipped_folder() -> Path:

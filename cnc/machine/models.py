@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat, field_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
 
 AxisLetter = Literal["x", "y", "z", "a", "b", "c", "u", "v", "w"]
 AXIS_LETTERS: tuple[AxisLetter, ...] = get_args(AxisLetter)
@@ -30,7 +30,15 @@ def _path(value: Any) -> Any:
     return Path(value) if isinstance(value, str) and value else value
 
 
+def _rises(ends: tuple[float, float]) -> tuple[float, float]:
+    if not ends[0] < ends[1]:
+        raise ValueError("must be [lowest, highest]")
+    return ends
+
+
 FilePath = Annotated[Path, BeforeValidator(_path)]
+Span = Annotated[tuple[FiniteFloat, FiniteFloat], BeforeValidator(_tuple), AfterValidator(_rises)]
+"""Lowest and highest coordinate."""
 
 
 class _Section(BaseModel):
@@ -51,15 +59,8 @@ class Axis(_Section):
     max_velocity: Positive
     max_acceleration: Positive | None = None
     max_jerk: Positive | None = None
-    travel: Annotated[tuple[FiniteFloat, FiniteFloat], BeforeValidator(_tuple)] | None = None
+    travel: Span | None = None
     invert: bool = False
-
-    @field_validator("travel")
-    @classmethod
-    def _travel_rises(cls, travel: tuple[float, float] | None) -> tuple[float, float] | None:
-        if travel is not None and not travel[0] < travel[1]:
-            raise ValueError("must be [lowest, highest]")
-        return travel
 
     @property
     def step_rate(self) -> float:
@@ -118,6 +119,14 @@ class Program(_Section):
             yield "subroutines", path
 
 
+class Stock(_Section):
+    """The raw part on the machine: a box, machine coordinates in mm."""
+
+    x: Span
+    y: Span
+    z: Span
+
+
 class Machine(_Section):
     """A machine; ``axes`` in the order of the file, which is the order of the columns of every position."""
 
@@ -126,6 +135,7 @@ class Machine(_Section):
     path: PathLimits = PathLimits()
     board: Board = Board()
     program: Program = Program()
+    stock: Stock | None = None
 
     @property
     def axis_names(self) -> tuple[str, ...]:
@@ -156,3 +166,5 @@ class Machine(_Section):
                     "nothing limits the jerk of this axis",
                     f"set axes.{letter}.max_jerk, or path.max_jerk",
                 )
+        if self.stock is not None and not {"x", "y", "z"} <= self.axes.keys():
+            yield ("stock",), "the machine has not the axes x, y and z", "take the table out"

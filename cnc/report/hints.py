@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from cnc.canon import ArcFeed, Block, NurbsFeed, Polyline, Probe, Spindle, SpindleSync
 from cnc.errors import Diagnostic
 from cnc.machine.models import Machine
+from cnc.path.chunk import PathChunk
+from cnc.report.arcs import Arcs
+from cnc.report.material import Material
 from cnc.report.result import Report
 from cnc.units import per_minute
 
@@ -55,6 +58,9 @@ class Hints:
         self._linear = np.flatnonzero([letter in "xyz" for letter in machine.axes])
         self._fastest = np.array([axis.max_velocity for axis in machine.axes.values()])[self._linear]
         self._unreachable, self._short = _Moves(), _Moves()
+        self._arcs = Arcs(machine)
+        self._material = None if machine.stock is None else Material(machine, machine.stock)
+        self._entered: list[Diagnostic] = []
         self._synchronized = False
         self._turning = self._turned = self._told = False
         self._idle: list[tuple[str, int]] = []
@@ -64,6 +70,11 @@ class Hints:
         for block in blocks:
             self._see(block)
             yield block
+
+    def see_path(self, chunk: PathChunk) -> None:
+        """The path that the blocks become, in its order."""
+        if self._material is not None:
+            self._entered += self._material.add(chunk)
 
     def findings(self) -> Iterator[Diagnostic]:
         """What was found, once all blocks have gone by."""
@@ -84,11 +95,15 @@ class Hints:
             message = f"less than a step of every axis; {_counted(moves.count)} as short"
             hint = "a coarser tolerance in the CAM system gives a shorter program and the same part"
             yield Diagnostic("move-below-step", message, moves.file, moves.line, hint=hint, severity="note")
+        yield from self._arcs.findings()
+        yield from self._entered
 
     def _see(self, block: Block) -> None:
         if isinstance(block, Polyline):
             self._see_moves(block)
         elif isinstance(block, ArcFeed | NurbsFeed):
+            if isinstance(block, ArcFeed):
+                self._arcs.see(block, self._here)
             self._here = np.array(block.end if isinstance(block, ArcFeed) else block.control_points[-1])
             self._cut(block.file, block.line)
             excess = block.feed / self._machine.path.max_feed

@@ -1,5 +1,6 @@
 """Findings that end nothing: each where it belongs, told once, and not where nothing is odd; which of them are shown."""
 
+import ast
 import json
 from pathlib import Path
 
@@ -7,13 +8,18 @@ import pytest
 
 from cnc import cli
 from cnc.api import Report, Selection, check, load_machine, run
-from cnc.errors import Diagnostic
+from cnc.errors import Diagnostic, UsageError
+from cnc.report import selection
+from cnc.report.catalog import LESSER
 from cnc.report.hints import step_rate
 from cnc.report.result import Extremes
-from cnc.report.selection import ignored_in
+from cnc.report.selection import ignored_in, unknown_codes
 
 ROOT = Path(__file__).parents[2]
-HINTS = {"spindle-off", "feed-unreachable", "move-below-step", "step-rate"}
+HINTS = {
+    "spindle-off", "feed-unreachable", "move-below-step", "step-rate", "arc-not-closed", "arc-radius-drift",
+    "word-shadowed", "word-without-effect",
+}  # fmt: skip
 HEAD = "G21 G90 G94 G61\n"
 
 
@@ -123,7 +129,94 @@ def test_codes_are_selected_and_ignored(found):
     assert found(text, selection=Selection(ignore=frozenset({"feed-unreachable"}))) == [SPINDLE]
     assert found(text, selection=Selection(frozenset({"spindle-off"}), frozenset({"spindle-off"}))) == []
     error = Diagnostic("soft-limit", "out", text="G0 X999 (cnc: ignore soft-limit)")
-    assert Selection(frozenset({"spindle-off"}), frozenset({"soft-limit"})).wants(error)
+    assert Selection(frozenset({"spindle-off"})).wants(error)
+
+
+@pytest.mark.parametrize(
+    ("code", "hint"),
+    [
+        ("spindel-off", "did you mean spindle-off?"),
+        ("FEED-UNREACHABLE", "did you mean feed-unreachable?"),
+        ("soft-limit", "there are arc-"),
+    ],
+)
+def test_a_code_that_there_is_not_is_a_fault(capfd, code, hint):
+    for named in {"select": frozenset({code})}, {"ignore": frozenset({"spindle-off", code})}:
+        with pytest.raises(UsageError, match="unknown-finding") as raised:
+            Selection(**named)
+        assert raised.value.diagnostic.hint.startswith(hint)
+    for option in "--select", "--ignore":
+        assert cli.exit_code(["check", "p.nc", option, f"spindle-off,{code}"]) == 2
+    assert f"unknown-finding: no warning or note is called '{code}'" in capfd.readouterr().err
+
+
+def test_every_warning_and_note_of_the_code_can_be_selected_and_no_other():
+    """Codes of ``caution`` calls and of diagnostics with a severity of their own, as they stand in the source."""
+    found = set()
+    for file in (ROOT / "cnc").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+                given = [each.value for each in node.args if isinstance(each, ast.Constant) and isinstance(each.value, str)]
+                lesser = [each.value.value for each in node.keywords if each.arg == "severity" and isinstance(each.value, ast.Constant)]
+                if name in ("caution", "_tell") or lesser in (["warning"], ["note"]):
+                    found |= set(given[:1])
+    assert found == set(LESSER)
+    assert list(LESSER) == sorted(LESSER)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_a_comment_that_ignores_what_there_is_not(tmp_path, end):
+    file = tmp_path / "p.nc"
+    lines = ["G21 G90 (\xfc)", "G0 X1", "G0 X5 (cnc: ignore spindle-off, spindel-off)", "; cnc: ignore Dwell-Long what", "G0 X0", "M2"]
+    file.write_bytes(end.join(lines).encode("latin-1"))
+    found = check(file).warnings
+    assert [(each.code, each.line, each.column, each.length) for each in found] == [
+        ("ignored-code-unknown", 3, 33, 11),
+        ("ignored-code-unknown", 4, 26, 4),
+    ]
+    assert (found[0].text, found[0].hint) == (lines[2], "did you mean spindle-off?")
+
+
+def test_comments_far_into_a_long_program(tmp_path, monkeypatch):
+    monkeypatch.setattr(selection, "READ", 64)
+    file = tmp_path / "p.nc"
+    file.write_text("G0 X1\n" * 100 + "(cnc: ignore a-b)\n" + "G0 X1\n" * 100 + "G0 X2 ; cnc: ignore c-d")
+    assert [(each.line, each.column) for each in unknown_codes(file, "p")] == [(101, 14), (202, 21)]
+
+
+CIRCLE = ("arc-not-closed", 3, "warning")
+DRIFTING = ("arc-radius-drift", 3, "note")
+
+
+@pytest.mark.parametrize(
+    ("arc", "wanted"),
+    [
+        ("G2 X10 Y0 I5", []),
+        ("G2 I5", []),
+        ("G3 X10 I5 Z1", []),
+        ("G2 X10 Y0.001 I5", [CIRCLE]),  # all but a circle
+        ("G3 X10 Y0.001 I5", [CIRCLE]),  # all but nothing
+        ("G3 X10 Y0.001 I5 Z-1", [CIRCLE]),
+        ("G2 X10 Y0.02 I5", []),
+        ("G2 X10.002 Y0.002 R0.01", []),  # a small fillet
+        ("G2 X20.0024 Y0 I5", []),
+        ("G2 X20.003 Y0 I5", [DRIFTING]),
+        ("G18 G2 X20.003 Z0 I5", [DRIFTING]),
+        ("G20 G3 X0.78752 Y0 I0.19685", [DRIFTING]),  # 20.003 mm, about 15
+        ("G2 X20.003 Y0 I5 (cnc: ignore arc-radius-drift)", []),
+    ],
+)
+def test_arcs_that_do_not_close(found, arc, wanted):
+    assert [each for each in found(f"G0 X10\n{arc} F600\nM2") if each[0].startswith("arc-")] == wanted
+
+
+def test_arcs_that_drift_are_told_once(tmp_path):
+    file = tmp_path / "p.nc"
+    file.write_text(HEAD + "G2 X10.003 I5 F600\nG2 X20.01 I5\nG2 X20.01 I5\nM2\n")
+    (finding,) = check(file).warnings
+    assert finding.line == 2
+    assert finding.message == "the radius changes by up to 0.007 mm between the arc's ends; 2 arcs are cut as a spiral"
 
 
 @pytest.mark.parametrize(
@@ -157,7 +250,7 @@ def test_the_command_line_selects_ignores_and_fails_on(tmp_path, capfd):
     assert codes("--fail-on", "warning")[0] == codes("--fail-on", "note")[0] == 1
     assert codes("--ignore", "spindle-off", "--fail-on", "warning") == (0, ["feed-unreachable"])
     assert codes("--ignore", "spindle-off,feed-unreachable", "--fail-on", "note") == (0, [])
-    assert codes("--select", "spindle-off", "--select", "x", "--fail-on", "note") == (1, ["spindle-off"])
+    assert codes("--select", "spindle-off", "--select", "dwell-long", "--fail-on", "note") == (1, ["spindle-off"])
     assert cli.exit_code(["check", str(file), "--quiet", "--fail-on", "warning"]) == 1
     assert capfd.readouterr().err.startswith(f"{file}:2:1: spindle-off: a feed move with the spindle off\n  G1 X5 F9000\n  ^")
     assert cli.exit_code(["check", str(file), str(file) + "x", "--jobs", "1", "--ignore", "spindle-off", "--fail-on", "note"]) == 2

@@ -9,6 +9,7 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from cnc.machine.models import Axis, Board, PathLimits, Program
+from cnc.report.catalog import LESSER
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -33,6 +34,12 @@ def test_every_code_is_listed():
     found = codes()
     assert len(found) > 60
     assert sorted(code for code in found if f"`{code}`" not in README) == []
+
+
+def test_every_warning_and_note_is_explained():
+    """In the table of its own or, for those of the language, in the list below it."""
+    part = README[README.index("### Warnings and notes") : README.index("### Programs for many controllers")]
+    assert [code for code in LESSER if f"`{code}`" not in part] == []
 
 
 @pytest.mark.parametrize("section", [Axis, PathLimits, Board, Program])

@@ -1,0 +1,33 @@
+"""The raw part as the command line names it: ``X0:100,Y0:60,Z-12:0``."""
+
+from __future__ import annotations
+
+import re
+
+from pydantic import ValidationError
+
+from cnc.errors import Diagnostic, UsageError
+from cnc.machine.models import Machine, Stock
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
+_SPAN = re.compile(rf"\s*([xyz])\s*({_NUMBER})\s*:\s*({_NUMBER})\s*", re.IGNORECASE)
+
+
+def with_stock(machine: Machine, text: str) -> Machine:
+    """The machine with the box that ``text`` names. UsageError ``stock-malformed``."""
+    found = machine.model_copy(update={"stock": _stock(text)})
+    for _, message, hint in found.faults():
+        raise UsageError(Diagnostic("stock-malformed", message, hint=hint))
+    return found
+
+
+def _stock(text: str) -> Stock:
+    spans = [_SPAN.fullmatch(part) for part in text.split(",")]
+    named = {span[1].lower(): (float(span[2]), float(span[3])) for span in spans if span}
+    if all(spans) and len(named) == len(spans):
+        try:
+            return Stock.model_validate(named)
+        except ValidationError:
+            pass
+    hint = "give lowest and highest machine coordinate of each axis in mm, such as X0:100,Y0:60,Z-12:0"
+    raise UsageError(Diagnostic("stock-malformed", f"{text!r} is no box", hint=hint))
