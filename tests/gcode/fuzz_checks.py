@@ -291,7 +291,7 @@ def check(what: Program) -> Diagnostic | None:
 
     def said(odd: Diagnostic) -> None:
         plainly_said(odd, what.lines)
-        assert odd.severity == "warning", odd
+        assert odd.severity in ("warning", "note"), odd
 
     with limited(SECONDS):
         try:

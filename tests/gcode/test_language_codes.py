@@ -213,7 +213,7 @@ def test_where_linuxcnc_is_the_dialect_f_is_read_before_the_units_change() -> No
 
 def test_odd_but_legal_lines_are_warned_about() -> None:
     warned: list[tuple[str, int, int, str]] = []
-    run("M3\nG20 F10\nM2", dialect="linuxcnc", warn=lambda d: warned.append((d.code, d.line, d.column, d.severity)))
+    run("M3\nG20 F10\nG1 X1\nM2", dialect="linuxcnc", warn=lambda d: warned.append((d.code, d.line, d.column, d.severity)))
     assert warned == [("spindle-speed-missing", 1, 1, "warning"), ("feed-before-units", 2, 5, "warning")]
 
 
@@ -236,7 +236,7 @@ def test_milliseconds_of_fanuc_are_no_long_dwell() -> None:
 
 
 def test_nothing_is_warned_about_in_a_tidy_program() -> None:
-    run("G21 F100\nG20\nG20 F10\nS1 M3\nG1 X1", warn=lambda d: pytest.fail(d.render()))
+    run("G21 F100\nG1 X2\nG20\nG20 F10\nS1 M3\nG1 X1", warn=lambda d: pytest.fail(d.render()))
 
 
 def test_runs_of_moves_are_cut_for_streaming() -> None:
