@@ -72,15 +72,15 @@ def splines(axes: int) -> tuple[Floats, list[Block]]:
     return points[0], [NurbsFeed("", 1, 3, knots, points, rng.uniform(0.5, 2.0, 400), FEED)]
 
 
-CASES: Sequence[tuple[str, Callable[[int], tuple[Floats, list[Block]]], int, tuple[Algorithm, ...], float]] = (
-    ("long lines, 3 axes", long_lines, 3, ("half-step", "crossings"), 40e6),
-    ("chords of 0.5 mm, 3 axes", chords, 3, ("half-step", "crossings"), 30e6),
-    ("circles R10", circles, 2, ("half-step", "crossings", "enclosing-line", "point-by-point", "kiritsis"), 30e6),
-    ("helices R10", circles, 3, ("half-step", "crossings", "enclosing-line"), 30e6),
-    ("cubic NURBS, 2 axes", splines, 2, ("enclosing-line", "crossings", "point-by-point", "kiritsis"), 15e6),
-    ("cubic NURBS, 3 axes", splines, 3, ("enclosing-line", "crossings"), 15e6),
+CASES: Sequence[tuple[str, Callable[[int], tuple[Floats, list[Block]]], int, tuple[Algorithm | None, ...], float]] = (
+    ("long lines, 3 axes", long_lines, 3, (None, "crossings"), 40e6),
+    ("chords of 0.5 mm, 3 axes", chords, 3, (None, "crossings"), 30e6),
+    ("circles R10", circles, 2, (None, "enclosing-line", "kiritsis", "crossings", "point-by-point"), 30e6),
+    ("helices R10", circles, 3, (None, "enclosing-line", "crossings"), 30e6),
+    ("cubic NURBS, 2 axes", splines, 2, (None, "kiritsis", "crossings", "point-by-point"), 15e6),
+    ("cubic NURBS, 3 axes", splines, 3, (None, "crossings"), 15e6),
 )
-"""Name, path, axes, algorithms to be timed, steps a second wanted of the first."""
+"""Name, path, axes, algorithms to be timed (None: the choice by piece), steps a second wanted of the first."""
 
 
 def plans_of(start: Floats, blocks: list[Block]) -> list[PlanChunk]:
@@ -106,7 +106,7 @@ def later(chunks: list[PlanChunk], times: int) -> Iterator[PlanChunk]:
             yield PlanChunk(c.path, c.piece_s, c.t0 + k * duration, c.s0, *phases)
 
 
-def timed(chunks: list[PlanChunk], start: Floats, algorithm: Algorithm, steps_wanted: int) -> tuple[float, int, int, float]:
+def timed(chunks: list[PlanChunk], start: Floats, algorithm: Algorithm | None, steps_wanted: int) -> tuple[float, int, int, float]:
     """Seconds, steps, rows and largest error of about so many steps."""
     scale = scale_of(len(start))
     once = sum(int(np.count_nonzero(rows.step)) for c in chunks for rows in ReferencePulse(scale, start, algorithm=algorithm).pulses(c))
@@ -214,7 +214,7 @@ def main() -> None:
             seconds, steps, rows, error = timed(chunks, start, algorithm, arguments.steps)
             goal = f"{wanted / 1e6:7.0f}" if number == 0 else ""
             speed = f"{seconds / rows * 1e9:8.1f} {steps / seconds / 1e6:10.1f}"
-            print(f"{name:26} {algorithm:16} {rows:10d} {steps:10d} {error:10.6f} {speed} {goal}", flush=True)
+            print(f"{name:26} {algorithm or 'by piece':16} {rows:10d} {steps:10d} {error:10.6f} {speed} {goal}", flush=True)
 
 
 if __name__ == "__main__":

@@ -72,7 +72,7 @@ def check(
     *,
     dialect: DialectName | None = None,
     interpolator: Interpolator = "reference-pulse",
-    algorithm: Algorithm = "crossings",
+    algorithm: Algorithm | None = None,
     outputs: Outputs | None = None,
     watch: Watch | None = None,
     control: Control | None = None,
@@ -82,9 +82,10 @@ def check(
     """Verify a program without a board: language, travel, the plan against every limit, and its pulses.
 
     program: its file, ``-`` for standard input. machine: itself, its file or shipped name, None for the default. dialect: None for the
-    machine's. interpolator: ``sampled`` samples the motion at the machine's period, too; a trace does so in any case. algorithm: for the
-    pulses of the pieces of path that it can do, the others go by crossings. control: its feed override scales the feeds, its stop ends the
-    check. selection: which findings besides errors to report. portable: dialects that have to understand the program in the same way.
+    machine's. interpolator: ``sampled`` samples the motion at the machine's period, too; a trace does so in any case. algorithm: how grid
+    moves are made; None for half steps on lines and arcs, enclosing lines on other curves. control: its feed override scales the feeds, its
+    stop ends the check. selection: which findings besides errors to report. portable: dialects that have to understand the program in the
+    same way.
     """
     known, sampled = _machine(machine), interpolator == "sampled"
     return Job(
@@ -98,7 +99,7 @@ def check_many(
     *,
     dialect: DialectName | None = None,
     interpolator: Interpolator = "reference-pulse",
-    algorithm: Algorithm = "crossings",
+    algorithm: Algorithm | None = None,
     feed_override: float = 100.0,
     selection: Selection | None = None,
     portable: Sequence[str] = (),
@@ -131,7 +132,7 @@ def run(
     port: str | None = None,
     dialect: DialectName | None = None,
     interpolator: Interpolator = "reference-pulse",
-    algorithm: Algorithm = "crossings",
+    algorithm: Algorithm | None = None,
     outputs: Outputs | None = None,
     watch: Watch | None = None,
     control: Control | None = None,

@@ -78,7 +78,9 @@ class Common:
     interpolator: Annotated[
         Interpolator, _option("reference-pulse: grid moves alone. sampled: also positions at the machine's period.")
     ] = "reference-pulse"
-    algorithm: Annotated[Algorithm, _option("How the grid moves are made, where it can make them; elsewhere by crossings.")] = "crossings"
+    algorithm: Annotated[
+        Algorithm | None, _option("How grid moves are made; if left out: half steps on lines and arcs, enclosing lines on other curves.")
+    ] = None
     feed_override: Annotated[float, _option("Per cent of the programmed feeds, 1 to 200; traverses are not scaled.")] = 100.0
     blocks: Annotated[str | None, _output("Write the canonical blocks to FILE.jsonl (- is standard output, here and below).")] = None
     trace: Annotated[str | None, _output("Write position, feed, acceleration and jerk a period to FILE.npz or FILE.csv.")] = None

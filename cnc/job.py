@@ -101,7 +101,7 @@ class Job:
         outputs: Outputs,
         watch: Watch,
         control: Control | None = None,
-        algorithm: Algorithm = "crossings",
+        algorithm: Algorithm | None = None,
         selection: Selection | None = None,
         portable: Sequence[str] = (),
     ) -> None:

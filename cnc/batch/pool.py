@@ -44,7 +44,7 @@ def check_many(
     *,
     dialect: DialectName | None = None,
     sampled: bool = False,
-    algorithm: Algorithm = "crossings",
+    algorithm: Algorithm | None = None,
     feed_override: float = 100.0,
     selection: Selection | None = None,
     portable: Sequence[str] = (),

@@ -32,7 +32,7 @@ class Task:
     dialect: DialectName | None = None
     sampled: bool = False
     feed_override: float = 100.0
-    algorithm: Algorithm = "crossings"
+    algorithm: Algorithm | None = None
     selection: Selection | None = None
     portable: tuple[str, ...] = ()
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from cnc.canon import NurbsFeed
 from cnc.interpolator.arrays import plain
 from cnc.kernels import enclosing_line, kiritsis, monotone
+from cnc.kernels.catch_up import round_to
 from cnc.kernels.curve import START, curve_inv_arclen, curve_range
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
@@ -83,7 +84,11 @@ def interpolate(curve: PathChunk, steps_per_mm: ArrayLike, algorithm: Algorithm 
             steps.append(step[:rows].copy())
             places.append(np.array([curve_inv_arclen(k, data, a, s) for s in reach[:rows].tolist()]))
             error = max(error, float(off))
-    return _steps(np.concatenate(steps), np.concatenate(places), first, error, seconds)
+    here = np.empty((4, len(grid)))
+    rows, _, off, _ = round_to(int(kind[-1]), data, int(at[-1]), u1, u1, 0.0, scale, grid, here, error, 0, step, reach)
+    steps.append(step[:rows].copy())
+    places.append(np.full(rows, u1))
+    return _steps(np.concatenate(steps), np.concatenate(places), first, float(off), seconds)
 
 
 def as_printed(curve: PathChunk, steps_per_mm: ArrayLike, algorithm: Algorithm = Algorithm.ENCLOSING_LINE) -> Steps:

@@ -18,7 +18,8 @@ ROWS = 65536
 """Most rows in a chunk of pulses."""
 Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis", "crossings"]
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
-CODES: dict[Algorithm, int] = {
+CODES: dict[Algorithm | None, int] = {
+    None: kernel.BY_PIECE,
     "enclosing-line": kernel.ENCLOSING_LINE,
     "half-step": kernel.HALF_STEP,
     "point-by-point": kernel.POINT_BY_POINT,
@@ -30,13 +31,14 @@ CODES: dict[Algorithm, int] = {
 class ReferencePulse:
     """Turns a plan, chunk by chunk, into grid moves.
 
-    steps_per_mm (axes,): each axis's own, its inverse is the BLU. start (axes,) mm: where the path begins, on the grid or not. The grid
-    point of an axis is the integer nearest to its position in BLU; of two equally near ones, the one that it came from while the path goes
-    on, the even one where it ends (:meth:`settle`). min_pulse_ns: the board's least time between two steps; an axis that turns back sooner
-    after a step makes neither. algorithm: for the pieces that it can do, the others go by crossings (see the kernel).
+    steps_per_mm (axes,): each axis's own, its inverse is the BLU. start (axes,) mm: where the path begins, on the grid or not. Each grid
+    point is one nearest to the path where its move is due; of two equally near ones, the one that the axis came from while the path goes
+    on, the even one where it ends (:meth:`settle`). min_pulse_ns: the board's least time between two moves; an axis that turns back sooner
+    after a step makes neither. algorithm: None for half steps on lines and arcs and enclosing lines on all other curves; half steps, if
+    named, are the same (see the kernel).
     """
 
-    def __init__(self, steps_per_mm: ArrayLike, start: ArrayLike, min_pulse_ns: float = 0.0, *, algorithm: Algorithm = "crossings") -> None:
+    def __init__(self, steps_per_mm: ArrayLike, start: ArrayLike, min_pulse_ns: float = 0.0, *, algorithm: Algorithm | None = None) -> None:
         self.steps_per_mm = np.array(steps_per_mm, dtype=np.float64)
         self._grid = np.rint(np.asarray(start, dtype=np.float64) * self.steps_per_mm).astype(np.int64)
         self._origin = self._grid.copy()
@@ -105,7 +107,7 @@ class ReferencePulse:
         self._grid[:] = grid
 
     def settle(self) -> Iterator[PulseChunk]:
-        """The path is over: the last move, of axes that ended between two equally near grid points and stand on the odd one."""
+        """The path is over: the last move, of axes that stand on the odd one of two equally near grid points, or were stopped halfway."""
         chunk = self._latest
         if chunk is None:
             return
@@ -116,8 +118,9 @@ class ReferencePulse:
             # The motion was stopped inside the piece.
             u = curve_inv_arclen(kind, chunk.path.data, at, chunk.phase_s[-1] - chunk.piece_s[-2])
         curve_eval(kind, chunk.path.data, at, u, end)
-        step = np.rint(end[0] * self.steps_per_mm).astype(np.int64) - self._grid
-        if step.any():
+        target = np.rint(end[0] * self.steps_per_mm).astype(np.int64)
+        while (self._grid != target).any():
+            step = np.sign(target - self._grid)
             self._grid += step
             earliest = self._released_ns + int(self.min_pulse_ns)
             self._last_ns = self._released_ns = max(self._last_ns, round((chunk.t0 + chunk.duration) * 1e9), earliest)

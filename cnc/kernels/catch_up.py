@@ -1,10 +1,14 @@
-"""Rows by which a grid point catches up with a curve: at an end off the grid, and where an axis would have to make two steps at once.
+"""Rows by which a grid point catches up with a curve.
 
-4 - - - - - - - - - - o     An axis that is two steps behind in the row at u was one step behind where the curve passed its next grid
-                   ,'       line: a row there, in which it is exact.
-3 - - - - - - - o'
-             ,' :     :
-2 - - - ---o- - : - - :     u ->
+Where the motion rests off the grid, where a piece begins a whole BLU ahead of the grid point, and where an axis would have to make two
+steps at once.
+
+3 - - - - - - - - o- -     An axis that is more than a step and a half behind in the row at u would have to make two steps there. So
+                ,':         there is a row for the first of them, where it is just that much behind and the grid points of the one
+2 - - - - - - o' - - -      step and of two are equally near. That is a property of the curve: it does not depend on where a row was
+             /:   :         before, nor on where a piece is cut.
+1 - ---o----' : - : -
+                  u
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.crossings import grid_after
+from cnc.kernels.crossings import grid_after, slack
 from cnc.kernels.curve import Floats, Ints, curve_arclen, curve_eval, curve_range
 from cnc.kernels.jit import njit
 
@@ -53,19 +57,21 @@ def _two_behind(kind: int, data: Floats, at: int, u: float, scale: Floats, grid:
 
 @njit
 def prepare(
-    kind: int, data: Floats, at: int, low: float, u: float, s0: float, scale: Floats, grid: Ints, here: Floats, error: float, rows: int,
-    step: NDArray[np.int8], reach: Floats,
+    kind: int, data: Floats, at: int, low: float, u: float, upto: float, s0: float, scale: Floats, grid: Ints, here: Floats, error: float,
+    rows: int, step: NDArray[np.int8], reach: Floats,
 ) -> tuple[int, float, float, bool]:  # fmt: skip
-    """The rows without which an axis would have to make two steps in a row at u: where it passes its next grid line after ``low``.
+    """The first row without which an axis would have to make two steps in a row at u: where it is a step and a half behind, after ``low``.
 
-    Returns the number of rows, the place of the last of them (``low`` if there is none), the error so far, and whether room was left.
+    One beyond ``upto`` is left. Returns the number of rows, the place of the row (``low`` if there is none), the error so far, and whether
+    room was left.
     """
+    done = True
     axis = _two_behind(kind, data, at, u, scale, grid, here)
-    while axis >= 0 and rows < len(reach):
+    if axis >= 0:
         place = u
         while axis >= 0:
             sign = 1.0 if here[0, axis] * scale[axis] > grid[axis] else -1.0
-            line = (grid[axis] + sign) / scale[axis]
+            line = (grid[axis] + 1.5 * sign) / scale[axis]
             near = low
             high = place
             middle = 0.5 * (near + high)
@@ -78,10 +84,12 @@ def prepare(
                 middle = 0.5 * (near + high)
             axis = _two_behind(kind, data, at, high, scale, grid, here) if high < place else -1
             place = high
-        rows, error = _write_row(kind, data, at, place, s0, scale, grid, here, error, rows, step, reach)
-        low = place
-        axis = _two_behind(kind, data, at, u, scale, grid, here)
-    return rows, low, error, axis < 0
+        if place <= upto:
+            done = rows < len(reach)
+            if done:
+                rows, error = _write_row(kind, data, at, place, s0, scale, grid, here, error, rows, step, reach)
+                low = place
+    return rows, low, error, done
 
 
 @njit
@@ -90,7 +98,11 @@ def round_to(
     step: NDArray[np.int8], reach: Floats,
 ) -> tuple[int, float, float, bool]:  # fmt: skip
     """The rows after which the grid point is the curve's, rounded, at u: see :func:`prepare`, which returns the same."""
-    rows, low, error, done = prepare(kind, data, at, low, u, s0, scale, grid, here, error, rows, step, reach)
+    done = True
+    before = -1
+    while done and rows > before:
+        before = rows
+        rows, low, error, done = prepare(kind, data, at, low, u, u, s0, scale, grid, here, error, rows, step, reach)
     if done:
         curve_eval(kind, data, at, u, here)
         for i in range(len(grid)):
@@ -100,3 +112,23 @@ def round_to(
             done = True
         low = u if done else low
     return rows, low, error, done
+
+
+@njit
+def enter(
+    kind: int, data: Floats, at: int, u: float, s0: float, scale: Floats, grid: Ints, here: Floats, error: float, rows: int,
+    step: NDArray[np.int8], reach: Floats,
+) -> tuple[int, float, bool]:  # fmt: skip
+    """The row at the start u of a piece, needed if the piece before left an axis a whole BLU behind, as one that was not its leader.
+
+    Returns the number of rows, the error so far, and whether room was left.
+    """
+    curve_eval(kind, data, at, u, here)
+    behind = False
+    for i in range(len(grid)):
+        p = here[0, i] * scale[i]
+        behind = behind or abs(p - grid[i]) >= 1.0 - slack(p)
+    done = True
+    if behind:
+        rows, _, error, done = round_to(kind, data, at, u, u, s0, scale, grid, here, error, rows, step, reach)
+    return rows, error, done

@@ -142,7 +142,8 @@ def window_rows(
             break
         sign = way[lead, 0]
         line = grid[lead] + sign
-        near = x + approach(min(-lead_off, 0.0), sign * now[lead, 1], sign * now[lead, 2], sign * now[lead, 3])
+        # 2 is beyond any window
+        near = min(x + approach(min(-lead_off, 0.0), sign * now[lead, 1], sign * now[lead, 2], sign * now[lead, 3]), 2.0)
         exact = False
         high = 2.0
     return rows, x if lead >= 0 else 1.0, error

@@ -11,8 +11,8 @@ has it, towards the nearer of two candidates, which are one BLU apart, so that t
 A row lies at the place of the path at which the leader is on its grid line: there it is exact and the others are within half a BLU. Where
 the path turns so that another axis becomes the fastest (figures 2 and 6: eight octants in a plane, by the end point's larger coordinate
 on a line, by the tangent on an arc), that one leads; if it is a whole BLU behind, there is a row at once. An axis that would have to make
-two steps in a row, as after a start far from the middle of its cell, gets a row of its own before. At the end of the piece a last row
-rounds the grid point to the end, on the grid or not.
+two steps in a row, as after a start far from the middle of its cell, gets a row of its own before. A piece that ends off the grid leaves
+the grid point where it is, less than a BLU and a half behind: the next piece goes on from there, and its leader's steps stay even.
 
 LINE. The deviation f of an axis is counted in integers: with the line's ends on the grid, in units of half the leader's travel, it is the
 paper's recursion (equations 8 to 10: -2 Ye for each step of X, +2 Xe for one of Y) without any rounding; else in units of 2^-52 BLU.
@@ -30,7 +30,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.catch_up import prepare, round_to
+from cnc.kernels.catch_up import enter, prepare, round_to
 from cnc.kernels.crossings import slack
 from cnc.kernels.curve import LINE, START, Floats, Ints, curve_range
 from cnc.kernels.half_step_arc import arc_rows
@@ -52,21 +52,18 @@ def half_step_rows(
     s0: path coordinate (mm) of the piece's start. scale (n,): steps per mm. grid (n,) is carried on. state: not needed here. step (room, n)
     gets the rows, reach (room,) the path coordinate of each. Returns the number of rows, the u up to which all is done (``upto`` when
     through), and the largest |grid - position| (BLU) over axes and rows, at the place of the row. The rows do not depend on where a piece
-    is cut: only its very end is rounded to.
+    is cut.
     """
-    u0, u1 = curve_range(kind, data, at)
+    u0, _ = curve_range(kind, data, at)
     here = np.empty((4, len(grid)))
     error = 0.0
     done = True
     if u == u0:
-        # another algorithm may have left the grid point where this one would not
-        rows, u, error, done = round_to(kind, data, at, u, u, s0, scale, grid, here, error, rows, step, reach)
+        rows, error, done = enter(kind, data, at, u, s0, scale, grid, here, error, rows, step, reach)
     if done and kind == LINE:
         rows, u, error, done = _line_rows(data, at, u, upto, s0, scale, grid, here, error, rows, step, reach)
     elif done:
         rows, u, error, done = arc_rows(kind, data, at, u, upto, s0, scale, grid, here, error, rows, step, reach)
-    if done and upto == u1:
-        rows, u, error, done = round_to(kind, data, at, u, upto, s0, scale, grid, here, error, rows, step, reach)
     return rows, upto if done else min(u, np.nextafter(upto, u0)), error
 
 
@@ -99,12 +96,21 @@ def _line_rows(
     sign = 1 if travel > 0.0 else -1
     per_blu = (u1 - u0) / abs(travel)
     here_at = data[end + leader] * scale[leader] if upto == u1 else first + sign * ((upto - u0) / per_blu)
+    # a line that is reached but for rounding is reached
+    here_at += sign * slack(here_at)
     count = math.floor(sign * (here_at - grid[leader]))
-    if count > 0:
-        # no axis makes two steps in the first row, hence none later
+    # no axis makes two steps in the first row, hence none later, nor is left two steps behind; such a row may be a step of the leader's, too
+    line = 0.0
+    before = -1
+    while not full and rows > before:
+        before = rows
         line = sign * (grid[leader] + sign - first) * per_blu
-        rows, u, error, done = prepare(LINE, data, at, u, u0 + line, s0, scale, grid, here, error, rows, step, reach)
+        rows, u, error, done = prepare(LINE, data, at, u, min(u0 + line, u1), upto, s0, scale, grid, here, error, rows, step, reach)
         full = not done
+    if count > 0:
+        count = math.floor(sign * (here_at - grid[leader]))
+        if not full and count > 0 and rows < room and _aside(data, at, line, leader, scale, grid):
+            rows, u, error, _ = round_to(LINE, data, at, u, min(u0 + line, upto), s0, scale, grid, here, error, rows, step, reach)
         count = min(math.floor(sign * (here_at - grid[leader])), room - rows)
     if count > 0 and not full:
         line = sign * (grid[leader] - first)
@@ -140,8 +146,27 @@ def _line_rows(
         for k in range(count):
             reach[rows + k] = min(max(s0 + (line + (k + 1)) * per_blu, begin), s0 + (u - u0))
         rows += count
-        full = math.floor(sign * (here_at - grid[leader])) > 0
+    full = full or math.floor(sign * (here_at - grid[leader])) > 0
     return rows, u, error, not full
+
+
+@njit
+def _aside(data: Floats, at: int, line: float, leader: int, scale: Floats, grid: Ints) -> bool:
+    """Whether an axis stands where its own steps don't lead it back to the line: the piece before left it beside its way.
+
+    line: the leader's first grid line, as a distance along the move.
+    """
+    start = at + START
+    end = start + len(grid)
+    u0, u1 = curve_range(LINE, data, at)
+    aside = False
+    for i in range(len(grid)):
+        if i != leader:
+            travel = (data[end + i] - data[start + i]) * scale[i]
+            off = data[start + i] * scale[i] + travel * (line / (u1 - u0)) - grid[i]
+            margin = 0.5 + slack(grid[i])
+            aside = aside or (off < -margin if travel > 0.0 else off > margin if travel < 0.0 else abs(off) > margin)
+    return aside
 
 
 @njit

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.catch_up import round_to
+from cnc.kernels.catch_up import prepare, round_to
 from cnc.kernels.crossings import (
     CHECKS,
     EXACT,
@@ -80,7 +80,7 @@ def arc_rows(
         width = max(width, ub - ua if off > 1.0 else shortest)
         pa = ra[0, leader] * scale[leader]
         pb = rb[0, leader] * scale[leader]
-        lines = max(math.floor(sign * (pb - grid[leader])), 0)
+        lines = max(math.floor(sign * (pb - grid[leader]) + slack(pb)), 0)
         count = min(lines, room - rows)
         x = (grid[leader] + sign - pa) / (pb - pa) if count > 0 else 0.0
         dx = 1.0 / abs(pb - pa) if count > 0 else 0.0
@@ -89,11 +89,11 @@ def arc_rows(
             moved[i] = 0
             if i != leader:
                 c = poly[i]
-                if ra[1, i] == 0.0 and rb[1, i] == 0.0 and ra[0, i] == rb[0, i]:
+                far = 0.5 + slack(max(abs(ra[0, i]), abs(rb[0, i])) * scale[i])
+                if ra[1, i] == 0.0 and rb[1, i] == 0.0 and ra[0, i] == rb[0, i] and abs(c[0] - grid[i]) <= far:
                     _rests(step[rows : rows + count, i])
                     error = max(error, abs(c[0] - grid[i]) if count > 0 else 0.0)
                     continue
-                far = 0.5 + slack(max(abs(ra[0, i]), abs(rb[0, i])) * scale[i])
                 kept, moved[i], worst = _nearest(
                     c[0] - grid[i], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x, dx, far, step[rows : rows + count, i]
                 )  # fmt: skip
@@ -118,17 +118,24 @@ def arc_rows(
         if made < count:
             # an axis would make two steps there
             c = poly[leader]
-            ua = u0 + risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x + made * dx)
-            rows, u, error, done = round_to(kind, data, at, u, ua, s0, scale, grid, here, error, rows, step, reach)
-            full = not done
-            curve_eval(kind, data, at, ua, ra)
-            lengths[0, 0] = curve_arclen(kind, data, at, u0, ua)
-        elif count < lines:
+            ub = u0 + risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x + made * dx)
+        if made == count and count < lines:
             full = True
         else:
-            ua = ub
-            lengths[0, 0] = lengths[1, 0]
-            ra, rb = rb, ra
+            before = rows
+            rows, u, error, done = prepare(kind, data, at, u, ub, ub, s0, scale, grid, here, error, rows, step, reach)
+            if done and made < count and rows == before:
+                # there the polynomial and the curve are on two sides of the limit
+                rows, u, error, done = round_to(kind, data, at, u, ub, s0, scale, grid, here, error, rows, step, reach)
+            full = not done
+            if made == count and rows == before:
+                ua = ub
+                lengths[0, 0] = lengths[1, 0]
+                ra, rb = rb, ra
+            else:
+                ua = u if rows > before else ub
+                curve_eval(kind, data, at, ua, ra)
+                lengths[0, 0] = curve_arclen(kind, data, at, u0, ua)
     return rows, u, error, not full
 
 

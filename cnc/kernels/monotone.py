@@ -9,7 +9,7 @@ lies tells whether a line is reached inside:
         |  /          |          The interpolators of :mod:`cnc.kernels.enclosing_line` and :mod:`cnc.kernels.kiritsis` write the rows of
         +---------------> x      a window; the grid point goes along from one to the next, at most one BLU from the curve.
 
-Where the piece ends a last row rounds the grid point to the end, on the grid or not; rows don't depend on where a piece is cut.
+A piece may end off the grid: the next one goes on from the grid point that is left. Rows don't depend on where a piece is cut.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.crossings import POLYNOMIAL, grid_after, next_window, place_rows
+from cnc.kernels.catch_up import enter
+from cnc.kernels.crossings import POLYNOMIAL, next_window, place_rows
 from cnc.kernels.curve import MAX_TURNING_POINTS, Floats, Ints, curve_arclen, curve_eval, curve_range, curve_turning_points
 from cnc.kernels.enclosing_line import window_rows as enclosing_line_window
 from cnc.kernels.jit import njit
@@ -58,15 +59,16 @@ def _rows(
     ends = np.empty(n)
     turns = np.empty(n * MAX_TURNING_POINTS + 1)
     all_turning_points(kind, data, at, n, turns)
-    u0, u1 = curve_range(kind, data, at)
+    u0, _ = curve_range(kind, data, at)
+    error = 0.0
+    full = False
+    if u == u0:
+        rows, error, done = enter(kind, data, at, u, s0, scale, grid, rc, error, rows, step, reach)
+        full = not done
     curve_eval(kind, data, at, u, ra)
     lengths[0, 0] = curve_arclen(kind, data, at, u0, u)
-    for i in range(n):
-        ends[i] = ra[0, i] * scale[i]
     width = state[WIDTH] if state[WIDTH] > 0.0 else upto - u
-    error = 0.0
     turn = 0
-    full = False
     while u < upto and not full:
         while turns[turn] <= u:
             turn += 1
@@ -84,22 +86,6 @@ def _rows(
         lengths[0, 0] = lengths[1, 0]
         ra, rb = rb, ra
     state[WIDTH] = width
-    moving = not full and upto == u1
-    while moving:
-        moving = False
-        for i in range(n):
-            moving = moving or grid_after(grid[i], ends[i]) != grid[i]
-        if moving and rows == room:
-            # to come back for it, with next to nothing left to go
-            u = np.nextafter(upto, -math.inf)
-            moving = False
-        elif moving:
-            for i in range(n):
-                step[rows, i] = min(max(grid_after(grid[i], ends[i]) - grid[i], -1), 1)
-                grid[i] += step[rows, i]
-                error = max(error, abs(grid[i] - ends[i]))
-            reach[rows] = s0 + lengths[0, 0]
-            rows += 1
     return rows, u, error
 
 
@@ -110,9 +96,10 @@ def enclosing_line_rows(
 ) -> tuple[int, float, float]:  # fmt: skip
     """Write the grid moves of a piece from u to ``upto``, from row ``rows`` on, as many as there is room for.
 
-    scale (n,): steps per mm. grid (n,): grid point, carried on; at u it is one nearest to the curve. state (32,): zeros when the piece is
-    entered, kept while it is under way. step (room, n) gets the rows, reach (room,) the path coordinate of each in mm, s0 at the start of
-    the piece. Returns the number of rows, the u up to which all is done, and the largest |grid - position| in BLU of any of these rows.
+    scale (n,): steps per mm. grid (n,): grid point, carried on; where the piece is entered at most a BLU and a half from the curve in each
+    axis. state (32,): zeros when the piece is entered, kept while it is under way. step (room, n) gets the rows, reach (room,) the path
+    coordinate of each in mm, s0 at the start of the piece. Returns the number of rows, the u up to which all is done, and the largest
+    |grid - position| in BLU of any of these rows.
     """
     return _rows(False, kind, data, at, u, upto, s0, scale, grid, state, rows, step, reach)
 

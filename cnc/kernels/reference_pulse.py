@@ -6,13 +6,20 @@ A row is a grid move: the axes that step together, each by one BLU. Rows are mad
     phase by phase     when the motion is there                          :mod:`cnc.kernels.timing`
     row by row         what is too fast for the board                    :mod:`cnc.kernels.spacing`
 
-Every generator has the shape of :func:`cnc.kernels.crossing_rows.crossing_rows`; the grid point is what they hand on to each other. By
-crossings each axis steps where it is half way to its next grid point: no axis is ever more than half a BLU off, at a row or between rows,
-and its steps are as even as the motion. Half steps and enclosing lines step where the curve passes by a grid point, several axes at once:
-fewer rows, each within half a BLU of the curve in every axis, but behind it by up to a BLU and a half just before.
+Every generator has the shape of :func:`cnc.kernels.crossing_rows.crossing_rows`; the grid point is what they hand on to each other.
 
-With those a piece that ends off the grid ends with a row that rounds. Where a chunk ends inside a piece there is none: rows don't depend on
-how a plan is cut.
+Half steps (lines, arcs) and enclosing lines (curves) make a row where the path's fastest axis, the leader, comes to its next grid line;
+the others round there and step with it or not:
+
+      |     |     |   ,-o         At a row each axis is within half a BLU of the path. Between two rows the leader is up to a BLU behind,
+      |     | ,o--|---|           any other up to a BLU and a half. The leader's steps are as even as the motion; those of another axis
+      o-----|-'---|---|---- x     wait for it, so that two of them may be nearer to each other by one row than the axis's speed makes them.
+
+Where the path goes on, a piece that ends off the grid leaves the grid point as it is, and the next leader takes over; where the motion
+rests a last row rounds it to the end. Rows don't depend on how a plan is cut.
+
+By crossings, and point by point, each axis steps by itself where it is half-way to its next grid point: more rows, no axis ever more than
+half a BLU off, and steps of every axis as even as the motion.
 """
 
 from __future__ import annotations
@@ -20,9 +27,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.kernels.catch_up import round_to
 from cnc.kernels.crossing_rows import crossing_rows
 from cnc.kernels.crossings import KEPT
-from cnc.kernels.curve import LINE, SPAN, SPAN_BODY, START, Floats, Ints, curve_inv_arclen, curve_range
+from cnc.kernels.curve import SPAN, Floats, Ints, curve_inv_arclen, curve_range
 from cnc.kernels.half_step import half_step_rows
 from cnc.kernels.jit import njit
 from cnc.kernels.monotone import enclosing_line_rows, kiritsis_rows
@@ -30,8 +38,8 @@ from cnc.kernels.point_by_point import point_by_point_rows
 from cnc.kernels.spacing import spaced, without_grazes
 from cnc.kernels.timing import phase_times
 
-ENCLOSING_LINE, HALF_STEP, POINT_BY_POINT, KIRITSIS, CROSSINGS = range(5)
-"""Algorithms."""
+BY_PIECE, ENCLOSING_LINE, HALF_STEP, POINT_BY_POINT, KIRITSIS, CROSSINGS = range(6)
+"""Algorithms; the first is the choice of one for each piece."""
 
 SNAP = 1e-9
 """mm: a chunk that ends this near to the end of a piece ends with it."""
@@ -48,33 +56,22 @@ FLOATS = SCRATCH + KEPT
 
 
 @njit
-def moving_axes(kind: int, data: Floats, at: int, n: int) -> int:
-    """How many of the n axes move in a piece."""
-    start = at + START
-    body = start + 2 * n
-    count = 0
-    for i in range(n):
-        moves = data[start + i] != data[start + n + i]
-        if kind == SPAN:
-            p = int(data[body])
-            first = body + SPAN_BODY + (i + 1) * (p + 1)
-            for k in range(first, first + p + 1):
-                moves = moves or data[k] != 0.0
-        elif kind != LINE:
-            moves = moves or i == int(data[body]) or i == int(data[body + 1])
-        if moves:
-            count += 1
-    return count
+def algorithm_for(kind: int, wanted: int) -> int:
+    """The algorithm for a piece: the one that is wanted, but half steps need a line or an arc."""
+    if wanted in (BY_PIECE, HALF_STEP):
+        return ENCLOSING_LINE if kind == SPAN else HALF_STEP
+    return wanted
 
 
 @njit
-def algorithm_for(kind: int, data: Floats, at: int, n: int, wanted: int) -> int:
-    """The algorithm for a piece: ``wanted`` where it can do the piece, else crossings."""
-    able = wanted == POINT_BY_POINT or (wanted == HALF_STEP and kind != SPAN)
-    if wanted in (ENCLOSING_LINE, KIRITSIS):
-        moving = moving_axes(kind, data, at, n)
-        able = moving == 2 or (wanted == ENCLOSING_LINE and moving > 2)
-    return wanted if able else CROSSINGS
+def rests(phase_s: Floats, phase_v: Floats, s: float) -> bool:
+    """Whether the motion comes to rest at the path coordinate s, to within SNAP."""
+    k = np.searchsorted(phase_s, s - SNAP)
+    at_rest = False
+    while k < len(phase_s) and phase_s[k] <= s + SNAP:
+        at_rest = at_rest or phase_v[k] <= REST
+        k += 1
+    return at_rest
 
 
 @njit
@@ -90,10 +87,9 @@ def pulses(
     (n,): steps per mm. grid (n,): grid point, carried on. integers, floats: state, zeros at the start of a chunk but for LAST_NS,
     RELEASED_NS and ERROR, which go on; the chunk is done when integers[PIECE] is past its last piece. time_ns (rows,), step (rows, n), line
     (rows,): buffers, of which the first ``filled`` rows are taken; reach (rows,): scratch. recent (n,): row of each axis's last pulse, -1
-    if it is no longer there. min_pulse_ns: an axis that steps back sooner after a step makes neither; but for crossings, rows
-    come no faster.
+    if it is no longer there. min_pulse_ns: rows come no faster, and an axis that steps back sooner after a step makes neither.
     """
-    n = len(grid)
+    here = np.empty((4, len(grid)))
     s_begin = phase_s[0]
     s_end = phase_s[-1]
     state = floats[SCRATCH:]
@@ -107,19 +103,22 @@ def pulses(
         k = int(kind[piece])
         a = int(at[piece])
         s0 = piece_s[piece]
-        _, u1 = curve_range(k, data, a)
+        u0, u1 = curve_range(k, data, a)
         if integers[INSIDE] == 0:
-            floats[U] = curve_inv_arclen(k, data, a, s_begin - s0)
+            floats[U] = curve_inv_arclen(k, data, a, s_begin - s0) if s_begin > s0 + SNAP else u0
             integers[INSIDE] = 1
             state[:] = 0.0
         u = floats[U]
         upto = u1
         if s_end < piece_s[piece + 1] - SNAP:
             upto = curve_inv_arclen(k, data, a, s_end - s0)
-        how = algorithm_for(k, data, a, n, algorithm)
+        how = algorithm_for(k, algorithm)
         before = rows
         error = 0.0
-        if how == HALF_STEP:
+        if u >= upto:
+            # all but the row that rounds
+            u = upto
+        elif how == HALF_STEP:
             rows, u, error = half_step_rows(k, data, a, u, upto, s0, scale, grid, state, rows, step, reach)
         elif how == ENCLOSING_LINE:
             rows, u, error = enclosing_line_rows(k, data, a, u, upto, s0, scale, grid, state, rows, step, reach)
@@ -129,20 +128,20 @@ def pulses(
             rows, u, error = kiritsis_rows(k, data, a, u, upto, s0, scale, grid, state, rows, step, reach)
         else:
             rows, u, error = crossing_rows(k, data, a, u, upto, s0, scale, grid, state, rows, step, reach)
+        full = u < upto
+        if u == u1 and rests(phase_s, phase_v, piece_s[piece + 1]):
+            rows, _, error, done = round_to(k, data, a, u, u, s0, scale, grid, here, error, rows, step, reach)
+            full = not done
         floats[ERROR] = max(floats[ERROR], error)
         for row in range(before, rows):
             line[row] = source_line[piece]
         floats[U] = u
-        full = u < upto
         if not full:
             piece += 1
             integers[INSIDE] = 0
     integers[PIECE] = piece
     _times(phase_t, phase_s, phase_v, phase_a, phase_j, whole_ns, seconds, integers, floats, filled, rows, reach, time_ns)
     rows = without_grazes(filled, rows, time_ns, step, line, recent, min_pulse_ns)
-    if algorithm == CROSSINGS:
-        # an axis's own steps are as far apart as its speed makes them
-        return rows
     return spaced(rows, integers[RELEASED_NS], time_ns, step, line, recent, min_pulse_ns)
 
 

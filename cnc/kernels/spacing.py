@@ -4,12 +4,11 @@ A graze, an axis that turns back so soon behind a half-grid line that its two pu
 over: both pulses are taken out again. Grazes that rest exactly on the line are common in real programs, and the slack of the generators
 deals with them; those that reach a hair beyond it are rare in one move but sure to come in a million.
 
-Rows of different axes may fall due at almost the same time. Where the board needs more time they become one (but not with crossings, whose
-times are those of the plan):
+Rows of different axes may fall due at almost the same time. Where the board needs more time they become one:
 
       x   |      |      |      |         at the time of the later: there the curve is within half a BLU of the grid point that both lead to.
-      y     |       |      |    |        Two rows of the same axis only come so near at the ends of pieces, off the grid, where the first
-      row ^ ^    ^  ^      ^   ^         or the last step of a piece is a short one. Then the second row waits.
+      y     |       |      |    |        Two rows of the same axis only come so near where another axis takes the lead: its steps were
+      row ^ ^    ^  ^      ^   ^         those of the other's rows, now they are its own. Then the second row waits.
                         one  one
 """
 

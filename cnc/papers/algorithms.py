@@ -28,7 +28,8 @@ def section() -> Section:
     rows = [row for name, start, block in _paths() for row in _compared(name, np.array(start), block)]
     return Section(
         "All algorithms side by side",
-        "The same paths at a constant 10 mm/s and 1000 steps/mm by every algorithm that takes them (`--algorithm` of cncrun). "
+        "The same paths at a constant 10 mm/s and 1000 steps/mm by every algorithm that takes them (`--algorithm` of cncrun; if none is "
+        "named, half steps on lines and arcs, enclosing lines on other curves). "
         "A row is a grid move of one axis or several. *Distance* is the largest, over axes and "
         "rows, of a grid point from the path where the row is due; the time of a row includes its time stamp.",
         (Table("Steps, distance and time", ("path", "algorithm", "rows", "steps", "distance, BLU", "ns a row", "million steps/s"), rows),),
@@ -55,15 +56,10 @@ def _compared(name: str, start: NDArray[np.float64], block: Block) -> Iterator[l
     length = float(piece_s[-1])
     ends, steady = np.array([0.0, length]), np.full(2, SPEED)
     plan = PlanChunk(path, piece_s, 0.0, 0.0, ends / SPEED, ends, steady, np.zeros(2), np.zeros(1))
-    for algorithm in (each for each in ALGORITHMS if _takes(each, block, len(start))):
+    for algorithm in (each for each in ALGORITHMS if each != "half-step" or not isinstance(block, NurbsFeed)):
         step, error, seconds = min((_rows(plan, start, algorithm) for _ in range(REPEATS)), key=lambda run: run[2])
         steps = int(np.count_nonzero(step))
         yield [name, algorithm, len(step), steps, error, seconds / len(step) * 1e9, steps / seconds / 1e6]
-
-
-def _takes(algorithm: Algorithm, block: Block, axes: int) -> bool:
-    """Whether it takes a path of that kind; else crossings stand in for it."""
-    return not (algorithm == "half-step" and isinstance(block, NurbsFeed)) and not (algorithm == "kiritsis" and axes > 2)
 
 
 def _rows(plan: PlanChunk, start: NDArray[np.float64], algorithm: Algorithm) -> tuple[NDArray[np.int8], float, float]:

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cnc.canon import ArcFeed, Block, NurbsFeed, Polyline
+from cnc.kernels.catch_up import round_to
+from cnc.kernels.curve import curve_range
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.plan import PlanChunk
@@ -100,6 +102,16 @@ def state_at(plan: PlanChunk, t: NDArray[np.float64]) -> NDArray[np.float64]:
     dt = t - plan.phase_t[k]
     v, a, j = plan.phase_v[k], plan.phase_a[k], plan.phase_j[k]
     return np.stack((plan.phase_s[k] + dt * (v + dt * (a / 2 + dt * j / 6)), v + dt * (a + dt * j / 2), a + dt * j))
+
+
+def at_rest(
+    path: PathChunk, s0: float, scale: NDArray[np.float64], grid: NDArray[np.int64], step: NDArray[np.int8], reach: NDArray[np.float64]
+) -> tuple[int, float]:
+    """The rows that round the grid point to the path's end, whose last piece begins at s0: into step and reach. Their number and error."""
+    kind, at = int(path.kind[-1]), int(path.at[-1])
+    _, u1 = curve_range(kind, path.data, at)
+    rows, _, error, _ = round_to(kind, path.data, at, u1, u1, s0, scale, grid, np.empty((4, len(grid))), 0.0, 0, step, reach)
+    return rows, float(error)
 
 
 def pieces(path: PathChunk, first: int, last: int) -> PathChunk:

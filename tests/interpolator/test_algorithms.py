@@ -17,17 +17,17 @@ from cnc.interpolator.reference_pulse import ALGORITHMS, Algorithm, ReferencePul
 from cnc.planner.plan import PlanChunk
 from cnc.stream import PulseChunk
 from oracle import segments_of
-from plans import FILE, arc, at_constant_speed, cut, path_of, plan_of, polyline, state_at, trident
+from plans import FILE, arc, at_constant_speed, cut, path_of, pieces, plan_of, polyline, state_at, trident
 from support import share
 
 Floats = NDArray[np.float64]
-EVERY = pytest.mark.parametrize("algorithm", ALGORITHMS)
-UNCUT = pytest.mark.parametrize("algorithm", ["half-step", "enclosing-line", "crossings", "point-by-point"])
+EVERY = pytest.mark.parametrize("algorithm", [None, *ALGORITHMS])
+UNCUT = pytest.mark.parametrize("algorithm", [None, "enclosing-line", "crossings", "point-by-point"])
 """Their rows follow from path and grid point alone; the shortest normal is looked for from the place of the search before, or a cut."""
 
 
 def run(
-    plans: Sequence[PlanChunk], scale: ArrayLike, start: ArrayLike, algorithm: Algorithm, min_ns: float = 0.0
+    plans: Sequence[PlanChunk], scale: ArrayLike, start: ArrayLike, algorithm: Algorithm | None, min_ns: float = 0.0
 ) -> tuple[PulseChunk, ReferencePulse]:
     """All rows in one, the last move to the rounded end with them."""
     interpolator = ReferencePulse(scale, start, min_ns, algorithm=algorithm)
@@ -40,7 +40,9 @@ def run(
     ), interpolator
 
 
-def check(blocks: Sequence[Block], start: ArrayLike, steps_per_mm: ArrayLike, algorithm: Algorithm, *, looked_at: int = 150) -> PulseChunk:
+def check(
+    blocks: Sequence[Block], start: ArrayLike, steps_per_mm: ArrayLike, algorithm: Algorithm | None, *, looked_at: int = 150
+) -> PulseChunk:
     """Rows of a plan from rest to rest, and a share of them against the path evaluated another way at their times."""
     origin = np.asarray(start, dtype=np.float64)
     scale = np.array(np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), origin.shape))
@@ -106,38 +108,75 @@ def random_path(rng: np.random.Generator, axes: int) -> tuple[Floats, list[Block
 @EVERY
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=share(300, 4), deadline=None)
-def test_any_path(algorithm: Algorithm, seed: int) -> None:
+def test_any_path(algorithm: Algorithm | None, seed: int) -> None:
     rng = np.random.default_rng(seed)
     axes = int(rng.integers(2, 5))
     start, blocks = random_path(rng, axes)
     check(blocks, start, rng.choice([40.0, 50.0, 80.0, 100.0, 333.3], axes), algorithm, looked_at=40)
 
 
-def test_what_an_algorithm_cant_do_goes_by_crossings() -> None:
-    def steps(blocks: Sequence[Block], start: Floats, algorithm: Algorithm) -> list[list[int]]:
-        rows, _ = run([plan_of(path_of(blocks, start))], np.full(len(start), 100.0), start, algorithm)
-        return [[int(each) for each in row] for row in rows.step]
+def steps(blocks: Sequence[Block], start: ArrayLike, algorithm: Algorithm | None) -> list[list[int]]:
+    """The rows at 100 steps/mm."""
+    origin = np.asarray(start, dtype=np.float64)
+    rows, _ = run([plan_of(path_of(blocks, origin))], np.full(len(origin), 100.0), origin, algorithm)
+    return [[int(each) for each in row] for row in rows.step]
 
+
+def test_each_piece_has_its_algorithm() -> None:
+    """Half steps on lines and arcs, enclosing lines on other curves; what is named instead takes every piece."""
     rng = np.random.default_rng(3)
     flat, space = np.zeros(2), np.zeros(3)
     # the circle of the paper: 56 steps by half steps, 80 by comparing point by point
     circle = [arc([0.1, 0.0], (0.0, 0.0), 1.0)]
-    assert len(steps(circle, np.array([0.1, 0.0]), "half-step")) == 56
-    assert len(steps(circle, np.array([0.1, 0.0]), "point-by-point")) == 80
+    for algorithm, rows in ((None, 56), ("half-step", 56), ("point-by-point", 80)):
+        assert len(steps(circle, [0.1, 0.0], algorithm)) == rows
     line = [polyline([[0.3, 0.1, -0.2]])]
-    assert len(steps(line, space, "half-step")) == 30 < len(steps(line, space, "crossings"))
-    assert steps(line, space, "kiritsis") == steps(line, space, "crossings")
-    curve, twisted = [random_nurbs(rng, flat, 3)], [random_nurbs(rng, space, 3)]
-    assert steps(curve, flat, "half-step") == steps(curve, flat, "crossings") != steps(curve, flat, "enclosing-line")
-    assert steps(twisted, space, "kiritsis") == steps(twisted, space, "crossings") != steps(twisted, space, "enclosing-line")
+    assert len(steps(line, space, None)) == 30 < len(steps(line, space, "crossings"))
+    for start in (flat, space):
+        curve = [random_nurbs(rng, start, 3)]
+        assert steps(curve, start, None) == steps(curve, start, "half-step") == steps(curve, start, "enclosing-line")
+        assert len({str(steps(curve, start, algorithm)) for algorithm in (None, "crossings")}) == 2
     assert steps([polyline([[0.3]])], np.zeros(1), "enclosing-line") == [[1]] * 30
-    # if none is named
-    rows = ReferencePulse([100.0] * 3, space).pulses(plan_of(path_of(line, space)))
-    assert np.concatenate([part.step for part in rows]).tolist() == steps(line, space, "crossings")
+
+
+def test_a_leader_steps_evenly_across_the_joints_of_its_path() -> None:
+    """Chords that end off the grid, at constant speed along the leading axis: no step is early or late."""
+    x = np.cumsum(np.full(50, 0.0377))
+    points = np.stack((x, 0.3 * np.sin(x), 0.1 * x), axis=1)
+    for k in range(1, len(points)):
+        points[k, 1] = points[k - 1, 1] + (points[k, 1] - points[k - 1, 1])
+    path = path_of([polyline(points)], np.zeros(3))
+    length = np.asarray(path.length)
+    speed = length / np.diff(np.concatenate(([0.0], x)))
+    ends = np.concatenate(([0.0], np.cumsum(length)))
+    t = np.concatenate(([0.0], x))
+    plan = PlanChunk(path, ends, 0.0, 0.0, t, ends, np.append(speed, speed[-1]), np.zeros(len(t)), np.zeros(len(x)))
+    rows, _ = run([plan], np.full(3, 100.0), np.zeros(3), None)
+    np.testing.assert_allclose(rows.time_ns, 1e7 * np.arange(1, 189), atol=1.0)
+    assert (rows.step[:, 0] == 1).all()
+
+
+def test_rest_is_on_the_rounded_point() -> None:
+    """Where the motion stops the grid point is the nearest; where it goes on no step is made for it."""
+    corner = path_of([polyline([[0.0377, 0.0], [0.0377, 0.05]])], [0.0, 0.0])
+    first, second = (pieces(corner, k, k) for k in (0, 1))
+    whole, _ = run([plan_of(first), plan_of(second, t0=9.0)], [100.0] * 2, [0.0, 0.0], None)
+    assert whole.step.tolist() == [[1, 0]] * 4 + [[0, 1]] * 5
+    at_once, _ = run([at_constant_speed(corner, 10.0)], [100.0] * 2, [0.0, 0.0], None)
+    assert at_once.step.tolist() == [[1, 0]] * 3 + [[1, 1]] + [[0, 1]] * 4
+
+
+def test_a_step_left_behind_is_made_before_it_is_two() -> None:
+    """The second axis is 1.4 steps behind where the first line ends, and leads on the second."""
+    path = path_of([polyline([[0.9, 0.84], [1.0, 2.0]])], [0.0, 0.0])
+    rows, _ = run([at_constant_speed(path, 1.0)], [1.0] * 2, [0.0, 0.0], None)
+    grid = np.cumsum(rows.step, axis=0)
+    assert grid[-1].tolist() == [1, 2]
+    assert len(grid) == 2
 
 
 @UNCUT
-def test_a_chunk_may_be_cut_anywhere(algorithm: Algorithm) -> None:
+def test_a_chunk_may_be_cut_anywhere(algorithm: Algorithm | None) -> None:
     start = np.array([10.0, 10.0])
     blocks = [trident(), polyline([[10.5, 0.3], [10.7, -1.0]], line=5), arc([10.7, -1.0], (11.7, -1.2), -0.8, line=7)]
     plan = plan_of(path_of(blocks, start), t0=3.25)
@@ -154,7 +193,7 @@ def test_a_chunk_may_be_cut_anywhere(algorithm: Algorithm) -> None:
 
 
 @UNCUT
-def test_a_buffer_smaller_than_the_rows(algorithm: Algorithm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_buffer_smaller_than_the_rows(algorithm: Algorithm | None, monkeypatch: pytest.MonkeyPatch) -> None:
     start = np.array([10.0, 10.0])
     blocks = [trident(), polyline([[10.0, 0.5], [10.3, 0.8]], line=5), arc([10.3, 0.8], (10.3, 1.0), 1.4, line=6)]
     plan = plan_of(path_of(blocks, start))
@@ -167,9 +206,9 @@ def test_a_buffer_smaller_than_the_rows(algorithm: Algorithm, monkeypatch: pytes
         assert np.abs(rows.time_ns - whole.time_ns).max() <= 3000
 
 
-@pytest.mark.parametrize("algorithm", [each for each in ALGORITHMS if each != "crossings"])
+@EVERY
 @pytest.mark.parametrize("seed", range(share(60, 4)))
-def test_rows_are_never_nearer_than_the_board_takes_them(algorithm: Algorithm, seed: int) -> None:
+def test_rows_are_never_nearer_than_the_board_takes_them(algorithm: Algorithm | None, seed: int) -> None:
     """At the highest speed that the board's rate allows on any one axis, over short moves off the grid."""
     rng = np.random.default_rng(seed)
     start, blocks = random_path(rng, 3)
@@ -186,7 +225,11 @@ def test_rows_are_never_nearer_than_the_board_takes_them(algorithm: Algorithm, s
             late = rows.time_ns[rows.step[:, axis] != 0] - bare.time_ns[bare.step[:, axis] != 0]
             assert (late >= 0).all()
             assert (late <= 4 * min_ns).all()
+    # the motion has not come to rest
     end = np.asarray(segments_of(blocks, start)[-1].q(np.array(1.0))) * 100.0
+    assert (np.abs(interpolator.position_steps - end) <= 1.5).all()
+    (last,) = list(interpolator.settle()) or [None]
+    assert last is None or last.time_ns[0] - rows.time_ns[-1] >= min_ns - 1
     assert (np.abs(interpolator.position_steps - end) <= 0.5 + 1e-8).all()
 
 

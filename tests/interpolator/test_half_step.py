@@ -23,7 +23,7 @@ from cnc.kernels.curve import curve_range
 from cnc.kernels.half_step import half_step_rows
 from cnc.kernels.point_by_point import point_by_point_rows
 from oracle import segments_of
-from plans import FILE, arc, path_of, polyline
+from plans import FILE, arc, at_rest, path_of, polyline
 from support import share
 
 Floats = NDArray[np.float64]
@@ -77,6 +77,12 @@ def run(
                 reaches.append(reach[:rows].copy())
         s0 += float(length)
         done.append(sum(map(len, steps)))
+    # where the motion rests
+    rows, off = at_rest(path, s0 - float(length), scales, grid, step, reach)
+    steps.append(step[:rows].copy())
+    reaches.append(reach[:rows].copy())
+    done[-1] += rows
+    error = max(error, off)
     return Run(first, np.concatenate(steps), np.concatenate(reaches), error, done)
 
 
@@ -109,9 +115,9 @@ def check(
         dense = np.linspace(0.0, 1.0, 500)
         held = first + np.searchsorted(w, dense + 1e-12, side="right")
         assert np.abs(points[held] - segment.q(dense) * scales).max() <= lag + 1e-6
-        assert (np.abs(points[last] - segment.q(np.array(1.0)) * scales) <= 0.5 + close).all()
         s0, first = s0 + length, last
     assert first == len(rows.step)
+    assert (np.abs(points[-1] - segments[-1].q(np.array(1.0)) * scales) <= 0.5 + close).all()
     return rows
 
 
@@ -317,7 +323,7 @@ def test_the_same_rows_in_any_buffers_and_parts(case: tuple[list[Block], Floats,
     np.testing.assert_allclose(parts.reach, whole.reach, atol=1e-9)
 
 
-def test_another_algorithms_grid_point_is_set_right() -> None:
+def test_a_grid_point_a_whole_step_behind_is_set_right_at_once() -> None:
     origin = np.array([1, -1])
     rows = run([polyline([[3.0, 10.0]])], [0.0, 0.0], 1.0, origin=origin)
     assert rows.step[0].tolist() == [-1, 1] and rows.reach[0] == 0.0
@@ -375,7 +381,7 @@ def test_lines_by_points(xe: int, ye: int) -> None:
 @pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="this is the inner run")
 def test_the_same_without_the_compiler() -> None:
     """A share of this file as plain Python, where an index out of its array can't go unnoticed."""
-    some = "circle_of_the_paper or ties or grid_point_is_set_right or small_buffers or as_the_paper_has_it or integer_lines"
+    some = "circle_of_the_paper or ties or set_right_at_once or small_buffers or as_the_paper_has_it or integer_lines"
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", __file__, "-k", some]
     root = Path(__file__).parents[2]
     done = subprocess.run(command, cwd=root, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=False)
