@@ -99,7 +99,7 @@ def _line_rows(
     # a line that is reached but for rounding is reached
     here_at += sign * slack(here_at)
     count = math.floor(sign * (here_at - grid[leader]))
-    # no axis makes two steps in the first row, hence none later, nor is left two steps behind; such a row may be a step of the leader's, too
+    # no axis makes two steps in the first row, hence none later, nor is left two steps behind; the leader may step in such a row, too
     line = 0.0
     before = -1
     while not full and rows > before:
