@@ -12,8 +12,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cnc.drivers.grblbox import realtime
-from cnc.drivers.grblbox.core import BUSY, Abort, Core, Event, Wait
+from cnc.drivers.grblbox.core import BUSY, CRITICAL, Abandon, Abort, Core, Event, Wait
 from cnc.drivers.grblbox.faults import Alarm, Corrupt, Drop, Duplicate, Error, Fault, Freeze, Garbler, Swallow, Unplug
 from cnc.drivers.grblbox.firmware import Firmware
 from cnc.drivers.grblbox.flavour import GRBL, Flavour
@@ -23,8 +26,9 @@ from cnc.drivers.grblbox.world import World
 BAUD = 115200
 BOOT_TIME = 1.5
 """Seconds from a reset by DTR to the welcome: the Arduino's boot loader waits for a new program first."""
-AFTER_RESET = (3, 6, 7, 8, 9)
-"""Alarms that come with a reset of the firmware."""
+PROBE_ALARMS = (4, 5)
+WITHOUT_RESET = (*CRITICAL, *PROBE_ALARMS)
+"""Alarms that do not come with a reset of the firmware: those that wait for one, and the probe's."""
 
 
 @dataclass(slots=True)
@@ -77,6 +81,11 @@ class GrblBox:
         """Everything else that was done, in order."""
         return self.core.events
 
+    def trail(self) -> NDArray[np.float64]:
+        """Every corner of the way that was moved, (n, 3) mm: what lies between two rows is straight."""
+        corners = [corner for move in self.moves for corner in (move.start, move.reached)]
+        return np.array(corners or [self.position])
+
     @property
     def lost(self) -> int:
         """Bytes that reached the board and were lost there: to a full ring or to an EEPROM write."""
@@ -99,7 +108,7 @@ class GrblBox:
         (a, b, c), (x, y, z) = core.world.offset, core.position
         core.world.offset = (a + x, b + y, c + z)
         core.steppers.position = (0.0, 0.0, 0.0)
-        core.state, core.homed = "Idle", False
+        core.state = "Idle"
         core.force_reset()
         core.cpu_free = core.now + delay
         self.plugged = True
@@ -117,13 +126,13 @@ class GrblBox:
         return self.core.transmitter.collect(self.core.now)
 
     def inject(self, fault: Fault, *, byte: int | None = None, line: int | None = None, time: float | None = None) -> None:
-        """Let something go wrong: now, or at the byte or line that is received as number ``byte`` or ``line`` (from 1), or at a time."""
+        """Let something go wrong: now, or at the byte or line that is the box's number ``byte`` or ``line`` (from 1), or at a time."""
         when = -math.inf if byte is None and line is None and time is None else math.inf if time is None else time
         self._due.append(Due(fault, byte, line, when))
         self._strike()
 
     def advance(self, until: float, *, answer: bool = False) -> None:
-        """Let time pass to ``until``; with ``answer``, no further than to when the host can read something."""
+        """Let time pass to ``until``; with ``answer``, no further than to when the host can read something, or finds the cable gone."""
         core = self.core
         while True:
             self._run_program()
@@ -131,6 +140,8 @@ class GrblBox:
             motion, timer, byte = core.steppers.event, core.timer, core.receiver.arrival
             other = min(motion, timer, self._wake(), self._fault_time())
             time = min(byte, other)
+            if answer and not self.plugged:
+                return
             if time > limit:
                 core.now = max(core.now, limit)
                 return
@@ -188,6 +199,10 @@ class GrblBox:
                 if core.aborted:
                     self._wait = self._program.throw(Abort)
                     continue
+                if core.abandoned:
+                    core.abandoned = False
+                    self._wait = self._program.throw(Abandon)
+                    continue
                 if core.suspended or not (core.now >= wait.until or wait.condition()):
                     return
             self._wait = next(self._program)
@@ -202,7 +217,7 @@ class GrblBox:
         core = self.core
         for due in list(self._due):
             by_byte = due.byte is not None and core.receiver.received + 1 >= due.byte
-            by_line = due.line is not None and core.lines + 1 >= due.line
+            by_line = due.line is not None and core.lines >= due.line
             if by_byte or by_line or due.time <= core.now:
                 self._due.remove(due)
                 self._happen(due.fault)
@@ -229,5 +244,6 @@ class GrblBox:
             case Alarm(code):
                 core.stop_dead()
                 core.sync_position()
-                core.flags.reset = core.flags.reset or code in AFTER_RESET
+                core.abandoned = core.answering and code in PROBE_ALARMS
+                core.flags.reset = core.flags.reset or code not in (*WITHOUT_RESET, core.flavour.estop_alarm)
                 core.alarm(code)

@@ -116,6 +116,8 @@ def _restore(core: Core, what: str) -> Answer:
 
 def _set(core: Core, body: str) -> Answer:
     """``$x=value``."""
+    if body[0].isalpha():
+        return 3
     number = NUMBER.match(body)
     if number is None:
         return 2

@@ -45,6 +45,10 @@ BUSY = Wait(serves=False)
 Program = Generator[Wait, None, None]
 
 
+class Abandon(Exception):
+    """An alarm that ends the line in hand, and nothing else: thrown into the main program where it waits."""
+
+
 @dataclass(slots=True)
 class Flags:
     """Real-time commands that wait to be carried out: the same one twice is once (commands.md, "Realtime commands")."""
@@ -85,13 +89,7 @@ class Core:
         self.cpu_free = 0.0
         self.state = "Idle"
         self.flags = Flags()
-        self.aborted = False
-        self.locked = False
-        self.hold_complete = False
-        self.jog_cancelling = False
-        self.soft_limit_stop = False
-        self.resuming = False
-        self.homed = False
+        self.spindle_text, self.rpm, self.coolant_text = "M5 0", 0.0, "M9"
         self.lines = 0
         self.last_error = 0
         self.swallow = 0
@@ -101,7 +99,8 @@ class Core:
     def force_reset(self) -> None:
         """What a reset sets back: everything but position, state and memory."""
         self.flags = Flags()
-        self.aborted = self.locked = self.hold_complete = self.jog_cancelling = self.soft_limit_stop = self.resuming = False
+        self.aborted = self.abandoned = self.answering = self.locked = False
+        self.hold_complete = self.jog_cancelling = self.soft_limit_stop = self.resuming = False
         self.modes = Modes()
         self.shift = ORIGIN
         self.tool_length = 0.0
@@ -212,9 +211,6 @@ class Core:
             self.note("spindle", text)
             self.override_counter = 0
 
-    spindle_text = "M5 0"
-    rpm = 0.0
-
     def set_coolant(self, flood: bool, mist: bool) -> None:
         """Switch the coolants."""
         text = " ".join(word for word, on in (("M7", mist), ("M8", flood)) if on) or "M9"
@@ -222,8 +218,6 @@ class Core:
             self.coolant_text = text
             self.note("coolant", text)
             self.override_counter = 0
-
-    coolant_text = "M9"
 
     def outputs_off(self) -> None:
         """Spindle and coolants off, now; the parser's modes stay."""

@@ -71,6 +71,51 @@ WRONG_BIT = 0x04
 """What a corrupted byte differs by: a letter becomes another, a digit another or a sign."""
 
 
+COUNTED: dict[str, type[Drop | Duplicate | Corrupt | Swallow]] = {
+    "drop": Drop,
+    "duplicate": Duplicate,
+    "corrupt": Corrupt,
+    "swallow": Swallow,
+}
+KINDS = (*COUNTED, "freeze", "unplug", "alarm", "error")
+
+
+@dataclass(frozen=True, slots=True)
+class Appointment:
+    """A fault and its moment, as :meth:`cnc.drivers.grblbox.box.GrblBox.inject` takes them."""
+
+    fault: Fault
+    byte: int | None = None
+    line: int | None = None
+    time: float | None = None
+
+
+def parse_fault(text: str) -> Appointment:
+    """``kind[:amount][@byte|line|time:number]``, such as ``drop:3@line:40``, ``unplug@time:2.5``. ValueError if it is not of that form."""
+    what, _, moment = text.partition("@")
+    name, _, amount = what.partition(":")
+    if name not in KINDS:
+        raise ValueError(f"no fault is called {name!r}; known are {', '.join(KINDS)}")
+    if name == "freeze":
+        fault: Fault = Freeze(float(amount)) if amount else Freeze()
+    elif name in ("alarm", "error"):
+        fault = (Alarm if name == "alarm" else Error)(int(amount))
+    elif name == "unplug":
+        fault = Unplug()
+    else:
+        fault = COUNTED[name](int(amount or "1"))
+    where, _, number = moment.partition(":")
+    if not moment:
+        return Appointment(fault)
+    if where == "time":
+        return Appointment(fault, time=float(number))
+    if where == "byte":
+        return Appointment(fault, byte=int(number))
+    if where == "line":
+        return Appointment(fault, line=int(number))
+    raise ValueError(f"a fault happens at a byte, a line or a time, not at {where!r}")
+
+
 class Garbler:
     """What happens to bytes on their way to the board."""
 

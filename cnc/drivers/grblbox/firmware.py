@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cnc.drivers.grblbox.commands import Answer, run_line, run_startup_lines, system_command
-from cnc.drivers.grblbox.core import BUSY, Abort, Core, Program, Wait
+from cnc.drivers.grblbox.core import BUSY, Abandon, Abort, Core, Program, Wait
 from cnc.drivers.grblbox.report import settings_list
 
 LINE_TIME_A_BYTE = 30e-6
@@ -59,6 +59,8 @@ class Firmware:
         self.core = core
         self.buffer = LineBuffer(core.flavour.line_length, core.flavour.pairs_line_ends)
         self.reading = False
+        self.complete = False
+        """Whether a byte that was fed while :attr:`reading` has ended a line."""
 
     def run(self) -> Program:
         """Power-up, then a start after every reset."""
@@ -126,13 +128,11 @@ class Firmware:
             buffer.clear()
             yield from self._answer(text, overflowed)
 
-    complete = False
-    """Whether a byte that was fed while :attr:`reading` has ended a line."""
-
     def _answer(self, text: str, overflowed: bool) -> Program:
         """Carry out a line and reply. A reset on the way is a reply, too: the late ok."""
         core = self.core
         core.note("line", text)
+        core.answering = True
         if core.forced_error:
             code, core.forced_error = core.forced_error, 0
         elif overflowed:
@@ -143,8 +143,11 @@ class Firmware:
             except Abort:
                 core.reply(0)
                 raise
+            except Abandon:
+                code = 0
         if text[:1] != "$" or not code:
             core.last_error = code
+        core.answering = False
         core.reply(code)
         yield BUSY
 

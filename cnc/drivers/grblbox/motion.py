@@ -29,7 +29,7 @@ def synchronize(core: Core) -> Program:
 
 def move_to(core: Core, kind: str, target: Point, line: Line, feed: float, number: int) -> Program:
     """One straight motion into the planner, as soon as there is room. ``feed``: mm/min, or 1/min for an inverse-time line."""
-    if core.setting[20] and core.state != "Jog" and kind != "jog" and not within_travel(core, target):
+    if core.setting[20] and kind not in ("jog", "home") and not within_travel(core, target):
         yield from _soft_limit(core)
     if core.state == "Check":
         return
@@ -253,7 +253,6 @@ def home(core: Core) -> Program:
         core.world.offset = (shift[0], shift[1], shift[2])
         core.steppers.position = (here[0], here[1], here[2])
         core.sync_position()
-    core.homed = True
     core.state = "Idle"
 
 

@@ -82,6 +82,14 @@ class Move:
         return (x + s * i, y + s * j, z + s * k)
 
     @property
+    def reached(self) -> Point:
+        """Where it ended."""
+        if not self.cut:
+            return self.end
+        last = self.phases[-1]
+        return self.point(last.at(last.time + last.duration)[0])
+
+    @property
     def begin_time(self) -> float:
         """When it began to move, s."""
         return self.phases[0].time
