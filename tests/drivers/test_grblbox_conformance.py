@@ -21,9 +21,8 @@ ERRORS = [
     (5, "$H"),
     (6, "$0=2"),
     (10, "$20=1"),
-    (11, "G1" + "X1" * 50),
     (16, "$J"), (16, "$JX1F10"), (16, "$J=G2X1F10"), (16, "$J=X1F10S5"), (16, "$J=M3X1F10"),
-    (20, "G5X1"), (20, "G64"), (20, "M6"), (20, "M7"), (20, "A10"), (20, "G10L3P1X1"), (20, "G10L2P1R2X1"), (20, "G81"),
+    (20, "G5X1"), (20, "G64"), (20, "M6"), (20, "A10"), (20, "G10L3P1X1"), (20, "G10L2P1R2X1"), (20, "G81"),
     (21, "G17G18"), (21, "M3M5"), (21, "G54G55"), (21, "G90G91"), (21, "M8M9"), (21, "G20G21"), (21, "G93G94"), (21, "G80G80"),
     (22, "G1X1"), (22, "G2X1I0.5"), (22, "G38.2Z-1"), (22, "G93G1X1"), (22, "$J=X1"),
     (23, "G1.5X1"), (23, "T1.5"), (23, "M3.1"),
@@ -45,11 +44,13 @@ ERRORS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("flavour", [GRBL, GRBLHAL])
-@pytest.mark.parametrize(("code", "line"), ERRORS)
-def test_each_error_has_its_documented_cause(code, line, flavour):
-    if flavour is GRBLHAL and (line == "M7" or code == 11):
-        pytest.skip("mist and longer lines are there")
+ON_GRBL_ALONE = [(20, "M7"), (11, "G1" + "X1" * 50)]
+"""grblHAL has mist, and longer lines."""
+EACH = [(GRBL, *error) for error in ERRORS + ON_GRBL_ALONE] + [(GRBLHAL, *error) for error in ERRORS]
+
+
+@pytest.mark.parametrize(("flavour", "code", "line"), EACH)
+def test_each_error_has_its_documented_cause(flavour, code, line):
     bench = Bench(flavour)
     before = bench.box.position
     assert bench.reply(line) == f"error:{code}"
@@ -546,6 +547,17 @@ def test_offsets_add_up():
     bench.reply("G10L20P1X0Y0Z0")
     bench.status()
     assert bench.box.core.offset == pytest.approx(bench.box.position)
+
+
+def test_offsets_change_when_the_motion_before_them_has_ended():
+    bench = Bench()
+    bench.status()
+    bench.send("G1X1F60\n", 0.2)
+    bench.send("G10L2P1X5\n", 0.2)
+    assert bench.status()["state"] == "Run"
+    assert bench.box.core.offset == (0.0, 0.0, 0.0)
+    assert bench.hear(2.0) == ["ok"]
+    assert bench.status()["WCO"] == "5.000,0.000,0.000"
 
 
 def test_stored_places():

@@ -1,20 +1,26 @@
 """The box when things go wrong: faults at their moment, the same run twice, any bytes at all, and a real terminal."""
 
+import ast
 import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import cnc.drivers.grblbox
 from cnc.drivers.grblbox.box import GrblBox
 from cnc.drivers.grblbox.faults import Alarm, Appointment, Corrupt, Drop, Duplicate, Error, Freeze, Swallow, Unplug, parse_fault
 from cnc.drivers.grblbox.flavour import GRBL, GRBLHAL
+from cnc.drivers.grblbox.from_machine import settings_of
 from cnc.drivers.grblbox.ports import BoxPort, ScaledTime
 from cnc.drivers.grblbox.pty_server import PtyServer
 from cnc.drivers.port import PortLost
+from cnc.drivers.serial_link import open_port
+from cnc.machine.load import load_machine
 from grblbox_bench import Bench
 from support import share
 
@@ -249,6 +255,23 @@ def test_behind_a_terminal():
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no pseudo-terminals here")
+def test_behind_a_terminal_opened_as_a_serial_port():
+    with PtyServer(GrblBox(), 20.0) as server:
+        link = open_port(server.name, 115200)
+        heard, end = b"", time.monotonic() + 20.0
+        while b"help]\r\n" not in heard and time.monotonic() < end:
+            heard += link.read(0.1)
+        link.write(b"$I\n")
+        while not heard.endswith(b"ok\r\n") and time.monotonic() < end:
+            heard += link.read(0.1)
+        assert b"[OPT:VN,15,128]" in heard
+        server.box.inject(Unplug())
+        with pytest.raises(PortLost):
+            link.read(20.0)
+        link.close()
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no pseudo-terminals here")
 def test_as_a_program():
     command = [sys.executable, "-m", "cnc.drivers.grblbox", "--flavour", "grblhal", "--factor", "50", "--setting", "110=777"]
     with subprocess.Popen([*command, "--fault", "unplug@line:2"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -263,3 +286,29 @@ def test_as_a_program():
             os.close(file)
     bad = subprocess.run([*command, "--fault", "nothing"], capture_output=True, text=True, check=False)
     assert bad.returncode == 2 and "no fault is called 'nothing'" in bad.stderr
+
+
+def test_the_box_knows_nothing_of_the_sender():
+    """It is there to find the sender's mistakes, so it may not share them."""
+    folder = Path(cnc.drivers.grblbox.__file__).parent
+    imported: set[str] = set()
+    for module in folder.glob("*.py"):
+        for node in ast.walk(ast.parse(module.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                imported.add(node.module)
+            elif isinstance(node, ast.Import):
+                imported |= {name.name for name in node.names}
+    assert {name for name in imported if name.startswith("cnc") and not name.startswith("cnc.drivers.grblbox")} == {
+        "cnc.drivers.port",
+        "cnc.machine.models",
+    }
+
+
+def test_set_up_as_a_machine_file_says():
+    machine = load_machine(Path("config/grbl-uno.toml"))
+    assert settings_of(machine) == {
+        100: 800, 101: 800, 102: 800, 110: 1980, 111: 1980, 112: 900, 120: 250, 121: 250, 122: 150, 130: 305, 131: 185, 132: 60
+    }  # fmt: skip
+    bench = Bench(settings=settings_of(machine) | {21: 1.0})
+    bench.send("G0X200\n", 30.0)
+    assert bench.box.position[0] == pytest.approx(152.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 
 from cnc.drivers.grblbox.box import GrblBox
@@ -38,6 +39,8 @@ def main(arguments: list[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     if not chosen.factor > 0.0:
         parser.error("--factor must be greater than 0")
+    if not hasattr(os, "openpty"):
+        parser.error("this system has no pseudo-terminals")
     box = GrblBox(FLAVOURS[chosen.flavour], settings=dict(chosen.setting))
     for each in chosen.fault:
         box.inject(each.fault, byte=each.byte, line=each.line, time=each.time)

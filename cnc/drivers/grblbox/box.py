@@ -42,13 +42,14 @@ class Due:
 
 
 class GrblBox:
-    """A GRBL board. ``settings``: ``$`` settings that differ from a fresh board's."""
+    """A GRBL board, not yet switched on. ``settings``: ``$`` settings that differ from a fresh board's. ``world``: what is around it."""
 
     def __init__(
         self, flavour: Flavour = GRBL, *, baud: float = BAUD, settings: dict[int, float] | None = None, world: World | None = None
     ) -> None:
-        self.core = Core(flavour, baud, world or World())
-        self.core.eeprom.settings.update(settings or {})
+        memory = flavour.settings | (settings or {})
+        self.core = Core(flavour, baud, world or World.of_travels(memory[130], memory[131], memory[132]))
+        self.core.eeprom.settings.update(memory)
         self.firmware = Firmware(self.core)
         self.plugged = True
         self._garbler = Garbler()

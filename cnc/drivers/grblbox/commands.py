@@ -55,7 +55,7 @@ def system_command(core: Core, text: str) -> Answer:
     if body.startswith("I="):
         if len(body) - 2 > LONGEST_TEXT:
             return 14
-        yield from write_eeprom(core, core.eeprom.store_build_info(body[2:]))
+        yield from write_eeprom(core, lambda: core.eeprom.store_build_info(body[2:]))
         return 0
     if body[0] == "N" and "=" in body:
         return (yield from _startup_line(core, body[1:]))
@@ -108,7 +108,7 @@ def _restore(core: Core, what: str) -> Answer:
     """``$RST=``, which ends with a reset."""
     if what not in ("$", "#", "*"):
         return 3
-    yield from write_eeprom(core, core.eeprom.restore(what))
+    yield from write_eeprom(core, lambda: core.eeprom.restore(what))
     core.say("[MSG:Restoring defaults]")
     core.flags.reset = True
     return 0
@@ -132,7 +132,7 @@ def _set(core: Core, body: str) -> Answer:
         written = core.eeprom.set(int(float(number.group())), float(value.group()), flavour.max_step_rate_hz, flavour.variable_spindle)
     except Refused as refused:
         return refused.code
-    yield from write_eeprom(core, written)
+    yield from write_eeprom(core, lambda: written)
     return 0
 
 
@@ -147,7 +147,7 @@ def _startup_line(core: Core, body: str) -> Answer:
         return 14
     code = yield from run_line(core, text)
     if not code:
-        yield from write_eeprom(core, core.eeprom.store_startup(int(index), text))
+        yield from write_eeprom(core, lambda: core.eeprom.store_startup(int(index), text))
     return code
 
 

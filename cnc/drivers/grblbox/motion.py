@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import replace
 
 from cnc.drivers.grblbox.arcs import chords
@@ -135,10 +135,10 @@ def _act(core: Core, line: Line) -> Program:
     elif action in ("G28", "G30"):
         yield from _go_home(core, line)
     elif action == "G10":
-        yield from write_eeprom(core, core.eeprom.store(line.store, line.target))
+        yield from write_eeprom(core, lambda: core.eeprom.store(line.store, line.target))
         core.wco_counter = 0
     elif action in ("G28.1", "G30.1"):
-        yield from write_eeprom(core, core.eeprom.store(action[:3], core.parsed))
+        yield from write_eeprom(core, lambda: core.eeprom.store(action[:3], core.parsed))
     elif action in ("G92", "G92.1"):
         yield from synchronize(core)
         core.shift = _shifted(core, line) if action == "G92" else ORIGIN
@@ -221,9 +221,10 @@ def _end_or_pause(core: Core, flow: str, check: bool) -> Program:
         yield BUSY
 
 
-def write_eeprom(core: Core, written: int) -> Program:
+def write_eeprom(core: Core, write: Callable[[], int]) -> Program:
     """Write, with all motion at rest; what arrives meanwhile may be lost."""
     yield from synchronize(core)
+    written = write()
     if written and core.flavour.eeprom_blinds:
         core.note("eeprom", str(written))
         core.cpu_free = core.receiver.blind(written, core.now)

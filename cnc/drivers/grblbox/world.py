@@ -28,6 +28,11 @@ class World:
     surface: tuple[Point, float] | None = None
     door_open: bool = False
 
+    @classmethod
+    def of_travels(cls, x: float, y: float, z: float) -> World:
+        """Switches as far apart as the board thinks, the machine between them."""
+        return cls(low=(-x, -y, -z), offset=(-x / 2.0, -y / 2.0, -z / 2.0))
+
     def touches(self, position: Point) -> bool:
         """Whether the probe touches at a machine position."""
         if self.surface is None:
