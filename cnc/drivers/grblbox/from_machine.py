@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from cnc.drivers.grblbox.flavour import GRBL_SETTINGS
-from cnc.machine.models import Machine
+from cnc.machine.models import AxisLetter, Machine
 
-AXES = ("x", "y", "z")
+AXES: tuple[AxisLetter, ...] = ("x", "y", "z")
 STEPS, RATE, ACCELERATION, TRAVEL = 100, 110, 120, 130
 
 
