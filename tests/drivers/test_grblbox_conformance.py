@@ -390,6 +390,16 @@ def test_hold_and_resume():
     assert bench.box.position == (5.0, 0.0, 0.0)
 
 
+def test_hold_before_the_first_motion_has_begun():
+    bench = Bench()
+    bench.send("G1X1F300\n!X2\n", 0.5)
+    assert bench.status()["state"] == "Hold:0"
+    assert bench.box.position == (0.0, 0.0, 0.0) and not bench.box.moves
+    bench.send("~", 5.0)
+    assert bench.box.position == (2.0, 0.0, 0.0)
+    assert [move.end[0] for move in bench.box.moves] == [1.0, 2.0]
+
+
 def test_hold_at_rest_is_complete_at_once():
     bench = Bench()
     bench.send("!", 0.1)

@@ -192,6 +192,8 @@ def test_any_bytes_at_all(flavour, pieces):
     for data, pause in pieces:
         bench.send(data, pause)
         assert all(abs(value) < 1e12 for value in bench.box.position)
+        assert all(move.begin_time <= move.end_time for move in bench.box.moves)
+        assert len(bench.box.trail()) == max(2 * len(bench.box.moves), 1)
     bench.box.advance(bench.box.now + 3.0)
     bench.port.read(0.0)
     bench.send(b"\x18\x18\n\n", 2.0)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from cnc.drivers.grblbox.planner import junction_speed_sq
 from grblbox_bench import Bench
+from support import share
 
 FAST = {100 + axis: 1000.0 for axis in range(3)} | {110: 6000.0, 111: 6000.0, 112: 3000.0, 120: 500.0, 121: 500.0, 122: 200.0}
 
@@ -143,3 +144,40 @@ def test_speed_never_jumps_and_position_follows_it():
     for one, other in itertools.pairwise(phases):
         assert other.time >= one.time + one.duration - 1e-9
         assert other.v == pytest.approx(one.at(one.time + one.duration)[1], abs=1e-6)
+
+
+CORNERS = st.lists(st.tuples(*[st.floats(-20.0, 20.0)] * 3, st.floats(100.0, 6000.0)), min_size=2, max_size=25)
+NUDGES = st.lists(st.sampled_from([b"\x91", b"\x92", b"\x96", b"\x95", b"!", b"~", b""]), min_size=6, max_size=6)
+
+
+@given(CORNERS, NUDGES)
+@settings(max_examples=share(400, 25))
+def test_no_run_of_lines_breaks_a_limit(corners, nudges):
+    """Rates and accelerations of every axis, speeds of every corner, whatever overrides and holds come between."""
+    bench = Bench(settings=FAST)
+    budget = "".join(f"G1X{x:.3f}Y{y:.3f}Z{z:.3f}F{feed:.0f}\n" for x, y, z, feed in corners).encode()
+    for nudge in nudges:
+        bench.port.write(budget[:100] + nudge)
+        budget = budget[100:]
+        bench.hear(0.4)
+    while budget or bench.box.core.planner.blocks or bench.box.core.receiver.ring:
+        bench.port.write(b"~" + budget[:100])
+        budget = budget[100:]
+        bench.hear(3.0)
+    rates, accelerations = (6000.0 / 60, 6000.0 / 60, 3000.0 / 60), (500.0, 500.0, 200.0)
+    moves = bench.box.moves
+    for before, move in itertools.pairwise(moves):
+        assert move.start == before.end
+        limit = junction_speed_sq(before.unit, move.unit, accelerations, 0.01)
+        assert move.phases[0].v ** 2 <= limit * (1 + 1e-9) + 1e-9
+    for move in moves:
+        for phase in move.phases:
+            fastest = max(phase.v, phase.at(phase.time + phase.duration)[1])
+            for part, rate, acceleration in zip(move.unit, rates, accelerations, strict=True):
+                assert abs(part) * fastest <= rate * (1 + 1e-9)
+                # Of a phase shorter than 1 ns nothing but rounding is left.
+                assert phase.duration < 1e-9 or abs(part * phase.a) <= acceleration * (1 + 1e-6)
+    if moves:
+        last = moves[-1].phases[-1]
+        assert last.at(last.time + last.duration)[1] <= 1e-4
+        assert bench.box.position == moves[-1].end

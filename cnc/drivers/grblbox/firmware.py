@@ -96,7 +96,7 @@ class Firmware:
         if core.setting[21] and core.world.tripped(core.position):
             core.say("[MSG:Check Limits]")
         if core.state in ("Alarm", "Sleep"):
-            core.say(core.flavour.unlock_hint)
+            core.say("[MSG:'$H'|'$X' to unlock]")
             core.state = "Alarm"
             return
         core.state = "Idle"

@@ -21,9 +21,8 @@ class Flavour:
     line_length: characters of a line, comments and spaces not counted. planner_blocks: motions that wait, the running one among them.
     repeats_error: a program line after an error gets the same error until an empty line comes. pairs_line_ends: a line feed that follows a
     carriage return ends no line of its own. eeprom_blinds: a write to the EEPROM keeps the processor from taking bytes off the wire.
-    dual_axis_alarm: number of the alarm for a squared axis that did not find both switches. estop_alarm: number of the emergency stop's.
-    line_numbers: whether ``Ln:`` is reported. mist: whether M7 is compiled in. variable_spindle: whether the spindle has a speed.
-    max_step_rate_hz: steps/s that the settings may ask for (GRBL: a compile option, off).
+    estop_alarm: number of the emergency stop's alarm. line_numbers: whether ``Ln:`` is reported. mist: whether M7 is compiled in.
+    variable_spindle: whether the spindle has a speed. max_step_rate_hz: steps/s that the settings may ask for (in GRBL: not checked).
     """
 
     name: str
@@ -38,9 +37,7 @@ class Flavour:
     repeats_error: bool
     pairs_line_ends: bool
     eeprom_blinds: bool
-    dual_axis_alarm: int
     estop_alarm: int | None
-    unlock_hint: str
     line_numbers: bool = True
     mist: bool = False
     variable_spindle: bool = True
@@ -62,9 +59,7 @@ GRBL = Flavour(
     repeats_error=False,
     pairs_line_ends=False,
     eeprom_blinds=True,
-    dual_axis_alarm=10,
     estop_alarm=None,
-    unlock_hint="[MSG:'$H'|'$X' to unlock]",
 )
 """GRBL 1.1h on an Arduino Uno with line numbers: interface.md; the line buffer has 80 characters, one of them its end."""
 
@@ -81,9 +76,7 @@ GRBLHAL = Flavour(
     repeats_error=True,
     pairs_line_ends=True,
     eeprom_blinds=False,
-    dual_axis_alarm=15,
     estop_alarm=10,
-    unlock_hint="[MSG:'$H'|'$X' to unlock]",
     mist=True,
     build_lines=("[AXS:3:XYZ]", "[NEWOPT:ENUMS,RT+]", "[FIRMWARE:grblHAL]", "[DRIVER:the box]"),
 )

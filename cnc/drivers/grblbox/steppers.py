@@ -14,6 +14,7 @@ from collections.abc import Callable
 from cnc.drivers.grblbox.planner import Move, Phase, Planner, Point
 
 TINY = 1e-12
+"""mm, or mm/s: rounding."""
 
 
 class Steppers:
@@ -59,6 +60,8 @@ class Steppers:
         if not self.running and self.planner.blocks:
             self.running = True
             self._v = 0.0
+            if not self.moves or self.moves[-1] is not self.planner.blocks[0]:
+                self._enter()
             self.replan(now)
 
     def hold(self, now: float) -> None:
@@ -107,10 +110,10 @@ class Steppers:
             self._v = 0.0
             self.running = False
             return "done"
-        self._enter()
         if self.holding and v <= TINY:
             self.running = False
             return "held"
+        self._enter()
         self.replan(now)
         return "next"
 
@@ -126,6 +129,8 @@ class Steppers:
         """Forget the blocks; the record keeps what was run of the first."""
         if self.planner.blocks and self.moves and self.moves[-1] is self.planner.blocks[0]:
             self.moves[-1].cut = True
+            if not self.moves[-1].phases:
+                self.moves.pop()
         self.planner.blocks.clear()
         self.running = self.holding = False
         self.stop_at = None
@@ -165,7 +170,7 @@ class Steppers:
         def run(way: float, end_speed: float) -> None:
             """One phase of constant acceleration over ``way``."""
             nonlocal s, v
-            if way <= 0.0 or v + end_speed <= 0.0:
+            if way <= TINY or v + end_speed <= 0.0:
                 return
             time = phases[-1].time + phases[-1].duration if phases else now
             duration = 2.0 * way / (v + end_speed)
