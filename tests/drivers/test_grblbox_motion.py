@@ -181,3 +181,32 @@ def test_no_run_of_lines_breaks_a_limit(corners, nudges):
         last = moves[-1].phases[-1]
         assert last.at(last.time + last.duration)[1] <= 1e-4
         assert bench.box.position == moves[-1].end
+
+
+def time_by_small_steps(moves, accelerations, deviation, pieces=400):
+    """Second opinion on a whole run known beforehand: v^2 on a fine grid, held down from behind, then from the front."""
+    most, reach, ways = [], [], []
+    for number, move in enumerate(moves):
+        corner = junction_speed_sq(moves[number - 1].unit, move.unit, accelerations, deviation) if number else 0.0
+        most += [min(corner, move.programmed**2, moves[number - 1].programmed ** 2)] + [move.programmed**2] * (pieces - 1)
+        reach += [2.0 * move.acceleration * move.length / pieces] * pieces
+        ways += [move.length / pieces] * pieces
+    speeds = np.array([*most, 0.0])
+    for node in range(len(reach) - 1, -1, -1):
+        speeds[node] = min(speeds[node], speeds[node + 1] + reach[node])
+    for node, most_gain in enumerate(reach):
+        speeds[node + 1] = min(speeds[node + 1], speeds[node] + most_gain)
+    roots = np.sqrt(speeds)
+    return float(np.sum(2.0 * np.array(ways) / (roots[:-1] + roots[1:])))
+
+
+@given(st.lists(st.tuples(*[st.floats(-30.0, 30.0)] * 2, st.floats(300.0, 5000.0)), min_size=2, max_size=6))
+@settings(max_examples=share(200, 20))
+def test_a_run_that_fits_the_planner_is_as_fast_as_it_can_be(corners):
+    bench = Bench(settings=FAST | {120: 50.0, 121: 50.0})
+    bench.send("".join(f"G1X{x:.2f}Y{y:.2f}F{feed:.0f}\n" for x, y, feed in corners))
+    bench.finish()
+    moves = bench.box.moves
+    # Lines come faster than the first of them can be braked for, if it is long enough.
+    if moves and min(move.length for move in moves) > 1.0:
+        assert duration(bench) == pytest.approx(time_by_small_steps(moves, (50.0, 50.0, 200.0), 0.01), rel=2e-3)
