@@ -22,6 +22,7 @@ from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError, valida
 from cnc import __version__
 from cnc.control import Control
 from cnc.errors import EXIT_REJECTED, EXIT_STOPPED, SEVERITIES, CncError, Diagnostic, Severity, UsageError
+from cnc.report.changes import Baseline, told
 from cnc.report.selection import Selection
 from cnc.screen import Screen, tell_compiling
 
@@ -167,16 +168,23 @@ def check(
     fail_on: Annotated[Severity, _option("The least severe finding that makes the exit code 1.")] = "error",
     stock: Annotated[str | None, _option("The raw part, such as X0:100,Y0:60,Z-12:0 (mm, machine coordinates): no G0 into it.")] = None,
     portable: Annotated[tuple[str, ...], _option("Dialects that have to read the program in the same way, such as grbl,linuxcnc.")] = (),
+    baseline: Annotated[
+        str | None, _option("A summary that --json wrote before: what changed since, and new findings alone decide the exit code.")
+    ] = None,
     common: Common = _COMMON,
 ) -> int:
     """Verify programs without a board: language, travel, the limits of the plan, the pulses."""
     names = [name.replace(HYPHEN, "-") for name in programs]
-    common.check_outputs(*names, printing=format != "text" and (format, common.json) != ("json", "-"))
+    common.check_outputs(*names, baseline, printing=format != "text" and (format, common.json) != ("json", "-"))
     files = find_programs(names)
     listed = len(files) != 1 or names != files
     shown = common.summary_file if format == "text" else sys.stderr
+    before = None if baseline is None else Baseline(baseline)
     look = Look(stock, Selection(frozenset(_codes(select)), frozenset(_codes(ignore))), tuple(_codes(portable)), jobs)
     reports = _check_listed(files, common, look, shown) if listed else [_check_one(files[0], common, look)]
+    if before is not None:
+        for report in reports:
+            report.changes = before.changes(report)
     for name in {common.json, "-" if format == "json" else None}:
         if name is not None:
             _write_json(name, reports if listed else reports[0])
@@ -186,6 +194,8 @@ def check(
         write_format(format, reports)
     if not listed:
         _show(reports[0], common, shown)
+    if before is not None and not common.quiet:
+        print(*told(reports, before.missing(reports)), sep="\n", file=shown)
     return _end(reports, quiet=common.quiet, fail_on=fail_on)
 
 
@@ -392,7 +402,7 @@ def _end(reports: Sequence[Report], *, quiet: bool, fail_on: Severity = "error")
             print(f"{report.program}: {report.hidden_warnings} more warnings are not shown", file=sys.stderr)
         if report.hidden_faults:
             print(f"{report.program}: {report.hidden_faults} more places outside the travel are not shown", file=sys.stderr)
-        for finding in report.findings:
+        for finding in report.counting:
             if finding.severity in counting:
                 print(finding.render(), file=sys.stderr)
     stopped = next((report for report in reports if report.stopped_at_line is not None), None)
@@ -400,7 +410,7 @@ def _end(reports: Sequence[Report], *, quiet: bool, fail_on: Severity = "error")
     if stopped is not None and code == 0:
         print(_where_stopped(stopped), file=sys.stderr)
         return EXIT_STOPPED
-    return code or int(any(finding.severity in counting for report in reports for finding in report.findings)) * EXIT_REJECTED
+    return code or int(any(finding.severity in counting for report in reports for finding in report.counting)) * EXIT_REJECTED
 
 
 def _where_stopped(report: Report) -> str:

@@ -27,6 +27,9 @@ LESSER = (
 )
 """Codes of warnings and notes."""
 
+TOLD_ONCE = frozenset(("arc-radius-drift", "feed-unreachable", "move-below-step"))
+"""Those that are told at the first of many places, with their number."""
+
 
 def check_codes(codes: Iterable[str]) -> None:
     """UsageError ``unknown-finding`` for the first code that no warning and no note has."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
@@ -34,7 +34,7 @@ def write_format(form: Format, reports: Sequence[Report]) -> None:
 def sarif(reports: Sequence[Report]) -> str:
     """A SARIF log of one run. Columns count characters; a program that was not checked to its end is told by its error."""
     codes: dict[str, int] = {}
-    results = [_result(finding, codes) for report in reports for finding in report.findings]
+    results = [_result(finding, codes) | state for report in reports for finding, state in _with_states(report)]
     driver = {"name": "cncrun", "version": __version__, "rules": [{"id": code} for code in codes]}
     exit_code = max((report.exit_code for report in reports), default=0)
     run = {
@@ -45,6 +45,16 @@ def sarif(reports: Sequence[Report]) -> str:
         "results": results,
     }
     return json.dumps({"$schema": SARIF_SCHEMA, "version": "2.1.0", "runs": [run]}, indent=2) + "\n"
+
+
+def _with_states(report: Report) -> Iterator[tuple[Diagnostic, dict[str, str]]]:
+    """The findings, and beside an earlier check what SARIF calls their baseline state; those that are gone, too."""
+    changes = report.changes
+    if changes is None:
+        yield from ((finding, {}) for finding in report.findings)
+        return
+    for state, findings in ("new", changes.new), ("unchanged", changes.kept), ("absent", changes.gone):
+        yield from ((finding, {"baselineState": state}) for finding in findings)
 
 
 def _result(finding: Diagnostic, codes: dict[str, int]) -> dict[str, Any]:
@@ -90,17 +100,19 @@ def junit(reports: Sequence[Report]) -> str:
         case = ElementTree.SubElement(
             suite, "testcase", classname="cncrun", name=_clean(report.program), time=f"{report.timing.total_s:.3f}"
         )
-        if report.faults:
+        faults = report.counting_faults
+        if faults:
             rejected = report.exit_code == EXIT_REJECTED
             failures, errors = failures + rejected, errors + (not rejected)
-            first = report.faults[0].diagnostic
-            told = [_clean(fault.diagnostic.render()) for fault in report.faults]
+            first = faults[0].diagnostic
+            told = [_clean(fault.diagnostic.render()) for fault in faults]
             if report.hidden_faults:
                 told.append(f"{report.hidden_faults} more places outside the travel are not shown")
             wrong = ElementTree.SubElement(case, "failure" if rejected else "error", type=first.code, message=_clean(first.message))
             wrong.text = "\n".join(told)
-        if report.warnings:
-            ElementTree.SubElement(case, "system-out").text = _clean("\n".join(each.render() for each in report.warnings))
+        warnings = [each for each in report.counting if each.severity != "error"]
+        if warnings:
+            ElementTree.SubElement(case, "system-out").text = _clean("\n".join(each.render() for each in warnings))
     for key, value in ("tests", len(reports)), ("failures", failures), ("errors", errors), ("skipped", 0):
         suite.set(key, str(value))
     suite.set("time", f"{sum(report.timing.total_s for report in reports):.3f}")
@@ -116,8 +128,8 @@ def _clean(text: str) -> str:
 
 
 def github(reports: Sequence[Report]) -> str:
-    """A workflow command a finding: GitHub shows it at its line in the changes. Of each severity it shows ten a step."""
-    return "".join(_command(finding) for report in reports for finding in report.findings)
+    """A workflow command a finding that counts: GitHub shows it at its line in the changes. Of each severity it shows ten a step."""
+    return "".join(_command(finding) for report in reports for finding in report.counting)
 
 
 def _command(finding: Diagnostic) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 from cnc.errors import EXIT_REJECTED, CncError, Diagnostic
 from cnc.machine.models import Machine
+from cnc.report.changes import Changes
 
 LIMIT_NAMES = ("feed", "accel", "jerk", "normal_accel", "chord_error", "step_deviation")
 AXIS_LIMIT_NAMES = ("velocity", "acceleration", "jerk")
@@ -78,7 +79,8 @@ class Report:
     ``faults`` are the errors that ended it, in order; ``warnings`` did not; ``hidden_`` ones are counted only. lines: of the program as
     read. blocks: canonical blocks, each move of a run of lines counted. duration_s: machine time, dwells included. bounding_box: mm by
     axis, of the whole path. end_position: mm by axis. steps: by axis, both directions together. pulse_error_blu: largest distance of a grid
-    point from the path, in BLU. stopped_at_line: where the operator stopped the run, None if nobody did.
+    point from the path, in BLU. stopped_at_line: where the operator stopped the run, None if nobody did. changes: since an earlier check,
+    None where there is nothing to compare with.
     """
 
     program: str
@@ -102,6 +104,7 @@ class Report:
     pulse_error_blu: float | None = None
     timing: Timing = field(default_factory=Timing)
     stopped_at_line: int | None = None
+    changes: Changes | None = None
 
     def __post_init__(self) -> None:
         """Every limit has a count of violations from the start."""
@@ -115,14 +118,27 @@ class Report:
 
     @property
     def exit_code(self) -> int:
-        """What a command line ends with for this report."""
-        codes = [fault.exit_code for fault in self.faults]
+        """What a command line ends with for this report: beside an earlier check, new faults alone count."""
+        codes = [fault.exit_code for fault in self.counting_faults]
         return next((code for code in codes if code != EXIT_REJECTED), EXIT_REJECTED) if codes else 0
 
     @property
     def findings(self) -> list[Diagnostic]:
         """The faults, then the warnings."""
         return [*(fault.diagnostic for fault in self.faults), *self.warnings]
+
+    @property
+    def counting(self) -> list[Diagnostic]:
+        """The findings that decide how a check ends: beside an earlier check the new ones."""
+        return self.findings if self.changes is None else self.changes.new
+
+    @property
+    def counting_faults(self) -> list[CncError]:
+        """Those of the faults."""
+        if self.changes is None:
+            return self.faults
+        new = {id(found) for found in self.changes.new}
+        return [fault for fault in self.faults if id(fault.diagnostic) in new]
 
     def raise_if_faulty(self) -> None:
         """Raise the first fault, for callers who would rather not ask."""
@@ -152,6 +168,7 @@ class Report:
             "timing": {"parse_s": timing.parse_s, "plan_s": timing.plan_s, "interpolate_s": timing.interpolate_s, "total_s": total},
             "lines_per_s": self.lines / total if total else 0.0,
             "steps_per_s": sum(self.steps.values()) / total if total else 0.0,
+            **({} if self.changes is None else {"changes": self.changes.as_json()}),
         }
 
 
