@@ -278,6 +278,34 @@ def _check_listed(files: Sequence[str], common: Common, look: Look, shown: TextI
 
 
 @app.command
+def diff(
+    first: Annotated[str, Parameter(help="A program.")],
+    second: Annotated[str, Parameter(help="The one to compare with it.")],
+    /,
+    *,
+    machine: Annotated[str | None, _option("Machine file (TOML), or the name of a shipped one.")] = None,
+    dialect: Annotated[Dialect | None, _option("How to read the programs; the machine file's choice if left out.")] = None,
+    json: Annotated[str | None, _output("Write what is found to FILE.json (- is standard output).")] = None,
+    quiet: Annotated[bool, _option("Say nothing but errors.")] = False,
+) -> int:
+    """Compare the motion of two programs, not their text: how far apart, where, how long."""
+    _library()
+    from cnc.compare.programs import compare
+    from cnc.machine.load import load_machine
+    from cnc.report.outputs import write_object
+
+    Common(machine=machine, json=json).check_outputs(first, second)
+    with Screen(Control(), quiet=quiet) as screen:
+        found = compare(first, second, load_machine(machine), dialect, screen.watch())
+    if all(report.ok and report.stopped_at_line is None for report in found.reports):
+        if json is not None:
+            write_object(json, found.as_json())
+        if not quiet:
+            print(*found.lines(), sep="\n", file=sys.stderr if json == "-" else sys.stdout)
+    return _end(found.reports, quiet=quiet)
+
+
+@app.command
 def papers(
     folder: Annotated[Path, Parameter(help="Where the page and its figures go.")] = Path("papers"),
     /,

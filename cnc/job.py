@@ -104,6 +104,7 @@ class Job:
         algorithm: Algorithm | None = None,
         selection: Selection | None = None,
         portable: Sequence[str] = (),
+        on_plan: Callable[[PlanChunk], None] | None = None,
     ) -> None:
         check_formats(outputs.trace, outputs.pulses)
         self.program = program
@@ -118,6 +119,7 @@ class Job:
         self.algorithm = algorithm
         self.selection = selection or Selection()
         self.portable = dialects_of(portable)
+        self.on_plan = on_plan
         self.start = start_position(machine)
         self._place = None if self.name != str(program) else Path(program)
         self._memory = Memory(machine)
@@ -406,6 +408,8 @@ class Job:
         for item in planned:
             if isinstance(item, PlanChunk):
                 report.duration_s = item.t0 + item.duration
+                if self.on_plan is not None:
+                    self.on_plan(item)
             elif isinstance(item, Dwell):
                 report.duration_s += item.seconds
             yield item

@@ -12,11 +12,11 @@ from cnc.path.records import Floats
 Ints = NDArray[np.int64]
 
 
-def points_along(chunk: PathChunk, spacing: float, pieces: Ints | None = None) -> tuple[Floats, Ints]:
+def points_along(chunk: PathChunk, spacing: float | Floats, pieces: Ints | None = None) -> tuple[Floats, Ints]:
     """Points (k, n) of a chunk, or of some of its pieces, and the index (k,) of the piece that each lies on.
 
-    Of each piece the parts' ends, at most ``spacing`` (mm of arc length; of an arc or a span about that) apart, and its own end; not its
-    start, which is the end of the piece before.
+    Of each piece the parts' ends, at most ``spacing`` (mm of arc length, one or (m,) of each piece; along an arc or a span about that)
+    apart, and its own end; not its start, which is the end of the piece before.
     """
     chosen = np.arange(len(chunk)) if pieces is None else pieces
     n = len(chunk.axes)

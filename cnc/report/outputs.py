@@ -347,7 +347,11 @@ class VcdPulses:
 
 def write_json(name: str, summary: Report | Sequence[Report]) -> None:
     """The summary of a program, or a list of them."""
-    shown = summary.as_json() if isinstance(summary, Report) else [report.as_json() for report in summary]
+    write_object(name, summary.as_json() if isinstance(summary, Report) else [report.as_json() for report in summary])
+
+
+def write_object(name: str, shown: Any) -> None:
+    """Numbers, texts, lists and tables as JSON."""
     target = TextTarget(name)
     try:
         target.write(json.dumps(shown, indent=2, allow_nan=False) + "\n")

@@ -1,0 +1,200 @@
+"""Two programs side by side: the largest distance between their ways, where it is, and how long each takes."""
+
+import json
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cnc import cli
+from cnc.api import plan, start_position
+from cnc.compare.distance import LARGE, farthest
+from cnc.compare.match import hunks
+from cnc.compare.programs import compare
+from cnc.compare.track import Recorder, Track
+from cnc.interpolator.sampled import Sampled
+from cnc.machine.load import load_machine
+from cnc.planner.plan import PlanChunk
+
+ROOT = Path(__file__).parents[2]
+MACHINE = load_machine("default")
+HEAD = "G21 G90 G94 G17 G61 F1200\n"
+
+
+@pytest.fixture
+def beside(tmp_path):
+    """The difference of two programs."""
+
+    def look(one: str, other: str):
+        for name, text in ("a.nc", one), ("b.nc", other):
+            (tmp_path / name).write_text(HEAD + text + "\nM2\n")
+        return compare(tmp_path / "a.nc", tmp_path / "b.nc", MACHINE, None)
+
+    return look
+
+
+SQUARE = "G1 X40\nG1 Y40\nG1 X0\nG1 Y0"
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "distance", "lines"),
+    [
+        (SQUARE, SQUARE, 0.0, None),
+        (SQUARE, "(a comment)\nN10 x40. f1200\ny 40\n g1 x0 y40\n\ny0", 0.0, None),
+        (SQUARE, "G91 G1 X40\nG1 Y40\nG1 X-40\nG1 Y-40", 0.0, None),
+        (SQUARE, "G1 X20\nG1 X40\nG1 Y10\nG1 Y40\nG1 X0\nG1 Y0", 0.0, None),  # points in between change nothing
+        (SQUARE, SQUARE + "\nF100", 0.0, None),
+        ("", "", 0.0, None),
+        ("M3 S9", "G4 P1", 0.0, None),
+        (SQUARE, "G1 X40\nG1 Y40.5\nG1 X0\nG1 Y0", 0.5, (4, 4)),  # all along that edge
+        (SQUARE, "G1 X40\nG1 Y40\nG1 X-3\nG1 X0\nG1 Y0", 3.0, (4, 4)),
+        (SQUARE, "G1 X40\nG1 Y40\nG1 X0\nG1 Y0\nG1 Z-7", 7.0, (5, 6)),
+        (SQUARE, "G1 X40\nG1 Y40\nG1 X0", 40.0, (5, 4)),
+        (SQUARE, "G1 Y40\nG1 X40\nG1 Y0\nG1 X0", 40.0, None),  # the other way round
+        (SQUARE + "\nG0 Z5\n" + SQUARE, SQUARE + "\nG0 Z9\n" + SQUARE, 4.0, None),
+        ("", "G0 X3 Y4", 5.0, (0, 2)),
+        ("G2 X20 I10", "G2 X10 Y10 I10\nX20 Y0 J-10", 0.0, None),
+        ("G2 X20 I10", "G2 X20 R10", 0.0, None),
+        ("G2 X20 I10", "G3 X20 I10", 20.0, (2, 2)),
+        ("G2 X20 I10", "G1 X20", 10.0, (2, 2)),
+        ("G2 X40 Y40 R50", "G2 X40 Y40 R51", None, (2, 2)),
+        ("G64 P1\nG1 X40\nG1 Y40", "G1 X40\nG1 Y40", 1.0, None),
+    ],
+)
+def test_how_far_apart(beside, one, other, distance, lines):
+    found = beside(one, other)
+    if distance is None:
+        # arcs over one chord c: their heights differ most
+        heights = [r - math.sqrt(r * r - 800.0) for r in (50.0, 51.0)]
+        distance = heights[0] - heights[1]
+    assert found.distance == pytest.approx(distance, abs=5e-4, rel=2e-3)
+    assert found.same_way == (distance == 0.0)
+    if lines is not None:
+        assert tuple(place.line for place in found.places) == lines
+
+
+def test_times_and_lengths(beside):
+    found = beside("G1 X40", "G1 X40 F600")
+    one, other = found.reports
+    assert found.same_way
+    assert (one.path_length_mm, other.path_length_mm) == (40.0, 40.0)
+    assert other.duration_s == pytest.approx(4.0, rel=0.05)
+    assert one.duration_s < 0.6 * other.duration_s
+    shown = list(found.lines())
+    assert shown[0] == "way     the same"
+    assert shown[2].startswith("time    2.0")
+
+
+def test_a_pass_more_is_found_where_it_is(beside):
+    """The rest is the same, before and after, though every line has another number."""
+    passes = [f"G0 Y{y}\nG1 Z-1\nG1 X30\nG0 Z2\nG0 X0" for y in range(10)]
+    more = [*passes[:4], "G0 Y3.5\nG1 Z-1\nG1 X30\nG1 X33\nG0 Z2\nG0 X0", *passes[4:]]
+    found = beside("\n".join(passes), "\n".join(more))
+    assert found.places[1].line in range(22, 28)
+    assert found.at["y"] in (3.0, 3.5, 4.0) or found.at["x"] > 29.0
+
+
+@given(st.integers(0, 30), st.floats(0.01, 3.0), st.integers(0, 2))
+def test_one_point_that_moved(tmp_path_factory, index, far, axis):
+    """Of a spiral of straight moves one point is somewhere else: that is the distance, and that is the line."""
+    folder = tmp_path_factory.mktemp("moved")
+    points = [[k + 10.0 + 5.0 * math.cos(k), 20.0 + 5.0 * math.sin(k), 0.1 * k] for k in range(31)]
+    for name in "a.nc", "b.nc":
+        lines = [" ".join(f"{letter}{value:.6f}" for letter, value in zip("XYZ", point, strict=True)) for point in points]
+        (folder / name).write_text(HEAD + "G1 " + "\n".join(lines) + "\nM2\n")
+        points[index][axis] += far
+    found = compare(folder / "a.nc", folder / "b.nc", MACHINE, None)
+    assert 0.3 * far < found.distance <= far + 1e-3
+    assert abs(found.places[0].line - (index + 2)) <= 1
+    assert abs(found.places[1].line - (index + 2)) <= 1
+
+
+def way(points: np.ndarray) -> Track:
+    count = np.arange(len(points))
+    return Track(points, count, 0 * count, ("",))
+
+
+WAYS = st.lists(st.tuples(*[st.integers(-5, 5).map(float)] * 2), min_size=1, max_size=12).map(lambda each: np.array([(0.0, 0.0), *each]))
+
+
+def hausdorff(a: np.ndarray, b: np.ndarray) -> float:
+    """Between points that lie densely on both, without order: the least that any distance of ways can be."""
+    dense = [np.concatenate([np.linspace(p, q, 60) for p, q in pairwise(each)] or [each]) for each in (a, b)]
+    apart = np.linalg.norm(dense[0][:, None] - dense[1][None], axis=2)
+    return float(max(apart.min(axis=1).max(), apart.min(axis=0).max()))
+
+
+@given(WAYS, WAYS)
+def test_ways_without_order_are_no_farther_apart(a, b):
+    found, back = farthest(way(a), way(b)), farthest(way(b), way(a))
+    assert found.distance >= hausdorff(a, b) - 0.25
+    assert back.distance >= hausdorff(a, b) - 0.25
+    assert found.distance <= np.abs(np.concatenate((a, b))).max() * 3.0
+    assert farthest(way(a), way(a)).distance == 0.0
+
+
+@given(WAYS, WAYS)
+def test_what_is_not_in_a_hunk_is_common(a, b):
+    """The points outside of the hunks are the same ones, in order; each hunk begins where both are."""
+    i = j = 0
+    for hunk in hunks(a, b):
+        assert hunk.a0 - i == hunk.b0 - j >= 0
+        assert a[i : hunk.a0 + 1].tolist() == b[j : hunk.b0 + 1].tolist()
+        i, j = hunk.a1, hunk.b1
+        assert not hunk.closed or a[i].tolist() == b[j].tolist()
+    if i < len(a) - 1 or j < len(b) - 1:
+        assert a[i:].tolist() == b[j:].tolist()
+
+
+def test_large_ways_are_cut_and_measured_in_parts():
+    """No point in common but the first: another sampling of one curve, with a bulge in it."""
+    t = np.linspace(0.0, 60.0, 5 * LARGE), np.linspace(0.0, 60.0, 4 * LARGE + 7)
+    curves = [np.stack((each * np.cos(each), each * np.sin(each)), axis=1) for each in t]
+    assert farthest(way(curves[0]), way(curves[1])).distance < 2e-2  # chords of 1.2 mm on the outermost turn, radius 60: about 3 um
+    curves[1][2000] *= 1.01
+    found = farthest(way(curves[0]), way(curves[1]))
+    assert found.distance == pytest.approx(0.01 * t[1][2000], rel=0.1)
+    assert abs(found.b - 2000) <= 1
+
+
+@pytest.mark.parametrize("name", ["pocket", "engraving", "bezier", "trident"])
+def test_a_track_is_the_way_that_is_gone(name):
+    """Every sample of the motion lies on it."""
+    machine = load_machine("paper-nurbs" if name == "trident" else "default")
+    recorder, sampler = Recorder(start_position(machine)), Sampled(0.01, start_position(machine))
+    samples = []
+    for item in plan(ROOT / "programs" / f"{name}.nc", machine):
+        if isinstance(item, PlanChunk):
+            recorder.add(item)
+            samples += [chunk.position for chunk in sampler.samples(item)]
+    track = recorder.track()
+    starts, steps = track.points[:-1], np.diff(track.points, axis=0)
+    for point in np.concatenate(samples)[:: 1 + len(np.concatenate(samples)) // 400]:
+        share = np.clip(((point - starts) * steps).sum(axis=1) / np.maximum((steps * steps).sum(axis=1), 1e-300), 0.0, 1.0)
+        assert np.linalg.norm(starts + share[:, None] * steps - point, axis=1).min() < 1e-3
+    assert np.linalg.norm(steps, axis=1).sum() > 0.999 * np.linalg.norm(np.diff(np.concatenate(samples), axis=0), axis=1).sum()
+
+
+def test_the_command_line(tmp_path, capfd):
+    one, other, bad = (str(tmp_path / name) for name in ("a.nc", "b.nc", "bad.nc"))
+    Path(one).write_text(HEAD + SQUARE + "\nM2\n")
+    Path(other).write_text(HEAD + SQUARE.replace("G1 Y40", "G1 Y41") + "\nM2\n")
+    Path(bad).write_text("G1 X5\n")
+    assert cli.exit_code(["diff", one, other]) == 0
+    out = capfd.readouterr().out.splitlines()
+    assert out[0].startswith("way     at most 1 mm apart, at X")
+    assert f"{one}:4, {other}:4" in out[0]
+    assert cli.exit_code(["diff", one, other, "--json", "-"]) == 0
+    found = json.loads(capfd.readouterr().out)
+    assert (found["programs"], found["lines"]) == ([one, other], [4, 4])
+    assert found["distance_mm"] == pytest.approx(1.0)
+    for pair in (bad, one), (one, bad):
+        assert cli.exit_code(["diff", *pair]) == 1
+        assert f"{bad}:1:1: feed-missing" in capfd.readouterr().err
+    assert cli.exit_code(["diff", one, one + "x"]) == 2
+    assert cli.exit_code(["diff", one, other, "--json", one]) == 2
+    assert cli.exit_code(["diff", one]) == 2
