@@ -11,7 +11,7 @@ import glob
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import TextIOWrapper
 from pathlib import Path
 from types import ModuleType
@@ -90,11 +90,11 @@ class Common:
     quiet: Annotated[bool, _option("Say nothing but errors.")] = False
     verbose: Annotated[bool, _option("Say more: each axis's dynamics, computing times, details of an internal error.")] = False
 
-    def check_outputs(self, *inputs: str | None, printing: bool = False) -> None:
+    def check_outputs(self, *inputs: str | None, printing: bool = False, picture: str | None = None) -> None:
         """UsageError if two outputs are the same file (``printing``: standard output), or one is the machine file or one of ``inputs``."""
         read = {os.path.realpath(name): name for name in (self.machine, *inputs) if name is not None and name != "-"}
         taken = {"-"} if printing else set()
-        for name in (self.blocks, self.trace, self.pulses, self.json):
+        for name in (self.blocks, self.trace, self.pulses, self.json, picture):
             if name is None:
                 continue
             file = name if name == "-" else os.path.realpath(name)
@@ -222,7 +222,7 @@ def _codes(listed: Sequence[str]) -> list[str]:
     return [code for each in listed for code in each.split(",") if code]
 
 
-def _check_one(file: str, common: Common, look: Look) -> Report:
+def _check_one(file: str, common: Common, look: Look, picture: str | None = None) -> Report:
     """A program alone, in this process."""
     api = _library()
     machine = look.machine(common.machine)
@@ -234,7 +234,7 @@ def _check_one(file: str, common: Common, look: Look) -> Report:
             dialect=common.dialect,
             interpolator=common.interpolator,
             algorithm=common.algorithm,
-            outputs=common.outputs(),
+            outputs=replace(common.outputs(), picture=picture),
             watch=screen.watch(),
             control=control,
             selection=look.selection,
@@ -303,6 +303,24 @@ def diff(
         if not quiet:
             print(*found.lines(), sep="\n", file=sys.stderr if json == "-" else sys.stdout)
     return _end(found.reports, quiet=quiet)
+
+
+@app.command
+def view(
+    program: Annotated[str, _output("The program (- is standard input).")],
+    /,
+    *,
+    output: Annotated[str, Parameter(name=["--output", "-o"], help="The picture: a page to turn and play (.html), or a .png or .svg.")],
+    stock: Annotated[str | None, _option("The raw part to draw, such as X0:100,Y0:60,Z-12:0 (mm, machine coordinates).")] = None,
+    common: Common = _COMMON,
+) -> int:
+    """Draw a program: its path in space, its feed, acceleration and jerk over time, its text beside them."""
+    common.check_outputs(program, picture=output)
+    report = _check_one(program, common, Look(stock, Selection(), (), None), output)
+    if common.json is not None:
+        _write_json(common.json, report)
+    _show(report, common, common.summary_file)
+    return _end([report], quiet=common.quiet)
 
 
 @app.command

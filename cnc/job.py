@@ -38,6 +38,7 @@ from cnc.report.portable import dialects_of, portability
 from cnc.report.result import Extremes, Report
 from cnc.report.selection import Selection, unknown_codes
 from cnc.report.survey import Survey
+from cnc.report.view.writer import check_picture, picture_writer
 from cnc.source import readable, shown_name, with_texts
 from cnc.stopwatch import Stopwatch, TimedPulses
 from cnc.stream import PulseChunk, SampleChunk
@@ -59,11 +60,12 @@ KEPT_NUMBERS = 8_000_000
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """Files to write, ``-`` for standard output, None for none. Formats: see :mod:`cnc.report.outputs`."""
+    """Files to write, ``-`` for standard output, None for none. Formats: see :mod:`cnc.report.outputs`, :mod:`cnc.report.view.writer`."""
 
     blocks: str | None = None
     trace: str | None = None
     pulses: str | None = None
+    picture: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +109,8 @@ class Job:
         on_plan: Callable[[PlanChunk], None] | None = None,
     ) -> None:
         check_formats(outputs.trace, outputs.pulses)
+        if outputs.picture is not None:
+            check_picture(outputs.picture)
         self.program = program
         self.name = shown_name(program)
         self.path = Path(program)
@@ -403,8 +407,10 @@ class Job:
         report.end_position = dict(zip(self.machine.axes, end.tolist(), strict=True))
 
     def _timed(self, planned: Iterable[PlanChunk | Block]) -> Iterator[PlanChunk | Block]:
-        """Follow the machine's clock."""
-        report = self.report
+        """Follow the machine's clock, and draw what goes by."""
+        report, drawn = self.report, None
+        if self.outputs.picture is not None:
+            drawn = self._opened(picture_writer(self.outputs.picture, report, self.path, self.start))
         for item in planned:
             if isinstance(item, PlanChunk):
                 report.duration_s = item.t0 + item.duration
@@ -412,6 +418,8 @@ class Job:
                     self.on_plan(item)
             elif isinstance(item, Dwell):
                 report.duration_s += item.seconds
+            if drawn is not None:
+                drawn.add(item)
             yield item
 
     def _sampled(self, planned: Iterable[PlanChunk | Block]) -> Iterator[PlanChunk | Block]:

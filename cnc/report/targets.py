@@ -8,7 +8,7 @@ import shutil
 import sys
 import tempfile
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, AnyStr, Generic
 
 from numpy.typing import ArrayLike, NDArray
 
@@ -27,8 +27,8 @@ def can_not_write(path: object, error: OSError) -> UsageError:
     )
 
 
-class TextTarget:
-    """Text on its way to ``name``: ``-`` is standard output, an ordinary file is replaced as a whole on :meth:`close`.
+class FileTarget(Generic[AnyStr]):
+    """Text or bytes on their way to ``name``: an ordinary file is replaced as a whole on :meth:`close`.
 
     What is no ordinary file (a device, a pipe) is written to directly. Raises UsageError ``can-not-write``.
     """
@@ -36,23 +36,29 @@ class TextTarget:
     def __init__(self, name: str) -> None:
         self.name = name
         self._draft: Path | None = None
-        self._stream: IO[str]
+        self._stream: IO[AnyStr]
         try:
             if name == STANDARD_OUTPUT:
-                self._stream = sys.stdout
+                self._stream = self._standard_output()
             elif Path(name).exists() and not Path(name).is_file():
-                self._stream = open(name, "w", encoding="utf-8", newline="\n")  # noqa: SIM115 - closed by close or discard
+                self._stream = self._opened(name)
             else:
                 handle, draft = tempfile.mkstemp(prefix=Path(name).name + ".", suffix=".part", dir=Path(name).parent)
                 self._draft = Path(draft)
-                self._stream = open(handle, "w", encoding="utf-8", newline="\n")  # noqa: SIM115
+                self._stream = self._opened(handle)
         except OSError as error:
             raise can_not_write(name, error) from error
 
-    def write(self, text: str) -> None:
-        """Add ``text``."""
+    def _standard_output(self) -> IO[AnyStr]:
+        raise NotImplementedError
+
+    def _opened(self, file: int | str) -> IO[AnyStr]:
+        raise NotImplementedError
+
+    def write(self, content: AnyStr) -> None:
+        """Add ``content``."""
         try:
-            self._stream.write(text)
+            self._stream.write(content)
         except BrokenPipeError:
             raise
         except OSError as error:
@@ -62,7 +68,7 @@ class TextTarget:
         """Put the file in place."""
         try:
             self._stream.flush()
-            if self._stream is not sys.stdout:
+            if self.name != STANDARD_OUTPUT:
                 self._stream.close()
             if self._draft is not None:
                 self._draft.chmod(0o666 & ~_umask())
@@ -75,13 +81,33 @@ class TextTarget:
 
     def discard(self) -> None:
         """Leave what was there before; harmless after :meth:`close`."""
-        if self._stream is not sys.stdout:
+        if self.name != STANDARD_OUTPUT:
             # What is still buffered may not fit on the disk; it is thrown away in any case.
             with contextlib.suppress(OSError):
                 self._stream.close()
         if self._draft is not None:
             self._draft.unlink(missing_ok=True)
             self._draft = None
+
+
+class TextTarget(FileTarget[str]):
+    """Text in UTF-8; ``-`` is standard output."""
+
+    def _standard_output(self) -> IO[str]:
+        return sys.stdout
+
+    def _opened(self, file: int | str) -> IO[str]:
+        return open(file, "w", encoding="utf-8", newline="\n")
+
+
+class BytesTarget(FileTarget[bytes]):
+    """Bytes as they are; ``-`` is standard output."""
+
+    def _standard_output(self) -> IO[bytes]:
+        return sys.stdout.buffer
+
+    def _opened(self, file: int | str) -> IO[bytes]:
+        return open(file, "wb")
 
 
 class NpzTarget:

@@ -1,0 +1,284 @@
+// The path in space: strokes as thin rectangles that face the viewer, in parallel projection, so that lengths on the screen compare.
+// The view is given by a direction (yaw, pitch), the point in the middle, and pixels per millimetre.
+
+const VERTEX = `#version 300 es
+uniform mat3 turn;
+uniform vec3 target;
+uniform vec2 screen;
+uniform float scale, width, reach;
+uniform int channel;
+uniform vec2 range;
+in vec4 from, to;        // x y z and time of the ends of a stroke
+in vec4 look;            // feed, acceleration, jerk, millimetres along the line of a traverse
+out float part, time, along, light;
+flat out float dashed;
+void main() {
+  vec3 a = turn * (from.xyz - target), b = turn * (to.xyz - target);
+  vec2 way = (b.xy - a.xy) * scale;
+  float far = length(way);
+  way = far > 1e-4 ? way / far : vec2(1.0, 0.0);
+  float end = float(gl_VertexID & 1), side = float(gl_VertexID >> 1) * 2.0 - 1.0;
+  vec3 here = mix(a, b, end);
+  vec2 at = here.xy * scale + 0.5 * width * (way * (end * 2.0 - 1.0) + vec2(-way.y, way.x) * side);
+  gl_Position = vec4(at / (0.5 * screen), -here.z / reach, 1.0);
+  time = mix(from.w, to.w, end);
+  float value = channel == 0 ? look.x : channel == 1 ? look.y : channel == 2 ? look.z : time;
+  part = clamp((value - range.x) / (range.y - range.x), 0.0, 1.0);
+  dashed = look.w > 1e29 ? 0.0 : 1.0;
+  vec3 step = to.xyz - from.xyz, size = abs(step);
+  float most = 0.5 * max(size.x, max(size.y, size.z)), first = size.x > most ? step.x : size.y > most ? step.y : step.z;
+  along = look.w + end * length(step) * sign(first);
+  // Lines across the light are brighter than lines along it, so that surfaces have a shape.
+  float towards = dot(b - a, vec3(-0.48, 0.6, 0.64)) / max(distance(a, b), 1e-9);
+  light = 0.7 + 0.3 * sqrt(max(1.0 - towards * towards, 0.0));
+}`;
+const FRAGMENT = `#version 300 es
+precision highp float;
+uniform vec3 ramp[8];
+uniform vec3 paper, rapid;
+uniform vec4 paint;      // instead of the ramp, if the last is not 0
+uniform float now, dash;
+in float part, time, along, light;
+flat in float dashed;
+out vec4 colour;
+void main() {
+  if (dashed > 0.5 && fract(along / dash) > 0.55) discard;
+  float place = part * 7.0;
+  int k = int(min(place, 6.0));
+  vec3 shade = dashed > 0.5 ? rapid : light * mix(ramp[k], ramp[k + 1], place - float(k));
+  if (paint.a > 0.0) shade = paint.rgb;
+  colour = vec4(time > now ? mix(paper, shade, 0.13) : shade, 1.0);
+}`;
+const VIEWS = {"3d": [0.6, 0.55], top: [0, Math.PI / 2], front: [0, 0], side: [Math.PI / 2, 0]};
+
+class Scene {
+  constructor(canvas, model, boxesShown) {
+    this.canvas = canvas;
+    this.model = model;
+    this.shown = boxesShown;
+    this.levels = levels(model.strokes, model.size, model.about.tolerance);
+    this.coarse = 1;     // grows while frames come too slowly
+    this.target = [0, 0, 0];
+    this.chosen = null;
+    const gl = this.gl = canvas.getContext("webgl2", {antialias: true, alpha: false});
+    if (gl) this.prepare();
+  }
+
+  prepare() {
+    const gl = this.gl, program = this.program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
+      if (!gl.isContextLost()) throw new Error(gl.getProgramInfoLog(program));
+      return;
+    }
+    gl.useProgram(program);
+    this.uniforms = {};
+    for (let i = 0; i < gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS); i++) {
+      const name = gl.getActiveUniform(program, i).name;
+      this.uniforms[name.replace("[0]", "")] = gl.getUniformLocation(program, name);
+    }
+    this.places = ["from", "to", "look"].map(name => gl.getAttribLocation(program, name));
+    for (const place of this.places) {
+      gl.enableVertexAttribArray(place);
+      gl.vertexAttribDivisor(place, 1);
+    }
+    gl.enable(gl.DEPTH_TEST);
+    gl.depthFunc(gl.LEQUAL);
+    for (const level of this.levels) level.buffer = null;  // made when it is drawn first
+    this.lines = this.shown.map(box => ({...box, buffer: this.buffer(box.data)}));
+    if (this.chosen) this.chosen.buffer = this.buffer(this.chosen.data);
+  }
+
+  buffer(data) {
+    const gl = this.gl, buffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
+    return buffer;
+  }
+
+  /** Strokes to draw over the others; null for none. */
+  choose(data) {
+    if (this.gl && this.chosen) this.gl.deleteBuffer(this.chosen.buffer);
+    this.chosen = data && {data, buffer: this.gl && this.buffer(data)};
+  }
+
+  look(name) {
+    [this.yaw, this.pitch] = VIEWS[name];
+    this.fit();
+  }
+
+  fit() {
+    const {data} = this.levels[this.levels.length - 1], low = [Infinity, Infinity], high = [-Infinity, -Infinity], turn = this.turn();
+    for (let i = 0; i < data.length; i += FLOATS) {
+      for (let k = 0; k < 2; k++) {
+        const value = turn[k] * data[i] + turn[3 + k] * data[i + 1] + turn[6 + k] * data[i + 2];
+        low[k] = Math.min(low[k], value);
+        high[k] = Math.max(high[k], value);
+      }
+    }
+    const [width, height] = [this.canvas.clientWidth - 80, this.canvas.clientHeight - 100];
+    const extent = [high[0] - low[0], high[1] - low[1]].map(each => Math.max(each, 1e-3 * this.model.size, 1e-6));
+    this.scale = Math.max(Math.min(width / extent[0], height / extent[1]), 1e-6);
+    const [x, y] = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
+    this.target = [0, 1, 2].map(k => turn[3 * k] * x + turn[3 * k + 1] * y);
+  }
+
+  /** Columns of the matrix from the machine's axes to right, up and towards the viewer. */
+  turn() {
+    const [c, s, cp, sp] = [Math.cos(this.yaw), Math.sin(this.yaw), Math.cos(this.pitch), Math.sin(this.pitch)];
+    return [c, -s * sp, s * cp, s, c * sp, -c * cp, 0, cp, sp];
+  }
+
+  /** Where a point of the path is on the screen, in CSS pixels from the upper left, and how near. */
+  project(x, y, z) {
+    const m = this.turn(), [tx, ty, tz] = this.target, [a, b, c] = [x - tx, y - ty, z - tz];
+    const right = m[0] * a + m[3] * b + m[6] * c, up = m[1] * a + m[4] * b + m[7] * c;
+    return [this.canvas.clientWidth / 2 + right * this.scale, this.canvas.clientHeight / 2 - up * this.scale,
+      m[2] * a + m[5] * b + m[8] * c];
+  }
+
+  move(dx, dy) {
+    const m = this.turn();
+    this.target = this.target.map((each, k) => each - (m[3 * k] * dx - m[3 * k + 1] * dy) / this.scale);
+  }
+
+  rotate(dx, dy) {
+    this.yaw -= dx * 0.008;
+    this.pitch = Math.min(Math.max(this.pitch + dy * 0.008, -Math.PI / 2), Math.PI / 2);
+  }
+
+  /** Larger by a factor, about a point of the screen. */
+  zoom(factor, x, y) {
+    const [dx, dy] = [x - this.canvas.clientWidth / 2, y - this.canvas.clientHeight / 2];
+    factor = Math.min(Math.max(this.scale * factor, 1e-3), 1e6) / this.scale;
+    this.move(-dx, -dy);
+    this.scale *= factor;
+    this.move(dx, dy);
+  }
+
+  /** The coarsest level that nobody can tell from the finest. */
+  level() {
+    const seen = 0.4 * this.coarse / (this.scale * devicePixelRatio);
+    let found = this.levels[0];
+    for (const level of this.levels) if (level.tolerance <= seen) found = level;
+    return found;
+  }
+
+  /** Runs [first, last) of blocks that reach into a part of the screen: left, top, right, bottom in CSS pixels. */
+  *visible(level, left, top, right, bottom) {
+    const m = this.turn(), {boxes} = level, n = boxes.length / 6;
+    const [w, h, s] = [this.canvas.clientWidth / 2, this.canvas.clientHeight / 2, this.scale];
+    let first = -1;
+    for (let b = 0; b <= n; b++) {
+      let inside = b < n;
+      if (inside) {
+        let x = 0, y = 0, rx = 0, ry = 0;
+        for (let k = 0; k < 3; k++) {
+          const middle = (boxes[6 * b + k] + boxes[6 * b + 3 + k]) / 2 - this.target[k], half = (boxes[6 * b + 3 + k] - boxes[6 * b + k]) / 2;
+          x += m[3 * k] * middle;
+          y += m[3 * k + 1] * middle;
+          rx += Math.abs(m[3 * k]) * half;
+          ry += Math.abs(m[3 * k + 1]) * half;
+        }
+        const [px, py] = [w + x * s, h - y * s];
+        inside = px + rx * s >= left && px - rx * s <= right && py + ry * s >= top && py - ry * s <= bottom;
+      }
+      if (inside && first < 0) first = b;
+      if (!inside && first >= 0) {
+        yield [first, b];
+        first = -1;
+      }
+    }
+  }
+
+  draw({channel, range, ramp, paper, rapid, accent, now}) {
+    const gl = this.gl;
+    if (!gl || gl.isContextLost()) return;
+    const dpr = devicePixelRatio, w = Math.round(this.canvas.clientWidth * dpr), h = Math.round(this.canvas.clientHeight * dpr);
+    if (this.canvas.width !== w || this.canvas.height !== h) [this.canvas.width, this.canvas.height] = [w, h];
+    gl.viewport(0, 0, w, h);
+    gl.clearColor(...paper, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    const u = this.uniforms;
+    gl.uniformMatrix3fv(u.turn, false, this.turn());
+    gl.uniform3fv(u.target, this.target);
+    gl.uniform2f(u.screen, w, h);
+    gl.uniform1f(u.scale, this.scale * dpr);
+    gl.uniform1f(u.reach, 4 * this.model.reach);
+    gl.uniform1i(u.channel, channel);
+    gl.uniform2fv(u.range, range);
+    gl.uniform3fv(u.ramp, ramp.flat());
+    gl.uniform3fv(u.paper, paper);
+    gl.uniform3fv(u.rapid, rapid);
+    // Dashes of about nine pixels, in steps of two so that they stand still while one zooms.
+    gl.uniform1f(u.dash, 2 ** Math.round(Math.log2(9 / this.scale)));
+    gl.uniform1f(u.now, Infinity);
+    for (const line of this.lines) this.strokes(line.buffer, 0, line.data.length / FLOATS - 1, 1.1 * dpr, [...line.colour(), 1], line.pairs);
+    gl.uniform1f(u.now, now);
+    const level = this.level(), wide = level.n < 20000 ? 2 : level.n < 100000 ? 1.5 : 1.1;
+    level.buffer ??= this.buffer(level.data);
+    this.drawn = 0;
+    for (const [first, last] of this.visible(level, 0, 0, this.canvas.clientWidth, this.canvas.clientHeight)) {
+      const end = Math.min(last * BLOCK, level.n - 1);
+      this.strokes(level.buffer, first * BLOCK, end, wide * dpr, [0, 0, 0, 0], false);
+      this.drawn += end - first * BLOCK;
+    }
+    if (this.chosen) {
+      gl.disable(gl.DEPTH_TEST);
+      gl.uniform1f(u.now, Infinity);
+      this.strokes(this.chosen.buffer, 0, this.chosen.data.length / FLOATS - 1, 3 * dpr, [...accent, 1], true);
+      gl.enable(gl.DEPTH_TEST);
+    }
+  }
+
+  /** Strokes [first, last) of a buffer; of pairs of points, or from each point to the next. */
+  strokes(buffer, first, last, width, paint, pairs) {
+    const gl = this.gl, bytes = 4 * FLOATS, step = pairs ? 2 * bytes : bytes, [from, to, look] = this.places;
+    const count = pairs ? (last + 1) / 2 : last - first;
+    if (count < 1) return;
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.vertexAttribPointer(from, 4, gl.FLOAT, false, step, first * bytes);
+    gl.vertexAttribPointer(to, 4, gl.FLOAT, false, step, (first + 1) * bytes);
+    gl.vertexAttribPointer(look, 4, gl.FLOAT, false, step, first * bytes + 16);
+    gl.uniform1f(this.uniforms.width, width);
+    gl.uniform4fv(this.uniforms.paint, paint);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
+  }
+
+  /** The time at which the tool is nearest to a point of the screen, if that is within `near` pixels; else null. */
+  pick(x, y, near) {
+    const level = this.level(), {data} = level, m = this.turn(), s = this.scale, [tx, ty, tz] = this.target;
+    const [w, h] = [this.canvas.clientWidth / 2, this.canvas.clientHeight / 2];
+    let best = near * near, bestDepth = -Infinity, found = null;
+    const point = o => {
+      const [a, b, c] = [data[o] - tx, data[o + 1] - ty, data[o + 2] - tz];
+      px = w + (m[0] * a + m[3] * b + m[6] * c) * s - x;
+      py = h - (m[1] * a + m[4] * b + m[7] * c) * s - y;
+      pz = m[2] * a + m[5] * b + m[8] * c;
+    };
+    let px = 0, py = 0, pz = 0;
+    for (const [first, last] of this.visible(level, x - near, y - near, x + near, y + near)) {
+      point(first * BLOCK * FLOATS);
+      for (let i = first * BLOCK; i < Math.min(last * BLOCK, level.n - 1); i++) {
+        const [ax, ay, az] = [px, py, pz];
+        point((i + 1) * FLOATS);
+        const [dx, dy] = [px - ax, py - ay], square = dx * dx + dy * dy;
+        const part = square > 0 ? Math.min(Math.max(-(ax * dx + ay * dy) / square, 0), 1) : 0;
+        const off = (ax + part * dx) ** 2 + (ay + part * dy) ** 2, depth = az + part * (pz - az);
+        // Of those as good as equally near on the screen the one in front.
+        if (off < best - 2 || off < best + 2 && off < near * near && depth > bestDepth) {
+          best = Math.min(best, off);
+          bestDepth = depth;
+          found = data[i * FLOATS + 3] + part * (data[(i + 1) * FLOATS + 3] - data[i * FLOATS + 3]);
+        }
+      }
+    }
+    return found;
+  }
+}
