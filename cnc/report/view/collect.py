@@ -68,16 +68,16 @@ class Collector:
     def picture(self) -> Picture:
         """All of it; nothing may be added after it."""
         origins, files = self._origins.origins()
-        return Picture(self._strokes.strokes(self._start), self._curves.curves(self._clock), origins, files, self._origins.moves, self._clock)
+        strokes, curves = self._strokes.strokes(self._start), self._curves.curves(self._clock)
+        return Picture(strokes, curves, origins, files, self._origins.moves, self._clock)
 
     def _follow(self, chunk: PlanChunk) -> None:
-        kind, at, data, piece_s, line, *phases = kernel_arrays(chunk)
+        arrays = kernel_arrays(chunk)
+        kind, line = arrays[0], arrays[4]
         rapid = np.isnan(chunk.path.feed)
         place, now = np.zeros(3, np.int64), np.zeros(1)
         while place[STAGE] != AT_END:
-            count = follow(
-                kind, at, data, piece_s, *phases, chunk.t0, chunk.s0, rapid, self._columns, self._strokes.fine, place, now, self._out
-            )
+            count = follow(*arrays[:4], *arrays[5:], chunk.t0, chunk.s0, rapid, self._columns, self._strokes.fine, place, now, self._out)
             points = self._out[:count]
             self._strokes.add(points)
             marks = points[:, MARK].astype(np.int64)
@@ -94,7 +94,7 @@ def stock_box(machine: Machine) -> list[list[float]] | None:
 
 def travel_box(machine: Machine) -> list[list[float]] | None:
     """Least and greatest position of x, y and z; None where one of them has no limits."""
-    axes = {letter: axis.travel for letter, axis in machine.axes.items() if letter in DRAWN_AXES}
-    if not axes or any(travel is None for travel in axes.values()):
+    axes: dict[str, tuple[float, float] | None] = {letter: axis.travel for letter, axis in machine.axes.items() if letter in DRAWN_AXES}
+    if not axes or None in axes.values():
         return None
     return [list(axes.get(letter) or (0.0, 0.0)) for letter in DRAWN_AXES]

@@ -43,7 +43,7 @@ def draw(picture: Picture, report: Report, kind: Literal["png", "svg"]) -> bytes
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    look = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.0, "svg.hashsalt": "cnc", "text.color": INK}
+    look: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.0, "svg.hashsalt": "cnc", "text.color": INK}
     with rc_context(look), warnings.catch_warnings():
         # A name may have letters that the font lacks: they become boxes.
         warnings.filterwarnings("ignore", message="Glyph")

@@ -6,6 +6,7 @@ The picture of a short program is exact; that of a long one says how far it is n
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,10 +44,10 @@ class StrokeTable:
     """Thins points as they come; with more than ``most`` of them it goes over all once more with twice the tolerance."""
 
     def __init__(self, most: int, finest: float = FINEST) -> None:
-        self.most = max(most, 16)
+        self.most = max(most, 32)
         self.tolerance = finest
         self.error = 2.0 * finest
-        self._rows = np.empty((self.most, KEPT))
+        self._rows = np.empty((self.most + 2, KEPT))
         self._count = 0
         self._state = np.zeros(STATE)
 
@@ -57,13 +58,14 @@ class StrokeTable:
 
     def add(self, points: Floats) -> None:
         """Points of the kind that :func:`~cnc.report.view.thinning.follow` makes."""
-        kept = np.empty((len(points) + 1, KEPT))
-        self._append(kept[: thin(points, True, self.tolerance, self._state, kept)])
+        # Few at a time: what comes after the table was thinned has to be thinned by the same tolerance.
+        some = self.most // 8
+        for first in range(0, len(points), some):
+            self._append(lambda room, part=points[first : first + some]: thin(part, True, self.tolerance, self._state, room))
 
     def strokes(self, start: Floats) -> Strokes:
         """What was drawn; nothing may be added after it. Without any motion, the point ``start`` (3,)."""
-        kept = np.empty((2, KEPT))
-        self._append(kept[: thin_end(self._state, kept)])
+        self._append(lambda room: thin_end(self._state, room))
         rows = self._rows[: self._count]
         if not len(rows):
             rows = np.zeros((1, KEPT))
@@ -72,14 +74,11 @@ class StrokeTable:
         feed = np.append(np.diff(rows[:, S]) / np.where(step > 0.0, step, 1.0), 0.0)[: len(rows)]
         return Strokes(rows[:, T], rows[:, X : Z + 1], feed, rows[:, A], rows[:, J], rows[:, RAPID] != 0.0, self.error)
 
-    def _append(self, rows: Floats) -> None:
-        while len(rows):
-            some = rows[: self.most - self._count]
-            self._rows[self._count : self._count + len(some)] = some
-            self._count += len(some)
-            rows = rows[len(some) :]
-            while self._count > self.most // 4 * 3:
-                self._coarsen()
+    def _append(self, write: Callable[[Floats], int]) -> None:
+        """Rows that ``write`` puts into the room that it is given; it returns how many."""
+        self._count += write(self._rows[self._count :])
+        while self._count > self.most - self.most // 8:
+            self._coarsen()
 
     def _coarsen(self) -> None:
         """Half as many points, or nearly: what was within the error is within that and the new tolerance now."""
@@ -150,7 +149,8 @@ class CurveTable:
             return
         self._rows, end = rows[-1:], float(rows[-1, 0])
         self._width = self._width or (end - float(rows[0, 0])) / self.most
-        self._ranges = np.concatenate((self._ranges, _together(_ranges(rows), self._width, end)))
+        if len(rows) > 1:
+            self._ranges = np.concatenate((self._ranges, _together(_ranges(rows), self._width, end)))
         while len(self._ranges) > self.most:
             self._width *= 2.0
             self._ranges = _together(self._ranges, self._width, end)

@@ -216,7 +216,7 @@ async function main() {
     box.style.top = Math.max(Math.min(y + 14, within.clientHeight - box.offsetHeight - 4), 0) + "px";
   }
 
-  Object.assign(model, {scene, graph, source, state, redraw, draw, tip, chooseTime, legend});
+  Object.assign(model, {scene, graph, source, state, place, redraw, draw, tip, chooseTime});
   model.press = pressed => {
     if (pressed.channel !== undefined) state.channel = Number(pressed.channel);
     if (pressed.view) scene.look(pressed.view);

@@ -1,0 +1,199 @@
+"""The page in a browser: what it shows and does, and that nothing of a program runs in it."""
+
+import json
+import os
+
+import pytest
+from browser import FOUND, INSTALL, Browser
+from drawn import ROOT, drawn
+from test_view_command import HOSTILE
+
+from cnc import cli
+
+LINES = "G21 G90 G94\nG0 X5 Y5\nG1 X60 F1500 (there)\nY45 ; up\nG2 X20 Y45 I-20 J0\nG1 Y5\nG0 Z5\nM2\n"
+PIXELS = """(() => {
+  const gl = m.scene.gl, pixels = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight), counts = {};
+  m.draw();
+  gl.readPixels(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+  for (let i = 0; i < pixels.length; i += 4) {
+    const colour = pixels.subarray(i, i + 3).join();
+    counts[colour] = (counts[colour] || 0) + 1;
+  }
+  return counts;
+})()"""
+"""How often each colour is on the screen."""
+PATIENCE = 60_000
+"""ms in which a page has to open, however busy the machine."""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if FOUND is None:
+        if os.environ.get("CI"):
+            pytest.fail(f"chromium is not installed: {INSTALL}")
+        pytest.skip(f"chromium is not installed: {INSTALL}")
+    with Browser() as found:
+        found.call("Emulation.setDeviceMetricsOverride", width=1280, height=800, deviceScaleFactor=1, mobile=False)
+        yield found
+
+
+@pytest.fixture
+def show(browser, tmp_path):
+    """Draw a text as a page and open it."""
+
+    def carry_out(text: str, *options: str, name: str = "p.nc") -> None:
+        program, page = tmp_path / name, tmp_path / "out.html"
+        program.write_text(text, encoding="utf-8")
+        assert cli.exit_code(["view", str(program), "-o", str(page), "--quiet", *options]) == 0
+        opened = browser.open(page)
+        assert opened.isdigit(), opened
+        assert int(opened) < PATIENCE
+        assert browser.complaints == []
+
+    return carry_out
+
+
+@pytest.fixture
+def ask(browser):
+    """The value of an expression over the page's model ``m``."""
+    return lambda expression: browser.evaluate(f"opened.then(m => ({expression}))")
+
+
+def middle_of_line(text, line, tmp_path):
+    """Time in the middle of a source line's motion, by the plan."""
+    program = tmp_path / "plan.nc"
+    program.write_text(text)
+    picture = drawn(program).picture
+    row = picture.origins.first.tolist().index(line)
+    ends = [*picture.origins.t.tolist(), picture.duration]
+    return 0.5 * (ends[row] + ends[row + 1])
+
+
+def screen_place(ask, t):
+    """Where the tool is on the screen at a time."""
+    return ask(f"(([x, y], box) => [x + box.left, y + box.top])(m.scene.project(...m.place({t})), over.getBoundingClientRect())")
+
+
+def test_nothing_of_a_program_runs(browser, show, ask, tmp_path):
+    show(HOSTILE, name="<img src=x onerror=hacked=1>.nc")
+    assert browser.evaluate("typeof hacked") == "undefined"
+    assert browser.evaluate("document.querySelectorAll('img, svg, iframe, link, object').length") == 0
+    assert browser.evaluate("[...document.scripts].filter(each => !each.type).length") == 1
+    rows = browser.evaluate("[...document.querySelectorAll('.row code')].map(row => row.textContent)")
+    expected = [line.replace("\u2028", "\u00b7").replace("\u202e", "\u00b7") for line in HOSTILE.split("\n")]
+    assert rows == expected[: len(rows)] and len(rows) == 6
+    assert browser.evaluate("document.title") == str(tmp_path / "<img src=x onerror=hacked=1>.nc")
+    for line in range(1, 7):
+        browser.evaluate(f"document.querySelectorAll('.row')[{line - 1}].click()")
+    assert browser.evaluate("typeof hacked") == "undefined"
+    asked = [parameters["request"]["url"] for method, parameters in browser.events if method == "Network.requestWillBeSent"]
+    assert asked == [(tmp_path / "out.html").as_uri()]
+
+
+def test_the_policy_stops_what_would_get_in(browser, show):
+    """Even if something found a way into the page: it would not run."""
+    show(LINES)
+    browser.evaluate("document.body.insertAdjacentHTML('beforeend', '<img src=\"x:\" onerror=\"hacked = 1\">')")
+    browser.evaluate("document.body.append(Object.assign(document.createElement('script'), {text: 'hacked = 1'}))")
+    browser.evaluate("new Promise(done => setTimeout(done, 100))")
+    assert browser.evaluate("typeof hacked") == "undefined"
+    assert any("Content Security Policy" in each for each in browser.complaints)
+
+
+def test_a_click_on_the_path_shows_the_line_and_a_click_on_the_line_the_path(browser, show, ask, tmp_path):
+    show(LINES)
+    assert ask("m.scene.gl !== null")
+    for line in (3, 5, 4):
+        t = middle_of_line(LINES, line, tmp_path)
+        browser.click(*screen_place(ask, t))
+        assert browser.evaluate("[...document.querySelectorAll('.row.chosen')].map(row => row.dataset.line)") == [str(line)]
+        assert ask("m.state.at") == pytest.approx(t, abs=0.1)
+    program = tmp_path / "plan.nc"
+    begins = drawn(program).picture.origins
+    for line, start in zip(begins.first.tolist(), begins.t.tolist(), strict=True):
+        box = browser.evaluate(
+            f"(box => [box.left + 60, box.top + 5])(document.querySelector('.row[data-line=\"{line}\"]').getBoundingClientRect())"
+        )
+        browser.click(*box)
+        assert ask("m.state.at") == pytest.approx(start, abs=1e-6)
+        assert ask("m.scene.chosen.data.length") > 0
+    # A line that moves nothing is marked, and no stroke.
+    browser.click(*browser.evaluate("(box => [box.left + 60, box.top + 5])(document.querySelector('.row').getBoundingClientRect())"))
+    assert browser.evaluate("document.querySelector('.row.chosen').dataset.line") == "1"
+    assert ask("m.scene.chosen") is None
+
+
+def test_hovering_tells_line_and_time_in_the_path_and_in_the_curves(browser, show, ask, tmp_path):
+    show(LINES)
+    t = middle_of_line(LINES, 4, tmp_path)
+    browser.mouse("mouseMoved", *screen_place(ask, t))
+    assert browser.evaluate("document.getElementById('tip').hidden") is False
+    assert browser.evaluate("document.getElementById('tip').textContent").startswith("line 4 \u00b7 ")
+    assert ask("m.state.hover") == pytest.approx(t, abs=0.1)
+    x, y = browser.evaluate("(box => [box.left, box.top + 50])(graph.getBoundingClientRect())")
+    browser.mouse("mouseMoved", x + ask(f"m.graph.x({t})"), y)
+    assert ask("m.state.hover") == pytest.approx(t, abs=ask("m.about.duration / m.graph.width"))
+    assert "line 4" in browser.evaluate("document.getElementById('tip').textContent")
+
+
+def test_it_plays_stops_and_shows_the_whole_again(browser, show, ask):
+    show(LINES)
+    browser.evaluate("document.getElementById('play').click()")
+    first = browser.wait(lambda: ask("m.state.at"))
+    assert browser.wait(lambda: ask(f"m.state.at > {first}"))
+    browser.evaluate("document.getElementById('speed').value = '1000'")
+    assert browser.wait(lambda: ask("!m.state.playing"))
+    assert ask("m.state.at") == pytest.approx(ask("m.about.duration"))
+    browser.evaluate("document.getElementById('stop').click()")
+    assert ask("m.state.at") is None
+
+
+def test_the_path_is_on_the_screen_in_each_colour_by_day_and_by_night(browser, show, ask):
+    show(LINES, "--stock", "X0:70,Y0:60,Z-5:0")
+    for dark in (False, True):
+        browser.dark(dark)
+        browser.wait(lambda: ask("m.state.dark") is dark)  # noqa: B023
+        shown = []
+        for channel in range(4):
+            browser.evaluate(f"document.querySelector('[data-channel=\"{channel}\"]').click()")
+            pixels = ask(PIXELS)
+            paper = max(pixels, key=pixels.__getitem__)
+            assert (sum(map(int, paper.split(","))) < 120) is dark
+            assert 1000 < sum(pixels.values()) - pixels[paper] < 0.2 * sum(pixels.values())
+            shown.append(pixels)
+        assert all(a != b for k, a in enumerate(shown) for b in shown[:k])
+        assert json.loads(ask("JSON.stringify(m.about.stock)")) == [[0, 70], [0, 60], [-5, 0]]
+
+
+def test_what_is_drawn_from_afar_is_within_half_a_pixel(browser, show, ask):
+    """Each level against the finest, at every time of that."""
+    show((ROOT / "programs" / "pocket.nc").read_text())
+    off = ask(
+        "m.scene.levels.map(level => { const all = m.scene.levels[0].data, {data, n} = level; let i = 0, worst = 0;"
+        " for (let k = 0; k < all.length; k += FLOATS) { const t = all[k + 3];"
+        " while (i + 2 < n && data[FLOATS * (i + 1) + 3] < t) i++;"
+        " const [a, b] = [FLOATS * i, FLOATS * (i + 1)], span = data[b + 3] - data[a + 3], p = span > 0 ? (t - data[a + 3]) / span : 0;"
+        " worst = Math.max(worst, Math.hypot(...[0, 1, 2].map(j => data[a + j] + p * (data[b + j] - data[a + j]) - all[k + j]))); }"
+        " return [worst, level.tolerance, n]; })"
+    )
+    assert len(off) > 2
+    for worst, tolerance, _ in off:
+        # 32 bits for the time of a point: what the tool does in its rounding.
+        assert worst <= tolerance + 2e-3
+    assert ask("m.scene.level().tolerance * m.scene.scale") < 0.5
+    assert off[-1][2] < off[0][2] / 2
+
+
+def test_views_zooms_and_turns(browser, show, ask):
+    show(LINES)
+    ask("m.press({view: '3d'})")
+    before = ask("[m.scene.yaw, m.scene.scale]")
+    browser.mouse("mousePressed", 300, 300, button="left", buttons=1, clickCount=1)
+    browser.mouse("mouseMoved", 380, 330, button="left", buttons=1)
+    browser.mouse("mouseReleased", 380, 330, button="left", clickCount=1)
+    assert ask("m.scene.yaw") != before[0]
+    point = ask("m.scene.project(0, 0, 0).slice(0, 2)")
+    ask(f"m.scene.zoom(2, {point[0]}, {point[1]})")
+    assert ask("m.scene.scale") == pytest.approx(2 * before[1])
+    assert ask("m.scene.project(0, 0, 0).slice(0, 2)") == pytest.approx(point, abs=1e-6)
+    assert browser.complaints == []

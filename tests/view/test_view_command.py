@@ -1,0 +1,230 @@
+"""`cncrun view`: the files that it writes and those that it does not, exit codes as those of `check`."""
+
+import base64
+import hashlib
+import json
+import re
+import subprocess
+import sys
+import zipfile
+import zlib
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from drawn import EVERYTHING, ROOT, drawn
+
+from cnc import cli
+
+GOOD = "G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
+HOSTILE = """(</script><script>hacked = 1</script>)
+(<img src=x onerror="hacked = 1"> --> ]]> </style> \u2028 \u202e {{script}} <!--data-->)
+G21 G90 ; <svg onload=hacked=1>
+G1 X10 F600 (' " ` $& \\u003c \\x3c)
+G0 Y10
+M2
+"""
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+class Elements(HTMLParser):
+    """Elements of a page: tag, attributes, text."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None], str]] = []
+        self.open = False
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, dict(attrs), ""))
+        self.open = True
+
+    def handle_endtag(self, tag):
+        self.open = False
+
+    def handle_data(self, data):
+        if self.open:
+            tag, attributes, text = self.found[-1]
+            self.found[-1] = (tag, attributes, text + data)
+
+
+def elements(page: Path) -> list[tuple[str, dict[str, str | None], str]]:
+    parser = Elements()
+    parser.feed(page.read_text(encoding="utf-8"))
+    return parser.found
+
+
+def unpacked(page: Path, name: str) -> bytes:
+    text = next(text for _, attributes, text in elements(page) if attributes.get("id") == name)
+    return zlib.decompress(base64.b64decode(text, validate=True))
+
+
+def integers(page: Path, name: str) -> np.ndarray:
+    """A second reader of the form that data.js reads."""
+    planes = np.frombuffer(unpacked(page, f"column-{name}"), np.uint8).reshape(4, -1).astype(np.int64)
+    zigzag = planes[0] + (planes[1] << 8) + (planes[2] << 16) + (planes[3] << 24)
+    return np.cumsum(np.where(zigzag % 2, -(zigzag // 2) - 1, zigzag // 2))
+
+
+@pytest.fixture
+def view(tmp_path, capfd):
+    """Draw a program here; exit code, standard error."""
+
+    def carry_out(text: str | bytes, output: str, *options: str, name: str = "p.nc") -> tuple[int, str]:
+        file = tmp_path / name
+        file.write_bytes(text if isinstance(text, bytes) else text.encode())
+        code = cli.exit_code(["view", str(file), "-o", str(tmp_path / output), "--quiet", *options])
+        return code, capfd.readouterr().err
+
+    return carry_out
+
+
+@pytest.mark.parametrize(("suffix", "begins"), [("html", b"<!doctype html>"), ("png", PNG), ("svg", b"<?xml")])
+def test_a_picture_in_each_format(view, tmp_path, suffix, begins):
+    assert view(GOOD, f"out.{suffix}") == (0, "")
+    assert (tmp_path / f"out.{suffix}").read_bytes().startswith(begins)
+    assert sorted(each.name for each in tmp_path.iterdir()) == [f"out.{suffix}", "p.nc"]
+
+
+@pytest.mark.parametrize("text", ["", "G4 P1\nM2\n", "G0 X10\nM2\n", "G1 Z10 F600\nM2"])
+@pytest.mark.parametrize("suffix", ["html", "png"])
+def test_small_programs_are_drawn_too(view, tmp_path, text, suffix):
+    assert view(text, f"out.{suffix}") == (0, "")
+    assert (tmp_path / f"out.{suffix}").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "G21 G90\nG2 X20 Y5 I5 J9 F100\nM2\n",
+        "G1 X1000 F600\nM2\n",
+        "G1 X10\nM2\n",
+        "G1 X1 F600\nG9999\nM2\n",
+        "\x00\x01\x02",
+        "G1 X10 F600\n$H\nM2\n",
+        "G38.2 X10\nM2\n",
+    ],
+)
+def test_what_check_refuses_is_refused_alike_and_nothing_is_written(view, tmp_path, capfd, text):
+    (tmp_path / "out.html").write_text("as before")
+    code, said = view(text, "out.html")
+    checked = cli.exit_code(["check", str(tmp_path / "p.nc"), "--quiet"])
+    assert (code, said) == (checked, capfd.readouterr().err)
+    assert code == 1
+    assert (tmp_path / "out.html").read_text() == "as before"
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["out.html", "p.nc"]
+
+
+def test_wrong_usage_is_2_and_says_what_to_do(view, tmp_path, capfd):
+    for output, code in (("out.jpg", "output-format"), ("out", "output-format"), ("none/out.html", "can-not-write")):
+        assert view(GOOD, output)[0] == 2
+        assert view(GOOD, output)[1].startswith(f"{code}: ")
+    assert cli.exit_code(["view", str(tmp_path / "p.nc")]) == 2
+    assert cli.exit_code(["view", str(tmp_path / "missing.nc"), "-o", str(tmp_path / "out.html")]) == 2
+    assert cli.exit_code(["view", str(tmp_path), "-o", str(tmp_path / "out.html")]) == 2
+    assert "Traceback" not in capfd.readouterr().err
+    over = f"output-over-input: an output would overwrite {tmp_path / 'p.html'}\n  help: give it another name\n"
+    assert view(GOOD, "p.html", name="p.html") == (2, over)
+    assert (tmp_path / "p.html").read_text() == GOOD
+
+
+def test_without_matplotlib_the_page_is_drawn_and_the_others_say_what_to_install(view, monkeypatch, tmp_path):
+    for module in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    code, said = view(GOOD, "out.png")
+    assert code == 2
+    assert said.startswith("drawing-missing: .png needs matplotlib")
+    assert "pip install 'cnc[view]'" in said
+    assert view(GOOD, "out.html") == (0, "")
+
+
+def test_standard_input_is_drawn_with_its_text(tmp_path):
+    page = tmp_path / "out.html"
+    command = [sys.executable, "-m", "cnc.cli", "view", "-", "-o", str(page), "--quiet"]
+    assert subprocess.run(command, input=GOOD.encode(), check=False).returncode == 0
+    assert unpacked(page, "text-0") == GOOD.encode()
+
+
+def test_a_page_holds_nothing_of_the_program_but_data(view, tmp_path):
+    """Every element is the page's own whatever the program says; its bytes come out as they went in."""
+    assert view(GOOD, "plain.html") == (0, "")
+    for text in (HOSTILE.encode(), HOSTILE.encode("utf-8").replace(b"\n", b"\r\n"), b"\xef\xbb\xbfG0 X1 (\xff\xfe \x80)\nM2\n"):
+        assert view(text, "out.html", name="<img src=x onerror=hacked=1>&'\".nc") == (0, "")
+        page = tmp_path / "out.html"
+        shape = [(tag, attributes) for tag, attributes, _ in elements(page)]
+        assert shape == [(tag, attributes) for tag, attributes, _ in elements(tmp_path / "plain.html")]
+        assert unpacked(page, "text-0") == text
+        assert b"hacked" not in page.read_bytes() and b"onerror" not in page.read_bytes()
+
+
+def test_the_policy_lets_one_script_run_and_nothing_be_fetched(view, tmp_path):
+    view(HOSTILE, "out.html")
+    found = elements(tmp_path / "out.html")
+    policy = next(attributes["content"] for tag, attributes, _ in found if attributes.get("http-equiv") == "Content-Security-Policy")
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules["default-src"] == "'none'"
+    assert "unsafe" not in policy and "http" not in policy
+    for tag, rule in (("script", "script-src"), ("style", "style-src")):
+        (text,) = [text for each, attributes, text in found if each == tag and not attributes]
+        assert rules[rule] == f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+    kinds = {attributes.get("type") for tag, attributes, _ in found if tag == "script"}
+    assert kinds == {None, "application/octet-stream"}
+    assert not re.search(r"\b(src|href|srcset|on\w+)=", " ".join(f"{name}=" for _, attributes, _ in found for name in attributes))
+
+
+def test_the_columns_are_the_picture(view, tmp_path):
+    text = (ROOT / "programs" / "pocket.nc").read_text()
+    assert view(text, "out.html", "--stock", "X-1:120,Y-2:80,Z-10:0") == (0, "")
+    page, picture = tmp_path / "out.html", drawn(tmp_path / "p.nc").picture
+    about = json.loads(unpacked(page, "about"))
+    strokes = picture.strokes
+    t = integers(page, "t") * about["tick"]
+    assert np.abs(t - strokes.t).max() <= about["tick"]
+    for axis, middle, expected in zip("xyz", about["middle"], strokes.position.T, strict=True):
+        assert np.abs(integers(page, axis) * about["quantum"] + middle - expected).max() <= 0.51 * about["quantum"]
+    for name in ("feed", "accel", "jerk"):
+        assert np.abs(integers(page, name) * about["units"][name] - getattr(strokes, name)).max() <= about["units"][name]
+    assert (integers(page, "rapid") == strokes.rapid).all()
+    assert (integers(page, "origin-first") == picture.origins.first).all()
+    assert about["stock"] == [[-1, 120], [-2, 80], [-10, 0]]
+    assert about["travel"] == [[-10, 410], [-10, 310], [-110, 60]]
+    assert about["tolerance"] == strokes.tolerance and len(strokes.t) < EVERYTHING.strokes
+    assert f"within {strokes.tolerance:g} mm" in about["accuracy"]
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+def test_names_are_no_formulas_and_no_markup(view, tmp_path, suffix):
+    """matplotlib takes what is between dollars for mathematics, and some letters are in no font or no XML."""
+    assert view(GOOD, f"out.{suffix}", name="a $\\frac{1$ <b> & \x01 \u4e2d.nc") == (0, "")
+    if suffix == "svg":
+        text = (tmp_path / "out.svg").read_text()
+        assert ElementTree.fromstring(text).tag.endswith("svg")
+        assert "<script" not in text
+        again = tmp_path / "again.svg"
+        assert view(GOOD, "again.svg", name="a $\\frac{1$ <b> & \x01 \u4e2d.nc") == (0, "")
+        assert again.read_text() == text
+
+
+def test_an_installed_wheel_has_what_the_page_is_made_of(tmp_path):
+    build = "import sys; from hatchling.build import build_wheel; print(build_wheel(sys.argv[1]))"
+    done = subprocess.run([sys.executable, "-c", build, str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=True)
+    wheel, installed = tmp_path / done.stdout.split()[-1], tmp_path / "installed"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(installed)
+    program = tmp_path / "p.nc"
+    program.write_text(GOOD)
+    draw = (
+        "import sys; sys.path.insert(0, sys.argv[1]); from pathlib import Path; from cnc.machine.load import load_machine\n"
+        "from cnc.report.result import Report; from cnc.report.targets import TextTarget; from cnc.report.view import page\n"
+        "from cnc.report.view.collect import Collector; import numpy as np; machine = load_machine(None)\n"
+        "assert page.__file__.startswith(sys.argv[1]), page.__file__\n"
+        "picture = Collector(machine, page.SIZES, 'p.nc', np.zeros(3)).picture(); target = TextTarget(sys.argv[2])\n"
+        "page.write_page(target, picture, Report('p.nc', machine), [('p.nc', Path(sys.argv[3]))]); target.close()"
+    )
+    out = tmp_path / "out.html"
+    environment = {"PATH": "/usr/bin:/bin", "NUMBA_DISABLE_JIT": "1", "HOME": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", draw, str(installed), str(out), str(program)], cwd=tmp_path, env=environment, check=True)
+    assert unpacked(out, "text-0") == GOOD.encode()

@@ -1,0 +1,113 @@
+"""What is drawn against the plan, sampled by the sampler: at any time, within what the picture says of itself."""
+
+import functools
+
+import numpy as np
+import pytest
+from drawn import EVERYTHING, ROOT, Drawn, drawn, write
+from support import share
+
+from cnc.report.view.collect import Sizes
+
+SMALL = Sizes(strokes=300, curves=100, origins=8)
+PROGRAMS = {
+    "trident.nc": "paper-nurbs",
+    "pocket.nc": "default",
+    "drilling.nc": "default",
+    "compensation.nc": "default",
+    "thread-mill.nc": "default",
+    "engraving.nc": "default",
+    "bezier.nc": "default",
+    **share({"finishing.nc": "default", "siemens-bspline.nc": "default", "fanuc-nurbs.nc": "default"}, {}),
+}
+CASES = [(name, sizes) for name in PROGRAMS for sizes in (EVERYTHING, SMALL)]
+NEAR = 1e-7
+"""mm, and of the largest value: two ways to compute the same."""
+
+
+@functools.cache
+def case(name: str, sizes: Sizes) -> Drawn:
+    return drawn(ROOT / "programs" / name, PROGRAMS[name], sizes)
+
+
+@pytest.mark.parametrize(("name", "sizes"), CASES)
+def test_the_tool_is_drawn_within_the_tolerance_at_any_time(name, sizes):
+    made = case(name, sizes)
+    strokes = made.picture.strokes
+    assert len(strokes.t) <= sizes.strokes
+    assert (np.diff(strokes.t) > 0.0).all()
+    shown = np.stack([np.interp(made.t, strokes.t, axis) for axis in strokes.position.T], axis=1)
+    assert np.linalg.norm(shown - made.position, axis=1).max() <= strokes.tolerance + NEAR
+
+
+def test_a_small_picture_is_no_coarser_than_it_has_to_be():
+    """A table that throws everything away would be within a tolerance as well."""
+    strokes = drawn(ROOT / "programs" / "pocket.nc", sizes=Sizes(3000, 100, 100)).picture.strokes
+    assert len(strokes.t) > 1000
+    assert strokes.tolerance <= 0.1
+
+
+@pytest.mark.parametrize(("name", "sizes"), CASES)
+def test_the_curves_are_those_of_the_plan_or_hold_them(name, sizes):
+    made = case(name, sizes)
+    curves = made.picture.curves
+    assert len(curves.t) <= sizes.curves + 1
+    row = np.clip(np.searchsorted(curves.t, made.t, side="right") - 1, 0, len(curves.t) - 2)
+    # The jerk changes at once, and clocks are sums of floats: not those that are as good as on an edge.
+    clear = np.minimum(np.abs(made.t - curves.t[row]), np.abs(made.t - curves.t[row + 1])) > 1e-7
+    scale = np.abs(made.values).max(axis=1)
+    if curves.within:
+        assert sizes is SMALL
+        low, high = curves.low[:, row] - made.values, made.values - curves.high[:, row]
+        assert (np.maximum(low, high)[:, clear].max(axis=1) <= 1e-6 * scale).all()
+        return
+    v, a, j = curves.start[:, row]
+    h = made.t - curves.t[row]
+    shown = np.stack((v + h * (a + 0.5 * h * j), a + h * j, j))
+    # Where moves overlap at a corner the jerk along the path has no steps; rows are dense there.
+    off = np.abs(shown - made.values)[:, clear] / scale[:, None]
+    assert np.quantile(off, 0.99, axis=1).max() <= 1e-6
+    assert off[0].max() <= 1e-3
+
+
+@pytest.mark.parametrize(("name", "sizes"), CASES)
+def test_the_source_lines_are_those_of_the_plan(name, sizes):
+    made = case(name, sizes)
+    origins = made.picture.origins
+    assert len(origins.t) <= sizes.origins
+    row = np.clip(np.searchsorted(origins.t, made.t, side="right") - 1, 0, len(origins.t) - 1)
+    edges = np.concatenate(([-np.inf], origins.t, [np.inf]))
+    clear = np.minimum(made.t - edges[row + 1], edges[row + 2] - made.t) > 1e-7
+    resting = np.concatenate(([True], (np.diff(made.position, axis=0) == 0.0).all(axis=1)))
+    looked = clear & ~resting
+    assert (origins.first[row] <= made.line)[looked].all()
+    assert (made.line <= origins.last[row])[looked].all()
+
+
+def test_traverses_are_told_from_feeds(tmp_path):
+    program = write(tmp_path, "G21 G90 G0 X10\nG1 X20 F600\nG0 X30\nG0 X40\nG1 X50\nM2\n")
+    strokes = drawn(program).picture.strokes
+    middle = 0.5 * (strokes.position[:-1, 0] + strokes.position[1:, 0])
+    expected = (middle < 10.0) | ((middle > 20.0) & (middle < 40.0))
+    assert (strokes.rapid[:-1] == expected).all()
+    for border in (10.0, 20.0, 40.0):
+        assert np.abs(strokes.position[:, 0] - border).min() < 1e-9
+
+
+def test_dwells_are_in_it_and_a_program_that_does_not_move_is_a_point(tmp_path):
+    made = drawn(write(tmp_path, "G21 G90 G4 P2\nG1 X10 F600\nG4 P3\nM2\n")).picture
+    assert made.duration == pytest.approx(5.0 + made.strokes.t[-1] - made.strokes.t[0], abs=1e-9)
+    assert made.origins.first.tolist() == [1, 2, 3]
+    assert made.origins.t.tolist() == pytest.approx([0.0, 2.0, made.strokes.t[-1]])
+    still = drawn(write(tmp_path, "G21\nM2\n")).picture
+    assert still.duration == 0.0
+    assert still.strokes.position.tolist() == [[0.0, 0.0, 0.0]]
+
+
+def test_lines_of_a_spline_over_short_moves_are_a_range(tmp_path):
+    moves = [f"X{0.1 * k:.3f} Y{0.01 * k * k:.4f}" for k in range(1, 60)]
+    program = write(tmp_path, "G21 G90 G64 P0.01 F2000\nG1 X0 Y0\n" + "\n".join(moves) + "\nG0 Z5\nM2\n")
+    origins = drawn(program).picture.origins
+    covered = [line for first, last in zip(origins.first, origins.last, strict=True) for line in range(first, last + 1)]
+    assert covered == list(range(3, 63))
+    assert len(origins.t) < 40
