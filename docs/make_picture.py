@@ -1,12 +1,16 @@
 """Draws docs/trident.svg: the trident on the machine of the paper, its path and its feed, acceleration and jerk over time.
 
+And photographs the pages that `cncrun view` makes of it and of the finishing pass, in Debian's chromium.
+
 make picture
 """
 
 from __future__ import annotations
 
 import io
+import os
 import re
+import sys
 import tempfile
 from pathlib import Path
 
@@ -20,8 +24,13 @@ from cnc.canon import NurbsFeed
 from cnc.report.result import Report
 from cnc.report.summary import print_summary
 
-plt.switch_backend("svg")
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "tests" / "view"))
+
+from browser import FOUND, INSTALL, Browser  # noqa: E402
+
+plt.switch_backend("svg")
+PAGE_SIZE = (1200, 760)
 PROGRAM = ROOT / "programs" / "trident.nc"
 
 
@@ -78,5 +87,23 @@ def describe(report: Report, readme: Path) -> None:
     readme.write_text(new, encoding="utf-8")
 
 
+def photograph(program: str, machine: str, target: Path, *, dark: bool, then: str) -> None:
+    """The page of a program, after ``then`` was carried out in it."""
+    with tempfile.TemporaryDirectory() as folder, Browser(*PAGE_SIZE) as browser:
+        page = Path(folder) / "page.html"
+        check(program, machine, outputs=Outputs(picture=str(page))).raise_if_faulty()
+        width, height = PAGE_SIZE
+        browser.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        browser.dark(dark)
+        browser.open(page)
+        browser.evaluate(f"opened.then(m => {{ {then}; m.draw(); }})")
+        browser.screenshot(target)
+
+
 if __name__ == "__main__":
+    if FOUND is None:
+        sys.exit(f"chromium is not installed: {INSTALL}")
+    os.chdir(ROOT)
+    photograph("programs/trident.nc", "paper-nurbs", ROOT / "docs" / "view-trident.png", dark=True, then="m.press({channel: 1})")
+    photograph("programs/finishing.nc", "default", ROOT / "docs" / "view-finishing.png", dark=False, then="m.chooseTime(40)")
     describe(draw(ROOT / "docs" / "trident.svg"), ROOT / "README.md")

@@ -14,9 +14,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from drawn import EVERYTHING, ROOT, drawn
 
 from cnc import cli
+from drawn import EVERYTHING, ROOT, drawn
 
 GOOD = "G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
 HOSTILE = """(</script><script>hacked = 1</script>)

@@ -4,10 +4,10 @@ import functools
 
 import numpy as np
 import pytest
-from drawn import EVERYTHING, ROOT, Drawn, drawn, write
-from support import share
 
 from cnc.report.view.collect import Sizes
+from drawn import EVERYTHING, ROOT, Drawn, drawn, write
+from support import share
 
 SMALL = Sizes(strokes=300, curves=100, origins=8)
 PROGRAMS = {

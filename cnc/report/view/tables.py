@@ -6,7 +6,6 @@ The picture of a short program is exact; that of a long one says how far it is n
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,11 +60,14 @@ class StrokeTable:
         # Few at a time: what comes after the table was thinned has to be thinned by the same tolerance.
         some = self.most // 8
         for first in range(0, len(points), some):
-            self._append(lambda room, part=points[first : first + some]: thin(part, True, self.tolerance, self._state, room))
+            room = self._rows[self._count :]
+            self._count += thin(points[first : first + some], True, self.tolerance, self._state, room)
+            self._make_room()
 
     def strokes(self, start: Floats) -> Strokes:
         """What was drawn; nothing may be added after it. Without any motion, the point ``start`` (3,)."""
-        self._append(lambda room: thin_end(self._state, room))
+        self._count += thin_end(self._state, self._rows[self._count :])
+        self._make_room()
         rows = self._rows[: self._count]
         if not len(rows):
             rows = np.zeros((1, KEPT))
@@ -74,9 +76,7 @@ class StrokeTable:
         feed = np.append(np.diff(rows[:, S]) / np.where(step > 0.0, step, 1.0), 0.0)[: len(rows)]
         return Strokes(rows[:, T], rows[:, X : Z + 1], feed, rows[:, A], rows[:, J], rows[:, RAPID] != 0.0, self.error)
 
-    def _append(self, write: Callable[[Floats], int]) -> None:
-        """Rows that ``write`` puts into the room that it is given; it returns how many."""
-        self._count += write(self._rows[self._count :])
+    def _make_room(self) -> None:
         while self._count > self.most - self.most // 8:
             self._coarsen()
 
