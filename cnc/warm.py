@@ -1,8 +1,8 @@
 """The first run ever: the kernels are compiled, in two processes at once, before the program is looked at.
 
-What each half needs is found by using it: one reads lines, builds curves, makes pulses and samples of them and audits, the other plans.
-Compiled code is kept on disk (:mod:`cnc.kernels.jit`), where the one process finds what the other made; a file beside it says that this was
-done for these kernels.
+What each half needs is found by using it: one reads text, builds curves, makes pulses, samples and lines of them and audits, the other
+plans. Compiled code is kept on disk (:mod:`cnc.kernels.jit`), where the one process finds what the other made; a file beside it says that
+this was done for these kernels.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from cnc.canon import ArcFeed, NurbsFeed, PathMode, Polyline
 from cnc.control import Control
 from cnc.errors import MotionLimitError
+from cnc.flatten.translator import Translator
 from cnc.gcode import dialects
 from cnc.gcode.interpreter import Interpreter
 from cnc.gcode.parameters import Parameters
@@ -69,7 +70,7 @@ def use_language() -> None:
 
 
 def use_curves() -> None:
-    """Build one curve of each kind and a fitted one, and make pulses and samples along each; audit that motion."""
+    """Build one curve of each kind and a fitted one, and make pulses, samples and lines along each; audit that motion."""
     corner, end = np.array([[1.0, 0.0, 0.0]]), np.array([1.0, 2.0, 0.0])
     points = np.array([[1.0, 2.0, 0.0], [2.0, 3.0, 0.0], [3.0, 1.0, 0.0], [4.0, 2.0, 0.0]])
     blocks = [
@@ -88,6 +89,8 @@ def use_curves() -> None:
         for _ in ReferencePulse([10.0, 10.0, 10.0], np.zeros(3)).pulses(plan):
             pass
         for _ in Sampled(0.1, np.zeros(3)).samples(plan):
+            pass
+        for _ in Translator(_machine()).lines(plan):
             pass
         with suppress(MotionLimitError):
             # a motion that begins at speed

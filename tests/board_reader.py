@@ -1,7 +1,7 @@
 """A small reader of what GRBL 1.1 is sent, written from its documentation: lines to moves, moves to dense points.
 
-It knows the modes G0 to G3, G17 to G19, G21, G38 and G90, arcs by I J K, the feed, and the rules by which GRBL refuses an arc; of the
-rest, which codes there are.
+It knows the modes G0 to G3, G17 to G19, G21, G38 and G90, arcs by I J K and what chords GRBL makes of them, the feed, and the rules by
+which it refuses an arc; of the rest, which codes there are.
 """
 
 import math
@@ -69,7 +69,7 @@ class Reader:
     plane: int = 17
     feed: float = 0.0
     stops: int = 0
-    tolerance: float = 1e-4
+    arc_tolerance: float = 0.002
 
     def read(self, text: str) -> Move | None:
         """One line; AssertionError for what GRBL would refuse."""
@@ -132,8 +132,9 @@ class Reader:
             sweep += math.tau
         if self.mode == 2 and sweep >= -5e-7:
             sweep -= math.tau
-        most = 2.0 * math.acos(max(1.0 - self.tolerance / max(r0, 1e-9), 0.0)) if r0 else 1.0
-        count = max(8, math.ceil(abs(sweep) / most))
+        # chords as in mc_arc of GRBL's motion_control.c
+        chord = min(self.arc_tolerance, r0)
+        count = max(1, math.floor(0.5 * abs(sweep) * r0 / math.sqrt(chord * (2.0 * r0 - chord))))
         part = np.linspace(0.0, 1.0, count + 1)
         radius, angle = r0 + (r1 - r0) * part, a0 + sweep * part
         points = np.zeros((count + 1, 3))

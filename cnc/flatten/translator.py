@@ -26,8 +26,10 @@ from collections.abc import Iterator, Sequence
 
 from cnc.canon import Block, BoardCommand, End, Message, Probe
 from cnc.errors import Diagnostic, GcodeError
+from cnc.flatten.arcfit import Move, moves
 from cnc.flatten.commands import Commands, probe_word
-from cnc.flatten.strand import NO_ARC, Strand, Strands
+from cnc.flatten.smooth import SMOOTHING
+from cnc.flatten.strand import Strand, Strands
 from cnc.flatten.words import LETTERS
 from cnc.flatten.writer import Point, Writer
 from cnc.machine.models import Machine
@@ -36,21 +38,33 @@ from cnc.stream import GcodeLine
 
 PREAMBLE = "G21 G90 G94 G17 G54"
 REST = "G4 P0"
-DENSE = 0.05
+DENSE = 0.02
 """Part of the tolerance by which the points of a curve stand for it."""
-LEAST_TOLERANCE = 1e-4
-"""mm: one digit of what is printed."""
+FITTING = 0.98 - DENSE - SMOOTHING
+"""Part of the tolerance that lines and arcs may be off those points. The rest is for the digits of numbers."""
+ARC_TOLERANCE = 0.002
+"""mm: GRBL's default for $12."""
+LEAST_TOLERANCE = 1e-3
+"""mm. The board computes with 32-bit floats: at 300 mm that is good for a hundredth of it."""
 
 
 class Translator:
     """Lines for the items of one plan, in their order.
 
-    tolerance: mm, how far the lines may be from the path; None for the machine's (``path.tolerance``). work_offset: see above. mist: the
-    board has M7. Raises GcodeError ``not-on-board``, ``axis-not-on-board`` at the line of what GRBL can't do.
+    tolerance: mm, how far the lines may be from the program, the path being that of :func:`~cnc.flatten.smooth.smooth_path` for the same
+    one; None for the machine's (``path.tolerance``). work_offset: see above.
+    arc_tolerance: the board's $12, mm, by which its own chords may be off an arc. mist: the board has M7.
+    Raises GcodeError ``not-on-board``, ``axis-not-on-board`` at the line of what GRBL can't do.
     """
 
     def __init__(
-        self, machine: Machine, tolerance: float | None = None, *, work_offset: Sequence[float] = (0.0, 0.0, 0.0), mist: bool = False
+        self,
+        machine: Machine,
+        tolerance: float | None = None,
+        *,
+        work_offset: Sequence[float] = (0.0, 0.0, 0.0),
+        arc_tolerance: float = ARC_TOLERANCE,
+        mist: bool = False,
     ) -> None:
         axes = machine.axis_names
         self.tolerance = max(machine.path.tolerance if tolerance is None else tolerance, LEAST_TOLERANCE)
@@ -58,6 +72,8 @@ class Translator:
         self._axes = axes
         self._commands = Commands(mist=mist)
         self._strands = Strands(axes, DENSE * self.tolerance)
+        self._chord = arc_tolerance
+        self._fit = FITTING * self.tolerance
         self._writer = Writer(work_offset, self.tolerance, machine.board.baud, letters)
         self._pending: Strand | None = None
         self._begun = False
@@ -120,32 +136,39 @@ class Translator:
         if self._guessed is not None:
             yield GcodeLine(f"M0 (MSG, the probe of line {self._guessed.line} was not made: go on in a dry run only)", first)
             self._guessed = None
-        points = strand.points.tolist()
         if self._position is None or not self._writer.placed:
             # where the board stands when nothing has moved; behind a probe it may stand a little farther
             known = self._position is None and not self._commands.moved
-            self._position = _point(points[0])
+            self._position = _point(strand.points[0].tolist())
             if known:
                 self._writer.stands_at(self._position)
         self._commands.moved = True
-        columns = strand.speed.tolist(), strand.feed.tolist(), strand.line.tolist(), strand.arc.tolist(), strand.rest.tolist()[1:]
-        for end, speed, feed, line, arc, rests in zip(points[1:], *columns, strict=True):
-            if self._rests:
-                self._rests = False
-                yield GcodeLine(REST, line)
-            to = _point(end)
-            if arc == NO_ARC:
-                texts = self._writer.line(to, speed, feed)
-            else:
-                true = strand.arcs[arc]
-                if not self._writer.placed:
-                    for text in self._writer.line(self._position, speed, feed):
-                        yield GcodeLine(text, line)
-                texts = self._writer.arc(to, true.plane, true.center, true.sweep, speed, feed)
-            for text in texts:
-                yield GcodeLine(text, line)
-            self._position = to
-            self._rests = rests
+        last: Move | None = None
+        for move in moves(strand, self._fit, self._chord):
+            if last is not None:
+                yield from self._said(last)
+            last = move
+        if last is not None and whole:
+            yield from self._said(last)
+        elif last is not None:
+            # what comes may go on with it
+            self._pending = strand.behind(last.first)
+
+    def _said(self, move: Move) -> Iterator[GcodeLine]:
+        """The lines of one move."""
+        writer, arc = self._writer, move.arc
+        if self._rests:
+            yield GcodeLine(REST, move.line)
+        if arc is None:
+            texts = writer.line(move.end, move.speed, move.feed)
+        else:
+            if not writer.placed and self._position is not None:
+                for text in writer.line(self._position, move.speed, move.feed):
+                    yield GcodeLine(text, move.line)
+            texts = writer.arc(move.end, arc.plane, arc.center, arc.sweep, move.speed, move.feed)
+        for text in texts:
+            yield GcodeLine(text, move.line)
+        self._position, self._rests = move.end, move.rests
 
     def _probe(self, probe: Probe) -> GcodeLine:
         for axis, end in zip(self._axes, probe.end.tolist(), strict=True):

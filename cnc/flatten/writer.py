@@ -21,6 +21,8 @@ SHORTEST_ANGLE = 1e-3
 """rad. What turns by less is a line: GRBL takes an angle below 5e-7 rad, as its 32-bit floats have it, for a full circle."""
 LINES_PER_S = 385.0
 """Short lines that GRBL on an AVR takes in a second, whatever the baud rate: it reads and plans each."""
+CHORDS = 0.2
+"""Part of the tolerance for chords in place of an arc that the digits of numbers would spoil."""
 BITS_PER_BYTE = 10
 BLOCKS_AHEAD = 15
 """Moves that GRBL's planner holds."""
@@ -37,7 +39,7 @@ class Writer:
 
     def __init__(self, offset: Sequence[float], tolerance: float, baud: int, letters: str) -> None:
         self._offset = offset
-        self._tolerance = tolerance
+        self._tolerance = CHORDS * tolerance
         self._byte_time = BITS_PER_BYTE / baud
         self._letters = letters
         # four digits for the usual hundredth of a millimetre: what rounding adds is a hundredth of that
