@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
+from geomdl import NURBS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
@@ -174,6 +171,27 @@ def test_random_curves(generator: Rows, seed: int) -> None:
     fine = 10.0 ** rng.uniform(0.0, 4.0)
     block.control_points[:] *= rng.uniform(0.5, 30.0) / fine
     check(generator, [block], block.control_points[0], fine * rng.uniform(0.3, 1.0, axes))
+
+
+@BOTH
+@pytest.mark.parametrize("seed", range(share(60, 3)))
+def test_against_geomdl(generator: Rows, seed: int) -> None:
+    """Every grid point has a point of the curve within half a BLU in each axis, and every point of the curve a grid point within one."""
+    rng = np.random.default_rng(seed)
+    degree, axes = int(rng.integers(1, 6)), int(rng.integers(2, 4))
+    block = nurbs(rng, axes, degree, int(rng.integers(degree + 1, 12)), 10.0)
+    scale = rng.uniform(10.0, 30.0, axes)
+    rows = walk(generator, path_of([block], block.control_points[0]), block.control_points[0], scale)
+    curve = NURBS.Curve()
+    curve.degree = degree
+    curve.ctrlpts = block.control_points.tolist()
+    curve.weights = block.weights.tolist()
+    curve.knotvector = block.knots.tolist()
+    points = np.array(curve.evaluate_list(np.linspace(0.0, 1.0, 20_001).tolist())) * scale
+    dense = np.abs(np.diff(points, axis=0)).max()
+    apart = np.abs(rows.grid[:, None] - points[None]).max(axis=2)
+    assert apart.min(axis=1).max() <= 0.5 + dense
+    assert apart.min(axis=0).max() <= 1.0 + 1e-6
 
 
 @BOTH
@@ -377,14 +395,3 @@ def test_a_fitted_curve_is_the_curve() -> None:
         fitted(lambda u: [1.0, 2.0], lambda u: [0.0, 0.0], 0.0, 1.0)
     with pytest.raises(ValueError, match="one smooth curve"):
         as_printed(fitted(*BARE["knot in space"]), 10.0)
-
-
-@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="this is the inner run")
-def test_the_same_without_the_compiler() -> None:
-    """A share of this file as plain Python, where an index out of its array can't go unnoticed."""
-    some = "square[0] or cusps or helix"
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", __file__, "-k", some]
-    root = Path(__file__).parents[2]
-    done = subprocess.run(command, cwd=root, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout[-3000:]
-    assert "passed" in done.stdout

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -376,14 +372,3 @@ def test_lines_by_points(xe: int, ye: int) -> None:
     assert count == abs(xe) + abs(ye) and walked[-1].tolist() == [xe, ye]
     distance = np.abs(xe * walked[:, 1] - ye * walked[:, 0]) / max(math.hypot(xe, ye), 1.0)
     assert distance.max() <= 1.0
-
-
-@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="this is the inner run")
-def test_the_same_without_the_compiler() -> None:
-    """A share of this file as plain Python, where an index out of its array can't go unnoticed."""
-    some = "circle_of_the_paper or ties or set_right_at_once or small_buffers or as_the_paper_has_it or integer_lines"
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", __file__, "-k", some]
-    root = Path(__file__).parents[2]
-    done = subprocess.run(command, cwd=root, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout[-3000:]
-    assert "passed" in done.stdout

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -179,18 +174,3 @@ def test_a_curve_with_a_cusp_is_run() -> None:
     points = np.array([[0.0, 0.0], [10.0, 10.0], [0.0, 10.0], [10.0, 0.0]])
     block = NurbsFeed(FILE, 1, 3, np.array([0, 0, 0, 0, 1, 1, 1, 1.0]), points, np.ones(4), 100.0)
     holds(interpolate(path_of([block], points[0]), LIMITS), Rational(block))
-
-
-@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="already without the compiler")
-def test_the_same_without_the_compiler() -> None:
-    here = Path(__file__)
-    outcome = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-k", "equations or circle or goes_back", str(here)],
-        cwd=here.parents[2],
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "CNC_SOAK": "0"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert outcome.returncode == 0, outcome.stdout[-3000:]
-    assert "3 passed" in outcome.stdout

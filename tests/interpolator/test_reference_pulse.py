@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import os
-import subprocess
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -352,17 +348,6 @@ def test_a_strained_conic(weight: float) -> None:
     highest = round(5.0 * weight / (1.0 + weight) * scale[1])
     assert np.abs(rows.step).sum(axis=0).tolist() == [10_000, 2 * highest, 0]
     assert np.cumsum(rows.step[:, 1], dtype=int).max() == highest
-
-
-@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="this is the inner run")
-def test_the_same_without_the_compiler() -> None:
-    """A share of this file as plain Python, where an index out of its array can't go unnoticed."""
-    some = "arcs_in_all_octants and 0.125-0 or test_nurbs or cut_at_the_ends or turning_back or cusps"
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", __file__, "-k", some]
-    root = Path(__file__).parents[2]
-    done = subprocess.run(command, cwd=root, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout[-3000:]
-    assert "passed" in done.stdout
 
 
 def spacing(rows: PulseChunk) -> float:

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import os
-import subprocess
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -232,14 +228,3 @@ def test_random_curves(seed: int) -> None:
         np.testing.assert_allclose(rows.position[k], place_of(segments, rows.s[k]), rtol=0, atol=1e-8)
     np.testing.assert_array_equal(rows.position[-1], points[-1])
     assert (np.diff(rows.s) >= 0).all()
-
-
-@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="this is the inner run")
-def test_the_same_without_the_compiler() -> None:
-    """A share of this file as plain Python, where an index out of its array can't go unnoticed."""
-    some = "every_row or dwells or chunks_are or rotary or nothing_moves or random"
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", __file__, "-k", some]
-    root = Path(__file__).parents[2]
-    done = subprocess.run(command, cwd=root, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout[-3000:]
-    assert "passed" in done.stdout

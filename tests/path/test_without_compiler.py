@@ -1,26 +1,12 @@
-"""The same kernels run as plain Python: a share of the tests again with the compiler switched off."""
+"""A share of the curves' tests without the compiler."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
-import pytest
+from support import check_without_compiler
 
-HERE = Path(__file__).parent
+FILES = [Path(__file__).parent / f"test_{name}.py" for name in ("curve_kernels", "turning_and_bounds", "build", "shells")]
 SHARE = "spans_are_the_nurbs or arcs_in_all or spirals or measured_over or a_cusp or repeated_control or one_chunk or subsegment"
 
 
-@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="already without the compiler")
-def test_the_same_without_the_compiler():
-    files = [str(HERE / name) for name in ("test_curve_kernels.py", "test_turning_and_bounds.py", "test_build.py", "test_shells.py")]
-    outcome = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-k", SHARE, *files],
-        cwd=HERE.parents[1],
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "CNC_SOAK": "0"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert outcome.returncode == 0, outcome.stdout[-3000:]
-    assert " passed" in outcome.stdout
+def test_the_same_without_the_compiler() -> None:
+    check_without_compiler(*FILES, some=SHARE)
