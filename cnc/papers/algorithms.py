@@ -66,6 +66,6 @@ def _rows(plan: PlanChunk, start: NDArray[np.float64], algorithm: Algorithm) -> 
     """Steps, largest distance, seconds."""
     pulses = ReferencePulse(np.full(len(start), STEPS_PER_MM), start, algorithm=algorithm)
     began = process_time()
-    chunks = list(pulses.pulses(plan))
+    chunks = [*pulses.pulses(plan), *pulses.settle()]
     seconds = process_time() - began
     return np.concatenate([chunk.step for chunk in chunks]), pulses.error_blu, seconds
