@@ -15,6 +15,7 @@ Drivers are found by name (:mod:`cnc.drivers.registry`), and each passes the con
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -22,6 +23,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.control import Control
 from cnc.errors import BoardError, Diagnostic
 from cnc.machine.models import Machine
 from cnc.stream import GcodeLine, PulseChunk
@@ -97,12 +99,26 @@ class PulseSink(Board, Protocol):
         """Take grid moves; returns when there is room for more."""
 
 
+Watcher = Callable[[], None]
+
+
 @runtime_checkable
 class LineSink(Board, Protocol):
-    """A board that plans for itself."""
+    """A board that plans for itself. Its ``execute`` returns when the lines before have been carried out."""
+
+    @property
+    def position(self) -> tuple[float, ...]:
+        """Machine position in mm (degrees), one number an axis of the machine, as the board reported it last."""
+
+    @property
+    def buffered(self) -> int:
+        """Lines that the board has been sent and has not taken yet."""
+
+    def attend(self, control: Control, watcher: Watcher) -> None:
+        """Whose wishes to carry out at once from here on, and who is told whenever the board has reported."""
 
     def send_line(self, line: GcodeLine) -> None:
-        """Take a line; returns when there is room for more."""
+        """Take a line; returns when it has been sent, or when the operator stops the run."""
 
 
 class BoardFactory(Protocol):

@@ -1,0 +1,469 @@
+"""A GRBL board (1.1 or grblHAL) as a line sink: streams, watches, and never waits for something that can't come.
+
+What tells a slow board from a dead one is its status, asked for five times a second:
+
+    unanswered lines and   | status                    | meaning
+    -----------------------+---------------------------+----------------------------------------------
+    none of the last 2 s   | no answer                 | frozen, or the cable carries nothing back
+    nothing answered       | Run, the position changes | a long move: the planner is full
+    nothing answered       | Idle, a dwell is due      | the dwell, for as long as it takes
+    nothing answered       | Hold, Door                | somebody holds the machine: until it goes on
+    nothing answered       | Idle for 3 s              | a line or an answer was lost
+    any                    | ALARM, error              | reported with its meaning
+
+Whatever goes wrong, the motion is stopped (hold, wait for rest, reset) before it is reported, and nothing is sent any more.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.control import Control
+from cnc.drivers.base import Capabilities, Command, Watcher, board_error
+from cnc.drivers.grbl_info import BoardInfo
+from cnc.drivers.grbl_lines import MOST_CHARACTERS, bare, kind_of
+from cnc.drivers.grbl_link import ANSWER, GrblLink
+from cnc.drivers.grbl_messages import Feedback
+from cnc.drivers.grbl_protocol import Alarmed, Confirmed, Event, Lost, RealTime, Rejected, Reported, Sent, Started, Stray
+from cnc.drivers.grbl_status import Status
+from cnc.drivers.port import Clock, Port, PortLost, SystemClock
+from cnc.drivers.serial_link import open_port
+from cnc.errors import BoardError, Diagnostic, UsageError
+from cnc.machine.models import AXIS_LETTERS, Machine
+from cnc.stream import GcodeLine
+
+WAIT = 0.05
+"""Longest wait for the board in s before the operator's wishes are looked at."""
+QUIET = 3.0
+"""Seconds of an idle board with unanswered lines after which one is lost."""
+SPIN_UP = 20.0
+"""The same while the spindle starts: grblHAL may wait for its speed."""
+STUCK = 30.0
+"""Seconds in which a board that says Run has to move by what it can report."""
+MARK_PAUSE = 0.5
+"""Seconds without an answer after which a mark asks whether there is one to come."""
+WISH = 0.5
+"""Seconds that a real-time command may take to show in the status."""
+LEAST_OVERRIDE = 10
+"""Per cent; GRBL's feed overrides go from 10 to 200."""
+NORMAL, TEN = 100, 10
+OVERRIDE_PATIENCE = 15.0
+"""Seconds for the first override: a step of ten takes a report."""
+SAME = 0.002
+"""mm: what GRBL's three decimals, of inches even, can make of a position or an offset."""
+
+
+class GrblBoard:
+    """Drives the board at ``port``; :meth:`connect` before anything else. ``name`` is the port's. ``machine``: names the axes.
+
+    Faults, each a BoardError at its source line: ``board-error``, ``board-alarm``, ``board-silent``, ``board-restarted``, ``reply-lost``,
+    ``reply-missing``, ``board-stuck``, ``board-locked``, ``line-too-long``, ``port-lost``, ``board-not-started``, ``board-stopped``.
+    """
+
+    def __init__(self, port: Port, machine: Machine, clock: Clock | None = None, name: str = "the port") -> None:
+        self.link = GrblLink(port, clock or SystemClock(), name)
+        self.check_only = False
+        self.state = "idle"
+        self._machine = machine
+        self._columns = [AXIS_LETTERS.index(letter) for letter in machine.axes]
+        self._control: Control | None = None
+        self._watcher: Watcher | None = None
+        self._held = False
+        self._wished_at = -WISH
+        self._quiet_since = 0.0
+        self._moved_at = 0.0
+        self._seen_at: tuple[float, ...] | None = None
+        self._stepped_at = -WISH
+        self._stepped_from = -1
+        self._first = True
+        self._probed: tuple[float, ...] | None = None
+
+    @classmethod
+    def from_machine(cls, machine: Machine, target: Path | None = None) -> GrblBoard:
+        """The board at the port of the machine file, connected. UsageError `no-port`; BoardError where it does not answer as it should."""
+        name = machine.board.port
+        if name is None:
+            hint = "name it with --port /dev/ttyUSB0, or as board.port in the machine file; cncrun boards lists them"
+            raise UsageError(Diagnostic("no-port", "a GRBL board needs a port", hint=hint))
+        board = cls(open_port(name, machine.board.baud), machine, name=name)
+        try:
+            board.connect()
+        except BaseException:
+            board.close()
+            raise
+        return board
+
+    def connect(self) -> None:
+        """Get to know the board. Nothing moves."""
+        self.link.connect()
+        axes = len(self._position())
+        missing = [letter.upper() for letter, column in zip(self._machine.axes, self._columns, strict=True) if column >= axes]
+        if missing:
+            message = f"the machine file has an axis {missing[0]}, the board has {axes} axes"
+            raise board_error("board-axes", message, hint="take it out of the machine file")
+        if self.info.tool_length and self.status.state == "Idle":
+            self.link.ask("G49")
+            self.info.tool_length = 0.0
+
+    @property
+    def info(self) -> BoardInfo:
+        """Firmware, settings, offsets."""
+        return self.link.info
+
+    @property
+    def status(self) -> Status:
+        """As it was reported last."""
+        assert self.link.status is not None
+        return self.link.status
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Lines; the probe answers."""
+        rate = self._machine.board.max_step_rate
+        return Capabilities(axes=len(self._machine.axes), max_step_rate=rate, tick_ns=1e9 / rate, pulses=False, lines=True, senses=True)
+
+    @property
+    def confirmed_line(self) -> int:
+        """Source line of the last line that the board has taken: it lies at most a planner's length ahead of the motion."""
+        return self.link.protocol.confirmed_line
+
+    @property
+    def position(self) -> tuple[float, ...]:
+        """Machine position in mm, one number an axis of the machine, as it was reported last."""
+        return self._own(self._position())
+
+    @property
+    def work_offset(self) -> tuple[float, ...]:
+        """What the board adds to the coordinates of a line in G54, mm, one number an axis of the machine."""
+        return self._own(self._in_g54())
+
+    def places(self) -> dict[str, tuple[float, ...]]:
+        """G54 to G59, G28, G30 and G92 of the board, mm, one number an axis of the machine."""
+        return {name: self._own(place) for name, place in self.info.places.items() if len(place) >= len(self._columns)}
+
+    @property
+    def buffered(self) -> int:
+        """Lines that were sent and not taken yet."""
+        return self.link.protocol.waiting
+
+    def attend(self, control: Control, watcher: Watcher) -> None:
+        """Carry out the operator's wishes at once, and tell ``watcher`` whenever the board has reported."""
+        self._control, self._watcher = control, watcher
+
+    def start(self, origin_steps: NDArray[np.int64]) -> None:
+        """Get ready. BoardError ``board-busy`` unless the machine stands still."""
+        self._refuse_if_stopped()
+        link = self.link
+        status = link.refresh()
+        if status.state not in ("Idle", "Alarm"):
+            hint = {"Door": "close the safety door", "Sleep": "reset the board"}.get(status.state, "wait until it has come to rest")
+            raise board_error("board-busy", f"the board is not ready: it says {status.state}", hint=hint)
+        self.state = "running"
+        self._first = True
+        if self.check_only:
+            link.ask("$C")
+            link.refresh()
+        self._quiet_since = self._moved_at = link.now()
+        self._override_first()
+
+    def send_line(self, line: GcodeLine) -> None:
+        """Send as soon as there is room. Returns unsent if the operator stops the run."""
+        self._refuse_unless_running()
+        protocol = self.link.protocol
+        text = line.text
+        if len(text) > MOST_CHARACTERS:
+            message = f"a line of {len(text)} characters, the board takes {MOST_CHARACTERS}"
+            raise self._fault(board_error("line-too-long", message, line=line.line))
+        kind = kind_of(text)
+        if kind in ("writer", "system"):
+            self._rest()
+        if self.status.state == "Alarm" and bare(text)[:2] not in ("$H", "$X"):
+            raise self._fault(self._locked(line.line))
+        while not protocol.room(text):
+            if self._stopping():
+                return
+            self._serve(WAIT)
+        if self._stopping():
+            return
+        if not protocol.waiting:
+            self._quiet_since = self.link.now()
+        if kind == "probe":
+            self._probed = None
+        self._write(protocol.send(text, line.line))
+        if protocol.mark_due():
+            self._write(protocol.mark())
+        if self._first:
+            self._first = False
+            self._compare_offset(line.line)
+        elif protocol.used * 2 > protocol.rx_bytes or self.link.due():
+            self._serve(0.0)
+
+    def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
+        """Wait until the lines sent so far have been carried out. After a probe: 1 or 0 for contact or none, and where, machine mm."""
+        self._refuse_unless_running()
+        self._drain()
+        self._rest()
+        answer, self._probed = self._probed, None
+        if answer is None:
+            return None
+        return (answer[-1], *self._own(answer))
+
+    def finish(self) -> None:
+        """Return when everything has been answered and the machine stands still."""
+        self._refuse_unless_running()
+        self._drain()
+        self._rest()
+        if self._stopping():
+            return
+        if self.check_only:
+            self.link.write(self.link.protocol.reset())
+            self.link.until(lambda event: isinstance(event, Started), ANSWER)
+        self.state = "idle"
+
+    def stop(self) -> None:
+        """Hold, wait for rest, reset: what was sent and not carried out is forgotten, the position survives."""
+        if self.state == "running":
+            self.link.halt()
+        self.state = "stopped"
+
+    def abort(self) -> None:
+        """The same: nothing is quicker that leaves the position known."""
+        self.stop()
+
+    def close(self) -> None:
+        """Let go of the port. What runs is stopped first."""
+        self.stop()
+        self.link.close()
+
+    def real_time(self, command: RealTime) -> None:
+        """Send a real-time command at once, however full the receive buffer is."""
+        self._write(command.value)
+
+    def _position(self) -> tuple[float, ...]:
+        status = self.link.status
+        return () if status is None or status.position is None else status.position
+
+    def _own(self, values: tuple[float, ...]) -> tuple[float, ...]:
+        """The machine's axes of the board's."""
+        return tuple(values[column] for column in self._columns) if values else ()
+
+    def _in_g54(self) -> tuple[float, ...]:
+        places = self.info.places
+        nothing = (0.0,) * len(self._position())
+        sums = [a + b for a, b in zip(places.get("G54", nothing), places.get("G92", nothing), strict=False)]
+        if len(sums) > 2:
+            sums[2] += self.info.tool_length
+        return tuple(sums)
+
+    def _stopping(self) -> bool:
+        return self._control is not None and self._control.stopped
+
+    def _drain(self) -> None:
+        """Until every line has been answered, or the operator stops the run."""
+        protocol = self.link.protocol
+        while protocol.waiting and not self._stopping():
+            self._serve(WAIT)
+
+    def _rest(self) -> None:
+        """Until the machine stands still with nothing under way, or the operator stops the run."""
+        self._drain()
+        link = self.link
+        began = link.now()
+        still = 0
+        while not self._stopping():
+            before = link.status_at
+            self._serve(WAIT, fast=True)
+            # A report may be older than the last answer, and between an answer and the motion GRBL is Idle for a moment: the second counts.
+            if link.status_at > before and link.status_at > began:
+                still = still + 1 if self.status.state in ("Idle", "Alarm", "Check", "Sleep") else 0
+                if still == 2:
+                    return
+
+    def _serve(self, timeout: float, *, fast: bool = False) -> None:
+        """Wait for the board a moment, take in what it says, and carry out the operator's wishes. Every fault comes out of here."""
+        link = self.link
+        try:
+            events = link.pump(timeout, 0.05) if fast else link.pump(timeout)
+        except PortLost as error:
+            self.state = "stopped"
+            raise self._at_confirmed(error) from error
+        except BoardError as error:
+            link.drop()
+            self.state = "stopped"
+            raise self._at_confirmed(error) from error
+        for event in events:
+            self._take(event)
+        self._ask_for_signs_of_life()
+        self._obey()
+
+    def _take(self, event: Event) -> None:
+        if isinstance(event, Confirmed):
+            self._quiet_since = self._moved_at = self.link.now()
+        elif isinstance(event, Reported):
+            self._look(event.status)
+        elif isinstance(event, Feedback):
+            if event.kind == "PRB":
+                self._probed = self._contact(event.text)
+        elif isinstance(event, Rejected):
+            raise self._fault(self.link.refused(event.code, event.sent.text, event.sent.line or self.confirmed_line))
+        elif isinstance(event, Alarmed):
+            raise self._fault(self._alarmed(event.code, event.sent))
+        elif isinstance(event, Started):
+            hint = "was it its reset button, or its supply? home the machine before the next run: its position is lost"
+            raise self._fault(board_error("board-restarted", "the board has restarted by itself", line=self.confirmed_line, hint=hint))
+        elif isinstance(event, Lost):
+            raise self._fault(self._lost(event.after, event.until))
+        elif isinstance(event, Stray):
+            raise self._fault(self._lost(self.confirmed_line, self.confirmed_line))
+
+    def _look(self, status: Status) -> None:
+        """What a report means for how long things may take."""
+        now = self.link.now()
+        if status.state not in ("Idle", "Check"):
+            self._quiet_since = now
+        if status.state != "Run" or status.position != self._seen_at:
+            self._moved_at = now
+        self._seen_at = status.position
+        if self._watcher is not None:
+            self._watcher()
+
+    def _ask_for_signs_of_life(self) -> None:
+        """Judge a board that answers nothing, by what it says of itself."""
+        link, protocol, now = self.link, self.link.protocol, self.link.now()
+        oldest = protocol.oldest
+        if oldest is None:
+            return
+        if now - self._quiet_since > MARK_PAUSE and oldest.kind == "plain" and self.status.state == "Idle" and protocol.mark_fits():
+            self._write(protocol.mark())
+        patience = QUIET + oldest.seconds + (SPIN_UP if oldest.kind == "spindle" else 0.0)
+        if now - self._quiet_since > patience and link.status_at > self._quiet_since:
+            message = f"the board is at rest and has not answered line {oldest.line}: it, or its answer, got lost on the way"
+            raise self._fault(board_error("reply-missing", message, line=oldest.line, hint=_CABLE))
+        if now - self._moved_at > STUCK + oldest.seconds:
+            message = f"the board says that it runs, but has not moved for {STUCK:g} s"
+            raise self._fault(
+                board_error("board-stuck", message, line=oldest.line, hint="look at the machine, then switch the board off and on")
+            )
+
+    def _obey(self) -> None:
+        """The operator's wishes become real-time commands; a byte that gets lost is sent again."""
+        control, link = self._control, self.link
+        if control is None or control.stopped or self.state != "running":
+            return
+        now = link.now()
+        if control.held != self._held:
+            self._held = control.held
+            self._wished_at = now
+            self._write((RealTime.HOLD if self._held else RealTime.RESUME).value)
+        elif now - self._wished_at > WISH and link.status_at > self._wished_at:
+            state = self.status.state
+            if state in ("Hold", "Door") and not self._held:
+                # A program stop, the safety door, or a button at the machine: the operator has to say when it goes on.
+                self._held = True
+                control.hold()
+            elif state in ("Run", "Jog") and self._held:
+                self._wished_at = now
+                self._write(RealTime.HOLD.value)
+        self._override(control)
+
+    def _override(self, control: Control) -> None:
+        """One step towards the feed override that is wished for: GRBL takes several of a kind at once for one, so each has to show first."""
+        overrides, now = self.status.overrides, self.link.now()
+        if overrides is None or (overrides[0] == self._stepped_from and now - self._stepped_at < WISH):
+            return
+        missing = max(round(control.feed_override), LEAST_OVERRIDE) - overrides[0]
+        if missing:
+            self._stepped_from, self._stepped_at = overrides[0], now
+            ten, one = (RealTime.FEED_UP_10, RealTime.FEED_UP_1) if missing > 0 else (RealTime.FEED_DOWN_10, RealTime.FEED_DOWN_1)
+            self._write((ten if abs(missing) >= TEN else one).value)
+
+    def _override_first(self) -> None:
+        """Before anything moves: the override that the operator begins with; a board begins with 100."""
+        control, link = self._control, self.link
+        if control is None or round(control.feed_override) == NORMAL:
+            return
+        deadline = link.now() + OVERRIDE_PATIENCE
+        while not self._stopping():
+            self._serve(WAIT, fast=True)
+            overrides = self.status.overrides
+            if overrides is not None and overrides[0] == max(round(control.feed_override), LEAST_OVERRIDE):
+                return
+            if link.now() > deadline:
+                message = f"the board does not take a feed override of {control.feed_override:g} %"
+                raise self._fault(board_error("override-refused", message, hint="scale the feeds of the program instead"))
+
+    def _write(self, data: bytes) -> None:
+        try:
+            self.link.write(data)
+        except PortLost as error:
+            self.state = "stopped"
+            raise self._at_confirmed(error) from error
+
+    def _compare_offset(self, line: int) -> None:
+        """The first line has chosen a coordinate system: is its offset the one that the lines were made for?"""
+        if self.status.state == "Alarm":
+            self._first = True
+            return
+        self._rest()
+        offset = self.status.offset
+        if self._stopping() or offset is None:
+            return
+        if any(abs(a - b) > SAME for a, b in zip(offset, self._in_g54(), strict=False)):
+            shown = ", ".join(f"{value:g}" for value in offset)
+            hint = "is it set by a start-up line ($N)? Use G54 to G59 for offsets"
+            raise self._fault(
+                board_error("offset-differs", f"the board adds another offset than that of its G54: {shown}", line=line, hint=hint)
+            )
+
+    def _contact(self, text: str) -> tuple[float, ...] | None:
+        """``1.000,2.000,-3.000:1``: where the probe was, mm, and whether it touched."""
+        where, _, touched = text.partition(":")
+        try:
+            unit = self.info.unit
+            return (*(float(value) * unit for value in where.split(",")), float(touched))
+        except ValueError:
+            return None
+
+    def _fault(self, error: BoardError) -> BoardError:
+        """Stop everything, then report."""
+        if self.state == "running":
+            self.state = "stopped"
+            self.link.halt()
+        return error
+
+    def _alarmed(self, code: int, sent: Sent | None) -> BoardError:
+        error = self.link.alarmed(code, sent.line if sent is not None and sent.line else self.confirmed_line)
+        if sent is not None and sent.kind == "probe" and code in (4, 5):
+            found = error.diagnostic
+            return board_error("probe-no-contact", found.message, line=sent.line, hint=found.hint)
+        return error
+
+    def _lost(self, after: int, until: int) -> BoardError:
+        where = f"between line {after} and line {until}" if after < until else f"near line {until}"
+        message = f"a line or its answer got lost on the way to or from the board, {where}"
+        return board_error("reply-lost", message, line=until, hint=_CABLE)
+
+    def _locked(self, line: int) -> BoardError:
+        hint = "home the machine with a program whose one line is $H, or unlock the board with $X if its position is right"
+        return board_error("board-locked", "the board is locked by an alarm", line=line, hint=hint)
+
+    def _at_confirmed(self, error: BoardError) -> BoardError:
+        line = self.confirmed_line
+        found = error.diagnostic
+        last = f"; line {line} was the last that the board confirmed" if line else "; the board had confirmed no line yet"
+        return type(error)(Diagnostic(found.code, found.message + last, line=line, hint=found.hint))
+
+    def _refuse_if_stopped(self) -> None:
+        if self.state == "stopped":
+            raise board_error("board-stopped", "the board has been stopped", hint="open it anew")
+
+    def _refuse_unless_running(self) -> None:
+        self._refuse_if_stopped()
+        if self.state != "running":
+            raise board_error("board-not-started", "no program has been started on the board")
+
+
+_CABLE = "see to a better cable (short, shielded, no hub); what was cut since may be wrong"
