@@ -111,6 +111,14 @@ class LineSink(Board, Protocol):
         """Machine position in mm (degrees), one number an axis of the machine, as the board reported it last."""
 
     @property
+    def resolution(self) -> tuple[float, ...]:
+        """A step of each axis of the machine, mm (degrees)."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether lines move the machine; not if the board only checks them."""
+
+    @property
     def buffered(self) -> int:
         """Lines that the board has been sent and has not taken yet."""
 

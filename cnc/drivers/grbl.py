@@ -1,16 +1,5 @@
 """A GRBL board (1.1 or grblHAL) as a line sink: streams, watches, and never waits for something that can't come.
 
-What tells a slow board from a dead one is its status, asked for five times a second:
-
-    unanswered lines and   | status                    | meaning
-    -----------------------+---------------------------+----------------------------------------------
-    none of the last 2 s   | no answer                 | frozen, or the cable carries nothing back
-    nothing answered       | Run, the position changes | a long move: the planner is full
-    nothing answered       | Idle, a dwell is due      | the dwell, for as long as it takes
-    nothing answered       | Hold, Door                | somebody holds the machine: until it goes on
-    nothing answered       | Idle for 3 s              | a line or an answer was lost
-    any                    | ALARM, error              | reported with its meaning
-
 Whatever goes wrong, the motion is stopped (hold, wait for rest, reset) before it is reported, and nothing is sent any more.
 """
 
@@ -23,12 +12,14 @@ from numpy.typing import NDArray
 
 from cnc.control import Control
 from cnc.drivers.base import Capabilities, Command, Watcher, board_error
-from cnc.drivers.grbl_info import BoardInfo
+from cnc.drivers.grbl_info import STEPS, BoardInfo
 from cnc.drivers.grbl_lines import MOST_CHARACTERS, bare, kind_of
 from cnc.drivers.grbl_link import ANSWER, GrblLink
 from cnc.drivers.grbl_messages import Feedback
+from cnc.drivers.grbl_path import Whereabouts
 from cnc.drivers.grbl_protocol import Alarmed, Confirmed, Event, Lost, RealTime, Rejected, Reported, Sent, Started, Stray
 from cnc.drivers.grbl_status import Status
+from cnc.drivers.grbl_vital import CABLE, Vital
 from cnc.drivers.port import Clock, Port, PortLost, SystemClock
 from cnc.drivers.serial_link import open_port
 from cnc.errors import BoardError, Diagnostic, UsageError
@@ -37,14 +28,11 @@ from cnc.stream import GcodeLine
 
 WAIT = 0.05
 """Longest wait for the board in s before the operator's wishes are looked at."""
-QUIET = 3.0
-"""Seconds of an idle board with unanswered lines after which one is lost."""
-SPIN_UP = 20.0
-"""The same while the spindle starts: grblHAL may wait for its speed."""
-STUCK = 30.0
-"""Seconds in which a board that says Run has to move by what it can report."""
-MARK_PAUSE = 0.5
-"""Seconds without an answer after which a mark asks whether there is one to come."""
+MOST_BLOCKS = 128
+"""Moves that the planner of a board may hold which does not tell."""
+MARK_LINES = 20
+MARK_TIME = 0.5
+"""Lines, and seconds, from one mark to the next: whichever comes first."""
 WISH = 0.5
 """Seconds that a real-time command may take to show in the status."""
 LEAST_OVERRIDE = 10
@@ -73,9 +61,9 @@ class GrblBoard:
         self._watcher: Watcher | None = None
         self._held = False
         self._wished_at = -WISH
-        self._quiet_since = 0.0
-        self._moved_at = 0.0
-        self._seen_at: tuple[float, ...] | None = None
+        self._vital = Vital()
+        self._whereabouts = Whereabouts(0, ())
+        self._marked_at = 0.0
         self._stepped_at = -WISH
         self._stepped_from = -1
         self._first = True
@@ -145,6 +133,17 @@ class GrblBoard:
         return {name: self._own(place) for name, place in self.info.places.items() if len(place) >= len(self._columns)}
 
     @property
+    def resolution(self) -> tuple[float, ...]:
+        """A step of each axis of the machine, by the board's settings, mm."""
+        steps = (self.info.axis(STEPS, column) for column in self._columns)
+        return tuple(1.0 / each if each else 0.0 for each in steps)
+
+    @property
+    def moves(self) -> bool:
+        """Whether lines move the machine."""
+        return not self.check_only
+
+    @property
     def buffered(self) -> int:
         """Lines that were sent and not taken yet."""
         return self.link.protocol.waiting
@@ -166,7 +165,9 @@ class GrblBoard:
         if self.check_only:
             link.ask("$C")
             link.refresh()
-        self._quiet_since = self._moved_at = link.now()
+        self._vital.begin(link.now())
+        self._whereabouts = Whereabouts(self.info.blocks or MOST_BLOCKS, self._in_g54())
+        self._whereabouts.begin(self._position())
         self._override_first()
 
     def send_line(self, line: GcodeLine) -> None:
@@ -182,19 +183,20 @@ class GrblBoard:
             self._rest()
         if self.status.state == "Alarm" and bare(text)[:2] not in ("$H", "$X"):
             raise self._fault(self._locked(line.line))
-        while not protocol.room(text):
+        while protocol.waiting >= self._vital.most_waiting or not protocol.room(text):
             if self._stopping():
                 return
             self._serve(WAIT)
         if self._stopping():
             return
         if not protocol.waiting:
-            self._quiet_since = self.link.now()
+            self._vital.begin(self.link.now())
         if kind == "probe":
             self._probed = None
+        self._whereabouts.send(text)
         self._write(protocol.send(text, line.line))
-        if protocol.mark_due():
-            self._write(protocol.mark())
+        if protocol.mark_fits() and (protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME):
+            self._mark()
         if self._first:
             self._first = False
             self._compare_offset(line.line)
@@ -206,6 +208,7 @@ class GrblBoard:
         self._refuse_unless_running()
         self._drain()
         self._rest()
+        self._whereabouts.begin(self._position())
         answer, self._probed = self._probed, None
         if answer is None:
             return None
@@ -296,14 +299,17 @@ class GrblBoard:
             raise self._at_confirmed(error) from error
         for event in events:
             self._take(event)
-        self._ask_for_signs_of_life()
+        self._judge()
         self._obey()
 
     def _take(self, event: Event) -> None:
         if isinstance(event, Confirmed):
-            self._quiet_since = self._moved_at = self.link.now()
+            self._vital.answered(self.link.now())
         elif isinstance(event, Reported):
-            self._look(event.status)
+            self._vital.reported(event.status, self.link.now())
+            self._locate(event.status)
+            if self._watcher is not None:
+                self._watcher()
         elif isinstance(event, Feedback):
             if event.kind == "PRB":
                 self._probed = self._contact(event.text)
@@ -319,34 +325,27 @@ class GrblBoard:
         elif isinstance(event, Stray):
             raise self._fault(self._lost(self.confirmed_line, self.confirmed_line))
 
-    def _look(self, status: Status) -> None:
-        """What a report means for how long things may take."""
-        now = self.link.now()
-        if status.state not in ("Idle", "Check"):
-            self._quiet_since = now
-        if status.state != "Run" or status.position != self._seen_at:
-            self._moved_at = now
-        self._seen_at = status.position
-        if self._watcher is not None:
-            self._watcher()
+    def _locate(self, status: Status) -> None:
+        """Whether the board is where it can be."""
+        if self.state != "running" or status.position is None or status.state not in ("Run", "Hold", "Idle") or self.check_only:
+            return
+        off = self._whereabouts.off(status.position, self.link.protocol.waiting)
+        if off:
+            at = " ".join(f"{letter}{value:.3f}" for letter, value in zip("XYZABC", status.position, strict=False))
+            message = f"the board is at {at}, {off:.3g} mm off every move that it was sent: bytes of a line got lost on the way"
+            raise self._fault(board_error("off-path", message, line=self.confirmed_line, hint=CABLE))
 
-    def _ask_for_signs_of_life(self) -> None:
-        """Judge a board that answers nothing, by what it says of itself."""
-        link, protocol, now = self.link, self.link.protocol, self.link.now()
+    def _judge(self) -> None:
+        """A board that answers nothing, by what it says of itself."""
+        protocol, now = self.link.protocol, self.link.now()
         oldest = protocol.oldest
         if oldest is None:
             return
-        if now - self._quiet_since > MARK_PAUSE and oldest.kind == "plain" and self.status.state == "Idle" and protocol.mark_fits():
-            self._write(protocol.mark())
-        patience = QUIET + oldest.seconds + (SPIN_UP if oldest.kind == "spindle" else 0.0)
-        if now - self._quiet_since > patience and link.status_at > self._quiet_since:
-            message = f"the board is at rest and has not answered line {oldest.line}: it, or its answer, got lost on the way"
-            raise self._fault(board_error("reply-missing", message, line=oldest.line, hint=_CABLE))
-        if now - self._moved_at > STUCK + oldest.seconds:
-            message = f"the board says that it runs, but has not moved for {STUCK:g} s"
-            raise self._fault(
-                board_error("board-stuck", message, line=oldest.line, hint="look at the machine, then switch the board off and on")
-            )
+        if self._vital.doubtful(oldest, now) and protocol.mark_fits():
+            self._mark()
+        wrong = self._vital.verdict(oldest, now)
+        if wrong is not None:
+            raise self._fault(wrong)
 
     def _obey(self) -> None:
         """The operator's wishes become real-time commands; a byte that gets lost is sent again."""
@@ -370,7 +369,7 @@ class GrblBoard:
         self._override(control)
 
     def _override(self, control: Control) -> None:
-        """One step towards the feed override that is wished for: GRBL takes several of a kind at once for one, so each has to show first."""
+        """One step towards the feed override that is wished for; each has to show before the next, or GRBL may take two for one."""
         overrides, now = self.status.overrides, self.link.now()
         if overrides is None or (overrides[0] == self._stepped_from and now - self._stepped_at < WISH):
             return
@@ -394,6 +393,10 @@ class GrblBoard:
             if link.now() > deadline:
                 message = f"the board does not take a feed override of {control.feed_override:g} %"
                 raise self._fault(board_error("override-refused", message, hint="scale the feeds of the program instead"))
+
+    def _mark(self) -> None:
+        self._marked_at = self.link.now()
+        self._write(self.link.protocol.mark())
 
     def _write(self, data: bytes) -> None:
         try:
@@ -444,7 +447,7 @@ class GrblBoard:
     def _lost(self, after: int, until: int) -> BoardError:
         where = f"between line {after} and line {until}" if after < until else f"near line {until}"
         message = f"a line or its answer got lost on the way to or from the board, {where}"
-        return board_error("reply-lost", message, line=until, hint=_CABLE)
+        return board_error("reply-lost", message, line=until, hint=CABLE)
 
     def _locked(self, line: int) -> BoardError:
         hint = "home the machine with a program whose one line is $H, or unlock the board with $X if its position is right"
@@ -464,6 +467,3 @@ class GrblBoard:
         self._refuse_if_stopped()
         if self.state != "running":
             raise board_error("board-not-started", "no program has been started on the board")
-
-
-_CABLE = "see to a better cable (short, shielded, no hub); what was cut since may be wrong"

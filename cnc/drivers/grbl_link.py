@@ -32,6 +32,8 @@ RESTART = 3.0
 """Seconds from a soft reset to the welcome."""
 ANSWER = 3.0
 """Seconds for a question to a board at rest."""
+DROPPED = 10
+"""Times that a board which does not answer is told to stop: what makes it silent may swallow bytes, too."""
 OLDEST = (1, 1)
 """The version that this protocol is of."""
 HOMING = 300.0
@@ -167,8 +169,10 @@ class GrblLink:
     def drop(self) -> None:
         """For a board that does not answer any more: hold and reset, whether it hears or not."""
         with contextlib.suppress(PortLost):
-            self.tell(RealTime.HOLD)
-            self.write(self.protocol.reset())
+            for _ in range(DROPPED):
+                self.tell(RealTime.HOLD)
+                self.write(self.protocol.reset())
+                self.clock.sleep(POLL_FAST)
 
     def refused(self, code: int, text: str, line: int) -> BoardError:
         """``error:code`` to a line."""

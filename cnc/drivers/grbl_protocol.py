@@ -26,11 +26,12 @@ holds, and grblHAL repeats the error to each line until an empty one: both end w
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum
 
-from cnc.drivers.grbl_lines import Kind, dwell_seconds, kind_of
+from cnc.drivers.grbl_lines import Kind, bare, dwell_seconds, kind_of
 from cnc.drivers.grbl_messages import OK, Alarm, Feedback, Message, Messages, Other, Reply, Report, Setting, Welcome
 from cnc.drivers.grbl_status import Status, StatusReader
 
@@ -38,8 +39,13 @@ RX_BYTES = 128
 """Receive buffer of GRBL 1.1 on an AVR; every board has that much."""
 MARK = "$G"
 MARK_BYTES = len(MARK) + 1
-MARK_AFTER = 20
-"""Lines from one mark to the next."""
+
+
+ROUNDED = 1.0
+"""mm/min, rev/min: the board tells feed and speed in whole numbers."""
+
+_MODE = re.compile(r"([FS])([0-9]+\.?[0-9]*|\.[0-9]+)")
+_END = re.compile(r"M0*2(?![0-9.])|M30(?![0-9.])")
 
 
 class RealTime(bytes, Enum):
@@ -77,7 +83,11 @@ class State(Enum):
 
 @dataclass(slots=True)
 class Sent:
-    """A line on its way: ``line`` is its source line, ``size`` its bytes with the line end, ``seconds`` what a dwell takes."""
+    """A line on its way.
+
+    line: its source line. size: bytes, with the line end. seconds: what a dwell takes. Of a mark: ``said`` are feed and speed as the lines
+    before it set them, ``seen`` whether the board has told its own.
+    """
 
     text: str
     line: int
@@ -86,6 +96,7 @@ class Sent:
     seconds: float = 0.0
     mark: bool = False
     seen: bool = False
+    said: dict[str, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +172,7 @@ class GrblProtocol:
         self._marks = 0
         self._since_mark = 0
         self._verified_line = 0
+        self._said: dict[str, float] = {}
 
     @property
     def waiting(self) -> int:
@@ -206,11 +218,14 @@ class GrblProtocol:
         if not self.room(text):
             raise RuntimeError(f"There is no room for {text!r} in state {self.state.name}.")
         kind = kind_of(text)
+        if "F" in text or "S" in text or "M" in text:
+            self._note_modes(text)
         return self._enter(Sent(text, line, len(text) + 1, kind, dwell_seconds(text) if kind == "dwell" else 0.0))
 
-    def mark_due(self) -> bool:
-        """Whether enough lines have gone by since the last mark."""
-        return self._since_mark >= MARK_AFTER and self.mark_fits()
+    @property
+    def unmarked(self) -> int:
+        """Lines since the last mark."""
+        return self._since_mark
 
     def mark_fits(self) -> bool:
         """Whether a mark may be sent: one at a time, and not beside a line that has to be alone."""
@@ -224,13 +239,15 @@ class GrblProtocol:
             raise RuntimeError(f"There is no room for a mark in state {self.state.name}.")
         self._marks += 1
         self._since_mark = 0
-        return self._enter(Sent(MARK, self._ledger[-1].line if self._ledger else self.confirmed_line, MARK_BYTES, "system", mark=True))
+        line = self._ledger[-1].line if self._ledger else self.confirmed_line
+        return self._enter(Sent(MARK, line, MARK_BYTES, "system", mark=True, said=dict(self._said)))
 
     def reset(self) -> bytes:
         """The soft reset: what was sent and not carried out is forgotten on both sides."""
         self.state = State.RESETTING
         self._ledger.clear()
         self._used = self._marks = self._since_mark = 0
+        self._said.clear()
         self.status_reader.forget()
         return RealTime.RESET.value
 
@@ -259,7 +276,7 @@ class GrblProtocol:
             self.state = AFTER_WELCOME[self.state]
             return Started(message, expected)
         if isinstance(message, Feedback) and message.kind == "GC" and self._marks:
-            return self._mark_came()
+            return self._mark_came(message.text)
         return message
 
     def _answered(self, code: int) -> Event | None:
@@ -281,13 +298,23 @@ class GrblProtocol:
         self.confirmed_line = sent.line or self.confirmed_line
         return Confirmed(sent)
 
-    def _mark_came(self) -> Event | None:
-        """The modes that a mark asks for: all before it has been answered, or something got lost."""
+    def _mark_came(self, modes: str) -> Event | None:
+        """The modes that a mark asks for: all before it has been answered, and feed and speed are what was sent, or something got lost."""
         oldest = self._ledger[0]
         if oldest.mark:
             oldest.seen = True
-            return None
+            told = dict(_MODE.findall(modes))
+            same = all(abs(float(told.get(letter, value)) - value) <= ROUNDED for letter, value in (oldest.said or {}).items())
+            return None if same else self._lost(oldest.line)
         return self._lost(next(sent.line for sent in self._ledger if sent.mark))
+
+    def _note_modes(self, text: str) -> None:
+        """Feed and speed of a line; the end of a program sets back what it likes."""
+        line = bare(text)
+        if "M" in line and _END.search(line):
+            self._said.clear()
+        else:
+            self._said.update((letter, float(value)) for letter, value in _MODE.findall(line))
 
     def _lost(self, until: int) -> Lost:
         self.state = State.FAILED

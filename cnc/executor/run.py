@@ -54,12 +54,18 @@ class PulseInterpolator(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far the program has been sent: seconds of machine time, source line, grid moves; held: the motion rests until it is resumed."""
+    """How far the program has been sent: seconds of machine time, source line, grid moves (or lines, to a board that takes those).
+
+    held: the motion rests until it is resumed. position: where the board says it is, mm. buffered: lines that it has not taken yet. The
+    last two are None of a board that does not tell.
+    """
 
     time: float
     line: int
     rows: int
     held: bool = False
+    position: tuple[float, ...] | None = None
+    buffered: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

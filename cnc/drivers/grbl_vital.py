@@ -1,0 +1,88 @@
+"""Whether a GRBL board that answers nothing is busy or dead, and how much to have waiting for it. No I/O: it is told what happens.
+
+What tells one from the other is the status, asked for five times a second:
+
+    unanswered lines and   | status                    | meaning
+    -----------------------+---------------------------+----------------------------------------------
+    nothing answered       | Run, the position changes | a long move: the planner is full
+    nothing answered       | Idle, a dwell is due      | the dwell, for as long as it takes
+    nothing answered       | Hold, Door                | somebody holds the machine: until it goes on
+    nothing answered       | Idle for 3 s              | a line or an answer was lost
+    nothing answered       | Run for 30 s, no motion   | stuck
+"""
+
+from __future__ import annotations
+
+from cnc.drivers.base import board_error
+from cnc.drivers.grbl_protocol import Sent
+from cnc.drivers.grbl_status import Status
+from cnc.errors import BoardError
+
+QUIET = 3.0
+"""Seconds of an idle board with unanswered lines after which one is lost."""
+SPIN_UP = 20.0
+"""The same while the spindle starts: grblHAL may wait for its speed."""
+STUCK = 30.0
+"""Seconds in which a board that says Run has to move by what it can report."""
+MARK_PAUSE = 0.5
+"""Seconds without an answer after which a mark asks whether there is one to come."""
+AHEAD = 0.5
+"""Seconds for which lines wait in the receive buffer, beside what the planner holds: more would only be late in the case of a fault."""
+FEWEST_WAITING = 2
+PACE_SHARE = 0.3
+"""What the last line counts for in the pace at which lines are taken."""
+CABLE = "see to a better cable (short, shielded, no hub); what was cut since may be wrong"
+
+
+class Vital:
+    """Signs of life. Times are seconds of one clock.
+
+    most_waiting: how many lines may wait unanswered: as many as were taken lately in AHEAD s. A board whose planner is full takes them one
+    a move, so long moves leave few lines in its receive buffer, and short ones as many as fit.
+    """
+
+    def __init__(self) -> None:
+        self.most_waiting = FEWEST_WAITING
+        self._pace = 0.0
+        self._answered_at = 0.0
+        self._quiet_since = 0.0
+        self._moved_at = 0.0
+        self._reported_at = 0.0
+        self._state = ""
+        self._position: tuple[float, ...] | None = None
+
+    def begin(self, now: float) -> None:
+        """The first line after a while goes out."""
+        self._answered_at = self._quiet_since = self._moved_at = now
+
+    def answered(self, now: float) -> None:
+        """A line was taken."""
+        self._pace += PACE_SHARE * (min(now - self._answered_at, AHEAD) - self._pace)
+        self.most_waiting = max(FEWEST_WAITING, int(AHEAD / max(self._pace, 1e-6)))
+        self._answered_at = self._quiet_since = self._moved_at = now
+
+    def reported(self, status: Status, now: float) -> None:
+        """The board told its state."""
+        self._state, self._reported_at = status.state, now
+        if status.state not in ("Idle", "Check"):
+            self._quiet_since = now
+        if status.state != "Run" or status.position != self._position:
+            self._moved_at = now
+        self._position = status.position
+
+    def doubtful(self, oldest: Sent, now: float) -> bool:
+        """Whether a mark should ask for the answer to the oldest unanswered line: the board rests, and that line takes no time."""
+        return oldest.kind == "plain" and self._state == "Idle" and now - self._quiet_since > MARK_PAUSE
+
+    def verdict(self, oldest: Sent, now: float) -> BoardError | None:
+        """What is wrong, as far as the oldest unanswered line tells."""
+        patience = QUIET + oldest.seconds + (SPIN_UP if oldest.kind == "spindle" else 0.0)
+        if now - self._quiet_since > patience and self._reported_at > self._quiet_since:
+            message = f"the board is at rest and has not answered line {oldest.line}: it, or its answer, got lost on the way"
+            return board_error("reply-missing", message, line=oldest.line, hint=CABLE)
+        if now - self._moved_at > STUCK + oldest.seconds:
+            hint = "look at the machine, then switch the board off and on"
+            return board_error(
+                "board-stuck", f"the board says that it runs, but has not moved for {STUCK:g} s", line=oldest.line, hint=hint
+            )
+        return None

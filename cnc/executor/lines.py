@@ -1,0 +1,180 @@
+"""A program on a board that plans for itself: what the plan says becomes lines, sent as fast as the board takes them.
+
+The board carries out the operator's wishes itself (:meth:`cnc.drivers.base.LineSink.attend`), so the plan is made without them: hold,
+resume and override act on the motion under way, not on what is still to come.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from cnc.canon import Block, BoardCommand, Dwell, Probe, Stop, Tool
+from cnc.control import Control
+from cnc.drivers.base import LineSink, board_error
+from cnc.errors import BoardError
+from cnc.executor.run import Progress
+from cnc.planner.plan import PlanChunk
+from cnc.stream import GcodeLine
+
+ROUNDING = 0.003
+"""mm by which a board's report of its position may differ from where it was sent, beside one step: three decimals, of inches even."""
+
+
+class LineTranslator(Protocol):
+    """What turns a plan into lines, such as :class:`cnc.flatten.translator.Translator`."""
+
+    @property
+    def position(self) -> Sequence[float] | None:
+        """Where the lines so far lead to, x y z in mm (machine coordinates); None where that is not known."""
+
+    def lines(self, item: PlanChunk | Block) -> Iterator[GcodeLine]:
+        """The lines for the next item of the plan, as far as they are certain."""
+
+    def end(self) -> Iterator[GcodeLine]:
+        """What is left."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineOutcome:
+    """What came of a run.
+
+    duration: seconds of machine time that were planned for what was sent. position (axes,): where the board says it is, mm. lines: that
+    were sent. stopped_at_line: None after a whole run, else the last source line that the board has taken.
+    """
+
+    duration: float
+    position: tuple[float, ...]
+    lines: int
+    stopped_at_line: int | None = None
+
+
+class _Stream:
+    """One run."""
+
+    def __init__(
+        self,
+        board: LineSink,
+        translator: LineTranslator,
+        control: Control,
+        on_progress: Callable[[Progress], None] | None,
+        on_line: Callable[[GcodeLine], None] | None,
+    ) -> None:
+        self.board = board
+        self.translator = translator
+        self.control = control
+        self.on_progress = on_progress
+        self.on_line = on_line
+        self.clock = 0.0
+        self.sent = 0
+        self.file = ""
+
+    def tell(self) -> None:
+        """The board has reported."""
+        if self.on_progress is not None:
+            board = self.board
+            now = Progress(self.clock, board.confirmed_line, self.sent, self.control.held, board.position, board.buffered)
+            self.on_progress(now)
+
+    def item(self, item: PlanChunk | Block) -> None:
+        """One thing of the plan."""
+        self.file = item.path.file if isinstance(item, PlanChunk) else item.file
+        lines = self.translator.lines(item)
+        if isinstance(item, BoardCommand):
+            # A locked board takes nothing but $H and $X: they go before the modes of the first line.
+            self.send(sorted(lines, key=lambda line: not line.text.startswith("$")))
+            self.board.execute(item, round(self.clock * 1e9))
+            self.compare()
+            return
+        self.send(lines)
+        if isinstance(item, PlanChunk):
+            self.clock = item.t0 + item.duration
+        elif isinstance(item, Dwell):
+            self.clock += item.seconds
+        elif isinstance(item, Probe):
+            item.answer.values = self.board.execute(item, round(self.clock * 1e9))
+        elif isinstance(item, Stop | Tool):
+            # Nothing goes on behind a pause before the operator has said so.
+            self.board.execute(item, round(self.clock * 1e9))
+
+    def send(self, lines: Iterable[GcodeLine]) -> None:
+        """Lines, until the operator stops."""
+        for line in lines:
+            if self.control.stopped:
+                return
+            self.board.send_line(line)
+            self.sent += 1
+            if self.on_line is not None:
+                self.on_line(line)
+
+    def compare(self) -> None:
+        """The board stands still: where the lines led it? BoardError ``position-differs``."""
+        wanted, board = self.translator.position, self.board
+        if wanted is None or self.control.stopped or not board.moves:
+            return
+        for letter, planned, reported, step in zip("XYZ", wanted, board.position, board.resolution, strict=False):
+            if abs(planned - reported) > step + ROUNDING:
+                message = f"the board stands at {letter}{reported:.3f}, the program has led it to {letter}{planned:.3f}"
+                hint = "bytes were lost on the way, or the board has lost its position: check the part, home the machine"
+                raise board_error("position-differs", message, line=self.board.confirmed_line, hint=hint)
+
+    def outcome(self, *, stopped: bool) -> LineOutcome:
+        board = self.board
+        return LineOutcome(self.clock, board.position, self.sent, board.confirmed_line if stopped else None)
+
+
+def stream(
+    plan_stream: Iterable[PlanChunk | Block],
+    board: LineSink,
+    translator: LineTranslator,
+    *,
+    control: Control | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+    on_line: Callable[[GcodeLine], None] | None = None,
+) -> LineOutcome:
+    """Run a plan on a board that takes lines.
+
+    on_progress is told whenever the board has reported, on_line of every line sent. When ``control`` says stop, the board comes to rest and
+    forgets what it was sent; it is left stopped.
+
+    Raises BoardError when the board or the link fails, at the source line that the fault names, else at the last one that the board has
+    taken, and ``position-differs`` where the board ends elsewhere than the program. The board has been told to abort, as after any other
+    exception.
+    """
+    control = control or Control()
+    run = _Stream(board, translator, control, on_progress, on_line)
+    try:
+        board.attend(control, run.tell)
+        board.start(np.zeros(board.capabilities.axes, np.int64))
+        for item in plan_stream:
+            run.item(item)
+            if control.stopped:
+                break
+        else:
+            run.send(translator.end())
+        if not control.stopped:
+            board.finish()
+            run.tell()
+        # The operator may have stopped the last of the motion.
+        if control.stopped:
+            board.stop()
+            return run.outcome(stopped=True)
+        run.compare()
+        return run.outcome(stopped=False)
+    except BoardError as error:
+        _abort(board)
+        found = error.diagnostic
+        raise error.at(file=found.file or run.file, line=found.line or board.confirmed_line) from error
+    except BaseException:
+        _abort(board)
+        raise
+
+
+def _abort(board: LineSink) -> None:
+    """Stop the board; what it says to that matters less than the fault that led here."""
+    with contextlib.suppress(BoardError):
+        board.abort()
