@@ -21,11 +21,11 @@ from typing import Literal
 from cnc.batch import pool
 from cnc.canon import Block
 from cnc.control import Control
-from cnc.drivers.base import PulseSink
+from cnc.drivers.base import LineSink, PulseSink
 from cnc.drivers.registry import open_board
-from cnc.errors import Diagnostic, UsageError
+from cnc.errors import BoardError, Diagnostic, UsageError
 from cnc.interpolator.reference_pulse import Algorithm
-from cnc.job import Job, Outputs, Watch, start_position
+from cnc.job import Job, Outputs, Pauses, Watch, start_position
 from cnc.machine.load import load_machine
 from cnc.machine.models import DialectName, Machine
 from cnc.path.build import build
@@ -128,7 +128,7 @@ def run(
     program: Path | str,
     machine: Machine | Path | str | None = None,
     *,
-    board: PulseSink | str | None = None,
+    board: PulseSink | LineSink | str | None = None,
     port: str | None = None,
     dialect: DialectName | None = None,
     interpolator: Interpolator = "reference-pulse",
@@ -136,23 +136,34 @@ def run(
     outputs: Outputs | None = None,
     watch: Watch | None = None,
     control: Control | None = None,
+    check_on_board: bool = False,
+    pauses: Pauses = "wait",
 ) -> Report:
     """Check a program, then run it on a board; the other arguments are those of :func:`check`.
 
     board: itself, its name, None for the one of the machine file. port: where the board is; for the file board, the file to write. control:
-    hold, resume, override and stop, from any thread or from ``watch.on_sent``; each takes effect at the end of what has been sent.
+    hold, resume, override and stop, from any thread or from ``watch.on_sent``; each takes effect at the end of what has been sent, on a
+    board that plans for itself at once. check_on_board: let such a board read the lines without moving. pauses: whether such a board waits
+    for ``control`` at M0 and M6, the program is refused for them, or goes on.
     """
     known = _machine(machine)
-    job = Job(program, known, dialect, interpolator == "sampled", outputs or Outputs(), watch or Watch(), control, algorithm)
+    asked = outputs or Outputs(), watch or Watch(), control, algorithm
+    job = Job(program, known, dialect, interpolator == "sampled", *asked, pauses=pauses)
     if board is not None and not isinstance(board, str):
         return job.carry_out(board, type(board).__name__)
     name = board or known.board.kind
-    opened = open_board(known, kind=name, target=Path(port) if port else None)
     try:
-        if not isinstance(opened, PulseSink):
-            raise UsageError(
-                Diagnostic("board-takes-lines", f"the board {name!r} plans for itself; only boards that take pulses can be driven")
-            )
+        opened = open_board(known, kind=name, port=port)
+    except BoardError as error:
+        job.report.board = name
+        job.report.faults.append(error)
+        return job.report
+    try:
+        if check_on_board:
+            if not isinstance(opened, LineSink):
+                hint = "leave --check-on-board out; cncrun check looks at the program"
+                raise UsageError(Diagnostic("no-check-on-board", f"the board {name!r} can't check lines", hint=hint))
+            opened.check_only = True
         return job.carry_out(opened, name)
     finally:
         opened.close()

@@ -22,6 +22,7 @@ from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError, valida
 from cnc import __version__
 from cnc.control import Control
 from cnc.errors import EXIT_REJECTED, EXIT_STOPPED, SEVERITIES, CncError, Diagnostic, Severity, UsageError
+from cnc.keys import Keys
 from cnc.report.changes import Baseline, told
 from cnc.report.selection import Selection
 from cnc.screen import Screen, tell_compiling
@@ -125,9 +126,11 @@ def run(
     program: Annotated[str, _output("The program (- is standard input).")],
     /,
     *,
-    board: Annotated[str | None, _option("loopback, file, or an installed driver; the machine file's board if left out.")] = None,
-    port: Annotated[str | None, _option("Where the board is; for --board file, the .npz file to write.")] = None,
+    board: Annotated[str | None, _option("loopback, file, grbl, or an installed driver; the machine file's board if left out.")] = None,
+    port: Annotated[str | None, _option("Where the board is (/dev/ttyUSB0); for --board file, the .npz file to write.")] = None,
     dry_run: Annotated[bool, _option("Only check, as `cncrun check` does.")] = False,
+    check_on_board: Annotated[bool, _option("Let the board read the program without moving (a GRBL board's $C).")] = False,
+    yes: Annotated[bool, _option("Ask nothing; where there is no terminal, do not pause for the operator (M0, M6).")] = False,
     common: Common = _COMMON,
 ) -> int:
     """Run a program."""
@@ -136,7 +139,7 @@ def run(
     api = _library()
     control = Control(common.feed_override)
     common.check_outputs(program, port)
-    with Screen(control, quiet=common.quiet) as screen:
+    with Screen(control, quiet=common.quiet) as screen, Keys(control) as keys:
         machine = api.load_machine(common.machine)
         report = api.run(
             program,
@@ -149,6 +152,8 @@ def run(
             outputs=common.outputs(),
             watch=screen.watch(),
             control=control,
+            check_on_board=check_on_board,
+            pauses="wait" if keys.available else "skip" if yes else "refuse",
         )
     if common.json is not None:
         _write_json(common.json, report)

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from cnc.canon import ArcFeed, Block, BoardCommand, Dwell, Held, NurbsFeed, Polyline, Probe, SpindleSync, WaitInput
 from cnc.control import Control
-from cnc.drivers.base import PulseSink
-from cnc.errors import BoardError, CncError, Diagnostic, GcodeError
+from cnc.drivers.base import LineSink, PulseSink
+from cnc.errors import BoardError, CncError, Diagnostic, GcodeError, UsageError
+from cnc.executor.lines import stream
 from cnc.executor.run import Progress, execute
 from cnc.gcode import dialects
 from cnc.gcode.flow import Limits
@@ -27,6 +28,7 @@ from cnc.interpolator.reference_pulse import Algorithm, ReferencePulse
 from cnc.interpolator.sampled import Sampled
 from cnc.machine.models import DialectName, Machine
 from cnc.memory import Memory, folders
+from cnc.onboard import adopted, needs_operator, to_remember, translator, waits
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
@@ -41,12 +43,13 @@ from cnc.report.survey import Survey
 from cnc.report.view.writer import check_picture, picture_writer
 from cnc.source import readable, shown_name, with_texts
 from cnc.stopwatch import Stopwatch, TimedPulses
-from cnc.stream import PulseChunk, SampleChunk
+from cnc.stream import GcodeLine, PulseChunk, SampleChunk
 from cnc.warm import ensure_compiled
 
 Floats = NDArray[np.float64]
 Stage = Literal["checking", "running"]
 State = tuple[Parameters, ToolTable]
+Pauses = Literal["wait", "refuse", "skip"]
 
 LINE_BOARDS = ("grbl", "grbl-sim")
 """Kinds of board that take lines, and so commands of their own."""
@@ -107,6 +110,7 @@ class Job:
         selection: Selection | None = None,
         portable: Sequence[str] = (),
         on_plan: Callable[[PlanChunk], None] | None = None,
+        pauses: Pauses = "wait",
     ) -> None:
         check_formats(outputs.trace, outputs.pulses)
         if outputs.picture is not None:
@@ -125,6 +129,7 @@ class Job:
         self.portable = dialects_of(portable)
         self.on_plan = on_plan
         self.start = start_position(machine)
+        self._pauses: Pauses = pauses
         self._place = None if self.name != str(program) else Path(program)
         self._memory = Memory(machine)
         self._state: State | None = None
@@ -137,13 +142,15 @@ class Job:
         self._open: list[Output] = []
         self._step_deviation = 0.0
 
-    def carry_out(self, board: PulseSink | None = None, board_name: str | None = None) -> Report:
+    def carry_out(self, board: PulseSink | LineSink | None = None, board_name: str | None = None) -> Report:
         """Both passes, the second on ``board`` or on none; what goes wrong with program or board ends up in the report."""
         ensure_compiled(self.watch.on_compiling)
         report, began = self.report, perf_counter()
         report.board = board_name
         if board is not None:
             self._senses, self._takes_lines = board.capabilities.senses, board.capabilities.lines
+            if isinstance(board, LineSink):
+                self._adopt(board)
         else:
             self._takes_lines = self.machine.board.kind in LINE_BOARDS
         try:
@@ -178,6 +185,15 @@ class Job:
         timing.total_s = perf_counter() - began
         return report
 
+    def _adopt(self, board: LineSink) -> None:
+        """The board's own travel, offsets and position: the program is read with them."""
+        if self.outputs.pulses is not None:
+            hint = "leave --pulses out, or check the program without the board"
+            raise UsageError(Diagnostic("no-pulses", "a board that plans for itself is sent lines, not pulses", hint=hint))
+        self.machine = board.fitted(self.machine)
+        self.start = np.array(board.position)
+        self._memory.adopt(adopted(board, self.machine))
+
     def blocks(self) -> Iterator[Block]:
         """The canonical blocks of the program, read as in the first pass."""
         return self._blocks(None, None)
@@ -194,6 +210,8 @@ class Job:
         for item in self._planning.inside(self._path(self._counted(blocks))):
             if isinstance(item, BoardCommand | Probe | WaitInput | SpindleSync):
                 self._check_board(item)
+            if self._pauses == "refuse" and self._takes_lines and report.board is not None and isinstance(item, Block) and waits(item):
+                raise needs_operator(item)
             if isinstance(item, Probe | WaitInput):
                 # What the board will answer decides how the program goes on: it has to be read again.
                 room = -1
@@ -222,7 +240,7 @@ class Job:
         for found in with_texts([GcodeError(finding) for finding in findings], {self.name: self.path}):
             self._warn(found.diagnostic)
 
-    def _move(self, board: PulseSink | None) -> None:
+    def _move(self, board: PulseSink | LineSink | None) -> None:
         """The second pass: plan, interpolate, and send or only look."""
         report, machine = self.report, self.machine
         steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
@@ -231,8 +249,10 @@ class Job:
         if self.outputs.pulses is not None:
             on_pulses = self._opened(pulse_writer(self.outputs.pulses, machine, interpolator.origin_steps)).write
         path = self._kept if self._kept is not None else self._surveyed(self._path(self._reading_again.inside(self.blocks())))
-        # Without a board nobody can wish for anything once it is under way.
-        ahead = LookAhead(machine, self.control, slice_s=LONG if board is None else SLICE)
+        # Without a board nobody can wish for anything once it is under way, and a board that plans for itself is told by the executor.
+        pulses_asked = isinstance(board, PulseSink)
+        control = None if board is not None and not pulses_asked else self.control
+        ahead = LookAhead(machine, control, slice_s=SLICE if pulses_asked else LONG)
         planned = self._timed(self._planning.inside(ahead.plan(path)))
         if self.sampled:
             planned = self._sampled(planned)
@@ -240,8 +260,10 @@ class Job:
         try:
             if board is None:
                 self._look(planned, pulses, on_pulses)
-            else:
+            elif isinstance(board, PulseSink):
                 self._send(planned, pulses, on_pulses, board, ahead)
+            else:
+                self._stream(planned, board)
         finally:
             audit = ahead.audit
             largest = report.largest
@@ -285,18 +307,11 @@ class Job:
     ) -> None:
         """With a board: the executor sends, and comes to rest on the path when the operator wishes."""
         report, machine = self.report, self.machine
-
-        def on_progress(progress: Progress) -> None:
-            if self.watch.on_progress is not None:
-                self.watch.on_progress("running", progress.line, self._last_line)
-            if self.watch.on_sent is not None:
-                self.watch.on_sent(progress)
-
         # The board is about to move: from here on a wish to stop is the executor's to carry out.
-        on_progress(Progress(0.0, 0, 0))
+        self._tell(Progress(0.0, 0, 0))
         try:
             outcome = execute(
-                planned, board, pulses, on_pulses=on_pulses, on_progress=on_progress, control=self.control, ramp_down=ahead.ramp_down
+                planned, board, pulses, on_pulses=on_pulses, on_progress=self._tell, control=self.control, ramp_down=ahead.ramp_down
             )
         except BoardError:
             self._stands_at(board.position_steps)
@@ -307,6 +322,34 @@ class Job:
         if not outcome.finished:
             report.duration_s = outcome.duration
             self._stands_at(outcome.position_steps)
+
+    def _stream(self, planned: Iterable[PlanChunk | Block], board: LineSink) -> None:
+        """With a board that plans for itself: lines, and the operator's wishes as the board knows them."""
+        report, machine = self.report, self.machine
+
+        def afterwards() -> Iterable[GcodeLine]:
+            return () if self._state is None else to_remember(board, machine, self._state[0].values)
+
+        self._tell(Progress(0.0, 0, 0))
+        try:
+            lines = translator(board, machine)
+            if self._pauses == "skip":
+                planned = (item for item in planned if isinstance(item, PlanChunk) or not waits(item))
+            outcome = stream(planned, board, lines, control=self.control, on_progress=self._tell, afterwards=afterwards)
+        except BoardError:
+            report.end_position = dict(zip(machine.axes, board.position, strict=False))
+            raise
+        report.stopped_at_line = outcome.stopped_at_line
+        if outcome.stopped_at_line is not None:
+            report.duration_s = outcome.duration
+            report.end_position = dict(zip(machine.axes, outcome.position, strict=False))
+
+    def _tell(self, progress: Progress) -> None:
+        """How far the board is."""
+        if self.watch.on_progress is not None:
+            self.watch.on_progress("running", progress.line, self._last_line)
+        if self.watch.on_sent is not None:
+            self.watch.on_sent(progress)
 
     def _stands_at(self, grid: NDArray[np.int64]) -> None:
         """The program did not come to its end: where the board says it is."""

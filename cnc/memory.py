@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from cnc.gcode.parameters import Parameters, read_parameters, write_parameters
@@ -22,6 +22,10 @@ class Memory:
         kept = self._parameter_file
         self._values = read_parameters(kept) if kept is not None and kept.exists() else {}
         self._tools = ToolTable() if self._tool_file is None else ToolTable.load(self._tool_file)
+
+    def adopt(self, values: Mapping[int, float]) -> None:
+        """What a board remembers itself counts for more than what the file says."""
+        self._values = {**self._values, **values}
 
     def parameters(self, *, macro: bool) -> Parameters:
         """The parameters for one reading; ``macro``: with FANUC's ranges."""

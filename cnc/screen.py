@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from cnc.control import Control
 from cnc.errors import Diagnostic
+from cnc.keys import HELP
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
     from cnc.api import Watch
+    from cnc.executor.run import Progress as Sent
     from cnc.job import Stage
 
 
@@ -28,7 +30,7 @@ class Screen:
         self._quiet = quiet
         self._control = control
         self._bar: _Bar | None = None
-        self._moving = False
+        self._moving = self._held = False
         self._before: dict[signal.Signals, Any] = {}
 
     def watch(self) -> Watch:
@@ -39,6 +41,7 @@ class Screen:
             on_progress=self._on_progress,
             on_warning=None if self._quiet else self.warn,
             on_compiling=None if self._quiet else tell_compiling,
+            on_sent=self._on_sent,
         )
 
     def count(self, done: int, total: int) -> None:
@@ -69,6 +72,22 @@ class Screen:
         if self._bar is not None:
             self._bar.update(stage, done, total)
 
+    def _on_sent(self, sent: Sent) -> None:
+        if self._bar is not None:
+            self._bar.note = self._words(sent)
+        if sent.held and not self._held and not self._quiet:
+            print(f"held at line {sent.line}; {HELP}", file=sys.stderr, flush=True)
+        self._held = sent.held
+
+    def _words(self, sent: Sent) -> str:
+        """Where the board is and what it still has, as far as it tells; the operator's doing."""
+        words = [] if sent.position is None else [" ".join(f"{value:.3f}" for value in sent.position)]
+        if sent.buffered is not None:
+            words.append(f"{sent.buffered} lines waiting")
+        if self._control.feed_override != 100.0:
+            words.append(f"{self._control.feed_override:g} %")
+        return "  ".join([*words, *(["held"] if sent.held else [])])
+
     def _on_signal(self, *_: object) -> None:
         if not self._moving:
             raise KeyboardInterrupt("stopped by the operator; nothing has moved")
@@ -91,6 +110,7 @@ class _Bar:
         self._began = monotonic()
         self._progress: Progress | None = None
         self._drawn = 0.0
+        self.note = ""
 
     def update(self, stage: Stage, done: int, total: int | None, unit: str = "lines") -> None:
         """How much is done of ``total`` (None: not known yet)."""
@@ -103,13 +123,19 @@ class _Bar:
             from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
             counted = f"{{task.completed:.0f}} {unit}" if unit == "lines" else f"{{task.completed:.0f}} of {total} {unit}"
-            columns = (TextColumn("{task.description}"), BarColumn(), TextColumn(counted), TimeElapsedColumn())
+            columns = (
+                TextColumn("{task.description}"),
+                BarColumn(),
+                TextColumn(counted),
+                TimeElapsedColumn(),
+                TextColumn("{task.fields[note]}"),
+            )
             # What is printed meanwhile goes above the bar, unless it goes to a file.
             bar = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=sys.stdout.isatty())
             bar.start()
             self._progress = bar
-            self._task = bar.add_task(stage, total=total)
-        self._progress.update(self._task, description=stage, completed=done, total=total)
+            self._task = bar.add_task(stage, total=total, note=self.note)
+        self._progress.update(self._task, description=stage, completed=done, total=total, note=self.note)
 
     def close(self) -> None:
         """Take the bar off the screen."""

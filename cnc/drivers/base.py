@@ -15,7 +15,7 @@ Drivers are found by name (:mod:`cnc.drivers.registry`), and each passes the con
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -111,12 +111,26 @@ class LineSink(Board, Protocol):
         """Machine position in mm (degrees), one number an axis of the machine, as the board reported it last."""
 
     @property
+    def work_offset(self) -> tuple[float, ...]:
+        """What the board adds to the coordinates of a line in G54, mm, one number an axis of the machine."""
+
+    @property
+    def places(self) -> Mapping[str, tuple[float, ...]]:
+        """G54 to G59, G28, G30 and G92 as the board remembers them, mm, one number an axis of the machine."""
+
+    def fitted(self, machine: Machine) -> Machine:
+        """The machine with no more travel than the board lets it have."""
+
+    @property
     def resolution(self) -> tuple[float, ...]:
         """A step of each axis of the machine, mm (degrees)."""
 
     @property
-    def moves(self) -> bool:
-        """Whether lines move the machine; not if the board only checks them."""
+    def mist(self) -> bool:
+        """Whether the board has M7."""
+
+    check_only: bool
+    """Set before the start: the board reads the lines and says what is wrong with them, and nothing moves."""
 
     @property
     def buffered(self) -> int:

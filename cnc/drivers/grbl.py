@@ -128,20 +128,25 @@ class GrblBoard:
         """What the board adds to the coordinates of a line in G54, mm, one number an axis of the machine."""
         return self._own(self._in_g54())
 
+    @property
     def places(self) -> dict[str, tuple[float, ...]]:
         """G54 to G59, G28, G30 and G92 of the board, mm, one number an axis of the machine."""
         return {name: self._own(place) for name, place in self.info.places.items() if len(place) >= len(self._columns)}
+
+    @property
+    def mist(self) -> bool:
+        """Whether the board was built with M7."""
+        return "M" in self.info.options
+
+    def fitted(self, machine: Machine) -> Machine:
+        """The machine with no more travel than the board's soft limits leave it."""
+        return self.info.narrowed(machine)
 
     @property
     def resolution(self) -> tuple[float, ...]:
         """A step of each axis of the machine, by the board's settings, mm."""
         steps = (self.info.axis(STEPS, column) for column in self._columns)
         return tuple(1.0 / each if each else 0.0 for each in steps)
-
-    @property
-    def moves(self) -> bool:
-        """Whether lines move the machine."""
-        return not self.check_only
 
     @property
     def buffered(self) -> int:

@@ -27,6 +27,8 @@ class Loopback:
     ``board-fault`` (as told), ``board-not-started``, ``board-stopped`` (anything after a stop or a fault).
     """
 
+    has_port = False
+
     def __init__(self, axes: int, min_pulse_ns: float = 0.0, fail_after: int | None = None) -> None:
         self.axes = axes
         self.min_pulse_ns = min_pulse_ns

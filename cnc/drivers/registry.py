@@ -16,6 +16,7 @@ GROUP = "cnc.boards"
 BUILT_IN = (
     EntryPoint("loopback", "cnc.drivers.loopback:Loopback", GROUP),
     EntryPoint("file", "cnc.drivers.file:FileBoard", GROUP),
+    EntryPoint("grbl", "cnc.drivers.grbl:GrblBoard", GROUP),
 )
 """The boards in this package, known even where it runs from a folder that was never installed."""
 
@@ -44,6 +45,16 @@ def board_factory(kind: str) -> BoardFactory:
         raise UsageError(Diagnostic("board-not-loadable", f"the driver {known[kind].value} does not load: {error}", hint=hint)) from error
 
 
-def open_board(machine: Machine, *, kind: str | None = None, target: Path | None = None) -> PulseSink | LineSink:
-    """The board of the machine file, or the one called ``kind``. ``target``: the file to write, for a board that is one."""
-    return board_factory(machine.board.kind if kind is None else kind).from_machine(machine, target)
+def open_board(machine: Machine, *, kind: str | None = None, target: Path | None = None, port: str | None = None) -> PulseSink | LineSink:
+    """The board of the machine file, or the one called ``kind``. ``target``: the file to write, for a board that is one.
+
+    port: where the board is, if it is not where the machine file says. UsageError ``board-without-port`` for a board that has none.
+    """
+    name = machine.board.kind if kind is None else kind
+    factory = board_factory(name)
+    if port is not None:
+        if not getattr(factory, "has_port", True):
+            hint = "leave --port out, or name a board that has one: --board grbl"
+            raise UsageError(Diagnostic("board-without-port", f"the board {name!r} has no port", hint=hint))
+        machine = machine.model_copy(update={"board": machine.board.model_copy(update={"port": port})})
+    return factory.from_machine(machine, target)

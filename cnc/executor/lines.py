@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from cnc.canon import Block, BoardCommand, Dwell, Probe, Stop, Tool
+from cnc.canon import Block, BoardCommand, Dwell, End, Probe, Stop, Tool
 from cnc.control import Control
 from cnc.drivers.base import LineSink, board_error
 from cnc.errors import BoardError
@@ -23,6 +23,9 @@ from cnc.stream import GcodeLine
 
 ROUNDING = 0.003
 """mm by which a board's report of its position may differ from where it was sent, beside one step: three decimals, of inches even."""
+
+
+END = End("", 0)
 
 
 class LineTranslator(Protocol):
@@ -114,7 +117,7 @@ class _Stream:
     def compare(self) -> None:
         """The board stands still: where the lines led it? BoardError ``position-differs``."""
         wanted, board = self.translator.position, self.board
-        if wanted is None or self.control.stopped or not board.moves:
+        if wanted is None or self.control.stopped or board.check_only:
             return
         for letter, planned, reported, step in zip("XYZ", wanted, board.position, board.resolution, strict=False):
             if abs(planned - reported) > step + ROUNDING:
@@ -135,10 +138,12 @@ def stream(
     control: Control | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     on_line: Callable[[GcodeLine], None] | None = None,
+    afterwards: Callable[[], Iterable[GcodeLine]] | None = None,
 ) -> LineOutcome:
     """Run a plan on a board that takes lines.
 
-    on_progress is told whenever the board has reported, on_line of every line sent. When ``control`` says stop, the board comes to rest and
+    on_progress is told whenever the board has reported, on_line of every line sent. ``afterwards``: lines to send when the program has come
+    to its end and the machine stands where it should. When ``control`` says stop, the board comes to rest and
     forgets what it was sent; it is left stopped.
 
     Raises BoardError when the board or the link fails, at the source line that the fault names, else at the last one that the board has
@@ -157,14 +162,15 @@ def stream(
         else:
             run.send(translator.end())
         if not control.stopped:
+            board.execute(END, 0)
+            run.compare()
+            run.send(() if afterwards is None or board.check_only else afterwards())
             board.finish()
             run.tell()
         # The operator may have stopped the last of the motion.
         if control.stopped:
             board.stop()
-            return run.outcome(stopped=True)
-        run.compare()
-        return run.outcome(stopped=False)
+        return run.outcome(stopped=control.stopped)
     except BoardError as error:
         _abort(board)
         found = error.diagnostic

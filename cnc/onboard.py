@@ -1,0 +1,59 @@
+"""Programs for boards that plan for themselves: such a board knows its own offsets and travel, and the program is read with those."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from cnc.canon import AXIS_LETTERS, Block, Stop, Tool
+from cnc.drivers.base import LineSink, board_error
+from cnc.errors import Diagnostic, GcodeError
+from cnc.flatten.translator import Translator
+from cnc.machine.models import Machine
+from cnc.stream import GcodeLine
+
+FIRST = {"G28": 5161, "G30": 5181, "G92": 5211, "G54": 5221, "G55": 5241, "G56": 5261, "G57": 5281, "G58": 5301, "G59": 5321}
+"""Number of the parameter that holds the X of each place (LinuxCNC, "Numbered Parameters")."""
+SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
+G92_IN_EFFECT, CURRENT_SYSTEM = 5210, 5220
+CHANGED = 0.0005
+"""mm: an offset that differs by less is the one that the board told."""
+
+
+def adopted(board: LineSink, machine: Machine) -> dict[int, float]:
+    """Parameters of the places that the board remembers: with these a program means what it meant if the board read it itself."""
+    values = {CURRENT_SYSTEM: 1.0, G92_IN_EFFECT: 1.0}
+    for name, place in board.places.items():
+        for letter, value in zip(machine.axes, place, strict=True):
+            values[FIRST[name] + AXIS_LETTERS.index(letter)] = value
+    return values
+
+
+def to_remember(board: LineSink, machine: Machine, values: Mapping[int, float]) -> Iterator[GcodeLine]:
+    """Lines by which a board keeps the coordinate systems that a program has set (G10)."""
+    letters = [letter for letter in machine.axes if letter in "xyz"]
+    for number, name in enumerate(SYSTEMS, start=1):
+        place = dict(zip(machine.axes, board.places.get(name, ()), strict=False))
+        new = {letter: values.get(FIRST[name] + AXIS_LETTERS.index(letter), 0.0) for letter in letters}
+        changed = [letter for letter in letters if letter in place and abs(new[letter] - place[letter]) > CHANGED]
+        if changed:
+            yield GcodeLine(" ".join((f"G10 L2 P{number}", *(f"{letter.upper()}{new[letter]:.3f}" for letter in changed))), 0)
+
+
+def translator(board: LineSink, machine: Machine) -> Translator:
+    """What makes lines for this board. BoardError ``board-axes`` where it has not the axes that lines need."""
+    offsets = dict(zip(machine.axes, board.work_offset, strict=True))
+    if not offsets:
+        raise board_error("board-axes", "the board tells no offsets", hint="is it GRBL 1.1 or grblHAL?")
+    return Translator(machine, work_offset=[offsets.get(letter, 0.0) for letter in ("x", "y", "z")], mist=board.mist)
+
+
+def waits(block: Block) -> bool:
+    """Whether a board that plans for itself waits at a block until the operator goes on."""
+    return (isinstance(block, Stop) and not block.optional) or (isinstance(block, Tool) and block.change)
+
+
+def needs_operator(block: Block) -> GcodeError:
+    """The fault of a block that waits, where there is nobody."""
+    what = f"tool {block.number} has to be put in here" if isinstance(block, Tool) else "the program stops here"
+    hint = "run it in a terminal, where the space bar goes on, or with --yes, which goes on by itself"
+    return GcodeError(Diagnostic("needs-operator", f"{what}, and there is no terminal to go on from", block.file, block.line, hint=hint))
