@@ -202,7 +202,11 @@ class GrblBoard:
         self._write(protocol.send(text, line.line))
         if protocol.mark_fits() and (protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME):
             self._mark()
-        if self._first:
+        if kind == "system":
+            # It may change what the board is: locked or not, and where.
+            self._rest()
+            self._whereabouts.begin(self._position())
+        elif self._first:
             self._first = False
             self._compare_offset(line.line)
         elif protocol.used * 2 > protocol.rx_bytes or self.link.due():
