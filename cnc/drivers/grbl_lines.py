@@ -10,6 +10,9 @@ Kind = Literal["plain", "writer", "system", "pause", "dwell", "spindle", "probe"
 MOST_CHARACTERS = 79
 """Of a line, without its end: GRBL 1.1 keeps 80 with the zero behind them."""
 
+HOMING = 300.0
+"""Seconds."""
+
 _REMARK = re.compile(r"\([^)]*\)|;.*|\s+")
 _WRITER = re.compile(r"G10(?![0-9.])|G(?:28|30)\.1(?![0-9])")
 _PAUSE = re.compile(r"M0*[016](?![0-9.])")
@@ -48,9 +51,12 @@ def kind_of(text: str) -> Kind:
     return "plain"
 
 
-def dwell_seconds(text: str) -> float:
-    """How long a dwell takes."""
-    found = _SECONDS.search(bare(text))
+def seconds_of(text: str) -> float:
+    """How long a line may take while nothing moves that is reported: a dwell its time, homing HOMING, in which GRBL says nothing at all."""
+    line = bare(text)
+    if line.startswith("$H"):
+        return HOMING
+    found = _SECONDS.search(line) if _DWELL.search(line) else None
     try:
         return float(found[1]) if found else 0.0
     except ValueError:

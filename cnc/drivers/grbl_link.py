@@ -36,8 +36,6 @@ DROPPED = 10
 """Times that a board which does not answer is told to stop: what makes it silent may swallow bytes, too."""
 OLDEST = (1, 1)
 """The version that this protocol is of."""
-HOMING = 300.0
-"""Seconds that homing may take; GRBL answers nothing meanwhile."""
 
 
 class GrblLink:
@@ -199,7 +197,7 @@ class GrblLink:
 
     def _patience(self) -> float:
         oldest = self.protocol.oldest
-        return HOMING if oldest is not None and oldest.text.upper().startswith("$H") else SILENCE
+        return oldest.seconds if oldest is not None and oldest.kind == "system" and oldest.seconds else SILENCE
 
     def _silent(self) -> BoardError:
         message = f"the board at {self.name} does not answer any more"

@@ -31,7 +31,7 @@ from collections import deque
 from dataclasses import dataclass
 from enum import Enum
 
-from cnc.drivers.grbl_lines import Kind, bare, dwell_seconds, kind_of
+from cnc.drivers.grbl_lines import Kind, bare, kind_of, seconds_of
 from cnc.drivers.grbl_messages import OK, Alarm, Feedback, Message, Messages, Other, Reply, Report, Setting, Welcome
 from cnc.drivers.grbl_status import Status, StatusReader
 
@@ -85,8 +85,8 @@ class State(Enum):
 class Sent:
     """A line on its way.
 
-    line: its source line. size: bytes, with the line end. seconds: what a dwell takes. Of a mark: ``said`` are feed and speed as the lines
-    before it set them, ``seen`` whether the board has told its own.
+    line: its source line. size: bytes, with the line end. seconds: what it may take while nothing moves. Of a mark: ``said`` are feed and
+    speed as the lines before it set them, ``seen`` whether the board has told its own.
     """
 
     text: str
@@ -220,7 +220,7 @@ class GrblProtocol:
         kind = kind_of(text)
         if "F" in text or "S" in text or "M" in text:
             self._note_modes(text)
-        return self._enter(Sent(text, line, len(text) + 1, kind, dwell_seconds(text) if kind == "dwell" else 0.0))
+        return self._enter(Sent(text, line, len(text) + 1, kind, seconds_of(text) if kind in ("dwell", "system") else 0.0))
 
     @property
     def unmarked(self) -> int:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.drivers.grbl_codes import ALARMS, ALARMS_HAL, ERRORS, alarm_meaning, error_meaning
-from cnc.drivers.grbl_lines import dwell_seconds, kind_of
+from cnc.drivers.grbl_lines import kind_of, seconds_of
 from cnc.drivers.grbl_messages import Alarm, Feedback, Message, Messages, Other, Reply, Report, Setting, Welcome, message
 from cnc.drivers.grbl_protocol import MARK_BYTES, Alarmed, Confirmed, GrblProtocol, Lost, Rejected, Reported, Started, State, Stray
 from cnc.drivers.grbl_status import StatusReader
@@ -165,9 +165,11 @@ def test_what_a_line_needs(text: str, kind: str) -> None:
 
 
 def test_seconds_of_a_dwell() -> None:
-    assert dwell_seconds("G4 P2.5") == 2.5
-    assert dwell_seconds("G4") == 0.0
-    assert dwell_seconds("G4 P1.2.3") == 0.0
+    assert seconds_of("G4 P2.5") == 2.5
+    assert seconds_of("G4") == 0.0
+    assert seconds_of("G4 P1.2.3") == 0.0
+    assert seconds_of("G1 X1") == 0.0
+    assert seconds_of("$h") > 100.0
 
 
 @given(st.lists(st.sampled_from(["G1X1", "$110=5", "G10L2P1X1", "$H", "G28.1"]), min_size=1, max_size=30))

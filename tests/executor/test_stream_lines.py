@@ -1,0 +1,172 @@
+"""Programs on a board that plans for itself: the board in the box goes where the program says, and faults and wishes end in reports."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc.api import Control, Outputs, Report, Watch, run
+from cnc.drivers.grbl import GrblBoard
+from cnc.drivers.grblbox.box import GrblBox
+from cnc.drivers.grblbox.faults import Drop, Unplug
+from cnc.drivers.grblbox.ports import BoxPort
+from cnc.drivers.grblbox.world import World
+from cnc.errors import UsageError
+from cnc.executor.run import Progress
+from cnc.machine.load import load_machine
+
+MACHINE = load_machine("grbl-uno")
+
+
+@pytest.fixture
+def box() -> GrblBox:
+    return GrblBox()
+
+
+def ran(box: GrblBox, tmp_path: Path, text: str, **arguments: object) -> Report:
+    program = tmp_path / "p.nc"
+    program.write_text(text)
+    port = BoxPort(box)
+    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    board.connect()
+    report = run(program, MACHINE, board=board, **arguments)  # type: ignore[arg-type]
+    board.close()
+    return report
+
+
+def test_a_program_goes_where_it_says(box: GrblBox, tmp_path: Path) -> None:
+    report = ran(box, tmp_path, "G21 G90\nG0 Z5\nM3 S1000\nG1 Z-1 F300\nG2 X10 Y0 I5 J0 F900\nG1 Y20\nG0 Z5\nM5\nM30\n")
+    assert report.ok, report.faults
+    assert box.position == pytest.approx((10.0, 20.0, 5.0), abs=0.002)
+    assert box.lost == 0
+    assert [event.value for event in box.events if event.kind == "spindle"] == ["M3 1000", "M5 0"]
+
+
+def test_the_offsets_of_the_board_are_those_of_the_program(box: GrblBox, tmp_path: Path) -> None:
+    box.core.eeprom.systems["G54"] = (30.0, 20.0, -10.0)
+    box.core.eeprom.systems["G55"] = (50.0, 20.0, -10.0)
+    report = ran(box, tmp_path, "G54 G0 X1 Y2 Z3\nG55 G1 X1 F900\nG53 G0 Z0\nM2\n")
+    assert report.ok, report.faults
+    assert box.position == pytest.approx((51.0, 22.0, 0.0), abs=0.002)
+    assert report.end_position == pytest.approx({"x": 51.0, "y": 22.0, "z": 0.0})
+
+
+def test_offsets_that_a_program_sets_are_kept_by_the_board(box: GrblBox, tmp_path: Path) -> None:
+    report = ran(box, tmp_path, "G0 X10 Y5\nG10 L20 P2 X0 Y0\nG10 L2 P3 Z-4.5\nM2\n")
+    assert report.ok, report.faults
+    assert box.core.eeprom.systems["G55"] == pytest.approx((10.0, 5.0, 0.0))
+    assert box.core.eeprom.systems["G56"] == pytest.approx((0.0, 0.0, -4.5))
+    assert box.core.eeprom.systems["G54"] == pytest.approx((0.0, 0.0, 0.0))
+
+
+def test_a_probe_tells_the_program_where_it_touched(tmp_path: Path) -> None:
+    box = GrblBox(world=World(surface=((0.0, 0.0, 1.0), -4.0)))
+    report = ran(box, tmp_path, "G38.2 Z-20 F100\nG10 L20 P1 Z0\nG0 Z5\nX1\nM2\n")
+    assert report.ok, report.faults
+    assert box.position == pytest.approx((1.0, 0.0, 1.0), abs=0.01)
+    assert box.core.eeprom.systems["G54"][2] == pytest.approx(-4.0, abs=0.01)
+
+
+def test_nothing_outside_the_travel_of_the_board_is_sent(tmp_path: Path) -> None:
+    box = GrblBox(settings={20: 1, 130: 50, 131: 50, 132: 50})
+    report = ran(box, tmp_path, "G0 X-4\nG1 X10 F100\nM2\n")
+    (fault,) = report.faults
+    assert (fault.diagnostic.code, fault.diagnostic.line, fault.exit_code) == ("soft-limit", 2, 1)
+    assert not box.moves
+
+
+def test_a_fault_of_the_link_names_file_and_line(box: GrblBox, tmp_path: Path) -> None:
+    box.inject(Unplug(), time=6.0)
+    report = ran(box, tmp_path, "".join(f"G1 X{k % 2 * 20} F600\n" for k in range(40)))
+    (fault,) = report.faults
+    found = fault.diagnostic
+    assert (found.code, fault.exit_code) == ("port-lost", 3)
+    assert found.file.endswith("p.nc")
+    assert 1 <= found.line < 40
+    assert found.text.startswith("G1 X")
+
+
+def test_a_board_that_ends_elsewhere_than_the_program_is_found_out(box: GrblBox, tmp_path: Path) -> None:
+    text = "G1 X20.05 F600\n"
+    assert ran(box, tmp_path, text).ok
+    asked = box.core.receiver.received - 80
+    codes = set()
+    # One byte after the other of what is sent at the end is lost on the way.
+    for byte in range(asked, asked + 80):
+        other = GrblBox()
+        other.inject(Drop(1), byte=byte)
+        report = ran(other, tmp_path, text)
+        codes.update(fault.diagnostic.code for fault in report.faults)
+        if report.ok:
+            assert other.position == pytest.approx((20.05, 0.0, 0.0), abs=0.005)
+    assert {"position-differs", "board-error"} <= codes
+
+
+def test_a_stop_is_reported_with_the_position(box: GrblBox, tmp_path: Path) -> None:
+    control = Control()
+    seen: list[Progress] = []
+
+    def watch(progress: Progress) -> None:
+        seen.append(progress)
+        if progress.position is not None and progress.position[0] > 10.0:
+            control.stop()
+
+    report = ran(box, tmp_path, "G1 X20 F600\n" + "Y0.1\nY0\n" * 30, control=control, watch=Watch(on_sent=watch))
+    assert report.ok
+    assert report.stopped_at_line is not None
+    assert report.end_position["x"] == pytest.approx(box.position[0], abs=0.002)
+    assert 10.0 < box.position[0] <= 20.0
+    assert any(progress.buffered for progress in seen)
+
+
+def test_pauses_wait_for_the_operator_or_are_refused_or_left_out(tmp_path: Path) -> None:
+    text = "G1 X1 F600\nT1 M6\nG1 X2\nM0\nG1 X3\nM2\n"
+    control, holds = Control(), []
+
+    def go_on(progress: Progress) -> None:
+        if progress.held:
+            holds.append(progress.line)
+            control.resume()
+
+    waited, refused, left_out = GrblBox(), GrblBox(), GrblBox()
+    assert ran(waited, tmp_path, text, control=control, watch=Watch(on_sent=go_on), dialect="linuxcnc").ok
+    assert len(holds) == 2
+    report = ran(refused, tmp_path, text, pauses="refuse", dialect="linuxcnc")
+    assert [fault.diagnostic.code for fault in report.faults] == ["needs-operator"]
+    assert report.faults[0].diagnostic.line == 2
+    assert not refused.moves
+    assert ran(left_out, tmp_path, text, pauses="skip", dialect="linuxcnc").ok
+    for box in (waited, left_out):
+        assert box.position[0] == pytest.approx(3.0, abs=0.002)
+
+
+def test_lines_are_checked_on_the_board_without_motion(box: GrblBox, tmp_path: Path) -> None:
+    program = tmp_path / "p.nc"
+    program.write_text("G1 X10 F600\nG2 X20 I5\nM2\n")
+    port = BoxPort(box)
+    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    board.connect()
+    board.check_only = True
+    assert run(program, MACHINE, board=board).ok
+    assert not box.moves
+    assert box.core.state == "Idle"
+
+
+def test_home_and_unlock_go_to_a_locked_board_first(tmp_path: Path) -> None:
+    box = GrblBox(settings={22: 1})
+    report = ran(box, tmp_path, "$H\n")
+    assert report.ok, report.faults
+    assert box.position == pytest.approx((-1.0, -1.0, -1.0), abs=0.002)
+    locked = ran(GrblBox(settings={22: 1}), tmp_path, "G1 X1 F100\n")
+    assert [fault.diagnostic.code for fault in locked.faults] == ["board-locked"]
+
+
+def test_pulses_are_not_to_be_had(box: GrblBox, tmp_path: Path) -> None:
+    with pytest.raises(UsageError) as caught:
+        ran(box, tmp_path, "G1 X1 F100\n", outputs=Outputs(pulses=str(tmp_path / "x.npz")))
+    assert caught.value.diagnostic.code == "no-pulses"
+    assert np.allclose(box.position, 0.0)
+    assert replace(Progress(0.0, 0, 0), held=True).held
