@@ -87,6 +87,7 @@ class Common:
     blocks: Annotated[str | None, _output("Write the canonical blocks to FILE.jsonl (- is standard output, here and below).")] = None
     trace: Annotated[str | None, _output("Write position, feed, acceleration and jerk a period to FILE.npz or FILE.csv.")] = None
     pulses: Annotated[str | None, _output("Write the grid moves to FILE.npz, or to FILE.vcd for a logic analyser.")] = None
+    lines: Annotated[str | None, _output("Write the program as lines for a GRBL board, by our plan, to FILE.nc or FILE.gcode.")] = None
     json: Annotated[str | None, _output("Write the summary to FILE.json.")] = None
     quiet: Annotated[bool, _option("Say nothing but errors.")] = False
     verbose: Annotated[bool, _option("Say more: each axis's dynamics, computing times, details of an internal error.")] = False
@@ -95,7 +96,7 @@ class Common:
         """UsageError if two outputs are the same file (``printing``: standard output), or one is the machine file or one of ``inputs``."""
         read = {os.path.realpath(name): name for name in (self.machine, *inputs) if name is not None and name != "-"}
         taken = {"-"} if printing else set()
-        for name in (self.blocks, self.trace, self.pulses, self.json, picture):
+        for name in (self.blocks, self.trace, self.pulses, self.lines, self.json, picture):
             if name is None:
                 continue
             file = name if name == "-" else os.path.realpath(name)
@@ -110,12 +111,12 @@ class Common:
         """The files to write along the way."""
         from cnc.api import Outputs
 
-        return Outputs(blocks=self.blocks, trace=self.trace, pulses=self.pulses)
+        return Outputs(blocks=self.blocks, trace=self.trace, pulses=self.pulses, lines=self.lines)
 
     @property
     def summary_file(self) -> TextIO:
         """Where the summary for people goes: standard error if an output has taken standard output."""
-        return sys.stderr if "-" in (self.blocks, self.trace, self.pulses, self.json) else sys.stdout
+        return sys.stderr if "-" in (self.blocks, self.trace, self.pulses, self.lines, self.json) else sys.stdout
 
 
 _COMMON = Common()
@@ -253,9 +254,11 @@ def _check_listed(files: Sequence[str], common: Common, look: Look, shown: TextI
     from cnc.batch.pool import check_many
     from cnc.report.summary import one_line
 
-    if any((common.blocks, common.trace, common.pulses)):
+    if any((common.blocks, common.trace, common.pulses, common.lines)):
         raise UsageError(
-            Diagnostic("one-program-only", "--blocks, --trace and --pulses take one program", hint="check that program alone to get them")
+            Diagnostic(
+                "one-program-only", "--blocks, --trace, --pulses and --lines take one program", hint="check that program alone to get them"
+            )
         )
     reports: list[Report] = []
     control = Control(common.feed_override)

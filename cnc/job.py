@@ -26,6 +26,7 @@ from cnc.gcode.text import Text
 from cnc.gcode.tools import ToolTable
 from cnc.interpolator.reference_pulse import Algorithm, ReferencePulse
 from cnc.interpolator.sampled import Sampled
+from cnc.lineprogram import LineProgram
 from cnc.machine.models import DialectName, Machine
 from cnc.memory import Memory, folders
 from cnc.onboard import adopted, needs_operator, to_remember, translator, waits
@@ -40,6 +41,7 @@ from cnc.report.portable import dialects_of, portability
 from cnc.report.result import Extremes, Report
 from cnc.report.selection import Selection, unknown_codes
 from cnc.report.survey import Survey
+from cnc.report.targets import TextTarget
 from cnc.report.view.writer import check_picture, picture_writer
 from cnc.source import readable, shown_name, with_texts
 from cnc.stopwatch import Stopwatch, TimedPulses
@@ -68,6 +70,7 @@ class Outputs:
     blocks: str | None = None
     trace: str | None = None
     pulses: str | None = None
+    lines: str | None = None
     picture: str | None = None
 
 
@@ -112,7 +115,7 @@ class Job:
         on_plan: Callable[[PlanChunk], None] | None = None,
         pauses: Pauses = "wait",
     ) -> None:
-        check_formats(outputs.trace, outputs.pulses)
+        check_formats(outputs.trace, outputs.pulses, outputs.lines)
         if outputs.picture is not None:
             check_picture(outputs.picture)
         self.program = program
@@ -161,7 +164,10 @@ class Job:
                     self._survey()
                     self._look_up("checking", report.lines)
                     if report.ok:
+                        lines_s = self._translate()
                         self._move(board)
+                        if lines_s is not None and self._takes_lines:
+                            report.duration_s = lines_s
                         if board is None:
                             self._hint(step_rate(report))
                     if report.ok and report.stopped_at_line is None:
@@ -234,6 +240,15 @@ class Job:
         report.bounding_box = survey.box()
         if report.board is None:
             self._hint([*hints.findings(), *unknown_codes(self.path, self.name)])
+
+    def _translate(self) -> float | None:
+        """The program as lines, where they are asked for or the board takes them: the seconds that such a board takes for them."""
+        if self.outputs.lines is None and not self._takes_lines:
+            return None
+        target = None if self.outputs.lines is None else self._opened(TextTarget(self.outputs.lines))
+        parameters = self._memory.parameters(macro=False).values
+        program = LineProgram(self.machine, self.start, parameters, self.report.bounding_box)
+        return program.write(self.blocks(), None if target is None else target.write).seconds
 
     def _hint(self, findings: Iterable[Diagnostic]) -> None:
         """Tell findings that were made without the source line at hand."""

@@ -22,6 +22,7 @@ everything that Commands sends but comments.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from cnc.canon import Block, BoardCommand, End, Message, Probe
@@ -53,8 +54,10 @@ class Translator:
 
     tolerance: mm, how far the lines may be from the program, the path being that of :func:`~cnc.flatten.smooth.smooth_path` for the same
     one; None for the machine's (``path.tolerance``). work_offset: see above.
-    arc_tolerance: the board's $12, mm, by which its own chords may be off an arc. mist: the board has M7.
-    Raises GcodeError ``not-on-board``, ``axis-not-on-board`` at the line of what GRBL can't do.
+    arc_tolerance: the board's $12, mm, by which its own chords may be off an arc. mist: the board has M7. moving: for a program that may
+    run anywhere, the axes (of "xyz") that move in it: the first feed move finds all of them where they should be, because a traverse has
+    said so; None for a board that stands where the plan begins.
+    Raises GcodeError ``not-on-board``, ``axis-not-on-board``, ``board-command-moves`` at the line of what GRBL can't do.
     """
 
     def __init__(
@@ -65,6 +68,7 @@ class Translator:
         work_offset: Sequence[float] = (0.0, 0.0, 0.0),
         arc_tolerance: float = ARC_TOLERANCE,
         mist: bool = False,
+        moving: str | None = None,
     ) -> None:
         axes = machine.axis_names
         self.tolerance = max(machine.path.tolerance if tolerance is None else tolerance, LEAST_TOLERANCE)
@@ -75,6 +79,7 @@ class Translator:
         self._chord = arc_tolerance
         self._fit = FITTING * self.tolerance
         self._writer = Writer(work_offset, self.tolerance, machine.board.baud, letters)
+        self._to_state = "" if moving is None else moving.upper()
         self._pending: Strand | None = None
         self._begun = False
         self._rests = False
@@ -159,6 +164,10 @@ class Translator:
         writer, arc = self._writer, move.arc
         if self._rests:
             yield GcodeLine(REST, move.line)
+        if self._to_state and not math.isnan(move.feed):
+            missing, self._to_state = self._to_state, ""
+            for text in writer.stated(missing):
+                yield GcodeLine(text, move.line)
         if arc is None:
             texts = writer.line(move.end, move.speed, move.feed)
         else:

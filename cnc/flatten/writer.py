@@ -50,10 +50,21 @@ class Writer:
         self._plane = PLANE_WORDS[0]
         self._feed = 0.0
         self._ahead = 0.0
+        self._ever_said: set[str] = set()
 
     def stands_at(self, point: Point) -> None:
         """The board stands here, mm (machine coordinates)."""
         self._at, self._words = self._printed(point)
+
+    def stated(self, letters: str) -> Iterator[str]:
+        """A traverse to where the board stands, of those of the axes that no line has named yet."""
+        axes = [
+            f"{letter}{word}"
+            for letter, word in zip(LETTERS, self._words, strict=True)
+            if letter in letters and letter not in self._ever_said
+        ]
+        if axes:
+            yield self._said("G0", axes, "")
 
     def lost(self) -> None:
         """Where the board stands is known roughly: the next line says all axes."""
@@ -186,6 +197,7 @@ class Writer:
 
     def _said(self, motion: str, axes: list[str], feed: str, plane: str = "") -> str:
         """The line: the modes that change, then the words."""
+        self._ever_said.update(axis[0] for axis in axes)
         words = []
         if plane and plane != self._plane:
             self._plane = plane

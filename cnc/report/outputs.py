@@ -68,12 +68,14 @@ def pulse_writer(name: str, machine: Machine, origin_steps: NDArray[np.int64]) -
     raise _unknown_format("pulses", name, ".npz or .vcd")
 
 
-def check_formats(trace: str | None, pulses: str | None) -> None:
+def check_formats(trace: str | None, pulses: str | None, lines: str | None = None) -> None:
     """Refuse a suffix that no writer knows, before any work is done."""
     if trace not in (None, STANDARD_OUTPUT) and Path(trace).suffix.lower() not in (".npz", ".csv"):
         raise _unknown_format("trace", trace, ".npz or .csv")
     if pulses not in (None, STANDARD_OUTPUT) and Path(pulses).suffix.lower() not in (".npz", ".vcd"):
         raise _unknown_format("pulses", pulses, ".npz or .vcd")
+    if lines not in (None, STANDARD_OUTPUT) and Path(lines).suffix.lower() not in (".nc", ".gcode"):
+        raise _unknown_format("lines", lines, ".nc or .gcode")
 
 
 def _unknown_format(what: str, name: str, known: str) -> UsageError:

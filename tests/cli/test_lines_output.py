@@ -1,0 +1,93 @@
+"""``--lines``: the program as lines for GRBL, which check reads again as the same motion."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc.api import Outputs, check, parse, start_position
+from cnc.canon import PathMode
+from cnc.cli import exit_code
+from cnc.errors import UsageError
+from cnc.machine.load import load_machine
+from cnc.machine.models import Machine, Program
+from cnc.path.build import build
+from cnc.path.chunk import PathChunk
+from deviation import deviation, path_points
+
+PROGRAMS = Path(__file__).parents[2] / "programs"
+MILL = load_machine(None)
+
+
+def points(program: Path, machine: Machine, dialect: str = "auto") -> np.ndarray:
+    """Points of the motion as programmed, in machine coordinates."""
+    blocks = (block for block in parse(program, machine, dialect=dialect) if not isinstance(block, PathMode))
+    path = build(blocks, axes=machine.axis_names, start=start_position(machine))
+    return np.concatenate([path_points(chunk) for chunk in path if isinstance(chunk, PathChunk)])
+
+
+def translated(program: Path, machine: Machine, folder: Path) -> Path:
+    lines = folder / "lines.nc"
+    report = check(program, machine, outputs=Outputs(lines=str(lines)))
+    assert report.ok, report.faults
+    return lines
+
+
+@pytest.mark.parametrize("file", [file.name for file in sorted(PROGRAMS.glob("*.nc")) if file.stem != "turned-thread"])
+def test_shipped_programs_are_the_same_motion_when_check_reads_their_lines(file, tmp_path):
+    lines = translated(PROGRAMS / file, MILL, tmp_path)
+    assert check(lines, MILL, dialect="grbl").ok
+    assert deviation(points(PROGRAMS / file, MILL), points(lines, MILL, "grbl")) <= MILL.path.tolerance
+
+
+def test_lines_are_relative_to_the_part(tmp_path):
+    parameters = tmp_path / "offsets.var"
+    parameters.write_text("5220 1\n5221 30.5\n5222 12.25\n5223 -7\n")
+    machine = MILL.model_copy(update={"program": Program(parameters=parameters)})
+    program = tmp_path / "part.nc"
+    program.write_text("G21 G90 G17\nG0 Z5\nG0 X1 Y1\nG1 Z-1 F100\nG2 X5 Y5 I4 J0\nG55 G1 X40 Y20\nM2\n")
+    lines = translated(program, machine, tmp_path)
+    assert lines.read_text().splitlines()[1:4] == ["G0 Z5", "X1 Y1", "G1 Z-1 F100"]
+    assert deviation(points(program, machine), points(lines, machine, "grbl")) <= 1e-4
+
+
+def test_the_first_cut_finds_every_axis_where_a_traverse_has_put_it(tmp_path):
+    program = tmp_path / "zero.nc"
+    program.write_text("G21 G90\nG0 Z5\nG0 X0 Y0\nG1 Z-1 F100\nG1 X10\nM2\n")
+    # X moves, and stands where it should by chance; Y never moves
+    assert translated(program, MILL, tmp_path).read_text().split("\n")[1:4] == ["G0 Z5", "X0", "G1 Z-1 F100"]
+
+
+def test_a_program_that_grbl_can_not_do_ends_at_its_line(tmp_path, capsys):
+    target = tmp_path / "thread.nc"
+    assert exit_code(["check", str(PROGRAMS / "turned-thread.nc"), "--lines", str(target)]) == 1
+    shown = capsys.readouterr().err
+    assert "not-on-board" in shown and "turned-thread.nc:" in shown
+    assert not target.exists()
+
+
+def test_a_check_for_a_grbl_machine_says_so_too(tmp_path):
+    program = tmp_path / "output.nc"
+    program.write_text("G21 G90\nG1 X1 F100\nM62 P1\nG1 X2\nM2\n")
+    report = check(program, load_machine("grbl-uno"), dialect="linuxcnc")
+    assert [(fault.diagnostic.code, fault.diagnostic.line) for fault in report.faults] == [("not-on-board", 3)]
+
+
+def test_standard_output_is_the_program_alone(tmp_path, capsys):
+    program = tmp_path / "line.nc"
+    program.write_text("G21 G90\nG1 X1 F100\nM2\n")
+    assert exit_code([str(program), "--lines", "-"]) == 0
+    assert capsys.readouterr().out == "G21 G90 G94 G17 G54\nG0 X0\nG1 X1 F100\nM2\n"
+
+
+@pytest.mark.parametrize("name", ["lines.txt", "lines"])
+def test_other_suffixes_are_refused(name, tmp_path):
+    with pytest.raises(UsageError, match="output-format"):
+        check(PROGRAMS / "trident.nc", MILL, outputs=Outputs(lines=str(tmp_path / name)))
+
+
+def test_the_program_itself_is_not_overwritten(tmp_path, capsys):
+    program = tmp_path / "line.nc"
+    program.write_text("G21 G90\nG1 X1 F100\nM2\n")
+    assert exit_code(["check", str(program), "--lines", str(program)]) == 2
+    assert program.read_text().startswith("G21 G90\n")

@@ -1,0 +1,170 @@
+"""The time that a GRBL board takes: by the theory of its planner, and by the board in the box, which was written apart from this."""
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cnc.api import parse, start_position
+from cnc.drivers.grblbox.box import GrblBox
+from cnc.drivers.grblbox.from_machine import settings_of
+from cnc.drivers.grblbox.ports import BoxPort
+from cnc.flatten.board_time import BoardLimits, BoardTime
+from cnc.flatten.smooth import smooth_path
+from cnc.flatten.translator import Translator
+from cnc.machine.load import load_machine
+from cnc.machine.models import Machine
+from cnc.planner.lookahead import LookAhead
+from cnc.stream import GcodeLine
+from random_programs import random_program
+from support import share
+
+PROGRAMS = Path(__file__).parents[2] / "programs"
+MILL = load_machine(None)
+LIMITS = BoardLimits((50.0, 50.0, 10.0), (200.0, 200.0, 50.0), junction_deviation=0.01)
+
+
+def seconds(texts: Iterable[str], limits: BoardLimits = LIMITS) -> float:
+    clock = BoardTime(limits)
+    for number, text in enumerate(texts, start=1):
+        clock.add(GcodeLine(text, number))
+    clock.end()
+    return clock.seconds
+
+
+def ramp(length: float, v: float, a: float) -> float:
+    """A move from rest to rest: up to v with a, if there is room."""
+    return length / v + v / a if length >= v * v / a else 2.0 * math.sqrt(length / a)
+
+
+@pytest.mark.parametrize(
+    ("texts", "expected"),
+    [
+        (["G1 X100 F1200"], ramp(100.0, 20.0, 200.0)),
+        (["G0 X100"], ramp(100.0, 50.0, 200.0)),
+        (["G0 Z-30"], ramp(30.0, 10.0, 50.0)),
+        (["G1 X1 F3000"], ramp(1.0, 50.0, 200.0)),
+        # the slow axis binds: 3-4-5 with z at 10 mm/s and 50 mm/s^2
+        (["G0 X30 Z-40"], ramp(50.0, 12.5, 62.5)),
+        # there and back, and at a dwell, it rests
+        (["G1 X10 F600", "G1 X0"], 2.0 * ramp(10.0, 10.0, 200.0)),
+        (["G1 X10 F600", "G4 P1.5", "G1 X20"], 2.0 * ramp(10.0, 10.0, 200.0) + 1.5),
+        (["G1 X10 F600", "M3 S100", "G1 X20"], 2.0 * ramp(10.0, 10.0, 200.0)),
+        # straight on it doesn't slow down
+        (["G1 X10 F600", "G1 X20"], ramp(20.0, 10.0, 200.0)),
+    ],
+)
+def test_ramps(texts, expected):
+    assert seconds(texts) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_right_angle_is_passed_at_the_speed_of_its_junction_deviation():
+    # the junction's pull is along the diagonal, where both axes give 200: 282.8 mm/s^2
+    half = math.sqrt(0.5)
+    v = math.sqrt(200.0 * math.sqrt(2.0) * 0.01 * half / (1.0 - half))
+    leg = 10.0 / 10.0 + 10.0 / 200.0 / 2.0 + (10.0 - v) ** 2 / (2.0 * 200.0 * 10.0)
+    assert seconds(["G1 X10 F600", "Y10"]) == pytest.approx(2.0 * leg, rel=1e-9)
+
+
+def test_no_faster_than_can_be_stopped_within_the_blocks_that_it_holds():
+    """Of very short moves in a line the top speed is that from which 15 of them are enough to stop."""
+    texts = [f"G1 X{0.01 * k:.2f} F3000" for k in range(1, 2001)]
+    top = math.sqrt(2.0 * 200.0 * 15 * 0.01)
+    assert seconds(texts) == pytest.approx(20.0 / top, rel=0.05)
+
+
+def lines_of(program: Path | str, machine: Machine) -> list[str]:
+    """A program's lines, without those at which somebody has to do something."""
+    blocks = parse(program, machine, dialect="auto")
+    translator = Translator(machine)
+    path = smooth_path(blocks, axes=machine.axis_names, start=start_position(machine), tolerance=translator.tolerance)
+    lines = [line for item in LookAhead(machine).plan(path) for line in translator.lines(item)]
+    return [line.text for line in (*lines, *translator.end()) if not line.text.startswith(("M0", "M1", "M2", "("))]
+
+
+def box_seconds(texts: Iterable[str], machine: Machine) -> float:
+    """How long the board in the box moves, when its ring of 128 bytes is kept as full as it may be."""
+    box = GrblBox(settings=settings_of(machine) | {20: 0.0})
+    port = BoxPort(box, boot_time=0.0)
+    while port.read(0.5):
+        pass
+    begin, left, flight, answers = box.now, deque(texts), deque[int](), b""
+    while left or flight:
+        while left and sum(flight) + len(left[0]) + 1 <= 127:
+            line = left.popleft().encode() + b"\n"
+            flight.append(len(line))
+            port.write(line)
+        *whole, answers = (answers + port.read(1.0)).split(b"\n")
+        for answer in whole:
+            assert not answer.startswith((b"error", b"ALARM")), answer
+            if answer.strip() == b"ok":
+                flight.popleft()
+    while box.core.steppers.running:
+        box.advance(box.now + 0.001)
+    port.close()
+    return box.now - begin
+
+
+@pytest.mark.parametrize("file", ["pocket", "trident", "finishing", "engraving", "bezier", "thread-mill", "drilling"])
+def test_shipped_programs_take_as_long_as_on_the_board_in_the_box(file):
+    texts = lines_of(PROGRAMS / f"{file}.nc", MILL)
+    assert seconds(texts, BoardLimits.of_machine(MILL)) == pytest.approx(box_seconds(texts, MILL), rel=0.05, abs=0.02)
+
+
+@settings(max_examples=share(200, 10))
+@given(seed=st.integers(0, 10**6))
+def test_random_programs_take_as_long_as_on_the_board_in_the_box(seed, tmp_path_factory):
+    program = tmp_path_factory.mktemp("random") / "p.nc"
+    program.write_text(random_program(seed))
+    texts = lines_of(program, MILL)
+    assert seconds(texts, BoardLimits.of_machine(MILL)) == pytest.approx(box_seconds(texts, MILL), rel=0.05, abs=0.03)
+
+
+def test_batches_make_no_difference(monkeypatch):
+    texts = lines_of(PROGRAMS / "bezier.nc", MILL)
+    whole = seconds(texts, BoardLimits.of_machine(MILL))
+    monkeypatch.setattr("cnc.flatten.board_time.BATCH", 40)
+    assert seconds(texts, BoardLimits.of_machine(MILL)) == pytest.approx(whole, rel=1e-9)
+
+
+def clock_of(texts: list[str], limits: BoardLimits) -> BoardTime:
+    clock = BoardTime(limits)
+    for number, text in enumerate(texts, start=1):
+        clock.add(GcodeLine(text, number))
+    clock.end()
+    return clock
+
+
+def slowed(texts: list[str], feed: float) -> list[str]:
+    """The lines with every F times a factor."""
+    return [" ".join(f"F{float(w[1:]) * feed:.6f}" if w[0] == "F" else w for w in text.split()) for text in texts]
+
+
+@pytest.mark.parametrize("percent", [10, 30, 50, 80, 100, 140, 200])
+def test_overrides_change_what_remains(percent):
+    texts = lines_of(PROGRAMS / "pocket.nc", MILL)
+    limits = BoardLimits.of_machine(MILL)
+    clock = clock_of(texts, limits)
+    expected = seconds(slowed(texts, percent / 100.0), limits)
+    assert clock.remaining(0, percent) == pytest.approx(expected, rel=0.02)
+    assert clock.remaining(len(texts), percent) == 0.0
+    done = [clock.remaining(k, percent) for k in range(len(texts) + 1)]
+    assert done == sorted(done, reverse=True)
+
+
+def test_rapid_overrides_slow_the_traverses_alone():
+    clock = clock_of(["G0 X100", "G1 X0 F1200"], LIMITS)
+    feed = ramp(100.0, 20.0, 200.0)
+    for percent in (25.0, 50.0, 100.0):
+        assert clock.remaining(0, 100.0, percent) == pytest.approx(ramp(100.0, 0.5 * percent, 200.0) + feed)
+
+
+def test_marks_stay_few_however_long_the_program_is():
+    texts = [f"G1 X{k % 7} Y{k % 3} F600" for k in range(20000)]
+    clock = clock_of(texts, LIMITS)
+    assert len(clock._marks) <= 4096
+    assert clock.remaining(10000) == pytest.approx(0.5 * clock.seconds, rel=0.01)
