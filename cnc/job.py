@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from time import perf_counter
+from time import monotonic, perf_counter
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -18,6 +18,8 @@ from cnc.drivers.base import LineSink, PulseSink
 from cnc.errors import BoardError, CncError, Diagnostic, GcodeError, UsageError
 from cnc.executor.lines import stream
 from cnc.executor.run import Progress, execute
+from cnc.flatten.board_time import BoardTime, Countdown
+from cnc.flatten.smooth import smooth_path
 from cnc.gcode import dialects
 from cnc.gcode.flow import Limits
 from cnc.gcode.parameters import Parameters
@@ -40,7 +42,7 @@ from cnc.report.outputs import JsonLines, Output, TraceWriter, check_formats, pu
 from cnc.report.portable import dialects_of, portability
 from cnc.report.result import Extremes, Report
 from cnc.report.selection import Selection, unknown_codes
-from cnc.report.survey import Survey
+from cnc.report.survey import ROUNDING, Survey
 from cnc.report.targets import TextTarget
 from cnc.report.view.writer import check_picture, picture_writer
 from cnc.source import readable, shown_name, with_texts
@@ -142,6 +144,8 @@ class Job:
         self.report = Report(self.name, machine, limits=Extremes.limits(machine))
         self._kept: list[PathChunk | Block] | None = []
         self._reading, self._reading_again, self._planning, self._interpolating = Stopwatch(), Stopwatch(), Stopwatch(), Stopwatch()
+        self._board_settings: Mapping[int, float] = {}
+        self._board_time: BoardTime | None = None
         self._open: list[Output] = []
         self._step_deviation = 0.0
 
@@ -199,6 +203,9 @@ class Job:
         self.machine = board.fitted(self.machine)
         self.start = np.array(board.position)
         self._memory.adopt(adopted(board, self.machine))
+        self._board_settings = board.settings
+        # The lines come from a path of their own, which is not the one that is surveyed.
+        self._kept = None
 
     def blocks(self) -> Iterator[Block]:
         """The canonical blocks of the program, read as in the first pass."""
@@ -247,8 +254,9 @@ class Job:
             return None
         target = None if self.outputs.lines is None else self._opened(TextTarget(self.outputs.lines))
         parameters = self._memory.parameters(macro=False).values
-        program = LineProgram(self.machine, self.start, parameters, self.report.bounding_box)
-        return program.write(self.blocks(), None if target is None else target.write).seconds
+        program = LineProgram(self.machine, self.start, parameters, self.report.bounding_box, self._board_settings)
+        self._board_time = program.write(self.blocks(), None if target is None else target.write)
+        return self._board_time.seconds
 
     def _hint(self, findings: Iterable[Diagnostic]) -> None:
         """Tell findings that were made without the source line at hand."""
@@ -263,7 +271,7 @@ class Job:
         on_pulses = None
         if self.outputs.pulses is not None:
             on_pulses = self._opened(pulse_writer(self.outputs.pulses, machine, interpolator.origin_steps)).write
-        path = self._kept if self._kept is not None else self._surveyed(self._path(self._reading_again.inside(self.blocks())))
+        path = self._kept if self._kept is not None else self._read_again(smooth=isinstance(board, LineSink))
         # Without a board nobody can wish for anything once it is under way, and a board that plans for itself is told by the executor.
         pulses_asked = isinstance(board, PulseSink)
         control = None if board is not None and not pulses_asked else self.control
@@ -345,12 +353,21 @@ class Job:
         def afterwards() -> Iterable[GcodeLine]:
             return () if self._state is None else to_remember(board, machine, self._state[0].values)
 
-        self._tell(Progress(0.0, 0, 0))
+        countdown = None if self._board_time is None else Countdown(self._board_time)
+
+        def on_progress(progress: Progress) -> None:
+            if countdown is not None:
+                taken = progress.rows - (progress.buffered or 0)
+                left = countdown.left(monotonic(), taken, held=progress.held, feed_override=self.control.feed_override)
+                progress = replace(progress, left=left)
+            self._tell(progress)
+
+        on_progress(Progress(0.0, 0, 0))
         try:
             lines = translator(board, machine)
             if self._pauses == "skip":
                 planned = (item for item in planned if isinstance(item, PlanChunk) or not waits(item))
-            outcome = stream(planned, board, lines, control=self.control, on_progress=self._tell, afterwards=afterwards)
+            outcome = stream(planned, board, lines, control=self.control, on_progress=on_progress, afterwards=afterwards)
         except BoardError:
             report.end_position = dict(zip(machine.axes, board.position, strict=False))
             raise
@@ -418,9 +435,12 @@ class Job:
     def _path(self, blocks: Iterable[Block]) -> Iterator[PathChunk | Block]:
         return build(blocks, axes=self.machine.axis_names, start=self.start, tolerance=self.machine.path.tolerance)
 
-    def _surveyed(self, path: Iterator[PathChunk | Block]) -> Iterator[PathChunk | Block]:
-        """The same path, as it is read again: by what probes and inputs answer it may go where the first pass did not."""
-        survey = Survey(self.machine)
+    def _read_again(self, *, smooth: bool) -> Iterator[PathChunk | Block]:
+        """The path once more, ``smooth`` for lines: by what probes and inputs answer it may go where the first pass did not."""
+        blocks, machine = self._reading_again.inside(self.blocks()), self.machine
+        tolerance = machine.path.tolerance
+        survey = Survey(machine, tolerance if smooth else ROUNDING)
+        path = smooth_path(blocks, axes=machine.axis_names, start=self.start, tolerance=tolerance) if smooth else self._path(blocks)
         for item in path:
             if isinstance(item, PathChunk):
                 for fault in survey.add(item):

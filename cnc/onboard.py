@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from cnc.canon import AXIS_LETTERS, Block, Stop, Tool
 from cnc.drivers.base import LineSink, board_error
 from cnc.errors import Diagnostic, GcodeError
-from cnc.flatten.translator import Translator
+from cnc.flatten.translator import ARC_TOLERANCE, Translator
 from cnc.machine.models import Machine
 from cnc.stream import GcodeLine
 
@@ -44,7 +44,8 @@ def translator(board: LineSink, machine: Machine) -> Translator:
     offsets = dict(zip(machine.axes, board.work_offset, strict=True))
     if not offsets:
         raise board_error("board-axes", "the board tells no offsets", hint="is it GRBL 1.1 or grblHAL?")
-    return Translator(machine, work_offset=[offsets.get(letter, 0.0) for letter in ("x", "y", "z")], mist=board.mist)
+    work_offset = [offsets.get(letter, 0.0) for letter in ("x", "y", "z")]
+    return Translator(machine, work_offset=work_offset, arc_tolerance=board.settings.get(12) or ARC_TOLERANCE, mist=board.mist)
 
 
 def waits(block: Block) -> bool:

@@ -82,6 +82,9 @@ class Screen:
     def _words(self, sent: Sent) -> str:
         """Where the board is and what it still has, as far as it tells; the operator's doing."""
         words = [] if sent.position is None else [" ".join(f"{value:.3f}" for value in sent.position)]
+        if sent.left is not None:
+            minutes, seconds = divmod(round(sent.left), 60)
+            words.append(f"{minutes}:{seconds:02d} left")
         if sent.buffered is not None:
             words.append(f"{sent.buffered} lines waiting")
         if self._control.feed_override != 100.0:

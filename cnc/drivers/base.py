@@ -126,6 +126,10 @@ class LineSink(Board, Protocol):
         """A step of each axis of the machine, mm (degrees)."""
 
     @property
+    def settings(self) -> Mapping[int, float]:
+        """What the board answers to ``$$``: number and value of each setting."""
+
+    @property
     def mist(self) -> bool:
         """Whether the board has M7."""
 

@@ -134,6 +134,11 @@ class GrblBoard:
         return {name: self._own(place) for name, place in self.info.places.items() if len(place) >= len(self._columns)}
 
     @property
+    def settings(self) -> dict[int, float]:
+        """Rates, accelerations, tolerances and more, by their numbers."""
+        return {number: value for number in self.info.settings if (value := self.info.number(number)) is not None}
+
+    @property
     def mist(self) -> bool:
         """Whether the board was built with M7."""
         return "M" in self.info.options

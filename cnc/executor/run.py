@@ -57,7 +57,7 @@ class Progress:
     """How far the program has been sent: seconds of machine time, source line, grid moves (or lines, to a board that takes those).
 
     held: the motion rests until it is resumed. position: where the board says it is, mm. buffered: lines that it has not taken yet. The
-    last two are None of a board that does not tell.
+    last two are None of a board that does not tell. left: seconds until the program is over, None where nobody has counted them.
     """
 
     time: float
@@ -66,6 +66,7 @@ class Progress:
     held: bool = False
     position: tuple[float, ...] | None = None
     buffered: int | None = None
+    left: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,10 +71,12 @@ class BoardLimits:
         return cls((rates[0], rates[1], rates[2]), (pulls[0], pulls[1], pulls[2]))
 
     @classmethod
-    def of_settings(cls, settings: Mapping[int, float], blocks: int = BLOCKS_AHEAD) -> BoardLimits:
-        """As the board tells them by ``$$``: number and value of each."""
-        x, y, z = (per_second(settings[number]) for number in (110, 111, 112))
-        return cls((x, y, z), (settings[120], settings[121], settings[122]), settings[11], settings[12], blocks)
+    def of_board(cls, machine: Machine, settings: Mapping[int, float]) -> BoardLimits:
+        """As the board tells them by ``$$`` (number and value of each); what it doesn't tell is the machine file's."""
+        own = cls.of_machine(machine)
+        x, y, z = (per_second(settings[110 + k]) if settings.get(110 + k) else own.rates[k] for k in range(3))
+        a, b, c = (settings.get(120 + k) or own.accelerations[k] for k in range(3))
+        return cls((x, y, z), (a, b, c), settings.get(11, own.junction_deviation), settings.get(12) or own.arc_tolerance)
 
 
 class BoardTime:
@@ -270,3 +272,27 @@ class BoardTime:
             self._stride *= 2
             self._marks = self._marks[::2]
         self._total = sums[-1]
+
+
+class Countdown:
+    """What is left of a program that a board is carrying out.
+
+    The board has taken lines that it has yet to move along: it is between the last one taken and as many blocks before that as its planner
+    holds. In between the clock goes on, unless the motion is held.
+    """
+
+    def __init__(self, time: BoardTime, blocks: int = BLOCKS_AHEAD) -> None:
+        self._time = time
+        self._blocks = blocks
+        self._left = time.remaining(0)
+        self._at: float | None = None
+
+    def left(self, now: float, taken: int, *, held: bool, feed_override: float = 100.0, rapid_override: float = 100.0) -> float:
+        """Seconds that are left at ``now`` (s), when the board has taken so many lines; overrides in per cent."""
+        usual = self._time.remaining(taken - self._blocks)
+        slower = self._time.remaining(taken - self._blocks, feed_override, rapid_override) / usual if usual > 0.0 else 1.0
+        if self._at is not None and not held:
+            self._left -= (now - self._at) / slower
+        self._at = now
+        self._left = min(max(self._left, self._time.remaining(taken)), usual)
+        return self._left * slower

@@ -21,12 +21,12 @@ Floats = NDArray[np.float64]
 
 
 class Survey:
-    """Takes a path chunk by chunk.
+    """Takes a path chunk by chunk. slack: mm by which it may leave the travel.
 
     length: mm so far. lo, hi (axes,): extent so far, infinite before the first chunk. last_line: source line of the last motion.
     """
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, machine: Machine, slack: float = ROUNDING) -> None:
         self.machine = machine
         self.length = 0.0
         self.last_line = 0
@@ -34,8 +34,8 @@ class Survey:
         self.lo: Floats = np.full(n, np.inf)
         self.hi: Floats = np.full(n, -np.inf)
         travels = [axis.travel or (-np.inf, np.inf) for axis in machine.axes.values()]
-        self._lowest = np.array([low for low, _ in travels]) - ROUNDING
-        self._highest = np.array([high for _, high in travels]) + ROUNDING
+        self._lowest = np.array([low for low, _ in travels]) - slack
+        self._highest = np.array([high for _, high in travels]) + slack
         self._reported: set[tuple[int, int]] = set()
         self._pitch = 0.0
         self._fastest = np.array([axis.max_velocity for axis in machine.axes.values()])

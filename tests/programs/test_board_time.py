@@ -13,7 +13,7 @@ from cnc.api import parse, start_position
 from cnc.drivers.grblbox.box import GrblBox
 from cnc.drivers.grblbox.from_machine import settings_of
 from cnc.drivers.grblbox.ports import BoxPort
-from cnc.flatten.board_time import BoardLimits, BoardTime
+from cnc.flatten.board_time import BoardLimits, BoardTime, Countdown
 from cnc.flatten.smooth import smooth_path
 from cnc.flatten.translator import Translator
 from cnc.machine.load import load_machine
@@ -168,3 +168,26 @@ def test_marks_stay_few_however_long_the_program_is():
     clock = clock_of(texts, LIMITS)
     assert len(clock._marks) <= 4096
     assert clock.remaining(10000) == pytest.approx(0.5 * clock.seconds, rel=0.01)
+
+
+def test_a_countdown_follows_the_lines_taken_and_the_clock_between():
+    clock = clock_of(["G1 X100 F600", "G1 X200", "G1 X300"], LIMITS)
+    count = Countdown(clock, blocks=1)
+    whole = clock.seconds
+    assert count.left(100.0, 1, held=False) == pytest.approx(whole)
+    assert count.left(103.0, 1, held=False) == pytest.approx(whole - 3.0)
+    # held: the clock stands; a pause takes nothing away
+    assert count.left(160.0, 1, held=True) == pytest.approx(whole - 3.0)
+    assert count.left(161.0, 1, held=False) == pytest.approx(whole - 4.0)
+    # half as fast: what is left takes twice as long
+    assert count.left(161.0, 1, held=False, feed_override=50.0) == pytest.approx(2.0 * (whole - 4.0), rel=0.02)
+    # the board has taken the second line: it is on it, or a block before
+    assert count.left(162.0, 2, held=False) == pytest.approx(clock.remaining(1))
+    assert count.left(1000.0, 3, held=False) == 0.0
+
+
+def test_the_settings_of_the_board_count_more_than_the_machine_file():
+    limits = BoardLimits.of_board(MILL, {110: 600.0, 120: 100.0, 11: 0.02})
+    assert limits.rates == (10.0, MILL.axes["y"].max_velocity, MILL.axes["z"].max_velocity)
+    assert limits.accelerations == (100.0, MILL.axes["y"].max_acceleration, MILL.axes["z"].max_acceleration)
+    assert (limits.junction_deviation, limits.arc_tolerance) == (0.02, 0.002)
