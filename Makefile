@@ -33,6 +33,7 @@ bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/planner.py --whole
 	$(BIN)/python benchmarks/segments.py
 	$(BIN)/python benchmarks/interpolators.py
+	$(BIN)/python benchmarks/view.py
 
 # The picture and the summary in the README.
 picture: $(VENV)/installed-view

@@ -328,6 +328,8 @@ def view(
     if common.json is not None:
         _write_json(common.json, report)
     _show(report, common, common.summary_file)
+    if report.ok and report.stopped_at_line is None and not common.quiet:
+        print(f"picture      {output}", file=common.summary_file)
     return _end([report], quiet=common.quiet)
 
 

@@ -8,6 +8,7 @@ import pytest
 from browser import FOUND, INSTALL, Browser
 from cnc import cli
 from drawn import ROOT, drawn
+from support import share
 from test_view_command import HOSTILE
 
 LINES = "G21 G90 G94\nG0 X5 Y5\nG1 X60 F1500 (there)\nY45 ; up\nG2 X20 Y45 I-20 J0\nG1 Y5\nG0 Z5\nM2\n"
@@ -197,3 +198,47 @@ def test_views_zooms_and_turns(browser, show, ask):
     assert ask("m.scene.scale") == pytest.approx(2 * before[1])
     assert ask("m.scene.project(0, 0, 0).slice(0, 2)") == pytest.approx(point, abs=1e-6)
     assert browser.complaints == []
+
+
+def test_without_webgl_the_curves_and_the_program_are_there(browser, tmp_path):
+    program, page = tmp_path / "p.nc", tmp_path / "out.html"
+    program.write_text(LINES)
+    assert cli.exit_code(["view", str(program), "-o", str(page), "--quiet"]) == 0
+    lost = "HTMLCanvasElement.prototype.getContext = (plain => function (kind, ...more) {"
+    lost += " return kind === 'webgl2' ? null : plain.call(this, kind, ...more); })(HTMLCanvasElement.prototype.getContext)"
+    script = browser.call("Page.addScriptToEvaluateOnNewDocument", source=lost)["identifier"]
+    try:
+        assert browser.open(page).isdigit()
+        assert "WebGL" in browser.evaluate("document.getElementById('trouble').textContent")
+        browser.click(
+            *browser.evaluate("(box => [box.left + 60, box.top + 5])(document.querySelectorAll('.row')[2].getBoundingClientRect())")
+        )
+        assert browser.evaluate("document.querySelector('.row.chosen').dataset.line") == "3"
+        assert browser.evaluate("opened.then(m => m.state.at)") > 0
+        assert browser.complaints == []
+    finally:
+        browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
+
+
+def test_a_subroutine_of_another_file_is_shown_with_its_lines(browser, show, ask, tmp_path):
+    (tmp_path / "square.ngc").write_text("o<square> sub\nG1 X20 F1500\nG1 Y20\no<square> endsub\nM2\n")
+    show("G21 G90\nG0 X10\no<square> call\nG0 X0\nM2\n", name="main.ngc")
+    assert browser.evaluate("[...document.getElementById('files').options].map(each => each.label)") == [
+        str(tmp_path / "main.ngc"), str(tmp_path / "square.ngc")
+    ]  # fmt: skip
+    middle = ask("(m.origins.t[2] + m.origins.t[3]) / 2")
+    browser.click(*screen_place(ask, middle))
+    assert ask("m.source.file") == 1
+    assert browser.evaluate("document.querySelector('.row.chosen code').textContent") == "G1 Y20"
+
+
+def test_a_long_program_scrolls_to_its_end(browser, show, ask):
+    """More lines than a browser has pixels for."""
+    lines = share(1_200_000, 600_000)
+    show("G21 G90 G0 X1\n" + "\n" * (lines - 3) + "G0 X2\nM2\n")
+    assert ask("m.source.count") == lines
+    browser.evaluate("opened.then(m => m.source.scroll(m.source.count))")
+    assert browser.evaluate("[...document.querySelectorAll('.row')].at(-1).dataset.line") == str(lines)
+    ask("m.chooseTime(m.about.duration)")
+    box = browser.evaluate("(box => [box.top, box.bottom, innerHeight])(document.querySelector('.row.chosen').getBoundingClientRect())")
+    assert 0 < box[0] < box[1] < box[2]

@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cnc.errors import SHOWN
+from cnc.errors import SHOWN, Diagnostic, UsageError
 from cnc.report.result import Report
+from cnc.report.summary import clock, number
 from cnc.report.targets import TextTarget
 from cnc.report.view.collect import DRAWN_AXES, Picture, Sizes, stock_box, travel_box
 from cnc.report.view.tables import FINEST, tolerance_shown
@@ -50,11 +51,15 @@ def write_page(target: TextTarget, picture: Picture, report: Report, texts: Iter
     about = _about(picture, report)
     for name, column in _columns(picture, about):
         _element(target, f"column-{name}", [column.tobytes()])
-    cut = False
-    for number, (_, path) in enumerate(texts):
-        cut = cut or path.stat().st_size > TEXT_MOST
-        _element(target, f"text-{number}", _pieces(path))
-    about["note"] = "only the first 256 MB of the program are shown" if cut else ""
+    notes = []
+    for index, (name, path) in enumerate(texts):
+        try:
+            if path.stat().st_size > TEXT_MOST:
+                notes.append(f"only the first {TEXT_MOST >> 20} MB of {name} are shown")
+            _element(target, f"text-{index}", _pieces(path))
+        except OSError as error:
+            raise UsageError(Diagnostic("unreadable-file", f"can't read {name}: {error.strerror}", file=name)) from None
+    about["note"] = ", ".join(notes)
     _element(target, "about", [json.dumps(about, allow_nan=False).encode()])
     target.write(after.replace("{{script}}", script))
 
@@ -95,7 +100,7 @@ def _about(picture: Picture, report: Report) -> dict[str, Any]:
     low, high = strokes.position.min(axis=0), strokes.position.max(axis=0)
     return {
         "program": report.program,
-        "facts": f"{_time(picture.duration)} · {report.path_length_mm:,.6g} mm · {report.lines:,} lines · {report.machine.name}",
+        "facts": f"{clock(picture.duration)} · {number(report.path_length_mm)} mm · {number(report.lines)} lines · {report.machine.name}",
         "accuracy": _accuracy(picture),
         "duration": picture.duration,
         "tick": max(picture.duration, 1e-9) / (2**32 - 1),
@@ -115,14 +120,6 @@ def _about(picture: Picture, report: Report) -> dict[str, Any]:
             if each.file in picture.files and each.line
         ],
     }
-
-
-def _time(seconds: float) -> str:
-    if seconds < 60.0:
-        return f"{seconds:.3f} s"
-    minutes, rest = divmod(seconds, 60.0)
-    hours, minutes = divmod(int(minutes), 60)
-    return f"{hours} h {minutes:02} min {rest:02.0f} s" if hours else f"{minutes} min {rest:04.1f} s"
 
 
 def _accuracy(picture: Picture) -> str:
@@ -151,12 +148,12 @@ def _columns(picture: Picture, about: dict[str, Any]) -> Iterator[tuple[str, NDA
         yield name, _integers(np.rint(getattr(strokes, name) / about["units"][name]))
     yield "rapid", _integers(strokes.rapid)
     yield "curve-t", _integers(np.rint(curves.t / tick))
-    for number, name in enumerate(("feed", "accel", "jerk")):
+    for row, name in enumerate(("feed", "accel", "jerk")):
         if curves.within == 0.0:
-            yield f"start-{name}", _floats(curves.start[number])
+            yield f"start-{name}", _floats(curves.start[row])
         else:
-            yield f"low-{name}", _floats(curves.low[number])
-            yield f"high-{name}", _floats(curves.high[number])
+            yield f"low-{name}", _floats(curves.low[row])
+            yield f"high-{name}", _floats(curves.high[row])
     yield "origin-t", _integers(np.rint(origins.t / tick))
     yield "origin-first", _integers(origins.first)
     yield "origin-more", _integers(origins.last - origins.first)

@@ -12,8 +12,10 @@ async function packed(id) {
     bytes = new Uint8Array(letters.length);
     for (let i = 0; i < letters.length; i++) bytes[i] = letters.charCodeAt(i);
   }
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
+  const stream = new DecompressionStream("deflate"), writer = stream.writable.getWriter();
+  const written = writer.write(bytes).then(() => writer.close()), out = await new Response(stream.readable).arrayBuffer();
+  await written;
+  return new Uint8Array(out);
 }
 
 /** Whole numbers: differences, the sign in the lowest bit, the four bytes of all numbers one after the other. */

@@ -4,15 +4,21 @@ const SLOW = 45, QUICK = 20;  // ms a frame: the path is drawn coarser above the
 
 function handle(model) {
   const {scene, graph, source, state, redraw, about} = model, end = about.duration, over = element("over"), chart = element("graph");
-  let quiet = 0, frame = 0;
+  let quiet = 0, timed = false;
 
   /** Something moves: watch how long frames take, and draw all there is once it is still. */
   function moving() {
-    const now = performance.now();
-    if (now - frame < 400) scene.coarse = now - frame > SLOW ? Math.min(scene.coarse * 1.5, 16) : now - frame < QUICK ? Math.max(scene.coarse / 1.2, 1) : scene.coarse;
-    frame = now;
+    if (!timed) {
+      timed = true;
+      requestAnimationFrame(begin => requestAnimationFrame(end => {
+        timed = false;
+        const took = end - begin;
+        if (took > SLOW) scene.coarse = Math.min(scene.coarse * Math.min(took / SLOW, 4), 64);
+        else if (took < QUICK) scene.coarse = Math.max(scene.coarse / 1.2, 1);
+      }));
+    }
     clearTimeout(quiet);
-    quiet = setTimeout(() => { frame = 0; scene.coarse = 1; redraw(); }, 250);
+    quiet = setTimeout(() => { scene.coarse = 1; redraw(); }, 250);
     redraw();
   }
 

@@ -99,15 +99,24 @@ function boxes(data) {
   return out;
 }
 
-/** From fine to coarse; `tolerance` of each is what it adds to that of the page. */
+/** Some of the points; what the screen needs of them is made when it is needed first. `tolerance` is what they add to that of the page. */
+class Level {
+  constructor(strokes, index, tolerance) {
+    Object.assign(this, {strokes, index, tolerance, n: index.length});
+  }
+
+  get data() { return this.made ??= vertices(this.strokes, this.index); }
+  get boxes() { return this.spaces ??= boxes(this.data); }
+}
+
+/** From fine to coarse. */
 function levels(strokes, size, tolerance) {
   let index = new Uint32Array(strokes.n);
   for (let i = 0; i < index.length; i++) index[i] = i;
   const out = [];
   let off = 0;
   while (true) {
-    const data = vertices(strokes, index);
-    out.push({n: index.length, data, boxes: boxes(data), tolerance: off});
+    out.push(new Level(strokes, index, off));
     tolerance *= 4;
     if (index.length < 2000 || tolerance > size / 50) return out;
     off += tolerance;

@@ -22,7 +22,7 @@ function edges(box, origin, name) {
   if (!box) return [];
   const corner = k => [0, 1, 2].map(axis => box[axis][k >> axis & 1] - origin[axis]);
   const data = EDGES.flatMap(([a, b]) => [...corner(a), 0, 0, 0, 0, NO_DASH, ...corner(b), 0, 0, 0, 0, NO_DASH]);
-  return [{data: new Float32Array(data), pairs: true, colour: () => triple(shade(name))}];
+  return [{data: new Float32Array(data), colour: () => triple(shade(name))}];
 }
 
 const shade = name => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();

@@ -1,23 +1,34 @@
 // The path in space: strokes as thin rectangles that face the viewer, in parallel projection, so that lengths on the screen compare.
 // The view is given by a direction (yaw, pitch), the point in the middle, and pixels per millimetre.
+//
+// The points lie in a texture, two texels each, where the vertices of a stroke's two triangles look them up: one call draws any number of
+// strokes, also where a processor does the work of a graphics card, which instances would keep busy one by one.
 
+const TEXELS = 2048;  // in a row of the texture
 const VERTEX = `#version 300 es
+precision highp float;
+precision highp int;
+uniform highp sampler2D points;
+uniform int stride;      // points from one stroke to the next
 uniform mat3 turn;
 uniform vec3 target;
 uniform vec2 screen;
 uniform float scale, width, reach;
 uniform int channel;
 uniform vec2 range;
-in vec4 from, to;        // x y z and time of the ends of a stroke
-in vec4 look;            // feed, acceleration, jerk, millimetres along the line of a traverse
 out float part, time, along, light;
 flat out float dashed;
+vec4 texel(int k) { return texelFetch(points, ivec2(k % 2048, k / 2048), 0); }
 void main() {
+  int stroke = gl_VertexID / 6, corner = gl_VertexID % 6, first = 2 * stride * stroke;
+  corner = corner < 3 ? corner : corner - 2;
+  // x y z and time of the ends; feed, acceleration, jerk, millimetres along the line of a traverse
+  vec4 from = texel(first), look = texel(first + 1), to = texel(first + 2);
   vec3 a = turn * (from.xyz - target), b = turn * (to.xyz - target);
   vec2 way = (b.xy - a.xy) * scale;
   float far = length(way);
   way = far > 1e-4 ? way / far : vec2(1.0, 0.0);
-  float end = float(gl_VertexID & 1), side = float(gl_VertexID >> 1) * 2.0 - 1.0;
+  float end = float(corner & 1), side = float(corner >> 1) * 2.0 - 1.0;
   vec3 here = mix(a, b, end);
   vec2 at = here.xy * scale + 0.5 * width * (way * (end * 2.0 - 1.0) + vec2(-way.y, way.x) * side);
   gl_Position = vec4(at / (0.5 * screen), -here.z / reach, 1.0);
@@ -25,9 +36,9 @@ void main() {
   float value = channel == 0 ? look.x : channel == 1 ? look.y : channel == 2 ? look.z : time;
   part = clamp((value - range.x) / (range.y - range.x), 0.0, 1.0);
   dashed = look.w > 1e29 ? 0.0 : 1.0;
-  vec3 step = to.xyz - from.xyz, size = abs(step);
-  float most = 0.5 * max(size.x, max(size.y, size.z)), first = size.x > most ? step.x : size.y > most ? step.y : step.z;
-  along = look.w + end * length(step) * sign(first);
+  vec3 move = to.xyz - from.xyz, size = abs(move);
+  float most = 0.5 * max(size.x, max(size.y, size.z)), sense = size.x > most ? move.x : size.y > most ? move.y : move.z;
+  along = look.w + end * length(move) * sign(sense);
   // Lines across the light are brighter than lines along it, so that surfaces have a shape.
   float towards = dot(b - a, vec3(-0.48, 0.6, 0.64)) / max(distance(a, b), 1e-9);
   light = 0.7 + 0.3 * sqrt(max(1.0 - towards * towards, 0.0));
@@ -83,29 +94,26 @@ class Scene {
       const name = gl.getActiveUniform(program, i).name;
       this.uniforms[name.replace("[0]", "")] = gl.getUniformLocation(program, name);
     }
-    this.places = ["from", "to", "look"].map(name => gl.getAttribLocation(program, name));
-    for (const place of this.places) {
-      gl.enableVertexAttribArray(place);
-      gl.vertexAttribDivisor(place, 1);
-    }
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
-    for (const level of this.levels) level.buffer = null;  // made when it is drawn first
-    this.lines = this.shown.map(box => ({...box, buffer: this.buffer(box.data)}));
-    if (this.chosen) this.chosen.buffer = this.buffer(this.chosen.data);
+    for (const level of this.levels) level.texture = null;  // made when it is drawn first
+    this.lines = this.shown.map(box => ({...box, texture: this.texture(box.data)}));
+    if (this.chosen) this.chosen.texture = this.texture(this.chosen.data);
   }
 
-  buffer(data) {
-    const gl = this.gl, buffer = gl.createBuffer();
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
-    return buffer;
+  texture(data) {
+    const gl = this.gl, texture = gl.createTexture(), rows = Math.ceil(data.length / (4 * TEXELS)), whole = new Float32Array(4 * TEXELS * rows);
+    whole.set(data);
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, TEXELS, rows, 0, gl.RGBA, gl.FLOAT, whole);
+    for (const filter of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, filter, gl.NEAREST);
+    return texture;
   }
 
   /** Strokes to draw over the others; null for none. */
   choose(data) {
-    if (this.gl && this.chosen) this.gl.deleteBuffer(this.chosen.buffer);
-    this.chosen = data && {data, buffer: this.gl && this.buffer(data)};
+    if (this.gl && this.chosen) this.gl.deleteTexture(this.chosen.texture);
+    this.chosen = data && {data, texture: this.gl && this.texture(data)};
   }
 
   look(name) {
@@ -219,36 +227,33 @@ class Scene {
     // Dashes of about nine pixels, in steps of two so that they stand still while one zooms.
     gl.uniform1f(u.dash, 2 ** Math.round(Math.log2(9 / this.scale)));
     gl.uniform1f(u.now, Infinity);
-    for (const line of this.lines) this.strokes(line.buffer, 0, line.data.length / FLOATS - 1, 1.1 * dpr, [...line.colour(), 1], line.pairs);
+    for (const line of this.lines) this.strokes(line, 0, line.data.length / FLOATS / 2, 1.1 * dpr, [...line.colour(), 1], 2);
     gl.uniform1f(u.now, now);
     const level = this.level(), wide = level.n < 20000 ? 2 : level.n < 100000 ? 1.5 : 1.1;
-    level.buffer ??= this.buffer(level.data);
+    level.texture ??= this.texture(level.data);
     this.drawn = 0;
     for (const [first, last] of this.visible(level, 0, 0, this.canvas.clientWidth, this.canvas.clientHeight)) {
       const end = Math.min(last * BLOCK, level.n - 1);
-      this.strokes(level.buffer, first * BLOCK, end, wide * dpr, [0, 0, 0, 0], false);
+      this.strokes(level, first * BLOCK, end, wide * dpr, [0, 0, 0, 0], 1);
       this.drawn += end - first * BLOCK;
     }
     if (this.chosen) {
       gl.disable(gl.DEPTH_TEST);
       gl.uniform1f(u.now, Infinity);
-      this.strokes(this.chosen.buffer, 0, this.chosen.data.length / FLOATS - 1, 3 * dpr, [...accent, 1], true);
+      this.strokes(this.chosen, 0, this.chosen.data.length / FLOATS / 2, 3 * dpr, [...accent, 1], 2);
       gl.enable(gl.DEPTH_TEST);
     }
   }
 
-  /** Strokes [first, last) of a buffer; of pairs of points, or from each point to the next. */
-  strokes(buffer, first, last, width, paint, pairs) {
-    const gl = this.gl, bytes = 4 * FLOATS, step = pairs ? 2 * bytes : bytes, [from, to, look] = this.places;
-    const count = pairs ? (last + 1) / 2 : last - first;
-    if (count < 1) return;
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.vertexAttribPointer(from, 4, gl.FLOAT, false, step, first * bytes);
-    gl.vertexAttribPointer(to, 4, gl.FLOAT, false, step, (first + 1) * bytes);
-    gl.vertexAttribPointer(look, 4, gl.FLOAT, false, step, first * bytes + 16);
+  /** Strokes [first, last) of some points: from each point to the next (`stride` 1), or of pairs (2). */
+  strokes({texture}, first, last, width, paint, stride) {
+    const gl = this.gl;
+    if (last <= first) return;
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.uniform1i(this.uniforms.stride, stride);
     gl.uniform1f(this.uniforms.width, width);
     gl.uniform4fv(this.uniforms.paint, paint);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
+    gl.drawArrays(gl.TRIANGLES, 6 * first, 6 * (last - first));
   }
 
   /** The time at which the tool is nearest to a point of the screen, if that is within `near` pixels; else null. */

@@ -42,7 +42,7 @@ class LineTimes {
       if (origins.file[i] !== file || first[i] > lines) continue;
       this.heads[first[i] + 1]++;
       this.seconds[first[i]] += (i + 1 < n ? t[i + 1] : end) - t[i];
-      this.busy.fill(1, first[i], Math.min(first[i] + more[i], lines) + 1);
+      for (let line = first[i]; line <= Math.min(first[i] + more[i], lines); line++) this.busy[line] = 1;
       count++;
     }
     for (let line = 0; line <= lines; line++) this.heads[line + 1] += this.heads[line];
