@@ -127,7 +127,9 @@ def run(
     program: Annotated[str, _output("The program (- is standard input).")],
     /,
     *,
-    board: Annotated[str | None, _option("loopback, file, grbl, or an installed driver; the machine file's board if left out.")] = None,
+    board: Annotated[
+        str | None, _option("loopback, file, grbl, grbl-sim, or an installed driver; the machine file's board if left out.")
+    ] = None,
     port: Annotated[str | None, _option("Where the board is (/dev/ttyUSB0); for --board file, the .npz file to write.")] = None,
     dry_run: Annotated[bool, _option("Only check, as `cncrun check` does.")] = False,
     check_on_board: Annotated[bool, _option("Let the board read the program without moving (a GRBL board's $C).")] = False,

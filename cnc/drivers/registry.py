@@ -17,6 +17,7 @@ BUILT_IN = (
     EntryPoint("loopback", "cnc.drivers.loopback:Loopback", GROUP),
     EntryPoint("file", "cnc.drivers.file:FileBoard", GROUP),
     EntryPoint("grbl", "cnc.drivers.grbl:GrblBoard", GROUP),
+    EntryPoint("grbl-sim", "cnc.drivers.grbl_sim:GrblSim", GROUP),
 )
 """The boards in this package, known even where it runs from a folder that was never installed."""
 

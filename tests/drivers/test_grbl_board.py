@@ -14,6 +14,7 @@ from cnc.drivers.base import LineSink
 from cnc.drivers.grbl import GrblBoard
 from cnc.drivers.grbl_info import BoardInfo
 from cnc.drivers.grbl_messages import Feedback, Setting
+from cnc.drivers.grbl_sim import GrblSim
 from cnc.drivers.grblbox.box import GrblBox
 from cnc.drivers.grblbox.faults import Alarm, Corrupt, Drop, Error, Fault, Freeze, Swallow, Unplug
 from cnc.drivers.grblbox.flavour import GRBLHAL
@@ -52,6 +53,11 @@ class TestGrblBoard(LineBoardConformance):
 class TestGrblHal(LineBoardConformance):
     def make(self) -> LineSink:
         return connected(GrblBox(GRBLHAL))
+
+
+class TestGrblSim(LineBoardConformance):
+    def make(self) -> LineSink:
+        return GrblSim.from_machine(MACHINE)
 
 
 def mixed(count: int, seed: int) -> list[str]:
