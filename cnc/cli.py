@@ -336,6 +336,25 @@ def view(
 
 
 @app.command
+def boards(
+    *ports: Annotated[str, Parameter(help="Ports to look at, pyserial URLs too; all serial ports of this computer if left out.")],
+    baud: Annotated[int, _option("Bits a second of the links.")] = 115200,
+) -> int:
+    """List the serial ports and what answers on each: firmware, settings, and the machine file that they make (redirect it into a file).
+
+    Opening a port resets most boards.
+    """
+    from cnc.boards import look, page
+
+    found = look(ports, baud)
+    for each in found:
+        print(*page(each, baud), sep="\n", flush=True)
+    if not found:
+        print("# this computer has no serial port; is the board plugged in and switched on?")
+    return next((_fail(each.fault) for each in found if ports and each.fault is not None), 0)
+
+
+@app.command
 def papers(
     folder: Annotated[Path, Parameter(help="Where the page and its figures go.")] = Path("papers"),
     /,

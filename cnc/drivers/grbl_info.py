@@ -11,13 +11,48 @@ from dataclasses import dataclass, field
 from cnc.drivers.grbl_messages import Feedback, Setting
 from cnc.drivers.grbl_protocol import RX_BYTES
 from cnc.drivers.grbl_status import MM_PER_INCH
-from cnc.machine.models import AXIS_LETTERS, Machine
+from cnc.machine.models import Machine
 
 ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS, HOMING_DIRECTION = 12, 11, 13, 20, 23
 STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
 """First of the settings of each kind, of the X axis; one more an axis. Steps/mm, mm/min, mm/s^2, mm."""
 SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
 PLACES = (*SYSTEMS, "G28", "G30", "G92")
+NAMES = {
+    0: "step pulse, us",
+    1: "motors stay on at rest, ms (255: always)",
+    2: "step pins inverted, mask",
+    3: "direction pins inverted, mask",
+    4: "enable pin inverted",
+    5: "limit pins inverted",
+    6: "probe pin inverted",
+    10: "status report, mask",
+    11: "junction deviation, mm",
+    12: "arc tolerance, mm",
+    13: "reports in inches",
+    20: "soft limits",
+    21: "hard limits",
+    22: "homing",
+    23: "homing direction inverted, mask",
+    24: "homing feed, mm/min",
+    25: "homing seek, mm/min",
+    26: "homing debounce, ms",
+    27: "homing pull-off, mm",
+    30: "highest spindle speed, rev/min",
+    31: "lowest spindle speed, rev/min",
+    32: "laser mode",
+    **{
+        first + column: f"{letter} {what}"
+        for first, what in (
+            (STEPS, "steps/mm"),
+            (RATES, "highest rate, mm/min"),
+            (ACCELERATIONS, "acceleration, mm/s^2"),
+            (TRAVELS, "travel, mm"),
+        )
+        for column, letter in enumerate("XYZABC")
+    },
+}
+"""Of the settings, in a few words."""
 LEAST_RX = 32
 """A board that tells less has not understood the question."""
 
@@ -142,8 +177,3 @@ class BoardInfo:
             return tuple(float(value) * self.unit for value in text.split(","))
         except ValueError:
             return ()
-
-
-def axis_letters(count: int) -> tuple[str, ...]:
-    """Names of a board's axes."""
-    return tuple(AXIS_LETTERS[:count])

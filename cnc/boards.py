@@ -1,0 +1,135 @@
+"""What is at the serial ports: which board answers, its settings, and the machine file that they make.
+
+A GRBL board tells its limits itself (``$$``), so nobody has to copy them. What it does not have is jerk: the file's is such that an axis
+reaches its acceleration in JERK_TIME, which keeps the plan close to the board's own ramps.
+
+Everything that is printed but the machine file is a remark of TOML, so ``cncrun boards /dev/ttyUSB0 > mill.toml`` makes that file.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+from cnc.drivers.base import board_error
+from cnc.drivers.grbl_info import (
+    ACCELERATIONS,
+    ARC_TOLERANCE,
+    JUNCTION_DEVIATION,
+    NAMES,
+    RATES,
+    STEPS,
+    BoardInfo,
+)
+from cnc.drivers.grbl_link import GrblLink
+from cnc.drivers.grbl_status import Status
+from cnc.drivers.port import SystemClock
+from cnc.drivers.serial_link import found_ports, open_port
+from cnc.errors import BoardError
+from cnc.machine.models import AXIS_LETTERS
+from cnc.units import per_second
+
+JERK_TIME = 0.025
+"""Seconds in which an axis reaches its acceleration."""
+STEP_RATE = 30_000
+"""Steps/s that GRBL makes on an Uno; the file has more where the board's settings ask for it."""
+HOMING = 22
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A port, what the system says of it, and either the board that answered or why none did."""
+
+    port: str
+    description: str
+    info: BoardInfo | None = None
+    status: Status | None = None
+    fault: BoardError | None = None
+
+
+def look(ports: Sequence[str] = (), baud: int = 115200) -> list[Found]:
+    """Ask the ports named, else all of this computer, all at once. Opening a port resets most boards; nothing moves."""
+    known = {port.name: port.description for port in found_ports()}
+    names = list(ports) or list(known)
+    if not names:
+        return []
+    with ThreadPoolExecutor(len(names)) as pool:
+        return list(pool.map(lambda name: _asked(name, known.get(name, ""), baud), names))
+
+
+def _asked(name: str, description: str, baud: int) -> Found:
+    try:
+        port = open_port(name, baud)
+    except BoardError as error:
+        return Found(name, description, fault=error)
+    link = GrblLink(port, SystemClock(), name)
+    try:
+        link.connect()
+        return Found(name, description, link.info, link.status)
+    except BoardError as error:
+        return Found(name, description, fault=error)
+    finally:
+        link.close()
+
+
+def page(found: Found, baud: int = 115200) -> Iterator[str]:
+    """What to print of a port, line by line: remarks, then the machine file."""
+    yield f"# {found.port}  {found.description}".rstrip()
+    info, status = found.info, found.status
+    if info is None or status is None:
+        if found.fault is not None:
+            yield f"# {found.fault.diagnostic.message}"
+        return
+    yield f"# {info.firmware}  {info.build}  {status.state}".rstrip()
+    position = "  ".join(f"{letter.upper()} {value:.3f}" for letter, value in zip(AXIS_LETTERS, status.position or (), strict=False))
+    yield f"# machine position {position}"
+    yield f"# planner {info.blocks or 'unknown'} blocks, receive buffer {info.rx_bytes} bytes, options {info.options or 'none'}"
+    for number, value in sorted(info.settings.items()):
+        yield f"# ${number} = {value}  {NAMES.get(number, '')}".rstrip()
+    try:
+        yield from machine_file(found.port, info, baud)
+    except BoardError as error:
+        yield f"# no machine file: {error.diagnostic.message}"
+
+
+def machine_file(port: str, info: BoardInfo, baud: int) -> Iterator[str]:
+    """The machine file (TOML) by the board's settings. BoardError ``board-settings`` where it does not tell them."""
+    text = ["", "[machine]", f"name = {json.dumps(info.firmware)}"]
+    rates, most_steps = [], float(STEP_RATE)
+    for column, letter in enumerate(AXIS_LETTERS[: info.axes]):
+        steps, rate, acceleration = (info.axis(first, column) for first in (STEPS, RATES, ACCELERATIONS))
+        if steps is None or rate is None or acceleration is None:
+            message = f"the board tells no ${STEPS + column}, ${RATES + column} or ${ACCELERATIONS + column} for its axis {letter.upper()}"
+            raise board_error("board-settings", message, hint="set them on the board")
+        rates.append(per_second(rate))
+        most_steps = max(most_steps, per_second(rate) * steps)
+        text += [
+            "",
+            f"[axes.{letter}]",
+            f"steps_per_mm = {steps:.10g}  # ${STEPS + column}",
+            f"max_velocity = {per_second(rate):.10g}  # ${RATES + column} = {rate:g} mm/min",
+            f"max_acceleration = {acceleration:.10g}  # ${ACCELERATIONS + column}",
+            f"max_jerk = {acceleration / JERK_TIME:.10g}  # GRBL has none; {JERK_TIME:g} s to the full acceleration",
+        ]
+        travel = info.travel(column)
+        if travel is not None:
+            text.append(f"travel = [{travel[0]:.10g}, {travel[1]:.10g}]")
+    if not rates:
+        raise board_error("board-settings", "the board tells no settings of its axes", hint="is its firmware GRBL 1.1 or grblHAL?")
+    if info.number(HOMING) in (None, 0.0):
+        text += [
+            "",
+            "# The board does not home ($22=0): machine zero is where it stood when it was switched on.",
+            "# Mend the travel accordingly.",
+        ]
+    text += ["", "[path]", f"max_feed = {max(rates):.10g}"]
+    for key, setting in (("chord_error", ARC_TOLERANCE), ("tolerance", JUNCTION_DEVIATION)):
+        value = info.number(setting)
+        if value:
+            text.append(f"{key} = {value:.10g}  # ${setting}")
+    text += ["", "[board]", 'kind = "grbl"', f"port = {json.dumps(port)}", f"baud = {baud}"]
+    text += [f"max_step_rate = {math.ceil(most_steps)}", "", "[program]", 'dialect = "grbl"']
+    yield from text

@@ -1,0 +1,100 @@
+"""`cncrun boards`: what answers at a port, and the machine file that its settings make."""
+
+from __future__ import annotations
+
+import socket
+import sys
+from pathlib import Path
+
+import pytest
+
+from cnc.boards import Found, machine_file, page
+from cnc.cli import exit_code
+from cnc.drivers.grbl_info import BoardInfo
+from cnc.drivers.grblbox.box import GrblBox
+from cnc.drivers.grblbox.pty_server import PtyServer
+from cnc.errors import BoardError
+from cnc.machine.load import load_machine
+from cnc.machine.models import Machine
+
+SETTINGS = {
+    100: 250,
+    101: 400,
+    102: 800,
+    110: 6000,
+    111: 3000,
+    112: 600,
+    120: 500,
+    121: 250,
+    122: 50,
+    130: 300,
+    131: 180,
+    132: 45,
+    11: 0.02,
+    12: 0.005,
+}
+
+
+def loaded(text: str, folder: Path) -> Machine:
+    file = folder / "mill.toml"
+    file.write_text(text)
+    return load_machine(file)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
+def test_what_is_printed_is_a_machine_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    with PtyServer(GrblBox(settings={number: float(value) for number, value in SETTINGS.items()}), 4.0) as server:
+        assert exit_code(["boards", server.name]) == 0
+    text = capsys.readouterr().out
+    assert "GRBL 1.1h" in text
+    assert "# $110 = 6000.000  X highest rate, mm/min" in text
+    machine = loaded(text, tmp_path)
+    x, y, z = machine.axes.values()
+    assert (x.steps_per_mm, y.steps_per_mm, z.steps_per_mm) == (250.0, 400.0, 800.0)
+    assert (x.max_velocity, y.max_velocity, z.max_velocity) == pytest.approx((100.0, 50.0, 10.0))
+    assert (x.max_acceleration, y.max_acceleration, z.max_acceleration) == (500.0, 250.0, 50.0)
+    assert (x.travel, y.travel, z.travel) == ((-300.0, 0.0), (-180.0, 0.0), (-45.0, 0.0))
+    assert (machine.path.chord_error, machine.path.tolerance) == (0.005, 0.02)
+    assert (machine.board.kind, machine.board.port) == ("grbl", server.name)
+
+
+def test_settings_that_are_missing_make_no_file() -> None:
+    with pytest.raises(BoardError) as caught:
+        list(machine_file("COM3", BoardInfo("1.1h", hal=False), 115200))
+    assert caught.value.diagnostic.code == "board-settings"
+
+
+def test_a_name_can_not_break_the_file(tmp_path: Path) -> None:
+    info = BoardInfo('1.1h"\n[axes', hal=True, settings={number: str(value) for number, value in SETTINGS.items()})
+    machine = loaded("\n".join(machine_file('C:\\x"', info, 9600)), tmp_path)
+    assert machine.board.port == 'C:\\x"'
+    assert machine.board.baud == 9600
+
+
+def test_a_port_without_a_board_is_named_and_the_code_says_so(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert exit_code(["boards", str(tmp_path / "ttyUSB0")]) == 3
+    shown = capsys.readouterr()
+    assert shown.out.splitlines()[1].startswith("# there is no port")
+    assert "no-such-port" in shown.err
+
+
+def test_something_else_answers(capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        import threading
+
+        def talk() -> None:
+            peer, _ = server.accept()
+            with peer:
+                peer.sendall(b"start\r\necho:Marlin 2.1.2\r\n")
+                while peer.recv(64):
+                    pass
+
+        thread = threading.Thread(target=talk)
+        thread.start()
+        assert exit_code(["boards", f"socket://127.0.0.1:{server.getsockname()[1]}"]) == 3
+        thread.join()
+    assert "is no GRBL board: it says 'start'" in capsys.readouterr().out
+
+
+def test_every_line_of_a_dead_port_is_a_remark() -> None:
+    assert all(line.startswith("#") for line in page(Found("/dev/ttyS0", "n/a")))
