@@ -104,8 +104,11 @@ def check_many(
     selection: Selection | None = None,
     portable: Sequence[str] = (),
     jobs: int | None = None,
+    scheduler: str | None = None,
 ) -> Iterator[Report]:
     """Verify many programs in ``jobs`` processes (None: one a core) and yield their reports in their order.
+
+    scheduler: the address of a Dask cluster's scheduler, whose workers check them instead.
 
     The other arguments are those of :func:`check`. A program at which a process dies twice has the fault ``worker-died``, one at which this
     library fails ``internal-error``; the rest are checked all the same.
@@ -121,6 +124,7 @@ def check_many(
         selection=selection,
         portable=portable,
         jobs=jobs,
+        scheduler=scheduler,
     )
 
 

@@ -176,6 +176,7 @@ def check(
     fail_on: Annotated[Severity, _option("The least severe finding that makes the exit code 1.")] = "error",
     stock: Annotated[str | None, _option("The raw part, such as X0:100,Y0:60,Z-12:0 (mm, machine coordinates): no G0 into it.")] = None,
     portable: Annotated[tuple[str, ...], _option("Dialects that have to read the program in the same way, such as grbl,linuxcnc.")] = (),
+    scheduler: Annotated[str | None, _option("Check on a Dask cluster: its scheduler's address, such as tcp://host:8786.")] = None,
     baseline: Annotated[
         str | None, _option("A summary that --json wrote before: what changed since, and new findings alone decide the exit code.")
     ] = None,
@@ -188,8 +189,8 @@ def check(
     listed = len(files) != 1 or names != files
     shown = common.summary_file if format == "text" else sys.stderr
     before = None if baseline is None else Baseline(baseline)
-    look = Look(stock, Selection(frozenset(_codes(select)), frozenset(_codes(ignore))), tuple(_codes(portable)), jobs)
-    reports = _check_listed(files, common, look, shown) if listed else [_check_one(files[0], common, look)]
+    look = Look(stock, Selection(frozenset(_codes(select)), frozenset(_codes(ignore))), tuple(_codes(portable)), jobs, scheduler)
+    reports = _check_listed(files, common, look, shown) if listed or scheduler else [_check_one(files[0], common, look)]
     if before is not None:
         for report in reports:
             report.changes = before.changes(report)
@@ -215,6 +216,7 @@ class Look:
     selection: Selection
     portable: tuple[str, ...]
     jobs: int | None
+    scheduler: str | None
 
     def machine(self, name: str | None) -> Machine:
         """The machine of a file, with the raw part on it."""
@@ -262,6 +264,8 @@ def _check_listed(files: Sequence[str], common: Common, look: Look, shown: TextI
                 "one-program-only", "--blocks, --trace, --pulses and --lines take one program", hint="check that program alone to get them"
             )
         )
+    if look.scheduler is not None and look.jobs is not None:
+        raise UsageError(Diagnostic("jobs-and-scheduler", "--jobs is for this computer, --scheduler for others", hint="give one of them"))
     reports: list[Report] = []
     control = Control(common.feed_override)
     with Screen(control, quiet=common.quiet) as screen:
@@ -275,6 +279,7 @@ def _check_listed(files: Sequence[str], common: Common, look: Look, shown: TextI
             selection=look.selection,
             portable=look.portable,
             jobs=look.jobs,
+            scheduler=look.scheduler,
             on_done=lambda done: screen.count(done, len(files)),
             on_compiling=None if common.quiet else tell_compiling,
         )

@@ -45,7 +45,7 @@ from cnc.report.selection import Selection, unknown_codes
 from cnc.report.survey import ROUNDING, Survey
 from cnc.report.targets import TextTarget
 from cnc.report.view.writer import check_picture, picture_writer
-from cnc.source import readable, shown_name, with_texts
+from cnc.source import STANDARD_INPUT_NAME, Source, readable, shown_name, with_texts
 from cnc.stopwatch import Stopwatch, TimedPulses
 from cnc.stream import GcodeLine, PulseChunk, SampleChunk
 from cnc.warm import ensure_compiled
@@ -104,7 +104,7 @@ class Job:
 
     def __init__(
         self,
-        program: Path | str,
+        program: Source,
         machine: Machine,
         dialect: DialectName | None,
         sampled: bool,
@@ -122,7 +122,7 @@ class Job:
             check_picture(outputs.picture)
         self.program = program
         self.name = shown_name(program)
-        self.path = Path(program)
+        self.path = Path(self.name)
         self.machine = machine
         self.dialect: DialectName = dialect or machine.program.dialect
         self.sampled = sampled or outputs.trace is not None
@@ -135,7 +135,7 @@ class Job:
         self.on_plan = on_plan
         self.start = start_position(machine)
         self._pauses: Pauses = pauses
-        self._place = None if self.name != str(program) else Path(program)
+        self._place = None if self.name == STANDARD_INPUT_NAME else Path(self.name)
         self._memory = Memory(machine)
         self._state: State | None = None
         self._senses = self._takes_lines = True

@@ -8,7 +8,8 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
 from typing import IO
 
@@ -16,26 +17,45 @@ from cnc.errors import CncError, Diagnostic, UsageError
 from cnc.gcode.text import Text
 
 STANDARD_INPUT = "-"
+STANDARD_INPUT_NAME = "<stdin>"
+"""How messages call it."""
 COPIED_BYTES = 4_000_000
 """A file longer than this is copied before it is read twice, so that what was checked is what runs."""
 
 
-def shown_name(program: Path | str) -> str:
+@dataclass(frozen=True, slots=True)
+class Shipped:
+    """A program that comes with its text: the file of this name may be on another computer."""
+
+    name: str
+    text: bytes
+
+    def __str__(self) -> str:
+        return self.name
+
+
+Source = Path | str | Shipped
+"""A program's file, ``-`` for standard input, or the program itself."""
+
+
+def shown_name(program: Source) -> str:
     """How messages call the program."""
-    return "<stdin>" if str(program) == STANDARD_INPUT else str(program)
+    return STANDARD_INPUT_NAME if str(program) == STANDARD_INPUT else str(program)
 
 
 @contextmanager
-def readable(program: Path | str) -> Iterator[Path]:
+def readable(program: Source) -> Iterator[Path]:
     """A file that can be read twice and does not change meanwhile: short ones are kept in memory between the passes, others are copied.
 
     Standard input (``-``), pipes and long files are copied to the system's temporary folder. UsageError ``no-such-file``, ``is-a-folder``,
     ``can-not-read``.
     """
-    path = Path(program)
+    path = Path(str(program))
     with ExitStack() as stack:
         try:
-            if str(program) == STANDARD_INPUT:
+            if isinstance(program, Shipped):
+                path = _copy(BytesIO(program.text), stack)
+            elif str(program) == STANDARD_INPUT:
                 path = _copy(sys.stdin.buffer, stack)
             elif path.is_dir():
                 raise UsageError(Diagnostic("is-a-folder", f"{program} is a folder", hint="name a program; cncrun check takes folders"))

@@ -8,8 +8,8 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing, suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -49,25 +49,31 @@ def check_many(
     selection: Selection | None = None,
     portable: Sequence[str] = (),
     jobs: int | None = None,
+    scheduler: str | None = None,
     on_done: Callable[[int], None] | None = None,
     on_compiling: Callable[[], None] | None = None,
 ) -> Iterator[Report]:
     """Yield a report of each program, in their order, as :func:`cnc.api.check` gives it.
 
-    jobs: how many processes, None for one a core. on_done: told how many programs have been checked, in whatever order. A program whose
-    process dies, again and again, has the fault ``worker-died``; one that cncrun fails at, ``internal-error``. Raises what is wrong with
-    no single program: UsageError, MachineFileError.
+    jobs: how many processes, None for one a core. scheduler: the address of a Dask cluster's, whose workers take their place. on_done: told
+    how many programs have been checked, in whatever order. A program whose process dies, again and again, has the fault ``worker-died``;
+    one that cncrun fails at, ``internal-error``. Raises what is wrong with no single program: UsageError, MachineFileError.
     """
     if jobs is not None and jobs < 1:
         raise UsageError(Diagnostic("job-count", f"{jobs} processes can't check anything", hint="give --jobs 1 or more"))
     tasks = [Task(program, machine, dialect, sampled, feed_override, algorithm, selection, tuple(portable)) for program in programs]
-    crew = _Crew(tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None))
+    if scheduler is None:
+        outcomes = _at_home(tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None))
+    else:
+        from cnc.batch.farm import check_on
+
+        outcomes = check_on(scheduler, tasks)
     finished: dict[int, Report | CncError] = {}
-    count = 0
-    try:
+    with closing(outcomes):
+        count = 0
         for index in range(len(tasks)):
             while index not in finished:
-                number, outcome = crew.done.get()
+                number, outcome = next(outcomes)
                 finished[number] = outcome
                 count += 1
                 if on_done is not None:
@@ -76,6 +82,14 @@ def check_many(
             if isinstance(found, CncError):
                 raise found
             yield found
+
+
+def _at_home(tasks: Sequence[Task], hands: int, on_compiling: Callable[[], None]) -> Generator[tuple[int, Report | CncError]]:
+    """Number and outcome of each task, as they come, from processes of this computer."""
+    crew = _Crew(tasks, hands, on_compiling)
+    try:
+        while True:
+            yield crew.done.get()
     finally:
         crew.dismiss()
 

@@ -10,6 +10,7 @@ from cnc.errors import CncError, Diagnostic
 from cnc.machine.models import DialectName, Machine
 from cnc.report.result import Extremes, Report
 from cnc.report.selection import Selection
+from cnc.source import Shipped, shown_name
 
 if TYPE_CHECKING:
     from cnc.interpolator.reference_pulse import Algorithm
@@ -27,7 +28,7 @@ class Compiling:
 class Task:
     """A program to check; see :func:`cnc.api.check`."""
 
-    program: str
+    program: str | Shipped
     machine: Machine
     dialect: DialectName | None = None
     sampled: bool = False
@@ -62,5 +63,8 @@ class Task:
 
     def failed(self, code: str, message: str, hint: str) -> Report:
         """The report of a program that nothing can be said about, for no fault of its own."""
-        fault = CncError(Diagnostic(code, message, self.program, hint=hint))
-        return Report(self.program, self.machine, faults=[fault], limits=Extremes.limits(self.machine))
+        return self.with_fault(CncError(Diagnostic(code, message, shown_name(self.program), hint=hint)))
+
+    def with_fault(self, fault: CncError) -> Report:
+        """The report of a program of which nothing is known but what is wrong."""
+        return Report(shown_name(self.program), self.machine, faults=[fault], limits=Extremes.limits(self.machine))
