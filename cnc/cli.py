@@ -212,11 +212,11 @@ def check(
 class Look:
     """What `check` looks for, and how."""
 
-    stock: str | None
-    selection: Selection
-    portable: tuple[str, ...]
-    jobs: int | None
-    scheduler: str | None
+    stock: str | None = None
+    selection: Selection = Selection()
+    portable: tuple[str, ...] = ()
+    jobs: int | None = None
+    scheduler: str | None = None
 
     def machine(self, name: str | None) -> Machine:
         """The machine of a file, with the raw part on it."""
@@ -331,7 +331,7 @@ def view(
 ) -> int:
     """Draw a program: its path in space, its feed, acceleration and jerk over time, its text beside them."""
     common.check_outputs(program, picture=output)
-    report = _check_one(program, common, Look(stock, Selection(), (), None), output)
+    report = _check_one(program, common, Look(stock), output)
     if common.json is not None:
         _write_json(common.json, report)
     _show(report, common, common.summary_file)
