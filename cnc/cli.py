@@ -11,7 +11,7 @@ import glob
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from io import TextIOWrapper
 from pathlib import Path
 from types import ModuleType
@@ -213,7 +213,7 @@ class Look:
     """What `check` looks for, and how."""
 
     stock: str | None = None
-    selection: Selection = Selection()
+    selection: Selection = field(default_factory=Selection)
     portable: tuple[str, ...] = ()
     jobs: int | None = None
     scheduler: str | None = None
