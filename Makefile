@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PROGRAM ?= programs/trident.nc
 
-.PHONY: run test soak bench lint picture clean
+.PHONY: run test soak bench lint picture firmware flash simulator clean
 
 # Run a program on the loopback board: make run PROGRAM=programs/pocket.nc
 run: $(VENV)/installed
@@ -34,6 +34,15 @@ bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/segments.py
 	$(BIN)/python benchmarks/interpolators.py
 	$(BIN)/python benchmarks/view.py
+
+# The stepper board: build/firmware/stepper.hex, and onto an Uno with make flash PORT=/dev/ttyUSB0 (gcc-avr, avr-libc, avrdude).
+firmware flash:
+	$(MAKE) -C firmware $(subst firmware,all,$@)
+
+# The same firmware in simavr on a pseudo-terminal, for --port (libsimavr-dev, libelf-dev).
+simulator:
+	$(MAKE) -C firmware simulator
+	build/firmware/simulator build/firmware/stepper.elf
 
 # The picture and the summary in the README.
 picture: $(VENV)/installed-view

@@ -267,7 +267,8 @@ class Job:
         """The second pass: plan, interpolate, and send or only look."""
         report, machine = self.report, self.machine
         steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
-        interpolator = ReferencePulse(steps_per_mm, self.start, 1e9 / machine.board.max_step_rate, algorithm=self.algorithm)
+        fastest = machine.board.max_step_rate if board is None else min(machine.board.max_step_rate, board.capabilities.max_step_rate)
+        interpolator = ReferencePulse(steps_per_mm, self.start, 1e9 / fastest, algorithm=self.algorithm)
         on_pulses = None
         if self.outputs.pulses is not None:
             on_pulses = self._opened(pulse_writer(self.outputs.pulses, machine, interpolator.origin_steps)).write

@@ -19,6 +19,16 @@ ROWS = 65536
 """Grid moves in the buffers of the encoder and the decoder."""
 BYTES = 65536
 """Most bytes written at once."""
+PAUSE = encoder.PAUSE * form.SUB
+"""Longest slot of a pause, 1/256 tick."""
+
+OUTPUTS, ARM = 1, 2
+"""Commands: what the outputs are from here on; which inputs end the motion from here on."""
+
+
+def command(code: int, *arguments: int, end: bool = False) -> bytes:
+    """A command between segments; code 0 does nothing. ``end``: nothing need follow, the board may run dry after it."""
+    return bytes((len(arguments), code << 4 | form.COMMAND | (form.END if end else 0), *arguments))
 
 
 class SegmentEncoder:
@@ -88,6 +98,24 @@ class SegmentEncoder:
             parts[-1] = bytes(last)
         return b"".join(parts)
 
+    def idle(self, until_ns: int) -> bytes:
+        """The segments of all moves that wait, and of a pause that ends at ``until_ns``, or as much as a tick before."""
+        parts: list[bytes] = []
+        self._encode(0, parts)
+        left = until_ns * form.SUB // form.TICK_NS - int(self._state[encoder.CLOCK])
+        while left >= form.SUB:
+            slots = min(-(-left // PAUSE), form.MOST_SLOTS)
+            interval = min(left // slots, PAUSE)
+            parts.append(bytes((slots, form.EVEN)) + interval.to_bytes(3, "little") + bytes(3))
+            self._state[encoder.CLOCK] += slots * interval
+            left -= slots * interval
+        return b"".join(parts)
+
+    @property
+    def clock_ns(self) -> int:
+        """When all segments so far have been played."""
+        return int(self._state[encoder.CLOCK]) * form.TICK_NS // form.SUB
+
     def _encode(self, keep: int, parts: list[bytes]) -> None:
         """Write segments until no more than ``keep`` moves wait."""
         buffers = (self._moving, self._backward, self._due)
@@ -125,7 +153,7 @@ class SegmentDecoder:
 
 
 def split(segments: bytes) -> Iterator[bytes]:
-    """The single segments."""
+    """The single segments and commands."""
     data = np.frombuffer(segments, dtype=np.uint8)
     at = 0
     while at < len(data):

@@ -18,6 +18,7 @@ BUILT_IN = (
     EntryPoint("file", "cnc.drivers.file:FileBoard", GROUP),
     EntryPoint("grbl", "cnc.drivers.grbl:GrblBoard", GROUP),
     EntryPoint("grbl-sim", "cnc.drivers.grbl_sim:GrblSim", GROUP),
+    EntryPoint("stepper", "cnc.drivers.stepper:Stepper", GROUP),
 )
 """The boards in this package, known even where it runs from a folder that was never installed."""
 

@@ -51,7 +51,8 @@ EVEN, PLACED, PACKED, TIMED = 0, 1, 2, 3
 FORM = 3
 END = 4
 """Bit of byte 1: nothing need follow, the board may run dry."""
-RESERVED = 8
+COMMAND = 8
+"""Bit of byte 1: no segment but a command, with as many bytes behind byte 1 as byte 0 says; bits 4-7 of byte 1 tell which."""
 
 HEAD, PHASE_BYTES, MASKS_AT, TIMED_AT = 8, 8, 7, 2
 """Bytes of the fixed part and of a phase; where the masks of packed and the words of timed segments begin."""
@@ -77,9 +78,13 @@ def _signed16(data: Bytes, at: int) -> int:
 
 @njit
 def segment_bytes(data: Bytes, at: int) -> int:
-    """Length of the segment that begins at byte ``at``; -1 if that is none, or not yet there as a whole."""
+    """Length of the segment or command that begins at byte ``at``; -1 if that is none, or not yet there as a whole."""
     size = -1
-    if at + 2 <= len(data) and data[at] > 0 and data[at + 1] & RESERVED == 0:
+    if at + 2 <= len(data) and data[at + 1] & COMMAND:
+        size = 2 + whole_number(data, at, 1)
+        if at + size > len(data):
+            size = -1
+    elif at + 2 <= len(data) and data[at] > 0:
         slots = whole_number(data, at, 1)
         form = data[at + 1] & FORM
         if form == TIMED:
@@ -107,7 +112,9 @@ def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int
     slots = whole_number(data, at, 1)
     form = data[at + 1] & FORM
     rows = 0
-    if form == TIMED:
+    if data[at + 1] & COMMAND:
+        slots = 0
+    elif form == TIMED:
         for k in range(slots):
             word = whole_number(data, at + TIMED_AT + 2 * k, 2)
             clock += (word & LONGEST_TIMED) * SUB

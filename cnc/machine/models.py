@@ -88,12 +88,16 @@ class PathLimits(_Section):
 
 
 class Board(_Section):
-    """What takes the motion. ``max_step_rate`` steps/s is the fastest that one axis can be stepped at."""
+    """What takes the motion. ``max_step_rate`` steps/s is the fastest that one axis can be stepped at.
+
+    ``max_spindle_rpm``: the speed at which a spindle driven by PWM turns with the output always on (the stepper board's D11).
+    """
 
     kind: Annotated[str, Field(min_length=1)] = "loopback"
     port: str | None = None
     baud: Annotated[int, Field(gt=0)] = 115200
     max_step_rate: Positive = 200_000.0
+    max_spindle_rpm: Positive = 1000.0
 
 
 class Program(_Section):

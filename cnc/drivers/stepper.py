@@ -1,0 +1,531 @@
+"""The stepper board: an Arduino with the firmware in ``firmware/``, which plays grid moves as they were planned.
+
+Moves go ahead of time, but no farther than a horizon: what the board has been given is what a hold can't take back.
+
+      board plays        promised to the board          next piece
+    ──────●──────────────────────────────────┤····················┤
+          └────────── HORIZON_S ─────────────┘     PIECE_S
+
+The board keeps time: where it is comes with its status, several times a second. A program's clock goes on through dwells (pauses in the
+stream), and stands still while the motion is held (the stream ends, and is started anew).
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.drivers.base import Capabilities, Command, board_error
+from cnc.drivers.loopback import Loopback
+from cnc.drivers.port import Clock, Port, SystemClock
+from cnc.drivers.stepper_outputs import Outputs
+from cnc.drivers.stepper_protocol import VERSION, Alarm, Kind, State, Status, StepperLink, Welcome
+from cnc.errors import BoardError, Diagnostic, UsageError
+from cnc.machine.models import Machine
+from cnc.segments import ARM, OUTPUTS, SegmentEncoder, command
+from cnc.stream import PulseChunk
+
+BAUD = 1_000_000
+"""The firmware's speed unless the machine file names another."""
+HORIZON_S = 0.125
+"""The board is given no more than this ahead of what it plays."""
+PIECE_S = 0.02
+"""Moves are compressed and sent in pieces of this length."""
+PREFILL_S = 0.1
+"""So much is there before the motion starts."""
+TOLERANCE_NS = 2000
+"""How far from its time a move may be made."""
+ASK_S = 0.025
+"""So often the board is asked how it does."""
+BREATH_S = 0.002
+"""Longest wait for bytes before something may have to be sent again."""
+HELLO_S = 4.0
+"""A board that was reset by the opening of its port is up within this: its bootloader waits for 2 s at most."""
+ANSWER_S = 0.8
+"""A board that says nothing for this long is not there any more."""
+MOST_RAMP_S, SHAPE = 0.08, 1.5
+"""Emergency ramps: the longest, and the steepest slope of their S over its mean."""
+PULSE_NS, SETUP_NS = 5000, 5000
+
+ALARMS = {
+    Alarm.UNDERRUN: ("board-underrun", "moves did not reach the board in time; it came to rest on the path", "close what else keeps this computer busy"),
+    Alarm.SILENCE: ("board-silence", "the board did not hear from this computer; it came to rest on the path", "check the cable"),
+    Alarm.EMERGENCY_STOP: ("board-emergency-stop", "the e-stop is pressed", "release it when all is well, then home the machine"),
+    Alarm.LIMIT: ("board-limit", "a limit switch was hit", "move away from it by hand with the drivers off, then home the machine"),
+    Alarm.STOPPED_BY_HOST: ("board-stopped", "the board was told to stop", "open it anew"),
+    Alarm.BAD_STREAM: ("board-stream", "the board got moves that it can't read", "update firmware and cncrun to the same version"),
+}  # fmt: skip
+
+
+@dataclass(slots=True)
+class _Piece:
+    """What a stretch of the stream holds: its last byte, the source line, and where the machine stands at its beginning and after each row."""
+
+    until: int
+    line: int
+    rows: NDArray[np.int64]
+    lines: NDArray[np.int32]
+
+
+class Stepper:
+    """A board on an open port; :meth:`from_machine` opens one.
+
+    machine: must have as many axes as the board. clock: the port's. background: keep the link alive between calls, from a thread.
+    BoardError where no stepper board answers, or one that this program can't drive.
+    """
+
+    def __init__(self, port: Port, machine: Machine, name: str = "the port", *, clock: Clock | None = None, background: bool = False) -> None:
+        self._port = port
+        self._clock = clock or SystemClock()
+        self._name = name
+        self._machine = machine
+        self._link = StepperLink()
+        self._lock = threading.RLock()
+        self._closed = threading.Event()
+        self._asked_at = self._heard_at = self._clock.now()
+        self._status: Status | None = None
+        self._began_at = 0.0
+        self._running = False
+        self._base_ns = 0
+        self._sent_bytes = 0
+        self._first_byte = 0
+        self._pieces: deque[_Piece] = deque()
+        self._until_ns = 0
+        self._outputs = Outputs()
+        self._active = False
+        self._fault: BoardError | None = None
+        self._untold: BoardError | None = None
+        self._turned = np.array([-1 if axis.invert else 1 for axis in machine.axes.values()], dtype=np.int8)
+        self._steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
+        self._checks = Loopback(len(machine.axes))
+        welcome, status = self._open()
+        self._least_ns = max(welcome.least_ticks * welcome.tick_ns, PULSE_NS + SETUP_NS)
+        self._room = welcome.room
+        self._checks = Loopback(len(machine.axes), self._least_ns)
+        self._encoder = SegmentEncoder(len(machine.axes), TOLERANCE_NS, self._least_ns)
+        self.standing_steps: NDArray[np.int64] | None = None
+        """Where the board knows that it stands (axes,); None if it lost its position, as it does with every reset."""
+        if status.position_known:
+            self.standing_steps = np.array(status.position[: len(machine.axes)], dtype=np.int64) * self._turned
+        self._position = self.standing_steps if self.standing_steps is not None else np.zeros(len(machine.axes), dtype=np.int64)
+        if background:
+            threading.Thread(target=self._keep_alive, daemon=True, name="stepper board").start()
+
+    @classmethod
+    def from_machine(cls, machine: Machine, target: Path | None = None) -> Stepper:
+        """The board on the port ``target``, else on that of the machine file."""
+        from cnc.drivers.serial_link import open_port
+
+        name = str(target) if target is not None else machine.board.port
+        if not name:
+            hint = "name it with --port, or board.port in the machine file; cncrun boards lists the ports"
+            raise UsageError(Diagnostic("no-port", "the stepper board needs to know its port", hint=hint))
+        port = open_port(name, machine.board.baud if "baud" in machine.board.model_fields_set else BAUD)
+        try:
+            return cls(port, machine, name, background=True)
+        except BaseException:
+            port.close()
+            raise
+
+    # ---------------------------------------------------------------------------------------------------------- as every board
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Pulses at half microseconds."""
+        return Capabilities(len(self._machine.axes), 1e9 / self._least_ns, 500.0, pulses=True, lines=False, senses=False)
+
+    @property
+    def confirmed_line(self) -> int:
+        """Source line of the last motion or command that has reached the board."""
+        return self._link.confirmed_note
+
+    @property
+    def position_steps(self) -> NDArray[np.int64]:
+        """Where all that was sent leads; after a fault, where the board says it stands."""
+        return self._position.copy()
+
+    def start(self, origin_steps: NDArray[np.int64]) -> None:
+        """Take where the machine stands for ``origin_steps``, switch the drivers on."""
+        with self._lock:
+            self._refuse_after_fault()
+            self._checks.start(origin_steps)
+            self._position = self._checks.position_steps
+            position = [*(self._position * self._turned).tolist(), 0, 0, 0, 0][:4]
+            self._request(Kind.SET_POSITION, b"".join(int(each).to_bytes(4, "little", signed=True) for each in position))
+            self._encoder = SegmentEncoder(len(self._machine.axes), TOLERANCE_NS, self._least_ns)
+            self._base_ns = self._until_ns = 0
+            self._outputs = Outputs(enabled=True)
+            self._active = True
+            self._stream(command(OUTPUTS, *self._outputs.bytes), 0, 0)
+
+    def send(self, chunk: PulseChunk) -> None:
+        """Take grid moves; returns when all but a horizon of them has been played."""
+        with self._lock:
+            self._refuse_after_fault()
+            begin = self._checks.position_steps
+            try:
+                self._checks.send(chunk)
+            finally:
+                rows = self._checks.rows
+                self._checks.rows = 0
+                self._send_rows(chunk, rows, begin)
+
+    def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
+        """Carry out a block at its time."""
+        with self._lock:
+            self._refuse_after_fault()
+            self._checks.execute(block, time_ns)
+            if type(block).__name__ == "Held":
+                self._rest(time_ns)
+                return None
+            before = self._outputs
+            self._outputs = before.after(block, self._machine)
+            if self._outputs != before:
+                self._idle_until(time_ns)
+                self._stream(command(OUTPUTS, *self._outputs.bytes), self._encoder.clock_ns, block.line)
+            seconds = getattr(block, "seconds", 0.0)
+            self._until_ns = max(self._until_ns, time_ns + round(seconds * 1e9))
+        return None
+
+    def finish(self) -> None:
+        """Return when everything sent has been carried out."""
+        with self._lock:
+            self._refuse_after_fault()
+            if self._active:
+                self._end()
+            self._checks.finish()
+
+    def stop(self) -> None:
+        """Come to rest after what has been sent, and refuse what comes later."""
+        with self._lock:
+            if self._active:
+                self._end()
+            self._checks.stop()
+
+    def abort(self) -> None:
+        """Come to rest on the path at once, whatever is still waiting."""
+        with self._lock:
+            self._checks.abort()
+            if self._active:
+                self._active = False
+                self._halt()
+
+    def close(self) -> None:
+        """Stop what moves and let go of the port."""
+        with self._lock:
+            if not self._closed.is_set():
+                with suppress(BoardError):
+                    self.abort()
+                self._closed.set()
+                self._checks.close()
+                self._port.close()
+
+    # ------------------------------------------------------------------------------------------------------------------ sending
+
+    def _end(self) -> None:
+        """The last of what was sent, then spindle and coolant off."""
+        self._idle_until(self._until_ns)
+        self._outputs = replace(self._outputs, spindle="off", duty=0, flood=False, mist=False)
+        self._stream(command(OUTPUTS, *self._outputs.bytes), self._encoder.clock_ns, 0)
+        self._rest(self._until_ns)
+        self._active = False
+
+    def _send_rows(self, chunk: PulseChunk, rows: int, begin: NDArray[np.int64]) -> None:
+        """Send the first rows of a chunk piece by piece."""
+        time_ns, step = chunk.time_ns[:rows], chunk.step[:rows]
+        places = begin + np.cumsum(step, axis=0, dtype=np.int64)
+        at = 0
+        while at < rows:
+            first = int(time_ns[at])
+            self._idle_towards(first)
+            until = max(int(np.searchsorted(time_ns, first + round(PIECE_S * 1e9))), at + 1)
+            self._wait_for_horizon(int(time_ns[until - 1]))
+            part = PulseChunk(time_ns[at:until], (step[at:until] * self._turned).astype(np.int8), chunk.line[at:until])
+            data = self._encoder.push(part) + self._encoder.flush()
+            self._position = places[until - 1]
+            self._stream(data, self._encoder.clock_ns, int(chunk.line[until - 1]), places[at:until], chunk.line[at:until])
+            at = until
+        if rows:
+            self._until_ns = max(self._until_ns, int(time_ns[-1]))
+
+    def _idle_towards(self, time_ns: int) -> None:
+        """Fill a long time without moves, until shortly before the next one."""
+        if time_ns - self._encoder.clock_ns > 2 * PIECE_S * 1e9:
+            self._idle_until(time_ns - round(PIECE_S * 1e9))
+
+    def _idle_until(self, time_ns: int) -> None:
+        """Pauses, no longer than the horizon allows."""
+        piece = round(PIECE_S * 1e9)
+        while self._encoder.clock_ns + 1000 < time_ns:
+            until = min(self._encoder.clock_ns + piece, time_ns)
+            self._wait_for_horizon(until)
+            data = self._encoder.idle(until)
+            if not data:
+                break
+            self._stream(data, self._encoder.clock_ns, 0)
+
+    def _stream(
+        self, data: bytes, clock_ns: int, line: int, rows: NDArray[np.int64] | None = None, lines: NDArray[np.int32] | None = None
+    ) -> None:
+        """Hand bytes of the stream to the link and wait until they are on their way."""
+        self._sent_bytes += len(data)
+        if rows is None or lines is None:
+            rows, lines = np.array([self._position]), np.array([line], dtype=np.int32)
+        self._pieces.append(_Piece(self._sent_bytes, line, rows, lines))
+        self._link.stream(data, (clock_ns - self._base_ns) // 1_000_000, note=line)
+        while self._link.unsent and self._fault is None:
+            if self._link.full and not self._running:
+                self._run()
+            self._pump(BREATH_S)
+        self._run_if_filled(clock_ns)
+
+    def _wait_for_horizon(self, time_ns: int) -> None:
+        """Return when the board may be given what is played until ``time_ns``."""
+        self._run_if_filled(time_ns)
+        while self._running and time_ns - self._played_ns() > HORIZON_S * 1e9:
+            self._pump(BREATH_S)
+
+    def _run_if_filled(self, time_ns: int) -> None:
+        if not self._running and time_ns - self._base_ns > PREFILL_S * 1e9:
+            self._run()
+
+    def _run(self) -> None:
+        """Start what has been sent."""
+        while self._link.unconfirmed and not self._link.full:
+            self._pump(BREATH_S)
+        self._running = True
+        self._began_at = self._clock.now()
+        self._request(Kind.RUN, b"")
+
+    def _played_ns(self) -> int:
+        """The program's time that the board has come to."""
+        return self._base_ns + round((self._clock.now() - self._began_at) * 1e9)
+
+    def _rest(self, time_ns: int) -> None:
+        """End the stream, return when it has been played: the program's clock stands still until the next move."""
+        self._idle_until(time_ns)
+        self._until_ns = max(self._until_ns, time_ns)
+        clock = self._encoder.clock_ns
+        data = self._encoder.flush() + command(0, end=True)
+        self._sent_bytes += len(data)
+        self._pieces.append(_Piece(self._sent_bytes, self.confirmed_line, np.array([self._position]), np.array([self.confirmed_line], np.int32)))
+        self._link.stream(data, (clock - self._base_ns) // 1_000_000, end=True)
+        while self._link.unconfirmed:
+            if self._link.full and not self._running:
+                self._run()
+            self._pump(BREATH_S)
+        if not self._running:
+            self._run()
+        while not (self._link.state == State.IDLE and self._status is not None and self._taken(self._status) == self._sent_bytes):
+            self._pump(BREATH_S)
+        self._running = False
+        self._base_ns = clock
+        self._pieces.clear()
+        self._compare(self._status)
+
+    def _taken(self, status: Status) -> int:
+        return (status.taken - self._first_byte) % 2**32
+
+    def _compare(self, status: Status) -> None:
+        """The board's count and ours are one, or nothing is known any more."""
+        there = np.array(status.position[: len(self._position)], dtype=np.int64) * self._turned
+        if not np.array_equal(there, self._position):
+            self._position = there
+            hint = "home the machine; please report this with the program"
+            raise self._failed(board_error("board-position", f"the board stands at {self._place(there)}, not where it was sent", hint=hint))
+
+    # ---------------------------------------------------------------------------------------------------------------- the link
+
+    def _pump(self, seconds: float) -> None:
+        """Send what is to be sent, take in what has come, waiting at most so long for it. BoardError for whatever has gone wrong."""
+        now = self._clock.now()
+        if now - self._asked_at >= ASK_S:
+            self._asked_at = now
+            self._link.ask()
+        try:
+            out = self._link.outgoing(now)
+            if out:
+                self._port.write(out)
+            data = self._port.read(seconds)
+        except BoardError as error:
+            raise self._failed(error) from error
+        now = self._clock.now()
+        for event in self._link.receive(data, now):
+            self._heard_at = now
+            if isinstance(event, Status):
+                self._status = event
+                if event.board_ms is not None and self._running:
+                    self._began_at = now - event.board_ms * 1e-3
+                while len(self._pieces) > 1 and self._pieces[0].until + 64 < self._taken(event):
+                    self._pieces.popleft()
+                if self._active and not event.position_known:
+                    hint = "look at its supply and at its reset line; home the machine before the next run"
+                    raise self._failed(board_error("board-reset", f"the board on {self._name} was reset; its position is lost", hint=hint))
+                if self._active and event.state == State.ALARM:
+                    raise self._alarmed(event)
+        if self._link.heard_at is not None:
+            self._heard_at = max(self._heard_at, self._link.heard_at)
+        if now - self._heard_at > ANSWER_S:
+            hint = "check the cable and the board's supply; if it has power it has come to rest by itself. Home the machine before the next run"
+            raise self._failed(board_error("board-silent", f"the board on {self._name} does not answer any more", hint=hint))
+
+    def _request(self, kind: Kind, payload: bytes) -> Status | None:
+        """Have something done; None if the board does not do it."""
+        self._link.request(kind, payload, self._clock.now())
+        began = self._clock.now()
+        while self._link.requesting:
+            self._pump(BREATH_S)
+            if self._clock.now() - began > ANSWER_S:
+                self._link.give_up()
+                return None
+        return self._status
+
+    def _keep_alive(self) -> None:
+        """The board stops when it hears nothing for a quarter of a second, such as while a program is held."""
+        while not self._closed.wait(2 * ASK_S):
+            with self._lock:
+                if self._fault is None and not self._closed.is_set():
+                    try:
+                        self._pump(0.0)
+                    except BoardError as error:
+                        self._untold = error
+
+    def _halt(self) -> None:
+        """Have the board come to rest on its path; what it says after that is where it stands."""
+        with suppress(BoardError):
+            self._link.drop()
+            self._request(Kind.STOP, b"\1")
+            began = self._clock.now()
+            while self._link.state == State.RAMPING and self._clock.now() - began < ANSWER_S:
+                self._pump(BREATH_S)
+            status = self._ask()
+            self._position = np.array(status.position[: len(self._position)], dtype=np.int64) * self._turned
+        self._running = False
+
+    def _ask(self) -> Status:
+        """A fresh status."""
+        self._status = None
+        self._link.ask()
+        while self._status is None:
+            self._pump(BREATH_S)
+        return self._status
+
+    # ------------------------------------------------------------------------------------------------------------------- faults
+
+    def _refuse_after_fault(self) -> None:
+        if self._untold is not None:
+            error, self._untold = self._untold, None
+            raise error
+        if self._fault is not None:
+            raise board_error("board-stopped", "the board has been stopped", hint="open it anew")
+
+    def _failed(self, error: BoardError) -> BoardError:
+        """Nothing more is sent."""
+        if self._fault is None:
+            self._fault = error
+        self._checks.abort()
+        self._running = self._active = False
+        return error
+
+    def _alarmed(self, status: Status) -> BoardError:
+        """The board has stopped: why, and where it stands."""
+        self._position = np.array(status.position[: len(self._position)], dtype=np.int64) * self._turned
+        code, what, hint = ALARMS.get(status.alarm, ("board-alarm", "the board has stopped", "open it anew"))
+        if status.alarm == Alarm.LIMIT:
+            hit = [axis.upper() for k, axis in enumerate(self._machine.axes) if status.inputs >> k & 1]
+            what = f"the limit switch of {' and '.join(hit)} was hit" if hit else what
+        message = f"{what}; the machine stands at {self._place(self._position)}"
+        return self._failed(board_error(code, message, line=self._line_at(status), hint=hint))
+
+    def _line_at(self, status: Status) -> int:
+        """The source line of the move after which the board stands."""
+        for piece in reversed(self._pieces):
+            here = np.flatnonzero((piece.rows == self._position).all(axis=1))
+            if len(here):
+                return int(piece.lines[here[-1]]) or self.confirmed_line
+        return self.confirmed_line
+
+    def _place(self, steps: NDArray[np.int64]) -> str:
+        places = (steps / self._steps_per_mm).tolist()
+        return " ".join(f"{letter.upper()}{value:.4f}".rstrip("0").rstrip(".") for letter, value in zip(self._machine.axes, places, strict=True))
+
+    # ------------------------------------------------------------------------------------------------------------------ opening
+
+    def _open(self) -> tuple[Welcome, Status]:
+        """Find out what answers, and whether it can do what the machine needs."""
+        welcome = self._greet()
+        machine, name = self._machine, self._name
+        if welcome.version != VERSION:
+            hint = f"make flash PORT={name} puts the right firmware on it"
+            message = f"the firmware of the board on {name} speaks version {welcome.version} of the protocol, this program {VERSION}"
+            raise board_error("board-version", message, hint=hint)
+        if welcome.axes != len(machine.axes):
+            hint = f"use a machine file with {welcome.axes} axes, or make flash AXES={len(machine.axes)} PORT={name}"
+            message = f"the machine has {len(machine.axes)} axes, the board on {name} {welcome.axes}"
+            raise board_error("board-axes", message, hint=hint)
+        fastest = 1e9 / max(welcome.least_ticks * welcome.tick_ns, PULSE_NS + SETUP_NS)
+        for letter, axis in machine.axes.items():
+            if axis.step_rate > fastest:
+                hint = f"lower axes.{letter}.max_velocity to {fastest / axis.steps_per_mm:.4g} mm/s, or use fewer microsteps"
+                message = f"{letter.upper()} may step {axis.step_rate:.0f} times a second, the board {fastest:.0f} times"
+                raise board_error("board-step-rate", message, hint=hint)
+        began = self._clock.now()
+        while self._link.state in (State.RUNNING, State.RAMPING):
+            if self._clock.now() - began > 1.0:
+                raise board_error("board-busy", f"the board on {name} still moves", hint="is another program driving it?")
+            self._pump(BREATH_S)
+        return welcome, self._prepared()
+
+    def _prepared(self) -> Status:
+        """The board at rest, without an alarm, told how the machine is built."""
+        axes = self._machine.axes.values()
+        stops = [axis.max_velocity / axis.max_acceleration for axis in axes if axis.max_acceleration]
+        ramp_ms = round(1e3 * min(SHAPE * max(stops, default=MOST_RAMP_S), MOST_RAMP_S))
+        if self._ask().inputs & 0x20:
+            code, what, hint = ALARMS[Alarm.EMERGENCY_STOP]
+            raise board_error(code, what, hint=hint)
+        if self._link.state != State.IDLE:
+            self._request(Kind.CLEAR, b"")
+        self._request(Kind.CONFIGURE, bytes((PULSE_NS // 500, SETUP_NS // 500, max(ramp_ms, 4), 0x0F, 0)))
+        # inputs end no motion until a command says so
+        status = self._ask()
+        pressed = [letter.upper() for k, letter in enumerate(self._machine.axes) if status.inputs >> k & 1]
+        if pressed:
+            hint = "move the machine off it, by hand with the drivers off"
+            raise board_error("board-limit", f"the limit switch of {' and '.join(pressed)} is pressed", hint=hint)
+        self._first_byte = status.taken
+        return status
+
+    def _greet(self) -> Welcome:
+        """The board's answer to hello. Opening its port may have reset it: it is asked until it is up."""
+        link, clock = self._link, self._clock
+        began = clock.now()
+        link.hello(began)
+        while link.welcome is None:
+            now = clock.now()
+            out = link.outgoing(now)
+            if out:
+                self._port.write(out)
+            link.receive(self._port.read(BREATH_S * 5), clock.now())
+            if clock.now() - began > HELLO_S:
+                raise self._no_stepper(link.murmur)
+        self._heard_at = clock.now()
+        return link.welcome
+
+    def _no_stepper(self, murmur: bytes) -> BoardError:
+        """What answers instead."""
+        words = murmur.decode("ascii", "replace")
+        if "Grbl" in words or "grblHAL" in words:
+            hint = "use --board grbl, or make flash to put the stepper firmware on it"
+            return board_error("board-not-stepper", f"the board on {self._name} runs GRBL, not the stepper firmware", hint=hint)
+        if murmur:
+            hint = f"check port and board.baud ({BAUD} unless the firmware was built for another speed); make flash puts the firmware on an Uno"
+            return board_error("board-not-stepper", f"what answers on {self._name} is no stepper board", hint=hint)
+        hint = "check the port and the board's supply; make flash puts the firmware on an Uno"
+        return board_error("board-silent", f"nothing answers on {self._name}", hint=hint)

@@ -1,0 +1,150 @@
+/* The stepper board: an ATmega328P at 16 MHz (Arduino Uno or Nano) under a shield with GRBL's pins.
+
+                      main loop                                        interrupts
+   serial ──► frames ──► stream store ──► player ──► queue of events ──► Timer1: step and direction pins
+              link.c      1 kB             player.c   64 x 4 bytes       play.S
+
+   The stream holds segments (docs/segments.md) and commands between them; the player turns them into events, each a time and what to write
+   to the port that has all step and direction pins. The interrupt only writes what was prepared, so that edges come within a microsecond
+   of their time whatever else goes on.
+
+   Step pins D2 D3 D4 (and D12 for a fourth axis), direction pins D5 D6 D7 (D13), enable D8 (low: on). Limits D9 D10 D12, with four axes
+   D9 D10 A4. Spindle PWM D11, its direction D13 (three axes). Flood A3, mist A4 (three axes). E-stop A0, hold A1, resume A2, probe A5.
+   Inputs have pull-ups and are active when they are low, until the host says otherwise. */
+
+#ifndef BOARD_H
+#define BOARD_H
+
+#define VERSION 1
+
+#ifndef AXES
+#define AXES 3
+#endif
+
+#if AXES < 1 || AXES > 4
+#error "AXES is 1 to 4"
+#endif
+
+/* Ticks of 0.5 us: Timer0 and Timer1 count clock/8. */
+#define TICK_NS 500
+#define TICKS_A_MS 2000
+/* The host keeps events at least so far apart; the sustained rate was measured with it. */
+#define LEAST_INTERVAL 32
+
+/* A byte for port D as it is written by the interrupt: steps in bits 2-4, directions in bits 5-7. Bits 0 and 1 are the serial port's and
+   stay as they are whatever is written there: bit 0 is a pull-up only. With four axes they carry step and direction of the fourth. */
+#if AXES == 4
+#define PORT_AXES 0xFF
+#define PORT_DIRECTIONS 0xE2
+#define PORT_STEPS 0x1D
+#define PORT_ALWAYS 0x00
+#else
+#define PORT_AXES 0xFD
+#define PORT_DIRECTIONS 0xE1
+#define PORT_STEPS 0x1C
+#define PORT_ALWAYS 0x01
+#endif
+
+/* UCSR0B: receive with an interrupt, send; and with an interrupt for what is to be sent. */
+#define UART_LISTENS 0x98
+#define UART_TALKS 0xB8
+
+/* Registers that no C code uses (-ffixed): the interrupts' own. */
+#define rSREG r2
+#define rTEMP r3
+#define rZ r4
+#define rPORT r6
+#define rIDLE r7
+#define rDUE_LOW r8
+#define rDUE_HIGH r9
+#define rWIDTH r10
+#define rTAIL r11
+#define rHEAD r12
+#define rGAP r13
+
+#ifndef __ASSEMBLER__
+
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <avr/pgmspace.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+enum { IDLE, RUNNING, RAMPING, ALARM, TOUCHED };
+enum { NO_ALARM, UNDERRUN, SILENCE, EMERGENCY_STOP, LIMIT, STOPPED_BY_HOST, BAD_STREAM };
+
+/* Inputs, a bit each, 1 where active. */
+#define INPUT_LIMITS 0x0F
+#define INPUT_PROBE 0x10
+#define INPUT_EMERGENCY_STOP 0x20
+#define INPUT_HOLD 0x40
+#define INPUT_RESUME 0x80
+
+struct config {
+    uint8_t pulse;      /* ticks that a step pin stays high, and low after that, at least */
+    uint8_t setup;      /* ticks from a direction to the first step */
+    uint8_t ramp_ms;    /* how long an emergency ramp takes */
+    uint8_t limits;     /* which limit inputs stop the motion */
+    uint8_t inverted;   /* inputs that are active when high */
+};
+
+extern struct config config;
+extern uint8_t state, alarm;
+extern volatile uint8_t halted;         /* reason + 1 of a stop that an interrupt made; 0: none */
+extern volatile uint8_t parked;         /* the interrupt has no event to wait for */
+extern uint8_t queue[256];
+extern uint8_t received[128];
+extern volatile uint8_t received_head;
+extern uint8_t sending[48];              /* the frame that goes out */
+extern volatile uint8_t send_at, send_length;
+extern int32_t position[4];             /* of the segments that were decoded to their end */
+extern bool known_position;
+extern uint16_t now_ms;
+
+/* player.c */
+extern uint32_t taken;                  /* bytes of the stream that were decoded, since the start of the board */
+void decode(void);
+void run(void);
+void flush(void);
+void ramp(uint8_t reason, uint8_t ms);
+void raise_alarm(uint8_t reason);
+void where(int32_t at[4]);
+void outputs_off(void);
+bool outputs_on(void);
+
+/* link.c */
+#define STORE 1024
+#define ROOM_KEPT 4                     /* a frame's CRC is written behind its payload, and full is not empty */
+extern uint8_t store[STORE];
+extern uint16_t store_head, store_tail;
+extern uint16_t promised_ms;            /* when the stream that was taken in ends, 15 bits; bit 15: it ends there */
+extern uint16_t heard_ms, started_ms;
+void receive(void);
+void transmit(void);
+uint16_t store_used(void);
+int16_t time_left(void);
+
+/* main.c */
+uint8_t inputs(void);
+bool limits_hit(void);
+void arm(uint8_t which, uint8_t level);
+static inline uint16_t timer(void)
+{
+    cli();
+    uint16_t now = TCNT1;
+    sei();
+    return now;
+}
+
+static inline uint8_t tail_get(void) { uint8_t v; __asm__ volatile("mov %0, r11" : "=r"(v)); return v; }
+static inline uint8_t head_get(void) { uint8_t v; __asm__ volatile("mov %0, r12" : "=r"(v)); return v; }
+static inline void head_set(uint8_t v) { __asm__ volatile("mov r12, %0" : : "r"(v) : "memory"); }
+static inline void tail_set(uint8_t v) { __asm__ volatile("mov r11, %0" : : "r"(v) : "memory"); }
+static inline void width_set(uint8_t v) { __asm__ volatile("mov r10, %0\n\tmov r13, %0\n\tlsl r13" : : "r"(v)); }
+static inline uint16_t due_get(void) { uint16_t v; __asm__ volatile("movw %0, r8" : "=r"(v)); return v; }
+static inline void due_set(uint16_t v) { __asm__ volatile("movw r8, %0" : : "r"(v)); }
+static inline uint8_t port_get(void) { uint8_t v; __asm__ volatile("mov %0, r6" : "=r"(v)); return v; }
+static inline void port_set(uint8_t v, uint8_t idle) { __asm__ volatile("mov r6, %0\n\tmov r7, %1" : : "r"(v), "r"(idle)); }
+
+#endif
+#endif

@@ -1,0 +1,298 @@
+/* The serial link: frames in and out. PROTOCOL.md says what they are.
+
+   A frame is decoded byte by byte as it comes. What belongs to the stream is written to the store at once, behind what was committed, and
+   counts only when the frame turns out to be whole, in order and free of errors. */
+
+#include "board.h"
+#include <util/crc16.h>
+
+enum { DATA = 0x01, HELLO, ASK, CONFIGURE, SET_POSITION, RUN, STOP, CLEAR };
+enum { ACK = 0x81, NAK, STATUS, WELCOME };
+
+#define DATA_HEAD 4             /* type, sequence, promise */
+#define LONGEST_CONTROL 18      /* decoded: type, token, four positions */
+
+uint8_t store[STORE];
+uint16_t store_head, store_tail;
+uint16_t promised_ms, heard_ms;
+
+uint8_t received[128];
+volatile uint8_t received_head;
+static uint8_t received_tail;
+static uint8_t frame[LONGEST_CONTROL + 2];
+static uint16_t length, crc, spare;     /* of the frame that comes in: bytes so far, their CRC, where its next stream byte goes */
+static uint8_t block, block_left;       /* COBS */
+static bool broken;
+static uint8_t expected, token;
+static bool naked;
+static bool want_ack, want_nak, want_status, want_welcome;
+static uint16_t told_room;
+
+uint8_t sending[48];
+volatile uint8_t send_at, send_length;
+
+uint16_t store_used(void)
+{
+    return (store_head - store_tail) & (STORE - 1);
+}
+
+static uint16_t store_room(void)
+{
+    return STORE - ROOM_KEPT - store_used();
+}
+
+/* ms of the stream that are still to be played. */
+int16_t time_left(void)
+{
+    return (int16_t)((uint16_t)(promised_ms - (state == RUNNING ? now_ms - started_ms : 0)) << 1) >> 1;
+}
+
+static void begin_frame(void)
+{
+    length = 0;
+    crc = 0xFFFF;
+    block = 0xFF;
+    block_left = 0;
+    broken = false;
+    spare = store_head;
+}
+
+static void take_in(uint8_t byte)
+{
+    crc = _crc_ccitt_update(crc, byte);
+    if (length < sizeof frame)
+        frame[length] = byte;
+    if (length >= DATA_HEAD && frame[0] == DATA) {
+        uint16_t next = (spare + 1) & (STORE - 1);
+        if (next == store_tail) {
+            broken = true;
+        } else {
+            store[spare] = byte;
+            spare = next;
+        }
+    }
+    if (length < 0xFFFF)
+        length++;
+}
+
+static uint16_t word(uint8_t at)
+{
+    return frame[at] | (uint16_t)frame[at + 1] << 8;
+}
+
+static void data_came(void)
+{
+    uint8_t ahead = frame[1] - expected;
+    if (ahead == 0) {
+        expected++;
+        naked = false;
+        want_ack = true;
+        if (state == IDLE || state == RUNNING) {
+            store_head = (store_head + length - DATA_HEAD - 2) & (STORE - 1);
+            promised_ms = word(2);
+        }
+    } else if (ahead >= 128) {
+        want_ack = true;
+    } else if (!naked) {
+        naked = want_nak = true;
+    }
+}
+
+static void control_came(void)
+{
+    uint8_t size = length - 4;
+    const uint8_t *payload = frame + 2;
+    bool again = frame[1] == token;
+    bool still = state != RUNNING && state != RAMPING;
+    if (frame[0] == HELLO) {
+        want_welcome = true;
+        return;
+    }
+    want_status = true;
+    if (frame[0] == ASK || again)
+        return;
+    switch (frame[0]) {
+    case CONFIGURE:
+        if (size < 5 || !still)
+            return;
+        config.pulse = payload[0];
+        config.setup = payload[1];
+        config.ramp_ms = payload[2];
+        config.limits = payload[3] & INPUT_LIMITS;
+        config.inverted = payload[4];
+        width_set(config.pulse);
+        break;
+    case SET_POSITION:
+        if (size < 16 || !still)
+            return;
+        for (uint8_t axis = 0; axis < 4; axis++)
+            position[axis] = (uint32_t)word(4 + 4 * axis) << 16 | word(2 + 4 * axis);
+        known_position = true;
+        break;
+    case RUN:
+        run();
+        break;
+    case STOP:
+        if (size >= 1 && payload[0])
+            ramp(STOPPED_BY_HOST, config.ramp_ms);
+        else
+            raise_alarm(STOPPED_BY_HOST);
+        break;
+    case CLEAR:
+        if (!still || inputs() & INPUT_EMERGENCY_STOP)
+            return;
+        flush();
+        state = IDLE;
+        alarm = NO_ALARM;
+        break;
+    default:
+        return;
+    }
+    token = frame[1];
+}
+
+static void end_frame(void)
+{
+    if (length == 0)
+        return;
+    if (crc != 0 || length < 4 || broken || block_left) {
+        if (!naked)
+            naked = want_nak = true;
+    } else {
+        heard_ms = now_ms;
+        if (frame[0] != DATA)
+            control_came();
+        else if (length >= DATA_HEAD + 2)
+            data_came();
+    }
+}
+
+/* Take what has come in, but not so much at once that the player starves. */
+void receive(void)
+{
+    for (uint8_t k = 0; k < 8 && received_tail != received_head; k++) {
+        received_tail = (received_tail + 1) & 127;
+        uint8_t byte = received[received_tail];
+        if (byte == 0) {
+            end_frame();
+            begin_frame();
+        } else if (block_left == 0) {
+            if (block != 0xFF)
+                take_in(0);
+            block = byte;
+            block_left = byte - 1;
+        } else {
+            take_in(byte);
+            block_left--;
+        }
+    }
+}
+
+/* ------------------------------------------------------------------------------------------------------------------- out */
+
+static uint8_t code_at, code, end_at;
+static uint16_t sent_crc;
+
+static void emit(uint8_t byte)
+{
+    if (byte) {
+        sending[end_at++] = byte;
+        code++;
+    } else {
+        sending[code_at] = code;
+        code_at = end_at++;
+        code = 1;
+    }
+}
+
+static void say(uint8_t byte)
+{
+    sent_crc = _crc_ccitt_update(sent_crc, byte);
+    emit(byte);
+}
+
+static void say_word(uint16_t value)
+{
+    say(value);
+    say(value >> 8);
+}
+
+static void say_long(uint32_t value)
+{
+    say_word(value);
+    say_word(value >> 16);
+}
+
+static void begin_saying(uint8_t type, uint8_t sequence)
+{
+    code_at = 0;
+    end_at = code = 1;
+    sent_crc = 0xFFFF;
+    say(type);
+    say(sequence);
+}
+
+static void end_saying(void)
+{
+    uint16_t sum = sent_crc;
+    emit(sum);
+    emit(sum >> 8);
+    sending[code_at] = code;
+    sending[end_at++] = 0;
+    send_at = 0;
+    send_length = end_at;
+    UCSR0B = UART_TALKS;
+}
+
+static void say_room(void)
+{
+    told_room = store_room();
+    say(state);
+    say_word(told_room);
+}
+
+void transmit(void)
+{
+    (void)UCSR0A;       /* simulators take this look for the word that they may send on */
+    if (send_at != send_length)
+        return;
+    if (want_welcome) {
+        want_welcome = false;
+        begin_saying(WELCOME, expected);
+        say('c');
+        say('n');
+        say('c');
+        say(VERSION);
+        say(AXES);
+        say_word(TICK_NS);
+        say_word(STORE - ROOM_KEPT);
+        say_word(LEAST_INTERVAL);
+        say(state);
+        say(known_position);
+    } else if (want_nak) {
+        want_nak = false;
+        begin_saying(NAK, expected);
+        say_room();
+    } else if (want_status) {
+        int32_t at[4];
+        want_status = want_ack = false;     /* it acknowledges, too */
+        where(at);
+        begin_saying(STATUS, token);
+        say(expected);
+        say_room();
+        say(alarm);
+        say(known_position);
+        say(inputs());
+        say_long(taken);
+        say_word(time_left());
+        for (uint8_t axis = 0; axis < 4; axis++)
+            say_long(at[axis]);
+    } else if (want_ack || (state == RUNNING && store_room() >= told_room + 64)) {
+        want_ack = false;
+        begin_saying(ACK, expected);
+        say_room();
+    } else {
+        return;
+    }
+    end_saying();
+}

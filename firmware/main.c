@@ -1,0 +1,211 @@
+/* Start, inputs, time, alarms, and the loop. */
+
+#include "board.h"
+
+#define MARGIN_MS 8             /* from the moment a ramp is wanted to the first event that it changes, and a little */
+#define SILENCE_MS 250
+#define STALE (STORE / 2)       /* a store fuller than this is no sign of a host that has gone, however soon it will be played */
+
+#ifndef BAUD
+#define BAUD 1000000UL
+#endif
+#define UBRR_VALUE ((F_CPU + 4 * BAUD) / (8 * BAUD) - 1)
+
+struct config config;
+uint8_t state, alarm;
+volatile uint8_t halted;
+uint16_t now_ms, started_ms;
+
+static uint8_t armed, armed_level;
+static uint16_t counted;
+
+/* ------------------------------------------------------------------------------------------------------------------ inputs */
+
+uint8_t inputs(void)
+{
+    uint8_t b = ~PINB, c = ~PINC, active = 0;
+    if (b & 0x02)
+        active |= 0x01;
+    if (b & 0x04)
+        active |= 0x02;
+#if AXES == 4
+    if (c & 0x10)
+        active |= 0x04;
+#else
+    if (b & 0x10)
+        active |= 0x04;
+#endif
+    if (c & 0x20)
+        active |= INPUT_PROBE;
+    if (c & 0x01)
+        active |= INPUT_EMERGENCY_STOP;
+    if (c & 0x02)
+        active |= INPUT_HOLD;
+    if (c & 0x04)
+        active |= INPUT_RESUME;
+    return active ^ config.inverted;
+}
+
+bool limits_hit(void)
+{
+    return inputs() & config.limits & ~armed;
+}
+
+/* What an input asks for: a halt's reason + 1, TOUCHED's own, or 0. */
+#define HALT_TOUCHED 0xFF
+
+static uint8_t wish(void)
+{
+    uint8_t now = inputs();
+    bool moving = state == RUNNING || state == RAMPING;
+    if (now & INPUT_EMERGENCY_STOP)
+        return EMERGENCY_STOP + 1;
+    if (moving && (now & config.limits & ~armed))
+        return LIMIT + 1;
+    if (moving && ((now ^ armed_level) & armed))
+        return HALT_TOUCHED;
+    return 0;
+}
+
+/* An input has changed. What it asks for must hold for some microseconds: a spike asks for nothing. */
+static void look(void)
+{
+    uint8_t wanted = wish();
+    for (uint8_t again = 0; wanted && again < 3; again++)
+        if (wish() != wanted)
+            return;
+    if (wanted && !halted) {
+        TIMSK1 = 0;
+        halted = wanted;
+    }
+}
+
+ISR(PCINT0_vect) { look(); }
+ISR(PCINT1_vect) { look(); }
+
+/* From here on these inputs end the motion, as soon as one of them differs from its level. */
+void arm(uint8_t which, uint8_t level)
+{
+    cli();
+    armed = which;
+    armed_level = level;
+    look();
+    sei();
+}
+
+/* ------------------------------------------------------------------------------------------------------------------ alarms */
+
+void raise_alarm(uint8_t reason)
+{
+    flush();
+    outputs_off();
+    state = ALARM;
+    alarm = reason;
+}
+
+static void look_for_halt(void)
+{
+    uint8_t why = halted;
+    if (!why)
+        return;
+    if (why == HALT_TOUCHED) {
+        flush();
+        state = TOUCHED;
+    } else {
+        raise_alarm(why - 1);
+    }
+    halted = 0;
+}
+
+/* Once a millisecond. */
+static void tick(void)
+{
+    bool silent = (uint16_t)(now_ms - heard_ms) > SILENCE_MS;
+    if (silent)
+        heard_ms = now_ms - SILENCE_MS - 1;
+    if (state == RUNNING) {
+        if (silent) {
+            ramp(SILENCE, config.ramp_ms);
+        } else if (!(promised_ms & 0x8000)) {
+            int16_t left = time_left();
+            if (left < config.ramp_ms / 2 + MARGIN_MS && store_used() < STALE) {
+                left = left > MARGIN_MS + 2 ? 2 * (left - MARGIN_MS) : 4;
+                ramp(UNDERRUN, left < config.ramp_ms ? left : config.ramp_ms);
+            }
+        }
+    } else if (state == IDLE && silent && outputs_on()) {
+        raise_alarm(SILENCE);
+    }
+    if (wish() && (state != ALARM || alarm != EMERGENCY_STOP)) {
+        cli();
+        look();
+        sei();
+    }
+}
+
+static void watch_time(void)
+{
+    while ((uint16_t)(timer() - counted) >= TICKS_A_MS) {
+        counted += TICKS_A_MS;
+        now_ms++;
+        tick();
+    }
+}
+
+int main(void)
+{
+    /* nothing has an initial value: the queue is to begin a page of the memory */
+    config.pulse = config.setup = 10;
+    config.ramp_ms = 100;
+    config.limits = INPUT_LIMITS;
+    EICRA = 0x05;                       /* edges: a simulator looks at INT0 and INT1 in level mode all the time */
+    PORTB = 0x01 | 0x02 | 0x04;         /* drivers off, pull-ups */
+    DDRB = 0x01 | 0x08 | 0x20;
+#if AXES == 4
+    DDRB |= 0x10;
+#else
+    PORTB |= 0x10;
+#endif
+    PORTC = 0x27;
+    DDRC = 0x08;
+#if AXES == 4
+    PORTC |= 0x10;
+#else
+    DDRC |= 0x10;
+#endif
+    PORTD = PORT_ALWAYS;
+    DDRD = 0xFC;
+
+    TCCR0B = 1 << CS01;
+    TIMSK0 = 1 << OCIE0A;
+    TCCR1B = 1 << CS11;
+    TCCR2A = 0x03;                      /* fast PWM, 976 Hz */
+    TCCR2B = 1 << CS22;
+
+    UBRR0 = UBRR_VALUE;
+    UCSR0A = 1 << U2X0;
+    UCSR0C = 3 << UCSZ00;
+    UCSR0B = UART_LISTENS;
+
+    tail_set(0);
+    head_set(0);
+    parked = 1;
+    width_set(config.pulse);
+    port_set(PORT_ALWAYS, PORT_ALWAYS);
+#if AXES == 4
+    PCMSK0 = 0x06;
+    PCMSK1 = 0x31;
+#else
+    PCMSK0 = 0x16;
+    PCMSK1 = 0x21;
+#endif
+    PCICR = 1 << PCIE0 | 1 << PCIE1;
+    sei();
+    for (;;) {
+        receive();
+        watch_time();
+        look_for_halt();
+        decode();
+        transmit();
+    }
+}

@@ -1,0 +1,623 @@
+/* The player: the stream's segments to events for the interrupt (docs/segments.md says what a segment means).
+
+   It works ahead of time, but no more than AHEAD, so that a ramp can begin soon. A ramp stretches time: each event comes later by a factor
+   that grows from 1 along an S until nothing moves any more, so that the machine comes to rest on its path.
+
+       position       of the segments that are done
+       + segment      what was decoded of the one under way
+       - waiting      events that were decoded and not played: in the queue, at the interrupt, and those that are too long to be queued yet */
+
+#include "board.h"
+#include <stddef.h>
+
+#define AHEAD 6000              /* ticks */
+#define SHORT 0x3FFF            /* ticks: what is longer is waited for in pieces */
+#define PIECE 8192
+#define LEAD 1500               /* ticks from the word to run to the time 0 of the stream */
+#define ROOMY 63                /* events that an empty queue takes */
+#define BURST 12                /* slots between two looks at the serial port */
+
+enum { EVEN, PLACED, PACKED, TIMED };
+#define FORM 3
+#define END 4
+#define COMMAND 8
+
+enum { NOTHING, OUTPUTS, ARM };
+#define LONGEST_ARGUMENTS 2
+
+struct phase {
+    __uint24 phase, period;
+    __int24 change;
+    uint8_t port;
+    uint8_t steps;
+};
+
+/* slots.S knows the places of what stands before `count`. */
+struct segment {
+    uint8_t left, form, always, directions, fraction, made;
+    __uint24 interval;
+    __int24 add;
+    struct phase one, two;
+    int16_t budget;             /* even: ticks that may still be planned ahead */
+    uint16_t long_ticks;        /* even: a slot that the queue does not take as it is, and its port */
+    uint8_t long_port, is_long;
+    uint8_t count[4];           /* packed and timed: steps of each axis */
+    uint8_t pair;               /* packed: the byte of which the second mask is still to come */
+};
+_Static_assert(offsetof(struct segment, one) == 12 && offsetof(struct segment, two) == 23 && offsetof(struct segment, budget) == 34
+               && offsetof(struct segment, is_long) == 39, "slots.S");
+
+struct segment segment;
+uint8_t even_slots(uint8_t most, int16_t budget, uint8_t one_by_one);
+
+static struct { uint16_t ticks; uint8_t port; } waiting[3];
+static uint8_t waiting_at, waiting_count;
+static uint32_t wait;           /* ticks to the first of them; it was stretched already if it is the one under way */
+static bool wait_known;
+
+static uint16_t planned;        /* when the last event in the queue is due */
+static bool end_seen;
+static bool starved;            /* the stream has too few bytes for what comes next */
+static uint8_t spindle;
+
+volatile uint8_t parked;
+uint32_t taken;
+int32_t position[4];
+bool known_position;
+
+static const uint8_t axis_step[4] PROGMEM = { 0x04, 0x08, 0x10, 0x01 };
+static const uint8_t axis_direction[4] PROGMEM = { 0x20, 0x40, 0x80, 0x02 };
+
+/* ------------------------------------------------------------------------------------------------------------------- ramp */
+
+/* How much longer time is, in 1/256, at 1/64, 3/64 .. of a ramp: 1 / (1 - x^2 (3 - 2 x)). Behind the last one nothing moves. */
+static const uint16_t stretched[30] PROGMEM = {
+    256, 258, 261, 265, 271, 278, 287, 297, 310, 325, 342, 363, 387, 415, 449,
+    489, 537, 595, 667, 756, 869, 1014, 1207, 1470, 1841, 2392, 3262, 4762, 7694, 14749,
+};
+#define RAMP_PIECES 32
+#define RAMP_STEPS 30
+
+static uint8_t ramp_step, ramp_reason;
+static uint16_t ramp_piece, ramp_left;
+
+void ramp(uint8_t reason, uint8_t ms)
+{
+    if (state != RUNNING)
+        return;
+    state = RAMPING;
+    ramp_reason = reason;
+    ramp_step = 0;
+    ramp_piece = ramp_left = (uint16_t)ms * (TICKS_A_MS / RAMP_PIECES);
+}
+
+/* Ticks of the plan as ticks of the ramp; 0: its end comes first. */
+static uint32_t stretch(uint16_t ticks)
+{
+    uint32_t real = 0;
+    while (ramp_step < RAMP_STEPS) {
+        uint16_t factor = pgm_read_word(&stretched[ramp_step]);
+        uint32_t wanted = (uint32_t)ticks * factor >> 8;
+        if (wanted <= ramp_left) {
+            ramp_left -= wanted;
+            return real + wanted + (wanted == 0 && real == 0);
+        }
+        ticks -= ((uint32_t)ramp_left << 8) / factor;
+        real += ramp_left;
+        ramp_left = ramp_piece;
+        ramp_step++;
+    }
+    return 0;
+}
+
+/* ------------------------------------------------------------------------------------------------------------------ queue */
+
+static inline uint8_t room(void)
+{
+    return (uint8_t)(tail_get() - head_get() - 4) >> 2;
+}
+
+/* The interrupt has nothing to wait for: give it the first event of the queue. */
+static void unpark(void)
+{
+    uint8_t *event = queue + tail_get();
+    uint16_t due = due_get() + (event[0] | (uint16_t)event[1] << 8);
+    cli();
+    if (!halted) {
+        due_set(due);
+        port_set(event[2], event[3]);
+        tail_set(tail_get() + 4);
+        PORTD = event[3];
+#if AXES == 4
+        PORTB = event[3] & 2 ? PORTB | 0x20 : PORTB & ~0x20;
+#endif
+        uint16_t least = TCNT1 + config.setup + 2;
+        if ((int16_t)(due - least) < 0)
+            due = least;
+        OCR1A = due;
+        TIFR1 = 1 << OCF1A;
+        parked = 0;
+        TIMSK1 = 1 << OCIE1A;
+    }
+    sei();
+}
+
+static inline void put(uint16_t ticks, uint8_t port)
+{
+    uint8_t head = head_get();
+    uint8_t *event = queue + head;
+    event[0] = ticks;
+    event[1] = ticks >> 8;
+    event[2] = port;
+    event[3] = segment.directions;
+    head_set(head + 4);
+    planned += ticks;
+}
+
+static inline bool early(uint16_t now)
+{
+    return (int16_t)(planned - now) < AHEAD;
+}
+
+/* Events that are long, or under a ramp, or several in a slot. */
+static void put_waiting(void)
+{
+    uint16_t now = timer();
+    while (waiting_count && room() && early(now)) {
+        if (!wait_known) {
+            uint16_t ticks = waiting[waiting_at].ticks;
+            wait = ticks;
+            if (state == RAMPING) {
+                wait = stretch(ticks);
+                if (wait == 0)
+                    return;
+            }
+            wait_known = true;
+        }
+        if (wait > SHORT) {
+            put(PIECE, segment.directions);
+            wait -= PIECE;
+        } else {
+            put(wait, waiting[waiting_at].port);
+            waiting_at++;
+            waiting_count--;
+            wait_known = false;
+        }
+    }
+    if (parked && room() != ROOMY)
+        unpark();
+}
+
+static void wait_for(uint8_t k, uint16_t ticks, uint8_t port)
+{
+    waiting[k].ticks = ticks;
+    waiting[k].port = port;
+    waiting_at = 0;
+    waiting_count = k + 1;
+}
+
+/* ------------------------------------------------------------------------------------------------------------------ slots */
+
+static void even(uint8_t most)
+{
+    uint16_t limit = timer() + AHEAD;
+    uint8_t made = even_slots(most, limit - planned, state != RUNNING);
+    planned = limit - segment.budget;
+    segment.left -= made;
+    segment.made += made;
+    if (segment.is_long)
+        wait_for(0, segment.long_ticks, segment.long_port);
+}
+
+static uint8_t due(struct phase *axis)
+{
+    uint8_t port = 0;
+    if ((uint8_t)(axis->phase >> 16) == 0) {
+        port = axis->port;
+        axis->phase += axis->period;
+        axis->period += axis->change;
+        axis->steps++;
+    }
+    axis->phase -= 0x10000;
+    return port;
+}
+
+/* Where in a slot of so many ticks a step belongs. */
+static inline uint16_t place(uint16_t phase, uint16_t ticks)
+{
+    return ((uint32_t)phase * ticks + 0x8000) >> 16;
+}
+
+static void placed_slot(void)
+{
+    __uint24 sum = segment.interval + segment.fraction;
+    uint16_t ticks = sum >> 8;
+    segment.fraction = sum;
+    segment.interval += segment.add;
+    uint16_t here = 0, there = 0;
+    if ((uint8_t)(segment.one.phase >> 16) == 0)
+        here = place(segment.one.phase, ticks);
+    if ((uint8_t)(segment.two.phase >> 16) == 0)
+        there = place(segment.two.phase, ticks);
+    uint8_t one = due(&segment.one), two = due(&segment.two), last = segment.always, k = 0;
+    /* no nearer to the end than two ticks, or at the end */
+    if (one && ticks - here < 2)
+        last |= one, one = 0;
+    if (two && ticks - there < 2)
+        last |= two, two = 0;
+    if (one && two) {
+        if (there < here) {
+            uint16_t later = here;
+            here = there, there = later;
+            uint8_t port = one;
+            one = two, two = port;
+        }
+        if (there - here < 2)
+            one |= two, two = 0;
+    } else if (two) {
+        here = there, one = two, two = 0;
+    }
+    if (one) {
+        wait_for(k++, here, segment.directions | one);
+        ticks -= here;
+    }
+    if (two) {
+        there -= here;
+        wait_for(k++, there, segment.directions | two);
+        ticks -= there;
+    }
+    wait_for(k, ticks, last);
+    segment.left--;
+    segment.made++;
+}
+
+static inline uint8_t next_byte(void)
+{
+    uint8_t byte = store[store_tail];
+    store_tail = (store_tail + 1) & (STORE - 1);
+    taken++;
+    return byte;
+}
+
+/* A nibble of axes as a port's steps. */
+static uint8_t steps_of(uint8_t mask)
+{
+    uint8_t port = (uint8_t)(mask << 2) & 0x1C;
+#if AXES == 4
+    if (mask & 8)
+        port |= 1;
+#endif
+    return port;
+}
+
+/* Packed and timed: what they say of each slot stands in the stream. */
+static void listed_slots(uint8_t most)
+{
+    uint16_t there = store_used(), now = timer();
+    while (most-- && early(now)) {
+        uint8_t mask;
+        uint16_t ticks;
+        if (segment.form == TIMED) {
+            if (there < 2) {
+                starved = true;
+                break;
+            }
+            there -= 2;
+            ticks = next_byte();
+            mask = next_byte();
+            ticks |= (uint16_t)(mask & 15) << 8;
+            mask >>= 4;
+        } else {
+            if (segment.made & 1) {
+                mask = segment.pair >> 4;
+            } else {
+                if (there == 0) {
+                    starved = true;
+                    break;
+                }
+                there--;
+                mask = segment.pair = next_byte();
+            }
+            mask &= 15;
+            __uint24 sum = segment.interval + segment.fraction;
+            ticks = sum >> 8;
+            segment.fraction = sum;
+            segment.interval += segment.add;
+        }
+        for (uint8_t axis = 0, bit = 1; axis < AXES; axis++, bit <<= 1)
+            if (mask & bit)
+                segment.count[axis]++;
+        segment.left--;
+        segment.made++;
+        uint8_t port = segment.directions | steps_of(mask);
+        if (ticks > SHORT || state != RUNNING) {
+            wait_for(0, ticks, port);
+            break;
+        }
+        put(ticks, port);
+    }
+}
+
+/* --------------------------------------------------------------------------------------------------------------- position */
+
+static uint8_t made_by(uint8_t axis)
+{
+    uint8_t bit = pgm_read_byte(&axis_step[axis]);
+    if (segment.form >= PACKED)
+        return segment.count[axis];
+    if (segment.always & bit)
+        return segment.made;
+    return segment.one.port & bit ? segment.one.steps : segment.two.port & bit ? segment.two.steps : 0;
+}
+
+static void forget_steps(void)
+{
+    segment.made = segment.one.steps = segment.two.steps = 0;
+    for (uint8_t axis = 0; axis < 4; axis++)
+        segment.count[axis] = 0;
+}
+
+/* The segment has been decoded: its steps are the position's from here on. */
+static void settle(void)
+{
+    for (uint8_t axis = 0; axis < AXES; axis++) {
+        uint8_t steps = made_by(axis);
+        position[axis] += segment.directions & pgm_read_byte(&axis_direction[axis]) ? -(int32_t)steps : steps;
+    }
+    forget_steps();
+}
+
+#define BACK(axis, step, direction) \
+    if (port & step) \
+        back[axis] += port & direction ? 1 : -1
+
+static inline void take_back(int8_t back[4], uint8_t port)
+{
+    BACK(0, 0x04, 0x20);
+    BACK(1, 0x08, 0x40);
+    BACK(2, 0x10, 0x80);
+#if AXES == 4
+    BACK(3, 0x01, 0x02);
+#endif
+}
+
+/* Where the pins have brought the machine by now. */
+void where(int32_t at[4])
+{
+    int8_t back[4] = { 0, 0, 0, 0 };
+    cli();
+    uint8_t tail = tail_get(), port = parked ? 0 : port_get();
+    sei();
+    take_back(back, port);
+    for (uint8_t head = head_get(); tail != head; tail += 4)
+        take_back(back, queue[(uint8_t)(tail + 2)]);
+    for (uint8_t k = 0; k < waiting_count; k++)
+        take_back(back, waiting[waiting_at + k].port);
+    for (uint8_t axis = 0; axis < 4; axis++) {
+        uint8_t steps = axis < AXES ? made_by(axis) : 0;
+        at[axis] = position[axis] + back[axis];
+        at[axis] += segment.directions & pgm_read_byte(&axis_direction[axis]) ? -(int32_t)steps : steps;
+    }
+}
+
+/* ---------------------------------------------------------------------------------------------------------------- outputs */
+
+#define ENABLED 0x01
+#define SPINDLE 0x02
+#define BACKWARD 0x04
+#define FLOOD 0x08
+#define MIST 0x10
+
+static void set_outputs(uint8_t bits, uint8_t duty)
+{
+    PORTB = bits & ENABLED ? PORTB & ~0x01 : PORTB | 0x01;
+    OCR2A = duty;
+    /* a duty of 0 would still be a pulse a round */
+    TCCR2A = bits & SPINDLE && duty ? 0x83 : 0x03;
+    spindle = bits & (SPINDLE | FLOOD | MIST);
+    uint8_t port = PORTC & ~0x18;
+    if (bits & FLOOD)
+        port |= 0x08;
+#if AXES < 4
+    PORTB = bits & BACKWARD ? PORTB | 0x20 : PORTB & ~0x20;
+    if (bits & MIST)
+        port |= 0x10;
+#else
+    port |= 0x10;               /* the pull-up of Z's limit */
+#endif
+    PORTC = port;
+}
+
+/* Spindle and coolant; the drivers go on holding. */
+void outputs_off(void)
+{
+    set_outputs(PORTB & 0x01 ? 0 : ENABLED, 0);
+}
+
+bool outputs_on(void)
+{
+    return spindle != 0;
+}
+
+/* ----------------------------------------------------------------------------------------------------------------- stream */
+
+static uint8_t peek(uint16_t at)
+{
+    return store[(store_tail + at) & (STORE - 1)];
+}
+
+static __uint24 whole24(void)
+{
+    uint8_t low = next_byte(), middle = next_byte(), high = next_byte();
+    return (__uint24)high << 16 | (uint16_t)middle << 8 | low;
+}
+
+static __int24 signed16(void)
+{
+    uint8_t low = next_byte();
+    return (int16_t)((uint16_t)next_byte() << 8 | low);
+}
+
+static void begin_phase(struct phase *axis, uint8_t mask)
+{
+    axis->phase = 0xFFFFFF;
+    axis->port = 0;
+    if (mask) {
+        axis->port = steps_of(mask);
+        axis->phase = whole24();
+        axis->period = whole24();
+        axis->change = signed16();
+    }
+}
+
+static void command(uint8_t code, uint8_t arguments)
+{
+    next_byte();
+    next_byte();
+    uint8_t given[LONGEST_ARGUMENTS] = { 0, 0 };
+    for (uint8_t k = 0; k < arguments; k++) {
+        uint8_t byte = next_byte();
+        if (k < LONGEST_ARGUMENTS)
+            given[k] = byte;
+    }
+    if (code == OUTPUTS)
+        set_outputs(given[0], given[1]);
+    else if (code == ARM) {
+        arm(given[0], given[1]);
+    }
+}
+
+/* The next segment or command, if it is there. */
+static void next_item(void)
+{
+    uint16_t there = store_used();
+    uint8_t slots = peek(0), what = peek(1), form = what & FORM, roles = 0, count = 0;
+    uint8_t size = form == TIMED ? 2 : form == PACKED ? 7 : 8;
+    starved = there < 2;
+    if (starved)
+        return;
+    if (what & COMMAND) {
+        starved = there < 2 + (uint16_t)slots;
+        /* it waits until all before it has been played */
+        if (!starved && parked) {
+            command(what >> 4, slots);
+            end_seen = what & END;
+        }
+        return;
+    }
+    starved = there < size;
+    if (starved)
+        return;
+    if (form < PACKED) {
+        roles = peek(7);
+        for (uint8_t phases = roles >> 4; phases; phases &= phases - 1)
+            count++;
+        size += count << 3;
+        starved = there < size;
+    }
+    if (slots == 0 || count > 2 || (count && !(roles & 15)) || (roles >> 4 & roles)) {
+        raise_alarm(BAD_STREAM);
+        return;
+    }
+    if (starved)
+        return;
+    next_byte();
+    next_byte();
+    settle();
+    uint8_t down = what >> 4;
+    segment.form = form;
+    segment.directions = (uint8_t)(down << 5) | PORT_ALWAYS;
+#if AXES == 4
+    if (down & 8)
+        segment.directions |= 2;
+#endif
+    segment.always = segment.directions;
+    segment.one.port = segment.two.port = 0;
+    if (form != TIMED) {
+        segment.interval = whole24();
+        segment.add = signed16();
+        if (form != PACKED) {
+            next_byte();
+            segment.always |= steps_of(roles & 15);
+            uint8_t phases = roles >> 4, first = phases & -phases;
+            begin_phase(&segment.one, first);
+            begin_phase(&segment.two, phases & ~first);
+        }
+    }
+    segment.left = slots;
+    end_seen = what & END;
+}
+
+/* Nothing is under way, and nothing will be until the host says so: where the machine is now is where it stays. */
+void flush(void)
+{
+    int32_t at[4];
+    cli();
+    TIMSK1 = 0;
+    sei();
+    where(at);
+    for (uint8_t axis = 0; axis < 4; axis++)
+        position[axis] = at[axis];
+    segment.left = segment.always = 0;
+    segment.one.port = segment.two.port = 0;
+    segment.form = EVEN;
+    forget_steps();
+    waiting_count = 0;
+    wait_known = end_seen = starved = false;
+    head_set(tail_get());
+    parked = 1;
+    arm(0, 0);
+    store_tail = store_head;
+}
+
+/* Begin to play what has come. */
+void run(void)
+{
+    if (state != IDLE || store_used() == 0)
+        return;
+    segment.fraction = 0;
+    starved = end_seen = false;
+    planned = timer() + LEAD;
+    due_set(planned);
+    started_ms = now_ms;
+    state = RUNNING;
+    if (limits_hit())
+        raise_alarm(LIMIT);
+}
+
+void decode(void)
+{
+    if (state != RUNNING && state != RAMPING)
+        return;
+    if (waiting_count) {
+        put_waiting();
+        if (state == RAMPING && ramp_step == RAMP_STEPS && parked && !wait_known)
+            raise_alarm(ramp_reason);
+    } else if (segment.left) {
+        uint8_t most = room();
+        if (most > BURST)
+            most = BURST;
+        if (most > segment.left)
+            most = segment.left;
+        if (most && early(timer())) {
+            if (segment.form == EVEN)
+                even(most);
+            else if (segment.form == PLACED)
+                placed_slot();
+            else
+                listed_slots(most);
+            if (parked && room() != ROOMY)
+                unpark();
+        }
+    } else {
+        next_item();
+    }
+    if (starved && parked && !waiting_count && state != ALARM) {
+        if (segment.left == 0 && store_used() == 0 && end_seen && state == RUNNING) {
+            settle();
+            state = IDLE;
+        } else {
+            raise_alarm(state == RAMPING ? ramp_reason : UNDERRUN);
+        }
+    }
+}
