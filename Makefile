@@ -39,7 +39,7 @@ bench: $(VENV)/installed-test
 firmware flash:
 	$(MAKE) -C firmware $(subst firmware,all,$@)
 
-# The same firmware in simavr on a pseudo-terminal, for --port (libsimavr-dev, libelf-dev).
+# The same firmware in simavr on a pseudo-terminal, for --port (libsimavr-dev).
 simulator:
 	$(MAKE) -C firmware simulator
 	build/firmware/simulator build/firmware/stepper.elf

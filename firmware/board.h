@@ -29,7 +29,7 @@
 #define TICK_NS 500
 #define TICKS_A_MS 2000
 /* The host keeps events at least so far apart; the sustained rate was measured with it. */
-#define LEAST_INTERVAL 32
+#define LEAST_INTERVAL 36
 
 /* A byte for port D as it is written by the interrupt: steps in bits 2-4, directions in bits 5-7. Bits 0 and 1 are the serial port's and
    stay as they are whatever is written there: bit 0 is a pull-up only. With four axes they carry step and direction of the fourth. */

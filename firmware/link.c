@@ -57,7 +57,7 @@ static void begin_frame(void)
     spare = store_head;
 }
 
-static void take_in(uint8_t byte)
+static inline __attribute__((always_inline)) void take_in(uint8_t byte)
 {
     crc = _crc_ccitt_update(crc, byte);
     if (length < sizeof frame)
@@ -176,15 +176,19 @@ void receive(void)
         if (byte == 0) {
             end_frame();
             begin_frame();
-        } else if (block_left == 0) {
-            if (block != 0xFF)
-                take_in(0);
+            continue;
+        }
+        if (block_left == 0) {
+            uint8_t before = block;
             block = byte;
             block_left = byte - 1;
+            if (before == 0xFF)
+                continue;
+            byte = 0;
         } else {
-            take_in(byte);
             block_left--;
         }
+        take_in(byte);
     }
 }
 

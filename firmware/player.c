@@ -13,7 +13,7 @@
 #define AHEAD 6000              /* ticks */
 #define SHORT 0x3FFF            /* ticks: what is longer is waited for in pieces */
 #define PIECE 8192
-#define LEAD 1500               /* ticks from the word to run to the time 0 of the stream */
+#define LEAD 4000               /* ticks from the word to run to the time 0 of the stream: the queue fills */
 #define ROOMY 63                /* events that an empty queue takes */
 #define BURST 12                /* slots between two looks at the serial port */
 
@@ -23,7 +23,7 @@ enum { EVEN, PLACED, PACKED, TIMED };
 #define COMMAND 8
 
 enum { NOTHING, OUTPUTS, ARM };
-#define LONGEST_ARGUMENTS 2
+#define MOST_ARGUMENTS (LONGEST_HEAD - 2)
 
 struct phase {
     __uint24 phase, period;
@@ -41,14 +41,15 @@ struct segment {
     int16_t budget;             /* even: ticks that may still be planned ahead */
     uint16_t long_ticks;        /* even: a slot that the queue does not take as it is, and its port */
     uint8_t long_port, is_long;
+    uint16_t factor;            /* of a ramp, 1/256 */
     uint8_t count[4];           /* packed and timed: steps of each axis */
     uint8_t pair;               /* packed: the byte of which the second mask is still to come */
 };
 _Static_assert(offsetof(struct segment, one) == 12 && offsetof(struct segment, two) == 23 && offsetof(struct segment, budget) == 34
-               && offsetof(struct segment, is_long) == 39, "slots.S");
+               && offsetof(struct segment, factor) == 40, "slots.S");
 
 struct segment segment;
-uint8_t even_slots(uint8_t most, int16_t budget, uint8_t one_by_one);
+uint8_t even_slots(uint8_t most, int16_t budget, uint8_t ramping);
 
 static struct { uint16_t ticks; uint8_t port; } waiting[3];
 static uint8_t waiting_at, waiting_count;
@@ -79,7 +80,8 @@ static const uint16_t stretched[30] PROGMEM = {
 #define RAMP_STEPS 30
 
 static uint8_t ramp_step, ramp_reason;
-static uint16_t ramp_piece, ramp_left;
+static uint16_t ramp_piece;
+static int16_t ramp_left;       /* ticks to the next step */
 
 void ramp(uint8_t reason, uint8_t ms)
 {
@@ -89,25 +91,31 @@ void ramp(uint8_t reason, uint8_t ms)
     ramp_reason = reason;
     ramp_step = 0;
     ramp_piece = ramp_left = (uint16_t)ms * (TICKS_A_MS / RAMP_PIECES);
+    segment.factor = 256;
 }
 
-/* Ticks of the plan as ticks of the ramp; 0: its end comes first. */
-static uint32_t stretch(uint16_t ticks)
+/* So many ticks of the ramp are planned. */
+static void go_down(uint16_t ticks)
 {
-    uint32_t real = 0;
-    while (ramp_step < RAMP_STEPS) {
-        uint16_t factor = pgm_read_word(&stretched[ramp_step]);
-        uint32_t wanted = (uint32_t)ticks * factor >> 8;
-        if (wanted <= ramp_left) {
-            ramp_left -= wanted;
-            return real + wanted + (wanted == 0 && real == 0);
+    while (ticks && ramp_step < RAMP_STEPS) {
+        if ((int16_t)ticks < ramp_left) {
+            ramp_left -= ticks;
+            return;
         }
-        ticks -= ((uint32_t)ramp_left << 8) / factor;
-        real += ramp_left;
+        ticks -= ramp_left;
         ramp_left = ramp_piece;
         ramp_step++;
+        segment.factor = pgm_read_word(&stretched[ramp_step < RAMP_STEPS ? ramp_step : RAMP_STEPS - 1]);
     }
-    return 0;
+}
+
+/* What a time becomes; what would come behind the end of the ramp ends it. */
+static uint32_t stretch(uint16_t ticks)
+{
+    uint32_t longer = (uint32_t)ticks * segment.factor >> 8;
+    if (longer > (uint32_t)(RAMP_STEPS - ramp_step) * ramp_piece)
+        ramp_step = RAMP_STEPS;
+    return longer;
 }
 
 /* ------------------------------------------------------------------------------------------------------------------ queue */
@@ -169,7 +177,7 @@ static void put_waiting(void)
             wait = ticks;
             if (state == RAMPING) {
                 wait = stretch(ticks);
-                if (wait == 0)
+                if (ramp_step == RAMP_STEPS)
                     return;
             }
             wait_known = true;
@@ -177,8 +185,12 @@ static void put_waiting(void)
         if (wait > SHORT) {
             put(PIECE, segment.directions);
             wait -= PIECE;
+            if (state == RAMPING)
+                go_down(PIECE);
         } else {
             put(wait, waiting[waiting_at].port);
+            if (state == RAMPING)
+                go_down(wait);
             waiting_at++;
             waiting_count--;
             wait_known = false;
@@ -200,9 +212,11 @@ static void wait_for(uint8_t k, uint16_t ticks, uint8_t port)
 
 static void even(uint8_t most)
 {
-    uint16_t limit = timer() + AHEAD;
-    uint8_t made = even_slots(most, limit - planned, state != RUNNING);
+    uint16_t limit = timer() + AHEAD, before = planned;
+    uint8_t made = even_slots(most, limit - planned, state == RAMPING);
     planned = limit - segment.budget;
+    if (state == RAMPING)
+        go_down(planned - before);
     segment.left -= made;
     segment.made += made;
     if (segment.is_long)
@@ -275,7 +289,6 @@ static inline uint8_t next_byte(void)
 {
     uint8_t byte = store[store_tail];
     store_tail = (store_tail + 1) & (STORE - 1);
-    taken++;
     return byte;
 }
 
@@ -293,7 +306,7 @@ static uint8_t steps_of(uint8_t mask)
 /* Packed and timed: what they say of each slot stands in the stream. */
 static void listed_slots(uint8_t most)
 {
-    uint16_t there = store_used(), now = timer();
+    uint16_t there = store_used(), at_first = there, now = timer();
     while (most-- && early(now)) {
         uint8_t mask;
         uint16_t ticks;
@@ -336,6 +349,7 @@ static void listed_slots(uint8_t most)
         }
         put(ticks, port);
     }
+    taken += at_first - there;
 }
 
 /* --------------------------------------------------------------------------------------------------------------- position */
@@ -441,45 +455,38 @@ bool outputs_on(void)
 
 /* ----------------------------------------------------------------------------------------------------------------- stream */
 
-static uint8_t peek(uint16_t at)
+#define LONGEST_HEAD 24
+
+/* The first bytes of what comes next; they are taken by skip(). */
+static void look_at(uint8_t *head)
 {
-    return store[(store_tail + at) & (STORE - 1)];
+    uint16_t at = store_tail;
+    for (uint8_t k = 0; k < LONGEST_HEAD; k++) {
+        head[k] = store[at];
+        at = (at + 1) & (STORE - 1);
+    }
 }
 
-static __uint24 whole24(void)
+static void skip(uint8_t count)
 {
-    uint8_t low = next_byte(), middle = next_byte(), high = next_byte();
-    return (__uint24)high << 16 | (uint16_t)middle << 8 | low;
+    store_tail = (store_tail + count) & (STORE - 1);
+    taken += count;
 }
 
-static __int24 signed16(void)
-{
-    uint8_t low = next_byte();
-    return (int16_t)((uint16_t)next_byte() << 8 | low);
-}
-
-static void begin_phase(struct phase *axis, uint8_t mask)
+static void begin_phase(struct phase *axis, uint8_t mask, const uint8_t *from)
 {
     axis->phase = 0xFFFFFF;
     axis->port = 0;
     if (mask) {
         axis->port = steps_of(mask);
-        axis->phase = whole24();
-        axis->period = whole24();
-        axis->change = signed16();
+        axis->phase = *(const __uint24 *)from;
+        axis->period = *(const __uint24 *)(from + 3);
+        axis->change = *(const int16_t *)(from + 6);
     }
 }
 
-static void command(uint8_t code, uint8_t arguments)
+static void command(uint8_t code, const uint8_t *given)
 {
-    next_byte();
-    next_byte();
-    uint8_t given[LONGEST_ARGUMENTS] = { 0, 0 };
-    for (uint8_t k = 0; k < arguments; k++) {
-        uint8_t byte = next_byte();
-        if (k < LONGEST_ARGUMENTS)
-            given[k] = byte;
-    }
     if (code == OUTPUTS)
         set_outputs(given[0], given[1]);
     else if (code == ARM) {
@@ -491,25 +498,30 @@ static void command(uint8_t code, uint8_t arguments)
 static void next_item(void)
 {
     uint16_t there = store_used();
-    uint8_t slots = peek(0), what = peek(1), form = what & FORM, roles = 0, count = 0;
-    uint8_t size = form == TIMED ? 2 : form == PACKED ? 7 : 8;
     starved = there < 2;
     if (starved)
         return;
+    uint8_t head[LONGEST_HEAD];
+    look_at(head);
+    uint8_t slots = head[0], what = head[1], form = what & FORM, roles = 0, count = 0;
     if (what & COMMAND) {
         starved = there < 2 + (uint16_t)slots;
-        /* it waits until all before it has been played */
-        if (!starved && parked) {
-            command(what >> 4, slots);
+        if (slots > MOST_ARGUMENTS) {
+            raise_alarm(BAD_STREAM);
+        } else if (!starved && parked) {
+            /* all before it has been played */
+            skip(2 + slots);
+            command(what >> 4, head + 2);
             end_seen = what & END;
         }
         return;
     }
+    uint8_t size = form == TIMED ? 2 : form == PACKED ? 7 : 8;
     starved = there < size;
     if (starved)
         return;
     if (form < PACKED) {
-        roles = peek(7);
+        roles = head[7];
         for (uint8_t phases = roles >> 4; phases; phases &= phases - 1)
             count++;
         size += count << 3;
@@ -521,8 +533,7 @@ static void next_item(void)
     }
     if (starved)
         return;
-    next_byte();
-    next_byte();
+    skip(size);
     settle();
     uint8_t down = what >> 4;
     segment.form = form;
@@ -534,14 +545,13 @@ static void next_item(void)
     segment.always = segment.directions;
     segment.one.port = segment.two.port = 0;
     if (form != TIMED) {
-        segment.interval = whole24();
-        segment.add = signed16();
+        segment.interval = *(const __uint24 *)(head + 2);
+        segment.add = *(const int16_t *)(head + 5);
         if (form != PACKED) {
-            next_byte();
-            segment.always |= steps_of(roles & 15);
             uint8_t phases = roles >> 4, first = phases & -phases;
-            begin_phase(&segment.one, first);
-            begin_phase(&segment.two, phases & ~first);
+            segment.always |= steps_of(roles & 15);
+            begin_phase(&segment.one, first, head + 8);
+            begin_phase(&segment.two, phases & ~first, head + 16);
         }
     }
     segment.left = slots;
@@ -585,14 +595,10 @@ void run(void)
         raise_alarm(LIMIT);
 }
 
-void decode(void)
+static void decode_some(void)
 {
-    if (state != RUNNING && state != RAMPING)
-        return;
     if (waiting_count) {
         put_waiting();
-        if (state == RAMPING && ramp_step == RAMP_STEPS && parked && !wait_known)
-            raise_alarm(ramp_reason);
     } else if (segment.left) {
         uint8_t most = room();
         if (most > BURST)
@@ -612,7 +618,23 @@ void decode(void)
     } else {
         next_item();
     }
-    if (starved && parked && !waiting_count && state != ALARM) {
+}
+
+void decode(void)
+{
+    for (uint8_t k = 0; k < 4 && (state == RUNNING || state == RAMPING); k++) {
+        if (state == RAMPING && ramp_step == RAMP_STEPS) {
+            if (parked)
+                raise_alarm(ramp_reason);
+            return;
+        }
+        decode_some();
+        if (starved)
+            break;
+        if (segment.form == EVEN && state == RUNNING)
+            return;
+    }
+    if (starved && parked && !waiting_count && (state == RUNNING || state == RAMPING)) {
         if (segment.left == 0 && store_used() == 0 && end_seen && state == RUNNING) {
             settle();
             state = IDLE;

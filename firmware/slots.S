@@ -1,9 +1,10 @@
 /* The slots of an even segment, which is what long lines are made of: 46 cycles each, and 52 for each phase that is due.
 
-   uint8_t even_slots(uint8_t most, int16_t budget, uint8_t one_by_one)
+   uint8_t even_slots(uint8_t most, int16_t budget, uint8_t ramping)
 
    Puts up to `most` slots into the queue while the budget, the ticks that may be planned ahead, is not used up; returns their number. A slot
-   longer than 0x3FFF ticks, or any if `one_by_one`, is not put there but left in long_ticks and long_port, and is the last (is_long). */
+   longer than 0x3FFF ticks is not put there but left in long_ticks and long_port, and is the last (is_long). In a ramp each is longer by a
+   factor; what becomes too long by that is left as it was before. */
 
 #define __SFR_OFFSET 0
 #include <avr/io.h>
@@ -21,6 +22,7 @@
 #define LONG_TICKS 36
 #define LONG_PORT 38
 #define IS_LONG 39
+#define FACTOR 40
 
 /* struct phase */
 #define PHASE 0
@@ -79,7 +81,7 @@ even_slots:
     push    r17
     push    r28
     push    r29
-    bst     r20, 0                          ; one by one
+    bst     r20, 0                          ; ramping
     movw    r26, r22                        ; budget
     mov     r25, r24                        ; slots that may still be made
     push    r24
@@ -108,7 +110,8 @@ slot:
     adc     r19, r23
     ldd     r24, Y + ADD + 2
     adc     r20, r24
-    brts    long_slot
+    brts    stretch
+short_slot:
     cpi     rHIGH, 0x40
     brsh    long_slot
     ldi     r31, hi8(queue)
@@ -147,3 +150,49 @@ long_slot:
     std     Y + IS_LONG, r30
     dec     r25
     rjmp    done
+
+stretch:                                    /* ticks = ticks * factor / 256; r1 is 0 behind the products, r31 keeps the port */
+    mov     r31, r0
+    push    r18
+    push    r19
+    push    r20
+    push    r21
+    ldd     r18, Y + FACTOR
+    ldd     r19, Y + FACTOR + 1
+    mul     rHIGH, r19
+    mov     r20, r0                         ; r20, r24: the upper bytes, r21 the lowest
+    mov     r24, r1
+    mul     rLOW, r18
+    mov     r21, r1
+    mul     rHIGH, r18
+    add     r21, r0
+    adc     r20, r1
+    clr     r1
+    adc     r24, r1
+    mul     rLOW, r19
+    add     r21, r0
+    adc     r20, r1
+    clr     r1
+    adc     r24, r1
+    brne    too_long
+    cpi     r20, 0x40
+    brsh    too_long
+    mov     rLOW, r21
+    mov     rHIGH, r20
+    rcall   unstretch
+    rjmp    short_slot
+too_long:
+    rcall   unstretch
+    rjmp    long_slot
+unstretch:
+    pop     r24                             ; the way back lies above them
+    pop     r1
+    pop     r21
+    pop     r20
+    pop     r19
+    pop     r18
+    push    r1
+    push    r24
+    clr     r1
+    mov     r0, r31
+    ret

@@ -28,7 +28,7 @@ from cnc.drivers.stepper_outputs import Outputs
 from cnc.drivers.stepper_protocol import VERSION, Alarm, Kind, State, Status, StepperLink, Welcome
 from cnc.errors import BoardError, Diagnostic, UsageError
 from cnc.machine.models import Machine
-from cnc.segments import ARM, OUTPUTS, SegmentEncoder, command
+from cnc.segments import OUTPUTS, SegmentEncoder, command
 from cnc.stream import PulseChunk
 
 BAUD = 1_000_000
@@ -54,7 +54,7 @@ MOST_RAMP_S, SHAPE = 0.08, 1.5
 PULSE_NS, SETUP_NS = 5000, 5000
 
 ALARMS = {
-    Alarm.UNDERRUN: ("board-underrun", "moves did not reach the board in time; it came to rest on the path", "close what else keeps this computer busy"),
+    Alarm.UNDERRUN: ("board-underrun", "moves did not reach the board in time; it came to rest on the path", "is this computer busy?"),
     Alarm.SILENCE: ("board-silence", "the board did not hear from this computer; it came to rest on the path", "check the cable"),
     Alarm.EMERGENCY_STOP: ("board-emergency-stop", "the e-stop is pressed", "release it when all is well, then home the machine"),
     Alarm.LIMIT: ("board-limit", "a limit switch was hit", "move away from it by hand with the drivers off, then home the machine"),
@@ -65,7 +65,7 @@ ALARMS = {
 
 @dataclass(slots=True)
 class _Piece:
-    """What a stretch of the stream holds: its last byte, the source line, and where the machine stands at its beginning and after each row."""
+    """A stretch of the stream: its end in bytes, its source line, where the machine stands after each row, and the rows' lines."""
 
     until: int
     line: int
@@ -80,7 +80,9 @@ class Stepper:
     BoardError where no stepper board answers, or one that this program can't drive.
     """
 
-    def __init__(self, port: Port, machine: Machine, name: str = "the port", *, clock: Clock | None = None, background: bool = False) -> None:
+    def __init__(
+        self, port: Port, machine: Machine, name: str = "the port", *, clock: Clock | None = None, background: bool = False
+    ) -> None:
         self._port = port
         self._clock = clock or SystemClock()
         self._name = name
@@ -97,6 +99,8 @@ class Stepper:
         self._first_byte = 0
         self._pieces: deque[_Piece] = deque()
         self._until_ns = 0
+        self._gathered: list[tuple[bytes, NDArray[np.int64], NDArray[np.int32]]] = []
+        self._gathered_from = 0
         self._outputs = Outputs()
         self._active = False
         self._fault: BoardError | None = None
@@ -174,7 +178,7 @@ class Stepper:
             finally:
                 rows = self._checks.rows
                 self._checks.rows = 0
-                self._send_rows(chunk, rows, begin)
+                self._gather(chunk, rows, begin)
 
     def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
         """Carry out a block at its time."""
@@ -236,23 +240,35 @@ class Stepper:
         self._rest(self._until_ns)
         self._active = False
 
-    def _send_rows(self, chunk: PulseChunk, rows: int, begin: NDArray[np.int64]) -> None:
-        """Send the first rows of a chunk piece by piece."""
-        time_ns, step = chunk.time_ns[:rows], chunk.step[:rows]
-        places = begin + np.cumsum(step, axis=0, dtype=np.int64)
+    def _gather(self, chunk: PulseChunk, rows: int, begin: NDArray[np.int64]) -> None:
+        """Compress the first rows of a chunk; send them in pieces that may begin in one chunk and end in another."""
+        time_ns = chunk.time_ns[:rows]
+        places = begin + np.cumsum(chunk.step[:rows], axis=0, dtype=np.int64)
+        turned = (chunk.step[:rows] * self._turned).astype(np.int8)
         at = 0
         while at < rows:
-            first = int(time_ns[at])
-            self._idle_towards(first)
-            until = max(int(np.searchsorted(time_ns, first + round(PIECE_S * 1e9))), at + 1)
-            self._wait_for_horizon(int(time_ns[until - 1]))
-            part = PulseChunk(time_ns[at:until], (step[at:until] * self._turned).astype(np.int8), chunk.line[at:until])
-            data = self._encoder.push(part) + self._encoder.flush()
-            self._position = places[until - 1]
-            self._stream(data, self._encoder.clock_ns, int(chunk.line[until - 1]), places[at:until], chunk.line[at:until])
+            if not self._gathered:
+                self._idle_towards(int(time_ns[at]))
+                self._gathered_from = int(time_ns[at])
+            until = int(np.searchsorted(time_ns, self._gathered_from + round(PIECE_S * 1e9)))
+            if until > at:
+                part = slice(at, until)
+                data = self._encoder.push(PulseChunk(time_ns[part], turned[part], chunk.line[part]))
+                self._gathered.append((data, places[part], chunk.line[part]))
+                self._until_ns = max(self._until_ns, int(time_ns[until - 1]))
+            if until < rows:
+                self._send_gathered()
             at = until
-        if rows:
-            self._until_ns = max(self._until_ns, int(time_ns[-1]))
+
+    def _send_gathered(self) -> None:
+        """Send what was gathered."""
+        if self._gathered:
+            data, places, lines = (list(each) for each in zip(*self._gathered, strict=True))
+            self._gathered.clear()
+            self._wait_for_horizon(self._until_ns)
+            self._position = places[-1][-1]
+            stream = b"".join((*data, self._encoder.flush()))
+            self._stream(stream, self._encoder.clock_ns, int(lines[-1][-1]), np.concatenate(places), np.concatenate(lines))
 
     def _idle_towards(self, time_ns: int) -> None:
         """Fill a long time without moves, until shortly before the next one."""
@@ -260,7 +276,8 @@ class Stepper:
             self._idle_until(time_ns - round(PIECE_S * 1e9))
 
     def _idle_until(self, time_ns: int) -> None:
-        """Pauses, no longer than the horizon allows."""
+        """What was gathered, then pauses, no longer than the horizon allows."""
+        self._send_gathered()
         piece = round(PIECE_S * 1e9)
         while self._encoder.clock_ns + 1000 < time_ns:
             until = min(self._encoder.clock_ns + piece, time_ns)
@@ -314,7 +331,9 @@ class Stepper:
         clock = self._encoder.clock_ns
         data = self._encoder.flush() + command(0, end=True)
         self._sent_bytes += len(data)
-        self._pieces.append(_Piece(self._sent_bytes, self.confirmed_line, np.array([self._position]), np.array([self.confirmed_line], np.int32)))
+        self._pieces.append(
+            _Piece(self._sent_bytes, self.confirmed_line, np.array([self._position]), np.array([self.confirmed_line], np.int32))
+        )
         self._link.stream(data, (clock - self._base_ns) // 1_000_000, end=True)
         while self._link.unconfirmed:
             if self._link.full and not self._running:
@@ -372,7 +391,7 @@ class Stepper:
         if self._link.heard_at is not None:
             self._heard_at = max(self._heard_at, self._link.heard_at)
         if now - self._heard_at > ANSWER_S:
-            hint = "check the cable and the board's supply; if it has power it has come to rest by itself. Home the machine before the next run"
+            hint = "check cable and supply; a board that has power has come to rest by itself. Home the machine before the next run"
             raise self._failed(board_error("board-silent", f"the board on {self._name} does not answer any more", hint=hint))
 
     def _request(self, kind: Kind, payload: bytes) -> Status | None:
@@ -453,7 +472,9 @@ class Stepper:
 
     def _place(self, steps: NDArray[np.int64]) -> str:
         places = (steps / self._steps_per_mm).tolist()
-        return " ".join(f"{letter.upper()}{value:.4f}".rstrip("0").rstrip(".") for letter, value in zip(self._machine.axes, places, strict=True))
+        return " ".join(
+            f"{letter.upper()}{value:.4f}".rstrip("0").rstrip(".") for letter, value in zip(self._machine.axes, places, strict=True)
+        )
 
     # ------------------------------------------------------------------------------------------------------------------ opening
 
@@ -525,7 +546,7 @@ class Stepper:
             hint = "use --board grbl, or make flash to put the stepper firmware on it"
             return board_error("board-not-stepper", f"the board on {self._name} runs GRBL, not the stepper firmware", hint=hint)
         if murmur:
-            hint = f"check port and board.baud ({BAUD} unless the firmware was built for another speed); make flash puts the firmware on an Uno"
+            hint = f"check port and board.baud ({BAUD} unless the firmware was built otherwise); make flash puts the firmware on an Uno"
             return board_error("board-not-stepper", f"what answers on {self._name} is no stepper board", hint=hint)
         hint = "check the port and the board's supply; make flash puts the firmware on an Uno"
         return board_error("board-silent", f"nothing answers on {self._name}", hint=hint)

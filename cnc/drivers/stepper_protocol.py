@@ -128,12 +128,12 @@ def unframed(data: bytes) -> tuple[int, int, bytes] | None:
     body, at = bytearray(), 0
     while at < len(data):
         step = data[at]
-        if at + step > len(data):
+        if step == 0 or at + step > len(data):
             return None
         body += data[at + 1 : at + step] + b"\0"
         at += step
     del body[-1:]
-    if len(body) < 4 or crc16(body) != 0:
+    if len(body) < 4 or crc16(bytes(body)) != 0:
         return None
     return body[0], body[1], bytes(body[2:-2])
 
@@ -257,7 +257,7 @@ class StepperLink:
         for each in whole:
             found = unframed(each) if each else None
             if found is None:
-                self._is_noise(each)
+                self._is_noise(each + b"\0")
             else:
                 event = self._said(*found, now)
                 if event is not None:

@@ -47,6 +47,7 @@ struct simulator {
     uint32_t arrived_count, worst_fill, lost;
     uint32_t bss_end;
     pin pins[PINS];
+    uint8_t levels[PINS];
 };
 
 static const char ports[PINS + 1] = "DDDDDDDDBBBBBBCCCCCC";
@@ -153,6 +154,7 @@ simulator *simulator_new(const char *elf, uint32_t baud)
         s->pins[k] = (pin){ s, k };
         avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ(ports[k]), bits[k]), pin_changed, &s->pins[k]);
     }
+    memset(s->levels, 1, sizeof s->levels);
     simulator_reset(s);
     return s;
 }
@@ -174,8 +176,12 @@ void simulator_reset(simulator *s)
     s->to_chip.count = s->from_chip.count = s->arrived_count = 0;
     memset(s->avr->data + s->bss_end, PAINT, s->avr->ramend + 1 - s->bss_end);
     for (uint8_t k = 0; k < PINS; k++) {
-        if (ports[k] != 'D')
-            simulator_set_pin(s, k, 1);
+        if (ports[k] != 'D') {
+            /* a level that is what it was before the reset would not be noticed */
+            uint8_t level = s->levels[k];
+            simulator_set_pin(s, k, !level);
+            simulator_set_pin(s, k, level);
+        }
     }
 }
 
@@ -220,6 +226,15 @@ uint32_t simulator_on_its_way(simulator *s)
 
 void simulator_set_pin(simulator *s, uint8_t pin, uint8_t level)
 {
+    /* simavr would take the chip's pull-up for the level as soon as that is switched on */
+    avr_ioport_external_t outside = { .name = ports[pin] };
+    s->levels[pin] = level;
+    for (uint8_t k = 0; k < PINS; k++)
+        if (ports[k] == ports[pin]) {
+            outside.mask |= 1 << bits[k];
+            outside.value |= (s->levels[k] ? 1 : 0) << bits[k];
+        }
+    avr_ioctl(s->avr, AVR_IOCTL_IOPORT_SET_EXTERNAL(ports[pin]), &outside);
     avr_raise_irq(avr_io_getirq(s->avr, AVR_IOCTL_IOPORT_GETIRQ(ports[pin]), bits[pin]), level);
 }
 

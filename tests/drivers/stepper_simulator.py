@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 ROOT = Path(__file__).parents[2]
 FREQUENCY = 16_000_000
-TO_INSTALL = "sudo apt-get install gcc-avr avr-libc simavr libsimavr-dev libelf-dev gcc make"
+TO_INSTALL = "sudo apt-get install gcc-avr avr-libc simavr libsimavr-dev gcc make"
 STEP_PINS = (2, 3, 4)
 DIRECTION_PINS = (5, 6, 7)
 EDGE = np.dtype([("cycle", np.uint64), ("pin", np.uint8), ("level", np.uint8), ("reserved", np.uint8, 6)])

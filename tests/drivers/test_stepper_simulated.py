@@ -1,0 +1,318 @@
+"""The stepper board's firmware in simavr, driven by the real driver: what its pins do, move by move and cycle by cycle."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from cnc.canon import Coolant, Dwell, Spindle
+from cnc.drivers.stepper import Stepper
+from cnc.errors import BoardError
+from cnc.segments import SegmentDecoder
+from drivers.stepper_rig import CLOSE_US, BadCable, board, chunks, eased, line, off_plan_us, stands_at, wander
+from drivers.stepper_simulator import FREQUENCY, Simulator, built
+from support import share
+
+LEAST_NS = 18_000
+ORIGIN = np.zeros(3, np.int64)
+
+
+@pytest.fixture
+def simulator() -> Iterator[Simulator]:
+    made = Simulator()
+    yield made
+    assert made.lost == 0
+    assert made.worst_fill <= 2
+    assert made.stack_left > 100
+    made.close()
+
+
+def play(simulator: Simulator, time_ns, step) -> None:
+    with board(simulator) as driver:
+        driver.start(ORIGIN)
+        for part in chunks(time_ns, step):
+            driver.send(part)
+        driver.finish()
+        assert driver.position_steps.tolist() == stands_at(step)
+
+
+def send_all(driver: Stepper, time_ns, step, between=lambda: None) -> None:
+    for part in chunks(time_ns, step):
+        driver.send(part)
+        between()
+    driver.finish()
+
+
+def test_it_fits_the_chip() -> None:
+    made = subprocess.run(["avr-size", built() / "stepper.elf"], capture_output=True, text=True, check=True)
+    text, data, bss = (int(word) for word in made.stdout.splitlines()[1].split()[:3])
+    assert text + data < 8 * 1024
+    assert data + bss < 1.6 * 1024
+
+
+@pytest.mark.parametrize("gap_ns", [LEAST_NS, 20_000, 100_000])
+def test_a_straight_move_of_three_axes(simulator: Simulator, gap_ns: int) -> None:
+    time_ns, step = line(min(12_000, 240_000_000 // gap_ns), gap_ns)
+    play(simulator, time_ns, step)
+    cycles, made = simulator.moves()
+    np.testing.assert_array_equal(made, step)
+    assert off_plan_us(cycles, time_ns) <= CLOSE_US
+
+
+def test_from_rest_to_rest(simulator: Simulator) -> None:
+    time_ns, step = eased(4_000, 25_000)
+    play(simulator, time_ns, step)
+    cycles, made = simulator.moves()
+    np.testing.assert_array_equal(made, step)
+    assert off_plan_us(cycles, time_ns) <= CLOSE_US
+
+
+@pytest.mark.parametrize("seed", range(share(40, 3)))
+def test_moves_without_any_order(simulator: Simulator, seed: int) -> None:
+    time_ns, step = wander(seed, 1_000, 60_000)
+    play(simulator, time_ns, step)
+    cycles, made = simulator.moves()
+    np.testing.assert_array_equal(made, step)
+    assert off_plan_us(cycles, time_ns) <= CLOSE_US
+
+
+def test_pulses_are_as_long_as_they_should_be_and_directions_settle(simulator: Simulator) -> None:
+    time_ns, step = wander(7, 500, LEAST_NS)
+    play(simulator, time_ns, step)
+    edges = simulator.edges()
+    for axis in range(3):
+        own = edges[edges["pin"] == 2 + axis]
+        own = own[1:] if len(own) % 2 else own
+        rises, falls = own["cycle"][own["level"] == 1].astype(np.int64), own["cycle"][own["level"] == 0].astype(np.int64)
+        assert (falls - rises).min() >= 5e-6 * FREQUENCY - 8
+        turns = edges["cycle"][edges["pin"] == 5 + axis].astype(np.int64)
+        after = np.searchsorted(rises, turns)
+        ahead = rises[after[after < len(rises)]] - turns[after < len(rises)]
+        assert ahead.min() >= 5e-6 * FREQUENCY - 8
+
+
+def test_commands_come_at_their_time(simulator: Simulator) -> None:
+    time_ns, step = line(100, 500_000)
+    with board(simulator) as driver:
+        driver.start(ORIGIN)
+        driver.execute(Spindle("p.nc", 1, "cw", 500.0), 0)
+        driver.execute(Dwell("p.nc", 2, 0.25), 0)
+        for part in chunks(time_ns + 250_000_000, step):
+            driver.send(part)
+        end = int(time_ns[-1]) + 250_000_000
+        driver.execute(Coolant("p.nc", 4, mist=False, flood=True), end)
+        driver.execute(Dwell("p.nc", 5, 0.1), end)
+        assert simulator.level(17) == 0
+        driver.finish()
+    edges = simulator.edges()
+    began = edges["cycle"][(edges["pin"] == 8) & (edges["level"] == 0)][-1]
+    cycles, made = simulator.moves()
+    assert (cycles[0] - began) / FREQUENCY == pytest.approx(0.2505, abs=0.002)
+    flood = edges[edges["pin"] == 17]
+    on = flood["cycle"][flood["level"] == 1][-1]
+    assert (on - cycles[-1]) / FREQUENCY == pytest.approx(0.0, abs=0.002)
+    off = flood["cycle"][-1]
+    assert flood["level"][-1] == 0
+    assert (off - on) / FREQUENCY == pytest.approx(0.1, abs=0.002)
+    np.testing.assert_array_equal(made, step)
+
+
+# -------------------------------------------------------------------------------------------------------------------- faults
+
+
+@pytest.mark.parametrize("chance", [0.001, 0.01])
+@pytest.mark.parametrize("seed", range(share(50, 3)))
+def test_a_bad_cable_loses_no_step(chance: float, seed: int) -> None:
+    simulator = Simulator()
+    time_ns, step = eased(3_000, 100_000)
+    fault = ""
+    try:
+        with board(simulator, BadCable(simulator, chance, seed)) as driver:
+            driver.start(ORIGIN)
+            for part in chunks(time_ns, step):
+                driver.send(part)
+            driver.finish()
+    except BoardError as error:
+        fault = error.diagnostic.code
+    simulator.run(0.6)
+    cycles, made = simulator.moves()
+    np.testing.assert_array_equal(made, step[: len(made)])
+    assert fault in ("", "board-underrun", "board-silence", "board-silent")
+    if not fault:
+        assert len(made) == len(step)
+        assert off_plan_us(cycles, time_ns) <= CLOSE_US
+    simulator.close()
+
+
+def status(simulator: Simulator):
+    """What the board itself says, asked by another host."""
+    from cnc.drivers.stepper_protocol import Status, StepperLink
+
+    link = StepperLink()
+    simulator.received()
+    found = None
+    for _ in range(50):
+        link.ask()
+        simulator.send(b"\0" + link.outgoing(simulator.now))
+        simulator.run(0.005)
+        for event in link.receive(simulator.received(), simulator.now):
+            found = event if isinstance(event, Status) else found
+        if found is not None:
+            return found
+    raise AssertionError("no answer")
+
+
+class Killed(Exception):
+    """The host is gone."""
+
+
+@pytest.mark.parametrize("moment", np.linspace(0.1, 0.6, share(50, 4)).tolist())
+def test_a_host_that_dies_leaves_the_machine_on_its_path(simulator: Simulator, moment: float) -> None:
+    time_ns, step = eased(6_000, 50_000)
+    with board(simulator) as driver:
+        driver.start(ORIGIN)
+        port = driver._port
+        until = simulator.now + moment * time_ns[-1] * 1e-9
+
+        def write(data: bytes) -> None:
+            if simulator.now > until:
+                raise Killed
+            simulator.send(data)
+
+        port.write = write
+        with pytest.raises(Killed):
+            send_all(driver, time_ns, step)
+        simulator.run(0.8)
+        _, made = simulator.moves()
+        np.testing.assert_array_equal(made, step[: len(made)])
+        assert 0 < len(made) < len(step)
+        said = status(simulator)
+        assert said.state.name == "ALARM"
+        assert said.alarm.name in ("UNDERRUN", "SILENCE")
+        assert list(said.position[:3]) == stands_at(made)
+        port.write = simulator.send
+
+
+def test_a_ramp_is_smooth(simulator: Simulator) -> None:
+    """The speed falls over the ramp, and never at more than the S's steepest slope."""
+    time_ns, step = line(8_000, 50_000, (1.0,) * 3)
+    with board(simulator) as driver:
+        driver.start(ORIGIN)
+        for part in chunks(time_ns[:4_000], step[:4_000]):
+            driver.send(part)
+        driver._halt()
+        assert driver.position_steps.tolist() == stands_at(simulator.moves()[1])
+    cycles, _ = simulator.moves()
+    t = (cycles - cycles[0]) / FREQUENCY
+    # the speed in every millisecond, of which 1 is the plan's
+    speed = np.histogram(t, np.arange(0.0, t[-1], 1e-3))[0] * 50e-6 / 1e-3
+    begin = np.flatnonzero(speed < 0.95)[0]
+    assert (speed[2:begin] > 0.94).all()
+    assert (np.diff(speed[begin:]) < 0.06).all()
+    assert (np.diff(speed[begin - 2 :]) > -0.12).all(), "steeper than the S is in 2.5 ms, the length of a step of the ramp"
+    assert 0.05 < t[-1] - begin * 1e-3 < 0.085
+
+
+@pytest.mark.parametrize(
+    ("pin", "code", "within"), [(14, "board-emergency-stop", 200e-6), (9, "board-limit", 100e-6), (12, "board-limit", 100e-6)]
+)
+def test_a_switch_ends_the_motion(simulator: Simulator, pin: int, code: str, within: float) -> None:
+    time_ns, step = eased(6_000, 50_000)
+    with board(simulator) as driver:
+        driver.start(ORIGIN)
+        pressed = None
+
+        def press() -> None:
+            nonlocal pressed
+            if pressed is None and simulator.now > 0.2:
+                simulator.set_pin(pin, 0)
+                pressed = simulator.cycle
+
+        with pytest.raises(BoardError) as caught:
+            send_all(driver, time_ns, step, press)
+        cycles, made = simulator.moves()
+        assert caught.value.diagnostic.code == code
+        assert cycles[-1] - pressed < within * FREQUENCY
+        np.testing.assert_array_equal(made, step[: len(made)])
+        assert driver.position_steps.tolist() == stands_at(made)
+        assert caught.value.diagnostic.line == len(made)
+
+
+def test_a_spike_on_a_switch_does_not(simulator: Simulator) -> None:
+    time_ns, step = line(3_000, 50_000)
+    with board(simulator) as driver:
+        driver.start(ORIGIN)
+        for part in chunks(time_ns, step, 100):
+            driver.send(part)
+            simulator.set_pin(9, 0)
+            simulator.set_pin(9, 1)
+        driver.finish()
+    np.testing.assert_array_equal(simulator.moves()[1], step)
+
+
+def test_the_spindle_stops_when_the_host_is_silent(simulator: Simulator) -> None:
+    with board(simulator) as driver:
+        driver.start(ORIGIN)
+        driver.execute(Spindle("p.nc", 1, "cw", 500.0), 0)
+        driver._rest(1_000_000)
+        simulator.run(0.2)
+        assert status(simulator).alarm.name == "NONE"
+        simulator.run(0.3)
+        said = status(simulator)
+        assert said.alarm.name == "SILENCE"
+
+
+def test_a_cable_that_is_pulled(simulator: Simulator) -> None:
+    time_ns, step = eased(6_000, 50_000)
+    with board(simulator) as driver:
+        driver.start(ORIGIN)
+        port = driver._port
+        pulled = None
+        real_read, real_write = port.read, port.write
+
+        def read(timeout: float) -> bytes:
+            data = real_read(timeout)
+            return b"" if pulled else data
+
+        def write(data: bytes) -> None:
+            if not pulled:
+                real_write(data)
+
+        port.read, port.write = read, write
+
+        def pull() -> None:
+            nonlocal pulled
+            if pulled is None and simulator.now > 0.25:
+                pulled = simulator.now
+
+        with pytest.raises(BoardError) as caught:
+            send_all(driver, time_ns, step, pull)
+        assert caught.value.diagnostic.code == "board-silent"
+        assert simulator.now - pulled < 1.0
+        simulator.run(0.5)
+        _, made = simulator.moves()
+        pulled = None
+        simulator.run(1.0)
+        assert len(simulator.moves()[1]) == len(made), "it goes on by itself"
+        np.testing.assert_array_equal(made, step[: len(made)])
+        assert list(status(simulator).position[:3]) == stands_at(made)
+
+
+def test_the_decoder_knows_what_goes_over_the_wire(simulator: Simulator) -> None:
+    """The stream that reached the board, played by the Python decoder: the same moves as on the pins."""
+    time_ns, step = wander(3, 800, 40_000)
+    with board(simulator) as driver:
+        sent = bytearray()
+        stream = driver._link.stream
+        driver._link.stream = lambda data, *rest, **more: (sent.extend(data), stream(data, *rest, **more))[1]
+        driver.start(ORIGIN)
+        for part in chunks(time_ns, step):
+            driver.send(part)
+        driver.finish()
+    played = [np.concatenate(each) for each in zip(*SegmentDecoder(3).play(bytes(sent)), strict=True)]
+    cycles, made = simulator.moves()
+    np.testing.assert_array_equal(played[1], made)
+    assert off_plan_us(cycles, played[0]) <= 1.5
