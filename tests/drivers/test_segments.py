@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.kernels import segment_encoder, segments
-from cnc.segments import ROWS, SegmentDecoder, SegmentEncoder, split
+from cnc.segments import ROWS, SegmentDecoder, SegmentEncoder, command, split
 from cnc.stream import PulseChunk
 from drivers.segment_player import moves
 from support import share
@@ -249,7 +249,7 @@ def test_memory_does_not_grow():
     "bad",
     [
         b"\x00\x00\x00\x00\x01\x00\x00\x01",  # no slot
-        b"\x01\x08\x00\x00\x01\x00\x00\x01",  # the reserved bit
+        b"\x03\x18\x00\x00",  # a command cut off
         b"\x01\x00\x00\x00\x01\x00\x00",  # cut off
         b"\x01\x00\x00\x00\x01\x00\x00\x11\x00\x00\x00\x00\x00\x01\x00\x00",  # an axis in both masks
         b"\x01\x00\x00\x00\x01\x00\x00\xe1" + bytes(24),  # three phases
@@ -270,3 +270,29 @@ def test_what_is_no_segment_is_refused(bad):
 def test_what_no_board_has_is_refused(arguments):
     with pytest.raises(ValueError):
         SegmentEncoder(*arguments)
+
+
+def test_commands_stand_between_segments_and_take_no_time():
+    segment = b"\x02\x00\x00\x64\x00\x00\x00\x01"
+    items = [command(1, 3, 200), segment, command(0), segment, command(2, 16, 0, end=True)]
+    data = b"".join(items)
+    assert list(split(data)) == items
+    assert items[0] == b"\x02\x18\x03\xc8"
+    time, step = played(data, 2)
+    assert time.tolist() == [50_000, 100_000, 150_000, 200_000]
+    assert step.tolist() == [[1, 0]] * 4
+
+
+@given(st.lists(st.tuples(st.integers(1, 10**10), st.integers(0, 3 * 10**9)), min_size=1, max_size=5))
+def test_pauses_end_when_they_should(gaps):
+    """Moves with pauses asked for between them come at their times, and each pause is over within a tick."""
+    encoder, decoder = SegmentEncoder(1), SegmentDecoder(1)
+    at, due, parts = 0, [], []
+    for gap, idle in gaps:
+        at += gap
+        due.append(at)
+        parts += [encoder.push(chunk([at], [[1]])), encoder.idle(at + idle)]
+        at += idle
+        assert at - 2500 <= encoder.clock_ns <= at + 2500
+    times = [time for each in parts if each for time, _ in decoder.play(each)]
+    assert np.abs(np.concatenate(times) - due).max() <= 2500
