@@ -33,6 +33,7 @@ bench: $(VENV)/installed-test
 	$(BIN)/python benchmarks/planner.py --whole
 	$(BIN)/python benchmarks/segments.py
 	$(BIN)/python benchmarks/interpolators.py
+	$(BIN)/python benchmarks/checking.py
 	$(BIN)/python benchmarks/view.py
 
 # The stepper board: build/firmware/stepper.hex, and onto an Uno with make flash PORT=/dev/ttyUSB0 (gcc-avr, avr-libc, avrdude).

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -102,6 +103,17 @@ def test_the_same_findings_on_one_core_and_two(cncrun, tmp_path):
     assert [code for code, _, _ in found] == [2, 2]  # a file that is not there
     assert found[0][2] == found[1][2]
     assert lasting(json.dumps([check(next(iter(wanted))).as_json()])) == one[:1]
+
+
+def test_each_ends_with_its_exit_code(cncrun, tmp_path):
+    """0 for a good one, 1 for a broken one, 2 for one that is not there; on 1 and 2 the last message is its fault, and says where."""
+    wanted = write_folder(tmp_path / "shop", len(BROKEN) + 9)
+    for name, code in wanted.items():
+        ended, out, err = cncrun("check", name, "--quiet")
+        assert (ended, out) == (2 if code == "no-such-file" else int(bool(code)), ""), name
+        faults = [line for line in err.splitlines() if re.match(r"\S.*?: (warning|note): ", line) is None and not line.startswith(" ")]
+        assert (f" {code}: " in f" {faults[-1]}") if code else not err, (name, err)
+        assert "Traceback" not in err
 
 
 def test_a_process_that_dies_is_told_and_nothing_is_lost(tmp_path, monkeypatch):

@@ -1,0 +1,69 @@
+"""Many programs at once: how much faster a check is on two cores than on one, the start of its processes included.
+
+python benchmarks/checking.py [--files N] [--lines N] [--jobs N] [--repeat N]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from cnc.warm import ensure_compiled
+
+CLOCKS = ("timing", "lines_per_s", "steps_per_s")
+
+
+def write(folder: Path, files: int, lines: int) -> None:
+    """Finishing passes of short moves, each program with another wave."""
+    for number in range(files):
+        moves = (
+            f"X{100.0 * k / lines:.3f} Y{20.0 + 10.0 * math.sin(0.01 * k + number):.3f} Z{-2.0 + math.cos(0.013 * k):.3f}"
+            for k in range(lines)
+        )
+        (folder / f"{number:04d}.nc").write_text("G21 G90 G94 G64 P0.02\nG1 F2400\n" + "\n".join(moves) + "\nM2\n")
+
+
+def checked(folder: Path, jobs: int) -> tuple[float, list[dict[str, Any]]]:
+    """Seconds of a check in ``jobs`` processes, and what it found."""
+    command = [sys.executable, "-m", "cnc.cli", "check", str(folder), "--jobs", str(jobs), "--format", "json", "--quiet"]
+    began = time.perf_counter()
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    seconds = time.perf_counter() - began
+    if done.returncode:
+        raise SystemExit(done.stderr)
+    return seconds, [{key: value for key, value in each.items() if key not in CLOCKS} for each in json.loads(done.stdout)]
+
+
+def main() -> None:
+    """Print the times, and how they compare."""
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name, value in ("files", 200), ("lines", 10_000), ("jobs", 2), ("repeat", 1):
+        options.add_argument(f"--{name}", type=int, default=value)
+    wanted = options.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write(folder, wanted.files, wanted.lines)
+        # the first ever compiles the kernels
+        ensure_compiled(None)
+        for _ in range(wanted.repeat):
+            load = os.getloadavg()[0]
+            alone, found = checked(folder, 1)
+            together, same = checked(folder, wanted.jobs)
+            assert same == found
+            print(
+                f"{wanted.files} files of {wanted.lines} lines: 1 process {alone:.2f} s, {wanted.jobs} processes {together:.2f} s, "
+                f"{alone / together:.2f} times as fast (load before: {load:.1f})",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

