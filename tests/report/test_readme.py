@@ -17,9 +17,9 @@ MAKERS = {"fault", "Diagnostic", "board_error", "error", "wrong", "caution", "Un
 """Functions and classes of which an argument is a code."""
 
 
-def codes() -> set[str]:
+def codes(folders: tuple[str, ...] = ("",)) -> set[str]:
     found = set()
-    for file in (ROOT / "cnc").rglob("*.py"):
+    for file in (file for folder in folders for file in (ROOT / "cnc" / folder).rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Name | ast.Attribute):
                 continue
@@ -40,6 +40,17 @@ def test_every_warning_and_note_is_explained():
     """In the table of its own or, for those of the language, in the list below it."""
     part = README[README.index("### Warnings and notes") : README.index("### Programs for many controllers")]
     assert [code for code in LESSER if f"`{code}`" not in part] == []
+
+
+def test_every_finding_of_a_check_is_explained():
+    """Each has a heading of its own, and so an address, and something below it."""
+    page = (ROOT / "docs" / "findings.md").read_text(encoding="utf-8")
+    explained = re.findall(r"^### ([a-z0-9-]+)\n\n(?!#)\S", page, re.MULTILINE)
+    assert len(explained) == len(set(explained)) == page.count("\n### ")
+    possible = codes(("gcode", "path", "planner", "report", "machine", "batch", "compare")) | set(LESSER)
+    assert sorted(possible - set(explained)) == []
+    # nothing is explained that there is not
+    assert sorted(code for code in explained if f"`{code}`" not in README) == []
 
 
 @pytest.mark.parametrize("section", [Axis, PathLimits, Board, Program])
