@@ -142,17 +142,19 @@ def run(
     control: Control | None = None,
     check_on_board: bool = False,
     pauses: Pauses = "wait",
+    from_line: int | None = None,
 ) -> Report:
     """Check a program, then run it on a board; the other arguments are those of :func:`check`.
 
     board: itself, its name, None for the one of the machine file. port: where the board is; for the file board, the file to write. control:
     hold, resume, override and stop, from any thread or from ``watch.on_sent``; each takes effect at the end of what has been sent, on a
     board that plans for itself at once. check_on_board: let such a board read the lines without moving. pauses: whether such a board waits
-    for ``control`` at M0 and M6, the program is refused for them, or goes on.
+    for ``control`` at M0 and M6, the program is refused for them, or goes on. from_line: the source line to begin at, with the state of the
+    lines before restored at a safe height; ``watch.on_beginning`` is told how, and asked.
     """
     known = _machine(machine)
     asked = outputs or Outputs(), watch or Watch(), control, algorithm
-    job = Job(program, known, dialect, interpolator == "sampled", *asked, pauses=pauses)
+    job = Job(program, known, dialect, interpolator == "sampled", *asked, pauses=pauses, from_line=from_line)
     if board is not None and not isinstance(board, str):
         return job.carry_out(board, type(board).__name__)
     name = board or known.board.kind

@@ -133,6 +133,7 @@ def run(
     port: Annotated[str | None, _option("Where the board is (/dev/ttyUSB0); for --board file, the .npz file to write.")] = None,
     dry_run: Annotated[bool, _option("Only check, as `cncrun check` does.")] = False,
     check_on_board: Annotated[bool, _option("Let the board read the program without moving (a GRBL board's $C).")] = False,
+    from_line: Annotated[int | None, _option("Begin at this source line: says how it gets there at a safe height, and asks.")] = None,
     yes: Annotated[bool, _option("Ask nothing; where there is no terminal, do not pause for the operator (M0, M6).")] = False,
     common: Common = _COMMON,
 ) -> int:
@@ -153,10 +154,11 @@ def run(
             interpolator=common.interpolator,
             algorithm=common.algorithm,
             outputs=common.outputs(),
-            watch=screen.watch(),
+            watch=replace(screen.watch(), on_beginning=lambda story: keys.agreed(story, yes=yes)),
             control=control,
             check_on_board=check_on_board,
             pauses="wait" if keys.available else "skip" if yes else "refuse",
+            from_line=from_line,
         )
     if common.json is not None:
         _write_json(common.json, report)

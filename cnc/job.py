@@ -45,6 +45,7 @@ from cnc.report.selection import Selection, unknown_codes
 from cnc.report.survey import ROUNDING, Survey
 from cnc.report.targets import TextTarget
 from cnc.report.view.writer import check_picture, picture_writer
+from cnc.resume import Beginning
 from cnc.source import STANDARD_INPUT_NAME, Source, readable, shown_name, with_texts
 from cnc.stopwatch import Stopwatch, TimedPulses
 from cnc.stream import GcodeLine, PulseChunk, SampleChunk
@@ -81,13 +82,15 @@ class Watch:
     """Who is told what while it happens.
 
     on_progress(stage, done, total): lines of the program; total is None in the first pass. on_warning: findings that end nothing.
-    on_compiling: before the first run ever, which takes longer. stop: set it to bring the machine to rest and end the run.
+    on_compiling: before the first run ever, which takes longer. on_sent: how far the board is. on_beginning: what will be done to begin in
+    the middle of a program; False ends the run before anything has moved.
     """
 
     on_progress: Callable[[Stage, int, int | None], None] | None = None
     on_warning: Callable[[Diagnostic], None] | None = None
     on_compiling: Callable[[], None] | None = None
     on_sent: Callable[[Progress], None] | None = None
+    on_beginning: Callable[[Sequence[str]], bool] | None = None
 
 
 def start_position(machine: Machine) -> Floats:
@@ -116,6 +119,7 @@ class Job:
         portable: Sequence[str] = (),
         on_plan: Callable[[PlanChunk], None] | None = None,
         pauses: Pauses = "wait",
+        from_line: int | None = None,
     ) -> None:
         check_formats(outputs.trace, outputs.pulses, outputs.lines)
         if outputs.picture is not None:
@@ -135,6 +139,8 @@ class Job:
         self.on_plan = on_plan
         self.start = start_position(machine)
         self._pauses: Pauses = pauses
+        self._from_line = from_line
+        self._beginning: Beginning | None = None
         self._place = None if self.name == STANDARD_INPUT_NAME else Path(self.name)
         self._memory = Memory(machine)
         self._state: State | None = None
@@ -165,8 +171,10 @@ class Job:
                 self.path = stack.enter_context(readable(self.program))
                 stack.callback(self._discard)
                 try:
+                    self._find_beginning()
                     self._survey()
                     self._look_up("checking", report.lines)
+                    self._confirm_beginning()
                     if report.ok:
                         lines_s = self._translate()
                         self._move(board)
@@ -206,6 +214,27 @@ class Job:
         self._board_settings = board.settings
         # The lines come from a path of their own, which is not the one that is surveyed.
         self._kept = None
+
+    def _find_beginning(self) -> None:
+        """Where to begin, if not at the first line."""
+        if self._from_line is None:
+            return
+        z = self.machine.axes.get("z")
+        top = None if z is None or z.travel is None else z.travel[1]
+        beginning = Beginning(self._from_line, self.name, self.machine.axis_names, top)
+
+        def read(start: Floats) -> Iterator[Block]:
+            state = self._remembered(self.dialect)
+            return self._interpreted(self.dialect, Text.of_file(self.path, self.name), state, None, self._at_other_line, start)
+
+        beginning.check(read, self.start)
+        self._beginning = beginning
+
+    def _confirm_beginning(self) -> None:
+        """Tell how the machine will get there, and ask."""
+        ask = self.watch.on_beginning
+        if self._beginning is not None and ask is not None and self.report.ok and not ask(self._beginning.story):
+            raise Stopped
 
     def blocks(self) -> Iterator[Block]:
         """The canonical blocks of the program, read as in the first pass."""
@@ -391,7 +420,8 @@ class Job:
 
     def _blocks(self, warn: Callable[[Diagnostic], None] | None, on_line: Callable[[int], None] | None) -> Iterator[Block]:
         self._state = self._remembered(self.dialect)
-        return self._interpreted(self.dialect, Text.of_file(self.path, self.name), self._state, warn, on_line)
+        blocks = self._interpreted(self.dialect, Text.of_file(self.path, self.name), self._state, warn, on_line)
+        return blocks if self._beginning is None else self._beginning.passed(blocks, self.start)
 
     def _read(self, dialect: str, text: Text) -> Iterator[Block]:
         """The canonical blocks of a text under another dialect, which nothing remembers."""
@@ -407,13 +437,14 @@ class Job:
         state: State,
         warn: Callable[[Diagnostic], None] | None,
         on_line: Callable[[int], None] | None,
+        start: Floats | None = None,
     ) -> Iterator[Block]:
         program = self.machine.program
         return interpret(
             text,
             axes=self.machine.axis_names,
             dialect=dialect,
-            start=self.start,
+            start=self.start if start is None else start,
             warn=warn,
             parameters=state[0],
             tools=state[1],

@@ -11,9 +11,12 @@ import os
 import select
 import sys
 import threading
+from collections.abc import Sequence
+from queue import SimpleQueue
 from typing import Any
 
 from cnc.control import LARGEST_OVERRIDE, Control
+from cnc.errors import Diagnostic, UsageError
 
 STEP = 10.0
 """Per cent of the programmed feeds for one key."""
@@ -32,10 +35,29 @@ class Keys:
         self._file = -1
         self._wake: tuple[int, int] | None = None
         self._thread: threading.Thread | None = None
+        self._answers: SimpleQueue[str] | None = None
+
+    def agreed(self, story: Sequence[str], *, yes: bool) -> bool:
+        """Tell what will be done and ask whether it shall; ``yes``: do not ask. UsageError ``needs-yes`` where nobody can be asked."""
+        print(*story, sep="\n  ", file=sys.stderr, flush=True)
+        if yes:
+            return True
+        if not self.available:
+            hint = "run it in a terminal, or with --yes"
+            raise UsageError(Diagnostic("needs-yes", "there is no terminal to ask whether to begin like this", hint=hint))
+        print("press y to go on, any other key to end: ", end="", file=sys.stderr, flush=True)
+        self._answers = SimpleQueue()
+        answer = self._answers.get()
+        self._answers = None
+        print(answer if answer.isprintable() else "", file=sys.stderr, flush=True)
+        return answer in ("y", "Y")
 
     def press(self, key: str) -> None:
-        """What a key asks for; others ask for nothing."""
+        """What a key asks for; others ask for nothing. If there is a question, it is the answer."""
         control = self._control
+        if self._answers is not None:
+            self._answers.put(key)
+            return
         if key == " ":
             if control.held:
                 control.resume()
