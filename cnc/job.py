@@ -164,6 +164,8 @@ class Job:
             self._senses, self._takes_lines = board.capabilities.senses, board.capabilities.lines
             if isinstance(board, LineSink):
                 self._adopt(board)
+            elif board.standing_steps is not None:
+                self.start = board.standing_steps / np.array([axis.steps_per_mm for axis in self.machine.axes.values()])
         else:
             self._takes_lines = self.machine.board.kind in LINE_BOARDS
         try:
@@ -303,9 +305,9 @@ class Job:
             on_pulses = self._opened(pulse_writer(self.outputs.pulses, machine, interpolator.origin_steps)).write
         path = self._kept if self._kept is not None else self._read_again(smooth=isinstance(board, LineSink))
         # Without a board nobody can wish for anything once it is under way, and a board that plans for itself is told by the executor.
-        pulses_asked = isinstance(board, PulseSink)
-        control = None if board is not None and not pulses_asked else self.control
-        ahead = LookAhead(machine, control, slice_s=SLICE if pulses_asked else LONG)
+        control = None if isinstance(board, LineSink) else self.control
+        slice_s = (board.capabilities.slice_s or SLICE) if isinstance(board, PulseSink) else LONG
+        ahead = LookAhead(machine, control, slice_s=slice_s)
         planned = self._timed(self._planning.inside(ahead.plan(path)))
         if self.sampled:
             planned = self._sampled(planned)
@@ -314,7 +316,7 @@ class Job:
             if board is None:
                 self._look(planned, pulses, on_pulses)
             elif isinstance(board, PulseSink):
-                self._send(planned, pulses, on_pulses, board, ahead)
+                self._send(self._pausing(planned), pulses, on_pulses, board, ahead)
             else:
                 self._stream(planned, board)
         finally:
@@ -405,6 +407,14 @@ class Job:
         if outcome.stopped_at_line is not None:
             report.duration_s = outcome.duration
             report.end_position = dict(zip(machine.axes, outcome.position, strict=False))
+
+    def _pausing(self, planned: Iterable[PlanChunk | Block]) -> Iterator[PlanChunk | Block]:
+        """The same, held where the program wants the operator, if there is one."""
+        for item in planned:
+            yield item
+            if self._pauses == "wait" and isinstance(item, Block) and waits(item):
+                self.control.hold()
+                yield Held(item.file, item.line)
 
     def _tell(self, progress: Progress) -> None:
         """How far the board is."""

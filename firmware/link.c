@@ -20,7 +20,8 @@ uint8_t received[128];
 volatile uint8_t received_head;
 static uint8_t received_tail;
 static uint8_t frame[LONGEST_CONTROL + 2];
-static uint16_t length, crc, spare;     /* of the frame that comes in: bytes so far, their CRC, where its next stream byte goes */
+static uint8_t length;                  /* of the frame that comes in: bytes so far, */
+static uint16_t crc, spare;             /* their CRC, where its next stream byte goes */
 static uint8_t block, block_left;       /* COBS */
 static bool broken;
 static uint8_t expected, token;
@@ -55,24 +56,6 @@ static void begin_frame(void)
     block_left = 0;
     broken = false;
     spare = store_head;
-}
-
-static inline __attribute__((always_inline)) void take_in(uint8_t byte)
-{
-    crc = _crc_ccitt_update(crc, byte);
-    if (length < sizeof frame)
-        frame[length] = byte;
-    if (length >= DATA_HEAD && frame[0] == DATA) {
-        uint16_t next = (spare + 1) & (STORE - 1);
-        if (next == store_tail) {
-            broken = true;
-        } else {
-            store[spare] = byte;
-            spare = next;
-        }
-    }
-    if (length < 0xFFFF)
-        length++;
 }
 
 static uint16_t word(uint8_t at)
@@ -155,7 +138,7 @@ static void end_frame(void)
 {
     if (length == 0)
         return;
-    if (crc != 0 || length < 4 || broken || block_left) {
+    if (crc != 0 || length < 4 || length == 0xFF || broken || block_left) {
         if (!naked)
             naked = want_nak = true;
     } else {
@@ -170,26 +153,48 @@ static void end_frame(void)
 /* Take what has come in, but not so much at once that the player starves. */
 void receive(void)
 {
-    for (uint8_t k = 0; k < 8 && received_tail != received_head; k++) {
-        received_tail = (received_tail + 1) & 127;
-        uint8_t byte = received[received_tail];
+    uint8_t tail = received_tail, left = (received_head - tail) & 127;
+    if (left > 12)
+        left = 12;
+    uint8_t in_block = block_left, size = length;
+    uint16_t sum = crc, next = spare;
+    for (; left; left--) {
+        tail = (tail + 1) & 127;
+        uint8_t byte = received[tail];
         if (byte == 0) {
+            length = size, crc = sum, spare = next, block_left = in_block;
             end_frame();
             begin_frame();
+            size = length, sum = crc, next = spare, in_block = block_left;
             continue;
         }
-        if (block_left == 0) {
+        if (in_block == 0) {
             uint8_t before = block;
             block = byte;
-            block_left = byte - 1;
+            in_block = byte - 1;
             if (before == 0xFF)
                 continue;
             byte = 0;
         } else {
-            block_left--;
+            in_block--;
         }
-        take_in(byte);
+        sum = _crc_ccitt_update(sum, byte);
+        if (size >= DATA_HEAD && frame[0] == DATA) {
+            uint16_t after = (next + 1) & (STORE - 1);
+            if (after == store_tail) {
+                broken = true;
+            } else {
+                store[next] = byte;
+                next = after;
+            }
+        } else if (size < sizeof frame) {
+            frame[size] = byte;
+        }
+        if (size < 0xFF)
+            size++;
     }
+    received_tail = tail;
+    length = size, crc = sum, spare = next, block_left = in_block;
 }
 
 /* ------------------------------------------------------------------------------------------------------------------- out */

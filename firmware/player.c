@@ -10,6 +10,7 @@
 #include "board.h"
 #include <stddef.h>
 
+#define SLIP 4000               /* ticks */
 #define AHEAD 6000              /* ticks */
 #define SHORT 0x3FFF            /* ticks: what is longer is waited for in pieces */
 #define PIECE 8192
@@ -140,7 +141,13 @@ static void unpark(void)
         PORTB = event[3] & 2 ? PORTB | 0x20 : PORTB & ~0x20;
 #endif
         uint16_t least = TCNT1 + config.setup + 2;
-        if ((int16_t)(due - least) < 0)
+        int16_t late = least - due;
+        if (late > SLIP) {
+            /* more than can be made up for: all that follows is as late */
+            due_set(least);
+            planned += late;
+        }
+        if (late > 0)
             due = least;
         OCR1A = due;
         TIFR1 = 1 << OCF1A;
@@ -285,51 +292,53 @@ static void placed_slot(void)
     segment.made++;
 }
 
-static inline uint8_t next_byte(void)
+/* A nibble of axes as a port's steps. */
+static inline uint8_t steps_of(uint8_t mask)
 {
-    uint8_t byte = store[store_tail];
-    store_tail = (store_tail + 1) & (STORE - 1);
-    return byte;
+#if AXES == 4
+    return (uint8_t)(mask << 2 & 0x1C) | mask >> 3;
+#else
+    return mask << 2 & 0x1C;
+#endif
 }
 
-/* A nibble of axes as a port's steps. */
-static uint8_t steps_of(uint8_t mask)
-{
-    uint8_t port = (uint8_t)(mask << 2) & 0x1C;
-#if AXES == 4
-    if (mask & 8)
-        port |= 1;
-#endif
-    return port;
-}
+#define COUNT(axis, bit) \
+    if (mask & bit) \
+        segment.count[axis]++
 
 /* Packed and timed: what they say of each slot stands in the stream. */
 static void listed_slots(uint8_t most)
 {
-    uint16_t there = store_used(), at_first = there, now = timer();
-    while (most-- && early(now)) {
+    const bool timed = segment.form == TIMED, plain = state == RUNNING;
+    const uint8_t directions = segment.directions;
+    uint16_t there = store_used(), at = store_tail, now = timer();
+    uint8_t made = 0;
+    while (made < most && early(now)) {
         uint8_t mask;
         uint16_t ticks;
-        if (segment.form == TIMED) {
-            if (there < 2) {
-                starved = true;
+        if (timed) {
+            starved = there < 2;
+            if (starved)
                 break;
-            }
             there -= 2;
-            ticks = next_byte();
-            mask = next_byte();
+            ticks = store[at];
+            at = (at + 1) & (STORE - 1);
+            mask = store[at];
+            at = (at + 1) & (STORE - 1);
             ticks |= (uint16_t)(mask & 15) << 8;
             mask >>= 4;
+            taken += 2;
         } else {
-            if (segment.made & 1) {
+            if ((segment.made + made) & 1) {
                 mask = segment.pair >> 4;
             } else {
-                if (there == 0) {
-                    starved = true;
+                starved = there == 0;
+                if (starved)
                     break;
-                }
                 there--;
-                mask = segment.pair = next_byte();
+                mask = segment.pair = store[at];
+                at = (at + 1) & (STORE - 1);
+                taken++;
             }
             mask &= 15;
             __uint24 sum = segment.interval + segment.fraction;
@@ -337,19 +346,23 @@ static void listed_slots(uint8_t most)
             segment.fraction = sum;
             segment.interval += segment.add;
         }
-        for (uint8_t axis = 0, bit = 1; axis < AXES; axis++, bit <<= 1)
-            if (mask & bit)
-                segment.count[axis]++;
-        segment.left--;
-        segment.made++;
-        uint8_t port = segment.directions | steps_of(mask);
-        if (ticks > SHORT || state != RUNNING) {
+        COUNT(0, 1);
+        COUNT(1, 2);
+        COUNT(2, 4);
+#if AXES == 4
+        COUNT(3, 8);
+#endif
+        made++;
+        uint8_t port = directions | steps_of(mask);
+        if (ticks > SHORT || !plain) {
             wait_for(0, ticks, port);
             break;
         }
         put(ticks, port);
     }
-    taken += at_first - there;
+    store_tail = at;
+    segment.left -= made;
+    segment.made += made;
 }
 
 /* --------------------------------------------------------------------------------------------------------------- position */

@@ -35,6 +35,7 @@ class Capabilities:
 
     axes: how many it can move. max_step_rate: steps/s of one axis. tick_ns: the grid of its pulse times. pulses, lines: whether it
     takes :class:`PulseChunk` or :class:`GcodeLine`. senses: whether it can answer probes and inputs, and follow the turning spindle.
+    slice_s: how much motion it is best given at a time, so that a hold comes soon; 0 where that does not matter.
     """
 
     axes: int
@@ -43,6 +44,7 @@ class Capabilities:
     pulses: bool
     lines: bool
     senses: bool
+    slice_s: float = 0.0
 
 
 class Command(Protocol):
@@ -94,6 +96,10 @@ class PulseSink(Board, Protocol):
     @property
     def position_steps(self) -> NDArray[np.int64]:
         """Where the board is on the grid, (axes,)."""
+
+    @property
+    def standing_steps(self) -> NDArray[np.int64] | None:
+        """Where a machine stands before the first program, (axes,); None where that is not known, or nothing stands anywhere."""
 
     def send(self, chunk: PulseChunk) -> None:
         """Take grid moves; returns when there is room for more."""

@@ -57,6 +57,10 @@ class FileBoard:
         """Grid point (axes,)."""
         return self._checks.position_steps
 
+    @property
+    def standing_steps(self) -> None:
+        """Nothing stands anywhere."""
+
     def start(self, origin_steps: NDArray[np.int64]) -> None:
         """Begin the file anew."""
         self._checks.start(origin_steps)

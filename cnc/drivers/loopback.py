@@ -65,6 +65,10 @@ class Loopback:
         return self._position.copy()
 
     @property
+    def standing_steps(self) -> None:
+        """Nothing stands anywhere."""
+
+    @property
     def steps(self) -> NDArray[np.int64]:
         """Steps made by each axis, in both directions together (axes,)."""
         return self._forward + self._backward

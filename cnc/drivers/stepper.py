@@ -33,9 +33,9 @@ from cnc.stream import PulseChunk
 
 BAUD = 1_000_000
 """The firmware's speed unless the machine file names another."""
-HORIZON_S = 0.125
+HORIZON_S = 0.11
 """The board is given no more than this ahead of what it plays."""
-PIECE_S = 0.02
+PIECE_S = 0.01
 """Moves are compressed and sent in pieces of this length."""
 PREFILL_S = 0.1
 """So much is there before the motion starts."""
@@ -100,9 +100,9 @@ class Stepper:
         self._pieces: deque[_Piece] = deque()
         self._until_ns = 0
         self._gathered: list[tuple[bytes, NDArray[np.int64], NDArray[np.int32]]] = []
-        self._gathered_from = 0
+        self._gathered_from = self._gathered_until = 0
         self._outputs = Outputs()
-        self._active = False
+        self._active = self._began = self._stopped_short = False
         self._fault: BoardError | None = None
         self._untold: BoardError | None = None
         self._turned = np.array([-1 if axis.invert else 1 for axis in machine.axes.values()], dtype=np.int8)
@@ -112,12 +112,9 @@ class Stepper:
         self._least_ns = max(welcome.least_ticks * welcome.tick_ns, PULSE_NS + SETUP_NS)
         self._room = welcome.room
         self._checks = Loopback(len(machine.axes), self._least_ns)
-        self._encoder = SegmentEncoder(len(machine.axes), TOLERANCE_NS, self._least_ns)
-        self.standing_steps: NDArray[np.int64] | None = None
-        """Where the board knows that it stands (axes,); None if it lost its position, as it does with every reset."""
-        if status.position_known:
-            self.standing_steps = np.array(status.position[: len(machine.axes)], dtype=np.int64) * self._turned
-        self._position = self.standing_steps if self.standing_steps is not None else np.zeros(len(machine.axes), dtype=np.int64)
+        self._encoder = SegmentEncoder(len(machine.axes), TOLERANCE_NS)
+        self._position = np.array(status.position[: len(machine.axes)], dtype=np.int64) * self._turned
+        self._knows_position = status.position_known
         if background:
             threading.Thread(target=self._keep_alive, daemon=True, name="stepper board").start()
 
@@ -142,17 +139,22 @@ class Stepper:
     @property
     def capabilities(self) -> Capabilities:
         """Pulses at half microseconds."""
-        return Capabilities(len(self._machine.axes), 1e9 / self._least_ns, 500.0, pulses=True, lines=False, senses=False)
+        return Capabilities(len(self._machine.axes), 1e9 / self._least_ns, 500.0, pulses=True, lines=False, senses=False, slice_s=PIECE_S)
 
     @property
     def confirmed_line(self) -> int:
-        """Source line of the last motion or command that has reached the board."""
-        return self._link.confirmed_note
+        """Source line of the last motion or command taken; after a fault, of the last that is known to have reached the board."""
+        return self._checks.confirmed_line if self._fault is None else self._link.confirmed_note
 
     @property
     def position_steps(self) -> NDArray[np.int64]:
-        """Where all that was sent leads; after a fault, where the board says it stands."""
-        return self._position.copy()
+        """Where all that was sent leads; after a fault or an abort, where the board says it stands."""
+        return self._checks.position_steps if self._began and not self._stopped_short else self._position.copy()
+
+    @property
+    def standing_steps(self) -> NDArray[np.int64] | None:
+        """Where the board knows that it stands (axes,); None if it lost its position, as it does with every reset."""
+        return self._position.copy() if self._knows_position else None
 
     def start(self, origin_steps: NDArray[np.int64]) -> None:
         """Take where the machine stands for ``origin_steps``, switch the drivers on."""
@@ -162,10 +164,10 @@ class Stepper:
             self._position = self._checks.position_steps
             position = [*(self._position * self._turned).tolist(), 0, 0, 0, 0][:4]
             self._request(Kind.SET_POSITION, b"".join(int(each).to_bytes(4, "little", signed=True) for each in position))
-            self._encoder = SegmentEncoder(len(self._machine.axes), TOLERANCE_NS, self._least_ns)
+            self._encoder = SegmentEncoder(len(self._machine.axes), TOLERANCE_NS)
             self._base_ns = self._until_ns = 0
             self._outputs = Outputs(enabled=True)
-            self._active = True
+            self._active = self._began = True
             self._stream(command(OUTPUTS, *self._outputs.bytes), 0, 0)
 
     def send(self, chunk: PulseChunk) -> None:
@@ -178,13 +180,15 @@ class Stepper:
             finally:
                 rows = self._checks.rows
                 self._checks.rows = 0
-                self._gather(chunk, rows, begin)
+                if rows:
+                    self._gather(chunk, rows, begin)
 
     def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
         """Carry out a block at its time."""
         with self._lock:
             self._refuse_after_fault()
             self._checks.execute(block, time_ns)
+            self._send_gathered()
             if type(block).__name__ == "Held":
                 self._rest(time_ns)
                 return None
@@ -201,7 +205,7 @@ class Stepper:
         """Return when everything sent has been carried out."""
         with self._lock:
             self._refuse_after_fault()
-            if self._active:
+            if self._checks.state == "running":
                 self._end()
             self._checks.finish()
 
@@ -255,7 +259,8 @@ class Stepper:
                 part = slice(at, until)
                 data = self._encoder.push(PulseChunk(time_ns[part], turned[part], chunk.line[part]))
                 self._gathered.append((data, places[part], chunk.line[part]))
-                self._until_ns = max(self._until_ns, int(time_ns[until - 1]))
+                self._gathered_until = int(time_ns[until - 1])
+                self._until_ns = max(self._until_ns, self._gathered_until)
             if until < rows:
                 self._send_gathered()
             at = until
@@ -265,7 +270,7 @@ class Stepper:
         if self._gathered:
             data, places, lines = (list(each) for each in zip(*self._gathered, strict=True))
             self._gathered.clear()
-            self._wait_for_horizon(self._until_ns)
+            self._wait_for_horizon(self._gathered_until)
             self._position = places[-1][-1]
             stream = b"".join((*data, self._encoder.flush()))
             self._stream(stream, self._encoder.clock_ns, int(lines[-1][-1]), np.concatenate(places), np.concatenate(lines))
@@ -331,9 +336,7 @@ class Stepper:
         clock = self._encoder.clock_ns
         data = self._encoder.flush() + command(0, end=True)
         self._sent_bytes += len(data)
-        self._pieces.append(
-            _Piece(self._sent_bytes, self.confirmed_line, np.array([self._position]), np.array([self.confirmed_line], np.int32))
-        )
+        self._pieces.append(_Piece(self._sent_bytes, 0, np.array([self._position]), np.zeros(1, np.int32)))
         self._link.stream(data, (clock - self._base_ns) // 1_000_000, end=True)
         while self._link.unconfirmed:
             if self._link.full and not self._running:
@@ -353,9 +356,9 @@ class Stepper:
 
     def _compare(self, status: Status) -> None:
         """The board's count and ours are one, or nothing is known any more."""
-        there = np.array(status.position[: len(self._position)], dtype=np.int64) * self._turned
-        if not np.array_equal(there, self._position):
-            self._position = there
+        sent = self._position
+        there = self._stands_at(status)
+        if not np.array_equal(there, sent):
             hint = "home the machine; please report this with the program"
             raise self._failed(board_error("board-position", f"the board stands at {self._place(there)}, not where it was sent", hint=hint))
 
@@ -392,7 +395,8 @@ class Stepper:
             self._heard_at = max(self._heard_at, self._link.heard_at)
         if now - self._heard_at > ANSWER_S:
             hint = "check cable and supply; a board that has power has come to rest by itself. Home the machine before the next run"
-            raise self._failed(board_error("board-silent", f"the board on {self._name} does not answer any more", hint=hint))
+            message = f"the board on {self._name} does not answer any more"
+            raise self._failed(board_error("board-silent", message, line=self._link.confirmed_note, hint=hint))
 
     def _request(self, kind: Kind, payload: bytes) -> Status | None:
         """Have something done; None if the board does not do it."""
@@ -423,8 +427,7 @@ class Stepper:
             began = self._clock.now()
             while self._link.state == State.RAMPING and self._clock.now() - began < ANSWER_S:
                 self._pump(BREATH_S)
-            status = self._ask()
-            self._position = np.array(status.position[: len(self._position)], dtype=np.int64) * self._turned
+            self._stands_at(self._ask())
         self._running = False
 
     def _ask(self) -> Status:
@@ -454,7 +457,7 @@ class Stepper:
 
     def _alarmed(self, status: Status) -> BoardError:
         """The board has stopped: why, and where it stands."""
-        self._position = np.array(status.position[: len(self._position)], dtype=np.int64) * self._turned
+        self._stands_at(status)
         code, what, hint = ALARMS.get(status.alarm, ("board-alarm", "the board has stopped", "open it anew"))
         if status.alarm == Alarm.LIMIT:
             hit = [axis.upper() for k, axis in enumerate(self._machine.axes) if status.inputs >> k & 1]
@@ -462,13 +465,19 @@ class Stepper:
         message = f"{what}; the machine stands at {self._place(self._position)}"
         return self._failed(board_error(code, message, line=self._line_at(status), hint=hint))
 
+    def _stands_at(self, status: Status) -> NDArray[np.int64]:
+        """Where the board says it is, which counts from here on."""
+        self._position = np.array(status.position[: len(self._position)], dtype=np.int64) * self._turned
+        self._stopped_short = not np.array_equal(self._position, self._checks.position_steps)
+        return self._position
+
     def _line_at(self, status: Status) -> int:
         """The source line of the move after which the board stands."""
         for piece in reversed(self._pieces):
             here = np.flatnonzero((piece.rows == self._position).all(axis=1))
             if len(here):
-                return int(piece.lines[here[-1]]) or self.confirmed_line
-        return self.confirmed_line
+                return int(piece.lines[here[-1]]) or self._link.confirmed_note
+        return self._link.confirmed_note
 
     def _place(self, steps: NDArray[np.int64]) -> str:
         places = (steps / self._steps_per_mm).tolist()

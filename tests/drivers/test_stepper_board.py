@@ -1,0 +1,131 @@
+"""The stepper board in the simulator passes what every pulse board has to; and a run of a program from its text to the pins."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from board_conformance import AXES, PulseBoardConformance
+from cnc.api import Control, Outputs, Report, Watch, run
+from cnc.drivers.stepper import Stepper
+from cnc.machine.load import load_machine
+from cnc.machine.models import Machine
+from drivers.stepper_rig import CLOSE_US, machine, off_plan_us
+from drivers.stepper_simulator import FREQUENCY, Simulator, SimulatorPort
+from support import share
+
+PROGRAMS = Path(__file__).parents[2] / "programs"
+
+
+class TestStepper(PulseBoardConformance):
+    least = 18_000
+    plays_at_once = False
+
+    def make(self, folder: Path) -> Stepper:
+        port = SimulatorPort(Simulator())
+        known = machine()
+        assert len(known.axes) == AXES
+        return Stepper(port, known, "the simulator", clock=port)
+
+
+def played(program: Path, folder: Path, known: Machine) -> tuple[Report, Simulator]:
+    """A program run on a simulated board, with its pulses in ``pulses.npz``."""
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    board = Stepper(port, known, "the simulator", clock=port)
+    report = run(program, known, board=board, outputs=Outputs(pulses=str(folder / "pulses.npz")))
+    board.close()
+    return report, simulator
+
+
+SMALL = """G21 G90 G64 P0.01
+M3 S500
+G1 X6 Y4 Z-1 F2400
+G3 X2 Y8 R5
+G4 P0.1
+G0 Z2
+G1 X0 Y0.3 F1200
+M2
+"""
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    (tmp_path / "small.ngc").write_text(SMALL)
+    return tmp_path / "small.ngc"
+
+
+def check(simulator: Simulator, folder: Path) -> None:
+    with np.load(folder / "pulses.npz") as pulses:
+        cycles, made = simulator.moves()
+        np.testing.assert_array_equal(made, pulses["step"])
+        assert off_plan_us(cycles, pulses["time_ns"]) <= CLOSE_US
+
+
+def test_a_program_comes_out_of_the_pins_as_planned(small: Path, tmp_path: Path) -> None:
+    report, simulator = played(small, tmp_path, machine())
+    assert report.ok
+    check(simulator, tmp_path)
+    simulator.close()
+
+
+@pytest.mark.skipif(share(False, True), reason="every program takes minutes: make soak")
+@pytest.mark.parametrize("program", sorted(PROGRAMS.glob("*.nc"), key=lambda path: path.name), ids=lambda path: path.name)
+def test_shipped_programs(program: Path, tmp_path: Path) -> None:
+    report, simulator = played(program, tmp_path, load_machine("default"))
+    senseless = [fault.diagnostic.code for fault in report.faults] == ["board-senseless"]
+    if senseless:
+        simulator.close()
+        pytest.skip("the board feels neither probes nor the turning spindle")
+    assert report.ok
+    check(simulator, tmp_path)
+    simulator.close()
+
+
+@pytest.mark.parametrize("moment", np.linspace(0.1, 0.45, share(50, 2)).tolist())
+def test_held_and_resumed(small: Path, tmp_path: Path, moment: float) -> None:
+    """The same edges in the same order as a run that nobody held, and rest soon after the wish."""
+    with_hold, without = tmp_path / "a", tmp_path / "b"
+    with_hold.mkdir()
+    without.mkdir()
+    control = Control()
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+    held_at: list[int] = []
+    rests: list[int] = []
+
+    def on_sent(sent: object) -> None:
+        if not held_at and board._running and board._played_ns() * 1e-9 > moment:
+            held_at.append(simulator.cycle)
+            control.hold()
+        if getattr(sent, "held", False):
+            rests.append(int(simulator.moves()[0][-1]))
+            control.resume()
+
+    report = run(small, machine(), board=board, control=control, watch=Watch(on_sent=on_sent))
+    board.close()
+    assert report.ok
+    plain, reference = played(small, without, machine())
+    assert plain.ok
+    np.testing.assert_array_equal(simulator.moves()[1], reference.moves()[1])
+    # braking: at most the time from full speed to rest with a jerk-limited ramp, twice, for it may have been speeding up
+    braking = 2 * (40 / 400 + 400 / 15000)
+    assert rests
+    assert (rests[0] - held_at[0]) / FREQUENCY < 0.15 + braking
+    simulator.close()
+    reference.close()
+
+
+def test_the_next_program_begins_where_the_machine_stands(small: Path, tmp_path: Path) -> None:
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    (tmp_path / "next.ngc").write_text("G21 G90\nG0 X0 Y0 Z0\nM2\n")
+    for program in (small, tmp_path / "next.ngc"):
+        board = Stepper(port, machine(), "the simulator", clock=port)
+        assert run(program, machine(), board=board).ok
+        board.close()
+    assert simulator.moves()[1].sum(axis=0, dtype=np.int64).tolist() == [0, 0, 0]
+    simulator.close()
