@@ -296,8 +296,8 @@ def _check_listed(files: Sequence[str], common: Common, look: Look, shown: TextI
 
 @app.command
 def diff(
-    first: Annotated[str, Parameter(help="A program.")],
-    second: Annotated[str, Parameter(help="The one to compare with it.")],
+    first: Annotated[str, _output("A program (- is standard input).")],
+    second: Annotated[str, _output("The one to compare with it.")],
     /,
     *,
     machine: Annotated[str | None, _option("Machine file (TOML), or the name of a shipped one.")] = None,
@@ -306,6 +306,8 @@ def diff(
     quiet: Annotated[bool, _option("Say nothing but errors.")] = False,
 ) -> int:
     """Compare the motion of two programs, not their text: how far apart, where, how long."""
+    if first == second == "-":
+        raise UsageError(Diagnostic("usage", "standard input holds one program", hint="name a file for the other one"))
     _library()
     from cnc.compare.programs import compare
     from cnc.machine.load import load_machine

@@ -61,7 +61,7 @@ LINE_BOARDS = ("grbl", "grbl-sim")
 MOST_FAULTS = 20
 """Soft-limit faults that are kept; the rest are counted."""
 MOST_WARNINGS = 100
-"""Warnings that are told and kept; the rest are counted."""
+"""Warnings and notes of one code that are told and kept; the rest are counted, so that many of one hide none of another."""
 KEPT_NUMBERS = 8_000_000
 """Numbers of path data (64 MB) that are kept between the passes: a finishing program of a million lines. A longer one is read twice."""
 
@@ -564,7 +564,8 @@ class Job:
         warnings, place = self.report.warnings, (diagnostic.code, diagnostic.file, diagnostic.line, diagnostic.column)
         if place in self._warned or not self.selection.wants(diagnostic):
             return
-        if len(warnings) >= MOST_WARNINGS:
+        told = sum(each.code == diagnostic.code for each in warnings)
+        if told >= MOST_WARNINGS:
             self.report.hidden_warnings += 1
             return
         self._warned.add(place)

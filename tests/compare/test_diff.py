@@ -1,7 +1,9 @@
 """Two programs side by side: the largest distance between their ways, where it is, and how long each takes."""
 
+import io
 import json
 import math
+import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -179,7 +181,7 @@ def test_a_track_is_the_way_that_is_gone(name):
     assert np.linalg.norm(steps, axis=1).sum() > 0.999 * np.linalg.norm(np.diff(np.concatenate(samples), axis=0), axis=1).sum()
 
 
-def test_the_command_line(tmp_path, capfd):
+def test_the_command_line(tmp_path, capfd, monkeypatch):
     one, other, bad = (str(tmp_path / name) for name in ("a.nc", "b.nc", "bad.nc"))
     Path(one).write_text(HEAD + SQUARE + "\nM2\n")
     Path(other).write_text(HEAD + SQUARE.replace("G1 Y40", "G1 Y41") + "\nM2\n")
@@ -198,3 +200,8 @@ def test_the_command_line(tmp_path, capfd):
     assert cli.exit_code(["diff", one, one + "x"]) == 2
     assert cli.exit_code(["diff", one, other, "--json", one]) == 2
     assert cli.exit_code(["diff", one]) == 2
+    capfd.readouterr()
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(Path(one).read_bytes())))
+    assert cli.exit_code(["diff", "-", other]) == 0
+    assert "<stdin>:4" in capfd.readouterr().out
+    assert cli.exit_code(["diff", "-", "-"]) == 2

@@ -89,6 +89,11 @@ def test_what_is_true_of_many_moves_is_told_once(tmp_path):
     assert (finding.column, finding.length) == (7, 5)
 
 
+def test_many_of_one_code_hide_none_of_another(found):
+    told = found("".join(f"F{100 + k}\n" for k in range(150)) + "G1 X5\nS9 M3\nM2")
+    assert [code for code, _, _ in told] == ["word-shadowed"] * 100 + ["spindle-off"]
+
+
 def test_a_loop_and_a_subroutine_are_told_at_their_lines(found):
     text = "o1 sub\nG1 X5 F9000\nG1 X0\no1 endsub\no1 call\no1 call\nS9 M3\nM2"
     assert found(text) == [("spindle-off", 3, "warning"), ("feed-unreachable", 3, "note")]
