@@ -193,7 +193,7 @@ class GrblBoard:
             self._rest()
         if self.status.state == "Alarm" and bare(text)[:2] not in ("$H", "$X"):
             raise self._fault(self._locked(line.line))
-        while protocol.waiting >= self._vital.most_waiting or not protocol.room(text):
+        while protocol.waiting >= self._vital.most_waiting or not protocol.room(text, kind):
             if self._stopping():
                 return
             self._serve(WAIT)
@@ -204,7 +204,7 @@ class GrblBoard:
         if kind == "probe":
             self._probed = None
         self._whereabouts.send(text)
-        self._write(protocol.send(text, line.line))
+        self._write(protocol.send(text, line.line, kind))
         if protocol.mark_fits() and (protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME):
             self._mark()
         if kind == "system":
@@ -214,7 +214,7 @@ class GrblBoard:
         elif self._first:
             self._first = False
             self._compare_offset(line.line)
-        elif protocol.used * 2 > protocol.rx_bytes or self.link.due():
+        elif self.link.due():
             self._serve(0.0)
 
     def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:

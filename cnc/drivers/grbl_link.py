@@ -78,8 +78,8 @@ class GrblLink:
             self._next_poll = now + poll
             if self._unanswered_since is None:
                 self._unanswered_since = now
-        wait = min(timeout, max(self._next_poll - now, 0.0)) if not writing else timeout
-        data = self._port.read(wait)
+        # Always the same time-out: to change it costs more than the next poll being late.
+        data = self._port.read(timeout)
         if data:
             return self._heard(data)
         if self._unanswered_since is not None and self.clock.now() - self._unanswered_since > self._patience():
@@ -99,7 +99,7 @@ class GrblLink:
         deadline = self.clock.now() + timeout
         while (left := deadline - self.clock.now()) > 0:
             self._unanswered_since = None
-            for event in self.pump(left):
+            for event in self.pump(min(left, POLL_FAST)):
                 if done(event):
                     return True
         return False

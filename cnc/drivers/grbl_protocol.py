@@ -28,7 +28,8 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 
 from cnc.drivers.grbl_lines import Kind, bare, kind_of, seconds_of
@@ -96,7 +97,7 @@ class Sent:
     seconds: float = 0.0
     mark: bool = False
     seen: bool = False
-    said: dict[str, float] | None = None
+    said: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,8 +200,11 @@ class GrblProtocol:
         """What has arrived of a message that has not ended."""
         return self._messages.partial
 
-    def room(self, text: str) -> bool:
-        """Whether a line may be sent now. Room for a mark always stays; one place of a ring buffer is never filled."""
+    def room(self, text: str, kind: Kind | None = None) -> bool:
+        """Whether a line, of a ``kind`` if that is known, may be sent now.
+
+        Room for a mark always stays; one place of a ring buffer is never filled.
+        """
         if self.state is not State.READY:
             return False
         ledger = self._ledger
@@ -209,15 +213,15 @@ class GrblProtocol:
         # A writer or a system command is under way alone, so it is the oldest.
         if ledger[0].kind in ("writer", "system") and not ledger[0].mark:
             return False
-        if kind_of(text) in ("writer", "system"):
+        if (kind or kind_of(text)) in ("writer", "system"):
             return False
         return self._used + len(text) + 1 + MARK_BYTES < self.rx_bytes
 
-    def send(self, text: str, line: int) -> bytes:
+    def send(self, text: str, line: int, kind: Kind | None = None) -> bytes:
         """The bytes of a line that there is :meth:`room` for."""
-        if not self.room(text):
+        kind = kind or kind_of(text)
+        if not self.room(text, kind):
             raise RuntimeError(f"There is no room for {text!r} in state {self.state.name}.")
-        kind = kind_of(text)
         if "F" in text or "S" in text or "M" in text:
             self._note_modes(text)
         return self._enter(Sent(text, line, len(text) + 1, kind, seconds_of(text) if kind in ("dwell", "system") else 0.0))
@@ -304,9 +308,17 @@ class GrblProtocol:
         if oldest.mark:
             oldest.seen = True
             told = dict(_MODE.findall(modes))
-            same = all(abs(float(told.get(letter, value)) - value) <= ROUNDED for letter, value in (oldest.said or {}).items())
-            return None if same else self._lost(oldest.line)
+            return None if self._as_said(oldest.said, told) else self._lost(oldest.line)
         return self._lost(next(sent.line for sent in self._ledger if sent.mark))
+
+    def _as_said(self, said: Mapping[str, float], told: Mapping[str, str]) -> bool:
+        """Whether the board has feed and speed as they were sent; it may tell the feed in inches."""
+        unit = self.status_reader.unit
+        for letter, value in said.items():
+            scale = unit if letter == "F" else 1.0
+            if letter in told and abs(float(told[letter]) * scale - value) > ROUNDED * scale:
+                return False
+        return True
 
     def _note_modes(self, text: str) -> None:
         """Feed and speed of a line; the end of a program sets back what it likes."""
