@@ -34,6 +34,8 @@ LIGHT = (-0.48, 0.6, 0.64)
 """Where the light comes from: right, up, towards the viewer."""
 RAPID, TRAVEL, STOCK, INK = "#9aa3ab", "#b4bcc4", "#b08968", "#222a31"
 CURVES = (("feed", "feed", "#1f7a8c"), ("accel", "acceleration", "#3d5a80"), ("jerk", "jerk", "#7d5ba6"))
+FAR = 2.5
+"""Times the greatest value: a limit above that is not shown, it would only make the motion flat."""
 BRIGHTEST = 0.78
 """Of viridis; what is brighter can't be seen on white."""
 
@@ -59,7 +61,8 @@ def draw(picture: Picture, report: Report, kind: Literal["png", "svg"]) -> bytes
             first = first or axes
             _curve(axes, picture.curves, row, colour)
             limit = getattr(report.limits, key)
-            for bound in () if limit is None else (limit,) if row == 0 else (limit, -limit):
+            near = limit is not None and limit <= FAR * np.abs(axes.get_ylim()).max()
+            for bound in () if not near else (limit,) if row == 0 else (limit, -limit):
                 axes.axhline(bound, color="0.5", linestyle=":", linewidth=1)
             axes.set_ylabel(f"{label}\n{UNITS[key]}")
             axes.tick_params(labelbottom=row == 2)

@@ -2,23 +2,21 @@
 // phases are wider than that they are drawn as they are: the feed as parabolas, the acceleration as straight lines, the jerk in steps.
 
 const STRIPS = [["feed", "mm/s"], ["acceleration", "mm/s\u00b2"], ["jerk", "mm/s\u00b3"]];
+const FAR = 2.5;  // times the greatest value: a limit above that is not shown
 const LEFT = 88, RIGHT = 10, TOP = 8, BOTTOM = 22, GAP = 10;
 
 class Graph {
   constructor(canvas, model) {
     this.canvas = canvas;
     this.curves = model.curves;
-    this.limits = model.about.limits;
     this.end = model.about.duration || 1;
     this.range = [0, this.end];
     this.n = this.curves.t.length - 1;
     this.ranges = [0, 1, 2].map(k => this.pyramid(k));
-    this.tops = this.ranges.map(({low, high}, k) => {
-      let most = this.limits[k] || 0;
-      for (const value of low[low.length - 1]) most = Math.max(most, -value);
-      for (const value of high[high.length - 1]) most = Math.max(most, value);
-      return most || 1;
-    });
+    const most = this.ranges.map(({low, high}) => Math.max(-low.at(-1)[0], high.at(-1)[0]) || 1);
+    // A limit that is far above the motion would only make it flat.
+    this.limits = model.about.limits.map((limit, k) => limit && limit <= FAR * most[k] ? limit : 0);
+    this.tops = most.map((value, k) => Math.max(value, this.limits[k]));
   }
 
   /** Feed, acceleration and jerk where row `i` begins and ends; of exact curves alone. */

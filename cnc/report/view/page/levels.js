@@ -50,7 +50,7 @@ function vertices(strokes, index) {
     }
     for (let k = 0; k < 3; k++) out[o + k] = place[3 * from + k];
     out[o + 3] = t[from];
-    out[o + 4] = to > from ? feed / (t[to] - t[from]) : 0;
+    out[o + 4] = t[to] > t[from] ? feed / (t[to] - t[from]) : channels[0][from];
     out[o + 5] = accel;
     out[o + 6] = jerk;
     out[o + 7] = NO_DASH;
