@@ -144,7 +144,7 @@ class Job:
         self._place = None if self.name == STANDARD_INPUT_NAME else Path(self.name)
         self._memory = Memory(machine)
         self._state: State | None = None
-        self._senses = self._takes_lines = True
+        self._senses = self._probes = self._takes_lines = True
         self._last_line = 0
         self._warned: set[tuple[str, str, int, int]] = set()
         self.report = Report(self.name, machine, limits=Extremes.limits(machine))
@@ -161,7 +161,8 @@ class Job:
         report, began = self.report, perf_counter()
         report.board = board_name
         if board is not None:
-            self._senses, self._takes_lines = board.capabilities.senses, board.capabilities.lines
+            can = board.capabilities
+            self._senses, self._probes, self._takes_lines = can.senses, can.probes, can.lines
             if isinstance(board, LineSink):
                 self._adopt(board)
             elif board.standing_steps is not None:
@@ -469,7 +470,7 @@ class Job:
             if not self._takes_lines:
                 message, hint = f"{block.text} is for a GRBL board", "take it out, or name a machine file whose board.kind is grbl"
                 raise GcodeError(Diagnostic("board-command", message, block.file, block.line, hint=hint))
-        elif not self._senses:
+        elif not self._senses and not (self._probes and isinstance(block, Probe)):
             what = "the spindle's turning" if isinstance(block, SpindleSync) else "a probe" if isinstance(block, Probe) else "an input"
             message = f"the board {self.report.board!r} does not feel {what}"
             raise GcodeError(Diagnostic("board-senseless", message, block.file, block.line, hint="run it on a board that does"))

@@ -111,6 +111,10 @@ class SegmentEncoder:
             left -= slots * interval
         return b"".join(parts)
 
+    def skip(self, until_ns: int) -> None:
+        """Nothing waits, and the player's clock is taken to stand at ``until_ns``."""
+        self._state[encoder.CLOCK] = until_ns * form.SUB // form.TICK_NS
+
     @property
     def clock_ns(self) -> int:
         """When all segments so far have been played."""

@@ -35,6 +35,7 @@ class Capabilities:
 
     axes: how many it can move. max_step_rate: steps/s of one axis. tick_ns: the grid of its pulse times. pulses, lines: whether it
     takes :class:`PulseChunk` or :class:`GcodeLine`. senses: whether it can answer probes and inputs, and follow the turning spindle.
+    probes: whether it answers probes, though it may sense nothing else.
     slice_s: how much motion it is best given at a time, so that a hold comes soon; 0 where that does not matter.
     """
 
@@ -44,6 +45,7 @@ class Capabilities:
     pulses: bool
     lines: bool
     senses: bool
+    probes: bool = False
     slice_s: float = 0.0
 
 
@@ -103,6 +105,9 @@ class PulseSink(Board, Protocol):
 
     def send(self, chunk: PulseChunk) -> None:
         """Take grid moves; returns when there is room for more."""
+
+    def sensed(self) -> tuple[float, ...] | None:
+        """The answer to the last probe, when its motion is over; None where ``execute`` has told it already."""
 
 
 Watcher = Callable[[], None]

@@ -86,6 +86,9 @@ class FileBoard:
         """Note the block and its time."""
         self._checks.execute(block, time_ns)
 
+    def sensed(self) -> None:
+        """What is asked is answered at once."""
+
     def finish(self) -> None:
         """Put the file in place."""
         self._checks.finish()

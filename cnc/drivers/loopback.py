@@ -114,6 +114,9 @@ class Loopback:
         expected: tuple[float, ...] | None = getattr(block, "expected", None)
         return expected
 
+    def sensed(self) -> None:
+        """What is asked is answered at once."""
+
     def finish(self) -> None:
         """Everything has been played already."""
         self._refuse_unless_running()
@@ -130,6 +133,10 @@ class Loopback:
     def close(self) -> None:
         """Nothing to let go of."""
         self.state = "stopped"
+
+    def stand_at(self, position_steps: NDArray[np.int64]) -> None:
+        """The machine stands at a grid point (axes,) that the pulses did not lead to, such as where a probe made contact."""
+        self._position = np.array(position_steps, dtype=np.int64)
 
     def _refuse_if_stopped(self) -> None:
         if self.state == "stopped":

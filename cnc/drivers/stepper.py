@@ -28,7 +28,7 @@ from cnc.drivers.stepper_outputs import Outputs
 from cnc.drivers.stepper_protocol import VERSION, Alarm, Kind, State, Status, StepperLink, Welcome
 from cnc.errors import BoardError, Diagnostic, UsageError
 from cnc.machine.models import Machine
-from cnc.segments import OUTPUTS, SegmentEncoder, command
+from cnc.segments import ARM, OUTPUTS, SegmentEncoder, command
 from cnc.stream import PulseChunk
 
 BAUD = 1_000_000
@@ -52,6 +52,8 @@ ANSWER_S = 0.8
 MOST_RAMP_S, SHAPE = 0.08, 1.5
 """Emergency ramps: the longest, and the steepest slope of their S over its mean."""
 PULSE_NS, SETUP_NS = 5000, 5000
+PROBE, EMERGENCY_STOP = 0x10, 0x20
+"""Bits of the inputs."""
 
 ALARMS = {
     Alarm.UNDERRUN: ("board-underrun", "moves did not reach the board in time; it came to rest on the path", "is this computer busy?"),
@@ -103,6 +105,7 @@ class Stepper:
         self._gathered_from = self._gathered_until = 0
         self._outputs = Outputs()
         self._active = self._began = self._stopped_short = False
+        self._probing = self._touched = False
         self._fault: BoardError | None = None
         self._untold: BoardError | None = None
         self._turned = np.array([-1 if axis.invert else 1 for axis in machine.axes.values()], dtype=np.int8)
@@ -139,7 +142,9 @@ class Stepper:
     @property
     def capabilities(self) -> Capabilities:
         """Pulses at half microseconds."""
-        return Capabilities(len(self._machine.axes), 1e9 / self._least_ns, 500.0, pulses=True, lines=False, senses=False, slice_s=PIECE_S)
+        return Capabilities(
+            len(self._machine.axes), 1e9 / self._least_ns, 500.0, pulses=True, lines=False, senses=False, probes=True, slice_s=PIECE_S
+        )
 
     @property
     def confirmed_line(self) -> int:
@@ -192,6 +197,9 @@ class Stepper:
             if type(block).__name__ == "Held":
                 self._rest(time_ns)
                 return None
+            if type(block).__name__ == "Probe":
+                self._begin_probe(bool(getattr(block, "towards", True)), time_ns, block.line)
+                return None
             before = self._outputs
             self._outputs = before.after(block, self._machine)
             if self._outputs != before:
@@ -200,6 +208,12 @@ class Stepper:
             seconds = getattr(block, "seconds", 0.0)
             self._until_ns = max(self._until_ns, time_ns + round(seconds * 1e9))
         return None
+
+    def sensed(self) -> tuple[float, ...] | None:
+        """Whether the probe's motion ended by its input, 1 or 0, and where (axes,) mm, exact to the grid move."""
+        with self._lock:
+            self._refuse_after_fault()
+            return self._end_probe() if self._probing else None
 
     def finish(self) -> None:
         """Return when everything sent has been carried out."""
@@ -233,6 +247,39 @@ class Stepper:
                 self._closed.set()
                 self._checks.close()
                 self._port.close()
+
+    # ------------------------------------------------------------------------------------------------------------------ probing
+
+    def _begin_probe(self, towards: bool, time_ns: int, line: int) -> None:
+        """From here on the motion ends where the probe's input changes."""
+        self._rest(time_ns)
+        if bool(self._ask().inputs & PROBE) == towards:
+            what = "makes contact already" if towards else "makes no contact"
+            hint = "move it off first" if towards else "G38.4 and G38.5 begin in contact"
+            raise self._failed(board_error("probe-contact", f"the probe {what}", line=line, hint=hint))
+        self._stream(command(ARM, PROBE, 0 if towards else PROBE), self._encoder.clock_ns, line)
+        self._probing = True
+
+    def _end_probe(self) -> tuple[float, ...]:
+        """The motion is over, by contact or at its end: what was sent behind the contact is gone, and time goes on behind it."""
+        self._send_gathered()
+        if not self._touched:
+            self._rest(self._until_ns)
+        touched = self._touched
+        if touched:
+            self._request(Kind.CLEAR, b"")
+        else:
+            self._stream(command(ARM, 0, 0), self._encoder.clock_ns, 0)
+            self._rest(self._until_ns)
+        status = self._ask()
+        self._probing = self._touched = self._running = False
+        self._checks.stand_at(self._stands_at(status))
+        self._stopped_short = False
+        self._first_byte, self._sent_bytes = status.taken, 0
+        self._pieces.clear()
+        self._encoder.skip(self._until_ns)
+        self._base_ns = self._encoder.clock_ns
+        return (float(touched), *(self._position / self._steps_per_mm).tolist())
 
     # ------------------------------------------------------------------------------------------------------------------ sending
 
@@ -270,6 +317,9 @@ class Stepper:
         if self._gathered:
             data, places, lines = (list(each) for each in zip(*self._gathered, strict=True))
             self._gathered.clear()
+            if self._touched:
+                self._encoder.flush()
+                return
             self._wait_for_horizon(self._gathered_until)
             self._position = places[-1][-1]
             stream = b"".join((*data, self._encoder.flush()))
@@ -296,12 +346,14 @@ class Stepper:
         self, data: bytes, clock_ns: int, line: int, rows: NDArray[np.int64] | None = None, lines: NDArray[np.int32] | None = None
     ) -> None:
         """Hand bytes of the stream to the link and wait until they are on their way."""
+        if self._touched:
+            return
         self._sent_bytes += len(data)
         if rows is None or lines is None:
             rows, lines = np.array([self._position]), np.array([line], dtype=np.int32)
         self._pieces.append(_Piece(self._sent_bytes, line, rows, lines))
         self._link.stream(data, (clock_ns - self._base_ns) // 1_000_000, note=line)
-        while self._link.unsent and self._fault is None:
+        while self._link.unsent and not self._touched:
             if self._link.full and not self._running:
                 self._run()
             self._pump(BREATH_S)
@@ -310,7 +362,7 @@ class Stepper:
     def _wait_for_horizon(self, time_ns: int) -> None:
         """Return when the board may be given what is played until ``time_ns``."""
         self._run_if_filled(time_ns)
-        while self._running and time_ns - self._played_ns() > HORIZON_S * 1e9:
+        while self._running and not self._touched and time_ns - self._played_ns() > HORIZON_S * 1e9:
             self._pump(BREATH_S)
 
     def _run_if_filled(self, time_ns: int) -> None:
@@ -319,7 +371,7 @@ class Stepper:
 
     def _run(self) -> None:
         """Start what has been sent."""
-        while self._link.unconfirmed and not self._link.full:
+        while self._link.unconfirmed and not self._link.full and not self._touched:
             self._pump(BREATH_S)
         self._running = True
         self._began_at = self._clock.now()
@@ -333,6 +385,8 @@ class Stepper:
         """End the stream, return when it has been played: the program's clock stands still until the next move."""
         self._idle_until(time_ns)
         self._until_ns = max(self._until_ns, time_ns)
+        if self._touched:
+            return
         clock = self._encoder.clock_ns
         data = self._encoder.flush() + command(0, end=True)
         self._sent_bytes += len(data)
@@ -344,7 +398,16 @@ class Stepper:
             self._pump(BREATH_S)
         if not self._running:
             self._run()
+        waited = self._clock.now()
         while not (self._link.state == State.IDLE and self._status is not None and self._taken(self._status) == self._sent_bytes):
+            if self._touched:
+                return
+            if self._link.state != State.IDLE:
+                waited = self._clock.now()
+            elif self._clock.now() - waited > ANSWER_S:
+                raise self._failed(
+                    board_error("board-stream", "the board did not play all that it was sent", hint=ALARMS[Alarm.BAD_STREAM][2])
+                )
             self._pump(BREATH_S)
         self._running = False
         self._base_ns = clock
@@ -389,6 +452,9 @@ class Stepper:
                 if self._active and not event.position_known:
                     hint = "look at its supply and at its reset line; home the machine before the next run"
                     raise self._failed(board_error("board-reset", f"the board on {self._name} was reset; its position is lost", hint=hint))
+                if self._probing and event.state == State.TOUCHED and not self._touched:
+                    self._touched = True
+                    self._link.drop()
                 if self._active and event.state == State.ALARM:
                     raise self._alarmed(event)
         if self._link.heard_at is not None:
@@ -517,7 +583,7 @@ class Stepper:
         axes = self._machine.axes.values()
         stops = [axis.max_velocity / axis.max_acceleration for axis in axes if axis.max_acceleration]
         ramp_ms = round(1e3 * min(SHAPE * max(stops, default=MOST_RAMP_S), MOST_RAMP_S))
-        if self._ask().inputs & 0x20:
+        if self._ask().inputs & EMERGENCY_STOP:
             code, what, hint = ALARMS[Alarm.EMERGENCY_STOP]
             raise board_error(code, what, hint=hint)
         if self._link.state != State.IDLE:

@@ -144,6 +144,8 @@ class _Run:
             return
         block, reply = self._probing
         self._probing = None
+        found = self.board.sensed()
+        reply = reply if found is None else found
         block.answer.values = reply
         if reply is not None:
             self.interpolator.stand_at(self.board.position_steps)
@@ -232,7 +234,7 @@ def execute(
         raise error.at(file=found.file or run.file, line=found.line or board.confirmed_line) from error
     except CncError:
         # The program turned out to be faulty: what moves comes to rest on the path. What only records motion forgets it.
-        if ramp_down is not None and not at_rest and board.capabilities.senses:
+        if ramp_down is not None and not at_rest and (board.capabilities.senses or board.capabilities.probes):
             with contextlib.suppress(BoardError):
                 for chunk in ramp_down():
                     run.motion(chunk)

@@ -22,7 +22,7 @@ TO_INSTALL = "sudo apt-get install gcc-avr avr-libc simavr libsimavr-dev gcc mak
 STEP_PINS = (2, 3, 4)
 DIRECTION_PINS = (5, 6, 7)
 EDGE = np.dtype([("cycle", np.uint64), ("pin", np.uint8), ("level", np.uint8), ("reserved", np.uint8, 6)])
-MOST_EDGES = 1 << 20
+MOST_EDGES = 1 << 16
 
 
 def missing() -> str:
@@ -61,7 +61,8 @@ class Simulator:
         self._library = library
         self._board = ctypes.c_void_p(library.simulator_new(str(folder / "stepper.elf").encode(), baud))
         assert self._board
-        self._edges: list[NDArray[np.void]] = []
+        self._edges = np.empty(0, EDGE)
+        self._buffer = np.empty(MOST_EDGES, EDGE)
 
     def close(self) -> None:
         if self._board:
@@ -117,13 +118,9 @@ class Simulator:
 
     def edges(self) -> NDArray[np.void]:
         """All edges of the output pins so far: cycle, pin, level."""
-        while True:
-            part = np.empty(MOST_EDGES, EDGE)
-            count = self._library.simulator_edges(self._board, part.ctypes.data_as(ctypes.c_void_p), MOST_EDGES)
-            if count == 0:
-                break
-            self._edges.append(part[:count].copy())
-        return np.concatenate(self._edges) if self._edges else np.empty(0, EDGE)
+        while count := self._library.simulator_edges(self._board, self._buffer.ctypes.data_as(ctypes.c_void_p), len(self._buffer)):
+            self._edges = np.concatenate((self._edges, self._buffer[:count]))
+        return self._edges
 
     def moves(self, axes: int = 3) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
         """The grid moves that the pins made: cycles (n,) of the rising edges and steps (n, axes); edges at one cycle share a row."""
