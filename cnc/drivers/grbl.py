@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from cnc.control import Control
 from cnc.drivers.base import Capabilities, Command, Watcher, board_error
-from cnc.drivers.grbl_info import STEPS, BoardInfo
+from cnc.drivers.grbl_info import ARC_TOLERANCE, STEPS, BoardInfo
 from cnc.drivers.grbl_lines import MOST_CHARACTERS, bare, kind_of
 from cnc.drivers.grbl_link import ANSWER, GrblLink
 from cnc.drivers.grbl_messages import Feedback
-from cnc.drivers.grbl_path import Whereabouts
+from cnc.drivers.grbl_path import SLACK, Whereabouts
 from cnc.drivers.grbl_protocol import Alarmed, Confirmed, Event, Lost, RealTime, Rejected, Reported, Sent, Started, Stray
 from cnc.drivers.grbl_status import Status
 from cnc.drivers.grbl_vital import CABLE, Vital
+from cnc.drivers.grbl_wishes import LEAST_OVERRIDE, Wishes
 from cnc.drivers.port import Clock, Port, PortLost, SystemClock
 from cnc.drivers.serial_link import open_port
 from cnc.errors import BoardError, Diagnostic, UsageError
@@ -33,11 +34,7 @@ MOST_BLOCKS = 128
 MARK_LINES = 20
 MARK_TIME = 0.5
 """Lines, and seconds, from one mark to the next: whichever comes first."""
-WISH = 0.5
-"""Seconds that a real-time command may take to show in the status."""
-LEAST_OVERRIDE = 10
-"""Per cent; GRBL's feed overrides go from 10 to 200."""
-NORMAL, TEN = 100, 10
+NORMAL = 100
 OVERRIDE_PATIENCE = 15.0
 """Seconds for the first override: a step of ten takes a report."""
 SAME = 0.002
@@ -57,15 +54,11 @@ class GrblBoard:
         self.state = "idle"
         self._machine = machine
         self._columns = [AXIS_LETTERS.index(letter) for letter in machine.axes]
-        self._control: Control | None = None
+        self._wishes: Wishes | None = None
         self._watcher: Watcher | None = None
-        self._held = False
-        self._wished_at = -WISH
         self._vital = Vital()
         self._whereabouts = Whereabouts(0, ())
         self._marked_at = 0.0
-        self._stepped_at = -WISH
-        self._stepped_from = -1
         self._first = True
         self._probed: tuple[float, ...] | None = None
 
@@ -160,23 +153,26 @@ class GrblBoard:
 
     def attend(self, control: Control, watcher: Watcher) -> None:
         """Carry out the operator's wishes at once, and tell ``watcher`` whenever the board has reported."""
-        self._control, self._watcher = control, watcher
+        self._wishes, self._watcher = Wishes(control), watcher
 
     def start(self, origin_steps: NDArray[np.int64]) -> None:
         """Get ready. BoardError ``board-busy`` unless the machine stands still."""
         self._refuse_if_stopped()
         link = self.link
-        status = link.refresh()
+        before, status = self._position(), link.refresh()
         if status.state not in ("Idle", "Alarm"):
             hint = {"Door": "close the safety door", "Sleep": "reset the board"}.get(status.state, "wait until it has come to rest")
             raise board_error("board-busy", f"the board is not ready: it says {status.state}", hint=hint)
+        if any(abs(a - b) > SAME for a, b in zip(before, self._position(), strict=True)):
+            raise board_error("board-moved", "the machine was moved while the program was read", hint="start again")
         self.state = "running"
         self._first = True
         if self.check_only:
             link.ask("$C")
             link.refresh()
         self._vital.begin(link.now())
-        self._whereabouts = Whereabouts(self.info.blocks or MOST_BLOCKS, self._in_g54())
+        slack = SLACK + (self.info.number(ARC_TOLERANCE) or 0.0) + 2.0 * max(self.resolution)
+        self._whereabouts = Whereabouts(self.info.blocks or MOST_BLOCKS, self._in_g54(), slack)
         self._whereabouts.begin(self._position())
         self._override_first()
 
@@ -203,7 +199,8 @@ class GrblBoard:
             self._vital.begin(self.link.now())
         if kind == "probe":
             self._probed = None
-        self._whereabouts.send(text)
+        if not self.check_only:
+            self._whereabouts.send(text)
         self._write(protocol.send(text, line.line, kind))
         if protocol.mark_fits() and (protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME):
             self._mark()
@@ -276,7 +273,7 @@ class GrblBoard:
         return tuple(sums)
 
     def _stopping(self) -> bool:
-        return self._control is not None and self._control.stopped
+        return self._wishes is not None and self._wishes.control.stopped
 
     def _drain(self) -> None:
         """Until every line has been answered, or the operator stops the run."""
@@ -362,51 +359,28 @@ class GrblBoard:
             raise self._fault(wrong)
 
     def _obey(self) -> None:
-        """The operator's wishes become real-time commands; a byte that gets lost is sent again."""
-        control, link = self._control, self.link
-        if control is None or control.stopped or self.state != "running":
-            return
-        now = link.now()
-        if control.held != self._held:
-            self._held = control.held
-            self._wished_at = now
-            self._write((RealTime.HOLD if self._held else RealTime.RESUME).value)
-        elif now - self._wished_at > WISH and link.status_at > self._wished_at:
-            state = self.status.state
-            if state in ("Hold", "Door") and not self._held:
-                # A program stop, the safety door, or a button at the machine: the operator has to say when it goes on.
-                self._held = True
-                control.hold()
-            elif state in ("Run", "Jog") and self._held:
-                self._wished_at = now
-                self._write(RealTime.HOLD.value)
-        self._override(control)
-
-    def _override(self, control: Control) -> None:
-        """One step towards the feed override that is wished for; each has to show before the next, or GRBL may take two for one."""
-        overrides, now = self.status.overrides, self.link.now()
-        if overrides is None or (overrides[0] == self._stepped_from and now - self._stepped_at < WISH):
-            return
-        missing = max(round(control.feed_override), LEAST_OVERRIDE) - overrides[0]
-        if missing:
-            self._stepped_from, self._stepped_at = overrides[0], now
-            ten, one = (RealTime.FEED_UP_10, RealTime.FEED_UP_1) if missing > 0 else (RealTime.FEED_DOWN_10, RealTime.FEED_DOWN_1)
-            self._write((ten if abs(missing) >= TEN else one).value)
+        """The operator's wishes become real-time commands."""
+        wishes, link = self._wishes, self.link
+        if wishes is not None and not wishes.control.stopped and self.state == "running":
+            data = wishes.commands(self.status, link.status_at, link.now())
+            if data:
+                self._write(data)
 
     def _override_first(self) -> None:
         """Before anything moves: the override that the operator begins with; a board begins with 100."""
-        control, link = self._control, self.link
-        if control is None or round(control.feed_override) == NORMAL:
+        wishes, link = self._wishes, self.link
+        if wishes is None or wishes.override == NORMAL:
             return
         deadline = link.now() + OVERRIDE_PATIENCE
-        while not self._stopping():
+        while wishes.control.feed_override >= LEAST_OVERRIDE and link.now() < deadline and not self._stopping():
             self._serve(WAIT, fast=True)
             overrides = self.status.overrides
-            if overrides is not None and overrides[0] == max(round(control.feed_override), LEAST_OVERRIDE):
+            if overrides is not None and overrides[0] == wishes.override:
                 return
-            if link.now() > deadline:
-                message = f"the board does not take a feed override of {control.feed_override:g} %"
-                raise self._fault(board_error("override-refused", message, hint="scale the feeds of the program instead"))
+        if not self._stopping():
+            message = f"the board does not take a feed override of {wishes.control.feed_override:g} %"
+            hint = f"GRBL's go from {LEAST_OVERRIDE} to 200 %; scale the feeds of the program instead"
+            raise self._fault(board_error("override-refused", message, hint=hint))
 
     def _mark(self) -> None:
         self._marked_at = self.link.now()

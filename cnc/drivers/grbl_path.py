@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from cnc.drivers.grbl_lines import bare
 
 SLACK = 0.1
-"""mm that a reported position may be off: arcs that the board makes of chords, steps, decimals."""
+"""mm that a reported position may be off for steps and decimals; the chords that the board makes of arcs come on top."""
 SPARE = 4
 """Moves that count beside those that planner and receive buffer can hold."""
 
@@ -60,10 +60,14 @@ class Move:
 
 
 class Whereabouts:
-    """Follows the lines that are sent. ``planner``: moves that the board can hold; ``offset``: what it adds to the numbers of a line."""
+    """Follows the lines that are sent.
 
-    def __init__(self, planner: int, offset: Sequence[float]) -> None:
+    planner: moves that the board can hold. offset: what it adds to the numbers of a line. slack: mm that a position may be off.
+    """
+
+    def __init__(self, planner: int, offset: Sequence[float], slack: float = SLACK) -> None:
         self._offset = tuple(offset)
+        self._slack = slack
         self._planner = planner
         self._moves: deque[Move] = deque()
         self._at: tuple[float, ...] | None = None
@@ -115,15 +119,16 @@ class Whereabouts:
         """How far a reported position is from all that the board may be at, beyond the slack; ``waiting``: unanswered lines."""
         if self._at is None or len(position) != len(self._at):
             return 0.0
-        while len(self._moves) > self._planner + waiting + SPARE:
+        # Twice: moves that go nowhere take no place in the planner.
+        while len(self._moves) > 2 * self._planner + waiting + SPARE:
             self._moves.popleft()
         # The newest moves are the least likely, but the oldest is where the board is, most of the time.
         nearest = math.dist(position, self._at)
         for move in self._moves:
             nearest = min(nearest, move.distance(position))
-            if nearest <= SLACK:
+            if nearest <= self._slack:
                 return 0.0
-        return nearest if nearest > SLACK else 0.0
+        return nearest if nearest > self._slack else 0.0
 
     def _add(self, end: tuple[float, ...], centre: dict[str, float]) -> None:
         assert self._at is not None

@@ -45,6 +45,6 @@ class GrblSim(GrblBoard):
         return board
 
     def _serve(self, timeout: float, *, fast: bool = False) -> None:
-        if self._control is not None and self._control.held:
+        if self._wishes is not None and self._wishes.control.held:
             time.sleep(NAP)
         super()._serve(timeout, fast=fast)

@@ -160,7 +160,7 @@ def test_a_board_that_senses_nothing_refuses_what_needs_sensing(machine: Path, l
 
 
 def test_lines_for_a_grbl_board(machine: Path) -> None:
-    file = program(machine, "G0 X1", "$H")
+    file = program(machine, "G21", "$H", "G0 X1")
     (fault,) = check(file, machine, dialect="grbl").faults
     assert (fault.diagnostic.code, fault.diagnostic.line, fault.diagnostic.text) == ("board-command", 2, "$H")
     machine.write_text(MACHINE + '[board]\nkind = "grbl"\n' + FILES)

@@ -15,6 +15,8 @@ from cnc.drivers.grbl import GrblBoard
 from cnc.drivers.grbl_info import BoardInfo
 from cnc.drivers.grbl_messages import Feedback, Setting
 from cnc.drivers.grbl_sim import GrblSim
+from cnc.drivers.grbl_status import Status
+from cnc.drivers.grbl_wishes import Wishes
 from cnc.drivers.grblbox.box import GrblBox
 from cnc.drivers.grblbox.faults import Alarm, Corrupt, Drop, Error, Fault, Freeze, Swallow, Unplug
 from cnc.drivers.grblbox.flavour import GRBLHAL
@@ -267,6 +269,64 @@ def test_the_feed_override_is_reached_and_held(percent: int) -> None:
     feed(board, PREAMBLE, "G1 X9 F100")
     board.finish()
     assert box.core.planner.feed_override == 100
+
+
+def test_an_override_that_grbl_does_not_have_is_refused_before_anything_moves() -> None:
+    with pytest.raises(BoardError) as caught:
+        started(GrblBox(), Control(5.0))
+    assert caught.value.diagnostic.code == "override-refused"
+
+
+def test_a_machine_that_was_moved_since_it_was_asked_does_not_start() -> None:
+    box = GrblBox()
+    board = connected(box)
+    box.write(b"G1 X1 F600\n")
+    box.advance(box.now + 2.0)
+    with pytest.raises(BoardError) as caught:
+        board.start(ORIGIN)
+    assert caught.value.diagnostic.code == "board-moved"
+
+
+def said(state: str, override: int = 100, phase: int = -1) -> Status:
+    return Status(state, phase, (0.0, 0.0, 0.0), None, (override, 100, 100))
+
+
+def test_wishes_become_bytes_and_are_said_again_if_they_get_lost() -> None:
+    control = Control()
+    wishes = Wishes(control)
+    assert wishes.commands(said("Run"), 0.0, 0.1) == b""
+    control.hold()
+    assert wishes.commands(said("Run"), 0.1, 1.0) == b"!"
+    assert wishes.commands(said("Run"), 1.2, 1.3) == b""
+    assert wishes.commands(said("Run"), 1.6, 1.7) == b"!"
+    assert wishes.commands(said("Hold", phase=1), 1.8, 1.9) == b""
+    control.resume()
+    assert wishes.commands(said("Hold", phase=0), 2.0, 2.1) == b"~"
+    # a report that is older than the command, or as old, says nothing
+    assert wishes.commands(said("Hold", phase=0), 2.0, 3.0) == b""
+    assert not control.held
+
+
+def test_a_hold_at_the_machine_is_the_operators_until_he_goes_on_here_or_there() -> None:
+    control = Control()
+    wishes = Wishes(control)
+    assert wishes.commands(said("Hold", phase=0), 1.0, 1.1) == b""
+    assert control.held
+    assert wishes.commands(said("Run"), 2.0, 2.1) == b""
+    assert not control.held
+    assert wishes.commands(said("Door", phase=0), 3.0, 3.1) == b""
+    assert control.held
+    control.resume()
+    assert wishes.commands(said("Door", phase=0), 3.2, 3.3) == b"~"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "now", "byte"), [(150, 100, b"\x91"), (50, 100, b"\x92"), (105, 100, b"\x93"), (95, 100, b"\x94"), (100, 100, b"")]
+)
+def test_the_override_goes_by_tens_and_ones(wanted: int, now: int, byte: bytes) -> None:
+    wishes = Wishes(Control(wanted))
+    assert wishes.commands(said("Run", now), 1.0, 1.1) == byte
+    assert wishes.commands(said("Run", now), 1.2, 1.3) == b""
 
 
 def test_a_program_stop_waits_for_the_operator() -> None:
