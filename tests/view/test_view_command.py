@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from cnc import cli
+from cnc.report.view.figure import traverses
 from drawn import EVERYTHING, ROOT, drawn
 
 GOOD = "G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
@@ -193,6 +194,15 @@ def test_the_columns_are_the_picture(view, tmp_path):
     assert about["travel"] == [[-10, 410], [-10, 310], [-110, 60]]
     assert about["tolerance"] == strokes.tolerance and len(strokes.t) < EVERYTHING.strokes
     assert f"within {strokes.tolerance:g} mm" in about["accuracy"]
+
+
+def test_traverses_over_the_same_line_are_drawn_once(tmp_path):
+    """Down and up, there and back, farther each time: their dashes would fill each other's gaps."""
+    program = tmp_path / "p.nc"
+    program.write_text("G21 G90 G61.1 G0 Z10\nX30 Y30\nZ5\nZ15\nZ2\nG1 Z0 F600\nG0 Z20\nX0 Y0\nM2\n")
+    lines = sorted(np.round(line, 3).tolist() for line in traverses(drawn(program).picture.strokes))
+    expected = [[[0, 0, 0], [0, 0, 10]], [[0, 0, 10], [30, 30, 10]], [[0, 0, 20], [30, 30, 20]], [[30, 30, 0], [30, 30, 20]]]
+    assert np.allclose(lines, expected, atol=0.01)
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from cnc.machine.models import Machine
 from cnc.report.result import UNITS, Report
 from cnc.report.view.collect import DRAWN_AXES, Picture, Sizes, stock_box, travel_box
-from cnc.report.view.tables import Curves, tolerance_shown
+from cnc.report.view.tables import Curves, Strokes, tolerance_shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,6 +34,8 @@ LIGHT = (-0.48, 0.6, 0.64)
 """Where the light comes from: right, up, towards the viewer."""
 RAPID, TRAVEL, STOCK, INK = "#9aa3ab", "#b4bcc4", "#b08968", "#222a31"
 CURVES = (("feed", "feed", "#1f7a8c"), ("accel", "acceleration", "#3d5a80"), ("jerk", "jerk", "#7d5ba6"))
+STRAIGHT = 0.9998
+"""Cosine of the angle between strokes that go straight on."""
 FAR = 2.5
 """Times the greatest value: a limit above that is not shown, it would only make the motion flat."""
 BRIGHTEST = 0.78
@@ -107,13 +109,13 @@ def _path(axes: Axes, picture: Picture, machine: Machine) -> Floats:
     towards = way @ np.array(LIGHT) / np.maximum(np.linalg.norm(way, axis=1), 1e-9)
     shades = colours(strokes.feed[feeding] / most)
     shades[:, :3] *= (0.7 + 0.3 * np.sqrt(np.maximum(1.0 - towards * towards, 0.0)))[:, None]
-    rapids = np.flatnonzero(strokes.rapid[:-1])
-    runs = np.split(rapids, np.flatnonzero(np.diff(rapids) > 1) + 1) if len(rapids) else []
-    dashed = [seen[np.append(run, run[-1] + 1), :2] for run in runs]
+    dashed = [(line @ turn.T)[:, :2] for line in traverses(strokes)]
     axes.add_collection(LineCollection(dashed, colors=RAPID, linestyles=(0, (4, 3)), linewidths=1.0))
     segments = np.stack((seen[feeding, :2], seen[feeding + 1, :2]), axis=1)
     axes.add_collection(LineCollection(list(segments), colors=shades, linewidths=1.4, capstyle="round"))
-    low, high = seen[:, :2].min(axis=0), seen[:, :2].max(axis=0)
+    stock = [np.concatenate(_edges(box)) @ turn.T for box in [stock_box(machine)] if box]
+    whole = np.concatenate((seen, *stock))
+    low, high = whole[:, :2].min(axis=0), whole[:, :2].max(axis=0)
     room = 0.06 * max(float((high - low).max()), 1e-3)
     axes.update_datalim(np.stack((low - room, high + room)))
     axes.margins(0.0)
@@ -129,6 +131,40 @@ def _path(axes: Axes, picture: Picture, machine: Machine) -> Floats:
     bar = axes.figure.colorbar(ScalarMappable(Normalize(0.0, most), colours), ax=axes, shrink=0.8)
     bar.set_label("feed, mm/s")
     return turn
+
+
+def traverses(strokes: Strokes) -> list[Floats]:
+    """Straight traverses, (2, 3) each. Those over the same line are one: dashes over dashes would fill the gaps."""
+    position = strokes.position
+    step = np.diff(position, axis=0)
+    length = np.linalg.norm(step, axis=1)
+    number = np.flatnonzero(strokes.rapid[:-1] & (length > 0.0))
+    if not len(number):
+        return []
+    way = step[number] / length[number, None]
+    bends = (np.diff(number) > 1) | ((way[1:] * way[:-1]).sum(axis=1) < STRAIGHT)
+    first, last = number[np.append(True, bends)], number[np.append(bends, True)] + 1
+    spans: dict[tuple[int, ...], list[tuple[float, float]]] = {}
+    lines: dict[tuple[int, ...], tuple[Floats, Floats]] = {}
+    for start, end in zip(position[first], position[last], strict=True):
+        size = float(np.linalg.norm(end - start))
+        if size <= strokes.tolerance:
+            continue  # how a corner is drawn
+        along = (end - start) / size
+        along *= np.sign(along[np.argmax(np.abs(along) > 0.5 * np.abs(along).max())])
+        foot = start - (start @ along) * along
+        # Shifted, so that round values are not on the edge of a cell.
+        key = tuple(np.rint(np.concatenate((100.0 * along, 10.0 * foot)) + 0.137).astype(int).tolist())
+        lines.setdefault(key, (along, foot))
+        spans.setdefault(key, []).append((min(start @ along, end @ along), max(start @ along, end @ along)))
+    out = []
+    for key, (along, foot) in lines.items():
+        low, high = (np.array(ends) for ends in zip(*sorted(spans[key]), strict=True))
+        reached = np.maximum.accumulate(high)
+        gaps = low[1:] > reached[:-1]
+        for a, b in zip(low[np.append(True, gaps)], reached[np.append(gaps, True)], strict=True):
+            out.append(np.stack((foot + a * along, foot + b * along)))
+    return out
 
 
 def _edges(box: list[list[float]]) -> list[Floats]:

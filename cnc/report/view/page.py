@@ -127,7 +127,7 @@ def _accuracy(picture: Picture) -> str:
     strokes, curves = picture.strokes, picture.curves
     parts = [
         f"At every moment the tool is drawn within {tolerance_shown(strokes.tolerance)} mm of the plan ({max(len(strokes.t) - 1, 0):,} "
-        "strokes), and on the screen within half a pixel of that."
+        "strokes), and on the screen within half a pixel of that; coarser while it turns, where that would take too long."
     ]
     if curves.within:
         parts.append(f"The curves show the least and the greatest values within {tolerance_shown(1e3 * curves.within)} ms.")

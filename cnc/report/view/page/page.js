@@ -17,12 +17,12 @@ const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [
 const element = id => document.getElementById(id);
 const triple = colour => [1, 3, 5].map(k => parseInt(colour.slice(k, k + 2), 16) / 255);
 
-/** The edges of a box as strokes; null without one. */
+/** The edges of a box as strokes, nothing without one; `whole`: it has to be in sight. */
 function edges(box, origin, name) {
   if (!box) return [];
   const corner = k => [0, 1, 2].map(axis => box[axis][k >> axis & 1] - origin[axis]);
   const data = EDGES.flatMap(([a, b]) => [...corner(a), 0, 0, 0, 0, NO_DASH, ...corner(b), 0, 0, 0, 0, NO_DASH]);
-  return [{data: new Float32Array(data), colour: () => triple(shade(name))}];
+  return [{data: new Float32Array(data), whole: name === "stock", colour: () => triple(shade(name))}];
 }
 
 const shade = name => getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();

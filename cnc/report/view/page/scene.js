@@ -122,12 +122,14 @@ class Scene {
   }
 
   fit() {
-    const {data} = this.levels[this.levels.length - 1], low = [Infinity, Infinity], high = [-Infinity, -Infinity], turn = this.turn();
-    for (let i = 0; i < data.length; i += FLOATS) {
-      for (let k = 0; k < 2; k++) {
-        const value = turn[k] * data[i] + turn[3 + k] * data[i + 1] + turn[6 + k] * data[i + 2];
-        low[k] = Math.min(low[k], value);
-        high[k] = Math.max(high[k], value);
+    const low = [Infinity, Infinity], high = [-Infinity, -Infinity], turn = this.turn();
+    for (const {data} of [this.levels.at(-1), ...this.shown.filter(box => box.whole)]) {
+      for (let i = 0; i < data.length; i += FLOATS) {
+        for (let k = 0; k < 2; k++) {
+          const value = turn[k] * data[i] + turn[3 + k] * data[i + 1] + turn[6 + k] * data[i + 2];
+          low[k] = Math.min(low[k], value);
+          high[k] = Math.max(high[k], value);
+        }
       }
     }
     const [width, height] = [this.canvas.clientWidth - 80, this.canvas.clientHeight - 100];
