@@ -41,7 +41,7 @@ def shop(tmp_path):
     (folder / "readme.txt").write_text("G2 no program\n")
 
     def carry_out(*command: str, check: bool = False, **more: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(command, cwd=folder, env=environment | more, capture_output=True, text=True, check=check, timeout=600)
+        return subprocess.run(command, cwd=folder, env=environment | more, capture_output=True, text=True, check=check, timeout=1700)
 
     carry_out.folder = folder
     return carry_out
@@ -82,7 +82,8 @@ def test_the_hook_takes_the_files_that_a_folder_is_searched_for():
     assert not any(map(pattern.search, ["a.ncx", "nc", "a.nc/b.txt", "gcode"]))
 
 
-@pytest.mark.skipif(not soaking(), reason="installs everything anew")
+@pytest.mark.timeout(1800)
+@pytest.mark.skipif(not soaking(), reason="installs everything anew, and compiles the kernels there")
 def test_the_hook_is_installed_by_pre_commit_itself(shop):
     (shop.folder / "parts" / "bad.nc").write_text(BAD)
     shop("git", "init", "-q", check=True)
