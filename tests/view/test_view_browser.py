@@ -193,6 +193,12 @@ def test_views_zooms_and_turns(browser, show, ask):
     browser.mouse("mouseMoved", 380, 330, button="left", buttons=1)
     browser.mouse("mouseReleased", 380, 330, button="left", clickCount=1)
     assert ask("m.scene.yaw") != before[0]
+    # However slow it was: once it is still, all there is is drawn.
+    ask("m.scene.coarse = 64")
+    browser.mouse("mouseWheel", 300, 300, deltaX=0, deltaY=0)
+    assert browser.wait(lambda: ask("m.scene.coarse === 1"))
+    ask("m.scene.fit()")
+    before = ask("[m.scene.yaw, m.scene.scale]")
     point = ask("m.scene.project(0, 0, 0).slice(0, 2)")
     ask(f"m.scene.zoom(2, {point[0]}, {point[1]})")
     assert ask("m.scene.scale") == pytest.approx(2 * before[1])

@@ -1,25 +1,36 @@
 // Pointer, wheel, keys, buttons and the clock.
 
 const SLOW = 45, QUICK = 20;  // ms a frame: the path is drawn coarser above the one, finer again below the other
+const REST = 300;            // ms after which what moved is still
 
 function handle(model) {
   const {scene, graph, source, state, redraw, about} = model, end = about.duration, over = element("over"), chart = element("graph");
-  let quiet = 0, timed = false;
+  let resting = 0, timed = false, pace = 1;
 
-  /** Something moves: watch how long frames take, and draw all there is once it is still. */
+  /** Something moves: draw as coarsely as it takes to keep up, which is learned from how long frames take. */
   function moving() {
     if (!timed) {
       timed = true;
       requestAnimationFrame(begin => requestAnimationFrame(end => {
         timed = false;
         const took = end - begin;
-        if (took > SLOW) scene.coarse = Math.min(scene.coarse * Math.min(took / SLOW, 4), 64);
-        else if (took < QUICK) scene.coarse = Math.max(scene.coarse / 1.2, 1);
+        if (took > SLOW) pace = Math.min(pace * Math.min(took / SLOW, 4), 64);
+        else if (took < QUICK) pace = Math.max(pace / 1.2, 1);
       }));
     }
-    clearTimeout(quiet);
-    quiet = setTimeout(() => { scene.coarse = 1; redraw(); }, 250);
+    scene.coarse = pace;
+    clearTimeout(resting);
+    resting = setTimeout(rest, REST);
     redraw();
+  }
+
+  /** It is still, unless a button is held: draw all there is. */
+  function rest() {
+    if (pointers.size) resting = setTimeout(rest, REST);
+    else {
+      scene.coarse = 1;
+      redraw();
+    }
   }
 
   const pointers = new Map();
