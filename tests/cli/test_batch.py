@@ -47,10 +47,10 @@ BROKEN = [
 """What is to be found, and the faulty line."""
 
 
-def write_folder(folder: Path, count: int) -> dict[str, str]:
-    """``count`` programs of every sort, and what is to be found in each ("": nothing)."""
+def write_folder(folder: Path, count: int, longest: int) -> dict[str, str]:
+    """``count`` programs of every sort, one of ``longest`` lines, and what is to be found in each ("": nothing)."""
     kinds: list[tuple[str, bytes]] = [(code, f"G21 G90 G94\n{line}\nM2\n".encode()) for code, line in BROKEN]
-    long = b"".join(b"G1 X%d.%03d Y%d\n" % (n % 300, n % 1000, n % 200) for n in range(share(3_000_000, 5000)))
+    long = b"".join(b"G1 X%d.%03d Y%d\n" % (n % 300, n % 1000, n % 200) for n in range(longest))
     kinds += [
         ("", GOOD),
         ("", GOOD.replace(b"\n", b"\r\n")),
@@ -93,7 +93,7 @@ def lasting(reports: str) -> list[dict]:
 
 
 def test_the_same_findings_on_one_core_and_two(cncrun, tmp_path):
-    wanted = write_folder(tmp_path / "shop", share(200, len(BROKEN) + 9))
+    wanted = write_folder(tmp_path / "shop", share(200, len(BROKEN) + 9), share(3_000_000, 5000))
     found = [cncrun("check", *wanted, "--jobs", jobs, "--format", "json") for jobs in ("1", "2")]
     one, two = (lasting(out) for _, out, _ in found)
     assert one == two
@@ -107,7 +107,7 @@ def test_the_same_findings_on_one_core_and_two(cncrun, tmp_path):
 
 def test_each_ends_with_its_exit_code(cncrun, tmp_path):
     """0 for a good one, 1 for a broken one, 2 for one that is not there; on 1 and 2 the last message is its fault, and says where."""
-    wanted = write_folder(tmp_path / "shop", len(BROKEN) + 9)
+    wanted = write_folder(tmp_path / "shop", len(BROKEN) + 9, 1000)
     for name, code in wanted.items():
         ended, out, err = cncrun("check", name, "--quiet")
         assert (ended, out) == (2 if code == "no-such-file" else int(bool(code)), ""), name
@@ -204,7 +204,7 @@ def test_formats_are_printed_and_the_rest_moves_over(cncrun, tmp_path, form):
 
 
 def test_a_list_in_a_format_and_its_lines_aside(cncrun, tmp_path):
-    write_folder(tmp_path / "shop", 3)
+    write_folder(tmp_path / "shop", 3, 10)
     code, out, err = cncrun("check", str(tmp_path / "shop"), "--format", "sarif")
     assert code == 1
     assert len(json.loads(out)["runs"][0]["results"]) == 3
