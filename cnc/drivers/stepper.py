@@ -25,14 +25,13 @@ from cnc.drivers.base import Capabilities, Command, board_error
 from cnc.drivers.loopback import Loopback
 from cnc.drivers.port import Clock, Port, SystemClock
 from cnc.drivers.stepper_outputs import Outputs
-from cnc.drivers.stepper_protocol import VERSION, Alarm, Kind, State, Status, StepperLink, Welcome
+from cnc.drivers.stepper_protocol import Alarm, Kind, State, Status
+from cnc.drivers.stepper_wire import ALARMS, ANSWER_S, ASK_S, BAUD, BREATH_S, PROBE, Wire, least_ns, opened
 from cnc.errors import BoardError, Diagnostic, UsageError
 from cnc.machine.models import Machine
 from cnc.segments import ARM, OUTPUTS, SegmentEncoder, command
 from cnc.stream import PulseChunk
 
-BAUD = 1_000_000
-"""The firmware's speed unless the machine file names another."""
 HORIZON_S = 0.11
 """The board is given no more than this ahead of what it plays."""
 PIECE_S = 0.01
@@ -41,28 +40,6 @@ PREFILL_S = 0.1
 """So much is there before the motion starts."""
 TOLERANCE_NS = 2000
 """How far from its time a move may be made."""
-ASK_S = 0.025
-"""So often the board is asked how it does."""
-BREATH_S = 0.002
-"""Longest wait for bytes before something may have to be sent again."""
-HELLO_S = 4.0
-"""A board that was reset by the opening of its port is up within this: its bootloader waits for 2 s at most."""
-ANSWER_S = 0.8
-"""A board that says nothing for this long is not there any more."""
-MOST_RAMP_S, SHAPE = 0.08, 1.5
-"""Emergency ramps: the longest, and the steepest slope of their S over its mean."""
-PULSE_NS, SETUP_NS = 5000, 5000
-PROBE, EMERGENCY_STOP = 0x10, 0x20
-"""Bits of the inputs."""
-
-ALARMS = {
-    Alarm.UNDERRUN: ("board-underrun", "moves did not reach the board in time; it came to rest on the path", "is this computer busy?"),
-    Alarm.SILENCE: ("board-silence", "the board did not hear from this computer; it came to rest on the path", "check the cable"),
-    Alarm.EMERGENCY_STOP: ("board-emergency-stop", "the e-stop is pressed", "release it when all is well, then home the machine"),
-    Alarm.LIMIT: ("board-limit", "a limit switch was hit", "move away from it by hand with the drivers off, then home the machine"),
-    Alarm.STOPPED_BY_HOST: ("board-stopped", "the board was told to stop", "open it anew"),
-    Alarm.BAD_STREAM: ("board-stream", "the board got moves that it can't read", "update firmware and cncrun to the same version"),
-}  # fmt: skip
 
 
 @dataclass(slots=True)
@@ -85,20 +62,16 @@ class Stepper:
     def __init__(
         self, port: Port, machine: Machine, name: str = "the port", *, clock: Clock | None = None, background: bool = False
     ) -> None:
-        self._port = port
         self._clock = clock or SystemClock()
-        self._name = name
         self._machine = machine
-        self._link = StepperLink()
+        self._wire = Wire(port, self._clock, name)
+        self._link = self._wire.link
         self._lock = threading.RLock()
         self._closed = threading.Event()
-        self._asked_at = self._heard_at = self._clock.now()
-        self._status: Status | None = None
         self._began_at = 0.0
         self._running = False
         self._base_ns = 0
         self._sent_bytes = 0
-        self._first_byte = 0
         self._pieces: deque[_Piece] = deque()
         self._until_ns = 0
         self._gathered: list[tuple[bytes, NDArray[np.int64], NDArray[np.int32]]] = []
@@ -110,10 +83,9 @@ class Stepper:
         self._untold: BoardError | None = None
         self._turned = np.array([-1 if axis.invert else 1 for axis in machine.axes.values()], dtype=np.int8)
         self._steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
-        self._checks = Loopback(len(machine.axes))
-        welcome, status = self._open()
-        self._least_ns = max(welcome.least_ticks * welcome.tick_ns, PULSE_NS + SETUP_NS)
-        self._room = welcome.room
+        welcome, status = opened(self._wire, machine)
+        self._first_byte = status.taken
+        self._least_ns = least_ns(welcome)
         self._checks = Loopback(len(machine.axes), self._least_ns)
         self._encoder = SegmentEncoder(len(machine.axes), TOLERANCE_NS)
         self._position = np.array(status.position[: len(machine.axes)], dtype=np.int64) * self._turned
@@ -246,7 +218,7 @@ class Stepper:
                     self.abort()
                 self._closed.set()
                 self._checks.close()
-                self._port.close()
+                self._wire.port.close()
 
     # ------------------------------------------------------------------------------------------------------------------ probing
 
@@ -399,7 +371,7 @@ class Stepper:
         if not self._running:
             self._run()
         waited = self._clock.now()
-        while not (self._link.state == State.IDLE and self._status is not None and self._taken(self._status) == self._sent_bytes):
+        while not (self._link.state == State.IDLE and self._wire.status is not None and self._taken(self._wire.status) == self._sent_bytes):
             if self._touched:
                 return
             if self._link.state != State.IDLE:
@@ -412,7 +384,7 @@ class Stepper:
         self._running = False
         self._base_ns = clock
         self._pieces.clear()
-        self._compare(self._status)
+        self._compare(self._wire.status)
 
     def _taken(self, status: Status) -> int:
         return (status.taken - self._first_byte) % 2**32
@@ -429,51 +401,29 @@ class Stepper:
 
     def _pump(self, seconds: float) -> None:
         """Send what is to be sent, take in what has come, waiting at most so long for it. BoardError for whatever has gone wrong."""
-        now = self._clock.now()
-        if now - self._asked_at >= ASK_S:
-            self._asked_at = now
-            self._link.ask()
         try:
-            out = self._link.outgoing(now)
-            if out:
-                self._port.write(out)
-            data = self._port.read(seconds)
+            said = self._wire.pump(seconds)
         except BoardError as error:
-            raise self._failed(error) from error
-        now = self._clock.now()
-        for event in self._link.receive(data, now):
-            self._heard_at = now
-            if isinstance(event, Status):
-                self._status = event
-                if event.board_ms is not None and self._running:
-                    self._began_at = now - event.board_ms * 1e-3
-                while len(self._pieces) > 1 and self._pieces[0].until + 64 < self._taken(event):
-                    self._pieces.popleft()
-                if self._active and not event.position_known:
-                    hint = "look at its supply and at its reset line; home the machine before the next run"
-                    raise self._failed(board_error("board-reset", f"the board on {self._name} was reset; its position is lost", hint=hint))
-                if self._probing and event.state == State.TOUCHED and not self._touched:
-                    self._touched = True
-                    self._link.drop()
-                if self._active and event.state == State.ALARM:
-                    raise self._alarmed(event)
-        if self._link.heard_at is not None:
-            self._heard_at = max(self._heard_at, self._link.heard_at)
-        if now - self._heard_at > ANSWER_S:
-            hint = "check cable and supply; a board that has power has come to rest by itself. Home the machine before the next run"
-            message = f"the board on {self._name} does not answer any more"
-            raise self._failed(board_error("board-silent", message, line=self._link.confirmed_note, hint=hint))
+            raise self._failed(self._at_line(error)) from error
+        for status in said:
+            if status.board_ms is not None and self._running:
+                self._began_at = self._clock.now() - status.board_ms * 1e-3
+            while len(self._pieces) > 1 and self._pieces[0].until + 64 < self._taken(status):
+                self._pieces.popleft()
+            if self._active and not status.position_known:
+                hint = "look at its supply and at its reset line; home the machine before the next run"
+                raise self._failed(board_error("board-reset", f"the board on {self._wire.name} was reset; its position is lost", hint=hint))
+            if self._probing and status.state == State.TOUCHED and not self._touched:
+                self._touched = True
+                self._link.drop()
+            if self._active and status.state == State.ALARM:
+                raise self._alarmed(status)
 
-    def _request(self, kind: Kind, payload: bytes) -> Status | None:
-        """Have something done; None if the board does not do it."""
-        self._link.request(kind, payload, self._clock.now())
-        began = self._clock.now()
-        while self._link.requesting:
-            self._pump(BREATH_S)
-            if self._clock.now() - began > ANSWER_S:
-                self._link.give_up()
-                return None
-        return self._status
+    def _ask(self) -> Status:
+        return self._wire.ask(self._pump)
+
+    def _request(self, kind: Kind, payload: bytes) -> None:
+        self._wire.request(kind, payload, self._pump)
 
     def _keep_alive(self) -> None:
         """The board stops when it hears nothing for a quarter of a second, such as while a program is held."""
@@ -496,14 +446,6 @@ class Stepper:
             self._stands_at(self._ask())
         self._running = False
 
-    def _ask(self) -> Status:
-        """A fresh status."""
-        self._status = None
-        self._link.ask()
-        while self._status is None:
-            self._pump(BREATH_S)
-        return self._status
-
     # ------------------------------------------------------------------------------------------------------------------- faults
 
     def _refuse_after_fault(self) -> None:
@@ -512,6 +454,11 @@ class Stepper:
             raise error
         if self._fault is not None:
             raise board_error("board-stopped", "the board has been stopped", hint="open it anew")
+
+    def _at_line(self, error: BoardError) -> BoardError:
+        """With the last line that is known to have reached the board."""
+        known = error.diagnostic
+        return error if known.line else type(error)(replace(known, line=self._link.confirmed_note))
 
     def _failed(self, error: BoardError) -> BoardError:
         """Nothing more is sent."""
@@ -550,78 +497,3 @@ class Stepper:
         return " ".join(
             f"{letter.upper()}{value:.4f}".rstrip("0").rstrip(".") for letter, value in zip(self._machine.axes, places, strict=True)
         )
-
-    # ------------------------------------------------------------------------------------------------------------------ opening
-
-    def _open(self) -> tuple[Welcome, Status]:
-        """Find out what answers, and whether it can do what the machine needs."""
-        welcome = self._greet()
-        machine, name = self._machine, self._name
-        if welcome.version != VERSION:
-            hint = f"make flash PORT={name} puts the right firmware on it"
-            message = f"the firmware of the board on {name} speaks version {welcome.version} of the protocol, this program {VERSION}"
-            raise board_error("board-version", message, hint=hint)
-        if welcome.axes != len(machine.axes):
-            hint = f"use a machine file with {welcome.axes} axes, or make flash AXES={len(machine.axes)} PORT={name}"
-            message = f"the machine has {len(machine.axes)} axes, the board on {name} {welcome.axes}"
-            raise board_error("board-axes", message, hint=hint)
-        fastest = 1e9 / max(welcome.least_ticks * welcome.tick_ns, PULSE_NS + SETUP_NS)
-        for letter, axis in machine.axes.items():
-            if axis.step_rate > fastest:
-                hint = f"lower axes.{letter}.max_velocity to {fastest / axis.steps_per_mm:.4g} mm/s, or use fewer microsteps"
-                message = f"{letter.upper()} may step {axis.step_rate:.0f} times a second, the board {fastest:.0f} times"
-                raise board_error("board-step-rate", message, hint=hint)
-        began = self._clock.now()
-        while self._link.state in (State.RUNNING, State.RAMPING):
-            if self._clock.now() - began > 1.0:
-                raise board_error("board-busy", f"the board on {name} still moves", hint="is another program driving it?")
-            self._pump(BREATH_S)
-        return welcome, self._prepared()
-
-    def _prepared(self) -> Status:
-        """The board at rest, without an alarm, told how the machine is built."""
-        axes = self._machine.axes.values()
-        stops = [axis.max_velocity / axis.max_acceleration for axis in axes if axis.max_acceleration]
-        ramp_ms = round(1e3 * min(SHAPE * max(stops, default=MOST_RAMP_S), MOST_RAMP_S))
-        if self._ask().inputs & EMERGENCY_STOP:
-            code, what, hint = ALARMS[Alarm.EMERGENCY_STOP]
-            raise board_error(code, what, hint=hint)
-        if self._link.state != State.IDLE:
-            self._request(Kind.CLEAR, b"")
-        self._request(Kind.CONFIGURE, bytes((PULSE_NS // 500, SETUP_NS // 500, max(ramp_ms, 4), 0x0F, 0)))
-        # inputs end no motion until a command says so
-        status = self._ask()
-        pressed = [letter.upper() for k, letter in enumerate(self._machine.axes) if status.inputs >> k & 1]
-        if pressed:
-            hint = "move the machine off it, by hand with the drivers off"
-            raise board_error("board-limit", f"the limit switch of {' and '.join(pressed)} is pressed", hint=hint)
-        self._first_byte = status.taken
-        return status
-
-    def _greet(self) -> Welcome:
-        """The board's answer to hello. Opening its port may have reset it: it is asked until it is up."""
-        link, clock = self._link, self._clock
-        began = clock.now()
-        link.hello(began)
-        while link.welcome is None:
-            now = clock.now()
-            out = link.outgoing(now)
-            if out:
-                self._port.write(out)
-            link.receive(self._port.read(BREATH_S * 5), clock.now())
-            if clock.now() - began > HELLO_S:
-                raise self._no_stepper(link.murmur)
-        self._heard_at = clock.now()
-        return link.welcome
-
-    def _no_stepper(self, murmur: bytes) -> BoardError:
-        """What answers instead."""
-        words = murmur.decode("ascii", "replace")
-        if "Grbl" in words or "grblHAL" in words:
-            hint = "use --board grbl, or make flash to put the stepper firmware on it"
-            return board_error("board-not-stepper", f"the board on {self._name} runs GRBL, not the stepper firmware", hint=hint)
-        if murmur:
-            hint = f"check port and board.baud ({BAUD} unless the firmware was built otherwise); make flash puts the firmware on an Uno"
-            return board_error("board-not-stepper", f"what answers on {self._name} is no stepper board", hint=hint)
-        hint = "check the port and the board's supply; make flash puts the firmware on an Uno"
-        return board_error("board-silent", f"nothing answers on {self._name}", hint=hint)

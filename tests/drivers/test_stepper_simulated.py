@@ -174,7 +174,7 @@ def test_a_host_that_dies_leaves_the_machine_on_its_path(simulator: Simulator, m
     time_ns, step = eased(6_000, 50_000)
     with board(simulator) as driver:
         driver.start(ORIGIN)
-        port = driver._port
+        port = driver._wire.port
         until = simulator.now + moment * time_ns[-1] * 1e-9
 
         def write(data: bytes) -> None:
@@ -269,7 +269,7 @@ def test_a_cable_that_is_pulled(simulator: Simulator) -> None:
     time_ns, step = eased(6_000, 50_000)
     with board(simulator) as driver:
         driver.start(ORIGIN)
-        port = driver._port
+        port = driver._wire.port
         pulled = None
         real_read, real_write = port.read, port.write
 
