@@ -139,6 +139,7 @@ class Job:
         self.on_plan = on_plan
         self.start = start_position(machine)
         self._pauses: Pauses = pauses
+        self._operated = control is not None
         self._from_line = from_line
         self._beginning: Beginning | None = None
         self._place = None if self.name == STANDARD_INPUT_NAME else Path(self.name)
@@ -317,7 +318,9 @@ class Job:
             if board is None:
                 self._look(planned, pulses, on_pulses)
             elif isinstance(board, PulseSink):
-                self._send(self._pausing(planned), pulses, on_pulses, board, ahead)
+                if self._pauses == "wait" and self._operated and board.capabilities.slice_s:
+                    planned = self._pausing(planned)
+                self._send(planned, pulses, on_pulses, board, ahead)
             else:
                 self._stream(planned, board)
         finally:
@@ -410,10 +413,10 @@ class Job:
             report.end_position = dict(zip(machine.axes, outcome.position, strict=False))
 
     def _pausing(self, planned: Iterable[PlanChunk | Block]) -> Iterator[PlanChunk | Block]:
-        """The same, held where the program wants the operator, if there is one."""
+        """The same, held where the program wants the operator."""
         for item in planned:
             yield item
-            if self._pauses == "wait" and isinstance(item, Block) and waits(item):
+            if isinstance(item, Block) and waits(item):
                 self.control.hold()
                 yield Held(item.file, item.line)
 

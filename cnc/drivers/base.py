@@ -36,7 +36,7 @@ class Capabilities:
     axes: how many it can move. max_step_rate: steps/s of one axis. tick_ns: the grid of its pulse times. pulses, lines: whether it
     takes :class:`PulseChunk` or :class:`GcodeLine`. senses: whether it can answer probes and inputs, and follow the turning spindle.
     probes: whether it answers probes, though it may sense nothing else.
-    slice_s: how much motion it is best given at a time, so that a hold comes soon; 0 where that does not matter.
+    slice_s: how much motion it is best given at a time, so that a hold comes soon; 0 where nothing really moves.
     """
 
     axes: int

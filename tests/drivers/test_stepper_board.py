@@ -215,3 +215,30 @@ def test_a_probe_in_contact_from_the_start(tmp_path: Path) -> None:
     assert [fault.diagnostic.code for fault in report.faults] == ["probe-contact"]
     assert not len(simulator.moves()[0])
     simulator.close()
+
+
+CHANGE = "G21 G90\nG1 X1 F600\nT2 M6\nG1 X2\nM2\n"
+
+
+def test_a_tool_change_waits_for_the_operator(tmp_path: Path) -> None:
+    """At rest, until somebody resumes; where nobody can, it goes on, as on the board in the box."""
+    (tmp_path / "change.ngc").write_text(CHANGE)
+    control, rests = Control(), []
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+
+    def on_sent(sent: object) -> None:
+        if getattr(sent, "held", False):
+            rests.append(len(simulator.moves()[0]))
+            control.resume()
+
+    assert run(tmp_path / "change.ngc", machine(), board=board, control=control, watch=Watch(on_sent=on_sent)).ok
+    board.close()
+    assert rests == [400]
+    assert len(simulator.moves()[0]) == 800
+    simulator.close()
+    report, simulator = played(tmp_path / "change.ngc", tmp_path, machine())
+    assert report.ok
+    assert run(tmp_path / "change.ngc", machine(), board="loopback").ok
+    simulator.close()
