@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from cnc.errors import Diagnostic, GcodeError
 from cnc.flatten.words import LETTERS, PLANE_COLUMNS
+from cnc.kernels.arcfit import board_chord
 from cnc.kernels.curve import ARC, LINE, SPAN, SPAN_BODY, START, TABLE, U0, U1, curve_eval
 from cnc.path.chunk import PathChunk
 from cnc.planner.plan import PlanChunk
@@ -100,13 +101,16 @@ class Strands:
     """Makes strands of the plan, piece by piece: each when the plan has passed its end.
 
     A plan comes in slices that may end inside a piece; what is known of its speeds by then is kept. dense: mm, by how much chords between
-    the points may deviate from the path.
+    the points may deviate from the path. An arc is a true one if it has one radius, and if the chords that the board makes of it with its
+    tolerance ``chord`` deviate by no more than ``tolerance``.
     """
 
-    def __init__(self, axes: tuple[str, ...], dense: float) -> None:
+    def __init__(self, axes: tuple[str, ...], dense: float, tolerance: float, chord: float) -> None:
         self._columns = [axes.index(letter) if letter in axes else -1 for letter in LETTERS.lower()]
         self._others = [k for k, axis in enumerate(axes) if axis not in LETTERS.lower()]
         self._dense = dense
+        self._tolerance = tolerance
+        self._chord = chord
         self._nodes: tuple[Floats, Floats] | None = None
 
     def made(self, plan: PlanChunk) -> Strand | None:
@@ -215,6 +219,8 @@ class Strands:
         i, j, radius, growth, sweep, _, ex, ey = path.data[start + 2 * len(path.axes) :][:8].tolist()
         columns = self._columns.index(int(i)), self._columns.index(int(j))
         if abs(growth) > self._dense or columns not in PLANE_OF_COLUMNS:
+            return None
+        if board_chord(radius, abs(sweep), self._chord) > self._tolerance:
             return None
         return TrueArc(PLANE_OF_COLUMNS[columns], (path.data[start + int(i)] - radius * ex, path.data[start + int(j)] - radius * ey), sweep)
 

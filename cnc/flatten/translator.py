@@ -75,9 +75,9 @@ class Translator:
         letters = "".join(letter for letter in LETTERS if letter.lower() in axes)
         self._axes = axes
         self._commands = Commands(mist=mist)
-        self._strands = Strands(axes, DENSE * self.tolerance)
         self._chord = arc_tolerance
         self._fit = FITTING * self.tolerance
+        self._strands = Strands(axes, DENSE * self.tolerance, self._fit, arc_tolerance)
         self._writer = Writer(work_offset, self.tolerance, machine.board.baud, letters)
         self._to_state = "" if moving is None else moving.upper()
         self._pending: Strand | None = None

@@ -6,6 +6,10 @@ end as it reads it, and refuses (error:33) what differs by more than 0.005 mm an
               centre         the centre is put on the bisector of the two points as they are printed: both radii are the same.
                /|\           The angle that the board will make of the printed numbers is computed before they are sent: where rounding
         start / | \ end      would turn a short arc into a full circle, or the other way round, chords are sent instead.
+
+GRBL takes an angle below 5e-7 rad for a full circle (motion_control.c, mc_arc). But of 32-bit floats the angle between the two ends of a
+full circle is only 0 within 3e-5 mm / radius, at 300 mm from zero: half of the circles of 10 mm would be left out. So a circle is two
+halves.
 """
 
 from __future__ import annotations
@@ -18,7 +22,8 @@ from cnc.units import per_minute
 
 TURN = 2.0 * math.pi
 SHORTEST_ANGLE = 1e-3
-"""rad. What turns by less is a line: GRBL takes an angle below 5e-7 rad, as its 32-bit floats have it, for a full circle."""
+SHORTEST_ARC = 1e-3
+"""rad, mm. What turns by less, or is shorter, is a line: it could be taken for a full circle."""
 LINES_PER_S = 385.0
 """Short lines that GRBL on an AVR takes in a second, whatever the baud rate: it reads and plans each."""
 CHORDS = 0.2
@@ -116,8 +121,7 @@ class Writer:
         cx, cy = center[0] - self._offset[i], center[1] - self._offset[j]
         radius = math.dist(here, (cx, cy))
         closed = words[i] == self._words[i] and words[j] == self._words[j]
-        full = closed and abs(sweep) > 0.75 * TURN
-        if not full and abs(sweep) > 0.75 * TURN:
+        if abs(sweep) > 0.75 * TURN:
             yield from self._in_parts(2, end, plane, center, sweep, speed, feed)
             return
         if abs(sweep) <= 0.5 * TURN and not closed:
@@ -126,13 +130,13 @@ class Writer:
             off = ((cx - 0.5 * (here[0] + there[0])) * tx + (cy - 0.5 * (here[1] + there[1])) * ty) / (tx * tx + ty * ty)
             cx, cy = cx - off * tx, cy - off * ty
         first, second = number(cx - here[0], self._digits), number(cy - here[1], self._digits)
-        read = TURN if full else abs(angle_read(here, there, (float(first), float(second)), sweep > 0.0))
-        if abs(sweep) < SHORTEST_ANGLE or abs(read - abs(sweep)) * radius > self._tolerance or (closed and not full):
+        read = abs(angle_read(here, there, (float(first), float(second)), sweep > 0.0))
+        short = abs(sweep) < SHORTEST_ANGLE or abs(sweep) * radius < SHORTEST_ARC
+        if short or closed or abs(read - abs(sweep)) * radius > self._tolerance:
             turn = 2.0 * math.acos(max(1.0 - self._tolerance / radius, 0.5)) if radius > 0.0 else TURN
             yield from self._in_parts(max(1, math.ceil(abs(sweep) / turn)), end, plane, center, sweep, speed, feed, chords=True)
             return
-        # GRBL wants an axis word of the plane even for a full circle (error:26)
-        plane_words = [LETTERS[k] + str(words[k]) for k in sorted((i, j)) if full or words[k] != self._words[k]]
+        plane_words = [LETTERS[k] + str(words[k]) for k in sorted((i, j)) if words[k] != self._words[k]]
         axes = plane_words + ([LETTERS[across] + str(words[across])] if words[across] != self._words[across] else [])
         axes += [CENTER_LETTERS[k] + text for k, text in sorted(((i, first), (j, second))) if text != "0"]
         length = math.hypot(radius * sweep, at[across] - self._at[across])

@@ -59,7 +59,8 @@ def line_fits(points: Floats, first: int, last: int, tolerance: float) -> bool:
         if along < before - slack or along > square + slack:
             return False
         before = max(before, along)
-        share = along / square
+        # from the line, or from its end
+        share = min(max(along / square, 0.0), 1.0)
         x -= share * dx
         y -= share * dy
         z -= share * dz
@@ -136,8 +137,11 @@ def arc_fits(points: Floats, first: int, last: int, i: int, j: int, across: int,
         if angle < before - slack or angle > sweep + slack:
             return False
         before = max(before, angle)
-        rise = 0.5 * (points[low, across] + points[high, across]) - points[first, across] - climb * angle / sweep
-        if off * off + rise * rise > limit:
+        # from the arc, or from its end
+        share = min(max(angle / sweep, 0.0), 1.0)
+        beyond = radius * (angle - share * sweep)
+        rise = 0.5 * (points[low, across] + points[high, across]) - points[first, across] - share * climb
+        if off * off + rise * rise + beyond * beyond > limit:
             return False
     out[0] = cx
     out[1] = cy

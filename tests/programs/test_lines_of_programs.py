@@ -95,7 +95,7 @@ def test_the_trident_needs_less_than_a_third_of_the_lines_of_chords():
     assert ours <= many / 3
 
 
-def test_true_arcs_stay_one_line_each_in_every_plane():
+def test_true_arcs_stay_one_line_each_in_every_plane_and_circles_two():
     program = """G21 G90 G94 G17 F600
 G1 X20 Y0 Z0
 G2 X20 Y0 I-5 J0 (a full circle)
@@ -107,7 +107,8 @@ M2
     assert texts(program) == [
         PREAMBLE,
         "G1 X20 F600",
-        "G2 X20 Y0 I-5",
+        "G2 X10 I-5",
+        "X20 I5",
         "G3 X10 Y10 Z-2 I-10",
         "G18 G2 X15 Z3 I5",
         "G19 G3 Y12 Z1 K-2",
