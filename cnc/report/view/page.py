@@ -156,8 +156,10 @@ def _columns(picture: Picture, about: dict[str, Any]) -> Iterator[tuple[str, NDA
             yield f"high-{name}", _floats(curves.high[row])
     yield "origin-t", _integers(np.rint(origins.t / tick))
     yield "origin-first", _integers(origins.first)
-    yield "origin-more", _integers(origins.last - origins.first)
-    yield "origin-file", _integers(origins.file)
+    # As a rule there is nothing but zeros in these.
+    for name, values in (("origin-more", origins.last - origins.first), ("origin-file", origins.file)):
+        if values.any():
+            yield name, _integers(values)
 
 
 def _step(values: NDArray[np.float64]) -> float:

@@ -71,10 +71,11 @@ async function load() {
       curves.high.push(await floats("high-" + name));
     }
   }
-  const origins = {
-    t: await times("origin-t", tick), first: await integers("origin-first"), more: await integers("origin-more"),
-    file: await integers("origin-file"),
-  };
+  const origins = {t: await times("origin-t", tick), first: await integers("origin-first")};
+  for (const name of ["more", "file"]) {
+    const there = document.getElementById("column-origin-" + name);
+    origins[name] = there ? await integers("origin-" + name) : new Int32Array(origins.t.length);
+  }
   const texts = [];
   for (let k = 0; k < about.files.length; k++) texts.push(await packed("text-" + k));
   return {about, strokes, curves, origins, texts};

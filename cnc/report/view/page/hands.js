@@ -1,6 +1,7 @@
 // Pointer, wheel, keys, buttons and the clock.
 
 const SLOW = 45, QUICK = 20;  // ms a frame: the path is drawn coarser above the one, finer again below the other
+const MANY = 100000;         // strokes: the first picture of more is a coarse one, the whole follows at once
 const REST = 300;            // ms after which what moved is still
 
 function handle(model) {
@@ -34,6 +35,10 @@ function handle(model) {
   }
 
   const pointers = new Map();
+  if (model.strokes.n > MANY) {
+    scene.coarse = 8;
+    resting = setTimeout(rest, REST);
+  }
   let moved = 0, far = 0;
   const local = (event, canvas) => {
     const box = canvas.getBoundingClientRect();
