@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cnc.canon import ArcFeed, Block, BoardCommand, Dwell, Held, NurbsFeed, Polyline, Probe, SpindleSync, WaitInput
 from cnc.control import Control
-from cnc.drivers.base import LineSink, PulseSink
+from cnc.drivers.base import LineSink, Located, PulseSink
 from cnc.errors import BoardError, CncError, Diagnostic, GcodeError, UsageError
 from cnc.executor.lines import stream
 from cnc.executor.run import Progress, execute
@@ -166,7 +166,7 @@ class Job:
             self._senses, self._probes, self._takes_lines = can.senses, can.probes, can.lines
             if isinstance(board, LineSink):
                 self._adopt(board)
-            elif board.standing_steps is not None:
+            elif isinstance(board, Located) and board.standing_steps is not None:
                 self.start = board.standing_steps / np.array([axis.steps_per_mm for axis in self.machine.axes.values()])
         else:
             self._takes_lines = self.machine.board.kind in LINE_BOARDS

@@ -99,18 +99,28 @@ class PulseSink(Board, Protocol):
     def position_steps(self) -> NDArray[np.int64]:
         """Where the board is on the grid, (axes,)."""
 
-    @property
-    def standing_steps(self) -> NDArray[np.int64] | None:
-        """Where a machine stands before the first program, (axes,); None where that is not known, or nothing stands anywhere."""
-
     def send(self, chunk: PulseChunk) -> None:
         """Take grid moves; returns when there is room for more."""
 
-    def sensed(self) -> tuple[float, ...] | None:
-        """The answer to the last probe, when its motion is over; None where ``execute`` has told it already."""
-
 
 Watcher = Callable[[], None]
+
+
+@runtime_checkable
+class Located(Protocol):
+    """A board that may know where its machine stands."""
+
+    @property
+    def standing_steps(self) -> NDArray[np.int64] | None:
+        """Where it stands before a program, (axes,); None if it has lost that."""
+
+
+@runtime_checkable
+class Touching(Protocol):
+    """A board that finds out the answer to a probe by its motion, and so after ``execute``."""
+
+    def sensed(self) -> tuple[float, ...] | None:
+        """The answer to the last probe, when its motion is over; None if there was none."""
 
 
 @runtime_checkable

@@ -57,10 +57,6 @@ class FileBoard:
         """Grid point (axes,)."""
         return self._checks.position_steps
 
-    @property
-    def standing_steps(self) -> None:
-        """Nothing stands anywhere."""
-
     def start(self, origin_steps: NDArray[np.int64]) -> None:
         """Begin the file anew."""
         self._checks.start(origin_steps)
@@ -85,9 +81,6 @@ class FileBoard:
     def execute(self, block: Command, time_ns: int) -> None:
         """Note the block and its time."""
         self._checks.execute(block, time_ns)
-
-    def sensed(self) -> None:
-        """What is asked is answered at once."""
 
     def finish(self) -> None:
         """Put the file in place."""

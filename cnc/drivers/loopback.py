@@ -65,10 +65,6 @@ class Loopback:
         return self._position.copy()
 
     @property
-    def standing_steps(self) -> None:
-        """Nothing stands anywhere."""
-
-    @property
     def steps(self) -> NDArray[np.int64]:
         """Steps made by each axis, in both directions together (axes,)."""
         return self._forward + self._backward
@@ -113,9 +109,6 @@ class Loopback:
         self.commands.append((time_ns, block))
         expected: tuple[float, ...] | None = getattr(block, "expected", None)
         return expected
-
-    def sensed(self) -> None:
-        """What is asked is answered at once."""
 
     def finish(self) -> None:
         """Everything has been played already."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from cnc.canon import Block, Dwell, End, Held, Probe, WaitInput
 from cnc.control import Control
-from cnc.drivers.base import PulseSink
+from cnc.drivers.base import PulseSink, Touching
 from cnc.errors import BoardError, CncError, Diagnostic
 from cnc.planner.plan import PlanChunk
 from cnc.stream import PulseChunk
@@ -144,7 +144,7 @@ class _Run:
             return
         block, reply = self._probing
         self._probing = None
-        found = self.board.sensed()
+        found = self.board.sensed() if isinstance(self.board, Touching) else None
         reply = reply if found is None else found
         block.answer.values = reply
         if reply is not None:
