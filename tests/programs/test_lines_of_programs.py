@@ -1,6 +1,8 @@
 """Programs as lines: what a small reader of GRBL's language makes of them is the motion of the program, within the tolerance."""
 
+import math
 from collections.abc import Iterable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from cnc.canon import Block, NurbsFeed, PathMode
 from cnc.errors import GcodeError
 from cnc.flatten.smooth import smooth_path
 from cnc.flatten.translator import PREAMBLE, Translator
+from cnc.flatten.writer import Writer
 from cnc.gcode.program import interpret
 from cnc.gcode.text import Text
 from cnc.machine.load import load_machine
@@ -22,6 +25,7 @@ from cnc.machine.models import Machine
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
+from cnc.planner.plan import PlanChunk
 from cnc.stream import GcodeLine
 from deviation import dense, deviation, farthest, path_points
 from random_programs import random_program
@@ -114,6 +118,72 @@ M2
         "G19 G3 Y12 Z1 K-2",
         "M2",
     ]
+
+
+def turned(move: Move, before: np.ndarray, offset: np.ndarray) -> float:
+    """The angle of an arc as GRBL's mc_arc computes it from the text, all of it with 32-bit floats, and full turns told from none."""
+    f = np.float32
+    words = {word[0]: f(word[1:]) for word in move.text.split()}
+    here = [f(f(value) + f(shift)) for value, shift in zip(before[:2], offset, strict=False)]
+    there = [f(f(value) + f(shift)) for value, shift in zip(move.points[-1][:2], offset, strict=False)]
+    out = -words.get("I", f(0)), -words.get("J", f(0))
+    end = [f(t - f(h - o)) for t, h, o in zip(there, here, out, strict=True)]
+    angle = math.atan2(f(f(out[0] * end[1]) - f(out[1] * end[0])), f(f(out[0] * end[0]) + f(out[1] * end[1])))
+    if move.mode == 2:
+        return angle - math.tau if angle >= -5e-7 else angle
+    return angle + math.tau if angle <= 5e-7 else angle
+
+
+@settings(max_examples=share(2000, 100))
+@given(
+    radius=st.floats(-2.5, 3.0).map(lambda x: 10.0**x),
+    angle=st.floats(0.0, math.tau),
+    sweep=st.one_of(st.just(math.tau), st.just(1e-4), st.floats(1e-3, math.tau)),
+    clockwise=st.booleans(),
+    offset=st.tuples(st.floats(-300, 300), st.floats(-300, 300)).map(lambda at: np.array([round(at[0], 3), round(at[1], 3), 0.0])),
+)
+def test_arcs_turn_as_far_with_the_floats_of_a_board(radius, angle, sweep, clockwise, offset):
+    """An arc never becomes a full circle, nor a circle nothing."""
+    sweep = min(sweep, 50.0 / radius) * (-1.0 if clockwise else 1.0)
+    center = offset[:2] + radius * np.array([math.cos(angle), math.sin(angle)])
+    writer = Writer(offset.tolist(), 0.01, 115200, "XYZ")
+    writer.stands_at((*offset[:2].tolist(), 0.0))
+    x, y = center - radius * np.array([math.cos(angle + sweep), math.sin(angle + sweep)])
+    texts = list(writer.arc((float(x), float(y), 0.0), 0, (float(center[0]), float(center[1])), sweep, 10.0, 10.0))
+    before, reader, total = np.zeros(3), Reader(), 0.0
+    for text in texts:
+        move = reader.read(text)
+        assert move is not None
+        if move.mode in (2, 3):
+            found = turned(move, before, offset)
+            assert abs(found) <= 0.8 * math.tau
+            total += found
+        before = move.points[-1]
+    if all(" I" in text or " J" in text for text in texts) and texts:
+        assert total * radius == pytest.approx(sweep * radius, abs=0.005)
+
+
+def test_feeds_are_those_of_the_plan():
+    """Never more than programmed, nor more than a step above the highest planned speed of the stretch."""
+    planned: list[float] = []
+    machine = load_machine("grbl-uno")
+    program = "G21 G90 G17\nG1 X20 F1500\nG3 X20.4 Y0.4 I0 J0.4\nG1 Y20 F900\nX21\nG2 X23 I1 J0 F2000\nM2\n"
+    lines = translated(blocks_of(program, machine), machine)
+    path = smooth_path(blocks_of(program, machine), axes=machine.axis_names, start=start_position(machine), tolerance=0.01)
+    for item in LookAhead(machine).plan(path):
+        if isinstance(item, PlanChunk):
+            for first, last in pairwise(item.piece_s.tolist()):
+                s = np.linspace(first, last, 200)
+                planned.append(60.0 * float(np.interp(s, item.phase_s, item.phase_v).max()))
+    feeds = [move.feed for move in read(lines)]
+    programmed = [1500.0, 1500.0, 900.0, 900.0, 2000.0]
+    for feed, most, highest in zip(feeds, programmed, planned, strict=True):
+        assert feed is not None
+        assert feed <= most
+        assert feed <= 1.06 * highest
+    # round the small arc it is slower
+    assert feeds[1] is not None
+    assert feeds[1] < 0.6 * 1500.0
 
 
 def test_every_line_names_its_source_line():
