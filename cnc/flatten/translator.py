@@ -166,7 +166,7 @@ class Translator:
             yield GcodeLine(REST, move.line)
         if self._to_state and not math.isnan(move.feed):
             missing, self._to_state = self._to_state, ""
-            for text in writer.stated(missing):
+            for text in writer.stated(missing, move.end if arc is None else None, move.speed, move.feed):
                 yield GcodeLine(text, move.line)
         if arc is None:
             texts = writer.line(move.end, move.speed, move.feed)

@@ -61,15 +61,24 @@ class Writer:
         """The board stands here, mm (machine coordinates)."""
         self._at, self._words = self._printed(point)
 
-    def stated(self, letters: str) -> Iterator[str]:
-        """A traverse to where the board stands, of those of the axes that no line has named yet."""
-        axes = [
-            f"{letter}{word}"
-            for letter, word in zip(LETTERS, self._words, strict=True)
-            if letter in letters and letter not in self._ever_said
+    def stated(self, letters: str, named: Point | None, speed: float, feed: float) -> Iterator[str]:
+        """Lines to where the board stands, for those of the axes that no line has named yet: X and Y by a traverse, Z as fast as the move.
+
+        named: the end of the straight move to come, if it is one; the axes that it names may be anywhere.
+        """
+        coming = self._words if named is None else self._printed(named)[1]
+        missing = [
+            (letter, f"{letter}{here}")
+            for letter, here, there in zip(LETTERS, self._words, coming, strict=True)
+            if letter in letters and letter not in self._ever_said and (named is None or here == there)
         ]
-        if axes:
-            yield self._said("G0", axes, "")
+        level = [word for letter, word in missing if letter != "Z"]
+        height = [word for letter, word in missing if letter == "Z"]
+        if level:
+            yield self._said("G0", level, "")
+        if height:
+            # how far that is nobody knows: far enough for the line rate
+            yield self._said("G1", height, self._feed_word(math.inf, 0, speed, feed))
 
     def lost(self) -> None:
         """Where the board stands is known roughly: the next line says all axes."""

@@ -51,11 +51,23 @@ def test_lines_are_relative_to_the_part(tmp_path):
     assert deviation(points(program, machine), points(lines, machine, "grbl")) <= 1e-4
 
 
-def test_the_first_cut_finds_every_axis_where_a_traverse_has_put_it(tmp_path):
-    program = tmp_path / "zero.nc"
-    program.write_text("G21 G90\nG0 Z5\nG0 X0 Y0\nG1 Z-1 F100\nG1 X10\nM2\n")
-    # X moves, and stands where it should by chance; Y never moves
-    assert translated(program, MILL, tmp_path).read_text().split("\n")[1:4] == ["G0 Z5", "X0", "G1 Z-1 F100"]
+@pytest.mark.parametrize(
+    ("program", "expected"),
+    [
+        # X moves, and stands where it should by chance; Y never moves
+        ("G0 Z5\nG0 X0 Y0\nG1 Z-1 F100\nG1 X10", ["G0 Z5", "X0", "G1 Z-1 F100", "X10"]),
+        # the cut itself says where it goes, from wherever
+        ("G0 X5 Y5\nG1 Z-1 F100\nG1 X10", ["G0 X5 Y5", "G1 Z-1 F100", "X10"]),
+        # never down in a rapid move
+        ("G0 X5\nG1 X10 F100\nG1 Z-1", ["G0 X5", "G1 Z0 F100", "X10", "Z-1"]),
+        # an arc needs to know where it begins
+        ("G2 X10 I5 F100", ["G0 X0 Y0", "G2 X10 I5 F100"]),
+    ],
+)
+def test_the_first_cut_finds_every_axis_where_a_line_has_put_it(program, expected, tmp_path):
+    file = tmp_path / "zero.nc"
+    file.write_text(f"G21 G90 G17\n{program}\nM2\n")
+    assert translated(file, MILL, tmp_path).read_text().splitlines()[1:-1] == expected
 
 
 def test_a_program_that_grbl_can_not_do_ends_at_its_line(tmp_path, capsys):
@@ -77,7 +89,7 @@ def test_standard_output_is_the_program_alone(tmp_path, capsys):
     program = tmp_path / "line.nc"
     program.write_text("G21 G90\nG1 X1 F100\nM2\n")
     assert exit_code([str(program), "--lines", "-"]) == 0
-    assert capsys.readouterr().out == "G21 G90 G94 G17 G54\nG0 X0\nG1 X1 F100\nM2\n"
+    assert capsys.readouterr().out == "G21 G90 G94 G17 G54\nG1 X1 F100\nM2\n"
 
 
 @pytest.mark.parametrize("name", ["lines.txt", "lines"])
