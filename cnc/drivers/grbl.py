@@ -352,7 +352,7 @@ class GrblBoard:
         oldest = protocol.oldest
         if oldest is None:
             return
-        if self._vital.doubtful(oldest, now) and protocol.mark_fits():
+        if self._vital.doubtful(now) and protocol.mark_fits():
             self._mark()
         wrong = self._vital.verdict(oldest, now)
         if wrong is not None:
@@ -384,6 +384,7 @@ class GrblBoard:
 
     def _mark(self) -> None:
         self._marked_at = self.link.now()
+        self._vital.marked(self._marked_at)
         self._write(self.link.protocol.mark())
 
     def _write(self, data: bytes) -> None:

@@ -26,9 +26,11 @@ STUCK = 30.0
 """Seconds in which a board that says Run has to move by what it can report."""
 MARK_PAUSE = 0.5
 """Seconds without an answer after which a mark asks whether there is one to come."""
+MARK_PATIENCE = 1.5
+"""Seconds for the answer to a mark that nothing stands before: the board reads it at once, however full its planner is."""
 AHEAD = 0.5
 """Seconds for which lines wait in the receive buffer, beside what the planner holds: more would only be late in the case of a fault."""
-FEWEST_WAITING = 2
+FEWEST_WAITING = 1
 PACE_SHARE = 0.3
 """What the last line counts for in the pace at which lines are taken."""
 CABLE = "see to a better cable (short, shielded, no hub); what was cut since may be wrong"
@@ -44,7 +46,7 @@ class Vital:
     def __init__(self) -> None:
         self.most_waiting = FEWEST_WAITING
         self._pace = 0.0
-        self._answered_at = 0.0
+        self._answered_at = self._marked_at = 0.0
         self._quiet_since = 0.0
         self._moved_at = 0.0
         self._reported_at = 0.0
@@ -66,16 +68,26 @@ class Vital:
         self._state, self._reported_at = status.state, now
         if status.state not in ("Idle", "Check"):
             self._quiet_since = now
+        if status.state not in ("Idle", "Check", "Run"):
+            # Held, a board reads nothing.
+            self._marked_at = now
         if status.state != "Run" or status.position != self._position:
             self._moved_at = now
         self._position = status.position
 
-    def doubtful(self, oldest: Sent, now: float) -> bool:
-        """Whether a mark should ask for the answer to the oldest unanswered line: the board rests, and that line takes no time."""
-        return oldest.kind == "plain" and self._state == "Idle" and now - self._quiet_since > MARK_PAUSE
+    def marked(self, now: float) -> None:
+        """A mark was sent."""
+        self._marked_at = now
+
+    def doubtful(self, now: float) -> bool:
+        """Whether a mark should ask for an answer: one is due, and has not come for a while. To a busy board it does no harm."""
+        return now - self._answered_at > MARK_PAUSE
 
     def verdict(self, oldest: Sent, now: float) -> BoardError | None:
         """What is wrong, as far as the oldest unanswered line tells."""
+        if oldest.mark and now - max(self._marked_at, self._answered_at) > MARK_PATIENCE:
+            message = f"the board took line {oldest.line}, but does not answer a question behind it: bytes got lost on the way"
+            return board_error("reply-lost", message, line=oldest.line, hint=CABLE)
         patience = QUIET + oldest.seconds + (SPIN_UP if oldest.kind == "spindle" else 0.0)
         if now - self._quiet_since > patience and self._reported_at > self._quiet_since:
             message = f"the board is at rest and has not answered line {oldest.line}: it, or its answer, got lost on the way"
