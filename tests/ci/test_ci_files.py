@@ -73,7 +73,7 @@ def test_the_hook_checks_programs_and_nothing_else(shop):
 
 
 def test_the_hook_takes_the_files_that_a_folder_is_searched_for():
-    from cnc.cli import SUFFIXES
+    from cnc.cli.checking import SUFFIXES
 
     pattern = re.compile(hook()["files"])
     for suffix in SUFFIXES:

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from cnc import api, cli
+from cnc.cli.ending import EXIT_PIPE
+from cnc.cli.options import Dialect
 from cnc.drivers.loopback import Loopback
 from cnc.machine.load import shipped
 from cnc.machine.models import DialectName
@@ -356,7 +358,7 @@ def test_whoever_reads_our_output_may_go_away(program):
         assert process.stderr
         process.stdout.readline()
         process.stdout.close()
-        assert process.wait(60) == cli.EXIT_PIPE
+        assert process.wait(60) == EXIT_PIPE
         assert b"Traceback" not in process.stderr.read()
 
 
@@ -391,7 +393,7 @@ def test_help_says_what_there_is(cncrun):
 
 
 def test_the_command_line_knows_the_dialects_of_the_machine_file():
-    assert get_args(cli.Dialect) == get_args(DialectName)
+    assert get_args(Dialect) == get_args(DialectName)
 
 
 @pytest.mark.parametrize("name", sorted(shipped()))

@@ -1,0 +1,5 @@
+"""``python -m cnc.cli``."""
+
+from cnc.cli.commands import main
+
+main()
