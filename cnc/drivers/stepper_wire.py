@@ -29,7 +29,7 @@ LIMITS, PROBE, EMERGENCY_STOP = 0x0F, 0x10, 0x20
 """Bits of the inputs."""
 
 ALARMS = {
-    Alarm.UNDERRUN: ("board-underrun", "moves did not reach the board in time; it came to rest on the path", "is this computer busy, or was --algorithm one of dense rows?"),
+    Alarm.UNDERRUN: ("board-underrun", "moves did not come in time; the board came to rest on the path", "is this computer busy?"),
     Alarm.SILENCE: ("board-silence", "the board did not hear from this computer; it came to rest on the path", "check the cable"),
     Alarm.EMERGENCY_STOP: ("board-emergency-stop", "the e-stop is pressed", "release it when all is well, then home the machine"),
     Alarm.LIMIT: ("board-limit", "a limit switch was hit", "move away from it by hand with the drivers off, then home the machine"),
