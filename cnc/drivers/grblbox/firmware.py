@@ -147,7 +147,8 @@ class Firmware:
                 code = 0
         if text[:1] != "$" or not code:
             core.last_error = code
-        core.answering = False
+        # an alarm that came too late to break the line off has nothing else to break off
+        core.answering = core.abandoned = False
         core.reply(code)
         yield BUSY
 
