@@ -9,6 +9,7 @@ import pytest
 
 from board_conformance import AXES, PulseBoardConformance
 from cnc.api import Control, Outputs, Report, Watch, run
+from cnc.api import check as plan_only
 from cnc.drivers.stepper import Stepper
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
@@ -69,6 +70,20 @@ def test_a_program_comes_out_of_the_pins_as_planned(small: Path, tmp_path: Path)
     assert report.ok
     check(simulator, tmp_path)
     simulator.close()
+
+
+@pytest.mark.parametrize("program", [None, PROGRAMS / "trident.nc"], ids=["small", "trident"])
+def test_the_pins_take_as_long_as_estimated(program: Path | None, small: Path, tmp_path: Path) -> None:
+    """Both end on the grid: the last edge is the end of the motion."""
+    known = machine()
+    report, simulator = played(program or small, tmp_path, known)
+    cycles, _ = simulator.moves()
+    simulator.close()
+    with np.load(tmp_path / "pulses.npz") as pulses:
+        first = float(pulses["time_ns"][0]) * 1e-9
+    took = first + float(cycles[-1] - cycles[0]) / FREQUENCY
+    assert took == pytest.approx(report.duration_s, abs=known.path.period)
+    assert report.duration_s == pytest.approx(plan_only(program or small, known).duration_s, abs=known.path.period)
 
 
 SHIPPED = sorted(path.name for path in PROGRAMS.glob("*.nc"))
