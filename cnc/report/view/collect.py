@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from cnc.canon import Block, Dwell
 from cnc.interpolator.arrays import kernel_arrays
 from cnc.kernels.curve import SPAN
+from cnc.kernels.thinning import AT_END, ENTERED, FOLLOWED, MARK, PHASE, PIECE, STAGE, A, J, T, V, follow
 from cnc.machine.models import Machine
 from cnc.planner.plan import PlanChunk
 from cnc.report.view.tables import Curves, CurveTable, Origins, OriginTable, Strokes, StrokeTable
-from cnc.report.view.thinning import AT_END, ENTERED, FOLLOWED, MARK, PHASE, PIECE, STAGE, A, J, T, V, follow
 
 ROWS = 1 << 15
 """Points that are followed at a time."""

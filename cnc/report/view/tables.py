@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.report.view.thinning import KEPT, RAPID, STATE, A, J, S, T, X, Z, thin, thin_end
+from cnc.kernels.thinning import KEPT, RAPID, STATE, A, J, S, T, X, Z, thin, thin_end
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class StrokeTable:
         return 0.5 * self.tolerance
 
     def add(self, points: Floats) -> None:
-        """Points of the kind that :func:`~cnc.report.view.thinning.follow` makes."""
+        """Points of the kind that :func:`~cnc.kernels.thinning.follow` makes."""
         # Few at a time: what comes after the table was thinned has to be thinned by the same tolerance.
         some = self.most // 8
         for first in range(0, len(points), some):

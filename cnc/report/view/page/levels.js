@@ -1,5 +1,5 @@
 // The path in several degrees of fineness, for every distance one looks from: each leaves out points of the one before that the rest foretells
-// within its tolerance, as cnc/report/view/thinning.py does; there is a drawing.
+// within its tolerance, as cnc/kernels/thinning.py does; there is a drawing.
 
 const BLOCK = 1024;
 const FLOATS = 8;  // of a point on its way to the screen: x y z, time, feed, acceleration, jerk, mm along the line of a traverse
