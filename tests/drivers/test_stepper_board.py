@@ -123,7 +123,7 @@ def test_held_and_resumed(small: Path, tmp_path: Path, moment: float) -> None:
     rests: list[int] = []
 
     def on_sent(sent: object) -> None:
-        if not held_at and board._running and board._played_ns() * 1e-9 > moment:
+        if not held_at and board._stream.running and board._stream.played_ns * 1e-9 > moment:
             held_at.append(simulator.cycle)
             control.hold()
         if getattr(sent, "held", False):
