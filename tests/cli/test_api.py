@@ -81,7 +81,7 @@ def test_the_caller_s_own_mistakes_are_raised(program):
 
 def test_a_program_too_long_to_keep_is_read_again(program, monkeypatch):
     kept = check(program, interpolator="sampled")
-    monkeypatch.setattr("cnc.job.KEPT_NUMBERS", 0)
+    monkeypatch.setattr("cnc.job.first_pass.KEPT_NUMBERS", 0)
     monkeypatch.setattr("cnc.source.COPIED_BYTES", 0)
     again = check(program, interpolator="sampled")
     for report in (kept, again):

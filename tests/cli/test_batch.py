@@ -144,7 +144,7 @@ task.Task.perform = spoilt
 
 
 def test_a_fault_of_ours_is_told_and_stops_nothing(tmp_path, monkeypatch):
-    broken = "import cnc.job\ndef interpret(text, **_): raise RuntimeError('oh')\ncnc.job.interpret = interpret"
+    broken = "import cnc.job.reading\ndef interpret(text, **_): raise RuntimeError('oh')\ncnc.job.reading.interpret = interpret"
     monkeypatch.setattr(pool, "START", pool.START.replace("from cnc.batch.worker", f"exec({broken!r}); from cnc.batch.worker"))
     for name in "ab":
         (tmp_path / f"{name}.nc").write_bytes(GOOD)

@@ -1,0 +1,187 @@
+"""A job: a program, a machine, and what is wanted of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from cnc.canon import Block
+from cnc.control import Control
+from cnc.drivers.base import LineSink, Located, PulseSink
+from cnc.errors import CncError, Diagnostic, GcodeError, UsageError
+from cnc.flatten.board_time import BoardTime
+from cnc.interpolator.reference_pulse import Algorithm
+from cnc.job.abilities import Abilities
+from cnc.job.first_pass import FirstPass
+from cnc.job.outputs import OpenOutputs, Outputs
+from cnc.job.reading import Reading, start_position
+from cnc.job.second_pass import SecondPass
+from cnc.job.watch import Lookout, Pauses, Stopped, Watch
+from cnc.lineprogram import LineProgram
+from cnc.machine.models import DialectName, Machine
+from cnc.memory import Memory
+from cnc.onboard import adopted
+from cnc.planner.plan import PlanChunk
+from cnc.report.hints import step_rate
+from cnc.report.outputs import JsonLines
+from cnc.report.portable import dialects_of, portability
+from cnc.report.result import Extremes, Report
+from cnc.report.selection import Selection, unknown_codes
+from cnc.report.targets import TextTarget
+from cnc.source import Source, readable, shown_name, with_texts
+from cnc.warm import ensure_compiled
+
+
+class Job:
+    """Fills ``report`` as it goes; see :func:`cnc.api.run` for the arguments. UsageError ``output-format`` for an unknown suffix."""
+
+    def __init__(
+        self,
+        program: Source,
+        machine: Machine,
+        dialect: DialectName | None,
+        sampled: bool,
+        outputs: Outputs,
+        watch: Watch,
+        control: Control | None = None,
+        algorithm: Algorithm | None = None,
+        selection: Selection | None = None,
+        portable: Sequence[str] = (),
+        on_plan: Callable[[PlanChunk], None] | None = None,
+        pauses: Pauses = "wait",
+        from_line: int | None = None,
+    ) -> None:
+        outputs.check()
+        name = shown_name(program)
+        self.report = Report(name, machine, limits=Extremes.limits(machine))
+        self._program = program
+        self._outputs, self._files = outputs, OpenOutputs()
+        self._lookout = Lookout(watch, control or Control(), selection or Selection(), self.report)
+        self._reading = Reading(
+            name, Path(name), machine, dialect or machine.program.dialect, start_position(machine), Memory(machine), self._lookout.checking
+        )
+        self._sampled = sampled or outputs.trace is not None
+        self._operated = control is not None
+        self._algorithm = algorithm
+        self._portable = dialects_of(portable)
+        self._on_plan = on_plan
+        self._pauses: Pauses = pauses
+        self._from_line = from_line
+
+    def blocks(self) -> Iterator[Block]:
+        """The canonical blocks of the program, read as in the first pass."""
+        return self._reading.blocks()
+
+    def carry_out(self, board: PulseSink | LineSink | None = None, board_name: str | None = None) -> Report:
+        """Both passes, the second on ``board`` or on none; what goes wrong with program or board ends up in the report."""
+        ensure_compiled(self._lookout.watch.on_compiling)
+        report, reading, began = self.report, self._reading, perf_counter()
+        report.board = board_name
+        if isinstance(board, LineSink):
+            self._adopt(board)
+        elif isinstance(board, Located) and board.standing_steps is not None:
+            reading.start = board.standing_steps / np.array([axis.steps_per_mm for axis in reading.machine.axes.values()])
+        try:
+            with ExitStack() as stack:
+                reading.path = stack.enter_context(readable(self._program))
+                stack.callback(self._files.discard)
+                try:
+                    self._carry_out(board)
+                except CncError as error:
+                    report.faults.append(error)
+                if self._portable and report.stopped_at_line is None:
+                    report.faults += portability(
+                        reading.path, report.program, reading.under, reading.dialect, self._portable, report.faults
+                    )
+                report.faults = with_texts(report.faults, {report.program: reading.path})
+        except Stopped:
+            report.stopped_at_line = 0
+        except CncError as error:
+            report.faults.append(error)
+        report.timing.total_s = perf_counter() - began
+        return report
+
+    def _adopt(self, board: LineSink) -> None:
+        """The board's own travel, offsets and position: the program is read with them."""
+        if self._outputs.pulses is not None:
+            hint = "leave --pulses out, or check the program without the board"
+            raise UsageError(Diagnostic("no-pulses", "a board that plans for itself is sent lines, not pulses", hint=hint))
+        reading = self._reading
+        reading.machine = board.fitted(reading.machine)
+        reading.start = np.array(board.position)
+        reading.memory.adopt(adopted(board, reading.machine))
+
+    def _carry_out(self, board: PulseSink | LineSink | None) -> None:
+        report, reading, lookout = self.report, self._reading, self._lookout
+        abilities = Abilities.of(board, report.board, reading.machine, attended=self._pauses != "refuse")
+        reading.begin_at(self._from_line)
+        first = FirstPass(reading, report, lookout, abilities)
+        shown = None
+        if self._outputs.blocks is not None:
+            shown = self._files.opened(JsonLines(self._outputs.blocks, reading.machine.axis_names, report.program))
+        try:
+            # Lines come from a path of their own, which is not the one that is surveyed.
+            kept = first.carry_out(shown, keep=not isinstance(board, LineSink))
+        finally:
+            report.timing.parse_s = first.watch_reading.seconds
+            # The path is drawn through the reader, so its watch ran meanwhile.
+            report.timing.plan_s = first.watch_path.seconds - first.watch_reading.seconds
+        if first.hints is not None:
+            self._hint([*first.hints.findings(), *unknown_codes(reading.path, report.program)])
+        lookout.checking(report.lines)
+        self._confirm_beginning()
+        if not report.ok:
+            return
+        board_time = self._translate(board, abilities)
+        second = SecondPass(
+            reading,
+            report,
+            lookout,
+            self._outputs,
+            self._files,
+            algorithm=self._algorithm,
+            sampled=self._sampled,
+            pauses=self._pauses,
+            operated=self._operated,
+            board_time=board_time,
+            on_plan=self._on_plan,
+        )
+        try:
+            second.carry_out(board, kept)
+        finally:
+            report.timing.plan_s += max(0.0, second.watch_planning.seconds - second.watch_reading.seconds)
+            report.timing.interpolate_s = second.watch_interpolating.seconds
+        if board_time is not None and abilities.lines:
+            report.duration_s = board_time.seconds
+        if board is None:
+            self._hint(step_rate(report))
+        if report.ok and report.stopped_at_line is None:
+            self._files.close()
+            if board is not None and reading.state is not None:
+                reading.memory.keep(*reading.state)
+
+    def _confirm_beginning(self) -> None:
+        """Tell how the machine will get to the line to begin at, and ask."""
+        beginning, ask = self._reading.beginning, self._lookout.watch.on_beginning
+        if beginning is not None and ask is not None and self.report.ok and not ask(beginning.story):
+            raise Stopped
+
+    def _translate(self, board: PulseSink | LineSink | None, abilities: Abilities) -> BoardTime | None:
+        """The program as lines, where they are asked for or the board takes them: how long such a board takes for them."""
+        if self._outputs.lines is None and not abilities.lines:
+            return None
+        reading = self._reading
+        target = None if self._outputs.lines is None else self._files.opened(TextTarget(self._outputs.lines))
+        parameters = reading.memory.parameters(macro=False).values
+        settings = board.settings if isinstance(board, LineSink) else {}
+        program = LineProgram(reading.machine, reading.start, parameters, self.report.bounding_box, settings)
+        return program.write(reading.blocks(), None if target is None else target.write)
+
+    def _hint(self, findings: Iterable[Diagnostic]) -> None:
+        """Tell findings that were made without the source line at hand."""
+        for found in with_texts([GcodeError(finding) for finding in findings], {self.report.program: self._reading.path}):
+            self._lookout.warn(found.diagnostic)

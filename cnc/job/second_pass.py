@@ -1,0 +1,248 @@
+"""The second pass: the path is planned, made into pulses or lines, and sent to a board or only looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from time import monotonic
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.canon import Block, Dwell, Held
+from cnc.drivers.base import LineSink, PulseSink
+from cnc.errors import BoardError
+from cnc.executor.lines import stream
+from cnc.executor.run import Progress, execute
+from cnc.flatten.board_time import BoardTime, Countdown
+from cnc.flatten.smooth import smooth_path
+from cnc.interpolator.reference_pulse import Algorithm, ReferencePulse
+from cnc.interpolator.sampled import Sampled
+from cnc.job.outputs import OpenOutputs, Outputs
+from cnc.job.reading import Reading
+from cnc.job.watch import Lookout, Pauses
+from cnc.onboard import to_remember, translator, waits
+from cnc.path.chunk import PathChunk
+from cnc.planner.lookahead import LookAhead
+from cnc.planner.plan import PlanChunk
+from cnc.planner.window import LONG, SLICE
+from cnc.report.outputs import TraceWriter, pulse_writer, trace_writer
+from cnc.report.result import Report
+from cnc.report.survey import ROUNDING, Survey
+from cnc.report.view.writer import picture_writer
+from cnc.stopwatch import Stopwatch, TimedPulses
+from cnc.stream import GcodeLine, PulseChunk, SampleChunk
+
+Items = Iterable[PlanChunk | Block]
+
+
+class SecondPass:
+    """Fills the report: duration, largest values, steps, and where the board stands in the end.
+
+    sampled: sample the motion, too. pauses: what becomes of M0 and M6 on a board. operated: whether somebody can wish for anything.
+    board_time: how long a board that plans for itself takes, as computed. on_plan: is shown the plan.
+    """
+
+    def __init__(
+        self,
+        reading: Reading,
+        report: Report,
+        lookout: Lookout,
+        outputs: Outputs,
+        files: OpenOutputs,
+        *,
+        algorithm: Algorithm | None,
+        sampled: bool,
+        pauses: Pauses,
+        operated: bool,
+        board_time: BoardTime | None,
+        on_plan: Callable[[PlanChunk], None] | None,
+    ) -> None:
+        self.watch_reading, self.watch_planning, self.watch_interpolating = Stopwatch(), Stopwatch(), Stopwatch()
+        self._reading, self._report, self._lookout, self._outputs, self._files = reading, report, lookout, outputs, files
+        self._machine, self._control = reading.machine, lookout.control
+        self._algorithm, self._sampled, self._pauses, self._operated = algorithm, sampled, pauses, operated
+        self._board_time, self._on_plan = board_time, on_plan
+        self._step_deviation = 0.0
+
+    def carry_out(self, board: PulseSink | LineSink | None, kept: Iterable[PathChunk | Block] | None) -> None:
+        """Move, or only look. kept: the path, None to read it again."""
+        report, machine = self._report, self._machine
+        steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
+        fastest = machine.board.max_step_rate if board is None else min(machine.board.max_step_rate, board.capabilities.max_step_rate)
+        interpolator = ReferencePulse(steps_per_mm, self._reading.start, 1e9 / fastest, algorithm=self._algorithm)
+        on_pulses = None
+        if self._outputs.pulses is not None:
+            on_pulses = self._files.opened(pulse_writer(self._outputs.pulses, machine, interpolator.origin_steps)).write
+        path = kept if kept is not None else self._read_again(smooth=isinstance(board, LineSink))
+        # Without a board nobody can wish for anything once it is under way, and a board that plans for itself is told by the executor.
+        control = None if isinstance(board, LineSink) else self._control
+        slice_s = (board.capabilities.slice_s or SLICE) if isinstance(board, PulseSink) else LONG
+        ahead = LookAhead(machine, control, slice_s=slice_s)
+        planned = self._timed(self.watch_planning.inside(ahead.plan(path)))
+        if self._sampled:
+            planned = self._traced(planned)
+        pulses = TimedPulses(interpolator, self.watch_interpolating)
+        try:
+            if board is None:
+                self._look(planned, pulses, on_pulses)
+            elif isinstance(board, PulseSink):
+                if self._pauses == "wait" and self._operated and board.capabilities.slice_s:
+                    planned = _held(planned, self._control.hold)
+                self._send(planned, pulses, on_pulses, board, ahead)
+            else:
+                self._stream(planned, board)
+        finally:
+            self._note_audit(ahead)
+            report.pulse_error_blu = interpolator.error_blu
+
+    def _note_audit(self, ahead: LookAhead) -> None:
+        audit, largest = ahead.audit, self._report.largest
+        largest.feed, largest.accel, largest.jerk = audit.feed, audit.accel, audit.jerk
+        largest.normal_accel, largest.chord_error = audit.normal_accel, audit.chord_error
+        largest.step_deviation = self._step_deviation if self._sampled else audit.step_deviation
+        each = zip(
+            self._machine.axes, audit.axis_velocity.tolist(), audit.axis_acceleration.tolist(), audit.axis_jerk.tolist(), strict=True
+        )
+        largest.axes = {axis: {"velocity": v, "acceleration": a, "jerk": j} for axis, v, a, j in each}
+        self._report.violations.update(audit.violations)
+
+    def _read_again(self, *, smooth: bool) -> Iterator[PathChunk | Block]:
+        """The path once more, ``smooth`` for lines: by what probes and inputs answer it may go where the first pass did not."""
+        reading, machine = self._reading, self._machine
+        blocks, tolerance = self.watch_reading.inside(reading.blocks()), machine.path.tolerance
+        survey = Survey(machine, tolerance if smooth else ROUNDING)
+        path = smooth_path(blocks, axes=machine.axis_names, start=reading.start, tolerance=tolerance) if smooth else reading.route(blocks)
+        for item in path:
+            if isinstance(item, PathChunk):
+                for fault in survey.add(item):
+                    raise fault
+            else:
+                survey.between(item)
+            yield item
+
+    def _timed(self, planned: Items) -> Iterator[PlanChunk | Block]:
+        """Follow the machine's clock, and draw what goes by."""
+        report, drawn = self._report, None
+        if self._outputs.picture is not None:
+            drawn = self._files.opened(picture_writer(self._outputs.picture, report, self._reading.path, self._reading.start))
+        for item in planned:
+            if isinstance(item, PlanChunk):
+                report.duration_s = item.t0 + item.duration
+                if self._on_plan is not None:
+                    self._on_plan(item)
+            elif isinstance(item, Dwell):
+                report.duration_s += item.seconds
+            if drawn is not None:
+                drawn.add(item)
+            yield item
+
+    def _traced(self, planned: Items) -> Iterator[PlanChunk | Block]:
+        """Sample every stretch of the plan as it goes by, and write the trace."""
+        sampler = Sampled(self._machine.path.period, self._reading.start)
+        trace = None if self._outputs.trace is None else self._files.opened(trace_writer(self._outputs.trace, self._machine))
+        for item in planned:
+            if isinstance(item, PlanChunk):
+                self._note_samples(sampler.samples(item), trace)
+            yield item
+        self._note_samples(sampler.finish(self._report.duration_s), trace)
+
+    def _note_samples(self, chunks: Iterable[SampleChunk], trace: TraceWriter | None) -> None:
+        for chunk in self.watch_interpolating.inside(chunks):
+            if len(chunk.step_deviation):
+                self._step_deviation = max(self._step_deviation, float(np.abs(chunk.step_deviation).max()))
+            if trace is not None:
+                trace.write(chunk)
+
+    def _look(self, planned: Items, pulses: TimedPulses, on_pulses: Callable[[PulseChunk], None] | None) -> None:
+        """Without a board: make the pulses, count and write them."""
+        report = self._report
+        steps = np.zeros(len(self._machine.axes), np.int64)
+
+        def seen(chunks: Iterable[PulseChunk]) -> None:
+            nonlocal steps
+            for chunk in chunks:
+                steps += [np.count_nonzero(column) for column in chunk.step.T]
+                report.pulse_rows += len(chunk.step)
+                if on_pulses is not None:
+                    on_pulses(chunk)
+
+        for item in planned:
+            self._lookout.running(item)
+            if isinstance(item, Held):
+                self._control.wait()
+            if isinstance(item, PlanChunk):
+                seen(pulses.pulses(item))
+        seen(pulses.settle())
+        report.steps = dict(zip(self._machine.axes, steps.tolist(), strict=True))
+
+    def _send(
+        self,
+        planned: Items,
+        pulses: TimedPulses,
+        on_pulses: Callable[[PulseChunk], None] | None,
+        board: PulseSink,
+        ahead: LookAhead,
+    ) -> None:
+        """With a board: the executor sends, and comes to rest on the path when the operator wishes."""
+        report, tell = self._report, self._lookout.tell
+        # The board is about to move: from here on a wish to stop is the executor's to carry out.
+        tell(Progress(0.0, 0, 0))
+        try:
+            outcome = execute(
+                planned, board, pulses, on_pulses=on_pulses, on_progress=tell, control=self._control, ramp_down=ahead.ramp_down
+            )
+        except BoardError:
+            self._stands_at(board.position_steps)
+            raise
+        report.steps = dict(zip(self._machine.axes, outcome.steps.tolist(), strict=True))
+        report.pulse_rows = outcome.rows
+        report.stopped_at_line = outcome.stopped_at_line
+        if not outcome.finished:
+            report.duration_s = outcome.duration
+            self._stands_at(outcome.position_steps)
+
+    def _stands_at(self, grid: NDArray[np.int64]) -> None:
+        """The program did not come to its end: where the board says it is."""
+        axes = self._machine.axes.items()
+        self._report.end_position = {letter: steps / axis.steps_per_mm for (letter, axis), steps in zip(axes, grid.tolist(), strict=True)}
+
+    def _stream(self, planned: Items, board: LineSink) -> None:
+        """With a board that plans for itself: lines, and the operator's wishes as the board knows them."""
+        report, machine, control, tell = self._report, self._machine, self._control, self._lookout.tell
+
+        def afterwards() -> Iterable[GcodeLine]:
+            state = self._reading.state
+            return () if state is None else to_remember(board, machine, state[0].values)
+
+        countdown = None if self._board_time is None else Countdown(self._board_time)
+
+        def on_progress(progress: Progress) -> None:
+            if countdown is not None:
+                taken = progress.rows - (progress.buffered or 0)
+                left = countdown.left(monotonic(), taken, held=progress.held, feed_override=control.feed_override)
+                progress = replace(progress, left=left)
+            tell(progress)
+
+        on_progress(Progress(0.0, 0, 0))
+        try:
+            lines = translator(board, machine)
+            if self._pauses == "skip":
+                planned = (item for item in planned if isinstance(item, PlanChunk) or not waits(item))
+            outcome = stream(planned, board, lines, control=control, on_progress=on_progress, afterwards=afterwards)
+        except BoardError:
+            report.end_position = dict(zip(machine.axes, board.position, strict=False))
+            raise
+        report.stopped_at_line = outcome.stopped_at_line
+        if outcome.stopped_at_line is not None:
+            report.duration_s = outcome.duration
+            report.end_position = dict(zip(machine.axes, outcome.position, strict=False))
+
+
+def _held(planned: Items, hold: Callable[[], None]) -> Iterator[PlanChunk | Block]:
+    """The same, held where the program wants the operator."""
+    for item in planned:
+        yield item
+        if isinstance(item, Block) and waits(item):
+            hold()
+            yield Held(item.file, item.line)
