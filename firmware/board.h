@@ -2,7 +2,7 @@
 
                       main loop                                        interrupts
    serial ──► frames ──► stream store ──► player ──► queue of events ──► Timer1: step and direction pins
-              link.c      1 kB             player.c   64 x 4 bytes       play.S
+              link.c      928 bytes        player.c   64 x 4 bytes       play.S
 
    The stream holds segments (docs/segments.md) and commands between them; the player turns them into events, each a time and what to write
    to the port that has all step and direction pins. The interrupt only writes what was prepared, so that edges come within a microsecond
@@ -10,7 +10,8 @@
 
    Step pins D2 D3 D4 (and D12 for a fourth axis), direction pins D5 D6 D7 (D13), enable D8 (low: on). Limits D9 D10 D12, with four axes
    D9 D10 A4. Spindle PWM D11, its direction D13 (three axes). Flood A3, mist A4 (three axes). E-stop A0, hold A1, resume A2, probe A5.
-   Inputs have pull-ups and are active when they are low, until the host says otherwise. */
+   Inputs have pull-ups and are active when they are low, until the host says otherwise: then a switch that opens, or whose wire breaks,
+   is active. */
 
 #ifndef BOARD_H
 #define BOARD_H
@@ -73,20 +74,24 @@
 enum { IDLE, RUNNING, RAMPING, ALARM, TOUCHED };
 enum { NO_ALARM, UNDERRUN, SILENCE, EMERGENCY_STOP, LIMIT, STOPPED_BY_HOST, BAD_STREAM };
 
-/* Inputs, a bit each, 1 where active. */
-#define INPUT_LIMITS 0x0F
+/* Inputs, a bit each, 1 where active. A fourth axis has no pin left for a limit. */
+#define INPUT_LIMITS 0x07
 #define INPUT_PROBE 0x10
 #define INPUT_EMERGENCY_STOP 0x20
 #define INPUT_HOLD 0x40
 #define INPUT_RESUME 0x80
 
 struct config {
-    uint8_t pulse;      /* ticks that a step pin stays high, and low after that, at least */
-    uint8_t setup;      /* ticks from a direction to the first step */
+    uint8_t pulse;      /* ticks that a step pin stays high, at least */
+    uint8_t rest;       /* ticks that it stays low after that, at least, and from a direction to the step */
     uint8_t ramp_ms;    /* how long an emergency ramp takes */
     uint8_t limits;     /* which limit inputs stop the motion */
     uint8_t inverted;   /* inputs that are active when high */
+    uint8_t drivers;    /* bit 0: they are on when their pin is high */
 };
+
+/* A pulse begins somewhere in a tick. */
+#define WIDTH(pulse) ((pulse) + 1)
 
 extern struct config config;
 extern uint8_t state, alarm;
@@ -95,34 +100,45 @@ extern volatile uint8_t parked;         /* the interrupt has no event to wait fo
 extern uint8_t queue[256];
 extern uint8_t received[128];
 extern volatile uint8_t received_head;
-extern uint8_t sending[48];              /* the frame that goes out */
+extern uint8_t sending[37];             /* the frame that goes out; the longest is a status */
 extern volatile uint8_t send_at, send_length;
 extern int32_t position[4];             /* of the segments that were decoded to their end */
 extern bool known_position;
+extern uint8_t holds, resumes;          /* presses of the buttons */
 extern uint16_t now_ms;
 
 /* player.c */
 extern uint32_t taken;                  /* bytes of the stream that were decoded, since the start of the board */
 void decode(void);
-void run(void);
+bool run(void);
 void flush(void);
 void ramp(uint8_t reason, uint8_t ms);
+void rest_or_stop(uint8_t reason);
 void raise_alarm(uint8_t reason);
 void where(int32_t at[4]);
 void outputs_off(void);
 bool outputs_on(void);
+void set_polarity(uint8_t drivers);
 
 /* link.c */
-#define STORE 1024
+#define STORE 928
 #define ROOM_KEPT 4                     /* a frame's CRC is written behind its payload, and full is not empty */
 extern uint8_t store[STORE];
 extern uint16_t store_head, store_tail;
 extern uint16_t promised_ms;            /* when the stream that was taken in ends, 15 bits; bit 15: it ends there */
 extern uint16_t heard_ms, started_ms;
+extern bool want_status;
 void receive(void);
 void transmit(void);
 uint16_t store_used(void);
 int16_t time_left(void);
+
+/* So many bytes, at most STORE, behind a place in the store. */
+static inline uint16_t behind(uint16_t at, uint16_t count)
+{
+    at += count;
+    return at < STORE ? at : at - STORE;
+}
 
 /* main.c */
 uint8_t inputs(void);
@@ -140,7 +156,7 @@ static inline uint8_t tail_get(void) { uint8_t v; __asm__ volatile("mov %0, r11"
 static inline uint8_t head_get(void) { uint8_t v; __asm__ volatile("mov %0, r12" : "=r"(v)); return v; }
 static inline void head_set(uint8_t v) { __asm__ volatile("mov r12, %0" : : "r"(v) : "memory"); }
 static inline void tail_set(uint8_t v) { __asm__ volatile("mov r11, %0" : : "r"(v) : "memory"); }
-static inline void width_set(uint8_t v) { __asm__ volatile("mov r10, %0\n\tmov r13, %0\n\tlsl r13" : : "r"(v)); }
+static inline void width_set(uint8_t v, uint8_t gap) { __asm__ volatile("mov r10, %0\n\tmov r13, %1" : : "r"(v), "r"(gap)); }
 static inline uint16_t due_get(void) { uint16_t v; __asm__ volatile("movw %0, r8" : "=r"(v)); return v; }
 static inline void due_set(uint16_t v) { __asm__ volatile("movw r8, %0" : : "r"(v)); }
 static inline uint8_t port_get(void) { uint8_t v; __asm__ volatile("mov %0, r6" : "=r"(v)); return v; }

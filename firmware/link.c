@@ -26,15 +26,17 @@ static uint8_t block, block_left;       /* COBS */
 static bool broken;
 static uint8_t expected, token;
 static bool naked;
-static bool want_ack, want_nak, want_status, want_welcome;
+static bool want_ack, want_nak, want_welcome;
+bool want_status;
 static uint16_t told_room;
 
-uint8_t sending[48];
+uint8_t sending[37];
 volatile uint8_t send_at, send_length;
 
 uint16_t store_used(void)
 {
-    return (store_head - store_tail) & (STORE - 1);
+    uint16_t used = store_head - store_tail;
+    return store_head < store_tail ? used + STORE : used;
 }
 
 static uint16_t store_room(void)
@@ -71,7 +73,7 @@ static void data_came(void)
         naked = false;
         want_ack = true;
         if (state == IDLE || state == RUNNING) {
-            store_head = (store_head + length - DATA_HEAD - 2) & (STORE - 1);
+            store_head = behind(store_head, length - DATA_HEAD - 2);
             promised_ms = word(2);
         }
     } else if (ahead >= 128) {
@@ -79,6 +81,24 @@ static void data_came(void)
     } else if (!naked) {
         naked = want_nak = true;
     }
+}
+
+/* What can't be kept is refused: pulse and rest go into a byte together, and a timer of 8 bits has to end the pulse. */
+#define LONGEST_PULSE 120
+
+static bool configure(const uint8_t *payload)
+{
+    uint8_t pulse = payload[0], rest = payload[1] > pulse ? payload[1] : pulse;
+    if (pulse == 0 || rest > LONGEST_PULSE || payload[2] == 0)
+        return false;
+    config.pulse = pulse;
+    config.rest = rest;
+    config.ramp_ms = payload[2];
+    config.limits = payload[3] & INPUT_LIMITS;
+    config.inverted = payload[4] & ~(0x0F & ~INPUT_LIMITS);
+    set_polarity(payload[5]);
+    width_set(WIDTH(pulse), WIDTH(pulse) + rest);
+    return true;
 }
 
 static void control_came(void)
@@ -96,14 +116,8 @@ static void control_came(void)
         return;
     switch (frame[0]) {
     case CONFIGURE:
-        if (size < 5 || !still)
+        if (size < 6 || !still || !configure(payload))
             return;
-        config.pulse = payload[0];
-        config.setup = payload[1];
-        config.ramp_ms = payload[2];
-        config.limits = payload[3] & INPUT_LIMITS;
-        config.inverted = payload[4];
-        width_set(config.pulse);
         break;
     case SET_POSITION:
         if (size < 16 || !still)
@@ -113,11 +127,12 @@ static void control_came(void)
         known_position = true;
         break;
     case RUN:
-        run();
+        if (!run())
+            return;
         break;
     case STOP:
         if (size >= 1 && payload[0])
-            ramp(STOPPED_BY_HOST, config.ramp_ms);
+            rest_or_stop(STOPPED_BY_HOST);
         else
             raise_alarm(STOPPED_BY_HOST);
         break;
@@ -180,7 +195,7 @@ void receive(void)
         }
         sum = _crc_ccitt_update(sum, byte);
         if (size >= DATA_HEAD && frame[0] == DATA) {
-            uint16_t after = (next + 1) & (STORE - 1);
+            uint16_t after = behind(next, 1);
             if (after == store_tail) {
                 broken = true;
             } else {
@@ -296,6 +311,8 @@ void transmit(void)
         say_word(time_left());
         for (uint8_t axis = 0; axis < 4; axis++)
             say_long(at[axis]);
+        say(holds);
+        say(resumes);
     } else if (want_ack || (state == RUNNING && store_room() >= told_room + 64)) {
         want_ack = false;
         begin_saying(ACK, expected);

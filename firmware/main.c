@@ -9,14 +9,20 @@
 #ifndef BAUD
 #define BAUD 1000000UL
 #endif
-#define UBRR_VALUE ((F_CPU + 4 * BAUD) / (8 * BAUD) - 1)
+#if F_CPU % (8 * BAUD) != 0 || BAUD < 250000
+#error "BAUD is 1000000, 500000 or 250000: what the chip makes exactly, and fast enough for the stream"
+#endif
+#define UBRR_VALUE (F_CPU / (8 * BAUD) - 1)
 
 struct config config;
 uint8_t state, alarm;
 volatile uint8_t halted;
 uint16_t now_ms, started_ms;
 
+uint8_t holds, resumes;
+
 static uint8_t armed, armed_level;
+static uint8_t seen, down;      /* buttons: pressed a millisecond ago, and for good */
 static uint16_t counted;
 
 /* ------------------------------------------------------------------------------------------------------------------ inputs */
@@ -67,7 +73,10 @@ static uint8_t wish(void)
     return 0;
 }
 
-/* An input has changed. What it asks for must hold for some microseconds: a spike asks for nothing. */
+/* Either port's inputs have changed. */
+#define WATCHED (1 << PCIE0 | 1 << PCIE1)
+
+/* What an input asks for must hold for some microseconds: a spike asks for nothing. While PCICR is 0. */
 static void look(void)
 {
     uint8_t wanted = wish();
@@ -80,17 +89,31 @@ static void look(void)
     }
 }
 
-ISR(PCINT0_vect) { look(); }
-ISR(PCINT1_vect) { look(); }
+/* The other interrupts go on meanwhile: pulses have to end, and bytes come every 10 us. */
+ISR(PCINT0_vect)
+{
+    PCICR = 0;
+    sei();
+    look();
+    cli();
+    PCICR = WATCHED;
+}
+ISR(PCINT1_vect, ISR_ALIASOF(PCINT0_vect));
+
+static void look_now(void)
+{
+    PCICR = 0;
+    look();
+    PCICR = WATCHED;
+}
 
 /* From here on these inputs end the motion, as soon as one of them differs from its level. */
 void arm(uint8_t which, uint8_t level)
 {
-    cli();
+    PCICR = 0;
     armed = which;
     armed_level = level;
-    look();
-    sei();
+    look_now();
 }
 
 /* ------------------------------------------------------------------------------------------------------------------ alarms */
@@ -101,6 +124,7 @@ void raise_alarm(uint8_t reason)
     outputs_off();
     state = ALARM;
     alarm = reason;
+    want_status = true;
 }
 
 static void look_for_halt(void)
@@ -111,10 +135,26 @@ static void look_for_halt(void)
     if (why == HALT_TOUCHED) {
         flush();
         state = TOUCHED;
+        want_status = true;
     } else {
         raise_alarm(why - 1);
     }
     halted = 0;
+}
+
+/* A button counts when it is pressed for a millisecond or two, and again when it was let go for as long. */
+static void look_at_buttons(void)
+{
+    uint8_t now = inputs() & (INPUT_HOLD | INPUT_RESUME), before = down;
+    down = (now & seen) | (down & (now | seen));
+    seen = now;
+    uint8_t pressed = down & ~before;
+    if (pressed & INPUT_HOLD)
+        holds++;
+    if (pressed & INPUT_RESUME)
+        resumes++;
+    if (pressed)
+        want_status = true;
 }
 
 /* Once a millisecond. */
@@ -133,14 +173,12 @@ static void tick(void)
                 ramp(UNDERRUN, left < config.ramp_ms ? left : config.ramp_ms);
             }
         }
-    } else if (state == IDLE && silent && outputs_on()) {
+    } else if (silent && state != RAMPING && outputs_on()) {
         raise_alarm(SILENCE);
     }
-    if (wish() && (state != ALARM || alarm != EMERGENCY_STOP)) {
-        cli();
-        look();
-        sei();
-    }
+    look_at_buttons();
+    if (wish() && (state != ALARM || alarm != EMERGENCY_STOP))
+        look_now();
 }
 
 static void watch_time(void)
@@ -155,7 +193,7 @@ static void watch_time(void)
 int main(void)
 {
     /* nothing has an initial value: the queue is to begin a page of the memory */
-    config.pulse = config.setup = 10;
+    config.pulse = config.rest = 10;
     config.ramp_ms = 100;
     config.limits = INPUT_LIMITS;
     EICRA = 0x05;                       /* edges: a simulator looks at INT0 and INT1 in level mode all the time */
@@ -190,7 +228,7 @@ int main(void)
     tail_set(0);
     head_set(0);
     parked = 1;
-    width_set(config.pulse);
+    width_set(WIDTH(10), WIDTH(10) + 10);
     port_set(PORT_ALWAYS, PORT_ALWAYS);
 #if AXES == 4
     PCMSK0 = 0x06;
@@ -199,7 +237,7 @@ int main(void)
     PCMSK0 = 0x16;
     PCMSK1 = 0x21;
 #endif
-    PCICR = 1 << PCIE0 | 1 << PCIE1;
+    PCICR = WATCHED;
     sei();
     for (;;) {
         receive();

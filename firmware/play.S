@@ -1,13 +1,14 @@
 /* The interrupts that have to be quick. Each uses registers of its own (board.h), so that it need not save any.
 
-   Timer1 compare A, an event is due: write what was prepared for it to the port, then prepare the next one. 46 cycles.
+   Timer1 compare A, an event is due: write what was prepared for it to the port, then prepare the next one. 47 cycles.
 
        event k      port D: directions and steps of k, at once
                     Timer0 compare A is set to the end of the pulse
                     event k+1 is taken from the queue: its time to Timer1's compare register, its port byte to rPORT, its directions to rIDLE
        pulse end    port D: directions of k+1, no steps: they have the time from here to event k+1 to settle
 
-   Timer0 runs free; where no pulse is under way its compare interrupt writes what is there anyway. */
+   Timer0 runs free; where no pulse is under way its compare interrupt writes what is there anyway. Where another interrupt has kept both
+   waiting, the chip would take Timer1's first, and two pulses would become one: the event then ends the pulse and waits for the rest. */
 
 #define __SFR_OFFSET 0
 #include <avr/io.h>
@@ -23,6 +24,9 @@ queue: .skip 256
     .text
 
 TIMER1_COMPA_vect:
+    sbic  TIFR0, OCF0A
+    rjmp  pulse_may_be_under_way
+event:
     out   PORTD, rPORT
 #if AXES == 4
     sbrc  rPORT, 0
@@ -61,6 +65,32 @@ leave:
     movw  r30, rZ
     out   SREG, rSREG
     reti
+
+pulse_may_be_under_way:
+    in    rSREG, SREG
+    movw  rZ, r30
+    in    r30, PORTD
+    andi  r30, PORT_STEPS
+    movw  r30, rZ
+    breq  no_pulse
+    out   PORTD, rIDLE
+#if AXES == 4
+    cbi   PORTB, 4
+    sbrc  rIDLE, 1
+    sbi   PORTB, 5
+    sbrs  rIDLE, 1
+    cbi   PORTB, 5
+#endif
+    sbi   TIFR0, OCF0A
+    lds   r30, TCNT1L
+    lds   r31, TCNT1H
+    add   r30, rGAP
+    clr   rTEMP
+    adc   r31, rTEMP
+    rjmp  as_soon_as_can_be
+no_pulse:
+    out   SREG, rSREG
+    rjmp  event
 
 nothing_to_wait_for:
     ldi   r30, 0

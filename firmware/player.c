@@ -95,6 +95,15 @@ void ramp(uint8_t reason, uint8_t ms)
     segment.factor = 256;
 }
 
+/* Come to rest on the path if anything moves; an alarm either way, but none in place of another. */
+void rest_or_stop(uint8_t reason)
+{
+    if (state == RUNNING)
+        ramp(reason, config.ramp_ms);
+    else if (state != RAMPING && state != ALARM)
+        raise_alarm(reason);
+}
+
 /* So many ticks of the ramp are planned. */
 static void go_down(uint16_t ticks)
 {
@@ -131,6 +140,8 @@ static void unpark(void)
 {
     uint8_t *event = queue + tail_get();
     uint16_t due = due_get() + (event[0] | (uint16_t)event[1] << 8);
+    while (PORTD & PORT_STEPS)
+        ;                       /* the pulse of the event before is ended by Timer0, soon */
     cli();
     if (!halted) {
         due_set(due);
@@ -138,9 +149,12 @@ static void unpark(void)
         tail_set(tail_get() + 4);
         PORTD = event[3];
 #if AXES == 4
-        PORTB = event[3] & 2 ? PORTB | 0x20 : PORTB & ~0x20;
+        if (event[3] & 2)
+            PORTB |= 0x20;
+        else
+            PORTB &= ~0x20;
 #endif
-        uint16_t least = TCNT1 + config.setup + 2;
+        uint16_t least = TCNT1 + config.rest + 2;
         int16_t late = least - due;
         if (late > SLIP) {
             /* more than can be made up for: all that follows is as late */
@@ -322,9 +336,9 @@ static void listed_slots(uint8_t most)
                 break;
             there -= 2;
             ticks = store[at];
-            at = (at + 1) & (STORE - 1);
+            at = behind(at, 1);
             mask = store[at];
-            at = (at + 1) & (STORE - 1);
+            at = behind(at, 1);
             ticks |= (uint16_t)(mask & 15) << 8;
             mask >>= 4;
             taken += 2;
@@ -337,7 +351,7 @@ static void listed_slots(uint8_t most)
                     break;
                 there--;
                 mask = segment.pair = store[at];
-                at = (at + 1) & (STORE - 1);
+                at = behind(at, 1);
                 taken++;
             }
             mask &= 15;
@@ -437,7 +451,11 @@ void where(int32_t at[4])
 
 static void set_outputs(uint8_t bits, uint8_t duty)
 {
-    PORTB = bits & ENABLED ? PORTB & ~0x01 : PORTB | 0x01;
+    /* bit by bit, which is one instruction: an interrupt may write the others in between */
+    if ((bits ^ config.drivers) & ENABLED)
+        PORTB &= ~0x01;
+    else
+        PORTB |= 0x01;
     OCR2A = duty;
     /* a duty of 0 would still be a pulse a round */
     TCCR2A = bits & SPINDLE && duty ? 0x83 : 0x03;
@@ -446,7 +464,10 @@ static void set_outputs(uint8_t bits, uint8_t duty)
     if (bits & FLOOD)
         port |= 0x08;
 #if AXES < 4
-    PORTB = bits & BACKWARD ? PORTB | 0x20 : PORTB & ~0x20;
+    if (bits & BACKWARD)
+        PORTB |= 0x20;
+    else
+        PORTB &= ~0x20;
     if (bits & MIST)
         port |= 0x10;
 #else
@@ -458,7 +479,15 @@ static void set_outputs(uint8_t bits, uint8_t duty)
 /* Spindle and coolant; the drivers go on holding. */
 void outputs_off(void)
 {
-    set_outputs(PORTB & 0x01 ? 0 : ENABLED, 0);
+    set_outputs((PORTB ^ config.drivers) & 0x01 ? 0 : ENABLED, 0);
+}
+
+/* Which level switches the drivers on; off or on they stay. */
+void set_polarity(uint8_t drivers)
+{
+    if ((drivers ^ config.drivers) & 0x01)
+        PINB = 0x01;            /* turns the pin over */
+    config.drivers = drivers;
 }
 
 bool outputs_on(void)
@@ -476,13 +505,13 @@ static void look_at(uint8_t *head)
     uint16_t at = store_tail;
     for (uint8_t k = 0; k < LONGEST_HEAD; k++) {
         head[k] = store[at];
-        at = (at + 1) & (STORE - 1);
+        at = behind(at, 1);
     }
 }
 
 static void skip(uint8_t count)
 {
-    store_tail = (store_tail + count) & (STORE - 1);
+    store_tail = behind(store_tail, count);
     taken += count;
 }
 
@@ -593,11 +622,12 @@ void flush(void)
     store_tail = store_head;
 }
 
-/* Begin to play what has come. */
-void run(void)
+/* Begin to play what has come. Not after a reset, before a host has said where the machine stands: what has come may be the rest of
+   something that began before. */
+bool run(void)
 {
-    if (state != IDLE || store_used() == 0)
-        return;
+    if (state != IDLE || store_used() == 0 || !known_position)
+        return false;
     segment.fraction = 0;
     starved = end_seen = false;
     planned = timer() + LEAD;
@@ -606,6 +636,7 @@ void run(void)
     state = RUNNING;
     if (limits_hit())
         raise_alarm(LIMIT);
+    return true;
 }
 
 static void decode_some(void)

@@ -124,6 +124,14 @@ class Touching(Protocol):
 
 
 @runtime_checkable
+class Attending(Protocol):
+    """A board of pulses at which the operator has buttons."""
+
+    def attend(self, control: Control) -> None:
+        """Whom the buttons move from here on."""
+
+
+@runtime_checkable
 class LineSink(Board, Protocol):
     """A board that plans for itself. Its ``execute`` returns when the lines before have been carried out."""
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.control import Control
 from cnc.drivers.base import Capabilities, Command, board_error
 from cnc.drivers.loopback import Loopback
 from cnc.drivers.port import Clock, Port, SystemClock
@@ -46,15 +47,18 @@ class Stepper:
         self._outputs = Outputs()
         self._active = self._began = self._stopped_short = False
         self._probing = False
+        self._control: Control | None = None
+        self._pressed = (0, 0)
         self._fault: BoardError | None = None
         self._untold: BoardError | None = None
         self._turned = np.array([-1 if axis.invert else 1 for axis in machine.axes.values()], dtype=np.int8)
         self._steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
         welcome, status = opened(self._wire, machine)
-        self._least_ns = least_ns(welcome)
+        self._least_ns = least_ns(welcome, machine)
         self._checks = Loopback(len(machine.axes), self._least_ns)
         self._stream = Stream(self._wire, len(machine.axes), self._pump, status.taken)
         self._stream.position = np.array(status.position[: len(machine.axes)], dtype=np.int64) * self._turned
+        self._pressed = status.holds, status.resumes
         self._knows_position = status.position_known
         if background:
             threading.Thread(target=self._keep_alive, daemon=True, name="stepper board").start()
@@ -98,6 +102,10 @@ class Stepper:
     def standing_steps(self) -> NDArray[np.int64] | None:
         """Where the board knows that it stands (axes,); None if it lost its position, as it does with every reset."""
         return self._stream.position.copy() if self._knows_position else None
+
+    def attend(self, control: Control) -> None:
+        """Whom the shield's buttons move from here on: A1 holds, A2 resumes. A fault that comes while the motion is held ends the run."""
+        self._control = control
 
     def start(self, origin_steps: NDArray[np.int64]) -> None:
         """Take where the machine stands for ``origin_steps``, switch the drivers on."""
@@ -164,6 +172,7 @@ class Stepper:
     def stop(self) -> None:
         """Come to rest after what has been sent, and refuse what comes later."""
         with self._lock:
+            self._tell_what_is_untold()
             if self._active:
                 self._end()
             self._checks.stop()
@@ -249,6 +258,7 @@ class Stepper:
             raise self._failed(self._at_line(error)) from error
         for status in said:
             self._stream.heard(status)
+            self._heed_buttons(status)
             if self._active and not status.position_known:
                 hint = "look at its supply and at its reset line; home the machine before the next run"
                 raise self._failed(board_error("board-reset", f"the board on {self._wire.name} was reset; its position is lost", hint=hint))
@@ -257,6 +267,15 @@ class Stepper:
                 self._link.drop()
             if self._active and status.state == State.ALARM:
                 raise self._alarmed(status)
+
+    def _heed_buttons(self, status: Status) -> None:
+        """What the buttons of the shield want. Both at once is a hold."""
+        (holds, resumes), self._pressed = self._pressed, (status.holds, status.resumes)
+        if self._control is not None:
+            if status.holds != holds:
+                self._control.hold()
+            elif status.resumes != resumes:
+                self._control.resume()
 
     def _ask(self) -> Status:
         return self._wire.ask(self._pump)
@@ -273,6 +292,8 @@ class Stepper:
                         self._pump(0.0)
                     except BoardError as error:
                         self._untold = error
+                        if self._control is not None:
+                            self._control.stop()  # who waits for the end of a hold waits no longer
 
     def _halt(self) -> None:
         """Have the board come to rest on its path; what it says after that is where it stands."""
@@ -287,10 +308,14 @@ class Stepper:
 
     # ------------------------------------------------------------------------------------------------------------------- faults
 
-    def _refuse_after_fault(self) -> None:
+    def _tell_what_is_untold(self) -> None:
+        """Raise what has gone wrong since the last call."""
         if self._untold is not None:
             error, self._untold = self._untold, None
             raise error
+
+    def _refuse_after_fault(self) -> None:
+        self._tell_what_is_untold()
         if self._fault is not None:
             raise board_error("board-stopped", "the board has been stopped", hint="open it anew")
 

@@ -30,6 +30,8 @@ TURN_S = 0.004
 """A nak that comes sooner after frames were sent again speaks of the first time."""
 HELLO_SEQUENCE = 0x71
 """Chosen so that no byte of a hello is a real-time command of GRBL or ends a line: it must do nothing to another kind of board."""
+NO_TOKEN = -1
+"""A hello's: no status answers it, though the board may say one by itself before."""
 PROMISE = 0x7FFF
 """A frame's promise counts milliseconds to here, and then from 0."""
 PROMISED_END = 0x8000
@@ -91,7 +93,8 @@ class Welcome:
 class Status:
     """How the board does. inputs: bits 0-3 limits, 4 probe, 5 e-stop, 6 hold, 7 resume. taken: bytes of the stream decoded so far.
 
-    board_ms: where in the stream it plays, by the clock that the promises are in; None while it doesn't.
+    board_ms: where in the stream it plays, by the clock that the promises are in; None while it doesn't. holds, resumes: how often these
+    buttons were pressed since the board's reset, modulo 256.
     """
 
     token: int
@@ -102,6 +105,8 @@ class Status:
     taken: int
     board_ms: int | None
     position: tuple[int, ...]
+    holds: int = 0
+    resumes: int = 0
 
 
 Event = Welcome | Status
@@ -176,7 +181,7 @@ class StepperLink:
 
     def hello(self, now: float) -> None:
         """Ask the board what it is, until it answers."""
-        self._request = (0, b"\0" + frame(Kind.HELLO, HELLO_SEQUENCE, bytes((VERSION,))))
+        self._request = (NO_TOKEN, b"\0" + frame(Kind.HELLO, HELLO_SEQUENCE, bytes((VERSION,))))
         self._send_request(now)
 
     def ask(self) -> None:
@@ -287,7 +292,7 @@ class StepperLink:
             if kind == Kind.NAK and self._flying and now - self._sent_again_at >= TURN_S:
                 self._send_again(now)
             return None
-        if kind == Kind.STATUS and len(payload) >= 29:
+        if kind == Kind.STATUS and len(payload) >= 31:
             self.heard_at = now
             return self._reported(sequence, payload, now)
         return None
@@ -301,18 +306,18 @@ class StepperLink:
             if self.welcome is None:
                 self._next, self.state = sequence, welcome.state
         self.welcome = welcome
-        if self._request is not None and self._request[0] == 0:
+        if self._request is not None and self._request[0] == NO_TOKEN:
             self._request = None
         return welcome
 
     def _reported(self, token: int, payload: bytes, now: float) -> Status:
-        expected, state, room, alarm, known, inputs, taken, left, *position = struct.unpack_from("<BBHBBBIh4i", payload)
+        expected, state, room, alarm, known, inputs, taken, left, *position, holds, resumes = struct.unpack_from("<BBHBBBIh4iBB", payload)
         self._acknowledged(expected, state, room, now)
         if self._request is not None and self._request[0] == token:
             self._request = None
         board_ms = None if self.state != State.RUNNING or self._promised_ms is None else self._promised_ms - left
         reason = Alarm(alarm) if alarm <= Alarm.BAD_STREAM else Alarm.NONE
-        return Status(token, self.state, reason, bool(known), inputs, taken, board_ms, tuple(position))
+        return Status(token, self.state, reason, bool(known), inputs, taken, board_ms, tuple(position), holds, resumes)
 
     def _acknowledged(self, expected: int, state: int, room: int, now: float) -> None:
         """All frames before ``expected`` have arrived; one of none that is under way speaks of nothing."""

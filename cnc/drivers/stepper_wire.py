@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from cnc.drivers.base import board_error
@@ -24,9 +25,11 @@ AWAY_S = 0.2
 """After so long without a look at the port the board's silence is our own."""
 MOST_RAMP_S, SHAPE = 0.08, 1.5
 """Emergency ramps: the longest, and the steepest slope of their S over its mean."""
-PULSE_NS, SETUP_NS = 5000, 5000
-LIMITS, PROBE, EMERGENCY_STOP = 0x0F, 0x10, 0x20
+TURN_ROUND_TICKS = 8
+"""What the board needs between the end of a pulse's rest and the next pulse, at most."""
+LIMITS, PROBE, EMERGENCY_STOP = 0x07, 0x10, 0x20
 """Bits of the inputs."""
+INPUTS = {"limits": LIMITS, "probe": PROBE, "emergency-stop": EMERGENCY_STOP, "hold": 0x40, "resume": 0x80}
 
 ALARMS = {
     Alarm.UNDERRUN: ("board-underrun", "moves did not come in time; the board came to rest on the path", "is this computer busy?"),
@@ -111,9 +114,16 @@ class Wire:
         return link.welcome
 
 
-def least_ns(welcome: Welcome) -> int:
-    """Smallest time between two grid moves."""
-    return max(welcome.least_ticks * welcome.tick_ns, PULSE_NS + SETUP_NS)
+def pulse_ticks(welcome: Welcome, machine: Machine) -> tuple[int, int]:
+    """How long a step pin is high, and how long it is low after that and a direction is there before, at least."""
+    times = machine.board.step_pulse, machine.board.direction_setup
+    pulse, setup = (math.ceil(seconds * 1e9 / welcome.tick_ns - 1e-6) for seconds in times)
+    return pulse, max(pulse, setup)
+
+
+def least_ns(welcome: Welcome, machine: Machine) -> int:
+    """Smallest time between two steps of an axis."""
+    return max(welcome.least_ticks, sum(pulse_ticks(welcome, machine)) + TURN_ROUND_TICKS) * welcome.tick_ns
 
 
 def opened(wire: Wire, machine: Machine) -> tuple[Welcome, Status]:
@@ -127,10 +137,11 @@ def opened(wire: Wire, machine: Machine) -> tuple[Welcome, Status]:
         hint = f"use a machine file with {welcome.axes} axes, or make flash AXES={len(machine.axes)} PORT={name}"
         message = f"the machine has {len(machine.axes)} axes, the board on {name} {welcome.axes}"
         raise board_error("board-axes", message, hint=hint)
-    fastest = 1e9 / least_ns(welcome)
+    fastest = 1e9 / least_ns(welcome, machine)
     for letter, axis in machine.axes.items():
         if axis.step_rate > fastest:
-            hint = f"lower axes.{letter}.max_velocity to {fastest / axis.steps_per_mm:.4g} mm/s, or use fewer microsteps"
+            velocity = math.floor(fastest / axis.steps_per_mm * 1e3) / 1e3
+            hint = f"lower axes.{letter}.max_velocity to {velocity:g} mm/s, or use fewer microsteps"
             message = f"{letter.upper()} may step {axis.step_rate:.0f} times a second, the board {fastest:.0f} times"
             raise board_error("board-step-rate", message, hint=hint)
     began = wire.clock.now()
@@ -138,23 +149,27 @@ def opened(wire: Wire, machine: Machine) -> tuple[Welcome, Status]:
         if wire.clock.now() - began > 1.0:
             raise board_error("board-busy", f"the board on {name} still moves", hint="is another program driving it?")
         wire.pump(BREATH_S)
-    return welcome, _prepared(wire, machine)
+    return welcome, _prepared(wire, machine, welcome)
 
 
-def _prepared(wire: Wire, machine: Machine) -> Status:
-    """The board at rest, without an alarm, told how the machine is built."""
+def _prepared(wire: Wire, machine: Machine, welcome: Welcome) -> Status:
+    """The board at rest, told how the machine is built, and without an alarm: before it knows its switches it can't tell."""
     stops = [axis.max_velocity / axis.max_acceleration for axis in machine.axes.values() if axis.max_acceleration]
     ramp_ms = round(1e3 * min(SHAPE * max(stops, default=MOST_RAMP_S), MOST_RAMP_S))
-    if wire.ask(wire.pump).inputs & EMERGENCY_STOP:
+    inverted = sum(INPUTS[name] for name in set(machine.board.normally_closed))
+    limits = LIMITS & (1 << len(machine.axes)) - 1
+    numbers = *pulse_ticks(welcome, machine), max(ramp_ms, 4), limits, inverted, int(machine.board.invert_enable)
+    wire.request(Kind.CONFIGURE, bytes(numbers), wire.pump)
+    status = wire.ask(wire.pump)
+    if status.inputs & EMERGENCY_STOP:
         code, what, hint = ALARMS[Alarm.EMERGENCY_STOP]
         raise board_error(code, what, hint=hint)
     if wire.link.state != State.IDLE:
         wire.request(Kind.CLEAR, b"", wire.pump)
-    wire.request(Kind.CONFIGURE, bytes((PULSE_NS // 500, SETUP_NS // 500, max(ramp_ms, 4), LIMITS, 0)), wire.pump)
-    status = wire.ask(wire.pump)
-    pressed = [letter.upper() for k, letter in enumerate(machine.axes) if status.inputs >> k & 1]
+        status = wire.ask(wire.pump)
+    pressed = [letter.upper() for k, letter in enumerate(machine.axes) if status.inputs & limits & 1 << k]
     if pressed:
-        hint = "move the machine off it, by hand with the drivers off"
+        hint = "move the machine off it, by hand with the drivers off (a switch that opens when it is pressed: board.normally_closed)"
         raise board_error("board-limit", f"the limit switch of {' and '.join(pressed)} is pressed", hint=hint)
     return status
 

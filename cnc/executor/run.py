@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from cnc.canon import Block, Dwell, End, Held, Probe, WaitInput
 from cnc.control import Control
-from cnc.drivers.base import PulseSink, Touching
+from cnc.drivers.base import Attending, PulseSink, Touching
 from cnc.errors import BoardError, CncError, Diagnostic
 from cnc.planner.plan import PlanChunk
 from cnc.stream import PulseChunk
@@ -201,6 +201,8 @@ def execute(
     run = _Run(board, interpolator, on_pulses, on_progress)
     at_rest = True
     try:
+        if control is not None and isinstance(board, Attending):
+            board.attend(control)
         board.start(interpolator.origin_steps)
         items = iter(plan_stream)
         while control is None or not control.stopped:

@@ -87,10 +87,19 @@ class PathLimits(_Section):
     step_deviation: Positive | None = None
 
 
+InputName = Literal["limits", "probe", "emergency-stop", "hold", "resume"]
+"""What switches may hang on at the stepper board; ``limits`` are those of all axes."""
+PulseTime = Annotated[FiniteFloat, Field(gt=0, le=60e-6)]
+"""Seconds, as far as the board's 8-bit timer reaches."""
+
+
 class Board(_Section):
     """What takes the motion. ``max_step_rate`` steps/s is the fastest that one axis can be stepped at.
 
-    ``max_spindle_rpm``: the speed at which a spindle driven by PWM turns with the output always on (the stepper board's D11).
+    The others are for the stepper board; boards that run GRBL have them as settings. ``max_spindle_rpm``: the speed at which a spindle
+    driven by PWM turns with the output always on (D11). ``normally_closed``: inputs whose switch is closed until it is pressed, so that a
+    wire that breaks counts as pressed, too (limits: GRBL's $5 = 1, probe: $6 = 1). ``invert_enable``: the drivers are on while D8 is high
+    ($4 = 1). ``step_pulse`` s, how long a step pin stays high ($0), and low after that; ``direction_setup`` s, from a direction to a step.
     """
 
     kind: Annotated[str, Field(min_length=1)] = "loopback"
@@ -98,6 +107,10 @@ class Board(_Section):
     baud: Annotated[int, Field(gt=0)] = 115200
     max_step_rate: Positive = 200_000.0
     max_spindle_rpm: Positive = 1000.0
+    normally_closed: Annotated[tuple[InputName, ...], BeforeValidator(_tuple)] = ()
+    invert_enable: bool = False
+    step_pulse: PulseTime = 5e-6
+    direction_setup: PulseTime = 5e-6
 
 
 class Program(_Section):

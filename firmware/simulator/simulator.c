@@ -175,6 +175,7 @@ void simulator_reset(simulator *s)
     s->avr->cycle = now;
     s->to_chip.count = s->from_chip.count = s->arrived_count = 0;
     memset(s->avr->data + s->bss_end, PAINT, s->avr->ramend + 1 - s->bss_end);
+    uint32_t edges = s->edge_count;
     for (uint8_t k = 0; k < PINS; k++) {
         if (ports[k] != 'D') {
             /* a level that is what it was before the reset would not be noticed */
@@ -183,6 +184,7 @@ void simulator_reset(simulator *s)
             simulator_set_pin(s, k, level);
         }
     }
+    s->edge_count = edges;      /* these are none of the chip's */
 }
 
 uint64_t simulator_cycle(simulator *s)

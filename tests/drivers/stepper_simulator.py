@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).parents[2]
 FREQUENCY = 16_000_000
 TO_INSTALL = "sudo apt-get install gcc-avr avr-libc simavr libsimavr-dev gcc make"
-STEP_PINS = (2, 3, 4)
-DIRECTION_PINS = (5, 6, 7)
+STEP_PINS = (2, 3, 4, 12)
+DIRECTION_PINS = (5, 6, 7, 13)
+ONE_MOVE = 8
+"""Cycles within which edges are those of one grid move: the fourth axis has another port."""
 EDGE = np.dtype([("cycle", np.uint64), ("pin", np.uint8), ("level", np.uint8), ("reserved", np.uint8, 6)])
 MOST_EDGES = 1 << 16
 
@@ -53,6 +55,7 @@ class Simulator:
     """The board. Times are in seconds since it was switched on, edges in cycles of its 16 MHz."""
 
     def __init__(self, axes: int = 3, baud: int = 1_000_000) -> None:
+        self.axes = axes
         folder = built(axes, baud)
         library = ctypes.CDLL(str(folder / "libsimulator.so"))
         library.simulator_new.restype = ctypes.c_void_p
@@ -122,9 +125,9 @@ class Simulator:
             self._edges = np.concatenate((self._edges, self._buffer[:count]))
         return self._edges
 
-    def moves(self, axes: int = 3) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-        """The grid moves that the pins made: cycles (n,) of the rising edges and steps (n, axes); edges at one cycle share a row."""
-        edges = self.edges()
+    def moves(self) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+        """The grid moves that the pins made: cycles (n,) of the rising edges and steps (n, axes); edges of one move share a row."""
+        edges, axes = self.edges(), self.axes
         level = np.zeros(20, np.int8)
         directions = np.zeros((len(edges), axes), np.int8)
         for axis in range(axes):
@@ -132,11 +135,13 @@ class Simulator:
             where = np.searchsorted(changed, np.arange(len(edges)), side="right") - 1
             directions[:, axis] = np.where(where >= 0, edges["level"][changed[np.maximum(where, 0)]] if len(changed) else 0, level[0])
         rising = np.flatnonzero(np.isin(edges["pin"], STEP_PINS[:axes]) & (edges["level"] == 1))
-        cycles, row = np.unique(edges["cycle"][rising], return_inverse=True)
+        risen = edges["cycle"][rising].astype(np.int64)
+        first = np.diff(risen, prepend=-ONE_MOVE - 1) > ONE_MOVE
+        cycles, row = risen[first], np.cumsum(first) - 1
         step = np.zeros((len(cycles), axes), np.int8)
-        axis_of = edges["pin"][rising].astype(np.int64) - STEP_PINS[0]
+        axis_of = np.searchsorted(STEP_PINS, edges["pin"][rising])
         step[row, axis_of] = 1 - 2 * directions[rising, axis_of]
-        return cycles.astype(np.int64), step
+        return cycles, step
 
 
 class SimulatorPort:

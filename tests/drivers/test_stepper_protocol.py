@@ -184,7 +184,7 @@ def test_a_status_says_all_of_it() -> None:
     link = StepperLink()
     link.request(Kind.RUN, b"", 0.0)
     payload = bytes((0, State.ALARM, 1020 & 255, 1020 >> 8, Alarm.LIMIT, 1, 0x12)) + (70_000).to_bytes(4, "little") + b"\0\0"
-    payload += b"".join(each.to_bytes(4, "little", signed=True) for each in (1, -2, 300_000, 0))
+    payload += b"".join(each.to_bytes(4, "little", signed=True) for each in (1, -2, 300_000, 0)) + bytes((3, 250))
     [said] = link.receive(frame(Kind.STATUS, 1, payload), 0.1)
-    assert said == Status(1, State.ALARM, Alarm.LIMIT, True, 0x12, 70_000, None, (1, -2, 300_000, 0))
+    assert said == Status(1, State.ALARM, Alarm.LIMIT, True, 0x12, 70_000, None, (1, -2, 300_000, 0), 3, 250)
     assert not link.requesting

@@ -47,7 +47,7 @@ class Terminal:
         at = [0, 0, 0]
         for _, pin, value in np.loadtxt(self.edges, delimiter=",", dtype=np.int64):
             level[int(pin)] = int(value)
-            if pin in STEP_PINS and value:
+            if pin in STEP_PINS[:3] and value:
                 axis = STEP_PINS.index(int(pin))
                 at[axis] += 1 - 2 * level[DIRECTION_PINS[axis]]
         return at
