@@ -128,6 +128,7 @@ extern uint16_t store_head, store_tail;
 extern uint16_t promised_ms;            /* when the stream that was taken in ends, 15 bits; bit 15: it ends there */
 extern uint16_t heard_ms, started_ms;
 extern bool want_status;
+void begin_frame(void);
 void receive(void);
 void transmit(void);
 uint16_t store_used(void);

@@ -50,7 +50,7 @@ int16_t time_left(void)
     return (int16_t)((uint16_t)(promised_ms - (state == RUNNING ? now_ms - started_ms : 0)) << 1) >> 1;
 }
 
-static void begin_frame(void)
+void begin_frame(void)
 {
     length = 0;
     crc = 0xFFFF;

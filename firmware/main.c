@@ -225,6 +225,7 @@ int main(void)
     UCSR0C = 3 << UCSZ00;
     UCSR0B = UART_LISTENS;
 
+    begin_frame();
     tail_set(0);
     head_set(0);
     parked = 1;

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Iterator
 
 import numpy as np
@@ -13,7 +12,7 @@ from cnc.drivers.stepper import Stepper
 from cnc.errors import BoardError
 from cnc.segments import SegmentDecoder
 from drivers.stepper_rig import CLOSE_US, BadCable, board, chunks, eased, line, off_plan_us, stands_at, wander
-from drivers.stepper_simulator import FREQUENCY, Simulator, built
+from drivers.stepper_simulator import FREQUENCY, Simulator
 from support import share
 
 LEAST_NS = 18_000
@@ -26,7 +25,7 @@ def simulator() -> Iterator[Simulator]:
     yield made
     assert made.lost == 0
     assert made.worst_fill <= 2
-    assert made.stack_left > 100
+    assert made.stack_left > 256
     made.close()
 
 
@@ -44,13 +43,6 @@ def send_all(driver: Stepper, time_ns, step, between=lambda: None) -> None:
         driver.send(part)
         between()
     driver.finish()
-
-
-def test_it_fits_the_chip() -> None:
-    made = subprocess.run(["avr-size", built() / "stepper.elf"], capture_output=True, text=True, check=True)
-    text, data, bss = (int(word) for word in made.stdout.splitlines()[1].split()[:3])
-    assert text + data < 8 * 1024
-    assert data + bss < 1.6 * 1024
 
 
 @pytest.mark.parametrize("gap_ns", [LEAST_NS, 20_000, 100_000])
