@@ -165,14 +165,15 @@ static void end_frame(void)
     }
 }
 
-/* Take what has come in, but not so much at once that the player starves. */
-void receive(void)
+/* Take what has come in, but not so much at once that the player starves; quick rather than short. */
+__attribute__((optimize("O2"))) void receive(void)
 {
     uint8_t tail = received_tail, left = (received_head - tail) & 127;
     if (left > 12)
         left = 12;
     uint8_t in_block = block_left, size = length;
-    uint16_t sum = crc, next = spare;
+    uint16_t sum = crc, next = spare, full = store_tail ? store_tail - 1 : STORE - 1;
+    bool stream = size >= DATA_HEAD && frame[0] == DATA;
     for (; left; left--) {
         tail = (tail + 1) & 127;
         uint8_t byte = received[tail];
@@ -181,6 +182,7 @@ void receive(void)
             end_frame();
             begin_frame();
             size = length, sum = crc, next = spare, in_block = block_left;
+            stream = false;
             continue;
         }
         if (in_block == 0) {
@@ -194,16 +196,16 @@ void receive(void)
             in_block--;
         }
         sum = _crc_ccitt_update(sum, byte);
-        if (size >= DATA_HEAD && frame[0] == DATA) {
-            uint16_t after = behind(next, 1);
-            if (after == store_tail) {
+        if (stream) {
+            if (next == full) {
                 broken = true;
             } else {
                 store[next] = byte;
-                next = after;
+                next = behind(next, 1);
             }
         } else if (size < sizeof frame) {
             frame[size] = byte;
+            stream = size == DATA_HEAD - 1 && frame[0] == DATA;
         }
         if (size < 0xFF)
             size++;

@@ -220,8 +220,8 @@ int main(void)
     TCCR2A = 0x03;                      /* fast PWM, 976 Hz */
     TCCR2B = 1 << CS22;
 
+    UCSR0A = 1 << U2X0;                 /* before the divider: simulators work out the speed when that is written */
     UBRR0 = UBRR_VALUE;
-    UCSR0A = 1 << U2X0;
     UCSR0C = 3 << UCSZ00;
     UCSR0B = UART_LISTENS;
 

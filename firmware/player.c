@@ -10,7 +10,7 @@
 #include "board.h"
 #include <stddef.h>
 
-#define SLIP 4000               /* ticks */
+#define LATE 100                /* ticks that an event may come too late and be made up for */
 #define AHEAD 6000              /* ticks */
 #define SHORT 0x3FFF            /* ticks: what is longer is waited for in pieces */
 #define PIECE 8192
@@ -60,6 +60,7 @@ static bool wait_known;
 static uint16_t planned;        /* when the last event in the queue is due */
 static bool end_seen;
 static bool starved;            /* the stream has too few bytes for what comes next */
+static bool behind_command;     /* the next event stands behind a command: all before was played, which takes its time */
 static uint8_t spindle;
 
 volatile uint8_t parked;
@@ -156,13 +157,15 @@ static void unpark(void)
 #endif
         uint16_t least = TCNT1 + config.rest + 2;
         int16_t late = least - due;
-        if (late > SLIP) {
-            /* more than can be made up for: all that follows is as late */
-            due_set(least);
-            planned += late;
-        }
         if (late > 0)
             due = least;
+        if (late > LATE && !behind_command) {
+            /* to make up for it would be a burst of steps: come to rest from here */
+            due_set(least);
+            planned += late;
+            ramp(UNDERRUN, config.ramp_ms);
+        }
+        behind_command = false;
         OCR1A = due;
         TIFR1 = 1 << OCF1A;
         parked = 0;
@@ -221,12 +224,21 @@ static void put_waiting(void)
         unpark();
 }
 
-static void wait_for(uint8_t k, uint16_t ticks, uint8_t port)
+static void wait_for(uint16_t ticks, uint8_t port)
 {
+    uint8_t k = waiting_count++;
     waiting[k].ticks = ticks;
     waiting[k].port = port;
     waiting_at = 0;
-    waiting_count = k + 1;
+}
+
+/* An event, of up to three that are made at once: at once into the queue if that takes it as it is. */
+static void event(uint16_t ticks, uint8_t port)
+{
+    if (ticks > SHORT || waiting_count || state != RUNNING)
+        wait_for(ticks, port);
+    else
+        put(ticks, port);
 }
 
 /* ------------------------------------------------------------------------------------------------------------------ slots */
@@ -241,7 +253,7 @@ static void even(uint8_t most)
     segment.left -= made;
     segment.made += made;
     if (segment.is_long)
-        wait_for(0, segment.long_ticks, segment.long_port);
+        wait_for(segment.long_ticks, segment.long_port);
 }
 
 static uint8_t due(struct phase *axis)
@@ -274,7 +286,7 @@ static void placed_slot(void)
         here = place(segment.one.phase, ticks);
     if ((uint8_t)(segment.two.phase >> 16) == 0)
         there = place(segment.two.phase, ticks);
-    uint8_t one = due(&segment.one), two = due(&segment.two), last = segment.always, k = 0;
+    uint8_t one = due(&segment.one), two = due(&segment.two), last = segment.always;
     /* no nearer to the end than two ticks, or at the end */
     if (one && ticks - here < 2)
         last |= one, one = 0;
@@ -293,17 +305,24 @@ static void placed_slot(void)
         here = there, one = two, two = 0;
     }
     if (one) {
-        wait_for(k++, here, segment.directions | one);
+        event(here, segment.directions | one);
         ticks -= here;
     }
     if (two) {
         there -= here;
-        wait_for(k++, there, segment.directions | two);
+        event(there, segment.directions | two);
         ticks -= there;
     }
-    wait_for(k, ticks, last);
+    event(ticks, last);
     segment.left--;
     segment.made++;
+}
+
+static void placed_slots(void)
+{
+    uint16_t now = timer();
+    for (uint8_t k = 0; k < BURST / 3 && segment.left && !waiting_count && room() >= 3 && early(now); k++)
+        placed_slot();
 }
 
 /* A nibble of axes as a port's steps. */
@@ -325,9 +344,11 @@ static void listed_slots(uint8_t most)
 {
     const bool timed = segment.form == TIMED, plain = state == RUNNING;
     const uint8_t directions = segment.directions;
-    uint16_t there = store_used(), at = store_tail, now = timer();
-    uint8_t made = 0;
-    while (made < most && early(now)) {
+    const uint8_t *at = store + store_tail;
+    uint16_t there = store_used(), before = there;
+    int16_t room_ahead = AHEAD - (int16_t)(planned - timer()), budget = room_ahead;
+    uint8_t made = 0, head = head_get();
+    while (made < most && budget > 0) {
         uint8_t mask;
         uint16_t ticks;
         if (timed) {
@@ -335,13 +356,14 @@ static void listed_slots(uint8_t most)
             if (starved)
                 break;
             there -= 2;
-            ticks = store[at];
-            at = behind(at, 1);
-            mask = store[at];
-            at = behind(at, 1);
+            ticks = *at;
+            if (++at == store + STORE)
+                at = store;
+            mask = *at;
+            if (++at == store + STORE)
+                at = store;
             ticks |= (uint16_t)(mask & 15) << 8;
             mask >>= 4;
-            taken += 2;
         } else {
             if ((segment.made + made) & 1) {
                 mask = segment.pair >> 4;
@@ -350,9 +372,9 @@ static void listed_slots(uint8_t most)
                 if (starved)
                     break;
                 there--;
-                mask = segment.pair = store[at];
-                at = behind(at, 1);
-                taken++;
+                mask = segment.pair = *at;
+                if (++at == store + STORE)
+                    at = store;
             }
             mask &= 15;
             __uint24 sum = segment.interval + segment.fraction;
@@ -369,12 +391,21 @@ static void listed_slots(uint8_t most)
         made++;
         uint8_t port = directions | steps_of(mask);
         if (ticks > SHORT || !plain) {
-            wait_for(0, ticks, port);
+            wait_for(ticks, port);
             break;
         }
-        put(ticks, port);
+        uint8_t *event = queue + head;
+        event[0] = ticks;
+        event[1] = ticks >> 8;
+        event[2] = port;
+        event[3] = directions;
+        head += 4;
+        head_set(head);
+        budget -= ticks;
     }
-    store_tail = at;
+    planned += room_ahead - budget;
+    store_tail = at - store;
+    taken += before - there;
     segment.left -= made;
     segment.made += made;
 }
@@ -499,13 +530,14 @@ bool outputs_on(void)
 
 #define LONGEST_HEAD 24
 
-/* The first bytes of what comes next; they are taken by skip(). */
-static void look_at(uint8_t *head)
+/* Some of the first bytes of what comes next; they are taken by skip(). */
+static void look_at(uint8_t *head, uint8_t from, uint8_t until)
 {
-    uint16_t at = store_tail;
-    for (uint8_t k = 0; k < LONGEST_HEAD; k++) {
-        head[k] = store[at];
-        at = behind(at, 1);
+    const uint8_t *at = store + behind(store_tail, from);
+    for (; from < until; from++) {
+        head[from] = *at;
+        if (++at == store + STORE)
+            at = store;
     }
 }
 
@@ -544,7 +576,7 @@ static void next_item(void)
     if (starved)
         return;
     uint8_t head[LONGEST_HEAD];
-    look_at(head);
+    look_at(head, 0, 2);
     uint8_t slots = head[0], what = head[1], form = what & FORM, roles = 0, count = 0;
     if (what & COMMAND) {
         starved = there < 2 + (uint16_t)slots;
@@ -552,7 +584,9 @@ static void next_item(void)
             raise_alarm(BAD_STREAM);
         } else if (!starved && parked) {
             /* all before it has been played */
+            look_at(head, 2, 2 + slots);
             skip(2 + slots);
+            behind_command = true;
             command(what >> 4, head + 2);
             end_seen = what & END;
         }
@@ -562,6 +596,7 @@ static void next_item(void)
     starved = there < size;
     if (starved)
         return;
+    look_at(head, 2, size);
     if (form < PACKED) {
         roles = head[7];
         for (uint8_t phases = roles >> 4; phases; phases &= phases - 1)
@@ -575,6 +610,8 @@ static void next_item(void)
     }
     if (starved)
         return;
+    if (count)
+        look_at(head, 8, size);
     skip(size);
     settle();
     uint8_t down = what >> 4;
@@ -629,7 +666,7 @@ bool run(void)
     if (state != IDLE || store_used() == 0 || !known_position)
         return false;
     segment.fraction = 0;
-    starved = end_seen = false;
+    starved = end_seen = behind_command = false;
     planned = timer() + LEAD;
     due_set(planned);
     started_ms = now_ms;
@@ -643,24 +680,24 @@ static void decode_some(void)
 {
     if (waiting_count) {
         put_waiting();
-    } else if (segment.left) {
-        uint8_t most = room();
-        if (most > BURST)
-            most = BURST;
-        if (most > segment.left)
-            most = segment.left;
-        if (most && early(timer())) {
-            if (segment.form == EVEN)
-                even(most);
-            else if (segment.form == PLACED)
-                placed_slot();
-            else
-                listed_slots(most);
-            if (parked && room() != ROOMY)
-                unpark();
-        }
-    } else {
+        return;
+    }
+    if (segment.left == 0)
         next_item();
+    uint8_t most = room();
+    if (most > BURST)
+        most = BURST;
+    if (most > segment.left)
+        most = segment.left;
+    if (most && early(timer())) {
+        if (segment.form == EVEN)
+            even(most);
+        else if (segment.form == PLACED)
+            placed_slots();
+        else
+            listed_slots(most);
+        if (parked && room() != ROOMY)
+            unpark();
     }
 }
 
@@ -675,7 +712,7 @@ void decode(void)
         decode_some();
         if (starved)
             break;
-        if (segment.form == EVEN && state == RUNNING)
+        if (segment.left && state == RUNNING)
             return;
     }
     if (starved && parked && !waiting_count && (state == RUNNING || state == RAMPING)) {

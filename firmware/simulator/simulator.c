@@ -1,7 +1,7 @@
 /* The stepper board's chip in simavr. What simavr does otherwise than the chip, and what is done about it:
 
    - A byte takes 11 bit times instead of 10, and counts as received that much later than it was handed over. It is handed over at the end
-     of its last bit, 10 bit times after the one before, and the delay is taken out for that moment.
+     of its last bit, 10 bit times after the one before, and the delay is taken out for that moment. What the chip sends takes 10, too.
    - Its receiver has room for 64 bytes. Here it has the chip's 2 and the one that comes in; what does not fit is lost, and counted.
    - To enter an interrupt takes no time, on the chip 4 cycles.
    - Inputs without a source read 0: all get the level of a pull-up. */
@@ -194,6 +194,7 @@ uint64_t simulator_cycle(simulator *s)
 
 int simulator_run(simulator *s, uint64_t until, int or_byte)
 {
+    s->uart->cycles_per_byte = s->byte_cycles;
     while (s->avr->cycle < until && !(or_byte && s->from_chip.count)) {
         int state = avr_run(s->avr);
         if (state == cpu_Done || state == cpu_Crashed)

@@ -11,6 +11,7 @@ from board_conformance import AXES, PulseBoardConformance
 from cnc.api import Control, Outputs, Report, Watch, run
 from cnc.api import check as plan_only
 from cnc.drivers.stepper import Stepper
+from cnc.interpolator.reference_pulse import ALGORITHMS, Algorithm
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from drivers.stepper_rig import CLOSE_US, machine, off_plan_us
@@ -31,12 +32,12 @@ class TestStepper(PulseBoardConformance):
         return Stepper(port, known, "the simulator", clock=port)
 
 
-def played(program: Path, folder: Path, known: Machine) -> tuple[Report, Simulator]:
+def played(program: Path, folder: Path, known: Machine, algorithm: Algorithm | None = None) -> tuple[Report, Simulator]:
     """A program run on a simulated board, with its pulses in ``pulses.npz``."""
     simulator = Simulator()
     port = SimulatorPort(simulator)
     board = Stepper(port, known, "the simulator", clock=port)
-    report = run(program, known, board=board, outputs=Outputs(pulses=str(folder / "pulses.npz")))
+    report = run(program, known, board=board, outputs=Outputs(pulses=str(folder / "pulses.npz")), algorithm=algorithm)
     board.close()
     return report, simulator
 
@@ -93,9 +94,10 @@ PROBING = ("probing.nc",)
 """What needs something to touch."""
 
 
+@pytest.mark.parametrize("algorithm", share(ALGORITHMS, ("crossings",)))
 @pytest.mark.parametrize("name", share([name for name in SHIPPED if name not in SENSING + PROBING], ["trident.nc"]))
-def test_shipped_programs(name: str, tmp_path: Path) -> None:
-    report, simulator = played(PROGRAMS / name, tmp_path, load_machine("default"))
+def test_shipped_programs(name: str, algorithm: Algorithm, tmp_path: Path) -> None:
+    report, simulator = played(PROGRAMS / name, tmp_path, load_machine("default"), algorithm)
     assert report.ok
     check(simulator, tmp_path)
     simulator.close()

@@ -233,6 +233,29 @@ def test_a_switch_ends_the_motion(simulator: Simulator, pin: int, code: str, wit
         assert caught.value.diagnostic.line == len(made)
 
 
+@pytest.mark.parametrize("seed", range(share(20, 1)))
+def test_moves_that_come_faster_than_the_link_end_in_a_ramp(simulator: Simulator, seed: int) -> None:
+    """More bytes than a megabaud carries: no move is ever late and made up for by a burst, the board comes to rest and says so."""
+    chance = np.random.default_rng(seed)
+    time_ns, step = wander(seed, 12_000, LEAST_NS)
+    time_ns = np.cumsum(chance.integers(LEAST_NS, 26_000, len(time_ns)))
+    with board(simulator) as driver:
+        driver.start(ORIGIN)
+        with pytest.raises(BoardError) as caught:
+            send_all(driver, time_ns, step)
+        assert caught.value.diagnostic.code == "board-underrun"
+        simulator.run(0.5)
+        cycles, made = simulator.moves()
+        np.testing.assert_array_equal(made, step[: len(made)])
+        assert driver.position_steps.tolist() == stands_at(made)
+    late_us = cycles * (1e6 / FREQUENCY) - time_ns[: len(made)] * 1e-3
+    late_us -= np.median(late_us[:50])
+    on_time = np.flatnonzero(late_us > CLOSE_US)[0]
+    assert np.abs(late_us[:on_time]).max() <= CLOSE_US
+    assert (np.diff(late_us[on_time:]) > -15.0).all(), "made up for"
+    assert late_us[-1] > 10_000, "a ramp"
+
+
 def test_a_spike_on_a_switch_does_not(simulator: Simulator) -> None:
     time_ns, step = line(3_000, 50_000)
     with board(simulator) as driver:
