@@ -14,16 +14,18 @@ They raise only what the caller has to mend: UsageError and MachineFileError.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal
 
 from cnc.batch import pool
 from cnc.canon import Block
-from cnc.control import Control
+from cnc.control import Control, HomingStopped
 from cnc.drivers.base import LineSink, PulseSink
 from cnc.drivers.registry import open_board
 from cnc.errors import BoardError, Diagnostic, UsageError
+from cnc.executor import homing
+from cnc.executor.run import Progress
 from cnc.interpolator.reference_pulse import Algorithm
 from cnc.job import Job, Outputs, Pauses, Watch, start_position
 from cnc.machine.load import load_machine
@@ -33,15 +35,18 @@ from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
 from cnc.report.selection import Selection
+from cnc.warm import ensure_compiled
 
 __all__ = [
     "Control",
+    "HomingStopped",
     "Outputs",
     "Report",
     "Selection",
     "Watch",
     "check",
     "check_many",
+    "home",
     "load_machine",
     "parse",
     "plan",
@@ -143,6 +148,7 @@ def run(
     check_on_board: bool = False,
     pauses: Pauses = "wait",
     from_line: int | None = None,
+    home: bool = False,
 ) -> Report:
     """Check a program, then run it on a board; the other arguments are those of :func:`check`.
 
@@ -150,11 +156,12 @@ def run(
     hold, resume, override and stop, from any thread or from ``watch.on_sent``; each takes effect at the end of what has been sent, on a
     board that plans for itself at once. check_on_board: let such a board read the lines without moving. pauses: whether such a board waits
     for ``control`` at M0 and M6, the program is refused for them, or goes on. from_line: the source line to begin at, with the state of the
-    lines before restored at a safe height; ``watch.on_beginning`` is told how, and asked.
+    lines before restored at a safe height; ``watch.on_beginning`` is told how, and asked. home: the machine finds out where it stands
+    first, as :func:`home` lets it, once the program has been read.
     """
     known = _machine(machine)
     asked = outputs or Outputs(), watch or Watch(), control, algorithm
-    job = Job(program, known, dialect, interpolator == "sampled", *asked, pauses=pauses, from_line=from_line)
+    job = Job(program, known, dialect, interpolator == "sampled", *asked, pauses=pauses, from_line=from_line, home=home)
     if board is not None and not isinstance(board, str):
         return job.carry_out(board, type(board).__name__)
     name = board or known.board.kind
@@ -173,6 +180,42 @@ def run(
         return job.carry_out(opened, name)
     finally:
         opened.close()
+
+
+def home(
+    machine: Machine | Path | str | None = None,
+    axes: Sequence[str] = (),
+    *,
+    board: PulseSink | str | None = None,
+    port: str | None = None,
+    watch: Watch | None = None,
+    control: Control | None = None,
+    on_axis: Callable[[homing.Way], None] | None = None,
+) -> dict[str, float | None]:
+    """Let the machine find out where it stands by the limit switches of its axes; where each axis then stands, mm, None where nobody knows.
+
+    axes: which, all that have a switch if none is named; the machine file says in what order, where the switches are, and how fast. The
+    board remembers until it is reset. on_axis is told of every axis before it goes. Raises UsageError, BoardError; HomingStopped when
+    ``control`` stops the machine on its way.
+    """
+    known, seen = _machine(machine), watch or Watch()
+    opened = open_board(known, kind=board, port=port) if board is None or isinstance(board, str) else board
+
+    def on_progress(progress: Progress) -> None:
+        if seen.on_progress is not None:
+            seen.on_progress("running", 0, None)
+        if seen.on_sent is not None:
+            seen.on_sent(progress)
+
+    try:
+        ensure_compiled(seen.on_compiling)
+        stands = homing.home(opened, known, axes, start_position(known), control=control, on_progress=on_progress, on_axis=on_axis)
+    finally:
+        if opened is not board:
+            opened.close()
+    return {
+        letter: None if steps is None else steps / axis.steps_per_mm for (letter, axis), steps in zip(known.axes.items(), stands, strict=True)
+    }
 
 
 def _machine(machine: Machine | Path | str | None) -> Machine:

@@ -225,6 +225,13 @@ class Probe(Block):
 
 
 @dataclass(frozen=True, slots=True)
+class SwitchMove(Probe):
+    """Not of a program: a move that ends when the limit switch of column ``switch`` closes, or opens if not ``towards``."""
+
+    switch: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class BoardCommand(Block):
     """A line for the board alone, such as GRBL's ``$H``: passed on as it stands, and refused where the board doesn't know it."""
 

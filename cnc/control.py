@@ -10,6 +10,13 @@ LEAST_OVERRIDE, LARGEST_OVERRIDE = 1.0, 200.0
 """Per cent of the programmed feeds."""
 
 
+class HomingStopped(Exception):
+    """The operator has stopped a machine on its way home: it rests, and the axis that was under way does not know where."""
+
+    def __init__(self) -> None:
+        super().__init__("stopped by the operator; the axis that was under way does not know where it stands")
+
+
 class Control:
     """The operator's wishes, which take effect at the end of what has been handed to the board: a slice of motion later at most.
 

@@ -16,7 +16,7 @@ from cnc import __version__
 from cnc.cli.checking import Look, check_listed, check_one, codes, find_programs
 from cnc.cli.ending import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
 from cnc.cli.options import COMMON, HYPHEN, CheckFormat, Common, Dialect, library, option, output
-from cnc.control import Control
+from cnc.control import Control, HomingStopped
 from cnc.errors import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
 from cnc.keys import Keys
 from cnc.report.changes import Baseline, told
@@ -45,6 +45,7 @@ def run(
     check_on_board: Annotated[bool, option("Let the board read the program without moving (a GRBL board's $C).")] = False,
     from_line: Annotated[int | None, option("Begin at this source line: says how it gets there at a safe height, and asks.")] = None,
     yes: Annotated[bool, option("Ask nothing; where there is no terminal, do not pause for the operator (M0, M6).")] = False,
+    home: Annotated[bool, option("Let the axes find their limit switches first, as `cncrun home` does.")] = False,
     common: Common = COMMON,
 ) -> int:
     """Run a program."""
@@ -69,6 +70,7 @@ def run(
             check_on_board=check_on_board,
             pauses="wait" if keys.available else "skip" if yes else "refuse",
             from_line=from_line,
+            home=home,
         )
     if common.json is not None:
         write_summary(common.json, report)
@@ -190,6 +192,38 @@ def boards(
 
 
 @app.command
+def home(
+    *axes: Annotated[str, Parameter(help="Axes to home; all that have a switch if left out.")],
+    machine: Annotated[str | None, option("Machine file (TOML), or the name of a shipped one.")] = None,
+    board: Annotated[str | None, option("The board; the machine file's if left out.")] = None,
+    port: Annotated[str | None, option("Where the board is (/dev/ttyUSB0); the machine file's if left out.")] = None,
+    quiet: Annotated[bool, option("Say nothing but errors.")] = False,
+) -> int:
+    """Let a stepper board's machine find out where it stands: each axis to its limit switch, twice, and off it."""
+    api = library()
+    control = Control()
+    with Screen(control, quiet=quiet) as screen, Keys(control):
+        stands = api.home(
+            machine,
+            axes,
+            board=board,
+            port=port,
+            watch=screen.watch(),
+            control=control,
+            on_axis=None if quiet else lambda way: print(way.story, flush=True),
+        )
+    if not quiet:
+        from cnc.report.summary import position
+
+        places = [f"{axis.upper()}{position(value)}" for axis, value in stands.items() if value is not None]
+        print("the machine stands at", *places)
+        lost = [axis.upper() for axis, value in stands.items() if value is None]
+        if lost:
+            print("not known:", *lost)
+    return 0
+
+
+@app.command
 def papers(
     folder: Annotated[Path, Parameter(help="Where the page and its figures go.")] = Path("papers"),
     /,
@@ -235,6 +269,9 @@ def exit_code(arguments: Sequence[str]) -> int:
         return fail(UsageError(Diagnostic("usage", usage(error), hint="cncrun --help lists the commands and options")))
     except CncError as error:
         return fail(error)
+    except HomingStopped as stop:
+        print(stop, file=sys.stderr)
+        return EXIT_STOPPED
     except KeyboardInterrupt as stop:
         print(str(stop) or "stopped by the operator; nothing has moved", file=sys.stderr)
         return EXIT_STOPPED

@@ -15,7 +15,7 @@ Drivers are found by name (:mod:`cnc.drivers.registry`), and each passes the con
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -111,8 +111,20 @@ class Located(Protocol):
     """A board that may know where its machine stands."""
 
     @property
-    def standing_steps(self) -> NDArray[np.int64] | None:
-        """Where it stands before a program, (axes,); None if it has lost that."""
+    def standing_steps(self) -> tuple[int | None, ...]:
+        """Where each axis stands before a program; None if the board has lost that."""
+
+
+@runtime_checkable
+class Switched(Located, Protocol):
+    """A board with a limit switch at each of its axes but the fourth, by which it can find out where they stand."""
+
+    @property
+    def switches(self) -> tuple[bool, ...]:
+        """Which switches are closed now, one an axis that has one."""
+
+    def next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
+        """For the next start alone: whose switches end the motion with an alarm, and of which axes its origin says where they stand."""
 
 
 @runtime_checkable

@@ -7,6 +7,7 @@ board as every other (:mod:`cnc.drivers.base`), with its faults.
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,21 @@ from cnc.drivers.port import Clock, Port, SystemClock
 from cnc.drivers.stepper_outputs import Outputs
 from cnc.drivers.stepper_protocol import Alarm, Kind, State, Status
 from cnc.drivers.stepper_stream import PIECE_S, Stream
-from cnc.drivers.stepper_wire import ALARMS, ANSWER_S, ASK_S, BAUD, BREATH_S, PROBE, Wire, least_ns, opened
+from cnc.drivers.stepper_wire import (
+    ALARMS,
+    ANSWER_S,
+    ASK_S,
+    BAUD,
+    BREATH_S,
+    LIMITS,
+    LOST,
+    PROBE,
+    Wire,
+    cleared,
+    configured,
+    least_ns,
+    opened,
+)
 from cnc.errors import BoardError, Diagnostic, UsageError
 from cnc.machine.models import Machine
 from cnc.segments import ARM, OUTPUTS
@@ -53,13 +68,18 @@ class Stepper:
         self._untold: BoardError | None = None
         self._turned = np.array([-1 if axis.invert else 1 for axis in machine.axes.values()], dtype=np.int8)
         self._steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
-        welcome, status = opened(self._wire, machine)
-        self._least_ns = least_ns(welcome, machine)
+        self._welcome, status = opened(self._wire, machine)
+        self._least_ns = least_ns(self._welcome, machine)
         self._checks = Loopback(len(machine.axes), self._least_ns)
         self._stream = Stream(self._wire, len(machine.axes), self._pump, status.taken)
-        self._stream.position = np.array(status.position[: len(machine.axes)], dtype=np.int64) * self._turned
         self._pressed = status.holds, status.resumes
-        self._knows_position = status.position_known
+        counted = np.array(status.position[: len(machine.axes)], dtype=np.int64)
+        # Motors that a switch has stopped at once may have lost steps: a machine that can find its place has to.
+        doubtful = machine.homes and status.alarm in (Alarm.LIMIT, Alarm.EMERGENCY_STOP)
+        self._known = (np.abs(counted) < LOST // 2) & (status.position_known and not doubtful)
+        self._stream.position = np.where(self._known, counted * self._turned, 0)
+        self._limits = LIMITS
+        self._next = LIMITS, np.ones(len(machine.axes), np.bool_)
         if background:
             threading.Thread(target=self._keep_alive, daemon=True, name="stepper board").start()
 
@@ -99,9 +119,22 @@ class Stepper:
         return self._checks.position_steps if self._began and not self._stopped_short else self._stream.position.copy()
 
     @property
-    def standing_steps(self) -> NDArray[np.int64] | None:
-        """Where the board knows that it stands (axes,); None if it lost its position, as it does with every reset."""
-        return self._stream.position.copy() if self._knows_position else None
+    def standing_steps(self) -> tuple[int | None, ...]:
+        """Where the board knows that each axis stands; None where it lost that, as it does with every reset."""
+        each = zip(self._stream.position.tolist(), self._known.tolist(), strict=True)
+        return tuple(steps if known else None for steps, known in each)
+
+    @property
+    def switches(self) -> tuple[bool, ...]:
+        """Which limit switches are closed; the fourth axis has none."""
+        with self._lock:
+            self._refuse_after_fault()
+            inputs = self._ask().inputs
+        return tuple(bool(inputs >> axis & 1) for axis in range(min(LIMITS.bit_count(), len(self._turned))))
+
+    def next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
+        """For the next start alone: whose switches end the motion, and which axes stand where its origin says."""
+        self._next = sum(1 << axis for axis, wanted in enumerate(watched) if wanted), np.array(known, np.bool_)
 
     def attend(self, control: Control) -> None:
         """Whom the shield's buttons move from here on: A1 holds, A2 resumes. A fault that comes while the motion is held ends the run."""
@@ -113,7 +146,11 @@ class Stepper:
             self._refuse_after_fault()
             self._checks.start(origin_steps)
             self._stream.begin(self._checks.position_steps)
-            position = [*(self._stream.position * self._turned).tolist(), 0, 0, 0, 0][:4]
+            (self._limits, self._known), self._next = self._next, (LIMITS, np.ones(len(origin_steps), np.bool_))
+            status = configured(self._wire, self._machine, self._welcome, self._limits, self._pump)
+            cleared(self._wire, self._machine, status, self._limits, self._pump)
+            counted = self._stream.position * self._turned + np.where(self._known, 0, LOST)
+            position = [*counted.tolist(), 0, 0, 0, 0][:4]
             self._request(Kind.SET_POSITION, b"".join(int(each).to_bytes(4, "little", signed=True) for each in position))
             self._outputs = Outputs(enabled=True)
             self._active = self._began = True
@@ -143,8 +180,9 @@ class Stepper:
             if type(block).__name__ == "Held":
                 self._rest(time_ns)
                 return None
-            if type(block).__name__ == "Probe":
-                self._begin_probe(bool(getattr(block, "towards", True)), time_ns, block.line)
+            if type(block).__name__ in ("Probe", "SwitchMove"):
+                switch = getattr(block, "switch", None)
+                self._begin_probe(PROBE if switch is None else 1 << switch, bool(getattr(block, "towards", True)), time_ns, block.line)
                 return None
             before = self._outputs
             self._outputs = before.after(block, self._machine)
@@ -197,14 +235,15 @@ class Stepper:
 
     # ------------------------------------------------------------------------------------------------------------------ probing
 
-    def _begin_probe(self, towards: bool, time_ns: int, line: int) -> None:
-        """From here on the motion ends where the probe's input changes."""
+    def _begin_probe(self, bit: int, towards: bool, time_ns: int, line: int) -> None:
+        """From here on the motion ends where the input changes: the probe's, or a limit switch's."""
         self._rest(time_ns)
-        if bool(self._ask().inputs & PROBE) == towards:
+        if bool(self._ask().inputs & bit) == towards:
+            name = "probe" if bit == PROBE else "switch"
             what = "makes contact already" if towards else "makes no contact"
             hint = "move it off first" if towards else "G38.4 and G38.5 begin in contact"
-            raise self._failed(board_error("probe-contact", f"the probe {what}", line=line, hint=hint))
-        self._stream.command(ARM, PROBE, 0 if towards else PROBE, line=line)
+            raise self._failed(board_error(f"{name}-contact", f"the {name} {what}", line=line, hint=hint))
+        self._stream.command(ARM, bit, 0 if towards else bit, line=line)
         self._probing = True
 
     def _end_probe(self) -> tuple[float, ...]:
@@ -337,7 +376,7 @@ class Stepper:
         self._stands_at(status)
         code, what, hint = ALARMS.get(status.alarm, ("board-alarm", "the board has stopped", "open it anew"))
         if status.alarm == Alarm.LIMIT:
-            hit = [axis.upper() for k, axis in enumerate(self._machine.axes) if status.inputs >> k & 1]
+            hit = [axis.upper() for k, axis in enumerate(self._machine.axes) if status.inputs & self._limits & 1 << k]
             what = f"the limit switch of {' and '.join(hit)} was hit" if hit else what
         message = f"{what}; the machine stands at {self._place(self._stream.position)}"
         line = self._stream.trail.line_at(self._stream.position) or self._link.confirmed_note
@@ -345,7 +384,8 @@ class Stepper:
 
     def _stands_at(self, status: Status) -> NDArray[np.int64]:
         """Where the board says it is, which counts from here on."""
-        there = np.array(status.position[: len(self._turned)], dtype=np.int64) * self._turned
+        counted = np.array(status.position[: len(self._turned)], dtype=np.int64)
+        there = (counted - np.where(self._known, 0, LOST)) * self._turned
         self._stopped_short = not np.array_equal(there, self._checks.position_steps)
         self._stream.position = there
         return there

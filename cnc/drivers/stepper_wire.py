@@ -29,6 +29,8 @@ TURN_ROUND_TICKS = 8
 """What the board needs between the end of a pulse's rest and the next pulse, at most."""
 LIMITS, PROBE, EMERGENCY_STOP = 0x07, 0x10, 0x20
 """Bits of the inputs."""
+LOST = 1 << 30
+"""Steps. An axis whose place is not known counts from here, so that the board says so, whatever becomes of this program."""
 INPUTS = {"limits": LIMITS, "probe": PROBE, "emergency-stop": EMERGENCY_STOP, "hold": 0x40, "resume": 0x80}
 
 ALARMS = {
@@ -149,29 +151,38 @@ def opened(wire: Wire, machine: Machine) -> tuple[Welcome, Status]:
         if wire.clock.now() - began > 1.0:
             raise board_error("board-busy", f"the board on {name} still moves", hint="is another program driving it?")
         wire.pump(BREATH_S)
-    return welcome, _prepared(wire, machine, welcome)
+    return welcome, configured(wire, machine, welcome, LIMITS, wire.pump)
 
 
-def _prepared(wire: Wire, machine: Machine, welcome: Welcome) -> Status:
-    """The board at rest, told how the machine is built, and without an alarm: before it knows its switches it can't tell."""
+def configured(wire: Wire, machine: Machine, welcome: Welcome, limits: int, pump: Callable[[float], object]) -> Status:
+    """The board at rest, told how the machine is built: before it knows its switches it can't tell how they are.
+
+    limits: bits of the switches that end its motion. BoardError ``board-emergency-stop``.
+    """
     stops = [axis.max_velocity / axis.max_acceleration for axis in machine.axes.values() if axis.max_acceleration]
     ramp_ms = round(1e3 * min(SHAPE * max(stops, default=MOST_RAMP_S), MOST_RAMP_S))
     inverted = sum(INPUTS[name] for name in set(machine.board.normally_closed))
-    limits = LIMITS & (1 << len(machine.axes)) - 1
+    limits &= LIMITS & (1 << len(machine.axes)) - 1
     numbers = *pulse_ticks(welcome, machine), max(ramp_ms, 4), limits, inverted, int(machine.board.invert_enable)
-    wire.request(Kind.CONFIGURE, bytes(numbers), wire.pump)
-    status = wire.ask(wire.pump)
+    wire.request(Kind.CONFIGURE, bytes(numbers), pump)
+    status = wire.ask(pump)
     if status.inputs & EMERGENCY_STOP:
         code, what, hint = ALARMS[Alarm.EMERGENCY_STOP]
         raise board_error(code, what, hint=hint)
-    if wire.link.state != State.IDLE:
-        wire.request(Kind.CLEAR, b"", wire.pump)
-        status = wire.ask(wire.pump)
-    pressed = [letter.upper() for k, letter in enumerate(machine.axes) if status.inputs & limits & 1 << k]
-    if pressed:
-        hint = "move the machine off it, by hand with the drivers off (a switch that opens when it is pressed: board.normally_closed)"
-        raise board_error("board-limit", f"the limit switch of {' and '.join(pressed)} is pressed", hint=hint)
     return status
+
+
+def cleared(wire: Wire, machine: Machine, status: Status, limits: int, pump: Callable[[float], object]) -> None:
+    """End an alarm, for the next motion. BoardError ``board-limit`` where one of these switches is pressed."""
+    pressed = [letter.upper() for k, letter in enumerate(machine.axes) if status.inputs & limits & LIMITS & 1 << k]
+    if pressed:
+        hint = (
+            "cncrun home moves axes off their switches; else by hand, with the drivers off "
+            "(a switch that opens when it is pressed: board.normally_closed)"
+        )
+        raise board_error("board-limit", f"the limit switch of {' and '.join(pressed)} is pressed", hint=hint)
+    if wire.link.state != State.IDLE:
+        wire.request(Kind.CLEAR, b"", pump)
 
 
 def _no_stepper(name: str, murmur: bytes) -> BoardError:

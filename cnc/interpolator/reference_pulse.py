@@ -103,8 +103,12 @@ class ReferencePulse:
                     buffer[: self._filled] = buffer[ready:rows].copy()
 
     def stand_at(self, grid: NDArray[np.int64]) -> None:
-        """The machine stands at a grid point (axes,) that was not planned: the next stretch begins within half a BLU of it."""
+        """The machine stands at a grid point (axes,) that was not planned: the next stretch begins within half a BLU of it.
+
+        The rest of the path that led here is not to be made up for.
+        """
         self._grid[:] = grid
+        self._latest = None
 
     def settle(self) -> Iterator[PulseChunk]:
         """The path is over: the last move, of axes that stand on the odd one of two equally near grid points, or were stopped halfway."""

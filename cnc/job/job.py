@@ -11,8 +11,9 @@ import numpy as np
 
 from cnc.canon import Block
 from cnc.control import Control
-from cnc.drivers.base import LineSink, Located, PulseSink
-from cnc.errors import CncError, Diagnostic, GcodeError, UsageError
+from cnc.drivers.base import LineSink, Located, PulseSink, Switched
+from cnc.errors import BoardError, CncError, Diagnostic, GcodeError, UsageError
+from cnc.executor.homing import home, rest_steps, ways_home
 from cnc.flatten.board_time import BoardTime
 from cnc.interpolator.reference_pulse import Algorithm
 from cnc.job.abilities import Abilities
@@ -54,6 +55,7 @@ class Job:
         on_plan: Callable[[PlanChunk], None] | None = None,
         pauses: Pauses = "wait",
         from_line: int | None = None,
+        home: bool = False,
     ) -> None:
         outputs.check()
         name = shown_name(program)
@@ -71,6 +73,7 @@ class Job:
         self._on_plan = on_plan
         self._pauses: Pauses = pauses
         self._from_line = from_line
+        self._home = home
 
     def blocks(self) -> Iterator[Block]:
         """The canonical blocks of the program, read as in the first pass."""
@@ -83,8 +86,6 @@ class Job:
         report.board = board_name
         if isinstance(board, LineSink):
             self._adopt(board)
-        elif isinstance(board, Located) and board.standing_steps is not None:
-            reading.start = board.standing_steps / np.array([axis.steps_per_mm for axis in reading.machine.axes.values()])
         try:
             with ExitStack() as stack:
                 reading.path = stack.enter_context(readable(self._program))
@@ -115,9 +116,31 @@ class Job:
         reading.start = np.array(board.position)
         reading.memory.adopt(adopted(board, reading.machine))
 
+    def _locate(self, board: Located) -> None:
+        """Where the program begins: where the board knows that it stands, or will when it has come home."""
+        reading, machine = self._reading, self._reading.machine
+        standing = board.standing_steps
+        ways = ways_home(machine, (), len(board.switches)) if self._home and isinstance(board, Switched) else ()
+        steps = rest_steps(machine, ways, standing, reading.start)
+        reading.start = steps / np.array([axis.steps_per_mm for axis in machine.axes.values()])
+        coming = {way.letter for way in ways}
+        lost = [letter for letter, known in zip(machine.axes, standing, strict=True) if known is None and letter not in coming]
+        if lost and not ways:
+            names = " ".join(letter.upper() for letter in lost)
+            what = f"the board does not know where {names} {'stands' if len(lost) == 1 else 'stand'}: it was reset, or switched off"
+            if machine.homes:
+                hint = "let it find out first: --home does that before the program, cncrun home alone"
+                raise BoardError(Diagnostic("not-homed", what, hint=hint))
+            places = " ".join(f"{letter.upper()}{place:g}" for letter, place in zip(machine.axes, reading.start.tolist(), strict=True))
+            message = f"{what}; the program begins as if the machine stood at {places}"
+            hint = "on a machine with limit switches --home finds out, or cncrun home"
+            self._lookout.warn(Diagnostic("position-assumed", message, hint=hint, severity="warning"))
+
     def _carry_out(self, board: PulseSink | LineSink | None) -> None:
         report, reading, lookout = self.report, self._reading, self._lookout
         abilities = Abilities.of(board, report.board, reading.machine, attended=self._pauses != "refuse")
+        if isinstance(board, Located):
+            self._locate(board)
         reading.begin_at(self._from_line)
         first = FirstPass(reading, report, lookout, abilities)
         shown = None
@@ -150,6 +173,8 @@ class Job:
             board_time=board_time,
             on_plan=self._on_plan,
         )
+        if self._home:
+            self._go_home(board)
         try:
             second.carry_out(board, kept)
         finally:
@@ -163,6 +188,12 @@ class Job:
             self._files.close()
             if board is not None and reading.state is not None:
                 reading.memory.keep(*reading.state)
+
+    def _go_home(self, board: PulseSink | LineSink | None) -> None:
+        """The machine finds out where it stands. Raises HomingStopped."""
+        if board is not None:
+            lookout, reading = self._lookout, self._reading
+            home(board, reading.machine, (), reading.start, control=lookout.control, on_progress=lookout.tell)
 
     def _confirm_beginning(self) -> None:
         """Tell how the machine will get to the line to begin at, and ask."""

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cnc.errors import Diagnostic, MachineFileError
 from cnc.machine.locate import locate
-from cnc.machine.models import AXIS_LETTERS, Axis, Board, Machine, PathLimits, Program, Stock
+from cnc.machine.models import AXIS_LETTERS, Axis, Board, Homing, HomingOrder, Machine, PathLimits, Program, Stock
 
 DEFAULT = "default"
 
@@ -46,7 +46,14 @@ class _Header(BaseModel):
     name: str = "machine"
 
 
-_SECTIONS: dict[str, type[BaseModel]] = {"machine": _Header, "path": PathLimits, "board": Board, "program": Program, "stock": Stock}
+_SECTIONS: dict[str, type[BaseModel]] = {
+    "machine": _Header,
+    "path": PathLimits,
+    "board": Board,
+    "program": Program,
+    "homing": HomingOrder,
+    "stock": Stock,
+}
 
 
 def shipped_folder() -> Path:
@@ -183,7 +190,7 @@ def _unknown_key(file: Path, text: str, key: tuple[str, ...]) -> MachineFileErro
     if len(key) == 1:
         known = ["machine", *(field for field in Machine.model_fields if field != "name")]
     elif key[0] == "axes":
-        known = list(Axis.model_fields) if len(key) > 2 else list(AXIS_LETTERS)
+        known = list(Homing.model_fields) if len(key) > 3 else list(Axis.model_fields) if len(key) > 2 else list(AXIS_LETTERS)
     else:
         known = list(_SECTIONS[key[0]].model_fields)
     close = difflib.get_close_matches(key[-1].lower(), known, n=1, cutoff=0.6)

@@ -47,12 +47,27 @@ class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
+class Homing(_Section):
+    """How an axis finds its limit switch.
+
+    ``end``: of the travel, at which the switch is; None for the high one of Z and the low one of the others. ``seek`` and ``latch`` mm/s:
+    the speeds of looking for it and of finding its place. ``pull_off`` mm: how far off the switch the axis rests in the end.
+    ``position``: machine coordinate of that place, mm; None for the travel's end.
+    """
+
+    end: Literal["low", "high"] | None = None
+    seek: Positive = 8.0
+    latch: Positive = 0.5
+    pull_off: Positive = 1.0
+    position: FiniteFloat | None = None
+
+
 class Axis(_Section):
     """One axis.
 
     ``steps_per_mm`` steps/mm (its inverse is the basic length unit, BLU); ``max_velocity`` mm/s; ``max_acceleration`` mm/s^2 and
     ``max_jerk`` mm/s^3, None where the path alone limits them; ``travel`` lowest and highest machine coordinate, None without soft
-    limits; ``invert`` turns the direction pin.
+    limits; ``invert`` turns the direction pin; ``homing`` how it finds its place, None where the file does not say.
     """
 
     steps_per_mm: Positive
@@ -61,6 +76,7 @@ class Axis(_Section):
     max_jerk: Positive | None = None
     travel: Span | None = None
     invert: bool = False
+    homing: Homing | None = None
 
     @property
     def step_rate(self) -> float:
@@ -136,6 +152,12 @@ class Program(_Section):
             yield "subroutines", path
 
 
+class HomingOrder(_Section):
+    """Which axes look for their switches, one after the other: ``order``, None for Z first and then the others as the file has them."""
+
+    order: Annotated[tuple[AxisLetter, ...], BeforeValidator(_tuple)] | None = None
+
+
 class Stock(_Section):
     """The raw part on the machine: a box, machine coordinates in mm."""
 
@@ -152,7 +174,13 @@ class Machine(_Section):
     path: PathLimits = PathLimits()
     board: Board = Board()
     program: Program = Program()
+    homing: HomingOrder | None = None
     stock: Stock | None = None
+
+    @property
+    def homes(self) -> bool:
+        """Whether the file says that the machine has switches to find its place by."""
+        return self.homing is not None or any(axis.homing is not None for axis in self.axes.values())
 
     @property
     def axis_names(self) -> tuple[str, ...]:
@@ -183,5 +211,13 @@ class Machine(_Section):
                     "nothing limits the jerk of this axis",
                     f"set axes.{letter}.max_jerk, or path.max_jerk",
                 )
+        for letter, axis in self.axes.items():
+            place = None if axis.homing is None else axis.homing.position
+            if place is not None and axis.travel is not None and not axis.travel[0] <= place <= axis.travel[1]:
+                ends = f"{axis.travel[0]:g} to {axis.travel[1]:g} mm"
+                yield ("axes", letter, "homing", "position"), f"{place:g} lies outside the travel, {ends}", "the axis rests there"
+        for letter in (self.homing.order or ()) if self.homing is not None else ():
+            if letter not in self.axes:
+                yield ("homing", "order"), f"the machine has no axis {letter}", f"its axes are {', '.join(self.axes)}"
         if self.stock is not None and not {"x", "y", "z"} <= self.axes.keys():
             yield ("stock",), "the machine has not the axes x, y and z", "take the table out"

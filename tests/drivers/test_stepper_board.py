@@ -209,6 +209,22 @@ def test_a_probe_ends_at_the_grid_move(tmp_path: Path, kind: int) -> None:
     simulator.close()
 
 
+@pytest.mark.parametrize("behind", ["", "G4 P0.1\n", "M5\n"])
+def test_nothing_moves_behind_the_contact(tmp_path: Path, behind: str) -> None:
+    """The program ends there: what was left of the move is not made up for."""
+    (tmp_path / "probe.ngc").write_text(f"G21 G90\nG38.2 X20 F300\n{behind}M2\n")
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    Part(simulator, 1000)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+    report = run(tmp_path / "probe.ngc", machine(), board=board)
+    assert report.ok, report.faults
+    board.close()
+    _, made = simulator.moves()
+    assert 1000 <= made[:, 0].sum(dtype=np.int64) <= 1002
+    simulator.close()
+
+
 def test_a_probe_that_finds_nothing(tmp_path: Path) -> None:
     (tmp_path / "probe.ngc").write_text("G21 G90\nG38.3 X2 F600\nG1 X[2 + #5070] F600\nG38.2 X4 F600\nM2\n")
     simulator = Simulator()

@@ -1,0 +1,320 @@
+"""Homing against the firmware in the simulator: the switches close and open where the pins have brought the axes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cnc.api import Control, HomingStopped, Watch, home, run
+from cnc.drivers.loopback import Loopback
+from cnc.drivers.stepper import Stepper
+from cnc.errors import BoardError, CncError, UsageError
+from cnc.executor.homing import LATCHES, STUCK, Way, ways_home
+from cnc.machine.models import Axis, Homing, HomingOrder, Machine
+from drivers.stepper_simulator import DIRECTION_PINS, STEP_PINS, Simulator, SimulatorPort
+from support import share
+
+SWITCH_PINS = {"x": 9, "y": 10, "z": 12}
+STEPS_PER_MM = 100
+QUICK = Homing(seek=20.0, latch=2.0, pull_off=0.5)
+
+
+def axis(travel: tuple[float, float], homing: Homing | None = QUICK, **changes: object) -> Axis:
+    known = Axis(
+        steps_per_mm=STEPS_PER_MM, max_velocity=40.0, max_acceleration=400.0, max_jerk=15_000.0, travel=travel, homing=homing
+    )
+    return known.model_copy(update=changes)
+
+
+def small(**changes: object) -> Machine:
+    axes = {"x": axis((0.0, 8.0)), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))}
+    return Machine(axes=axes).model_copy(update=changes)  # type: ignore[arg-type]
+
+
+class Bench:
+    """The chip, its axes' places as its pins have led them (steps, 0 where the bench began), and the switches that these close.
+
+    switches: pin of the axis's switch by letter, with the places, in steps, from which to which it is closed. Its levels are set every 0.1 ms.
+    """
+
+    def __init__(self, **switches: tuple[float, float]) -> None:
+        self.simulator = Simulator()
+        self.port = SimulatorPort(self.simulator)
+        self.switches = switches
+        self.place = [0, 0, 0]
+        self.backward = [0, 0, 0]
+        self.seen = 0
+        self._run = self.simulator.run
+        self.simulator.run = self.felt  # type: ignore[method-assign]
+        self.set()
+
+    def felt(self, seconds: float, *, or_byte: bool = False) -> None:
+        self._run(min(seconds, 1e-4), or_byte=or_byte)
+        edges = self.simulator.edges()
+        for edge in edges[self.seen :]:
+            pin, level = int(edge["pin"]), int(edge["level"])
+            if pin in DIRECTION_PINS:
+                self.backward[DIRECTION_PINS.index(pin)] = level
+            elif pin in STEP_PINS and level:
+                column = STEP_PINS.index(pin)
+                self.place[column] += 1 - 2 * self.backward[column]
+        self.seen = len(edges)
+        self.set()
+
+    def set(self) -> None:
+        for letter, (low, high) in self.switches.items():
+            self.simulator.set_pin(SWITCH_PINS[letter], 0 if low <= self.place["xyz".index(letter)] <= high else 1)
+
+    def driver(self, machine: Machine) -> Stepper:
+        return Stepper(self.port, machine, "the simulator", clock=self.port)
+
+    def home(self, machine: Machine, *axes: str, **more: object) -> dict[str, float | None]:
+        board = self.driver(machine)
+        try:
+            return home(machine, axes, board=board, **more)  # type: ignore[arg-type]
+        finally:
+            board.close()
+
+    def standing(self, machine: Machine) -> tuple[int | None, ...]:
+        """What the next program is told."""
+        board = self.driver(machine)
+        try:
+            return board.standing_steps
+        finally:
+            board.close()
+
+
+INF = float("inf")
+EVERYWHERE = {"x": (-INF, -300), "y": (-INF, -410), "z": (150, INF)}
+"""Switches 3, 4.1 and 1.5 mm away, at the low ends of X and Y and the high end of Z."""
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    made = Bench(**EVERYWHERE)
+    yield made
+    made.simulator.close()
+
+
+def rows(bench: Bench) -> np.ndarray:
+    return bench.simulator.moves()[1]
+
+
+def test_every_axis_ends_off_its_switch_and_knows_where_it_is(bench: Bench) -> None:
+    machine = small()
+    assert bench.home(machine) == {"x": 0.0, "y": -2.0, "z": 1.0}
+    # a switch that closes at -300 has done so in the first move at or behind it: from there 50 steps back
+    for place, closed in zip(bench.place, (-300 + 50, -410 + 50, 150 - 50), strict=True):
+        assert abs(place - closed) <= 1
+    assert bench.standing(machine) == (0, -200, 100)
+    made = rows(bench)
+    first = [int(np.flatnonzero(made[:, column])[0]) for column in range(3)]
+    assert first[2] < first[0] < first[1], "Z goes first"
+    assert (np.abs(made).sum(axis=1) == 1).all(), "one axis at a time"
+
+
+def test_the_order_and_the_ends_are_the_machines_own(bench: Bench) -> None:
+    up = QUICK.model_copy(update={"end": "high", "position": 7.0})
+    machine = small(
+        axes={"x": axis((0.0, 8.0), up), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))}, homing=HomingOrder(order=("y", "x"))
+    )
+    bench.switches = {**EVERYWHERE, "x": (300, INF)}
+    assert bench.home(machine) == {"x": 7.0, "y": -2.0, "z": None}
+    made = rows(bench)
+    assert not made[:, 2].any()
+    assert np.flatnonzero(made[:, 1])[0] == 0
+    assert abs(bench.place[0] - 250) <= 1
+    assert bench.standing(machine) == (700, -200, None)
+
+
+@pytest.mark.parametrize("invert", [False, True])
+def test_an_axis_alone(bench: Bench, invert: bool) -> None:
+    machine = small(axes={"x": axis((0.0, 8.0), invert=invert), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))})
+    bench.switches = {"x": (300, INF) if invert else (-INF, -300)}
+    assert bench.home(machine, "x") == {"x": 0.0, "y": None, "z": None}
+    assert abs(bench.place[0]) in (249, 250, 251)
+    assert bench.standing(machine) == (0, None, None)
+
+
+def test_a_switch_that_is_closed_at_first_is_backed_off(bench: Bench) -> None:
+    """By its own axis, when that has its turn: Z goes up with X on its switch."""
+    bench.switches["x"] = (-INF, 200)
+    machine = small()
+    assert bench.home(machine) == {"x": 0.0, "y": -2.0, "z": 1.0}
+    made = rows(bench)
+    assert abs(bench.place[0] - 250) <= 1
+    x = made[:, 0][made[:, 0] != 0]
+    assert (x[:200] == 1).all(), "away from the switch first"
+    assert np.flatnonzero(made[:, 2])[0] < np.flatnonzero(made[:, 0])[0]
+
+
+@pytest.mark.parametrize(
+    ("switches", "farthest"),
+    [
+        ({}, {"z": 600 + 100}),
+        ({"z": (-INF, INF)}, {"z": round(STUCK * 50)}),
+        ({"z": (150, 155)}, {"z": 700}),
+        ({"z": (150, 152), "x": (5, 5)}, {"z": 700}),
+    ],
+    ids=["never closes", "never opens", "opens again under way", "no other axis moves"],
+)
+def test_a_switch_that_does_not_do_its_part(bench: Bench, switches: dict[str, tuple[float, float]], farthest: dict[str, int]) -> None:
+    bench.switches = switches
+    machine = small()
+    if switches.get("z", (0, 0))[0] == 150:
+        # closes for an instant only, the second time not at all
+        real = bench.set
+
+        def once() -> None:
+            real()
+            if bench.place[2] >= 150:
+                bench.switches = {}
+
+        bench.set = once  # type: ignore[method-assign]
+    with pytest.raises(BoardError) as caught:
+        bench.home(machine)
+    assert caught.value.diagnostic.code == "homing-switch"
+    assert "switch of Z" in caught.value.diagnostic.message
+    assert caught.value.diagnostic.hint
+    places = np.abs(rows(bench).cumsum(axis=0, dtype=np.int64))
+    assert places[:, 2].max() <= farthest["z"]
+    assert not places[:, :2].any()
+    assert bench.standing(machine) == (None, None, None)
+
+
+def test_a_pull_off_that_does_not_free_the_switch(bench: Bench) -> None:
+    real, closed = bench.set, False
+
+    def sticky() -> None:
+        nonlocal closed
+        closed = bench.place[2] >= 150 or (closed and bench.place[2] > 60)
+        real()
+        bench.simulator.set_pin(SWITCH_PINS["z"], 0 if closed else 1)
+
+    bench.set = sticky  # type: ignore[method-assign]
+    with pytest.raises(BoardError) as caught:
+        bench.home(small())
+    assert caught.value.diagnostic.code == "homing-switch"
+    assert "pull_off" in caught.value.diagnostic.hint
+
+
+def test_the_limit_of_another_axis_is_an_alarm(bench: Bench) -> None:
+    bench.switches = {"z": (150, INF), "x": (-INF, -300), "y": (3, 3)}
+    real = bench.set
+
+    def set_pins() -> None:
+        real()
+        bench.simulator.set_pin(SWITCH_PINS["y"], 0 if bench.place[0] < -100 else 1)
+
+    bench.set = set_pins  # type: ignore[method-assign]
+    with pytest.raises(BoardError) as caught:
+        bench.home(small())
+    assert caught.value.diagnostic.code == "board-limit"
+    assert "switch of Y" in caught.value.diagnostic.message
+    assert -104 <= bench.place[0] <= -100
+    assert bench.standing(small()) == (None, None, None), "motors that are stopped at once may lose steps"
+
+
+def test_the_operator_stops_it(bench: Bench) -> None:
+    bench.switches["x"] = (-INF, -700)
+    control = Control()
+
+    def on_sent(sent: object) -> None:
+        if bench.place[0] < -50:
+            control.stop()
+
+    with pytest.raises(HomingStopped):
+        bench.home(small(), control=control, watch=Watch(on_sent=on_sent))
+    assert bench.standing(small()) == (None, None, 100)
+    assert -700 < bench.place[0] < -50
+
+
+def test_a_reset_on_the_way_leaves_nothing_known(bench: Bench) -> None:
+    """As does a computer that dies: what counts is what the board says."""
+    board = bench.driver(small())
+    real = bench.set
+
+    def die() -> None:
+        real()
+        if bench.place[0] < -20:
+            raise KeyboardInterrupt
+
+    bench.set = die  # type: ignore[method-assign]
+    with pytest.raises(KeyboardInterrupt):
+        home(small(), board=board)
+    bench.set = real  # type: ignore[method-assign]
+    bench.simulator.run(0.5)
+    assert bench.standing(small()) == (None, None, 100)
+
+
+@pytest.mark.parametrize("place", share([*range(-950, 950, 25)], [-950, 0, 950]))
+@pytest.mark.parametrize(("seek", "end"), [(20.0, "low"), (60.0, "high")])
+def test_from_wherever_it_stands(place: int, seek: float, end: str) -> None:
+    """Within the travel of the axis, and before its switch or behind; with a latch speed of half a step a look at the pins: to the step."""
+    towards = 1 if end == "high" else -1
+    way = Homing(end=end, seek=seek, latch=2.0, pull_off=1.0)  # type: ignore[arg-type]
+    machine = small(axes={"x": axis((0.0, 10.0), way), "y": axis((0.0, 1.0)), "z": axis((0.0, 1.0))})
+    bench = Bench(x=(place, INF) if towards > 0 else (-INF, place))
+    try:
+        assert bench.home(machine, "x")["x"] == (10.0 if towards > 0 else 0.0)
+        assert abs(bench.place[0] - (place - towards * 100)) <= 1
+    finally:
+        bench.simulator.close()
+
+
+def test_the_motion_is_within_the_machines_limits(bench: Bench) -> None:
+    """Up to the switch: from rest, and to rest again at a pull-off, no faster than asked for, no more abruptly than the axis may."""
+    machine = small()
+    bench.switches = {"z": (550, INF)}
+    bench.home(machine, "z")
+    cycles, made = bench.simulator.moves()
+    t = cycles / 16e6
+    gaps = np.diff(t)[:549]
+    assert gaps.min() >= 1 / (20.0 * STEPS_PER_MM) - 1e-5
+    # 20 mm/s with 400 mm/s^2 and 15000 mm/s^3 takes 0.05 + 0.0267 s and half as much of 20 mm: the first mm at least half of that
+    assert t[100] - t[0] > 0.05
+
+
+def test_a_program_goes_on_from_there(bench: Bench, tmp_path: Path) -> None:
+    machine = small()
+    bench.home(machine)
+    before = list(bench.place)
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X2 Y0 Z0 F1200\nM2\n")
+    board = bench.driver(machine)
+    report = run(tmp_path / "p.ngc", machine, board=board)
+    board.close()
+    assert report.ok, report.faults
+    assert [after - once for after, once in zip(bench.place, before, strict=True)] == [200, 200, -100]
+
+
+@pytest.mark.parametrize(
+    ("machine", "axes", "code"),
+    [
+        (small(), ("w",), "unknown-axis"),
+        (small(axes={**small().axes, "a": axis((0.0, 1.0))}), ("a",), "no-switch"),
+        (small(axes={"x": axis((0.0, 1.0)).model_copy(update={"travel": None})}), (), "homing-travel"),
+    ],
+)
+def test_what_can_not_be_homed(machine: Machine, axes: tuple[str, ...], code: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        ways_home(machine, axes)
+    assert caught.value.diagnostic.code == code
+
+
+def test_a_board_without_switches() -> None:
+    with pytest.raises(CncError) as caught:
+        home(small(), board=Loopback(3))
+    assert caught.value.diagnostic.code == "no-switches"
+
+
+def test_what_the_machine_file_leaves_out() -> None:
+    """Z first, upwards; then the others in their order, downwards; as slow as GRBL."""
+    machine = small(axes={letter: axis((-10.0, 20.0), None) for letter in "xyz"})
+    ways = ways_home(machine)
+    assert [(way.letter, way.towards, way.rest) for way in ways] == [("z", 1, 20.0), ("x", -1, -10.0), ("y", -1, -10.0)]
+    assert [way.longest for way in ways] == [32.0] * 3
+    assert (ways[0].settings.seek, ways[0].settings.latch, ways[0].settings.pull_off) == (8.0, 0.5, 1.0)
+    assert isinstance(ways[0], Way)
+    assert LATCHES * 1.0 < STUCK * 1.0
