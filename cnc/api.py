@@ -213,9 +213,8 @@ def home(
     finally:
         if opened is not board:
             opened.close()
-    return {
-        letter: None if steps is None else steps / axis.steps_per_mm for (letter, axis), steps in zip(known.axes.items(), stands, strict=True)
-    }
+    each = zip(known.axes.items(), stands, strict=True)
+    return {letter: None if steps is None else steps / axis.steps_per_mm for (letter, axis), steps in each}
 
 
 def _machine(machine: Machine | Path | str | None) -> Machine:

@@ -69,10 +69,11 @@ class SerialLink:
             self._serial.close()
 
 
-def open_port(name: str, baud: int) -> SerialLink:
+def open_port(name: str, baud: int, *, stay_up: bool = False) -> SerialLink:
     """The port called ``name`` at ``baud``, 8 bits, no parity, for this program alone; what had arrived before is dropped.
 
-    Opening raises DTR, which resets most Arduinos. BoardError ``no-such-port``, ``port-taken``, ``port-not-permitted``,
+    Opening raises DTR, which resets most Arduinos. stay_up: leave DTR up when the port is closed, so that the next opening does not, on
+    systems that can (termios' HUPCL). BoardError ``no-such-port``, ``port-taken``, ``port-not-permitted``,
     ``port-not-usable``.
     """
     import serial
@@ -81,7 +82,20 @@ def open_port(name: str, baud: int) -> SerialLink:
         opened = serial.serial_for_url(name, baudrate=baud, timeout=0, write_timeout=WRITE_PATIENCE, exclusive=True)
     except (OSError, ValueError) as error:
         raise _not_opened(name, error) from error
+    if stay_up:
+        _leave_up(opened)
     return SerialLink(name, opened)
+
+
+def _leave_up(serial: SerialBase) -> None:
+    """Nothing hangs up when the port is closed; not a fault where that can't be had."""
+    with contextlib.suppress(ImportError, OSError, ValueError, AttributeError):
+        import termios
+
+        with contextlib.suppress(termios.error):
+            settings = termios.tcgetattr(serial.fileno())
+            settings[2] &= ~termios.HUPCL
+            termios.tcsetattr(serial.fileno(), termios.TCSANOW, settings)
 
 
 def found_ports() -> list[FoundPort]:

@@ -92,7 +92,7 @@ class Stepper:
         if not name:
             hint = "name it with --port, or board.port in the machine file; cncrun boards lists the ports"
             raise UsageError(Diagnostic("no-port", "the stepper board needs to know its port", hint=hint))
-        port = open_port(name, machine.board.baud if "baud" in machine.board.model_fields_set else BAUD)
+        port = open_port(name, machine.board.baud if "baud" in machine.board.model_fields_set else BAUD, stay_up=True)
         try:
             return cls(port, machine, name, background=True)
         except BaseException:

@@ -52,10 +52,10 @@ class Way:
     @property
     def story(self) -> str:
         """What the axis does, in words."""
-        to, each = ("up" if self.towards > 0 else "down"), self.settings
+        letter, to, each = self.letter.upper(), ("up" if self.towards > 0 else "down"), self.settings
         return (
-            f"{self.letter.upper()}: {to} to its switch, at most {self.longest:g} mm at {each.seek:g} mm/s, then once more at {each.latch:g} mm/s; "
-            f"{each.pull_off:g} mm off it is {self.letter.upper()}{self.rest:g}"
+            f"{letter}: {to} to its switch, at most {self.longest:g} mm at {each.seek:g} mm/s, then once more at {each.latch:g} mm/s; "
+            f"{each.pull_off:g} mm off it is {letter}{self.rest:g}"
         )
 
     @classmethod
@@ -65,7 +65,9 @@ class Way:
         settings = axis.homing or Homing()
         if axis.travel is None:
             hint = f"write axes.{letter}.travel = [lowest, highest] into the machine file"
-            raise UsageError(Diagnostic("homing-travel", f"{letter.upper()} has no travel, so nobody knows how far its switch is", hint=hint))
+            raise UsageError(
+                Diagnostic("homing-travel", f"{letter.upper()} has no travel, so nobody knows how far its switch is", hint=hint)
+            )
         high = (settings.end or ("high" if letter == "z" else "low")) == "high"
         near, far = (axis.travel[1], axis.travel[0]) if high else axis.travel
         rest = near if settings.position is None else settings.position
@@ -97,7 +99,7 @@ def ways_home(machine: Machine, axes: Sequence[str] = (), switches: int = 3) -> 
 
 
 def rest_steps(machine: Machine, ways: Iterable[Way], standing: Sequence[int | None], start: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Where the machine will stand (axes,) when it has gone these ways; ``start``, mm, is where axes are taken to stand that nobody knows of."""
+    """Where the machine will stand (axes,) when it has gone these ways; where nobody knows, ``start``, mm, is taken for it."""
     steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
     taken = np.round(start * steps_per_mm).astype(np.int64)
     steps = np.array([take if stands is None else stands for stands, take in zip(standing, taken.tolist(), strict=True)], np.int64)
@@ -124,7 +126,7 @@ class _Cycle:
         self.control = control
         self.on_progress = on_progress
         self.steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
-        standing = board.standing_steps
+        standing = switched.standing_steps
         self.known = [steps is not None for steps in standing]
         self.steps = rest_steps(machine, (), standing, start)
 
@@ -207,9 +209,9 @@ def home(
 ) -> tuple[int | None, ...]:
     """Let the axes go home, one after the other; where each axis then stands, steps, None for one that nobody knows of.
 
-    axes: which, all that have a switch if none is named. Axes that have none are taken to stand where ``start`` (axes,) mm says, if the board does not know better. on_axis is told of every
-    axis before it goes. UsageError ``no-switches`` for a board that has none; BoardError, after which the axes that were under way are
-    lost; HomingStopped by ``control``.
+    axes: which, all that have a switch if none is named. Axes that have none are taken to stand where ``start`` (axes,) mm says, if the
+    board does not know better. on_axis is told of every axis before it goes. UsageError ``no-switches`` for a board that has none;
+    BoardError, after which the axis that was under way is lost; HomingStopped by ``control``.
     """
     if not isinstance(board, PulseSink) or not isinstance(board, Switched):
         hint = "name the board at which they are: --board stepper; a GRBL board homes by a program whose one line is $H"

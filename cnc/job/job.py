@@ -127,10 +127,11 @@ class Job:
         lost = [letter for letter, known in zip(machine.axes, standing, strict=True) if known is None and letter not in coming]
         if lost and not ways:
             names = " ".join(letter.upper() for letter in lost)
-            what = f"the board does not know where {names} {'stands' if len(lost) == 1 else 'stand'}: it was reset, or switched off"
+            what = f"the board does not know where {names} {'stands' if len(lost) == 1 else 'stand'}"
             if machine.homes:
+                why = "it was reset or switched off, or a limit switch or the e-stop has stopped it at once"
                 hint = "let it find out first: --home does that before the program, cncrun home alone"
-                raise BoardError(Diagnostic("not-homed", what, hint=hint))
+                raise BoardError(Diagnostic("not-homed", f"{what}: {why}", hint=hint))
             places = " ".join(f"{letter.upper()}{place:g}" for letter, place in zip(machine.axes, reading.start.tolist(), strict=True))
             message = f"{what}; the program begins as if the machine stood at {places}"
             hint = "on a machine with limit switches --home finds out, or cncrun home"
