@@ -179,7 +179,7 @@ class LineSink(Board, Protocol):
 
     @property
     def buffered(self) -> int:
-        """Lines that the board has been sent and has not taken yet."""
+        """Lines that the board has been sent and has not carried out yet, as far as that is known."""
 
     def attend(self, control: Control, watcher: Watcher) -> None:
         """Whose wishes to carry out at once from here on, and who is told whenever the board has reported."""

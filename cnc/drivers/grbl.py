@@ -5,6 +5,7 @@ Whatever goes wrong, the motion is stopped (hold, wait for rest, reset) before i
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,11 @@ from numpy.typing import NDArray
 
 from cnc.control import Control
 from cnc.drivers.base import Capabilities, Command, Watcher, board_error
-from cnc.drivers.grbl_info import ARC_TOLERANCE, STEPS, BoardInfo
+from cnc.drivers.grbl_info import ACCELERATIONS, ARC_TOLERANCE, RATES, STEPS, BoardInfo
 from cnc.drivers.grbl_lines import MOST_CHARACTERS, bare, kind_of
 from cnc.drivers.grbl_link import ANSWER, GrblLink
 from cnc.drivers.grbl_messages import Feedback
-from cnc.drivers.grbl_path import SLACK, Whereabouts
+from cnc.drivers.grbl_path import SLACK, Limits, Whereabouts
 from cnc.drivers.grbl_protocol import Alarmed, Confirmed, Event, Lost, RealTime, Rejected, Reported, Sent, Started, Stray
 from cnc.drivers.grbl_status import Status
 from cnc.drivers.grbl_vital import CABLE, Vital
@@ -34,6 +35,11 @@ MOST_BLOCKS = 128
 MARK_LINES = 20
 MARK_TIME = 0.5
 """Lines, and seconds, from one mark to the next: whichever comes first."""
+AHEAD = 1.5
+LOOK_AHEAD = 0.5
+"""Seconds of motion that the board is given ahead: AHEAD, but LOOK_AHEAD more than it needs to brake, so that it need not."""
+AT_REST = 0.3
+"""Seconds of Idle, with every line answered, after which the motion is over: a report may be older than the last answer."""
 NORMAL = 100
 OVERRIDE_PATIENCE = 15.0
 """Seconds for the first override: a step of ten takes a report."""
@@ -59,6 +65,9 @@ class GrblBoard:
         self._vital = Vital()
         self._whereabouts = Whereabouts(0, ())
         self._marked_at = 0.0
+        self._ahead = AHEAD
+        self._off = 0
+        self._busy_at = 0.0
         self._first = True
         self._probed: tuple[float, ...] | None = None
 
@@ -148,8 +157,8 @@ class GrblBoard:
 
     @property
     def buffered(self) -> int:
-        """Lines that were sent and not taken yet."""
-        return self.link.protocol.waiting
+        """Lines that were sent and not carried out yet, as far as that is known."""
+        return max(self.link.protocol.waiting, self._whereabouts.lines)
 
     def attend(self, control: Control, watcher: Watcher) -> None:
         """Carry out the operator's wishes at once, and tell ``watcher`` whenever the board has reported."""
@@ -172,7 +181,14 @@ class GrblBoard:
             link.refresh()
         self._vital.begin(link.now())
         slack = SLACK + (self.info.number(ARC_TOLERANCE) or 0.0) + 2.0 * max(self.resolution)
-        self._whereabouts = Whereabouts(self.info.blocks or MOST_BLOCKS, self._in_g54(), slack)
+        info = self.info
+        columns = range(len(self._position()))
+        limits = Limits(
+            [rate / 60.0 if (rate := info.axis(RATES, column)) else math.inf for column in columns],
+            [info.axis(ACCELERATIONS, column) or math.inf for column in columns],
+        )
+        self._ahead = max(AHEAD, LOOK_AHEAD + info.braking_s())
+        self._whereabouts = Whereabouts(info.blocks or MOST_BLOCKS, self._in_g54(), slack, limits)
         self._whereabouts.begin(self._position())
         self._override_first()
 
@@ -189,7 +205,7 @@ class GrblBoard:
             self._rest()
         if self.status.state == "Alarm" and bare(text)[:2] not in ("$H", "$X"):
             raise self._fault(self._locked(line.line))
-        while protocol.waiting >= self._vital.most_waiting or not protocol.room(text, kind):
+        while protocol.waiting >= self._vital.most_waiting or not protocol.room(text, kind) or self._far_ahead():
             if self._stopping():
                 return
             self._serve(WAIT)
@@ -200,14 +216,13 @@ class GrblBoard:
         if kind == "probe":
             self._probed = None
         if not self.check_only:
-            self._whereabouts.send(text)
+            self._whereabouts.send(text, line.line)
         self._write(protocol.send(text, line.line, kind))
         if protocol.mark_fits() and (protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME):
             self._mark()
         if kind == "system":
             # It may change what the board is: locked or not, and where.
-            self._rest()
-            self._whereabouts.begin(self._position())
+            self._settle()
         elif self._first:
             self._first = False
             self._compare_offset(line.line)
@@ -217,9 +232,7 @@ class GrblBoard:
     def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
         """Wait until the lines sent so far have been carried out. After a probe: 1 or 0 for contact or none, and where, machine mm."""
         self._refuse_unless_running()
-        self._drain()
-        self._rest()
-        self._whereabouts.begin(self._position())
+        self._settle()
         answer, self._probed = self._probed, None
         if answer is None:
             return None
@@ -228,8 +241,7 @@ class GrblBoard:
     def finish(self) -> None:
         """Return when everything has been answered and the machine stands still."""
         self._refuse_unless_running()
-        self._drain()
-        self._rest()
+        self._settle()
         if self._stopping():
             return
         if self.check_only:
@@ -259,6 +271,9 @@ class GrblBoard:
     def _position(self) -> tuple[float, ...]:
         status = self.link.status
         return () if status is None or status.position is None else status.position
+
+    def _shown(self) -> str:
+        return " ".join(f"{letter.upper()}{value:.3f}" for letter, value in zip(AXIS_LETTERS, self._position(), strict=False))
 
     def _own(self, values: tuple[float, ...]) -> tuple[float, ...]:
         """The machine's axes of the board's."""
@@ -296,6 +311,20 @@ class GrblBoard:
                 if still == 2:
                     return
 
+    def _settle(self) -> None:
+        """Until the machine stands still where the lines have led it."""
+        self._rest()
+        if self._stopping():
+            return
+        if self._whereabouts.arrived(self._position()):
+            # One report may be wrong.
+            self.link.refresh()
+            off = self._whereabouts.arrived(self._position())
+            if off:
+                message = f"the board stands at {self._shown()}, {off:.3g} mm from where line {self.confirmed_line} leads: bytes got lost"
+                raise self._fault(board_error("position-differs", message, line=self.confirmed_line, hint=CABLE))
+        self._whereabouts.begin(self._position())
+
     def _serve(self, timeout: float, *, fast: bool = False) -> None:
         """Wait for the board a moment, take in what it says, and carry out the operator's wishes. Every fault comes out of here."""
         link = self.link
@@ -315,6 +344,7 @@ class GrblBoard:
 
     def _take(self, event: Event) -> None:
         if isinstance(event, Confirmed):
+            self._busy_at = self.link.now()
             self._vital.answered(self.link.now())
         elif isinstance(event, Reported):
             self._vital.reported(event.status, self.link.now())
@@ -336,15 +366,29 @@ class GrblBoard:
         elif isinstance(event, Stray):
             raise self._fault(self._lost(self.confirmed_line, self.confirmed_line))
 
+    def _far_ahead(self) -> bool:
+        """Whether the board has motion enough ahead of it for now."""
+        overrides = self.status.overrides or (NORMAL, NORMAL, NORMAL)
+        slowest = max(min(overrides[0], overrides[1], NORMAL), 1)
+        return self._whereabouts.seconds * NORMAL / slowest > self._ahead
+
     def _locate(self, status: Status) -> None:
-        """Whether the board is where it can be."""
+        """Whether the board is where it can be. One report may be wrong: the board reads its position while it steps."""
         if self.state != "running" or status.position is None or status.state not in ("Run", "Hold", "Idle") or self.check_only:
             return
-        off = self._whereabouts.off(status.position, self.link.protocol.waiting)
-        if off:
-            at = " ".join(f"{letter}{value:.3f}" for letter, value in zip("XYZABC", status.position, strict=False))
-            message = f"the board is at {at}, {off:.3g} mm off every move that it was sent: bytes of a line got lost on the way"
-            raise self._fault(board_error("off-path", message, line=self.confirmed_line, hint=CABLE))
+        waiting, now = self.link.protocol.waiting, self.link.now()
+        off = self._whereabouts.off(status.position, waiting)
+        if status.state != "Idle" or waiting:
+            self._busy_at = now
+        elif not off and now - self._busy_at > AT_REST:
+            off = self._whereabouts.arrived(status.position)
+        self._off = self._off + 1 if off else 0
+        if not off:
+            return
+        if self._off == 1:
+            self.link.poll_now()
+            return
+        raise self._fault(self._off_path(off))
 
     def _judge(self) -> None:
         """A board that answers nothing, by what it says of itself."""
@@ -432,6 +476,11 @@ class GrblBoard:
             found = error.diagnostic
             return board_error("probe-no-contact", found.message, line=sent.line, hint=found.hint)
         return error
+
+    def _off_path(self, off: float) -> BoardError:
+        line = self._whereabouts.line or self.confirmed_line
+        message = f"the board is at {self._shown()}, {off:.3g} mm off its way: bytes of line {line}, or of one soon after, got lost"
+        return board_error("off-path", message, line=line, hint=CABLE)
 
     def _lost(self, after: int, until: int) -> BoardError:
         where = f"between line {after} and line {until}" if after < until else f"near line {until}"

@@ -7,7 +7,7 @@ What tells one from the other is the status, asked for five times a second:
     nothing answered       | Run, the position changes | a long move: the planner is full
     nothing answered       | Idle, a dwell is due      | the dwell, for as long as it takes
     nothing answered       | Hold, Door                | somebody holds the machine: until it goes on
-    nothing answered       | Idle for 3 s              | a line or an answer was lost
+    nothing answered       | Idle for 2 s              | a line or an answer was lost
     nothing answered       | Run for 30 s, no motion   | stuck
 """
 
@@ -18,7 +18,7 @@ from cnc.drivers.grbl_protocol import Sent
 from cnc.drivers.grbl_status import Status
 from cnc.errors import BoardError
 
-QUIET = 3.0
+QUIET = 2.0
 """Seconds of an idle board with unanswered lines after which one is lost."""
 SPIN_UP = 20.0
 """The same while the spindle starts: grblHAL may wait for its speed."""
