@@ -111,6 +111,61 @@ def test_programs_that_need_senses_are_refused(name: str, tmp_path: Path) -> Non
     simulator.close()
 
 
+FULL, ACCELERATION, JERK, RADIUS = 40.0, 400.0, 15000.0, 5.0
+"""mm and s: what X and Y of the machine can, and the arcs below."""
+HORIZON = 0.15
+"""s: no more than this is committed when a hold comes, and no less than 0.1."""
+
+
+def stopping(acceleration: float, jerk: float) -> float:
+    """Seconds from full speed to rest along an S: v / a + a / j (Biagiotti, Melchiorri 2008, 3.4)."""
+    return FULL / acceleration + acceleration / jerk
+
+
+ON_A_LINE = stopping(ACCELERATION, JERK)
+SPEEDING_UP = ON_A_LINE + ACCELERATION / JERK
+"""Speeding up, the acceleration has to end first."""
+_ROUND = FULL**2 / RADIUS
+_LEFT = (ACCELERATION**2 - _ROUND**2) ** 0.5
+ON_THE_ARC = stopping(_LEFT, (JERK**2 - (3 * FULL * _LEFT / RADIUS) ** 2) ** 0.5 - FULL**3 / RADIUS**2)
+"""Going round takes v^2/r across the path, and of the jerk 3 v a / r across and v^3 / r^2 along it: braking has the rest, at worst."""
+
+
+@pytest.mark.parametrize(
+    ("text", "moment", "braking"),
+    [
+        ("G1 X30 F2400", 0.01, SPEEDING_UP),
+        ("G1 X30 F2400", 0.3, ON_A_LINE),
+        ("G2 X0 Y0 I5 J0 F2400", 0.01, ON_THE_ARC + ACCELERATION / JERK),
+        *(("G2 X0 Y0 I5 J0 F2400", moment, ON_THE_ARC) for moment in share(np.linspace(0.2, 0.6, 20).tolist(), [0.49])),
+    ],
+)
+def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(tmp_path: Path, text: str, moment: float, braking: float) -> None:
+    (tmp_path / "p.ngc").write_text(f"G21 G90 G17\n{text}\nM2\n")
+    plain, reference = played(tmp_path / "p.ngc", tmp_path, machine())
+    assert plain.ok
+    control, simulator, asked, rest = Control(), Simulator(), [], []
+    port = SimulatorPort(simulator)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+
+    def on_sent(sent: object) -> None:
+        if not asked and board._stream.running and board._stream.played_ns * 1e-9 > moment:
+            asked.append(simulator.cycle)
+            control.hold()
+        if getattr(sent, "held", False):
+            rest.append(int(simulator.moves()[0][-1]))
+            control.resume()
+
+    assert run(tmp_path / "p.ngc", machine(), board=board, control=control, watch=Watch(on_sent=on_sent)).ok
+    board.close()
+    assert (rest[0] - asked[0]) / FREQUENCY <= HORIZON + braking
+    cycles, expected = simulator.moves()[0], reference.moves()[0]
+    committed = np.searchsorted(cycles, asked[0] + 0.1 * FREQUENCY)
+    assert off_plan_us(cycles[:committed], expected[:committed] * 1e9 / FREQUENCY) <= CLOSE_US, "a hold changes nothing that is committed"
+    simulator.close()
+    reference.close()
+
+
 @pytest.mark.parametrize("moment", np.linspace(0.1, 0.45, share(50, 2)).tolist())
 def test_held_and_resumed(small: Path, tmp_path: Path, moment: float) -> None:
     """The same edges in the same order as a run that nobody held, and rest soon after the wish."""
@@ -138,10 +193,8 @@ def test_held_and_resumed(small: Path, tmp_path: Path, moment: float) -> None:
     plain, reference = played(small, without, machine())
     assert plain.ok
     np.testing.assert_array_equal(simulator.moves()[1], reference.moves()[1])
-    # braking: at most the time from full speed to rest with a jerk-limited ramp, twice, for it may have been speeding up
-    braking = 2 * (40 / 400 + 400 / 15000)
     assert rests
-    assert (rests[0] - held_at[0]) / FREQUENCY < 0.15 + braking
+    assert (rests[0] - held_at[0]) / FREQUENCY <= HORIZON + ON_THE_ARC
     simulator.close()
     reference.close()
 
