@@ -68,7 +68,8 @@ class Stepper:
         self._untold: BoardError | None = None
         self._turned = np.array([-1 if axis.invert else 1 for axis in machine.axes.values()], dtype=np.int8)
         self._steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
-        self._welcome, status = opened(self._wire, machine)
+        self._welcome, self._told = opened(self._wire, machine)
+        status = self._told
         self._least_ns = least_ns(self._welcome, machine)
         self._checks = Loopback(len(machine.axes), self._least_ns)
         self._stream = Stream(self._wire, len(machine.axes), self._pump, status.taken)
@@ -115,7 +116,7 @@ class Stepper:
 
     @property
     def position_steps(self) -> NDArray[np.int64]:
-        """Where all that was sent leads; after a fault or an abort, where the board says it stands."""
+        """Where all that was sent leads; after a fault or an abort, where the board says it stands, or last said."""
         return self._checks.position_steps if self._began and not self._stopped_short else self._stream.position.copy()
 
     @property
@@ -294,13 +295,14 @@ class Stepper:
         try:
             said = self._wire.pump(seconds)
         except BoardError as error:
-            raise self._failed(self._at_line(error)) from error
+            raise self._lost(self._at_line(error)) from error
         for status in said:
             self._stream.heard(status)
             self._heed_buttons(status)
             if self._active and not status.position_known:
                 hint = "look at its supply and at its reset line; home the machine before the next run"
-                raise self._failed(board_error("board-reset", f"the board on {self._wire.name} was reset; its position is lost", hint=hint))
+                raise self._lost(board_error("board-reset", f"the board on {self._wire.name} was reset; its position is lost", hint=hint))
+            self._told = status
             if self._probing and status.state == State.TOUCHED and not self._stream.cut:
                 self._stream.cut = True
                 self._link.drop()
@@ -370,6 +372,13 @@ class Stepper:
         self._checks.abort()
         self._stream.running = self._active = False
         return error
+
+    def _lost(self, error: BoardError) -> BoardError:
+        """Where the machine stands nobody knows any more: what counts is where the board last said it was."""
+        if self._active:
+            self._stands_at(self._told)
+        self._known = np.zeros_like(self._known)
+        return self._failed(error)
 
     def _alarmed(self, status: Status) -> BoardError:
         """The board has stopped: why, and where it stands."""
