@@ -28,6 +28,7 @@ from drivers.stepper_host import (
     SILENCE,
     STOPPED_BY_HOST,
     TOUCHED,
+    UNDERRUN,
     Host,
     arm,
     outputs,
@@ -617,3 +618,22 @@ def test_a_board_that_only_speaks_up_about_its_spindle(simulator: Simulator) -> 
         edges = len(simulator.edges())
         simulator.run(0.01)
         assert not (simulator.edges()[edges:]["pin"] == SPINDLE_PIN).any()
+
+
+@pytest.mark.parametrize("ms", share(list(range(20, 120, 5)), [37, 80]))
+def test_a_host_that_falls_behind_costs_no_place(host: Host, ms: int) -> None:
+    """It asks, so it lives, but the stream ends without saying so: all axes come to rest together, and what was made is what is told."""
+    moves = ms * 2_000 // 50
+    both = b"".join(straight(min(200, moves - at), 50, 3, down=2) for at in range(0, moves, 200))
+    host.stream(both, ms, end=False)
+    assert host.request(Kind.RUN)
+    while (said := host.ask()).state != ALARM:
+        assert host.simulator.now < 1.0
+    assert said.alarm == UNDERRUN
+    cycles, made = host.simulator.moves()
+    assert 0 < len(made) < moves
+    assert list(said.position[:3]) == [100 + len(made), -200 - len(made), 300]
+    # 40 000 steps a second before; at rest the last gaps are many times that, and none is shorter than planned
+    gaps = np.diff(cycles)
+    assert gaps.min() >= 25e-6 * FREQUENCY - 80
+    assert gaps[-3:].min() > 2 * 25e-6 * FREQUENCY

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import random
+import re
+import struct
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -188,3 +191,53 @@ def test_a_status_says_all_of_it() -> None:
     [said] = link.receive(frame(Kind.STATUS, 1, payload), 0.1)
     assert said == Status(1, State.ALARM, Alarm.LIMIT, True, 0x12, 70_000, None, (1, -2, 300_000, 0), 3, 250)
     assert not link.requesting
+
+
+# ------------------------------------------------------------------------------------------------------------------------ the page
+
+FIRMWARE = Path(__file__).parents[2] / "firmware"
+PAGE = (FIRMWARE / "PROTOCOL.md").read_text()
+ROWS = {name: (int(number, 16), fields) for number, name, fields in re.findall(r"^\| (0x\w+) (\w+) \| \w+ \| (.*?) \|", PAGE, re.M)}
+
+
+def size(fields: str) -> int:
+    """Bytes of a payload as the page has it: each field with its length behind it."""
+    total = 0
+    for field in re.sub(r" \(\w+\)", "", fields).split(", "):
+        name, _, length = field.partition(" ")
+        total += len(name) - 2 if name.startswith('"') else 16 if length == "4 x 4" else int(length)
+    return total
+
+
+def counted(enumeration: str) -> dict[str, int]:
+    """The names of a C enumeration, each one more than the one before."""
+    number, found = -1, {}
+    for each in enumeration.split(","):
+        name, _, value = each.partition("=")
+        number = int(value, 16) if value else number + 1
+        found[name.strip()] = number
+    return found
+
+
+def test_the_page_tells_the_types_that_both_sides_have() -> None:
+    told = {name: number for name, (number, _) in ROWS.items()}
+    assert told == {kind.name: kind.value for kind in Kind}
+    in_c = re.findall(r"enum \{ ((?:DATA|ACK) .*?) \}", (FIRMWARE / "link.c").read_text())
+    assert told == {name: number for each in in_c for name, number in counted(each).items()}
+
+
+@pytest.mark.parametrize(
+    ("name", "form"), [("STATUS", "<BBHBBBIh4iBB"), ("WELCOME", "<3sBBHHHBB"), ("CONFIGURE", "<6B"), ("ACK", "<BH"), ("DATA", "<H")]
+)
+def test_the_page_tells_how_long_they_are(name: str, form: str) -> None:
+    assert size(ROWS[name][1].replace(", stream 0 to 40", "")) == struct.calcsize(form)
+
+
+@pytest.mark.parametrize(("word", "known"), [("state", State), ("alarm", Alarm)])
+def test_the_page_tells_the_numbers_of(word: str, known: type[State] | type[Alarm]) -> None:
+    sentence = re.search(rf"\b{word}: (0 [^.]*)\.", PAGE, re.S)
+    assert sentence is not None
+    assert [int(number) for number in re.findall(r"\b(\d) [a-z]", sentence[1])] == [each.value for each in known]
+    in_c = counted(re.search(rf"enum {{ ({'IDLE' if word == 'state' else 'NO_ALARM'}.*?) }}", (FIRMWARE / "board.h").read_text())[1])
+    assert list(in_c.values()) == [each.value for each in known]
+    assert [name.removesuffix("_ALARM") if word == "alarm" else name for name in in_c][1:] == [each.name for each in known][1:]
