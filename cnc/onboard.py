@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from cnc.canon import AXIS_LETTERS, Block, Stop, Tool
 from cnc.drivers.base import LineSink, board_error
 from cnc.errors import Diagnostic, GcodeError
+from cnc.flatten.room import MARGIN
 from cnc.flatten.translator import ARC_TOLERANCE, Translator
 from cnc.machine.models import Machine
 from cnc.stream import GcodeLine
@@ -45,7 +46,14 @@ def translator(board: LineSink, machine: Machine) -> Translator:
     if not offsets:
         raise board_error("board-axes", "the board tells no offsets", hint="is it GRBL 1.1 or grblHAL?")
     work_offset = [offsets.get(letter, 0.0) for letter in ("x", "y", "z")]
-    return Translator(machine, work_offset=work_offset, arc_tolerance=board.settings.get(12) or ARC_TOLERANCE, mist=board.mist)
+    settings = board.settings
+    return Translator(
+        machine,
+        work_offset=work_offset,
+        arc_tolerance=settings.get(12) or ARC_TOLERANCE,
+        mist=board.mist,
+        margin=MARGIN if settings.get(20) else 0.0,
+    )
 
 
 def waits(block: Block) -> bool:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cnc.flatten.strand import NO_ARC, Strand, TrueArc
+from cnc.flatten.room import Room
+from cnc.flatten.strand import NO_ARC, PlaneArc, Strand
 from cnc.flatten.writer import Point
 from cnc.kernels.arcfit import STRAIGHT, fewest
 
@@ -21,7 +22,7 @@ class Move:
     """
 
     end: Point
-    arc: TrueArc | None
+    arc: PlaneArc | None
     first: int
     speed: float
     feed: float
@@ -29,12 +30,12 @@ class Move:
     rests: bool
 
 
-def moves(strand: Strand, tolerance: float, chord: float) -> Iterator[Move]:
+def moves(strand: Strand, tolerance: float, chord: float, room: Room) -> Iterator[Move]:
     """Moves from the start of the strand to its end; ``chord`` is by how much the board's own chords may be off an arc, mm."""
     k = len(strand)
     end, plane, arc = np.empty(k, np.int64), np.empty(k, np.int64), np.empty((k, 3))
     may_turn = (strand.arc == NO_ARC) & ~np.isnan(strand.feed)
-    count = fewest(strand.points, strand.cuts(), may_turn, tolerance, chord, end, plane, arc)
+    count = fewest(strand.points, strand.cuts(), may_turn, tolerance, chord, room.low, room.high, end, plane, arc)
     end, plane, arc = end[:count], plane[:count], arc[:count]
     first = np.concatenate(([0], end[:-1]))
     columns = (
@@ -50,7 +51,7 @@ def moves(strand: Strand, tolerance: float, chord: float) -> Iterator[Move]:
     )
     for (x, y, z), begin, speed, feed, line, rests, true, kind, (cx, cy, sweep) in zip(*columns, strict=True):
         if true != NO_ARC:
-            turned: TrueArc | None = strand.arcs[true]
+            turned: PlaneArc | None = strand.arcs[true]
         else:
-            turned = None if kind == STRAIGHT else TrueArc(kind, (cx, cy), sweep)
+            turned = None if kind == STRAIGHT else PlaneArc(kind, (cx, cy), sweep, fitted=True)
         yield Move((x, y, z), turned, begin, speed, feed, line, rests)

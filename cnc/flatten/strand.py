@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.errors import Diagnostic, GcodeError
+from cnc.flatten.room import Room
 from cnc.flatten.words import LETTERS, PLANE_COLUMNS
-from cnc.kernels.arcfit import board_chord
 from cnc.kernels.curve import ARC, LINE, SPAN, SPAN_BODY, START, TABLE, U0, U1, curve_eval
 from cnc.path.chunk import PathChunk
 from cnc.planner.plan import PlanChunk
@@ -37,12 +37,16 @@ PLANE_OF_COLUMNS = {columns[:2]: plane for plane, columns in enumerate(PLANE_COL
 
 
 @dataclass(frozen=True, slots=True)
-class TrueArc:
-    """An arc or helix of the path: number of its plane, centre in it, and signed sweep in rad, counter-clockwise positive."""
+class PlaneArc:
+    """An arc or helix: number of its plane, centre in it, and signed sweep in rad, counter-clockwise positive.
+
+    fitted: whether it stands for a stretch of path within the tolerance; else it is the path.
+    """
 
     plane: int
     center: tuple[float, float]
     sweep: float
+    fitted: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +63,7 @@ class Strand:
     feed: Floats
     line: NDArray[np.int32]
     arc: NDArray[np.int64]
-    arcs: tuple[TrueArc, ...]
+    arcs: tuple[PlaneArc, ...]
 
     def __len__(self) -> int:
         return len(self.speed)
@@ -101,16 +105,14 @@ class Strands:
     """Makes strands of the plan, piece by piece: each when the plan has passed its end.
 
     A plan comes in slices that may end inside a piece; what is known of its speeds by then is kept. dense: mm, by how much chords between
-    the points may deviate from the path. An arc is a true one if it has one radius, and if the chords that the board makes of it with its
-    tolerance ``chord`` deviate by no more than ``tolerance``.
+    the points may deviate from the path. An arc is a true one if it has one radius and keeps in the ``room``.
     """
 
-    def __init__(self, axes: tuple[str, ...], dense: float, tolerance: float, chord: float) -> None:
+    def __init__(self, axes: tuple[str, ...], dense: float, room: Room) -> None:
         self._columns = [axes.index(letter) if letter in axes else -1 for letter in LETTERS.lower()]
         self._others = [k for k, axis in enumerate(axes) if axis not in LETTERS.lower()]
         self._dense = dense
-        self._tolerance = tolerance
-        self._chord = chord
+        self._room = room
         self._nodes: tuple[Floats, Floats] | None = None
 
     def made(self, plan: PlanChunk) -> Strand | None:
@@ -140,7 +142,7 @@ class Strands:
         points = [self._xyz(path.data[head : head + n][None])]
         places, faster = [piece_s[first : first + 1]], [np.ones(1)]
         counts: list[int] = []
-        arcs: list[TrueArc] = []
+        arcs: list[PlaneArc] = []
         arc: list[int] = []
         for begin, end in zip([first, *borders], [*borders, last], strict=True):
             if kinds[begin - first] == LINE:
@@ -168,7 +170,7 @@ class Strands:
         rest[np.cumsum(counts)] = path.stop_after[first:last]
         factor = np.concatenate(faster)
         return Strand(
-            points=np.concatenate(points),
+            points=self._room.inside(np.concatenate(points)),
             rest=rest,
             speed=highest(nodes_s, nodes_v, np.concatenate(places)) * np.maximum(factor[1:], factor[:-1]),
             feed=path.feed[each],
@@ -211,7 +213,7 @@ class Strands:
             return points[1:], u, np.gradient(along, u * (u1 - u0))
         return points[1:], along / along[-1], np.ones(count)
 
-    def _true_arc(self, path: PathChunk, k: int) -> TrueArc | None:
+    def _true_arc(self, path: PathChunk, k: int) -> PlaneArc | None:
         """The piece as an arc in a plane of x y z, if it is one with one radius."""
         if path.kind[k] != ARC:
             return None
@@ -220,9 +222,10 @@ class Strands:
         columns = self._columns.index(int(i)), self._columns.index(int(j))
         if abs(growth) > self._dense or columns not in PLANE_OF_COLUMNS:
             return None
-        if board_chord(radius, abs(sweep), self._chord) > self._tolerance:
+        center = path.data[start + int(i)] - radius * ex, path.data[start + int(j)] - radius * ey
+        if not self._room.holds(columns, center, self._ends(path, k)[0], sweep):
             return None
-        return TrueArc(PLANE_OF_COLUMNS[columns], (path.data[start + int(i)] - radius * ex, path.data[start + int(j)] - radius * ey), sweep)
+        return PlaneArc(PLANE_OF_COLUMNS[columns], center, sweep)
 
     def _xyz(self, rows: Floats) -> Floats:
         """Positions of all axes (k, n) as x, y, z (k, 3)."""

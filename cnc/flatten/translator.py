@@ -25,10 +25,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from cnc.canon import Block, BoardCommand, End, Message, Probe
 from cnc.errors import Diagnostic, GcodeError
 from cnc.flatten.arcfit import Move, moves
 from cnc.flatten.commands import Commands, probe_word
+from cnc.flatten.room import Room
 from cnc.flatten.smooth import SMOOTHING
 from cnc.flatten.strand import Strand, Strands
 from cnc.flatten.words import LETTERS
@@ -41,8 +44,9 @@ PREAMBLE = "G21 G90 G94 G17 G54"
 REST = "G4 P0"
 DENSE = 0.02
 """Part of the tolerance by which the points of a curve stand for it."""
-FITTING = 0.98 - DENSE - SMOOTHING
-"""Part of the tolerance that lines and arcs may be off those points. The rest is for the digits of numbers."""
+FITTING = 0.96 - DENSE - SMOOTHING
+"""Part of the tolerance that lines and arcs may be off those points. The rest is for the digits of numbers, and for what sums of
+32-bit floats lose."""
 ARC_TOLERANCE = 0.002
 """mm: GRBL's default for $12."""
 LEAST_TOLERANCE = 1e-3
@@ -54,9 +58,10 @@ class Translator:
 
     tolerance: mm, how far the lines may be from the program, the path being that of :func:`~cnc.flatten.smooth.smooth_path` for the same
     one; None for the machine's (``path.tolerance``). work_offset: see above.
-    arc_tolerance: the board's $12, mm, by which its own chords may be off an arc. mist: the board has M7. moving: for a program that may
-    run anywhere, the axes (of "xyz") that move in it: the first feed move finds all of them where they should be, because a traverse has
-    said so; None for a board that stands where the plan begins.
+    arc_tolerance: the board's $12, mm, by which its own chords may be off an arc. mist: the board has M7. margin: mm, by which lines keep
+    away from the ends of the travel (:mod:`cnc.flatten.room`). moving: for a program that may run anywhere, the axes (of "xyz") that move
+    in it: the first feed move finds all of them where they should be, because a traverse has said so; None for a board that stands where
+    the plan begins.
     Raises GcodeError ``not-on-board``, ``axis-not-on-board``, ``board-command-moves`` at the line of what GRBL can't do.
     """
 
@@ -68,6 +73,7 @@ class Translator:
         work_offset: Sequence[float] = (0.0, 0.0, 0.0),
         arc_tolerance: float = ARC_TOLERANCE,
         mist: bool = False,
+        margin: float = 0.0,
         moving: str | None = None,
     ) -> None:
         axes = machine.axis_names
@@ -77,8 +83,9 @@ class Translator:
         self._commands = Commands(mist=mist)
         self._chord = arc_tolerance
         self._fit = FITTING * self.tolerance
-        self._strands = Strands(axes, DENSE * self.tolerance, self._fit, arc_tolerance)
-        self._writer = Writer(work_offset, self.tolerance, machine.board.baud, letters)
+        self._room = Room.of(machine, margin)
+        self._strands = Strands(axes, DENSE * self.tolerance, self._room)
+        self._writer = Writer(work_offset, self.tolerance, machine.board.baud, letters, arc_tolerance)
         self._to_state = "" if moving is None else moving.upper()
         self._pending: Strand | None = None
         self._begun = False
@@ -149,7 +156,7 @@ class Translator:
                 self._writer.stands_at(self._position)
         self._commands.moved = True
         last: Move | None = None
-        for move in moves(strand, self._fit, self._chord):
+        for move in moves(strand, self._fit, self._chord, self._room):
             if last is not None:
                 yield from self._said(last)
             last = move
@@ -174,7 +181,7 @@ class Translator:
             if not writer.placed and self._position is not None:
                 for text in writer.line(self._position, move.speed, move.feed):
                     yield GcodeLine(text, move.line)
-            texts = writer.arc(move.end, arc.plane, arc.center, arc.sweep, move.speed, move.feed)
+            texts = writer.arc(move.end, arc.plane, arc.center, arc.sweep, move.speed, move.feed, fitted=arc.fitted)
         for text in texts:
             yield GcodeLine(text, move.line)
         self._position, self._rests = move.end, move.rests
@@ -185,11 +192,12 @@ class Translator:
                 message = f"a GRBL board probes along X, Y and Z, not along {axis.upper()}"
                 raise GcodeError(Diagnostic("axis-not-on-board", message, probe.file, probe.line))
         ends = dict(zip(self._axes, probe.end.tolist(), strict=True))
-        x, y, z = (ends.get(letter.lower(), 0.0) for letter in LETTERS)
+        wanted = np.array([[ends.get(letter.lower(), 0.0) for letter in LETTERS]])
+        end = _point(self._room.inside(wanted)[0].tolist())
         self._probing = probe
         self._commands.moved = True
         self._position = None
-        return GcodeLine(self._writer.probe(probe_word(probe), (x, y, z), probe.feed), probe.line)
+        return GcodeLine(self._writer.probe(probe_word(probe), end, probe.feed), probe.line)
 
 
 def _point(row: Sequence[float]) -> Point:

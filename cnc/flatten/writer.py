@@ -10,6 +10,9 @@ end as it reads it, and refuses (error:33) what differs by more than 0.005 mm an
 GRBL takes an angle below 5e-7 rad for a full circle (motion_control.c, mc_arc). But of 32-bit floats the angle between the two ends of a
 full circle is only 0 within 3e-5 mm / radius, at 300 mm from zero: half of the circles of 10 mm would be left out. So a circle is two
 halves.
+
+Along the axis across an arc it adds a part of the climb at each of its chords, each sum being rounded: of n chords at z the last is up to
+n ulp(z) / 2 off before it is put right by the end. A helix of many chords far from zero is made of several.
 """
 
 from __future__ import annotations
@@ -17,7 +20,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from cnc.flatten.words import CENTER_LETTERS, FEED_STEP, LETTERS, PLANE_COLUMNS, PLANE_WORDS, feed_word, number
+from cnc.kernels.arcfit import board_chord
 from cnc.units import per_minute
 
 TURN = 2.0 * math.pi
@@ -27,7 +33,14 @@ SHORTEST_ARC = 1e-3
 LINES_PER_S = 385.0
 """Short lines that GRBL on an AVR takes in a second, whatever the baud rate: it reads and plans each."""
 CHORDS = 0.2
-"""Part of the tolerance for chords in place of an arc that the digits of numbers would spoil."""
+"""Part of the tolerance for chords in place of a fitted arc that the digits of numbers would spoil."""
+COARSE = 0.8
+"""Part of the tolerance that the board's own chords may be off an arc of the program: what would be off by more is
+said as chords of ours."""
+DIGITS = 0.02
+"""Part of the tolerance for what rounding may make of the board's chords."""
+SUMMED, SUMMED_FITTED = 0.5, 0.04
+"""Part of the tolerance that rounding may add up to along a helix: of the program's own, and of one that has been fitted to a path."""
 BITS_PER_BYTE = 10
 BLOCKS_AHEAD = 15
 """Moves that GRBL's planner holds."""
@@ -38,13 +51,14 @@ Point = tuple[float, float, float]
 class Writer:
     """Says where the board goes from where it stands.
 
-    offset: what the board adds to the coordinates of a line, mm. tolerance: mm, how far chords may be from an arc. baud: of the link.
-    letters: which of XYZ the machine has.
+    offset: what the board adds to the coordinates of a line, mm. tolerance: mm, how far lines may be from the program. baud: of the link.
+    letters: which of XYZ the machine has. chord: mm, by which the board's own chords may be off an arc.
     """
 
-    def __init__(self, offset: Sequence[float], tolerance: float, baud: int, letters: str) -> None:
+    def __init__(self, offset: Sequence[float], tolerance: float, baud: int, letters: str, chord: float) -> None:
         self._offset = offset
-        self._tolerance = CHORDS * tolerance
+        self._chord = chord
+        self._tolerance = tolerance
         self._byte_time = BITS_PER_BYTE / baud
         self._letters = letters
         # four digits for the usual hundredth of a millimetre: what rounding adds is a hundredth of that
@@ -122,16 +136,22 @@ class Writer:
         self.lost()
         return " ".join((word, *axes, self._feed_text))
 
-    def arc(self, end: Point, plane: int, center: tuple[float, float], sweep: float, speed: float, feed: float) -> Iterator[str]:
-        """An arc or helix about ``center`` (mm, machine coordinates) by ``sweep`` rad, counter-clockwise positive, one turn at most."""
+    def arc(
+        self, end: Point, plane: int, center: tuple[float, float], sweep: float, speed: float, feed: float, *, fitted: bool = False
+    ) -> Iterator[str]:
+        """An arc or helix about ``center`` (mm, machine coordinates) by ``sweep`` rad, counter-clockwise positive, any number of turns."""
         i, j, across = PLANE_COLUMNS[plane]
         at, words = self._printed(end)
         here, there = (self._at[i], self._at[j]), (at[i], at[j])
         cx, cy = center[0] - self._offset[i], center[1] - self._offset[j]
         radius = math.dist(here, (cx, cy))
         closed = words[i] == self._words[i] and words[j] == self._words[j]
-        if abs(sweep) > 0.75 * TURN:
-            yield from self._in_parts(2, end, plane, center, sweep, speed, feed)
+        parts = math.ceil(abs(sweep) / (0.5 * TURN)) if abs(sweep) > 0.75 * TURN else 1
+        if words[across] != self._words[across]:
+            height = max(abs(value[across] + self._offset[across]) for value in (at, self._at))
+            parts = max(parts, self._helix_parts(radius, sweep, height, SUMMED_FITTED if fitted else SUMMED))
+        if parts > 1:
+            yield from self._in_parts(parts, end, plane, center, sweep, speed, feed, fitted=fitted)
             return
         if abs(sweep) <= 0.5 * TURN and not closed:
             # onto the bisector
@@ -141,8 +161,13 @@ class Writer:
         first, second = number(cx - here[0], self._digits), number(cy - here[1], self._digits)
         read = abs(angle_read(here, there, (float(first), float(second)), sweep > 0.0))
         short = abs(sweep) < SHORTEST_ANGLE or abs(sweep) * radius < SHORTEST_ARC
-        if short or closed or abs(read - abs(sweep)) * radius > self._tolerance:
-            turn = 2.0 * math.acos(max(1.0 - self._tolerance / radius, 0.5)) if radius > 0.0 else TURN
+        # by the numbers as they are printed: the board may make one chord less than of the arc as it was meant
+        inside = board_chord(math.hypot(float(first), float(second)), read, self._chord)
+        allowed = board_chord(radius, abs(sweep), self._chord) + DIGITS * self._tolerance if fitted else COARSE * self._tolerance
+        coarse = inside > allowed
+        if short or closed or coarse or abs(read - abs(sweep)) * radius > CHORDS * self._tolerance:
+            off = (CHORDS if fitted else COARSE) * self._tolerance
+            turn = 2.0 * math.acos(max(1.0 - off / radius, 0.5)) if radius > 0.0 else TURN
             yield from self._in_parts(max(1, math.ceil(abs(sweep) / turn)), end, plane, center, sweep, speed, feed, chords=True)
             return
         plane_words = [LETTERS[k] + str(words[k]) for k in sorted((i, j)) if words[k] != self._words[k]]
@@ -152,6 +177,13 @@ class Writer:
         said = self._feed_word(length, len(" ".join(axes)), speed, feed)
         yield self._said("G3" if sweep > 0.0 else "G2", axes, said, PLANE_WORDS[plane])
         self._at, self._words = at, words
+
+    def _helix_parts(self, radius: float, sweep: float, height: float, part: float) -> int:
+        """Into how many helices of few chords one is cut, ``height`` mm being the largest coordinate along it."""
+        rounding = 0.5 * float(np.spacing(np.float32(height)))
+        most = max(part * self._tolerance / rounding, 1.0)
+        half = math.sqrt(self._chord * (2.0 * radius - self._chord)) if self._chord < 2.0 * radius else math.inf
+        return math.ceil(0.5 * abs(sweep) * radius / half / most)
 
     def _in_parts(
         self,
@@ -164,6 +196,7 @@ class Writer:
         feed: float,
         *,
         chords: bool = False,
+        fitted: bool = False,
     ) -> Iterator[str]:
         """An arc as several, or as chords."""
         i, j, across = PLANE_COLUMNS[plane]
@@ -176,7 +209,10 @@ class Writer:
             to[i], to[j] = center[0] + cos * x - sin * y, center[1] + sin * x + cos * y
             to[across] += (end[across] - begin[across]) * k / parts
             there = end if k == parts else (to[0], to[1], to[2])
-            yield from self.line(there, speed, feed) if chords else self.arc(there, plane, center, sweep / parts, speed, feed)
+            if chords:
+                yield from self.line(there, speed, feed)
+            else:
+                yield from self.arc(there, plane, center, sweep / parts, speed, feed, fitted=fitted)
 
     def _printed(self, point: Point) -> tuple[Point, list[str | None]]:
         """The coordinates of a line for a point, as numbers and as text."""

@@ -9,12 +9,15 @@ all arcs from point S to point E the one is taken that the points between, and t
             a   h|    a
                  C                        h = sum(y (x^2 + y^2 - a^2)) / (2 sum(y^2)).
 
-The board makes chords of an arc: of one with sweep phi it makes n = floor(phi / (2 acos(1 - c / r))), one at least, with c its own
-tolerance (GRBL's $12), which are up to r (1 - cos(phi / 2n)) inside. That counts as a deviation, too.
+The board makes chords of an arc: of one with sweep phi it makes n = floor(phi r / (2 sqrt(c (2 r - c)))), one at least, with c its own
+tolerance (GRBL's $12), which are up to r (1 - cos(phi / 2n)) inside: of a short arc by much more than c. It turns from one to the next by
+cos t = 1 - t^2 / 2 and sin t = t - t^3 / 6, twelve times before it computes them well (motion_control.c, mc_arc), which makes small circles
+smaller. All that counts as a deviation, too.
 
 How far the next one reaches is found by doubling its length until nothing fits (twice in a row: because of n a longer arc may fit where a
 shorter one does not), and then by halving the doubt. All that is accepted has been measured: every point and every middle between two, in
-the plane and across it, and that the angle never runs backwards by more than the tolerance.
+the plane and across it, and that the angle never runs backwards by more than the tolerance. Of an arc also where it bulges to: never out of
+the travel that is left to it.
 """
 
 from __future__ import annotations
@@ -37,6 +40,9 @@ LARGEST_RADIUS = 1000.0
 """mm. The board computes with 32-bit floats: of a larger circle it loses more than a thousandth of a millimetre."""
 LEAST_SWEEP = 2e-3
 """rad. What turns less is a line."""
+TURNS_UNTIL_EXACT = 12.0
+EVEN = 1.0 - 1e-5
+"""How much of a chord has to be missing for one less."""
 
 
 @njit
@@ -71,13 +77,62 @@ def line_fits(points: Floats, first: int, last: int, tolerance: float) -> bool:
 
 @njit
 def board_chord(radius: float, sweep: float, chord: float) -> float:
-    """How far inside an arc the chords are that the board makes of it with its tolerance ``chord``."""
-    most = 2.0 * math.acos(1.0 - chord / radius) if chord < radius else math.pi
-    return radius * (1.0 - math.cos(0.5 * sweep / max(1.0, math.floor(sweep / most))))
+    """How far inside an arc the motion is that the board makes of it with its tolerance ``chord``."""
+    count = 1.0
+    if chord < 2.0 * radius:
+        # where it comes out even, 32-bit floats may make it one less
+        count = max(1.0, math.floor(EVEN * 0.5 * sweep * radius / math.sqrt(chord * (2.0 * radius - chord))))
+    turn = sweep / count
+    if turn >= 2.0 * math.pi:
+        return 2.0 * radius
+    cos = 1.0 - 0.5 * turn * turn
+    sin = turn * (cos + 2.0) / 3.0
+    drift = math.sqrt((cos - math.cos(turn)) ** 2 + (sin - math.sin(turn)) ** 2)
+    return radius * (1.0 - math.cos(0.5 * turn) + drift * min(count - 1.0, TURNS_UNTIL_EXACT))
 
 
 @njit
-def arc_fits(points: Floats, first: int, last: int, i: int, j: int, across: int, tolerance: float, chord: float, out: Floats) -> bool:
+def arc_stays(i: int, j: int, cx: float, cy: float, x: float, y: float, sweep: float, low: Floats, high: Floats) -> bool:
+    """Whether an arc about (cx, cy) in the plane of two columns keeps between low and high (3,) where it turns back along one of them.
+
+    x, y: from the centre to its start; sweep: rad, counter-clockwise positive. Its ends are not looked at.
+    """
+    radius = math.sqrt(x * x + y * y)
+    if cx - radius >= low[i] and cx + radius <= high[i] and cy - radius >= low[j] and cy + radius <= high[j]:
+        return True
+    begin = math.atan2(y, x)
+    for quarter in range(4):
+        # how far it is, the way the arc turns, from its start to where it is farthest out in this direction
+        way = 0.5 * math.pi * quarter - begin
+        if sweep < 0.0:
+            way = -way
+        way %= 2.0 * math.pi
+        if way < abs(sweep):
+            if quarter == 0 and cx + radius > high[i]:
+                return False
+            if quarter == 1 and cy + radius > high[j]:
+                return False
+            if quarter == 2 and cx - radius < low[i]:
+                return False
+            if quarter == 3 and cy - radius < low[j]:
+                return False
+    return True
+
+
+@njit
+def arc_fits(
+    points: Floats,
+    first: int,
+    last: int,
+    i: int,
+    j: int,
+    across: int,
+    tolerance: float,
+    chord: float,
+    low: Floats,
+    high: Floats,
+    out: Floats,
+) -> bool:
     """Whether an arc in the plane of two columns fits the points; its centre and signed sweep into out (3,)."""
     mx = 0.5 * (points[first, i] + points[last, i])
     my = 0.5 * (points[first, j] + points[last, j])
@@ -92,10 +147,10 @@ def arc_fits(points: Floats, first: int, last: int, i: int, j: int, across: int,
     squares = 0.0
     for k in range(2 * first + 1, 2 * last):
         # points, and the middles between them
-        low = k // 2
-        high = (k + 1) // 2
-        px = 0.5 * (points[low, i] + points[high, i]) - mx
-        py = 0.5 * (points[low, j] + points[high, j]) - my
+        here = k // 2
+        next_one = (k + 1) // 2
+        px = 0.5 * (points[here, i] + points[next_one, i]) - mx
+        py = 0.5 * (points[here, j] + points[next_one, j]) - my
         x = px * tx + py * ty
         y = py * tx - px * ty
         above += y * (x * x + y * y - a * a)
@@ -125,10 +180,10 @@ def arc_fits(points: Floats, first: int, last: int, i: int, j: int, across: int,
     slack = tolerance / radius
     before = 0.0
     for k in range(2 * first + 1, 2 * last):
-        low = k // 2
-        high = (k + 1) // 2
-        x = 0.5 * (points[low, i] + points[high, i]) - cx
-        y = 0.5 * (points[low, j] + points[high, j]) - cy
+        here = k // 2
+        next_one = (k + 1) // 2
+        x = 0.5 * (points[here, i] + points[next_one, i]) - cx
+        y = 0.5 * (points[here, j] + points[next_one, j]) - cy
         off = math.sqrt(x * x + y * y) - radius
         off = max(off + inside, -off)
         if off > tolerance:
@@ -140,9 +195,11 @@ def arc_fits(points: Floats, first: int, last: int, i: int, j: int, across: int,
         # from the arc, or from its end
         share = min(max(angle / sweep, 0.0), 1.0)
         beyond = radius * (angle - share * sweep)
-        rise = 0.5 * (points[low, across] + points[high, across]) - points[first, across] - share * climb
+        rise = 0.5 * (points[here, across] + points[next_one, across]) - points[first, across] - share * climb
         if off * off + rise * rise + beyond * beyond > limit:
             return False
+    if not arc_stays(i, j, cx, cy, radius * ex, radius * ey, turn * sweep, low, high):
+        return False
     out[0] = cx
     out[1] = cy
     out[2] = turn * sweep
@@ -150,26 +207,39 @@ def arc_fits(points: Floats, first: int, last: int, i: int, j: int, across: int,
 
 
 @njit
-def best_fit(points: Floats, first: int, last: int, arcs: bool, tolerance: float, chord: float, out: Floats) -> int:
+def best_fit(
+    points: Floats, first: int, last: int, arcs: bool, tolerance: float, chord: float, low: Floats, high: Floats, out: Floats
+) -> int:
     """What fits the points from ``first`` to ``last``: STRAIGHT, or the number of the arc's plane with the arc in out (3,), or FIXED."""
     if line_fits(points, first, last, tolerance):
         return STRAIGHT
     if arcs and last > first + 1:
-        if arc_fits(points, first, last, 0, 1, 2, tolerance, chord, out):
+        if arc_fits(points, first, last, 0, 1, 2, tolerance, chord, low, high, out):
             return 0
-        if arc_fits(points, first, last, 2, 0, 1, tolerance, chord, out):
+        if arc_fits(points, first, last, 2, 0, 1, tolerance, chord, low, high, out):
             return 1
-        if arc_fits(points, first, last, 1, 2, 0, tolerance, chord, out):
+        if arc_fits(points, first, last, 1, 2, 0, tolerance, chord, low, high, out):
             return 2
     return FIXED
 
 
 @njit
-def fewest(points: Floats, cut: Flags, arcs: Flags, tolerance: float, chord: float, end: Ints, plane: Ints, arc: Floats) -> int:
+def fewest(
+    points: Floats,
+    cut: Flags,
+    arcs: Flags,
+    tolerance: float,
+    chord: float,
+    low: Floats,
+    high: Floats,
+    end: Ints,
+    plane: Ints,
+    arc: Floats,
+) -> int:
     """Lines and arcs through points (k + 1, 3): where each ends, end (k,), its plane (k,) or STRAIGHT, its centre and sweep (k, 3).
 
     cut (k + 1,): points that they end in. arcs (k,): whether the interval may be part of an arc. chord: mm, how far from an arc the board's
-    own chords may be. Returns how many there are.
+    own chords may be. low, high (3,): beyond which no arc may bulge. Returns how many there are.
     """
     count = 0
     here = 0
@@ -185,7 +255,7 @@ def fewest(points: Floats, cut: Flags, arcs: Flags, tolerance: float, chord: flo
         length = 2
         while good < border:
             look = min(here + length, border)
-            what = best_fit(points, here, look, arcs[here], tolerance, chord, found)
+            what = best_fit(points, here, look, arcs[here], tolerance, chord, low, high, found)
             if what != FIXED:
                 good = look
                 bad = border + 1
@@ -202,7 +272,7 @@ def fewest(points: Floats, cut: Flags, arcs: Flags, tolerance: float, chord: flo
             look = (good + bad) // 2
             if look > border:
                 break
-            what = best_fit(points, here, look, arcs[here], tolerance, chord, found)
+            what = best_fit(points, here, look, arcs[here], tolerance, chord, low, high, found)
             if what == FIXED:
                 bad = look
             else:

@@ -146,7 +146,7 @@ def test_arcs_turn_as_far_with_the_floats_of_a_board(radius, angle, sweep, clock
     """An arc never becomes a full circle, nor a circle nothing."""
     sweep = min(sweep, 50.0 / radius) * (-1.0 if clockwise else 1.0)
     center = offset[:2] + radius * np.array([math.cos(angle), math.sin(angle)])
-    writer = Writer(offset.tolist(), 0.01, 115200, "XYZ")
+    writer = Writer(offset.tolist(), 0.01, 115200, "XYZ", 0.002)
     writer.stands_at((*offset[:2].tolist(), 0.0))
     x, y = center - radius * np.array([math.cos(angle + sweep), math.sin(angle + sweep)])
     texts = list(writer.arc((float(x), float(y), 0.0), 0, (float(center[0]), float(center[1])), sweep, 10.0, 10.0))

@@ -1,0 +1,121 @@
+"""Programs of known geometry as lines, played as GRBL plays them: the same motion, in the same order, in the travel and without errors."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cnc.api import start_position
+from cnc.flatten.room import MARGIN
+from cnc.flatten.smooth import smooth_path
+from cnc.flatten.translator import Translator
+from cnc.gcode.program import interpret
+from cnc.gcode.text import Text
+from cnc.machine.load import load_machine
+from cnc.machine.models import Machine
+from cnc.planner.lookahead import LookAhead
+from geometry_programs import geometry
+from grbl_replay import Refused, leash_of, parted_at, read_number, replayed, same_motion
+from support import share
+
+ROUTER = load_machine("grbl-uno")
+FLOATS = 1e-4
+"""mm: what the truth itself may be off, being chords."""
+
+
+def with_travel(machine: Machine, spans: list[tuple[float, float] | None]) -> Machine:
+    axes = {letter: axis.model_copy(update={"travel": span}) for (letter, axis), span in zip(machine.axes.items(), spans, strict=True)}
+    return machine.model_copy(update={"axes": axes})
+
+
+ANYWHERE = with_travel(ROUTER, [None] * 3)
+
+
+def lines_of(program: list[str], machine: Machine, tolerance: float = 0.01, **options: object) -> list[str]:
+    start = start_position(machine)
+    blocks = interpret(Text.of_lines(program, "p.nc"), axes=machine.axis_names, start=start, dialect="auto")
+    translator = Translator(machine, tolerance, **options)  # type: ignore[arg-type]
+    path = smooth_path(blocks, axes=machine.axis_names, start=start, tolerance=translator.tolerance)
+    lines = [line for item in LookAhead(machine).plan(path) for line in translator.lines(item)]
+    return [line.text for line in (*lines, *translator.end())]
+
+
+def compare(truth: np.ndarray, texts: list[str], leash: float, **board: object) -> None:
+    played = np.array(replayed(texts, **board).points)
+    assert same_motion(truth, played, leash), f"{leash_of(truth, played)} mm apart at {parted_at(truth, played, leash)}"
+
+
+OFFSETS = st.tuples(*[st.floats(-300, 300).map(lambda x: round(x, 3))] * 3)
+
+
+@settings(max_examples=share(1000, 40))
+@given(
+    seed=st.integers(0, 10**6),
+    offset=OFFSETS,
+    tolerance=st.sampled_from([0.01, 0.01, 0.005, 0.002, 0.001, 0.05]),
+    arc_tolerance=st.sampled_from([0.002, 0.002, 0.001, 0.005, 0.01]),
+)
+def test_random_programs_are_played_as_the_same_motion(seed, offset, tolerance, arc_tolerance):
+    made = geometry(seed)
+    texts = lines_of(made.lines, ANYWHERE, tolerance, work_offset=offset, arc_tolerance=arc_tolerance)
+    compare(np.concatenate(made.points), texts, tolerance + FLOATS, offset=offset, arc_tolerance=arc_tolerance)
+
+
+@settings(max_examples=share(500, 20))
+@given(seed=st.integers(0, 10**6), offset=OFFSETS, error=st.tuples(*[st.floats(-4.9e-4, 4.9e-4)] * 3))
+def test_what_is_sent_never_leaves_the_travel_that_the_program_keeps_to(seed, offset, error):
+    """The travel ends where the program's path does, and the board's offset is one that it tells with three decimals."""
+    made = geometry(seed)
+    truth = np.concatenate(made.points)
+    spans = [(float(low), float(max(high, low + 0.01))) for low, high in zip(truth.min(axis=0), truth.max(axis=0), strict=True)]
+    machine = with_travel(ROUTER, [(low - 1e-9, high + 1e-9) for low, high in spans])
+    texts = lines_of(made.lines, machine, work_offset=offset, margin=MARGIN)
+    real = tuple(told + off for told, off in zip(offset, error, strict=True))
+    compare(truth, texts, 0.01 + 2.5 * MARGIN, offset=real, travel=spans)
+
+
+@pytest.mark.parametrize("seed", [211, 595, 1045])
+def test_sums_of_floats_along_a_helix_far_from_zero_stay_small(seed):
+    made = geometry(seed)
+    compare(np.concatenate(made.points), lines_of(made.lines, ANYWHERE), 0.01)
+
+
+def test_a_circle_that_touches_the_end_of_the_travel_is_said_without_an_alarm():
+    machine = with_travel(ROUTER, [(-100.0, 0.0), (-100.0, 0.0), (-50.0, 0.0)])
+    program = ["G21 G90 G17", "G0 X-20 Y-10", "G2 I10 F900", "G0 Z-1 X-3", "G1 X0 Y-5", "G53 G0 Z0", "M2"]
+    turn = np.linspace(math.pi, -math.pi, 2000)
+    circle = np.column_stack((-10 + 10 * np.cos(turn), -10 + 10 * np.sin(turn), np.zeros(2000)))
+    truth = np.concatenate(([[0, 0, 0], [-20, -10, 0]], circle, [[-3, -10, -1], [0, -5, -1], [0, -5, 0]]))
+    offset = (-33.334, -20.0, -12.001)
+    real = (-33.33352, -19.9996, -12.00055)
+    texts = lines_of(program, machine, work_offset=offset, margin=MARGIN)
+    compare(truth, texts, 0.01 + 2 * MARGIN, offset=real, travel=[(-100, 0), (-100, 0), (-50, 0)])
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("1.5", 1.5), ("-0.0625", -0.0625), (".5", 0.5), ("-12", -12.0), ("123.45678", 123.45678), ("0", 0.0)]
+)
+def test_the_judge_reads_numbers(text, value):
+    assert read_number(text) == pytest.approx(value, rel=3e-7)
+
+
+def test_the_judge_refuses_what_grbl_does():
+    begun = ["G21 G90", "G1 X10 F100"]
+    for line in ["G2 X20 I4", "G2 I5", "G2 X20", "G1 Y5 I3", "G1 X1 X2", "X" + "1" * 79, "G2 X20 K5"]:
+        with pytest.raises(Refused):
+            replayed([*begun, line])
+    with pytest.raises(Refused, match="ALARM:2"):
+        replayed([*begun, "G2 X20 I5"], travel=((-1.0, 100.0), (-1.0, 4.9), (-1.0, 1.0)))
+
+
+def test_the_judge_sees_another_order():
+    """There, back and there again is not the same as there, although no point is far from the other way."""
+    there = np.array([[0.0, 0, 0], [10, 0, 0]])
+    again = np.array([[0.0, 0, 0], [6, 0, 0], [4, 0, 0], [10, 0, 0]])
+    assert leash_of(there, again) == pytest.approx(1.0, abs=1e-3)
+    assert leash_of(there, there[::-1]) == math.inf or leash_of(there, there[::-1]) >= 10.0 - 1e-3
+    circle = np.column_stack((np.cos(np.linspace(0, 6.28318, 500)), np.sin(np.linspace(0, 6.28318, 500)), np.zeros(500)))
+    assert leash_of(circle, np.concatenate((circle, circle))) > 0.9
+    assert leash_of(circle, circle + [0.0, 0.0, 0.01]) == pytest.approx(0.01, abs=1e-4)
