@@ -368,6 +368,8 @@ class GrblBoard:
 
     def _far_ahead(self) -> bool:
         """Whether the board has motion enough ahead of it for now."""
+        if not self._whereabouts.lines:
+            return False
         overrides = self.status.overrides or (NORMAL, NORMAL, NORMAL)
         slowest = max(min(overrides[0], overrides[1], NORMAL), 1)
         return self._whereabouts.seconds * NORMAL / slowest > self._ahead

@@ -13,6 +13,7 @@ MOST_CHARACTERS = 79
 HOMING = 300.0
 """Seconds."""
 
+_MOVE = re.compile(r"(?:G0?[0-3](?![0-9.]) ?)?(?:[FIJKXYZ]-?[0-9]*\.?[0-9]* ?)*")
 _REMARK = re.compile(r"\([^)]*\)|;.*|\s+")
 _WRITER = re.compile(r"G10(?![0-9.])|G(?:28|30)\.1(?![0-9])")
 _PAUSE = re.compile(r"M0*[016](?![0-9.])")
@@ -33,10 +34,12 @@ def kind_of(text: str) -> Kind:
     No other line may be under way with a *writer* (the board is deaf while it writes to EEPROM) or a *system* command (most want a board
     at rest). A *dwell*, a *spindle* or a *probe* takes its time while nothing is answered, a *pause* until the operator goes on.
     """
+    # Most lines are moves.
+    if _MOVE.fullmatch(text):
+        return "plain"
     line = bare(text)
     if line.startswith("$"):
         return "plain" if line.startswith("$J=") else "writer" if "=" in line else "system"
-    # Most lines are moves: only a line with one of these words can be anything else.
     if ("G10" in line or ".1" in line) and _WRITER.search(line):
         return "writer"
     if "M" in line:

@@ -78,7 +78,6 @@ class GrblLink:
             self._next_poll = now + poll
             if self._unanswered_since is None:
                 self._unanswered_since = now
-        # Always the same time-out: to change it costs more than the next poll being late.
         data = self._port.read(timeout)
         if data:
             return self._heard(data)

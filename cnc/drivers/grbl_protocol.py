@@ -29,7 +29,7 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 
 from cnc.drivers.grbl_lines import Kind, bare, kind_of, seconds_of
@@ -97,7 +97,7 @@ class Sent:
     seconds: float = 0.0
     mark: bool = False
     seen: bool = False
-    said: dict[str, float] = field(default_factory=dict)
+    said: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,7 +308,7 @@ class GrblProtocol:
         if oldest.mark:
             oldest.seen = True
             told = dict(_MODE.findall(modes))
-            return None if self._as_said(oldest.said, told) else self._lost(oldest.line)
+            return None if self._as_said(oldest.said or {}, told) else self._lost(oldest.line)
         return self._lost(next(sent.line for sent in self._ledger if sent.mark))
 
     def _as_said(self, said: Mapping[str, float], told: Mapping[str, str]) -> bool:

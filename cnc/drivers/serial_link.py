@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import select
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 WRITE_PATIENCE = 2.0
 """Seconds after which a link that takes no more bytes counts as gone."""
+READ_SIZE = 4096
 MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
 TAKEN = (errno.EBUSY, errno.EWOULDBLOCK)
 
@@ -38,22 +40,36 @@ class SerialLink:
     def __init__(self, name: str, serial: SerialBase) -> None:
         self._name = name
         self._serial = serial
+        try:
+            self._file: int | None = serial.fileno()
+        except OSError:
+            # Windows, and some URLs: pyserial has to wait itself.
+            self._file = None
 
     def read(self, timeout: float) -> bytes:
         """What has arrived, after ``timeout`` s at most. PortLost if the link is gone."""
-        serial = self._serial
         try:
-            # To set the time-out talks to the device: not for nothing.
-            if serial.timeout != timeout:
-                serial.timeout = timeout
-            data: bytes = serial.read(1)
-            while data and (waiting := serial.in_waiting):
-                more = serial.read(waiting)
-                if not more:
-                    break
-                data += more
-        except OSError as error:
+            if self._file is None:
+                return self._read_slowly(timeout)
+            # pyserial's time-out stays 0: to wait here takes half of the calls.
+            if timeout > 0.0 and not select.select((self._file,), (), (), timeout)[0]:
+                return b""
+            data: bytes = self._serial.read(READ_SIZE)
+            return data
+        except (OSError, ValueError) as error:
             raise port_lost(self._name, _reason(error)) from error
+
+    def _read_slowly(self, timeout: float) -> bytes:
+        serial = self._serial
+        # To set the time-out talks to the device: not for nothing.
+        if serial.timeout != timeout:
+            serial.timeout = timeout
+        data: bytes = serial.read(1)
+        while data and (waiting := serial.in_waiting):
+            more = serial.read(waiting)
+            if not more:
+                break
+            data += more
         return data
 
     def write(self, data: bytes) -> None:
