@@ -240,4 +240,6 @@ class BoardCommand(Block):
 
 @dataclass(frozen=True, slots=True)
 class Held(Block):
-    """Not of a program: the operator holds the motion, which rests here on its way to the end of ``line`` until it is resumed."""
+    """Not of a program: the motion rests here, on its way to the end of ``line``, until the operator resumes it. ``why``: what for."""
+
+    why: str = ""

@@ -56,13 +56,17 @@ def translator(board: LineSink, machine: Machine) -> Translator:
     )
 
 
-def waits(block: Block) -> bool:
-    """Whether a board that plans for itself waits at a block until the operator goes on."""
-    return (isinstance(block, Stop) and not block.optional) or (isinstance(block, Tool) and block.change)
+def waits(block: Block) -> str:
+    """Why a machine waits at a block until the operator goes on; empty where it does not. As in GRBL, M1 is no stop."""
+    if isinstance(block, Tool) and block.change:
+        return f"put in tool {block.number}"
+    if isinstance(block, Stop) and not block.optional:
+        return "change the pallet" if block.pallet else "the program stops here"
+    return ""
 
 
 def needs_operator(block: Block) -> GcodeError:
     """The fault of a block that waits, where there is nobody."""
-    what = f"tool {block.number} has to be put in here" if isinstance(block, Tool) else "the program stops here"
     hint = "run it in a terminal, where the space bar goes on, or with --yes, which goes on by itself"
-    return GcodeError(Diagnostic("needs-operator", f"{what}, and there is no terminal to go on from", block.file, block.line, hint=hint))
+    message = f"{waits(block)}, and there is no terminal to go on from"
+    return GcodeError(Diagnostic("needs-operator", message, block.file, block.line, hint=hint))

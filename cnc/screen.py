@@ -76,7 +76,7 @@ class Screen:
         if self._bar is not None:
             self._bar.note = self._words(sent)
         if sent.held and not self._held and not self._quiet:
-            print(f"held at line {sent.line}; {HELP}", file=sys.stderr, flush=True)
+            print(f"held at line {sent.line}{f' ({sent.why})' if sent.why else ''}; {HELP}", file=sys.stderr, flush=True)
         self._held = sent.held
 
     def _words(self, sent: Sent) -> str:

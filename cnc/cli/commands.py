@@ -38,7 +38,7 @@ def run(
     /,
     *,
     board: Annotated[
-        str | None, option("loopback, file, grbl, grbl-sim, or an installed driver; the machine file's board if left out.")
+        str | None, option("loopback, stepper, grbl, grbl-sim, file, or an installed driver; the machine file's board if left out.")
     ] = None,
     port: Annotated[str | None, option("Where the board is (/dev/ttyUSB0); for --board file, the .npz file to write.")] = None,
     dry_run: Annotated[bool, option("Only check, as `cncrun check` does.")] = False,

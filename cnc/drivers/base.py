@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,10 @@ from cnc.errors import BoardError, Diagnostic
 from cnc.machine.models import Machine
 from cnc.stream import GcodeLine, PulseChunk
 
+Action = Literal["spindle", "spindle backward", "surface speed", "orient", "flood", "mist", "outputs"]
+"""M3, M4, G96, M19, M8, M7, M62 to M68."""
+ACTIONS: frozenset[Action] = frozenset(get_args(Action))
+
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
@@ -36,7 +40,8 @@ class Capabilities:
     axes: how many it can move. max_step_rate: steps/s of one axis. tick_ns: the grid of its pulse times. pulses, lines: whether it
     takes :class:`PulseChunk` or :class:`GcodeLine`. senses: whether it can answer probes and inputs, and follow the turning spindle.
     probes: whether it answers probes, though it may sense nothing else.
-    slice_s: how much motion it is best given at a time, so that a hold comes soon; 0 where nothing really moves.
+    slice_s: how much motion it is best given at a time, so that a hold comes soon; 0 where nothing really moves. actions: what it can
+    do between moves.
     """
 
     axes: int
@@ -47,6 +52,7 @@ class Capabilities:
     senses: bool
     probes: bool = False
     slice_s: float = 0.0
+    actions: frozenset[Action] = ACTIONS
 
 
 class Command(Protocol):
@@ -186,6 +192,14 @@ class LineSink(Board, Protocol):
 
     def send_line(self, line: GcodeLine) -> None:
         """Take a line; returns when it has been sent, or when the operator stops the run."""
+
+
+@runtime_checkable
+class Foreseeable(Protocol):
+    """A class of boards that can tell what its boards can take before one is there."""
+
+    def foreseen(self, machine: Machine) -> Capabilities:
+        """Of the board that this machine should have."""
 
 
 class BoardFactory(Protocol):

@@ -19,7 +19,7 @@ from cnc.control import Control
 from cnc.drivers.base import Capabilities, Command, board_error
 from cnc.drivers.loopback import Loopback
 from cnc.drivers.port import Clock, Port, SystemClock
-from cnc.drivers.stepper_outputs import Outputs
+from cnc.drivers.stepper_outputs import Outputs, actions
 from cnc.drivers.stepper_protocol import Alarm, Kind, State, Status
 from cnc.drivers.stepper_stream import PIECE_S, Stream
 from cnc.drivers.stepper_wire import (
@@ -31,6 +31,7 @@ from cnc.drivers.stepper_wire import (
     LIMITS,
     LOST,
     PROBE,
+    UNO,
     Wire,
     cleared,
     configured,
@@ -105,9 +106,12 @@ class Stepper:
     @property
     def capabilities(self) -> Capabilities:
         """Pulses at half microseconds."""
-        return Capabilities(
-            len(self._machine.axes), 1e9 / self._least_ns, 500.0, pulses=True, lines=False, senses=False, probes=True, slice_s=PIECE_S
-        )
+        return _capabilities(self._machine, self._least_ns)
+
+    @classmethod
+    def foreseen(cls, machine: Machine) -> Capabilities:
+        """Of an Uno with the firmware of this version."""
+        return _capabilities(machine, least_ns(UNO, machine))
 
     @property
     def confirmed_line(self) -> int:
@@ -404,3 +408,10 @@ class Stepper:
         return " ".join(
             f"{letter.upper()}{value:.4f}".rstrip("0").rstrip(".") for letter, value in zip(self._machine.axes, places, strict=True)
         )
+
+
+def _capabilities(machine: Machine, least: int) -> Capabilities:
+    axes = len(machine.axes)
+    return Capabilities(
+        axes, 1e9 / least, 500.0, pulses=True, lines=False, senses=False, probes=True, slice_s=PIECE_S, actions=actions(axes)
+    )

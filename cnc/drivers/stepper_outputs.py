@@ -5,10 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from cnc.drivers.base import Command
+from cnc.drivers.base import Action, Command
 from cnc.machine.models import Machine
 
 ENABLED, SPINDLE, BACKWARD, FLOOD, MIST = 1, 2, 4, 8, 16
+
+
+def actions(axes: int) -> frozenset[Action]:
+    """What a board of so many axes can do between moves: step and direction of a fourth one take the pins of two outputs."""
+    usual: frozenset[Action] = frozenset(("spindle", "flood"))
+    return usual if axes == 4 else usual | {"spindle backward", "mist"}
 
 
 @dataclass(frozen=True, slots=True)

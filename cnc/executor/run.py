@@ -57,7 +57,8 @@ class Progress:
     """How far the program has been sent: seconds of machine time, source line, grid moves (or lines, to a board that takes those).
 
     held: the motion rests until it is resumed. position: where the board says it is, mm. buffered: lines that it has not taken yet. The
-    last two are None of a board that does not tell. left: seconds until the program is over, None where nobody has counted them.
+    last two are None of a board that does not tell. left: seconds until the program is over, None where nobody has counted them. why:
+    what the program holds for.
     """
 
     time: float
@@ -67,6 +68,7 @@ class Progress:
     position: tuple[float, ...] | None = None
     buffered: int | None = None
     left: float | None = None
+    why: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +136,7 @@ class _Run:
     def hold(self, block: Held, control: Control | None) -> None:
         """Wait until the operator goes on, or stops the run; whoever watches may do either at once."""
         self.board.execute(block, round(self.clock * 1e9))
-        self._tell(held=True)
+        self._tell(held=True, why=block.why)
         if control is not None:
             control.wait()
 
@@ -172,9 +174,9 @@ class _Run:
     def outcome(self, stopped: bool) -> Outcome:
         return Outcome(self.clock, self.board.position_steps, self.steps, self.rows, self.line if stopped else None)
 
-    def _tell(self, *, held: bool = False) -> None:
+    def _tell(self, *, held: bool = False, why: str = "") -> None:
         if self.on_progress is not None:
-            self.on_progress(Progress(self.clock, self.line, self.rows, held))
+            self.on_progress(Progress(self.clock, self.line, self.rows, held, why=why))
 
 
 def execute(

@@ -139,7 +139,7 @@ class Job:
 
     def _carry_out(self, board: PulseSink | LineSink | None) -> None:
         report, reading, lookout = self.report, self._reading, self._lookout
-        abilities = Abilities.of(board, report.board, reading.machine, attended=self._pauses != "refuse")
+        abilities = Abilities.of(board, report.board, reading.machine, self._attended(board))
         if isinstance(board, Located):
             self._locate(board)
         reading.begin_at(self._from_line)
@@ -189,6 +189,10 @@ class Job:
             self._files.close()
             if board is not None and reading.state is not None:
                 reading.memory.keep(*reading.state)
+
+    def _attended(self, board: PulseSink | LineSink | None) -> bool:
+        """Whether a pause does not end the program: a board that plans for itself waits, and somebody has to tell it to go on."""
+        return self._pauses == "skip" or (self._pauses == "wait" and (self._operated or not isinstance(board, LineSink)))
 
     def _go_home(self, board: PulseSink | LineSink | None) -> None:
         """The machine finds out where it stands. Raises HomingStopped."""

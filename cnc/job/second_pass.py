@@ -243,6 +243,6 @@ def _held(planned: Items, hold: Callable[[], None]) -> Iterator[PlanChunk | Bloc
     """The same, held where the program wants the operator."""
     for item in planned:
         yield item
-        if isinstance(item, Block) and waits(item):
+        if isinstance(item, Block) and (why := waits(item)):
             hold()
-            yield Held(item.file, item.line)
+            yield Held(item.file, item.line, why)
