@@ -1,5 +1,7 @@
 """What is at the serial ports: which board answers, its settings, and the machine file that they make.
 
+A port is asked as a GRBL board is, then, if that is not what answers, as a stepper board, whose hello is no command to any other board known.
+
 A GRBL board tells its limits itself (``$$``), so nobody has to copy them. What it does not have is jerk: the file's is such that an axis
 reaches its acceleration in JERK_TIME, which keeps the plan close to the board's own ramps.
 
@@ -26,8 +28,10 @@ from cnc.drivers.grbl_info import (
 )
 from cnc.drivers.grbl_link import GrblLink
 from cnc.drivers.grbl_status import Status
-from cnc.drivers.port import SystemClock
+from cnc.drivers.port import PortLost, SystemClock
 from cnc.drivers.serial_link import found_ports, open_port
+from cnc.drivers.stepper_protocol import VERSION, Welcome
+from cnc.drivers.stepper_wire import BAUD, Wire
 from cnc.errors import BoardError
 from cnc.machine.models import AXIS_LETTERS
 from cnc.units import per_second
@@ -37,16 +41,25 @@ JERK_TIME = 0.025
 STEP_RATE = 30_000
 """Steps/s that GRBL makes on an Uno; the file has more where the board's settings ask for it."""
 HOMING = 22
+NOT_GRBL = ("no-answer", "board-not-grbl", "board-silent")
+"""What is said of a port at which no GRBL board answers."""
+SLOWEST = 250_000
+"""Bits a second: the slowest that a stepper board is built for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A port, what the system says of it, and either the board that answered or why none did."""
+    """A port, what the system says of it, and either the board that answered or why none did.
+
+    info, status: of a GRBL board. stepper: the name by which a stepper board has welcomed us, baud: at this speed.
+    """
 
     port: str
     description: str
     info: BoardInfo | None = None
     status: Status | None = None
+    stepper: Welcome | None = None
+    baud: int = 0
     fault: BoardError | None = None
 
 
@@ -69,8 +82,19 @@ def _asked(name: str, description: str, baud: int) -> Found:
     try:
         link.connect()
         return Found(name, description, link.info, link.status)
-    except BoardError as error:
+    except PortLost as error:
         return Found(name, description, fault=error)
+    except BoardError as error:
+        if error.diagnostic.code not in NOT_GRBL:
+            return Found(name, description, fault=error)
+        # A GRBL board was told to reset by now, if it is one: what it still had to do is over.
+        speed = baud if baud >= SLOWEST else BAUD
+        try:
+            port.change_baud(speed)
+            wire = Wire(port, SystemClock(), name)
+            return Found(name, description, stepper=wire.greet(), baud=speed)
+        except BoardError:
+            return Found(name, description, fault=error)
     finally:
         link.close()
 
@@ -79,6 +103,9 @@ def page(found: Found, baud: int = 115200) -> Iterator[str]:
     """What to print of a port, line by line: remarks, then the machine file."""
     yield f"# {found.port}  {found.description}".rstrip()
     info, status = found.info, found.status
+    if found.stepper is not None:
+        yield from _stepper(found, found.stepper)
+        return
     if info is None or status is None:
         if found.fault is not None:
             yield f"# {found.fault.diagnostic.message}"
@@ -93,6 +120,20 @@ def page(found: Found, baud: int = 115200) -> Iterator[str]:
         yield from machine_file(found.port, info, baud)
     except BoardError as error:
         yield f"# no machine file: {error.diagnostic.message}"
+
+
+def _stepper(found: Found, board: Welcome) -> Iterator[str]:
+    """What a stepper board tells. It knows nothing of the machine: its file is written by hand."""
+    if board.version != VERSION:
+        yield f"# stepper board, version {board.version} of the protocol; this program speaks {VERSION}: make flash PORT={found.port}"
+        return
+    letters = " ".join("XYZA"[: board.axes])
+    yield f"# stepper board, version {board.version} of the protocol  {board.state.name.lower()}"
+    yield f"# {board.axes} axes ({letters}), ticks of {board.tick_ns} ns, grid moves at least {board.least_ticks * board.tick_ns / 1000:g} us apart"
+    yield f"# room for {board.room} bytes of segments; " + (
+        "its position is known" if board.position_known else "it does not know its position"
+    )
+    yield f'# for its machine file: [board] kind = "stepper", port = {json.dumps(found.port)}, baud = {found.baud}'
 
 
 def machine_file(port: str, info: BoardInfo, baud: int) -> Iterator[str]:

@@ -175,11 +175,12 @@ def view(
 @app.command
 def boards(
     *ports: Annotated[str, Parameter(help="Ports to look at, pyserial URLs too; all serial ports of this computer if left out.")],
-    baud: Annotated[int, option("Bits a second of the links.")] = 115200,
+    baud: Annotated[int, option("Bits a second of the links; stepper boards are asked at 1000000 if this is too slow for them.")] = 115200,
 ) -> int:
-    """List the serial ports and what answers on each: firmware, settings, and the machine file that they make (redirect it into a file).
+    """List the serial ports and what answers on each.
 
-    Opening a port resets most boards.
+    A GRBL board with its settings and the machine file that they make (redirect it into a file), a stepper board with its version, axes, tick
+    and room, something else, or nothing. Opening a port resets most boards; nothing moves.
     """
     from cnc.boards import look, page
 

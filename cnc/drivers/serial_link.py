@@ -79,6 +79,14 @@ class SerialLink:
         except OSError as error:
             raise port_lost(self._name, _reason(error)) from error
 
+    def change_baud(self, baud: int) -> None:
+        """Go on at another speed, without opening the port anew, which would reset the board; what has arrived is dropped. PortLost."""
+        try:
+            self._serial.baudrate = baud
+            self._serial.reset_input_buffer()
+        except (OSError, ValueError) as error:
+            raise port_lost(self._name, _reason(error)) from error
+
     def close(self) -> None:
         """Let go of the port."""
         with contextlib.suppress(OSError):

@@ -102,8 +102,8 @@ class Wire:
                 hint = "is the e-stop pressed? Switch the board off and on"
                 raise board_error("board-refused", f"the board on {self.name} does not do what it is told: {what}", hint=hint)
 
-    def greet(self) -> Welcome:
-        """The board's answer to hello. Opening its port may have reset it: it is asked until it is up."""
+    def greet(self, patience: float = HELLO_S) -> Welcome:
+        """The board's answer to hello, within so many s. Opening its port may have reset it: it is asked until it is up."""
         link, clock = self.link, self.clock
         began = clock.now()
         link.hello(began)
@@ -112,7 +112,7 @@ class Wire:
             if out:
                 self.port.write(out)
             link.receive(self.port.read(BREATH_S * 5), clock.now())
-            if clock.now() - began > HELLO_S:
+            if clock.now() - began > patience:
                 raise _no_stepper(self.name, link.murmur)
         self._heard_at = clock.now()
         return link.welcome

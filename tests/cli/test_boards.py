@@ -8,11 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from cnc import boards
 from cnc.boards import Found, machine_file, page
 from cnc.cli import exit_code
 from cnc.drivers.grbl_info import BoardInfo
 from cnc.drivers.grblbox.box import GrblBox
 from cnc.drivers.grblbox.pty_server import PtyServer
+from cnc.drivers.stepper_protocol import VERSION, Welcome
+from cnc.drivers.stepper_protocol import State as StepperState
 from cnc.errors import BoardError
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
@@ -98,5 +101,62 @@ def test_something_else_answers(capsys: pytest.CaptureFixture[str]) -> None:
     assert "is no GRBL board: it says 'start'" in capsys.readouterr().out
 
 
-def test_every_line_of_a_dead_port_is_a_remark() -> None:
-    assert all(line.startswith("#") for line in page(Found("/dev/ttyS0", "n/a")))
+BOARD = Welcome(VERSION, 3, 500, 1020, 36, StepperState.IDLE, True)
+
+
+@pytest.mark.parametrize(
+    ("found", "said"),
+    [
+        (Found("/dev/ttyS0", "n/a"), ""),
+        (Found("/dev/ttyUSB0", "", stepper=BOARD, baud=1_000_000), "its position is known"),
+        (Found("/dev/ttyUSB0", "", stepper=Welcome(VERSION, 4, 500, 1020, 40), baud=500_000), "4 axes (X Y Z A)"),
+        (Found("/dev/ttyUSB0", "", stepper=Welcome(VERSION + 1), baud=1_000_000), "make flash PORT=/dev/ttyUSB0"),
+    ],
+)
+def test_every_line_of_another_port_is_a_remark(found: Found, said: str) -> None:
+    lines = list(page(found))
+    assert all(line.startswith("#") for line in lines)
+    assert said in "\n".join(lines)
+
+
+class Recorded:
+    """A port at which nothing answers, and what is said to it at which speed."""
+
+    def __init__(self) -> None:
+        self.baud = 115200
+        self.heard: list[tuple[int, bytes]] = []
+
+    def read(self, timeout: float) -> bytes:
+        return b""
+
+    def write(self, data: bytes) -> None:
+        self.heard.append((self.baud, data))
+
+    def change_baud(self, baud: int) -> None:
+        self.baud = baud
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
+def test_nothing_is_said_that_could_move_an_unknown_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    """GRBL's questions and its reset, then a hello without a line end and without a real-time command."""
+    port, clock = Recorded(), 0.0
+
+    class Clock:
+        def now(self) -> float:
+            nonlocal clock
+            clock += 0.02
+            return clock
+
+        def sleep(self, seconds: float) -> None:
+            """Time goes on by itself."""
+
+    monkeypatch.setattr(boards, "open_port", lambda name, baud: port)
+    monkeypatch.setattr(boards, "SystemClock", Clock)
+    (found,) = boards.look(["COM9"])
+    assert found.fault is not None and found.fault.diagnostic.code == "no-answer"
+    assert {data for baud, data in port.heard if baud == 115200} <= {b"?", b"\x18"}
+    hello = {data for baud, data in port.heard if baud == 1_000_000}
+    assert len(hello) == 1
+    assert not set(b"".join(hello)) & {*b"\r\n?!~", 0x18, *range(0x80, 0xA5)}

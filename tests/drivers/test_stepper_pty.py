@@ -84,6 +84,18 @@ def test_a_program_and_a_port_in_use(terminal: Terminal, tmp_path: Path) -> None
     assert terminal.position() == [8 * 400, 1 * 400, 2 * 400]
 
 
+def test_boards_knows_it(terminal: Terminal) -> None:
+    with cncrun("boards", terminal.name) as listed:
+        out, error = listed.communicate(timeout=60)
+    assert listed.returncode == 0, error
+    assert all(line.startswith("#") for line in out.splitlines())
+    assert "# stepper board, version 1 of the protocol  idle" in out
+    assert "# 3 axes (X Y Z), ticks of 500 ns" in out
+    assert "baud = 1000000" in out
+    terminal.stop()
+    assert terminal.position() == [0, 0, 0]
+
+
 def test_a_host_that_is_killed(terminal: Terminal, tmp_path: Path) -> None:
     (tmp_path / "p.ngc").write_text("G21 G90\nG1 X200 Y100 F2000\nM2\n")
     arguments = (str(tmp_path / "p.ngc"), "--machine", "stepper-uno", "--board", "stepper", "--port", terminal.name)
