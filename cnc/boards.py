@@ -1,6 +1,6 @@
 """What is at the serial ports: which board answers, its settings, and the machine file that they make.
 
-A port is asked as a GRBL board is, then, if that is not what answers, as a stepper board, whose hello is no command to any other board known.
+A port is asked as a GRBL board is, then, if that is not what answers, as a stepper board, whose hello is no command to any other board.
 
 A GRBL board tells its limits itself (``$$``), so nobody has to copy them. What it does not have is jerk: the file's is such that an axis
 reaches its acceleration in JERK_TIME, which keeps the plan close to the board's own ramps.
@@ -43,6 +43,8 @@ STEP_RATE = 30_000
 HOMING = 22
 NOT_GRBL = ("no-answer", "board-not-grbl", "board-silent")
 """What is said of a port at which no GRBL board answers."""
+AWAKE_S = 1.0
+"""A stepper board that has heard a GRBL board's questions for seconds is up, and answers a hello within this."""
 SLOWEST = 250_000
 """Bits a second: the slowest that a stepper board is built for."""
 
@@ -92,7 +94,7 @@ def _asked(name: str, description: str, baud: int) -> Found:
         try:
             port.change_baud(speed)
             wire = Wire(port, SystemClock(), name)
-            return Found(name, description, stepper=wire.greet(), baud=speed)
+            return Found(name, description, stepper=wire.greet(AWAKE_S), baud=speed)
         except BoardError:
             return Found(name, description, fault=error)
     finally:
@@ -127,12 +129,11 @@ def _stepper(found: Found, board: Welcome) -> Iterator[str]:
     if board.version != VERSION:
         yield f"# stepper board, version {board.version} of the protocol; this program speaks {VERSION}: make flash PORT={found.port}"
         return
-    letters = " ".join("XYZA"[: board.axes])
+    letters, least_us = " ".join("XYZA"[: board.axes]), board.least_ticks * board.tick_ns / 1000
+    position = "its position is known" if board.position_known else "it does not know its position"
     yield f"# stepper board, version {board.version} of the protocol  {board.state.name.lower()}"
-    yield f"# {board.axes} axes ({letters}), ticks of {board.tick_ns} ns, grid moves at least {board.least_ticks * board.tick_ns / 1000:g} us apart"
-    yield f"# room for {board.room} bytes of segments; " + (
-        "its position is known" if board.position_known else "it does not know its position"
-    )
+    yield f"# {board.axes} axes ({letters}), ticks of {board.tick_ns} ns, grid moves at least {least_us:g} us apart"
+    yield f"# room for {board.room} bytes of segments; {position}"
     yield f'# for its machine file: [board] kind = "stepper", port = {json.dumps(found.port)}, baud = {found.baud}'
 
 
