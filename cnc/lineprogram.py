@@ -10,7 +10,7 @@ a board has no words for ends the translation with a GcodeError at its line, bef
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,14 +33,13 @@ class LineProgram:
     """How a program is made lines for any machine of a kind.
 
     start (axes,): where the machine stands before, mm. parameters: with which the program is read; the lines are relative to their G54.
-    box: lowest and highest coordinate that each axis comes to. settings: those of the board ($$) by number, as far as it is there to ask.
+    box: lowest and highest coordinate that each axis comes to.
     """
 
     machine: Machine
     start: NDArray[np.float64]
     parameters: Mapping[int, float]
     box: Mapping[str, tuple[float, float]]
-    settings: Mapping[int, float] = field(default_factory=dict)
 
     def lines(self, blocks: Iterable[Block]) -> Iterator[GcodeLine]:
         """The lines of a whole program."""
@@ -58,10 +57,10 @@ class LineProgram:
         return [self.parameters.get(FIRST_ORIGIN + AXIS_LETTERS.index(letter), 0.0) for letter in LETTERS.lower()]
 
     def write(self, blocks: Iterable[Block], write: Callable[[str], None] | None) -> BoardTime:
-        """Write the lines, if there is somewhere to write them; the time that they take a board with these settings."""
+        """Write the lines, if there is somewhere to write them; the time that they take a board."""
         places = dict(zip(self.machine.axis_names, self.start.tolist(), strict=True))
         x, y, z = (places.get(letter, 0.0) - offset for letter, offset in zip(LETTERS.lower(), self.work_offset, strict=True))
-        clock = BoardTime(BoardLimits.of_board(self.machine, self.settings), (x, y, z))
+        clock = BoardTime(BoardLimits.of_machine(self.machine), (x, y, z))
         for line in self.lines(blocks):
             clock.add(line)
             if write is not None:

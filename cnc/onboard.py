@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from cnc.canon import AXIS_LETTERS, Block, Stop, Tool
 from cnc.drivers.base import LineSink, board_error
 from cnc.errors import Diagnostic, GcodeError
+from cnc.flatten.board_time import BoardLimits, BoardTime
 from cnc.flatten.room import MARGIN
 from cnc.flatten.translator import ARC_TOLERANCE, Translator
 from cnc.machine.models import Machine
@@ -54,6 +55,14 @@ def translator(board: LineSink, machine: Machine) -> Translator:
         mist=board.mist,
         margin=MARGIN if settings.get(20) else 0.0,
     )
+
+
+def clock(board: LineSink, machine: Machine) -> BoardTime:
+    """What adds up how long this board takes for lines that begin where it stands."""
+    offsets = dict(zip(machine.axes, board.work_offset, strict=False))
+    places = dict(zip(machine.axes, board.position, strict=False))
+    x, y, z = (places.get(letter, 0.0) - offsets.get(letter, 0.0) for letter in ("x", "y", "z"))
+    return BoardTime(BoardLimits.of_board(machine, board.settings), (x, y, z))
 
 
 def waits(block: Block) -> str:

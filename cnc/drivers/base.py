@@ -187,6 +187,13 @@ class LineSink(Board, Protocol):
     def buffered(self) -> int:
         """Lines that the board has been sent and has not carried out yet, as far as that is known."""
 
+    @property
+    def rapid_override(self) -> int:
+        """Of traverses, per cent, as the board reported it last."""
+
+    def now(self) -> float:
+        """The time by the clock that the board goes by, s."""
+
     def attend(self, control: Control, watcher: Watcher) -> None:
         """Whose wishes to carry out at once from here on, and who is told whenever the board has reported."""
 

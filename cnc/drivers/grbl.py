@@ -160,6 +160,15 @@ class GrblBoard:
         """Lines that were sent and not carried out yet, as far as that is known."""
         return max(self.link.protocol.waiting, self._whereabouts.lines)
 
+    @property
+    def rapid_override(self) -> int:
+        """Of traverses, per cent, as it was reported last."""
+        return (self.status.overrides or (NORMAL, NORMAL, NORMAL))[1]
+
+    def now(self) -> float:
+        """The time by the link's clock, s."""
+        return self.link.now()
+
     def attend(self, control: Control, watcher: Watcher) -> None:
         """Carry out the operator's wishes at once, and tell ``watcher`` whenever the board has reported."""
         self._wishes, self._watcher = Wishes(control), watcher

@@ -126,6 +126,8 @@ class Whereabouts:
         self._planner = planner
         self._limits = limits or Limits()
         self._moves: deque[Straight | Round] = deque()
+        self._sent = 0
+        self._numbers: deque[int] = deque()
         self._passed = 0.0
         self._seconds = 0.0
         self._said = (0, 0.0)
@@ -139,6 +141,7 @@ class Whereabouts:
     def begin(self, position: Sequence[float]) -> None:
         """The board stands still here, with nothing to do."""
         self._moves.clear()
+        self._numbers.clear()
         self._passed = self._seconds = 0.0
         self._said = (0, 0.0)
         self._direction = None
@@ -154,8 +157,8 @@ class Whereabouts:
 
     @property
     def lines(self) -> int:
-        """Moves that are not over yet, or were not when the board reported last."""
-        return len(self._moves)
+        """Lines sent from the first move on that is not over yet, or was not when the board reported last; 0 if there is none."""
+        return self._sent - self._numbers[0] if self._moves else 0
 
     @property
     def line(self) -> int:
@@ -164,6 +167,7 @@ class Whereabouts:
 
     def send(self, text: str, number: int) -> None:
         """A line was sent; ``number``: its source line."""
+        self._sent += 1
         if self._at is None:
             return
         line = bare(text)
@@ -253,6 +257,7 @@ class Whereabouts:
     def _leave(self) -> None:
         """The first of the moves is over."""
         self._seconds -= self._moves.popleft().seconds
+        self._numbers.popleft()
         self._passed = 0.0
         number, part = self._said
         self._said = (number - 1, part) if number else (0, 0.0)
@@ -272,6 +277,7 @@ class Whereabouts:
             self._direction = direction
         self._seconds = self._seconds + move.seconds if self._moves else move.seconds
         self._moves.append(move)
+        self._numbers.append(self._sent - 1)
 
     def _time(self, length: float, direction: Sequence[float]) -> float:
         """Seconds of a straight move, and of the stop before it where the way turns sharply."""

@@ -1,5 +1,9 @@
 """A program on a board that plans for itself: what the plan says becomes lines, sent as fast as the board takes them.
 
+    plan ──► translator ──► steps: lines, and at what block the board has to come to rest ──► sent, one after the other
+
+Steps may be made on the way, where the board's answers decide how the program goes on, or before anything moves: a list of them is small.
+
 The board carries out the operator's wishes itself (:meth:`cnc.drivers.base.LineSink.attend`), so the plan is made without them: hold,
 resume and override act on the motion under way, not on what is still to come.
 """
@@ -7,6 +11,7 @@ resume and override act on the motion under way, not on what is still to come.
 from __future__ import annotations
 
 import contextlib
+from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -43,6 +48,52 @@ class LineTranslator(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class Step:
+    """What one thing of a plan has become.
+
+    file: the program. text: lines, each with its end. numbers: source line of each. clock: seconds planned until its end. block: at which
+    the board comes to rest behind the lines, None if at none. position: where the lines so far lead to, x y z in mm; None where that is
+    not known.
+    """
+
+    file: str
+    text: str
+    numbers: Sequence[int]
+    clock: float
+    block: Block | None
+    position: tuple[float, ...] | None
+
+    def lines(self) -> Iterator[GcodeLine]:
+        """The lines."""
+        for text, number in zip(self.text.split("\n"), self.numbers, strict=False):
+            yield GcodeLine(text, number)
+
+
+def steps(planned: Iterable[PlanChunk | Block], translator: LineTranslator) -> Iterator[Step]:
+    """The steps of a plan, each as soon as its lines are certain; a probe's answer is looked at when the next is asked for."""
+    clock, file = 0.0, ""
+    for item in planned:
+        file = item.path.file if isinstance(item, PlanChunk) else item.file
+        lines = list(translator.lines(item))
+        if isinstance(item, PlanChunk):
+            clock = item.t0 + item.duration
+        elif isinstance(item, Dwell):
+            clock += item.seconds
+        elif isinstance(item, BoardCommand):
+            # A locked board takes nothing but $H and $X: they go before the modes of the first line.
+            lines.sort(key=lambda line: not line.text.startswith("$"))
+        block = item if isinstance(item, BoardCommand | Probe | Stop | Tool) else None
+        if lines or block is not None:
+            yield _step(file, lines, clock, block, translator.position)
+    yield _step(file, list(translator.end()), clock, None, translator.position)
+
+
+def _step(file: str, lines: Sequence[GcodeLine], clock: float, block: Block | None, position: Sequence[float] | None) -> Step:
+    text = "".join(line.text + "\n" for line in lines)
+    return Step(file, text, array("i", [line.line for line in lines]), clock, block, None if position is None else tuple(position))
+
+
+@dataclass(frozen=True, slots=True)
 class LineOutcome:
     """What came of a run.
 
@@ -62,19 +113,18 @@ class _Stream:
     def __init__(
         self,
         board: LineSink,
-        translator: LineTranslator,
         control: Control,
         on_progress: Callable[[Progress], None] | None,
         on_line: Callable[[GcodeLine], None] | None,
     ) -> None:
         self.board = board
-        self.translator = translator
         self.control = control
         self.on_progress = on_progress
         self.on_line = on_line
         self.clock = 0.0
         self.sent = 0
         self.file = ""
+        self.wanted: tuple[float, ...] | None = None
 
     def tell(self) -> None:
         """The board has reported."""
@@ -83,26 +133,19 @@ class _Stream:
             now = Progress(self.clock, board.confirmed_line, self.sent, self.control.held, board.position, board.buffered)
             self.on_progress(now)
 
-    def item(self, item: PlanChunk | Block) -> None:
+    def step(self, step: Step) -> None:
         """One thing of the plan."""
-        self.file = item.path.file if isinstance(item, PlanChunk) else item.file
-        lines = self.translator.lines(item)
-        if isinstance(item, BoardCommand):
-            # A locked board takes nothing but $H and $X: they go before the modes of the first line.
-            self.send(sorted(lines, key=lambda line: not line.text.startswith("$")))
-            self.board.execute(item, round(self.clock * 1e9))
-            self.compare()
+        self.file, block = step.file, step.block
+        self.send(step.lines())
+        self.clock, self.wanted = step.clock, step.position
+        if block is None or self.control.stopped:
             return
-        self.send(lines)
-        if isinstance(item, PlanChunk):
-            self.clock = item.t0 + item.duration
-        elif isinstance(item, Dwell):
-            self.clock += item.seconds
-        elif isinstance(item, Probe):
-            item.answer.values = self.board.execute(item, round(self.clock * 1e9))
-        elif isinstance(item, Stop | Tool):
-            # Nothing goes on behind a pause before the operator has said so.
-            self.board.execute(item, round(self.clock * 1e9))
+        # Nothing goes on behind a pause before the operator has said so.
+        answer = self.board.execute(block, round(self.clock * 1e9))
+        if isinstance(block, Probe):
+            block.answer.values = answer
+        elif isinstance(block, BoardCommand):
+            self.compare()
 
     def send(self, lines: Iterable[GcodeLine]) -> None:
         """Lines, until the operator stops."""
@@ -116,7 +159,7 @@ class _Stream:
 
     def compare(self) -> None:
         """The board stands still: where the lines led it? BoardError ``position-differs``."""
-        wanted, board = self.translator.position, self.board
+        wanted, board = self.wanted, self.board
         if wanted is None or self.control.stopped or board.check_only:
             return
         for letter, planned, reported, step in zip("XYZ", wanted, board.position, board.resolution, strict=False):
@@ -131,16 +174,15 @@ class _Stream:
 
 
 def stream(
-    plan_stream: Iterable[PlanChunk | Block],
+    program: Iterable[Step],
     board: LineSink,
-    translator: LineTranslator,
     *,
     control: Control | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     on_line: Callable[[GcodeLine], None] | None = None,
     afterwards: Callable[[], Iterable[GcodeLine]] | None = None,
 ) -> LineOutcome:
-    """Run a plan on a board that takes lines.
+    """Run a program on a board that takes lines.
 
     on_progress is told whenever the board has reported, on_line of every line sent. ``afterwards``: lines to send when the program has come
     to its end and the machine stands where it should. When ``control`` says stop, the board comes to rest and
@@ -151,16 +193,14 @@ def stream(
     exception.
     """
     control = control or Control()
-    run = _Stream(board, translator, control, on_progress, on_line)
+    run = _Stream(board, control, on_progress, on_line)
     try:
         board.attend(control, run.tell)
         board.start(np.zeros(board.capabilities.axes, np.int64))
-        for item in plan_stream:
-            run.item(item)
+        for step in program:
+            run.step(step)
             if control.stopped:
                 break
-        else:
-            run.send(translator.end())
         if not control.stopped:
             board.execute(END, 0)
             run.compare()

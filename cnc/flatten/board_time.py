@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,6 +45,8 @@ RAPIDS = (0.25, 0.5, 1.0)
 STRAIGHT = 0.999999
 """Cosine from which on two directions are the same (or opposite)."""
 EASILY = 1e12
+LINES_ABOUT = 2
+"""Lines that the board may have gone on since it was known to have carried one out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +144,8 @@ class BoardTime:
         if dwells or waits or self._motion.startswith("G38."):
             self._flush(rests=True)
         if dwells:
-            self._total += given.get("P", 0.0)
+            self._total = self._total + given.get("P", 0.0)
+            self._kept([(self._lines, self._total)])
         elif not waits:
             self._feed = per_second(given["F"]) if "F" in given else self._feed
             if any(letter in given for letter in "XYZIJK"):
@@ -265,34 +268,36 @@ class BoardTime:
         """Keep the time at the end of lines, ever fewer of them as the program grows."""
         sums = self._total + np.cumsum(times, axis=0)
         ends = np.flatnonzero(np.append(np.diff(owners) > 0, True))
-        for k in ends.tolist():
-            if int(owners[k]) >= self._marks[-1][0] + self._stride:
-                self._marks.append((int(owners[k]), sums[k].copy()))
+        self._kept((int(owners[k]), sums[k]) for k in ends.tolist())
+        self._total = sums[-1]
+
+    def _kept(self, marks: Iterable[tuple[int, Floats]]) -> None:
+        for line, total in marks:
+            if line >= self._marks[-1][0] + self._stride:
+                self._marks.append((line, total.copy()))
         while len(self._marks) > MOST_MARKS:
             self._stride *= 2
             self._marks = self._marks[::2]
-        self._total = sums[-1]
 
 
 class Countdown:
     """What is left of a program that a board is carrying out.
 
-    The board has taken lines that it has yet to move along: it is between the last one taken and as many blocks before that as its planner
-    holds. In between the clock goes on, unless the motion is held.
+    Which line the board is on is known, but not how far along it is, and the report is as old as the time between two: the clock goes on
+    between what is left behind that line and the next, and what was left before it, unless the motion is held.
     """
 
-    def __init__(self, time: BoardTime, blocks: int = BLOCKS_AHEAD) -> None:
+    def __init__(self, time: BoardTime) -> None:
         self._time = time
-        self._blocks = blocks
         self._left = time.remaining(0)
         self._at: float | None = None
 
-    def left(self, now: float, taken: int, *, held: bool, feed_override: float = 100.0, rapid_override: float = 100.0) -> float:
-        """Seconds that are left at ``now`` (s), when the board has taken so many lines; overrides in per cent."""
-        usual = self._time.remaining(taken - self._blocks)
-        slower = self._time.remaining(taken - self._blocks, feed_override, rapid_override) / usual if usual > 0.0 else 1.0
+    def left(self, now: float, done: int, *, held: bool, feed_override: float = 100.0, rapid_override: float = 100.0) -> float:
+        """Seconds that are left at ``now`` (s), when the board has carried out so many lines; overrides in per cent."""
+        most = self._time.remaining(done)
+        slower = self._time.remaining(done, feed_override, rapid_override) / most if most > 0.0 else 1.0
         if self._at is not None and not held:
             self._left -= (now - self._at) / slower
         self._at = now
-        self._left = min(max(self._left, self._time.remaining(taken)), usual)
+        self._left = min(max(self._left, self._time.remaining(done + LINES_ABOUT)), most)
         return self._left * slower

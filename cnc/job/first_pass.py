@@ -22,11 +22,15 @@ KEPT_NUMBERS = 8_000_000
 
 
 class FirstPass:
-    """Fills the report: lines, blocks, faults, length, box, end. ``hints`` are the findings that end nothing, None if nobody wants them."""
+    """Fills the report: lines, blocks, faults, length, box, end.
+
+    hints: the findings that end nothing, None if nobody wants them. asks: whether what a board answers decides how the program goes on.
+    """
 
     def __init__(self, reading: Reading, report: Report, lookout: Lookout, abilities: Abilities) -> None:
         self.watch_reading, self.watch_path = Stopwatch(), Stopwatch()
         self.hints = Hints(reading.machine, reading.start) if report.board is None else None
+        self.asks = False
         self._reading, self._report, self._lookout, self._abilities = reading, report, lookout, abilities
 
     def carry_out(self, shown: JsonLines | None, *, keep: bool) -> list[PathChunk | Block] | None:
@@ -55,8 +59,9 @@ class FirstPass:
             else:
                 self._abilities.check(item)
                 survey.between(item)
-                # What the board will answer decides how the program goes on: it has to be read again.
-                room = -1 if isinstance(item, Probe | WaitInput) else room - 16
+                self.asks = self.asks or isinstance(item, Probe | WaitInput)
+                # What asks has to be read again.
+                room = -1 if self.asks else room - 16
             if room < 0:
                 kept = None
             if kept is not None:

@@ -171,7 +171,7 @@ class Job:
             sampled=self._sampled,
             pauses=self._pauses,
             operated=self._operated,
-            board_time=board_time,
+            asks=first.asks,
             on_plan=self._on_plan,
         )
         if self._home:
@@ -181,7 +181,8 @@ class Job:
         finally:
             report.timing.plan_s += max(0.0, second.watch_planning.seconds - second.watch_reading.seconds)
             report.timing.interpolate_s = second.watch_interpolating.seconds
-        if board_time is not None and abilities.lines:
+        board_time = second.board_time or board_time
+        if board_time is not None and abilities.lines and report.stopped_at_line is None:
             report.duration_s = board_time.seconds
         if board is None:
             self._hint(step_rate(report))
@@ -207,14 +208,12 @@ class Job:
             raise Stopped
 
     def _translate(self, board: PulseSink | LineSink | None, abilities: Abilities) -> BoardTime | None:
-        """The program as lines, where they are asked for or the board takes them: how long such a board takes for them."""
-        if self._outputs.lines is None and not abilities.lines:
+        """The program as lines for any board, where they are asked for: how long a board takes for them, if it takes lines."""
+        if self._outputs.lines is None and (board is not None or not abilities.lines):
             return None
         reading = self._reading
         target = None if self._outputs.lines is None else self._files.opened(TextTarget(self._outputs.lines))
-        parameters = reading.memory.parameters(macro=False).values
-        settings = board.settings if isinstance(board, LineSink) else {}
-        program = LineProgram(reading.machine, reading.start, parameters, self.report.bounding_box, settings)
+        program = LineProgram(reading.machine, reading.start, reading.memory.parameters(macro=False).values, self.report.bounding_box)
         return program.write(reading.blocks(), None if target is None else target.write)
 
     def _hint(self, findings: Iterable[Diagnostic]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from time import monotonic
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from cnc.canon import Block, Dwell, Held
 from cnc.drivers.base import LineSink, PulseSink
 from cnc.errors import BoardError
-from cnc.executor.lines import stream
+from cnc.executor.lines import Step, steps, stream
 from cnc.executor.run import Progress, execute
 from cnc.flatten.board_time import BoardTime, Countdown
 from cnc.flatten.smooth import smooth_path
@@ -21,7 +20,7 @@ from cnc.interpolator.sampled import Sampled
 from cnc.job.outputs import OpenOutputs, Outputs
 from cnc.job.reading import Reading
 from cnc.job.watch import Lookout, Pauses
-from cnc.onboard import to_remember, translator, waits
+from cnc.onboard import clock, to_remember, translator, waits
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
@@ -35,12 +34,16 @@ from cnc.stream import GcodeLine, PulseChunk, SampleChunk
 
 Items = Iterable[PlanChunk | Block]
 
+KEPT_CHARACTERS = 64_000_000
+"""Of lines that are made before the first is sent: two million of them. A longer program is translated once more on the way."""
+
 
 class SecondPass:
     """Fills the report: duration, largest values, steps, and where the board stands in the end.
 
     sampled: sample the motion, too. pauses: what becomes of M0 and M6 on a board. operated: whether somebody can wish for anything.
-    board_time: how long a board that plans for itself takes, as computed. on_plan: is shown the plan.
+    asks: whether what the board answers decides how the program goes on. on_plan: is shown the plan. ``board_time``: how long a board that
+    plans for itself takes, as computed before it begins.
     """
 
     def __init__(
@@ -55,18 +58,22 @@ class SecondPass:
         sampled: bool,
         pauses: Pauses,
         operated: bool,
-        board_time: BoardTime | None,
+        asks: bool,
         on_plan: Callable[[PlanChunk], None] | None,
     ) -> None:
         self.watch_reading, self.watch_planning, self.watch_interpolating = Stopwatch(), Stopwatch(), Stopwatch()
         self._reading, self._report, self._lookout, self._outputs, self._files = reading, report, lookout, outputs, files
         self._machine, self._control = reading.machine, lookout.control
         self._algorithm, self._sampled, self._pauses, self._operated = algorithm, sampled, pauses, operated
-        self._board_time, self._on_plan = board_time, on_plan
+        self._asks, self._on_plan = asks, on_plan
+        self.board_time: BoardTime | None = None
         self._step_deviation = 0.0
 
     def carry_out(self, board: PulseSink | LineSink | None, kept: Iterable[PathChunk | Block] | None) -> None:
         """Move, or only look. kept: the path, None to read it again."""
+        if isinstance(board, LineSink):
+            self._stream(board)
+            return
         report, machine = self._report, self._machine
         steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
         fastest = machine.board.max_step_rate if board is None else min(machine.board.max_step_rate, board.capabilities.max_step_rate)
@@ -74,27 +81,26 @@ class SecondPass:
         on_pulses = None
         if self._outputs.pulses is not None:
             on_pulses = self._files.opened(pulse_writer(self._outputs.pulses, machine, interpolator.origin_steps)).write
-        path = kept if kept is not None else self._read_again(smooth=isinstance(board, LineSink))
-        # Without a board nobody can wish for anything once it is under way, and a board that plans for itself is told by the executor.
-        control = None if isinstance(board, LineSink) else self._control
-        slice_s = (board.capabilities.slice_s or SLICE) if isinstance(board, PulseSink) else LONG
-        ahead = LookAhead(machine, control, slice_s=slice_s)
-        planned = self._timed(self.watch_planning.inside(ahead.plan(path)))
-        if self._sampled:
-            planned = self._traced(planned)
+        path = kept if kept is not None else self._read_again(smooth=False)
+        slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
+        ahead = LookAhead(machine, self._control, slice_s=slice_s)
+        planned = self._planned(ahead, path)
         pulses = TimedPulses(interpolator, self.watch_interpolating)
         try:
             if board is None:
                 self._look(planned, pulses, on_pulses)
-            elif isinstance(board, PulseSink):
+            else:
                 if self._pauses == "wait" and self._operated and board.capabilities.slice_s:
                     planned = _held(planned, self._control.hold)
                 self._send(planned, pulses, on_pulses, board, ahead)
-            else:
-                self._stream(planned, board)
         finally:
             self._note_audit(ahead)
             report.pulse_error_blu = interpolator.error_blu
+
+    def _planned(self, ahead: LookAhead, path: Iterable[PathChunk | Block]) -> Items:
+        """The plan of a path, as it is shown to whoever wants to see it."""
+        planned = self._timed(self.watch_planning.inside(ahead.plan(path)))
+        return self._traced(planned) if self._sampled else planned
 
     def _note_audit(self, ahead: LookAhead) -> None:
         audit, largest = ahead.audit, self._report.largest
@@ -207,29 +213,32 @@ class SecondPass:
         axes = self._machine.axes.items()
         self._report.end_position = {letter: steps / axis.steps_per_mm for (letter, axis), steps in zip(axes, grid.tolist(), strict=True)}
 
-    def _stream(self, planned: Items, board: LineSink) -> None:
-        """With a board that plans for itself: lines, and the operator's wishes as the board knows them."""
+    def _stream(self, board: LineSink) -> None:
+        """With a board that plans for itself: lines, and the operator's wishes as the board knows them.
+
+        All lines are made before the first is sent, so that nothing moves if one of them can't be: kept, unless answers are still missing
+        or they are too many.
+        """
         report, machine, control, tell = self._report, self._machine, self._control, self._lookout.tell
+        self.board_time = clock(board, machine)
+        kept = self._made(self._steps(board, shown=not self._asks), self.board_time)
+        countdown = Countdown(self.board_time)
 
         def afterwards() -> Iterable[GcodeLine]:
             state = self._reading.state
             return () if state is None else to_remember(board, machine, state[0].values)
 
-        countdown = None if self._board_time is None else Countdown(self._board_time)
-
         def on_progress(progress: Progress) -> None:
-            if countdown is not None:
-                taken = progress.rows - (progress.buffered or 0)
-                left = countdown.left(monotonic(), taken, held=progress.held, feed_override=control.feed_override)
-                progress = replace(progress, left=left)
-            tell(progress)
+            done = progress.rows - (progress.buffered or 0)
+            # The board follows the operator's feed override; those of traverses are its own.
+            feed, rapid = control.feed_override, board.rapid_override
+            left = countdown.left(board.now(), done, held=progress.held, feed_override=feed, rapid_override=rapid)
+            tell(replace(progress, left=left))
 
         on_progress(Progress(0.0, 0, 0))
         try:
-            lines = translator(board, machine)
-            if self._pauses == "skip":
-                planned = (item for item in planned if isinstance(item, PlanChunk) or not waits(item))
-            outcome = stream(planned, board, lines, control=control, on_progress=on_progress, afterwards=afterwards)
+            program = self._steps(board, shown=self._asks) if kept is None else kept
+            outcome = stream(program, board, control=control, on_progress=on_progress, afterwards=afterwards)
         except BoardError:
             report.end_position = dict(zip(machine.axes, board.position, strict=False))
             raise
@@ -237,6 +246,34 @@ class SecondPass:
         if outcome.stopped_at_line is not None:
             report.duration_s = outcome.duration
             report.end_position = dict(zip(machine.axes, outcome.position, strict=False))
+
+    def _steps(self, board: LineSink, *, shown: bool) -> Iterator[Step]:
+        """The program as lines; ``shown``: its plan is the one that the report and the pictures are made from."""
+        ahead = LookAhead(self._machine)
+        path = self._read_again(smooth=True)
+        planned = self._planned(ahead, path) if shown else self.watch_planning.inside(ahead.plan(path))
+        if self._pauses == "skip":
+            planned = (item for item in planned if isinstance(item, PlanChunk) or not waits(item))
+        try:
+            yield from steps(planned, translator(board, self._machine))
+        finally:
+            if shown:
+                self._note_audit(ahead)
+
+    def _made(self, program: Iterable[Step], board_time: BoardTime) -> list[Step] | None:
+        """All steps, their time added up; None if they can't be kept."""
+        kept: list[Step] | None = None if self._asks else []
+        room = KEPT_CHARACTERS
+        for step in program:
+            for line in step.lines():
+                board_time.add(line)
+            room -= len(step.text)
+            if room < 0:
+                kept = None
+            if kept is not None:
+                kept.append(step)
+        board_time.end()
+        return kept
 
 
 def _held(planned: Items, hold: Callable[[], None]) -> Iterator[PlanChunk | Block]:

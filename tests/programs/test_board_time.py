@@ -170,20 +170,21 @@ def test_marks_stay_few_however_long_the_program_is():
     assert clock.remaining(10000) == pytest.approx(0.5 * clock.seconds, rel=0.01)
 
 
-def test_a_countdown_follows_the_lines_taken_and_the_clock_between():
-    clock = clock_of(["G1 X100 F600", "G1 X200", "G1 X300"], LIMITS)
-    count = Countdown(clock, blocks=1)
+def test_a_countdown_follows_the_lines_done_and_the_clock_between():
+    clock = clock_of([f"G1 X{100 * k} F600" for k in range(1, 7)], LIMITS)
+    count = Countdown(clock)
     whole = clock.seconds
-    assert count.left(100.0, 1, held=False) == pytest.approx(whole)
-    assert count.left(103.0, 1, held=False) == pytest.approx(whole - 3.0)
+    assert count.left(100.0, 0, held=False) == pytest.approx(whole)
+    assert count.left(103.0, 0, held=False) == pytest.approx(whole - 3.0)
     # held: the clock stands; a pause takes nothing away
-    assert count.left(160.0, 1, held=True) == pytest.approx(whole - 3.0)
-    assert count.left(161.0, 1, held=False) == pytest.approx(whole - 4.0)
+    assert count.left(160.0, 0, held=True) == pytest.approx(whole - 3.0)
+    assert count.left(161.0, 0, held=False) == pytest.approx(whole - 4.0)
     # half as fast: what is left takes twice as long
-    assert count.left(161.0, 1, held=False, feed_override=50.0) == pytest.approx(2.0 * (whole - 4.0), rel=0.02)
-    # the board has taken the second line: it is on it, or a block before
-    assert count.left(162.0, 2, held=False) == pytest.approx(clock.remaining(1))
-    assert count.left(1000.0, 3, held=False) == 0.0
+    assert count.left(161.0, 0, held=False, feed_override=50.0) == pytest.approx(2.0 * (whole - 4.0), rel=0.02)
+    # the board is known to have carried out the fourth line; or to be no farther than two lines behind the fourth
+    assert count.left(162.0, 4, held=False) == pytest.approx(clock.remaining(4))
+    assert count.left(1000.0, 4, held=False) == 0.0
+    assert count.left(1001.0, 6, held=False) == 0.0
 
 
 def test_the_settings_of_the_board_count_more_than_the_machine_file():
