@@ -85,6 +85,8 @@ class Screen:
         if sent.left is not None:
             minutes, seconds = divmod(round(sent.left), 60)
             words.append(f"{minutes}:{seconds:02d} left")
+        if sent.ahead is not None:
+            words.append(f"{sent.ahead:.2f} s ahead")
         if sent.buffered is not None:
             words.append(f"{sent.buffered} lines waiting")
         if self._control.feed_override != 100.0:

@@ -141,6 +141,24 @@ class Touching(Protocol):
         """The answer to the last probe, when its motion is over; None if there was none."""
 
 
+@dataclass(frozen=True, slots=True)
+class Whereabouts:
+    """Where a board's motion is. line: no later source line than that; position: mm, one number an axis; ahead: s of motion it has yet."""
+
+    line: int
+    position: tuple[float, ...]
+    ahead: float
+
+
+@runtime_checkable
+class Playing(Protocol):
+    """A board that plays later what it is given now."""
+
+    @property
+    def whereabouts(self) -> Whereabouts:
+        """By what the board has said last."""
+
+
 @runtime_checkable
 class Attending(Protocol):
     """A board of pulses at which the operator has buttons."""
@@ -201,12 +219,30 @@ class LineSink(Board, Protocol):
         """Take a line; returns when it has been sent, or when the operator stops the run."""
 
 
+class Burden(Protocol):
+    """Finds out whether a board can play a program, before anything moves."""
+
+    def add(self, chunk: PulseChunk) -> None:
+        """The program's grid moves, in their order. MotionLimitError where they are more than the board can do."""
+
+
+@runtime_checkable
+class Burdened(Protocol):
+    """A board that can't play every program."""
+
+    def burden(self) -> Burden:
+        """To be shown a program."""
+
+
 @runtime_checkable
 class Foreseeable(Protocol):
     """A class of boards that can tell what its boards can take before one is there."""
 
     def foreseen(self, machine: Machine) -> Capabilities:
         """Of the board that this machine should have."""
+
+    def foreseen_burden(self, machine: Machine) -> Burden:
+        """The same, to be shown a program."""
 
 
 class BoardFactory(Protocol):

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.control import Control
-from cnc.drivers.base import Capabilities, Command, board_error
+from cnc.drivers.base import Capabilities, Command, Whereabouts, board_error
 from cnc.drivers.loopback import Loopback
 from cnc.drivers.port import Clock, Port, SystemClock
+from cnc.drivers.stepper_burden import Burden
 from cnc.drivers.stepper_outputs import Outputs, actions
 from cnc.drivers.stepper_protocol import Alarm, Kind, State, Status
 from cnc.drivers.stepper_stream import PIECE_S, Stream
@@ -37,8 +38,9 @@ from cnc.drivers.stepper_wire import (
     configured,
     least_ns,
     opened,
+    unfit,
 )
-from cnc.errors import BoardError, Diagnostic, UsageError
+from cnc.errors import BoardError, Diagnostic, MotionLimitError, UsageError
 from cnc.machine.models import Machine
 from cnc.segments import ARM, OUTPUTS
 from cnc.stream import PulseChunk
@@ -94,7 +96,7 @@ class Stepper:
         if not name:
             hint = "name it with --port, or board.port in the machine file; cncrun boards lists the ports"
             raise UsageError(Diagnostic("no-port", "the stepper board needs to know its port", hint=hint))
-        port = open_port(name, machine.board.baud if "baud" in machine.board.model_fields_set else BAUD, stay_up=True)
+        port = open_port(name, _baud(machine), stay_up=True)
         try:
             return cls(port, machine, name, background=True)
         except BaseException:
@@ -113,6 +115,17 @@ class Stepper:
         """Of an Uno with the firmware of this version."""
         return _capabilities(machine, least_ns(UNO, machine))
 
+    def burden(self) -> Burden:
+        """What a program asks of this board."""
+        return Burden(len(self._machine.axes), self._least_ns, _baud(self._machine))
+
+    @classmethod
+    def foreseen_burden(cls, machine: Machine) -> Burden:
+        """What a program asks of an Uno with the firmware of this version. MotionLimitError where that is not for this machine."""
+        for fault in unfit(machine, least_ns(UNO, machine)):
+            raise MotionLimitError(fault)
+        return Burden(len(machine.axes), least_ns(UNO, machine), _baud(machine))
+
     @property
     def confirmed_line(self) -> int:
         """Source line of the last motion or command taken; after a fault, of the last that is known to have reached the board."""
@@ -128,6 +141,13 @@ class Stepper:
         """Where the board knows that each axis stands; None where it lost that, as it does with every reset."""
         each = zip(self._stream.position.tolist(), self._known.tolist(), strict=True)
         return tuple(steps if known else None for steps, known in each)
+
+    @property
+    def whereabouts(self) -> Whereabouts:
+        """By the board's last status: some hundredths of a second ago."""
+        with self._lock:
+            place = self._steps_at(self._told) / self._steps_per_mm
+            return Whereabouts(self._stream.trail.line, tuple(place.tolist()), self._stream.ahead_s)
 
     @property
     def switches(self) -> tuple[bool, ...]:
@@ -397,17 +417,25 @@ class Stepper:
 
     def _stands_at(self, status: Status) -> NDArray[np.int64]:
         """Where the board says it is, which counts from here on."""
-        counted = np.array(status.position[: len(self._turned)], dtype=np.int64)
-        there = (counted - np.where(self._known, 0, LOST)) * self._turned
+        there = self._steps_at(status)
         self._stopped_short = not np.array_equal(there, self._checks.position_steps)
         self._stream.position = there
         return there
+
+    def _steps_at(self, status: Status) -> NDArray[np.int64]:
+        """The position of a status, as the program counts."""
+        counted = np.array(status.position[: len(self._turned)], dtype=np.int64)
+        return (counted - np.where(self._known, 0, LOST)) * self._turned
 
     def _place(self, steps: NDArray[np.int64]) -> str:
         places = (steps / self._steps_per_mm).tolist()
         return " ".join(
             f"{letter.upper()}{value:.4f}".rstrip("0").rstrip(".") for letter, value in zip(self._machine.axes, places, strict=True)
         )
+
+
+def _baud(machine: Machine) -> int:
+    return machine.board.baud if "baud" in machine.board.model_fields_set else BAUD
 
 
 def _capabilities(machine: Machine, least: int) -> Capabilities:

@@ -66,7 +66,8 @@ class Stream:
         """Go on where an input has ended the motion: what was sent behind that is gone, and time goes on."""
         self.cut = self.running = False
         self._taken_before = status.taken
-        self.trail = Trail()
+        self.trail.clear()
+        self.trail = Trail(self.trail.line)
         self._encoder.skip(self.until_ns)
         self._base_ns = self._encoder.clock_ns
 
@@ -182,6 +183,11 @@ class Stream:
     def played_ns(self) -> int:
         """The program's time that the board has come to."""
         return self._base_ns + round((self._wire.clock.now() - self._began_at) * 1e9)
+
+    @property
+    def ahead_s(self) -> float:
+        """Seconds of motion that the board has been given and has not played."""
+        return max(self._encoder.clock_ns - self.played_ns, 0) * 1e-9 if self.running else 0.0
 
     def heard(self, status: Status) -> None:
         """The board has said how far it is."""

@@ -22,10 +22,14 @@ class _Stretch:
 
 
 class Trail:
-    """What was sent, stretch by stretch. sent: bytes of the stream."""
+    """What was sent, stretch by stretch. sent: bytes of the stream.
 
-    def __init__(self) -> None:
+    line: the source line at which the stretch begins that the board left last, 0 before it has left one: no later one than it is at.
+    """
+
+    def __init__(self, line: int = 0) -> None:
         self.sent = 0
+        self.line = line
         self._stretches: deque[_Stretch] = deque()
 
     def add(self, size: int, places: NDArray[np.int64], lines: NDArray[np.int32]) -> None:
@@ -36,10 +40,12 @@ class Trail:
     def passed(self, taken: int) -> None:
         """The board has taken so many bytes: all but the last stretch before them is over."""
         while len(self._stretches) > 1 and self._stretches[0].until + READ_AHEAD < taken:
-            self._stretches.popleft()
+            self.line = _first(self._stretches.popleft().lines) or self.line
 
     def clear(self) -> None:
         """All that was sent has been played."""
+        for stretch in self._stretches:
+            self.line = int(stretch.lines[-1]) or self.line
         self._stretches.clear()
 
     def line_at(self, place: NDArray[np.int64]) -> int:
@@ -49,3 +55,9 @@ class Trail:
             if len(here):
                 return int(stretch.lines[here[-1]])
         return 0
+
+
+def _first(lines: NDArray[np.int32]) -> int:
+    """The first line of a program, 0 if there is none."""
+    known = lines[lines > 0]
+    return int(known[0]) if len(known) else 0

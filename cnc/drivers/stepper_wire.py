@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from cnc.drivers.base import board_error
 from cnc.drivers.port import Clock, Port
 from cnc.drivers.stepper_protocol import VERSION, Alarm, Kind, State, Status, StepperLink, Welcome
-from cnc.errors import BoardError
+from cnc.errors import BoardError, Diagnostic
 from cnc.machine.models import Machine
 
 BAUD = 1_000_000
@@ -25,6 +25,7 @@ AWAY_S = 0.2
 """After so long without a look at the port the board's silence is our own."""
 MOST_RAMP_S, SHAPE = 0.08, 1.5
 """Emergency ramps: the longest, and the steepest slope of their S over its mean."""
+MOST_AXES = 4
 TURN_ROUND_TICKS = 8
 """What the board needs between the end of a pulse's rest and the next pulse, at most."""
 LIMITS, PROBE, EMERGENCY_STOP = 0x07, 0x10, 0x20
@@ -141,19 +142,33 @@ def opened(wire: Wire, machine: Machine) -> tuple[Welcome, Status]:
         hint = f"use a machine file with {welcome.axes} axes, or make flash AXES={len(machine.axes)} PORT={name}"
         message = f"the machine has {len(machine.axes)} axes, the board on {name} {welcome.axes}"
         raise board_error("board-axes", message, hint=hint)
-    fastest = 1e9 / least_ns(welcome, machine)
-    for letter, axis in machine.axes.items():
-        if axis.step_rate > fastest:
-            velocity = math.floor(fastest / axis.steps_per_mm * 1e3) / 1e3
-            hint = f"lower axes.{letter}.max_velocity to {velocity:g} mm/s, or use fewer microsteps"
-            message = f"{letter.upper()} may step {axis.step_rate:.0f} times a second, the board {fastest:.0f} times"
-            raise board_error("board-step-rate", message, hint=hint)
+    for fault in unfit(machine, least_ns(welcome, machine)):
+        raise BoardError(fault)
     began = wire.clock.now()
     while wire.link.state in (State.RUNNING, State.RAMPING):
         if wire.clock.now() - began > 1.0:
             raise board_error("board-busy", f"the board on {name} still moves", hint="is another program driving it?")
         wire.pump(BREATH_S)
     return welcome, configured(wire, machine, welcome, LIMITS, wire.pump)
+
+
+def unfit(machine: Machine, least: int) -> Iterator[Diagnostic]:
+    """What no board whose steps are so many ns apart can do for this machine, whatever its program.
+
+    The board's motors are X, Y, Z and a fourth one in the order of its pins: an axis elsewhere in the file would turn another's.
+    """
+    letters = tuple(machine.axes)
+    if len(letters) > MOST_AXES or letters[:3] != ("x", "y", "z")[: len(letters)]:
+        names = " ".join(letter.upper() for letter in letters)
+        hint = "write the tables [axes.x], [axes.y], [axes.z] in this order, then that of the fourth axis"
+        yield Diagnostic("board-axes", f"the machine file has the axes {names}, the board X Y Z and a fourth, in this order", hint=hint)
+    fastest = 1e9 / least
+    for letter, axis in machine.axes.items():
+        if axis.step_rate > fastest:
+            velocity = math.floor(fastest / axis.steps_per_mm * 1e3) / 1e3
+            hint = f"lower axes.{letter}.max_velocity to {velocity:g} mm/s, or use fewer microsteps"
+            message = f"{letter.upper()} may step {axis.step_rate:.0f} times a second, the board {fastest:.0f} times"
+            yield Diagnostic("board-step-rate", message, hint=hint)
 
 
 def configured(wire: Wire, machine: Machine, welcome: Welcome, limits: int, pump: Callable[[float], object]) -> Status:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from cnc.canon import Block, Dwell, End, Held, Probe, WaitInput
 from cnc.control import Control
-from cnc.drivers.base import Attending, PulseSink, Touching
+from cnc.drivers.base import Attending, Playing, PulseSink, Touching
 from cnc.errors import BoardError, CncError, Diagnostic
 from cnc.planner.plan import PlanChunk
 from cnc.stream import PulseChunk
@@ -58,7 +58,8 @@ class Progress:
 
     held: the motion rests until it is resumed. position: where the board says it is, mm. buffered: lines that it has not taken yet. The
     last two are None of a board that does not tell. left: seconds until the program is over, None where nobody has counted them. why:
-    what the program holds for.
+    what the program holds for. ahead: seconds of motion that the board has yet, and line then that which it is at, or one before. file:
+    where the line is, as what is sent says.
     """
 
     time: float
@@ -69,6 +70,8 @@ class Progress:
     buffered: int | None = None
     left: float | None = None
     why: str = ""
+    ahead: float | None = None
+    file: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +114,7 @@ class _Run:
         self.rows = 0
         self.steps = np.zeros(len(interpolator.origin_steps), dtype=np.int64)
         self.file = ""
+        self.playing = board if isinstance(board, Playing) else None
         self._probing: tuple[Probe, tuple[float, ...] | None] | None = None
 
     def command(self, block: Block) -> None:
@@ -175,8 +179,14 @@ class _Run:
         return Outcome(self.clock, self.board.position_steps, self.steps, self.rows, self.line if stopped else None)
 
     def _tell(self, *, held: bool = False, why: str = "") -> None:
-        if self.on_progress is not None:
-            self.on_progress(Progress(self.clock, self.line, self.rows, held, why=why))
+        if self.on_progress is None:
+            return
+        now = Progress(self.clock, self.line, self.rows, held, why=why, file=self.file)
+        if self.playing is not None:
+            where = self.playing.whereabouts
+            # What the motion is held for has been come to.
+            now = replace(now, line=self.line if held else where.line, position=where.position, ahead=where.ahead)
+        self.on_progress(now)
 
 
 def execute(

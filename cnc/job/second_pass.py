@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.canon import Block, Dwell, Held
-from cnc.drivers.base import LineSink, PulseSink
-from cnc.errors import BoardError
+from cnc.control import Control
+from cnc.drivers.base import Burden, Burdened, Foreseeable, LineSink, PulseSink
+from cnc.drivers.registry import board_factory
+from cnc.errors import BoardError, MotionLimitError, UsageError
 from cnc.executor.lines import Step, steps, stream
 from cnc.executor.run import Progress, execute
 from cnc.flatten.board_time import BoardTime, Countdown
@@ -20,6 +22,7 @@ from cnc.interpolator.sampled import Sampled
 from cnc.job.outputs import OpenOutputs, Outputs
 from cnc.job.reading import Reading
 from cnc.job.watch import Lookout, Pauses
+from cnc.machine.models import Machine
 from cnc.onboard import clock, to_remember, translator, waits
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
@@ -68,6 +71,7 @@ class SecondPass:
         self._asks, self._on_plan = asks, on_plan
         self.board_time: BoardTime | None = None
         self._step_deviation = 0.0
+        self._schedule: tuple[NDArray[np.int64], NDArray[np.float64], float] | None = None
 
     def carry_out(self, board: PulseSink | LineSink | None, kept: Iterable[PathChunk | Block] | None) -> None:
         """Move, or only look. kept: the path, None to read it again."""
@@ -81,6 +85,8 @@ class SecondPass:
         on_pulses = None
         if self._outputs.pulses is not None:
             on_pulses = self._files.opened(pulse_writer(self._outputs.pulses, machine, interpolator.origin_steps)).write
+        if isinstance(board, Burdened):
+            self._rehearse(board.burden(), fastest, kept)
         path = kept if kept is not None else self._read_again(smooth=False)
         slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
         ahead = LookAhead(machine, self._control, slice_s=slice_s)
@@ -88,7 +94,7 @@ class SecondPass:
         pulses = TimedPulses(interpolator, self.watch_interpolating)
         try:
             if board is None:
-                self._look(planned, pulses, on_pulses)
+                self._look(planned, pulses, on_pulses, _foreseen_burden(machine))
             else:
                 if self._pauses == "wait" and self._operated and board.capabilities.slice_s:
                     planned = _held(planned, self._control.hold)
@@ -160,14 +166,45 @@ class SecondPass:
             if trace is not None:
                 trace.write(chunk)
 
-    def _look(self, planned: Items, pulses: TimedPulses, on_pulses: Callable[[PulseChunk], None] | None) -> None:
+    def _rehearse(self, burden: Burden, fastest: float, kept: Iterable[PathChunk | Block] | None) -> None:
+        """The whole motion before any of it: whether the board can play it, and how long it takes. MotionLimitError."""
+        machine, lookout, start = self._machine, self._lookout, self._reading.start
+        path = kept if kept is not None else self._read_again(smooth=False)
+        pulses = TimedPulses(
+            ReferencePulse([axis.steps_per_mm for axis in machine.axes.values()], start, 1e9 / fastest, algorithm=self._algorithm),
+            self.watch_interpolating,
+        )
+        rows, at, made, until = [0], [0.0], 0, 0.0
+        ahead = LookAhead(machine, Control(self._control.feed_override), slice_s=LONG)
+        for item in self.watch_planning.inside(ahead.plan(path)):
+            lookout.checking(self._report.lines)
+            if isinstance(item, PlanChunk):
+                for chunk in pulses.pulses(item):
+                    _bear(burden, chunk, item)
+                    made += len(chunk.step)
+                rows.append(made)
+                at.append(item.t0 + item.duration)
+            until = item.t0 + item.duration if isinstance(item, PlanChunk) else until + getattr(item, "seconds", 0.0)
+        self._schedule = np.array(rows), np.array(at), until
+
+    def _left(self, progress: Progress) -> Progress:
+        """With what is left of the rehearsed motion, if all goes on as now."""
+        if self._schedule is None:
+            return progress
+        rows, at, until = self._schedule
+        left = (until - float(np.interp(progress.rows, rows, at))) * 100.0 / self._control.feed_override
+        return replace(progress, left=max(left, 0.0) + (progress.ahead or 0.0))
+
+    def _look(self, planned: Items, pulses: TimedPulses, on_pulses: Callable[[PulseChunk], None] | None, burden: Burden | None) -> None:
         """Without a board: make the pulses, count and write them."""
         report = self._report
         steps = np.zeros(len(self._machine.axes), np.int64)
 
-        def seen(chunks: Iterable[PulseChunk]) -> None:
+        def seen(chunks: Iterable[PulseChunk], planned: PlanChunk | None = None) -> None:
             nonlocal steps
             for chunk in chunks:
+                if burden is not None and planned is not None:
+                    _bear(burden, chunk, planned)
                 steps += [np.count_nonzero(column) for column in chunk.step.T]
                 report.pulse_rows += len(chunk.step)
                 if on_pulses is not None:
@@ -178,7 +215,7 @@ class SecondPass:
             if isinstance(item, Held):
                 self._control.wait()
             if isinstance(item, PlanChunk):
-                seen(pulses.pulses(item))
+                seen(pulses.pulses(item), item)
         seen(pulses.settle())
         report.steps = dict(zip(self._machine.axes, steps.tolist(), strict=True))
 
@@ -191,7 +228,11 @@ class SecondPass:
         ahead: LookAhead,
     ) -> None:
         """With a board: the executor sends, and comes to rest on the path when the operator wishes."""
-        report, tell = self._report, self._lookout.tell
+        report = self._report
+
+        def tell(progress: Progress) -> None:
+            self._lookout.tell(self._left(progress))
+
         # The board is about to move: from here on a wish to stop is the executor's to carry out.
         tell(Progress(0.0, 0, 0))
         try:
@@ -274,6 +315,23 @@ class SecondPass:
                 kept.append(step)
         board_time.end()
         return kept
+
+
+def _bear(burden: Burden, chunk: PulseChunk, planned: PlanChunk) -> None:
+    """Grid moves of a stretch. MotionLimitError at their line."""
+    try:
+        burden.add(chunk)
+    except MotionLimitError as error:
+        raise error.at(file=planned.path.file) from error
+
+
+def _foreseen_burden(machine: Machine) -> Burden | None:
+    """Of the board that the machine file names, where its driver knows it without one."""
+    try:
+        factory = board_factory(machine.board.kind)
+    except UsageError:
+        return None
+    return factory.foreseen_burden(machine) if isinstance(factory, Foreseeable) else None
 
 
 def _held(planned: Items, hold: Callable[[], None]) -> Iterator[PlanChunk | Block]:

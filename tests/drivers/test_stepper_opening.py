@@ -101,6 +101,16 @@ def test_a_fourth_axis(simulator: Simulator) -> None:
     assert caught.value.diagnostic.code == "board-axes"
 
 
+def test_axes_in_another_order(simulator: Simulator) -> None:
+    """They would turn each other's motors."""
+    axes = machine().axes
+    port = SimulatorPort(simulator)
+    with pytest.raises(BoardError) as caught:
+        Stepper(port, machine(axes={letter: axes[letter] for letter in ("x", "z", "y")}), "PORT", clock=port)
+    assert caught.value.diagnostic.code == "board-axes"
+    assert "X Z Y" in caught.value.diagnostic.message
+
+
 def test_an_axis_that_is_too_fast(simulator: Simulator) -> None:
     axes = machine().axes
     port = SimulatorPort(simulator)
