@@ -201,7 +201,8 @@ __attribute__((optimize("O2"))) void receive(void)
                 broken = true;
             } else {
                 store[next] = byte;
-                next = behind(next, 1);
+                if (++next == STORE)
+                    next = 0;
             }
         } else if (size < sizeof frame) {
             frame[size] = byte;

@@ -434,7 +434,12 @@ static void settle(void)
 {
     for (uint8_t axis = 0; axis < AXES; axis++) {
         uint8_t steps = made_by(axis);
-        position[axis] += segment.directions & pgm_read_byte(&axis_direction[axis]) ? -(int32_t)steps : steps;
+        if (steps == 0)
+            continue;
+        if (segment.directions & pgm_read_byte(&axis_direction[axis]))
+            position[axis] -= steps;
+        else
+            position[axis] += steps;
     }
     forget_steps();
 }
