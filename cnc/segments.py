@@ -17,6 +17,8 @@ from cnc.stream import PulseChunk
 
 ROWS = 65536
 """Grid moves in the buffers of the encoder and the decoder."""
+MANY = 2 * encoder.AHEAD
+"""So many grid moves are worth a call of the kernel: chunks may be of a few."""
 BYTES = 65536
 """Most bytes written at once."""
 PAUSE = encoder.PAUSE * form.SUB
@@ -85,7 +87,8 @@ class SegmentEncoder:
             )  # fmt: skip
             self._rows += until - at
             at = until
-            self._encode(encoder.AHEAD, parts)
+            if self._rows > MANY:
+                self._encode(encoder.AHEAD, parts)
         return b"".join(parts)
 
     def flush(self, *, end: bool = False) -> bytes:
@@ -129,8 +132,9 @@ class SegmentEncoder:
                 self._ends, self._windows, self._polygon[0], self._polygon[1],
             )  # fmt: skip
             parts.append(self._out[:size].tobytes())
-            for buffer in buffers:
-                buffer[: self._rows - done] = buffer[done : self._rows].copy()
+            if done < self._rows:
+                for buffer in buffers:
+                    buffer[: self._rows - done] = buffer[done : self._rows].copy()
             self._rows -= done
 
 
