@@ -50,7 +50,7 @@ class Burden:
         for part in np.split(np.arange(len(time_ns)), cuts):
             if len(part):
                 rows = slice(int(part[0]), int(part[-1]) + 1)
-                data = self._encoder.push(PulseChunk(time_ns[rows], chunk.step[rows], chunk.line[rows]))
+                data = self._encoder.push(PulseChunk(time_ns[rows], chunk.step[rows], chunk.line[rows])) + self._encoder.flush()
                 self._send(len(data), int(time_ns[rows][-1]), int(chunk.line[rows][0]))
 
     def _count(self, chunk: PulseChunk) -> None:

@@ -42,7 +42,7 @@ def test_a_burst_may_be_late_and_a_long_one_may_not() -> None:
 def test_moves_without_order_fit_a_fast_wire_and_not_a_slow_one() -> None:
     time_ns, step = wander(1, 4_000, 60_000)
     fast = Burden(3, LEAST_NS, 1_000_000)
-    slow = Burden(3, LEAST_NS, 100_000)
+    slow = Burden(3, LEAST_NS, 40_000)
     for part in chunks(time_ns, step):
         fast.add(part)
 
