@@ -78,6 +78,13 @@ class NurbsFeed(Block):
 
 
 @dataclass(frozen=True, slots=True)
+class Called(Block):
+    """Where the main program goes into a call at this line (``inside``), or is back from it; only who asks for these sees them."""
+
+    inside: bool
+
+
+@dataclass(frozen=True, slots=True)
 class PathMode(Block):
     """G61.1 (exact-stop), G61 (exact-path) or G64 (blend) from here on; ``tolerance`` in mm for blend (0: the machine's own)."""
 

@@ -47,7 +47,7 @@ class LineProgram:
         moving = "".join(letter for letter in LETTERS.lower() if letter in self.box and self.box[letter][0] < self.box[letter][1])
         translator = Translator(machine, work_offset=self.work_offset, moving=moving)
         path = smooth_path(blocks, axes=machine.axis_names, start=self.start, tolerance=translator.tolerance)
-        for item in LookAhead(machine).plan(path):
+        for item in LookAhead(machine, judged=False).plan(path):
             yield from translator.lines(item)
         yield from translator.end()
 

@@ -9,6 +9,9 @@ before line N is left out. What is carried out instead:
         o                x ──► N   4  down at the feed of the last way down, then on with line N
 
 The height is the highest that the program itself comes to, or the machine stands at.
+
+Line N is one of the main program, reached for the first time: of a loop the first time round, and a call is part of the line that it stands
+at. A line of a subprogram is no place to begin: which of its calls is meant nobody knows.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from cnc.canon import (
     AnalogOutput,
     ArcFeed,
     Block,
+    Called,
     Coolant,
     DigitalOutput,
     Dwell,
@@ -142,6 +146,7 @@ class Beginning:
 
         read: the blocks of the program for a machine that stands somewhere.
         """
+        self._refuse_subprogram(read(start))
         first = self._before(read(start), start)
         moved = start + SHIFT
         try:
@@ -154,6 +159,25 @@ class Beginning:
         if unknown:
             message = f"where {unknown[0]} is at line {self.line} depends on where the machine stood when the program began"
             hint = "begin at the first line, or let the program say absolute positions before this one"
+            raise GcodeError(Diagnostic("from-line-unknown", message, self.file, self.line, hint=hint))
+
+    def _refuse_subprogram(self, blocks: Iterable[Block]) -> None:
+        """GcodeError if line N lies between the lines of a subprogram's motion, and is none of the main program's."""
+        call, low, high, found = 0, 0, 0, 0
+        for block in blocks:
+            if isinstance(block, Called):
+                call, low, high = block.line if block.inside else 0, 0, 0
+            elif block.file == self.file:
+                lines = block.lines if isinstance(block, Polyline) else np.array([block.line])
+                if not call:
+                    if (lines == self.line).any():
+                        return
+                    continue
+                low, high = min(low or int(lines.min()), int(lines.min())), max(high, int(lines.max()))
+                found = found or (call if low <= self.line <= high else 0)
+        if found:
+            message = f"line {self.line} is one of a subprogram, called at line {found}"
+            hint = f"begin at line {found}, or at another of its calls"
             raise GcodeError(Diagnostic("from-line-unknown", message, self.file, self.line, hint=hint))
 
     def _before(self, blocks: Iterable[Block], start: Floats) -> State:
@@ -178,12 +202,15 @@ class Beginning:
 
     def _rest(self, blocks: Iterable[Block], state: State) -> Iterator[Block]:
         """What is left of a program from line N on; ``state`` is that before it."""
-        begun = False
+        begun, call = False, 0
         for block in blocks:
+            if isinstance(block, Called):
+                call = block.line if block.inside else 0
+                continue
             if begun:
                 yield block
                 continue
-            here, later = self._split(block)
+            here, later = self._split(block) if not call else (block, None) if call < self.line else (None, block)
             if here is not None:
                 state.note(here)
             if later is not None and not isinstance(later, End):
@@ -209,13 +236,14 @@ class Beginning:
     def _approach(self, state: State, start: Floats, feed: float, line: int) -> Iterator[Block]:
         """From where the machine stands to where line N begins."""
         file, target, z = self.file, state.position, self._z
+        away = bool(state.touched.any())
         sync = state.settings.pop(("SpindleSync", 0), None)
         if isinstance(sync, SpindleSync) and sync.pitch:
             message = f"at line {self.line} the motion follows the spindle"
             raise GcodeError(Diagnostic("from-line-unknown", message, file, line, hint="begin before the thread"))
         story = [f"from line {self.line}:"]
         across = target.copy()
-        if z is not None:
+        if z is not None and away:
             height = max(min(float(state.highest[z]), self._top), float(start[z]), float(target[z]))
             if height <= target[z] + SAME and self._top < math.inf:
                 height = max(height, self._top)
@@ -224,8 +252,9 @@ class Beginning:
             if height > start[z] + SAME:
                 yield self._traverse(up, line)
                 story.append(f"lift Z to {height:.3f}")
-        yield self._traverse(across, line)
-        story.append("go to " + " ".join(f"{letter}{value:.3f}" for letter, value in zip(self._letters, across, strict=True)))
+        if away:
+            yield self._traverse(across, line)
+            story.append("go to " + " ".join(f"{letter}{value:.3f}" for letter, value in zip(self._letters, across, strict=True)))
         yield from state.settings.values()
         if state.tool is not None:
             story.append(f"tool {state.tool} is taken to be in the spindle")

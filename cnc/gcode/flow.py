@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from cnc.canon import Called
 from cnc.errors import CncError
 from cnc.gcode.listing import Listing, Mark, Step
 
@@ -46,17 +47,18 @@ class Frame:
 
 
 class Flow:
-    """The flow of control.
+    """The flow of control. ``mark_calls``: whether the calls of the main program stand among its blocks.
 
     ``executed`` is the number of lines executed so far, kept up to date for steps; ``new`` how many of them for the first time.
     """
 
-    def __init__(self, interpreter: Interpreter, listing: Listing, library: Library, limits: Limits) -> None:
+    def __init__(self, interpreter: Interpreter, listing: Listing, library: Library, limits: Limits, *, mark_calls: bool = False) -> None:
         self.interpreter = interpreter
         self.parameters = interpreter.parameters
         self.library = library
         self.limits = limits
         self.main = self.listing = listing
+        self._mark_calls = mark_calls
         self.frame = Frame("main", "", listing, 1, 0, listing, Mark(0), 0)
         self.frames: list[Frame] = []
         self.executed = self.new = 0
@@ -73,6 +75,7 @@ class Flow:
             hint = "what calls itself needs a condition that ends it, or raise program.max_call_depth in the machine file"
             message = f"{frame.name} is called within {self.limits.depth} other calls"
             raise frame.caller.fault(frame.at, "call-too-deep", message, hint)
+        self._mark(frame, inside=True)
         self.frames.append(self.frame)
         self.frame = frame
         frame.since = self.executed
@@ -92,8 +95,13 @@ class Flow:
         """Go back to the caller; the line to go on at."""
         left = self._pop()
         self.interpreter.left()
+        self._mark(left, inside=False)
         self._look_at(left.caller)
         return left.back
+
+    def _mark(self, frame: Frame, *, inside: bool) -> None:
+        if self._mark_calls and not self.frames:
+            self.interpreter.out.put(Called(self.main.name, frame.at.line, inside))
 
     def unwind(self) -> None:
         """The program has ended, perhaps in a call: the parameters are those of the main program again."""

@@ -43,6 +43,7 @@ def interpret(
     folders: Sequence[Path] = (),
     limits: Limits = Limits(),  # noqa: B008 it never changes
     on_line: Callable[[int], None] | None = None,
+    mark_calls: bool = False,
 ) -> Iterator[Block]:
     """The canonical blocks of a program, as its lines are read.
 
@@ -50,6 +51,7 @@ def interpret(
     the machine position (axes,) at the start, zeros by default. With ``block_delete`` lines that begin with ``/`` are skipped unread.
     ``warn`` is given what is legal but odd. ``parameters`` are what the program finds, and changes. ``folders`` are where subroutines in
     files are found, the program's own folder among them if it is to be. ``on_line`` is told the number of executed lines now and then.
+    With ``mark_calls`` the calls of the main program stand among the blocks (:class:`cnc.canon.Called`).
 
     Reading stops at M2, M30 or a second ``%``. Raises GcodeError at the first fault, with file, line, column, source text and hint;
     blocks of the lines before may have been handed on by then. Raises UsageError ``unknown-dialect``, ``unreadable-file``.
@@ -60,7 +62,8 @@ def interpret(
     interpreter = Interpreter(text.name, axes, spoken, position, known, warn, tools)
     syntax = Syntax(spoken.flavour, siemens=spoken.siemens, dollar=spoken.dollar, dialect=spoken.name)
     listing = Listing(text, syntax, block_delete=block_delete)
-    flow = Flow(interpreter, listing, subprograms.Library(folders, syntax, block_delete=block_delete), limits)
+    library = subprograms.Library(folders, syntax, block_delete=block_delete)
+    flow = Flow(interpreter, listing, library, limits, mark_calls=mark_calls)
     yield from _run(flow, _Steps(flow, spoken), on_line)
 
 

@@ -55,7 +55,8 @@ class Reading:
     def blocks(self, warn: Callable[[Diagnostic], None] | None = None, on_line: Callable[[int], None] | None = None) -> Iterator[Block]:
         """The canonical blocks; ``on_line`` in place of the usual one."""
         self.state = self._remembered(self.dialect)
-        blocks = self._interpreted(self.dialect, Text.of_file(self.path, self.name), self.state, warn, on_line)
+        marked = self.beginning is not None
+        blocks = self._interpreted(self.dialect, Text.of_file(self.path, self.name), self.state, warn, on_line, mark_calls=marked)
         return blocks if self.beginning is None else self.beginning.passed(blocks, self.start)
 
     def under(self, dialect: str, text: Text) -> Iterator[Block]:
@@ -75,7 +76,8 @@ class Reading:
         beginning = Beginning(line, self.name, self.machine.axis_names, top)
 
         def read(start: Floats) -> Iterator[Block]:
-            return self._interpreted(self.dialect, Text.of_file(self.path, self.name), self._remembered(self.dialect), start=start)
+            text = Text.of_file(self.path, self.name)
+            return self._interpreted(self.dialect, text, self._remembered(self.dialect), start=start, mark_calls=True)
 
         beginning.check(read, self.start)
         self.beginning = beginning
@@ -91,6 +93,8 @@ class Reading:
         warn: Callable[[Diagnostic], None] | None = None,
         on_line: Callable[[int], None] | None = None,
         start: Floats | None = None,
+        *,
+        mark_calls: bool = False,
     ) -> Iterator[Block]:
         program = self.machine.program
         place = None if self.name == STANDARD_INPUT_NAME else Path(self.name)
@@ -105,4 +109,5 @@ class Reading:
             folders=folders(place, self.machine),
             limits=Limits(program.max_repeated_lines, program.max_call_depth),
             on_line=on_line or self.on_line,
+            mark_calls=mark_calls,
         )

@@ -290,7 +290,7 @@ class SecondPass:
 
     def _steps(self, board: LineSink, *, shown: bool) -> Iterator[Step]:
         """The program as lines; ``shown``: its plan is the one that the report and the pictures are made from."""
-        ahead = LookAhead(self._machine)
+        ahead = LookAhead(self._machine, judged=False)
         path = self._read_again(smooth=True)
         planned = self._planned(ahead, path) if shown else self.watch_planning.inside(ahead.plan(path))
         if self._pauses == "skip":

@@ -27,14 +27,21 @@ class LookAhead:
     control: what the operator wants; it is looked at between slices of ``slice_s`` seconds.
     Without one all goes as programmed, in long slices. stops_known: stopping distances that the window holds when it is planned.
 
-    Every plan has passed :attr:`audit`, which keeps the largest values seen.
+    Every plan has passed :attr:`audit`, which keeps the largest values seen. judged: whether a plan that breaks a limit is a fault; it is
+    none where the speeds alone are wanted, because the board plans for itself.
     """
 
     def __init__(
-        self, machine: Machine, control: Control | None = None, *, slice_s: float = SLICE, stops_known: float = STOPS_KNOWN
+        self,
+        machine: Machine,
+        control: Control | None = None,
+        *,
+        slice_s: float = SLICE,
+        stops_known: float = STOPS_KNOWN,
+        judged: bool = True,
     ) -> None:
         self.limits = Limits.of(machine)
-        self.audit = Audit(self.limits)
+        self.audit = Audit(self.limits, judges=judged)
         self._window = Window(self.limits, stops_known)
         self._rounding = Rounding(self.limits)
         self._overlaps = Overlaps(self.limits)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -25,13 +26,17 @@ HEAD = "G21 G90 G17 G54\nT3 M6\nS9000 M3\nM8\nG0 X0 Y0 Z5\nG1 Z-1 F300\n"
 
 
 def blocks(text: str, start: np.ndarray | None = None) -> list[Block]:
-    return list(interpret(Text.of_lines(text.split("\n"), "p.nc"), axes=AXES, dialect="linuxcnc", start=START if start is None else start))
+    return list(read(text, START if start is None else start))
+
+
+def read(text: str, start: np.ndarray, *, mark_calls: bool = False) -> Iterator[Block]:
+    return interpret(Text.of_lines(text.split("\n"), "p.nc"), axes=AXES, dialect="linuxcnc", start=start, mark_calls=mark_calls)
 
 
 def from_line(text: str, line: int, start: np.ndarray = START) -> tuple[list[Block], Beginning]:
     beginning = Beginning(line, "p.nc", AXES, 15.0)
-    beginning.check(lambda where: iter(blocks(text, where)), start)
-    return list(beginning.passed(iter(blocks(text, start)), start)), beginning
+    beginning.check(lambda where: read(text, where, mark_calls=True), start)
+    return list(beginning.passed(read(text, start, mark_calls=True), start)), beginning
 
 
 def moves(program: list[Block]) -> list[tuple[int, tuple[float, ...]]]:
@@ -123,6 +128,77 @@ def test_where_a_line_can_not_be_reached_safely_it_is_refused(text: str, line: i
         from_line(text + "M2\n", line)
     assert caught.value.diagnostic.code == code
     assert caught.value.diagnostic.hint
+
+
+SUB = """o100 sub
+G91 G1 X1 F200
+(on the way)
+G1 Y1
+G90
+o100 endsub
+G21 G90 G0 X0 Y0 Z5
+G1 Z-1 F100
+o100 call
+G1 X10 F300
+o102 repeat [2]
+G1 X20
+G1 Y8
+o102 endrepeat
+o100 call
+G1 Y10
+M2
+"""
+AFTER = """G21 G90 G0 X0 Y0 Z5
+G1 Z-1 F100
+M98 P50
+G1 X10 F300
+M98 P50 L2
+G1 Y10
+M2
+O50
+G91 G1 X1 F200
+G1 Y1
+G90
+M99
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "expected"),
+    [
+        (SUB, 8, [8, 2, 4, 10, 12, 13, 12, 13, 2, 4, 16]),
+        (SUB, 9, [2, 4, 10, 12, 13, 12, 13, 2, 4, 16]),
+        (SUB, 10, [10, 12, 13, 12, 13, 2, 4, 16]),
+        (SUB, 13, [13, 12, 13, 2, 4, 16]),
+        (SUB, 15, [2, 4, 16]),
+        (SUB, 16, [16]),
+        (AFTER, 3, [9, 10, 4, 9, 10, 9, 10, 6]),
+        (AFTER, 4, [4, 9, 10, 9, 10, 6]),
+        (AFTER, 5, [9, 10, 9, 10, 6]),
+        (AFTER, 6, [6]),
+    ],
+)
+def test_calls_are_part_of_the_line_that_they_stand_at_and_loops_begin_the_first_time(text: str, line: int, expected: list[int]) -> None:
+    begun, _ = from_line(text, line)
+    assert [number for number, _ in moves(begun)][-len(expected) :] == expected
+    whole = [point for _, point in moves(blocks(text))]
+    assert [point for _, point in moves(begun)][-len(expected) :] == whole[-len(expected) :]
+    # what comes before is the way there alone: up, across, down
+    assert len(moves(begun)) - len(expected) <= 3
+
+
+@pytest.mark.parametrize(("text", "line"), [(SUB, 2), (SUB, 3), (SUB, 4), (AFTER, 9), (AFTER, 10)])
+def test_a_line_of_a_subprogram_is_no_place_to_begin(text: str, line: int) -> None:
+    with pytest.raises(CncError) as caught:
+        from_line(text, line)
+    assert caught.value.diagnostic.code == "from-line-unknown"
+    assert "subprogram" in caught.value.diagnostic.message
+
+
+def test_where_nothing_has_moved_before_nothing_leads_there() -> None:
+    begun, beginning = from_line("G21 G90\nG1 Z-1 F100\nX5\nM2\n", 2)
+    assert [number for number, _ in moves(begun)] == [2, 3]
+    assert not any("lift" in told or "go to" in told for told in beginning.story)
 
 
 def test_there_is_no_line_0() -> None:

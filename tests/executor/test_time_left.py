@@ -106,7 +106,8 @@ def jobs(seed: int) -> str:
         else:
             lines.append(f"G1 X{a} Y{b} F{feed}")
         x, y = a, b
-    return "\n".join([*lines, "M2", ""])
+    # the end that is looked for is that of the motion
+    return "\n".join([*lines, f"G1 X{x + 1.0} F600", "M2", ""])
 
 
 WISHES = st.dictionaries(st.integers(5, 60), st.sampled_from(["hold", "feed50", "feed150", "feed80", "RAPID_25", "RAPID_50"]), max_size=2)
