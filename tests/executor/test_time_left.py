@@ -23,8 +23,9 @@ from support import share
 ROUTER = load_machine("grbl-uno")
 HELD = 7.0
 """s."""
-SETTLING = 2.0
-"""s from a change until what is told is to be right again: overrides go by steps of ten per cent, one a report."""
+SETTLING = 5.0
+"""s from a change until what is told is to be right again: overrides go by steps of ten per cent, one a report, and GRBL tells them in
+every twentieth report at least (interface.md, "Ov")."""
 BLIND = 0.6
 """s by which what is told may be late: reports come five times a second, and the first and last of them wait for the board."""
 
@@ -130,4 +131,4 @@ def test_an_override_of_traverses_at_the_board_counts(rapid, tmp_path):
     program.write_text("G21 G90\n" + "G0 X60\nG0 X0\n" * 20 + "M2\n")
     operated = Operated({3: rapid})
     operated.run(program)
-    assert operated.worst() <= 0.02
+    assert operated.worst() <= 0.03
