@@ -637,3 +637,27 @@ def test_a_host_that_falls_behind_costs_no_place(host: Host, ms: int) -> None:
     gaps = np.diff(cycles)
     assert gaps.min() >= 25e-6 * FREQUENCY - 80
     assert gaps[-3:].min() > 2 * 25e-6 * FREQUENCY
+
+
+def test_the_board_waits_a_quarter_of_a_second_for_its_host_and_slows_along_an_s(host: Host) -> None:
+    """What is left of the speed at x of the ramp is 1 - x^2 (3 - 2 x), to one of its 32 steps; the fourth is the first that shows."""
+    ramp, gap = 0.2, 100e-6
+    assert host.configure(ramp=round(ramp * 1e3))
+    host.stream(b"".join(straight(250, 200, 1) for _ in range(60)), 1_500)
+    assert host.request(Kind.RUN)
+    host.simulator.run(0.1)
+    host.simulator.send(frame(Kind.ASK, 0))
+    heard = host.simulator.now
+    host.simulator.run(0.8)
+    t = host.simulator.moves()[0] / FREQUENCY - heard
+    gaps = np.diff(t)
+    began = float(t[np.flatnonzero(gaps > 1.03 * gap)[0]])
+    assert 0.25 <= began - 3 * ramp / 32 <= 0.265
+    x = (t[:-1] + gaps / 2 - (began - 3 * ramp / 32)) / ramp
+    slowing = (x > 0.05) & (x < 0.9)
+    left = 1 - x**2 * (3 - 2 * x)
+    assert np.abs(gap / gaps - left)[slowing].max() < 1.5 / 32 + 0.02
+    assert t[-1] - began < ramp + 0.01
+    said = host.ask()
+    assert (said.state, said.alarm) == (ALARM, SILENCE)
+    assert said.position[0] == 100 + len(t)
