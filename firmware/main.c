@@ -93,6 +93,7 @@ static void look(void)
 ISR(PCINT0_vect)
 {
     PCICR = 0;
+    PCIFR = 1 << PCIF0 | 1 << PCIF1;    /* the end of a spike, too, that is over by now */
     sei();
     look();
     cli();

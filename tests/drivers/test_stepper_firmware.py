@@ -187,18 +187,22 @@ class Noise(SimulatorPort):
         self.pause = pause
         self.quiet_run = simulator.run
         self.on = False
+        self.next = 0.0
         simulator.run = self.noisy_run  # type: ignore[method-assign]
 
     def noisy_run(self, seconds: float, *, or_byte: bool = False) -> None:
         until = self.board.now + seconds
         while self.on and self.board.now < until:
-            self.quiet_run(min(float(self.chance.uniform(5e-6, self.pause)), until - self.board.now), or_byte=or_byte)
-            pin = int(self.chance.choice((9, 10, 12, 14)))
-            self.board.set_pin(pin, 0)
-            self.quiet_run(float(self.chance.uniform(0.1e-6, 1.5e-6)))
-            self.board.set_pin(pin, 1)
-            if or_byte:
-                return
+            if self.board.now >= self.next:
+                pin = int(self.chance.choice((9, 10, 12, 14)))
+                self.board.set_pin(pin, 0)
+                self.quiet_run(float(self.chance.uniform(0.1e-6, 1.5e-6)))
+                self.board.set_pin(pin, 1)
+                self.next = self.board.now + float(self.chance.uniform(5e-6, self.pause))
+            stop = min(self.next, until)
+            self.quiet_run(max(stop - self.board.now, 2 / FREQUENCY), or_byte=or_byte)
+            if self.board.now < stop:
+                return  # for a byte
         if not self.on:
             self.quiet_run(seconds, or_byte=or_byte)
 
