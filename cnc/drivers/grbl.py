@@ -5,22 +5,22 @@ Whatever goes wrong, the motion is stopped (hold, wait for rest, reset) before i
 
 from __future__ import annotations
 
-import math
+import contextlib
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.control import Control
+from cnc.drivers import grbl_faults as faults
 from cnc.drivers.base import Capabilities, Command, Watcher, board_error
-from cnc.drivers.grbl_info import ACCELERATIONS, ARC_TOLERANCE, RATES, STEPS, BoardInfo
+from cnc.drivers.grbl_info import STEPS, BoardInfo
+from cnc.drivers.grbl_judge import NORMAL, Judge
 from cnc.drivers.grbl_lines import MOST_CHARACTERS, bare, kind_of
 from cnc.drivers.grbl_link import ANSWER, GrblLink
 from cnc.drivers.grbl_messages import Feedback
-from cnc.drivers.grbl_path import SLACK, Limits, Whereabouts
-from cnc.drivers.grbl_protocol import Alarmed, Confirmed, Event, Lost, RealTime, Rejected, Reported, Sent, Started, Stray
+from cnc.drivers.grbl_protocol import Event, RealTime, Reported, Started
 from cnc.drivers.grbl_status import Status
-from cnc.drivers.grbl_vital import CABLE, Vital
 from cnc.drivers.grbl_wishes import LEAST_OVERRIDE, Wishes
 from cnc.drivers.port import Clock, Port, PortLost, SystemClock
 from cnc.drivers.serial_link import open_port
@@ -30,17 +30,9 @@ from cnc.stream import GcodeLine
 
 WAIT = 0.05
 """Longest wait for the board in s before the operator's wishes are looked at."""
-MOST_BLOCKS = 128
-"""Moves that the planner of a board may hold which does not tell."""
 MARK_LINES = 20
 MARK_TIME = 0.5
 """Lines, and seconds, from one mark to the next: whichever comes first."""
-AHEAD = 1.5
-LOOK_AHEAD = 0.5
-"""Seconds of motion that the board is given ahead: AHEAD, but LOOK_AHEAD more than it needs to brake, so that it need not."""
-AT_REST = 0.3
-"""Seconds of Idle, with every line answered, after which the motion is over: a report may be older than the last answer."""
-NORMAL = 100
 OVERRIDE_PATIENCE = 15.0
 """Seconds for the first override: a step of ten takes a report."""
 SAME = 0.002
@@ -62,12 +54,8 @@ class GrblBoard:
         self._columns = [AXIS_LETTERS.index(letter) for letter in machine.axes]
         self._wishes: Wishes | None = None
         self._watcher: Watcher | None = None
-        self._vital = Vital()
-        self._whereabouts = Whereabouts(0, ())
+        self._judge = Judge(self.link.protocol)
         self._marked_at = 0.0
-        self._ahead = AHEAD
-        self._off = 0
-        self._busy_at = 0.0
         self._first = True
         self._probed: tuple[float, ...] | None = None
 
@@ -158,7 +146,7 @@ class GrblBoard:
     @property
     def buffered(self) -> int:
         """Lines that were sent and not carried out yet, as far as that is known."""
-        return max(self.link.protocol.waiting, self._whereabouts.lines)
+        return max(self.link.protocol.waiting, self._judge.way.lines)
 
     @property
     def rapid_override(self) -> int:
@@ -188,23 +176,13 @@ class GrblBoard:
         if self.check_only:
             link.ask("$C")
             link.refresh()
-        self._vital.begin(link.now())
-        slack = SLACK + (self.info.number(ARC_TOLERANCE) or 0.0) + 2.0 * max(self.resolution)
-        info = self.info
-        columns = range(len(self._position()))
-        limits = Limits(
-            [rate / 60.0 if (rate := info.axis(RATES, column)) else math.inf for column in columns],
-            [info.axis(ACCELERATIONS, column) or math.inf for column in columns],
-        )
-        self._ahead = max(AHEAD, LOOK_AHEAD + info.braking_s())
-        self._whereabouts = Whereabouts(info.blocks or MOST_BLOCKS, self._in_g54(), slack, limits)
-        self._whereabouts.begin(self._position())
+        self._judge.begin(self.info, self._position(), self._in_g54(), link.now(), moves=not self.check_only)
         self._override_first()
 
     def send_line(self, line: GcodeLine) -> None:
         """Send as soon as there is room. Returns unsent if the operator stops the run."""
         self._refuse_unless_running()
-        protocol = self.link.protocol
+        protocol, judge = self.link.protocol, self._judge
         text = line.text
         if len(text) > MOST_CHARACTERS:
             message = f"a line of {len(text)} characters, the board takes {MOST_CHARACTERS}"
@@ -213,25 +191,24 @@ class GrblBoard:
         if kind in ("writer", "system"):
             self._rest()
         if self.status.state == "Alarm" and bare(text)[:2] not in ("$H", "$X"):
-            raise self._fault(self._locked(line.line))
-        while protocol.waiting >= self._vital.most_waiting or not protocol.room(text, kind) or self._far_ahead():
+            raise self._fault(faults.locked(line.line))
+        while protocol.waiting >= judge.vital.most_waiting or not protocol.room(text, kind) or judge.far_ahead(self.status):
             if self._stopping():
                 return
             self._serve(WAIT)
         if self._stopping():
             return
-        if not protocol.waiting:
-            self._vital.begin(self.link.now())
         if kind == "probe":
             self._probed = None
-        if not self.check_only:
-            self._whereabouts.send(text, line.line)
+        judge.sending(text, line.line, self.link.now())
         self._write(protocol.send(text, line.line, kind))
         if protocol.mark_fits() and (protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME):
             self._mark()
         if kind == "system":
             # It may change what the board is: locked or not, and where.
             self._settle()
+            if self.status.state == "Alarm" and not self._stopping():
+                raise self._fault(faults.locked(line.line))
         elif self._first:
             self._first = False
             self._compare_offset(line.line)
@@ -260,9 +237,10 @@ class GrblBoard:
 
     def stop(self) -> None:
         """Hold, wait for rest, reset: what was sent and not carried out is forgotten, the position survives."""
-        if self.state == "running":
-            self.link.halt()
+        wrong = self.link.halt() if self.state == "running" else None
         self.state = "stopped"
+        if wrong is not None:
+            raise self._at_confirmed(wrong)
 
     def abort(self) -> None:
         """The same: nothing is quicker that leaves the position known."""
@@ -270,7 +248,8 @@ class GrblBoard:
 
     def close(self) -> None:
         """Let go of the port. What runs is stopped first."""
-        self.stop()
+        with contextlib.suppress(BoardError):
+            self.stop()
         self.link.close()
 
     def real_time(self, command: RealTime) -> None:
@@ -280,9 +259,6 @@ class GrblBoard:
     def _position(self) -> tuple[float, ...]:
         status = self.link.status
         return () if status is None or status.position is None else status.position
-
-    def _shown(self) -> str:
-        return " ".join(f"{letter.upper()}{value:.3f}" for letter, value in zip(AXIS_LETTERS, self._position(), strict=False))
 
     def _own(self, values: tuple[float, ...]) -> tuple[float, ...]:
         """The machine's axes of the board's."""
@@ -325,14 +301,13 @@ class GrblBoard:
         self._rest()
         if self._stopping():
             return
-        if self._whereabouts.arrived(self._position()):
+        if self._judge.way.arrived(self._position()):
             # One report may be wrong.
             self.link.refresh()
-            off = self._whereabouts.arrived(self._position())
+            off = self._judge.way.arrived(self._position())
             if off:
-                message = f"the board stands at {self._shown()}, {off:.3g} mm from where line {self.confirmed_line} leads: bytes got lost"
-                raise self._fault(board_error("position-differs", message, line=self.confirmed_line, hint=CABLE))
-        self._whereabouts.begin(self._position())
+                raise self._fault(faults.elsewhere(self._position(), off, self.confirmed_line))
+        self._judge.way.begin(self._position())
 
     def _serve(self, timeout: float, *, fast: bool = False) -> None:
         """Wait for the board a moment, take in what it says, and carry out the operator's wishes. Every fault comes out of here."""
@@ -348,68 +323,27 @@ class GrblBoard:
             raise self._at_confirmed(error) from error
         for event in events:
             self._take(event)
-        self._judge()
+        self._look()
         self._obey()
 
     def _take(self, event: Event) -> None:
-        if isinstance(event, Confirmed):
-            self._busy_at = self.link.now()
-            self._vital.answered(self.link.now())
-        elif isinstance(event, Reported):
-            self._vital.reported(event.status, self.link.now())
-            self._locate(event.status)
+        if isinstance(event, Feedback) and event.kind == "PRB":
+            self._probed = self._contact(event.text)
+        wrong = self._judge.told(event, self.link.now())
+        if wrong is not None:
+            raise self._fault(wrong)
+        if isinstance(event, Reported):
+            if self._judge.doubtful:
+                self.link.poll_now()
             if self._watcher is not None:
                 self._watcher()
-        elif isinstance(event, Feedback):
-            if event.kind == "PRB":
-                self._probed = self._contact(event.text)
-        elif isinstance(event, Rejected):
-            raise self._fault(self.link.refused(event.code, event.sent.text, event.sent.line or self.confirmed_line))
-        elif isinstance(event, Alarmed):
-            raise self._fault(self._alarmed(event.code, event.sent))
-        elif isinstance(event, Started):
-            hint = "was it its reset button, or its supply? home the machine before the next run: its position is lost"
-            raise self._fault(board_error("board-restarted", "the board has restarted by itself", line=self.confirmed_line, hint=hint))
-        elif isinstance(event, Lost):
-            raise self._fault(self._lost(event.after, event.until))
-        elif isinstance(event, Stray):
-            raise self._fault(self._lost(self.confirmed_line, self.confirmed_line))
 
-    def _far_ahead(self) -> bool:
-        """Whether the board has motion enough ahead of it for now."""
-        if not self._whereabouts.lines:
-            return False
-        overrides = self.status.overrides or (NORMAL, NORMAL, NORMAL)
-        slowest = max(min(overrides[0], overrides[1], NORMAL), 1)
-        return self._whereabouts.seconds * NORMAL / slowest > self._ahead
-
-    def _locate(self, status: Status) -> None:
-        """Whether the board is where it can be. One report may be wrong: the board reads its position while it steps."""
-        if self.state != "running" or status.position is None or status.state not in ("Run", "Hold", "Idle") or self.check_only:
-            return
-        waiting, now = self.link.protocol.waiting, self.link.now()
-        off = self._whereabouts.off(status.position, waiting)
-        if status.state != "Idle" or waiting:
-            self._busy_at = now
-        elif not off and now - self._busy_at > AT_REST:
-            off = self._whereabouts.arrived(status.position)
-        self._off = self._off + 1 if off else 0
-        if not off:
-            return
-        if self._off == 1:
-            self.link.poll_now()
-            return
-        raise self._fault(self._off_path(off))
-
-    def _judge(self) -> None:
+    def _look(self) -> None:
         """A board that answers nothing, by what it says of itself."""
         protocol, now = self.link.protocol, self.link.now()
-        oldest = protocol.oldest
-        if oldest is None:
-            return
-        if self._vital.doubtful(now) and protocol.mark_fits():
+        if protocol.waiting and self._judge.vital.doubtful(now) and protocol.mark_fits():
             self._mark()
-        wrong = self._vital.verdict(oldest, now)
+        wrong = self._judge.verdict(now)
         if wrong is not None:
             raise self._fault(wrong)
 
@@ -439,7 +373,7 @@ class GrblBoard:
 
     def _mark(self) -> None:
         self._marked_at = self.link.now()
-        self._vital.marked(self._marked_at)
+        self._judge.vital.marked(self._marked_at)
         self._write(self.link.protocol.mark())
 
     def _write(self, data: bytes) -> None:
@@ -476,31 +410,11 @@ class GrblBoard:
 
     def _fault(self, error: BoardError) -> BoardError:
         """Stop everything, then report."""
-        if self.state == "running":
-            self.state = "stopped"
-            self.link.halt()
-        return error
-
-    def _alarmed(self, code: int, sent: Sent | None) -> BoardError:
-        error = self.link.alarmed(code, sent.line if sent is not None and sent.line else self.confirmed_line)
-        if sent is not None and sent.kind == "probe" and code in (4, 5):
-            found = error.diagnostic
-            return board_error("probe-no-contact", found.message, line=sent.line, hint=found.hint)
-        return error
-
-    def _off_path(self, off: float) -> BoardError:
-        line = self._whereabouts.line or self.confirmed_line
-        message = f"the board is at {self._shown()}, {off:.3g} mm off its way: bytes of line {line}, or of one soon after, got lost"
-        return board_error("off-path", message, line=line, hint=CABLE)
-
-    def _lost(self, after: int, until: int) -> BoardError:
-        where = f"between line {after} and line {until}" if after < until else f"near line {until}"
-        message = f"a line or its answer got lost on the way to or from the board, {where}"
-        return board_error("reply-lost", message, line=until, hint=CABLE)
-
-    def _locked(self, line: int) -> BoardError:
-        hint = "home the machine with a program whose one line is $H, or unlock the board with $X if its position is right"
-        return board_error("board-locked", "the board is locked by an alarm", line=line, hint=hint)
+        if self.state != "running":
+            return error
+        second = self.link.halt()
+        self.state = "stopped"
+        return error if second is None else faults.followed_by(error, second)
 
     def _at_confirmed(self, error: BoardError) -> BoardError:
         line = self.confirmed_line

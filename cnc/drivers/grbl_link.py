@@ -9,11 +9,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 
+from cnc.drivers import grbl_faults as faults
 from cnc.drivers.base import board_error
-from cnc.drivers.grbl_codes import alarm_meaning, error_meaning
 from cnc.drivers.grbl_info import BoardInfo
 from cnc.drivers.grbl_messages import Feedback, Other, Setting, Welcome
-from cnc.drivers.grbl_protocol import Alarmed, Confirmed, Event, GrblProtocol, RealTime, Rejected, Reported, Started, State
+from cnc.drivers.grbl_protocol import Alarmed, Confirmed, Event, GrblProtocol, RealTime, Rejected, Reported, Sent, Started, State, Stray
 from cnc.drivers.grbl_status import Status
 from cnc.drivers.port import Clock, Port, PortLost
 from cnc.errors import BoardError
@@ -32,10 +32,18 @@ RESTART = 3.0
 """Seconds from a soft reset to the welcome."""
 ANSWER = 3.0
 """Seconds for a question to a board at rest."""
+WRITING = 0.5
+"""Seconds in which a board has written a setting or an offset: some bytes of 3.4 ms each."""
+GREETINGS = 3
+"""Times that a conversation is begun anew."""
 DROPPED = 10
 """Times that a board which does not answer is told to stop: what makes it silent may swallow bytes, too."""
 OLDEST = (1, 1)
 """The version that this protocol is of."""
+
+
+class _AnewError(BoardError):
+    """The conversation has to begin anew."""
 
 
 class GrblLink:
@@ -52,6 +60,9 @@ class GrblLink:
         self._port = port
         self._next_poll = 0.0
         self._unanswered_since: float | None = None
+        self._alarms: list[int] = []
+        self._writer: Sent | None = None
+        self._deaf_until = 0.0
 
     def now(self) -> float:
         """Seconds."""
@@ -72,18 +83,18 @@ class GrblLink:
     def pump(self, timeout: float, poll: float = POLL) -> list[Event]:
         """What the board says, after ``timeout`` s at most; asks for the status meanwhile. PortLost; BoardError ``board-silent``."""
         now = self.clock.now()
-        writing = self.protocol.oldest is not None and self.protocol.oldest.kind == "writer"
-        if now >= self._next_poll and not writing:
+        if now >= self._next_poll and not self._deaf(now):
             self._port.write(b"?")
             self._next_poll = now + poll
             if self._unanswered_since is None:
                 self._unanswered_since = now
         data = self._port.read(timeout)
-        if data:
-            return self._heard(data)
-        if self._unanswered_since is not None and self.clock.now() - self._unanswered_since > self._patience():
-            raise self._silent()
-        return []
+        events = self._heard(data) if data else []
+        asked = self._unanswered_since
+        # Noise is no answer.
+        if asked is not None and self.clock.now() - asked > self._patience() and all(isinstance(event, Other) for event in events):
+            raise faults.silent(self.name)
+        return events
 
     def due(self) -> bool:
         """Whether it is time for the next ``?``."""
@@ -112,11 +123,15 @@ class GrblLink:
             if isinstance(event, Feedback | Setting):
                 told.append(event)
             elif isinstance(event, Rejected):
-                failed.append(self.refused(event.code, command, 0))
+                failed.append(faults.refused(event.code, command, 0, hal=self.info.hal))
             elif isinstance(event, Alarmed):
-                failed.append(self.alarmed(event.code, 0))
+                failed.append(faults.alarmed(event.code, 0, hal=self.info.hal))
+            elif isinstance(event, Started | Stray):
+                failed.append(_AnewError(faults.restarted(0).diagnostic))
             return isinstance(event, Confirmed) or bool(failed)
 
+        if self.protocol.state is not State.READY:
+            raise _AnewError(faults.restarted(0).diagnostic)
         self.write(self.protocol.send(command, 0))
         if not self.until(done, ANSWER):
             hint = "switch the board off and on; if that does not help, its firmware is not GRBL 1.1 or grblHAL"
@@ -130,7 +145,13 @@ class GrblLink:
 
         BoardError ``no-answer``, ``board-not-grbl``, ``board-too-old``, ``board-busy``, ``port-lost``, and as :meth:`ask`.
         """
-        welcome = self._greeted()
+        for _ in range(GREETINGS - 1):
+            # Some boards greet twice, or have an answer left over from before.
+            with contextlib.suppress(_AnewError):
+                return self._introduce(self._greeted())
+        return self._introduce(self._greeted())
+
+    def _introduce(self, welcome: Welcome) -> None:
         version = tuple(int(part) for part in welcome.version.rstrip("abcdefghijklmnopqrstuvwxyz").split(".")[:2])
         if not welcome.hal and (version < OLDEST or version[0] > OLDEST[0]):
             hint = "flash GRBL 1.1 or grblHAL"
@@ -143,6 +164,7 @@ class GrblLink:
         self.info.take([*self.ask("$I"), *self.ask("$$")])
         self.protocol.status_reader.unit = self.info.unit
         self.info.take(self.ask("$#"))
+        self.protocol.status_reader.axes = len(self.info.places.get("G54", ()))
         self.protocol.rx_bytes = self.info.rx_bytes
         self.refresh()
 
@@ -154,14 +176,22 @@ class GrblLink:
             raise board_error("no-answer", f"the board at {self.name} does not tell its position", hint=hint)
         return self.status
 
-    def halt(self) -> None:
-        """Stop what moves and forget what waits: hold, wait for rest, reset, so that the position survives. Bounded; never fails."""
-        with contextlib.suppress(BoardError):
+    def halt(self) -> BoardError | None:
+        """Stop what moves and forget what waits: hold, wait for rest, reset, so that the position survives.
+
+        Bounded; never fails. What went wrong meanwhile, if anything: an alarm, no sign that it has stopped.
+        """
+        self._alarms.clear()
+        try:
             if self.alarm is None:
                 self._rest(self.info.braking_s() * 2.0 + 0.5)
             self.write(self.protocol.reset())
-            if self.until(lambda event: isinstance(event, Started), RESTART):
-                self.refresh()
+            if not self.until(lambda event: isinstance(event, Started), RESTART):
+                return faults.not_stopped(self.name)
+            self.refresh()
+        except BoardError as error:
+            return error
+        return faults.alarmed(self._alarms[0], 0, hal=self.info.hal) if self._alarms else None
 
     def drop(self) -> None:
         """For a board that does not answer any more: hold and reset, whether it hears or not."""
@@ -171,37 +201,35 @@ class GrblLink:
                 self.write(self.protocol.reset())
                 self.clock.sleep(POLL_FAST)
 
-    def refused(self, code: int, text: str, line: int) -> BoardError:
-        """``error:code`` to a line."""
-        meaning = error_meaning(code, hal=self.info.hal)
-        return board_error("board-error", f"the board refuses {text!r}, error:{code}: {meaning.what}", line=line, hint=meaning.advice)
-
-    def alarmed(self, code: int, line: int) -> BoardError:
-        """``ALARM:code``."""
-        meaning = alarm_meaning(code, hal=self.info.hal)
-        return board_error("board-alarm", f"the board stopped with ALARM:{code}: {meaning.what}", line=line, hint=meaning.advice)
-
     def _heard(self, data: bytes) -> list[Event]:
         events = self.protocol.receive(data)
         for event in events:
             if isinstance(event, Reported):
                 self.status, self.status_at = event.status, self.clock.now()
                 self._unanswered_since = None
+            elif isinstance(event, Confirmed) and self._unanswered_since is not None:
+                # It lives; while it homed it did not listen.
+                self._unanswered_since = self.clock.now()
             elif isinstance(event, Alarmed):
                 self.alarm = event.code
+                self._alarms.append(event.code)
             elif isinstance(event, Started):
                 self.alarm = None
                 self._unanswered_since = None
         return events
 
+    def _deaf(self, now: float) -> bool:
+        """Whether the board may be writing to its EEPROM: it hears nothing then, and has one line to answer."""
+        oldest = self.protocol.oldest
+        if oldest is None or oldest.kind != "writer":
+            return False
+        if oldest is not self._writer:
+            self._writer, self._deaf_until = oldest, now + WRITING + oldest.seconds
+        return now < self._deaf_until
+
     def _patience(self) -> float:
         oldest = self.protocol.oldest
         return oldest.seconds if oldest is not None and oldest.kind == "system" and oldest.seconds else SILENCE
-
-    def _silent(self) -> BoardError:
-        message = f"the board at {self.name} does not answer any more"
-        hint = "if the machine still moves, press its emergency stop; check the supply and the cable, then home it"
-        return board_error("board-silent", message, hint=hint)
 
     def _rest(self, patience: float) -> None:
         """Hold, until the machine is at rest or ``patience`` s are over."""
@@ -228,6 +256,8 @@ class GrblLink:
         heard: list[str] = []
         began = self.clock.now()
         kicked = False
+        if self.protocol.state is not State.UNKNOWN:
+            self.write(self.protocol.reset())
         while (now := self.clock.now()) - began < GREETING:
             self._unanswered_since = None
             if not kicked and not heard and now - began > UNASKED:

@@ -224,7 +224,7 @@ class GrblProtocol:
             raise RuntimeError(f"There is no room for {text!r} in state {self.state.name}.")
         if "F" in text or "S" in text or "M" in text:
             self._note_modes(text)
-        return self._enter(Sent(text, line, len(text) + 1, kind, seconds_of(text) if kind in ("dwell", "system") else 0.0))
+        return self._enter(Sent(text, line, len(text) + 1, kind, seconds_of(text) if kind in ("dwell", "system", "writer") else 0.0))
 
     @property
     def unmarked(self) -> int:

@@ -8,6 +8,8 @@ until they come again. Positions are in inches where ``$13=1``.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 MM_PER_INCH = 25.4
@@ -16,6 +18,7 @@ MOVING = frozenset(("Run", "Jog", "Home"))
 """States of a machine in motion (in a dwell it is Idle)."""
 STILL_MOVING = frozenset((("Hold", 1), ("Door", 2), ("Door", 3)))
 """On the way to rest, or back: a reset now would lose the position."""
+_NUMBERS = re.compile(r"-?[0-9]+\.[0-9]+(?:,-?[0-9]+\.[0-9]+)*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,17 +43,19 @@ class Status:
     @property
     def at_rest(self) -> bool:
         """Whether nothing moves: a hold that is complete, and any state that is not motion."""
-        return (
-            self.state not in MOVING and not (self.state == "Hold" and self.phase == 1) and not (self.state == "Door" and self.phase >= 2)
-        )
+        return self.state not in MOVING and (self.state, self.phase) not in STILL_MOVING
 
 
 class StatusReader:
-    """Reads reports, and remembers what they do not repeat. ``unit``: mm to what the board reports in."""
+    """Reads reports, and remembers what they do not repeat.
+
+    unit: mm to what the board reports in. axes: how many numbers a position has, 0 as long as that is not known.
+    """
 
     def __init__(self) -> None:
         self.unit = 1.0
-        self._offset: tuple[float, ...] | None = None
+        self.axes = 0
+        self._offset: list[float] | None = None
         self._overrides: tuple[int, int, int] | None = None
 
     def forget(self) -> None:
@@ -67,7 +72,7 @@ class StatusReader:
         try:
             fields = {name: values for name, _, values in (part.partition(":") for part in parts)}
             if "WCO" in fields:
-                self._offset = self._lengths(fields["WCO"])
+                self._offset = self._numbers(fields["WCO"])
             if "Ov" in fields:
                 feed, rapid, spindle = (int(value) for value in fields["Ov"].split(","))
                 self._overrides = feed, rapid, spindle
@@ -77,7 +82,7 @@ class StatusReader:
                 state,
                 int(phase) if phase else -1,
                 self._position(fields),
-                self._offset,
+                None if self._offset is None else self._lengths(self._offset),
                 self._overrides,
                 (blocks, bytes_) if "Bf" in fields else None,
                 float(speed.split(",")[0]) * self.unit if speed else None,
@@ -88,12 +93,19 @@ class StatusReader:
 
     def _position(self, fields: dict[str, str]) -> tuple[float, ...] | None:
         if "MPos" in fields:
-            return self._lengths(fields["MPos"])
+            return self._lengths(self._numbers(fields["MPos"]))
         if "WPos" in fields and self._offset is not None:
-            work = self._lengths(fields["WPos"])
-            if len(work) == len(self._offset):
-                return tuple(a + b for a, b in zip(work, self._offset, strict=True))
+            return self._lengths([a + b for a, b in zip(self._numbers(fields["WPos"]), self._offset, strict=True)])
         return None
 
-    def _lengths(self, values: str) -> tuple[float, ...]:
-        return tuple(float(value) * self.unit for value in values.split(","))
+    def _lengths(self, numbers: Sequence[float]) -> tuple[float, ...]:
+        return tuple(number * self.unit for number in numbers)
+
+    def _numbers(self, values: str) -> list[float]:
+        """As the board tells them: what is remembered may come before the unit is known. ValueError if they are not all there."""
+        if not _NUMBERS.fullmatch(values):
+            raise ValueError(values)
+        numbers = [float(value) for value in values.split(",")]
+        if self.axes and len(numbers) != self.axes:
+            raise ValueError(values)
+        return numbers

@@ -13,7 +13,7 @@ What tells one from the other is the status, asked for five times a second:
 
 from __future__ import annotations
 
-from cnc.drivers.base import board_error
+from cnc.drivers import grbl_faults as faults
 from cnc.drivers.grbl_protocol import Sent
 from cnc.drivers.grbl_status import Status
 from cnc.errors import BoardError
@@ -33,7 +33,7 @@ AHEAD = 0.5
 FEWEST_WAITING = 1
 PACE_SHARE = 0.3
 """What the last line counts for in the pace at which lines are taken."""
-CABLE = "see to a better cable (short, shielded, no hub); what was cut since may be wrong"
+QUIET_STATES = ("Idle", "Check", "Alarm")
 
 
 class Vital:
@@ -66,9 +66,9 @@ class Vital:
     def reported(self, status: Status, now: float) -> None:
         """The board told its state."""
         self._state, self._reported_at = status.state, now
-        if status.state not in ("Idle", "Check"):
+        if status.state not in QUIET_STATES:
             self._quiet_since = now
-        if status.state not in ("Idle", "Check", "Run"):
+        if status.state not in (*QUIET_STATES, "Run"):
             # Held, a board reads nothing.
             self._marked_at = now
         if status.state != "Run" or status.position != self._position:
@@ -83,18 +83,17 @@ class Vital:
         """Whether a mark should ask for an answer: one is due, and has not come for a while. To a busy board it does no harm."""
         return now - self._answered_at > MARK_PAUSE
 
-    def verdict(self, oldest: Sent, now: float) -> BoardError | None:
-        """What is wrong, as far as the oldest unanswered line tells."""
-        if oldest.mark and now - max(self._marked_at, self._answered_at) > MARK_PATIENCE:
-            message = f"the board took line {oldest.line}, but does not answer a question behind it: bytes got lost on the way"
-            return board_error("reply-lost", message, line=oldest.line, hint=CABLE)
-        patience = QUIET + oldest.seconds + (SPIN_UP if oldest.kind == "spindle" else 0.0)
-        if now - self._quiet_since > patience and self._reported_at > self._quiet_since:
-            message = f"the board is at rest and has not answered line {oldest.line}: it, or its answer, got lost on the way"
-            return board_error("reply-missing", message, line=oldest.line, hint=CABLE)
-        if now - self._moved_at > STUCK + oldest.seconds:
-            hint = "look at the machine, then switch the board off and on"
-            return board_error(
-                "board-stuck", f"the board says that it runs, but has not moved for {STUCK:g} s", line=oldest.line, hint=hint
-            )
+    def verdict(self, oldest: Sent | None, line: int, now: float) -> BoardError | None:
+        """What is wrong, as far as the oldest unanswered line tells; ``line``: the source line that was answered last."""
+        seconds = 0.0
+        if oldest is not None:
+            line, seconds = oldest.line, oldest.seconds
+            if oldest.mark and now - max(self._marked_at, self._answered_at) > MARK_PATIENCE:
+                return faults.question_lost(line)
+            # While it homes GRBL reports nothing: if it reports, it does not.
+            patience = QUIET + (seconds if oldest.kind == "dwell" else 0.0) + (SPIN_UP if oldest.kind == "spindle" else 0.0)
+            if self._reported_at - self._quiet_since > patience:
+                return faults.unanswered(line)
+        if self._state == "Run" and now - self._moved_at > STUCK + seconds:
+            return faults.stuck(STUCK, line)
         return None

@@ -65,12 +65,7 @@ class SerialLink:
         if serial.timeout != timeout:
             serial.timeout = timeout
         data: bytes = serial.read(1)
-        while data and (waiting := serial.in_waiting):
-            more = serial.read(waiting)
-            if not more:
-                break
-            data += more
-        return data
+        return data + serial.read(serial.in_waiting) if data and serial.in_waiting else data
 
     def write(self, data: bytes) -> None:
         """Hand over at once. PortLost if the link is gone, or takes nothing for WRITE_PATIENCE."""
@@ -89,6 +84,7 @@ class SerialLink:
 
     def close(self) -> None:
         """Let go of the port."""
+        self._file = None
         with contextlib.suppress(OSError):
             self._serial.close()
 

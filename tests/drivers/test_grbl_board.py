@@ -16,6 +16,7 @@ from cnc.drivers.base import LineSink
 from cnc.drivers.grbl import GrblBoard
 from cnc.drivers.grbl_info import BoardInfo
 from cnc.drivers.grbl_messages import Feedback, Setting
+from cnc.drivers.grbl_protocol import Reported
 from cnc.drivers.grbl_sim import GrblSim
 from cnc.drivers.grbl_status import Status
 from cnc.drivers.grbl_wishes import Wishes
@@ -195,7 +196,7 @@ def test_no_more_motion_is_sent_ahead_than_the_planner_has_use_for(lines: list[s
         box = GrblBox(settings=settings)
         board = started(box)
         if ahead is not None:
-            board._ahead = ahead
+            board._judge._ahead = ahead
         feed(board, PREAMBLE, "G1 X5 Y0 F500")
         feed(board, *lines, first=3)
         left = box.now
@@ -217,10 +218,10 @@ def test_a_report_that_is_wrong_once_is_none_twice_is_a_fault() -> None:
     wrong = replace(right, position=(x, 1.28, 0.0))
     ahead = replace(right, position=(x + 1.28, 0.0, 0.0))
     for status in (wrong, right, wrong, right, ahead, right, right, right):
-        board._locate(status)
-    board._locate(wrong)
+        board._take(Reported(status))
+    board._take(Reported(wrong))
     with pytest.raises(BoardError) as caught:
-        board._locate(wrong)
+        board._take(Reported(wrong))
     assert (caught.value.diagnostic.code, caught.value.diagnostic.line) == ("off-path", 2)
 
 

@@ -480,7 +480,7 @@ def test_m30_sets_the_modes_back():
     bench = Bench()
     bench.send("G91G18G20G93G55M3S100M8F10\n", 1.0)
     assert bench.send("M30\n") == ["[MSG:Pgm End]", "ok"]
-    assert bench.send("$G\n")[0] == "[GC:G1 G54 G17 G20 G90 G94 M5 M9 T0 F0.0 S100]"
+    assert bench.send("$G\n")[0] == "[GC:G1 G54 G17 G20 G90 G94 M5 M9 T0 F0 S100]"
 
 
 def test_dwell_is_reported_idle_and_answered_at_its_end():

@@ -80,7 +80,8 @@ def parser_state(core: Core) -> str:
     """The answer to ``$G``."""
     modes = core.modes
     coolant = " ".join(word for word, on in (("M7", modes.mist), ("M8", modes.flood)) if on) or "M9"
-    inches = modes.units == "G20"
+    # As every number that is reported: settings.md, $13.
+    inches = bool(core.setting[13])
     feed = modes.feed / (MM_PER_INCH if inches and modes.feed_mode == "G94" else 1.0)
     return (
         f"[GC:{modes.motion} {modes.coordinates} {modes.plane} {modes.units} {modes.distance} {modes.feed_mode} "
