@@ -21,6 +21,7 @@ from cnc.drivers.loopback import Loopback
 from cnc.drivers.port import Clock, Port, SystemClock
 from cnc.drivers.stepper_burden import Burden
 from cnc.drivers.stepper_outputs import Outputs, actions
+from cnc.drivers.stepper_place import Place
 from cnc.drivers.stepper_protocol import Alarm, Kind, State, Status
 from cnc.drivers.stepper_stream import PIECE_S, Stream
 from cnc.drivers.stepper_wire import (
@@ -30,7 +31,6 @@ from cnc.drivers.stepper_wire import (
     BAUD,
     BREATH_S,
     LIMITS,
-    LOST,
     PROBE,
     UNO,
     Wire,
@@ -69,19 +69,14 @@ class Stepper:
         self._pressed = (0, 0)
         self._fault: BoardError | None = None
         self._untold: BoardError | None = None
-        self._turned = np.array([-1 if axis.invert else 1 for axis in machine.axes.values()], dtype=np.int8)
-        self._steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
+        self._place = Place(machine)
         self._welcome, self._told = opened(self._wire, machine)
         status = self._told
         self._least_ns = least_ns(self._welcome, machine)
         self._checks = Loopback(len(machine.axes), self._least_ns)
         self._stream = Stream(self._wire, len(machine.axes), self._pump, status.taken)
         self._pressed = status.holds, status.resumes
-        counted = np.array(status.position[: len(machine.axes)], dtype=np.int64)
-        # Motors that a switch has stopped at once may have lost steps: a machine that can find its place has to.
-        doubtful = machine.homes and status.alarm in (Alarm.LIMIT, Alarm.EMERGENCY_STOP)
-        self._known = (np.abs(counted) < LOST // 2) & (status.position_known and not doubtful)
-        self._stream.position = np.where(self._known, counted * self._turned, 0)
+        self._stream.position = self._place.found(status)
         self._limits = LIMITS
         self._next = LIMITS, np.ones(len(machine.axes), np.bool_)
         if background:
@@ -139,15 +134,13 @@ class Stepper:
     @property
     def standing_steps(self) -> tuple[int | None, ...]:
         """Where the board knows that each axis stands; None where it lost that, as it does with every reset."""
-        each = zip(self._stream.position.tolist(), self._known.tolist(), strict=True)
-        return tuple(steps if known else None for steps, known in each)
+        return self._place.standing(self._stream.position)
 
     @property
     def whereabouts(self) -> Whereabouts:
         """By the board's last status: some hundredths of a second ago."""
         with self._lock:
-            place = self._steps_at(self._told) / self._steps_per_mm
-            return Whereabouts(self._stream.trail.line, tuple(place.tolist()), self._stream.ahead_s)
+            return Whereabouts(self._stream.trail.line, self._place.mm(self._place.of(self._told)), self._stream.ahead_s)
 
     @property
     def switches(self) -> tuple[bool, ...]:
@@ -155,7 +148,7 @@ class Stepper:
         with self._lock:
             self._refuse_after_fault()
             inputs = self._ask().inputs
-        return tuple(bool(inputs >> axis & 1) for axis in range(min(LIMITS.bit_count(), len(self._turned))))
+        return tuple(bool(inputs >> axis & 1) for axis in range(min(LIMITS.bit_count(), len(self._machine.axes))))
 
     def next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
         """For the next start alone: whose switches end the motion, and which axes stand where its origin says."""
@@ -171,12 +164,10 @@ class Stepper:
             self._refuse_after_fault()
             self._checks.start(origin_steps)
             self._stream.begin(self._checks.position_steps)
-            (self._limits, self._known), self._next = self._next, (LIMITS, np.ones(len(origin_steps), np.bool_))
+            (self._limits, self._place.known), self._next = self._next, (LIMITS, np.ones(len(origin_steps), np.bool_))
             status = configured(self._wire, self._machine, self._welcome, self._limits, self._pump)
             cleared(self._wire, self._machine, status, self._limits, self._pump)
-            counted = self._stream.position * self._turned + np.where(self._known, 0, LOST)
-            position = [*counted.tolist(), 0, 0, 0, 0][:4]
-            self._request(Kind.SET_POSITION, b"".join(int(each).to_bytes(4, "little", signed=True) for each in position))
+            self._request(Kind.SET_POSITION, self._place.counted(self._stream.position))
             self._outputs = Outputs(enabled=True)
             self._active = self._began = True
             self._stream.command(OUTPUTS, *self._outputs.bytes)
@@ -193,7 +184,7 @@ class Stepper:
                 self._checks.rows = 0
                 if rows:
                     places = begin + np.cumsum(chunk.step[:rows], axis=0, dtype=np.int64)
-                    turned = (chunk.step[:rows] * self._turned).astype(np.int8)
+                    turned = (chunk.step[:rows] * self._place.turned).astype(np.int8)
                     self._stream.gather(PulseChunk(chunk.time_ns[:rows], turned, chunk.line[:rows]), places)
 
     def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
@@ -287,7 +278,7 @@ class Stepper:
         self._checks.stand_at(self._stands_at(status))
         self._stopped_short = False
         stream.begin_after(status)
-        return (float(touched), *(stream.position / self._steps_per_mm).tolist())
+        return (float(touched), *self._place.mm(stream.position))
 
     # ------------------------------------------------------------------------------------------------------------------- moving
 
@@ -310,7 +301,9 @@ class Stepper:
         there = self._stands_at(status)
         if not np.array_equal(there, sent):
             hint = "home the machine; please report this with the program"
-            raise self._failed(board_error("board-position", f"the board stands at {self._place(there)}, not where it was sent", hint=hint))
+            raise self._failed(
+                board_error("board-position", f"the board stands at {self._place.words(there)}, not where it was sent", hint=hint)
+            )
 
     # ---------------------------------------------------------------------------------------------------------------- the link
 
@@ -401,7 +394,7 @@ class Stepper:
         """Where the machine stands nobody knows any more: what counts is where the board last said it was."""
         if self._active:
             self._stands_at(self._told)
-        self._known = np.zeros_like(self._known)
+        self._place.forget()
         return self._failed(error)
 
     def _alarmed(self, status: Status) -> BoardError:
@@ -409,29 +402,18 @@ class Stepper:
         self._stands_at(status)
         code, what, hint = ALARMS.get(status.alarm, ("board-alarm", "the board has stopped", "open it anew"))
         if status.alarm == Alarm.LIMIT:
-            hit = [axis.upper() for k, axis in enumerate(self._machine.axes) if status.inputs & self._limits & 1 << k]
+            hit = self._place.letters(status.inputs & self._limits)
             what = f"the limit switch of {' and '.join(hit)} was hit" if hit else what
-        message = f"{what}; the machine stands at {self._place(self._stream.position)}"
+        message = f"{what}; the machine stands at {self._place.words(self._stream.position)}"
         line = self._stream.trail.line_at(self._stream.position) or self._link.confirmed_note
         return self._failed(board_error(code, message, line=line, hint=hint))
 
     def _stands_at(self, status: Status) -> NDArray[np.int64]:
         """Where the board says it is, which counts from here on."""
-        there = self._steps_at(status)
+        there = self._place.of(status)
         self._stopped_short = not np.array_equal(there, self._checks.position_steps)
         self._stream.position = there
         return there
-
-    def _steps_at(self, status: Status) -> NDArray[np.int64]:
-        """The position of a status, as the program counts."""
-        counted = np.array(status.position[: len(self._turned)], dtype=np.int64)
-        return (counted - np.where(self._known, 0, LOST)) * self._turned
-
-    def _place(self, steps: NDArray[np.int64]) -> str:
-        places = (steps / self._steps_per_mm).tolist()
-        return " ".join(
-            f"{letter.upper()}{value:.4f}".rstrip("0").rstrip(".") for letter, value in zip(self._machine.axes, places, strict=True)
-        )
 
 
 def _baud(machine: Machine) -> int:

@@ -32,8 +32,6 @@ LIMITS, PROBE, EMERGENCY_STOP = 0x07, 0x10, 0x20
 """Bits of the inputs."""
 UNO = Welcome(VERSION, axes=3, tick_ns=500, room=1020, least_ticks=36)
 """What the firmware of this version tells on an ATmega328P."""
-LOST = 1 << 30
-"""Steps. An axis whose place is not known counts from here, so that the board says so, whatever becomes of this program."""
 INPUTS = {"limits": LIMITS, "probe": PROBE, "emergency-stop": EMERGENCY_STOP, "hold": 0x40, "resume": 0x80}
 
 ALARMS = {
