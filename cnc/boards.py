@@ -173,5 +173,5 @@ def machine_file(port: str, info: BoardInfo, baud: int) -> Iterator[str]:
         if value:
             text.append(f"{key} = {value:.10g}  # ${setting}")
     text += ["", "[board]", 'kind = "grbl"', f"port = {json.dumps(port)}", f"baud = {baud}"]
-    text += [f"max_step_rate = {math.ceil(most_steps)}", "", "[program]", 'dialect = "grbl"']
+    text += [f"max_step_rate = {math.ceil(most_steps)}"]
     yield from text
