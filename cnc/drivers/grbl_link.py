@@ -30,6 +30,8 @@ UNASKED = 2.6
 """Seconds after which a board that says nothing is reset: in a critical alarm GRBL answers nothing else."""
 RESTART = 3.0
 """Seconds from a soft reset to the welcome."""
+RESETS = 3
+"""Times that a board which does not restart is told to."""
 ANSWER = 3.0
 """Seconds for a question to a board at rest."""
 WRITING = 0.5
@@ -185,8 +187,12 @@ class GrblLink:
         try:
             if self.alarm is None:
                 self._rest(self.info.braking_s() * 2.0 + 0.5)
-            self.write(self.protocol.reset())
-            if not self.until(lambda event: isinstance(event, Started), RESTART):
+            # GRBL forgets a reset that comes within half a second of a limit's alarm.
+            for _ in range(RESETS):
+                self.write(self.protocol.reset())
+                if self.until(lambda event: isinstance(event, Started), RESTART / RESETS):
+                    break
+            else:
                 return faults.not_stopped(self.name)
             self.refresh()
         except BoardError as error:

@@ -268,6 +268,7 @@ def test_alarms_have_their_number_meaning_and_advice(code: int) -> None:
     with pytest.raises(BoardError) as caught:
         board.finish()
     assert f"ALARM:{code}:" in caught.value.diagnostic.message
+    assert not box.core.locked  # GRBL had forgotten the reset that came while it told of its limit
 
 
 def test_after_an_error_nothing_queued_behind_it_moves() -> None:

@@ -16,22 +16,22 @@ HOMING = {20: 1.0, 22: 1.0, 25: 5000.0, 24: 500.0, 110: 5000.0, 111: 5000.0, 112
 ERRORS = [
     (1, "10X10"), (1, "=G1X1"), (1, "G1X1*33"),
     (2, "G1X"), (2, "G1X-"), (2, "G1XY1"), (2, "$100=abc"),
-    (3, "$Q=1"), (3, "$200=1"), (3, "$GG"), (3, "$RST=Q"), (3, "$N7=G21"),
+    (2, "$Q=1"), (2, "$Z"), (3, "$$$"), (3, "$200=1"), (3, "$GG"), (3, "$RST=Q"), (3, "$N7=G21"),
     (4, "$100=-1"), (4, "G1X1F-100"), (4, "G4P-1"), (4, "M3S-1"), (4, "T-1"),
     (5, "$H"),
     (6, "$0=2"),
     (10, "$20=1"),
-    (16, "$J"), (16, "$JX1F10"), (16, "$J=G2X1F10"), (16, "$J=X1F10S5"), (16, "$J=M3X1F10"),
+    (3, "$J"), (3, "$JX1F10"), (35, "$J=G2X1F10"), (36, "$J=X1F10S5"), (16, "$J=M3X1F10"), (16, "$J=G2X1I0.5F10"),
     (20, "G5X1"), (20, "G64"), (20, "M6"), (20, "A10"), (20, "G10L3P1X1"), (20, "G10L2P1R2X1"), (20, "G81"),
     (21, "G17G18"), (21, "M3M5"), (21, "G54G55"), (21, "G90G91"), (21, "M8M9"), (21, "G20G21"), (21, "G93G94"), (21, "G80G80"),
-    (22, "G1X1"), (22, "G2X1I0.5"), (22, "G38.2Z-1"), (22, "G93G1X1"), (22, "$J=X1"),
-    (23, "G1.5X1"), (23, "T1.5"), (23, "M3.1"),
+    (22, "G1"), (22, "G1X1"), (22, "G2X1I0.5"), (22, "G38.2Z-1"), (22, "G93G1X1"), (22, "$J=X1"),
+    (23, "G1.5X1"), (23, "M3.1"), (23, "G59.1"), (23, "G80.1"), (20, "G28.2"), (20, "G61.1"), (20, "G90.1"), (20, "G92.2"), (20, "G38.6X1"),
     (24, "G0G1X1"), (24, "G10L2P1G1X1F10"), (24, "G28G92X1"), (24, "G43.1Z1G0X1"),
     (25, "G1X1X2F10"), (25, "F1F2"), (25, "N1N2"),
     (26, "G92"), (26, "G10L2P1"), (26, "G2F10"), (26, "G38.2F10"), (26, "$J=F10"),
-    (27, "N10000000"),
-    (28, "G4"), (28, "G10L2X1"), (28, "G10P1X1"),
-    (29, "G59.1"), (29, "G59.3"), (29, "G10L2P7X1"),
+    (27, "N10000001"),
+    (28, "G4"), (28, "G10X1"), (20, "G10P1X1"),
+    (29, "G10L2P7X1"),
     (30, "G2G53X1I0.5F10"), (30, "G80G53"),
     (31, "G80X1"),
     (32, "G2Z1F10R5"), (32, "G18G3Y1I1F10"),
@@ -58,10 +58,10 @@ def test_each_error_has_its_documented_cause(flavour, code, line):
 
 
 LEGAL = [
-    "", "(a comment) ; and another", "g1 x1 f100", "/G0X1", "G0", "G1", "G17G21G90G94G54", "G18", "G19", "G91.1", "G40", "G49", "G61",
-    "N9999999", "T255", "M1", "M5", "M9", "G80", "G4P0.01", "G4P0", "G43.1Z1", "G92X1", "G92.1", "G53G0X1", "G28", "G30.1",
-    "G10L20P0X0", "G10L2P6Z1", "G93G1X1F60", "G94", "G38.3Z-0.1F100", "G2X0Y0I0.01F500", "M3S100", "M4", "$", "$$", "$#", "$G", "$I",
-    "$N", "$X", "$N0=G21", "$10=3",
+    "", "(a comment) ; and another", "g1 x1 f100", "/G0X1", "G0", "G1F9", "G17G21G90G94G54", "G18", "G19", "G91.1", "G40", "G49", "G61",
+    "N10000000", "N1.5", "T255", "T1.5", "M1", "M5", "M9", "G80", "G4P0.01", "G4P0", "G43.1Z1", "G92X1", "G92.1", "G53G0X1", "G28", "G30.1",
+    "G10L20P0X0", "G10L2P6Z1", "G10L2X1", "G93G1X1F60", "G94", "G38.3Z-0.1F100", "G2X0Y0I0.01F500", "M3S100", "M4", "$", "$$", "$#",
+    "$G", "$I", "$N", "$X", "$N0=G21", "$10=3",
     "$J=G91G21X0.1F500", "$J=G53X0F500", "$J=G20G90Y0F10", "G0 X + 1", "G1X.5F1000", "G1X5.F1000", "$I=my board",
 ]  # fmt: skip
 
@@ -233,9 +233,32 @@ def test_alarm_4_probe_touches_already():
 
 def test_alarm_5_probe_misses():
     bench = Bench()
-    assert bench.send("G38.2Z-1F100\n", 3.0) == ["ALARM:5", "[PRB:0.000,0.000,-1.000:0]", "ok"]
+    assert bench.send("G38.2Z-1F100\n", 3.0) == ["ALARM:5", "[PRB:0.000,0.000,0.000:0]", "ok"]
     assert bench.status()["state"] == "Alarm"
     assert Bench().send("G38.3Z-1F100\n", 3.0) == ["[PRB:0.000,0.000,-1.000:0]", "ok"]
+
+
+def test_an_alarm_is_told_for_half_a_second_in_which_a_reset_is_forgotten_if_it_was_a_limit():
+    """As GRBL 1.1h on an ATmega328P does."""
+    bench = Bench()
+    bench.send("G1X10F500\n", 0.3)
+    assert bench.send("\x18", 0.45) == ["ALARM:3"]
+    assert bench.send("?", 0.2) == ["Grbl 1.1h ['$' for help]", "[MSG:'$H'|'$X' to unlock]"]
+    bench = Bench(settings={20: 1.0, 22: 1.0})
+    bench.send("$X\n")
+    assert bench.send("G1X10F500\n", 0.2) == ["ALARM:2"]
+    assert bench.send("\x18", 1.0) == ["[MSG:Reset to continue]"]
+    assert bench.send("\x18", 0.2)[-2:] == ["Grbl 1.1h ['$' for help]", "[MSG:'$H'|'$X' to unlock]"]
+
+
+@pytest.mark.parametrize(("line", "place"), [("G28.1X1", "G28"), ("G30.1X1", "G30")])
+def test_axis_words_beside_a_stored_place_are_a_motion(line, place):
+    """As GRBL 1.1h on an ATmega328P does: the place is stored, then the machine moves."""
+    bench = Bench()
+    bench.send("G1X2F500\n", 3.0)
+    assert bench.reply(line, 3.0) == "ok"
+    assert f"[{place}:2.000,0.000,0.000]" in bench.send("$#\n")
+    assert bench.status()["MPos"] == "1.000,0.000,0.000"
 
 
 def test_homing():
@@ -474,6 +497,14 @@ def test_m0_is_ok_only_after_a_cycle_start():
     assert bench.send("G1X1F300\nM0\nG1X2\n", 5.0) == ["ok"]
     assert bench.status()["state"] == "Hold:0"
     assert bench.send("~", 5.0) == ["ok", "ok"]
+
+
+def test_the_feed_is_told_in_the_unit_of_reports_whatever_the_program_s_is():
+    bench = Bench()
+    bench.send("G20G1F10\n")
+    assert " G20 " in bench.send("$G\n")[0] and " F254 " in bench.send("$G\n")[0]
+    bench.reply("$13=1")
+    assert " F10.0 " in bench.send("$G\n")[0]
 
 
 def test_m30_sets_the_modes_back():

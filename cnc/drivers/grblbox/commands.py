@@ -39,7 +39,7 @@ def system_command(core: Core, text: str) -> Answer:
         return _check_mode(core)
     if body == "X":
         return _unlock(core)
-    if body[0] in "GCX":
+    if body[0] in "$GCX":
         return 3
     if core.state not in ("Idle", "Alarm"):
         return 8
@@ -116,7 +116,7 @@ def _restore(core: Core, what: str) -> Answer:
 
 def _set(core: Core, body: str) -> Answer:
     """``$x=value``."""
-    if body[0].isalpha():
+    if body[0] in "#INHSR":
         return 3
     number = NUMBER.match(body)
     if number is None:
@@ -177,17 +177,19 @@ def _jog(core: Core, body: str) -> Answer:
     if core.state not in ("Idle", "Jog"):
         return 8
     if not body.startswith("="):
-        return 16
+        return 3
     try:
         found = sort(body[1:], core.flavour.mist)
-        if set(found.commands) - JOG_COMMANDS or found.commands.get("other", "G53") != "G53":
-            return 16
-        if set(found.values) - set("FNXYZ") or not set(found.values) & set(AXES):
-            return 16 if set(found.values) - set("FNXYZ") else 26
+        if not set(found.values) & set(AXES) and not set(found.commands) - JOG_COMMANDS:
+            return 26
         if not found.values.get("F"):
             return 22
         modes: Modes = replace(core.modes, motion="G1", feed_mode="G94")
         line = check(body[1:], modes, core.place)
+        if set(found.values) & set("ST"):
+            return 36
+        if set(found.commands) - JOG_COMMANDS or found.commands.get("other", "G53") != "G53":
+            return 16
     except Refused as refused:
         return refused.code
     if core.setting[20] and not within_travel(core, line.target):

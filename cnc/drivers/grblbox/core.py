@@ -99,7 +99,7 @@ class Core:
     def force_reset(self) -> None:
         """What a reset sets back: everything but position, state and memory."""
         self.flags = Flags()
-        self.aborted = self.abandoned = self.answering = self.locked = False
+        self.aborted = self.abandoned = self.answering = self.locked = self.locking = False
         self.hold_complete = self.jog_cancelling = self.soft_limit_stop = self.resuming = False
         self.modes = Modes()
         self.shift = ORIGIN

@@ -21,7 +21,8 @@ class Flavour:
     line_length: characters of a line, comments and spaces not counted. planner_blocks: motions that wait, the running one among them.
     repeats_error: a program line after an error gets the same error until an empty line comes. pairs_line_ends: a line feed that follows a
     carriage return ends no line of its own. eeprom_blinds: a write to the EEPROM keeps the processor from taking bytes off the wire.
-    estop_alarm: number of the emergency stop's alarm. line_numbers: whether ``Ln:`` is reported. mist: whether M7 is compiled in.
+    estop_alarm: number of the emergency stop's alarm. alarm_s: for so long the main program does nothing behind an alarm's message.
+    line_numbers: whether ``Ln:`` is reported. mist: whether M7 is compiled in.
     variable_spindle: whether the spindle has a speed. max_step_rate_hz: steps/s that the settings may ask for (in GRBL: not checked).
     """
 
@@ -38,6 +39,7 @@ class Flavour:
     pairs_line_ends: bool
     eeprom_blinds: bool
     estop_alarm: int | None
+    alarm_s: float = 0.0
     line_numbers: bool = True
     mist: bool = False
     variable_spindle: bool = True
@@ -60,6 +62,7 @@ GRBL = Flavour(
     pairs_line_ends=False,
     eeprom_blinds=True,
     estop_alarm=None,
+    alarm_s=0.5,
 )
 """GRBL 1.1h on an Arduino Uno with line numbers: interface.md; the line buffer has 80 characters, one of them its end."""
 

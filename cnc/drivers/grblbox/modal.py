@@ -36,12 +36,16 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """The modal groups (commands.md, ``$G``), and the words that hold for one line."""
 GROUP_OF = {word: group for group, members in GROUPS.items() for word in members}
-WITH_AXES = ("G10", "G28", "G28.1", "G30", "G30.1", "G92", "G92.1", "G0", "G1", "G2", "G3", "G38.2", "G38.3", "G38.4", "G38.5", "G43.1")
+STORES = ("G28.1", "G30.1", "G92.1")
+"""Commands beside which axis words are a motion, by the mode in force: seen on GRBL 1.1h, and easily overlooked."""
+SUBCOMMANDS = (28, 30, 38, 43, 61, 90, 91, 92)
+"""G numbers that have others behind a point: one of those that does not exist is not known (20), behind other numbers too precise (23)."""
+WITH_AXES = ("G10", "G28", "G30", "G92", "G0", "G1", "G2", "G3", "G38.2", "G38.3", "G38.4", "G38.5", "G43.1")
 """Commands that use axis words; two of them in a line are one too many (error 24)."""
 VALUES = "FIJKLNPRSTXYZ"
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
 
-LARGEST_LINE_NUMBER = 9_999_999
+LARGEST_LINE_NUMBER = 10_000_000
 LARGEST_TOOL = 255
 ARC_ERROR_MOST = 0.5
 ARC_ERROR_LEAST = 0.005
@@ -79,11 +83,12 @@ class Modes:
 class Line:
     """A line that has passed the checks. ``modes``: those after it. Lengths in mm; ``target`` in machine coordinates.
 
-    action: what is done last and may move: "" or one of WITH_AXES, G4 excepted (``dwell``).
+    action: what is done last and may move: "" or one of WITH_AXES, G4 excepted (``dwell``). before: one of STORES, done before it.
     """
 
     modes: Modes
     action: str = ""
+    before: str = ""
     target: Point = (0.0, 0.0, 0.0)
     axes: frozenset[int] = frozenset()
     words: tuple[float | None, float | None, float | None] = (None, None, None)
@@ -169,9 +174,7 @@ def sort(text: str, mist: bool) -> Found:
                 raise Refused(25)
             if value < 0.0 and letter in "FNPST":
                 raise Refused(4)
-            if letter in "LNT" and value != int(value):
-                raise Refused(23)
-            line.values[letter] = value
+            line.values[letter] = float(int(value)) if letter in "LNT" else value
     if line.values.get("N", 0.0) > LARGEST_LINE_NUMBER:
         raise Refused(27)
     if line.values.get("T", 0.0) > LARGEST_TOOL:
@@ -180,11 +183,9 @@ def sort(text: str, mist: bool) -> Found:
 
 
 def _unknown(letter: str, value: float) -> int:
-    """Why a command is refused: no such work coordinates, a fraction where there is none, or not known at all."""
-    if letter == "G" and value in (59.1, 59.2, 59.3):
-        return 29
+    """Why a command is refused: a fraction where there is none, or not known at all."""
     whole = int(value) if value < 1000.0 else -1
-    if value != whole and f"{letter}{whole}" in GROUP_OF:
+    if value != whole and f"{letter}{whole}" in GROUP_OF and (letter != "G" or whole not in SUBCOMMANDS):
         return 23
     return 20
 
@@ -213,7 +214,7 @@ def check(text: str, modes: Modes, place: Place) -> Line:
     if other == "G53" and modes.motion not in ("G0", "G1"):
         raise Refused(30)
     feed_word = found.use("F")
-    modes = _set_feed(line, modes, feed_word, scale, action)
+    modes = _set_feed(line, modes, feed_word, scale, action or ("G1" if commands.get("motion") == "G1" else ""))
     after = replace(place, length=line.length_offset if line.length_offset is not None else place.length)
     line.target = _target(line, modes, after, machine=other == "G53")
     if action == "G10":
@@ -276,6 +277,8 @@ def _action(line: Line, commands: dict[str, str], modes: Modes) -> str:
     other, motion = commands.get("other", ""), commands.get("motion", "")
     if other in WITH_AXES:
         return other
+    if other in STORES:
+        line.before = other
     if commands.get("length") == "G43.1":
         return "G43.1"
     if motion in ("G2", "G3") or motion.startswith("G38"):
@@ -321,15 +324,15 @@ def _store(line: Line, found: Found, modes: Modes, place: Place) -> None:
     if not line.axes:
         raise Refused(26)
     how, system = found.use("L"), found.use("P")
-    if how is None or system is None:
+    if how is None and system is None:
         raise Refused(28)
+    # one of them is enough for GRBL 1.1h, the other is 0 then
+    system = system or 0.0
     if how not in (2, 20) or "R" in found.values:
         raise Refused(20)
-    if system != int(system):
-        raise Refused(23)
-    if system > 6:
+    if system >= 7.0:
         raise Refused(29)
-    line.store = f"G{53 + int(system)}" if system else modes.coordinates
+    line.store = f"G{53 + int(system)}" if system >= 1.0 else modes.coordinates
     stored, shift = list(place.stored[line.store]), place.stored["G92"]
     for index in line.axes:
         word = line.words[index] or 0.0

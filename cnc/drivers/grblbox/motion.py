@@ -122,8 +122,13 @@ def _dwell(core: Core, seconds: float) -> Program:
 
 
 def _act(core: Core, line: Line) -> Program:
-    """What uses the axis words."""
+    """What uses the axis words, and what is stored before that."""
     action = line.action
+    if line.before == "G92.1":
+        yield from synchronize(core)
+        core.shift, core.wco_counter = ORIGIN, 0
+    elif line.before:
+        yield from write_eeprom(core, lambda: core.eeprom.store(line.before[:3], core.parsed))
     if action in ("G0", "G1"):
         yield from move_to(core, "rapid" if action == "G0" else "feed", line.target, line, line.feed, line.number)
         core.parsed = line.target
@@ -137,12 +142,9 @@ def _act(core: Core, line: Line) -> Program:
     elif action == "G10":
         yield from write_eeprom(core, lambda: core.eeprom.store(line.store, line.target))
         core.wco_counter = 0
-    elif action in ("G28.1", "G30.1"):
-        yield from write_eeprom(core, lambda: core.eeprom.store(action[:3], core.parsed))
-    elif action in ("G92", "G92.1"):
+    elif action == "G92":
         yield from synchronize(core)
-        core.shift = _shifted(core, line) if action == "G92" else ORIGIN
-        core.wco_counter = 0
+        core.shift, core.wco_counter = _shifted(core, line), 0
 
 
 def _arc(core: Core, line: Line) -> Program:
@@ -188,11 +190,12 @@ def _probe(core: Core, line: Line) -> Program:
     core.start_cycle()
     yield Wait(lambda: not core.planner.blocks and not core.steppers.running)
     core.probe_wanted = None
-    if not core.probe_succeeded:
+    if not core.probe_succeeded and must:
+        # the place of the probe before this one stays
+        core.alarm(5)
+        yield Wait()
+    elif not core.probe_succeeded:
         core.probe_position = core.position
-        if must:
-            core.alarm(5)
-            yield Wait()
     core.sync_position()
     core.say(probe_report(core))
     yield BUSY

@@ -62,11 +62,15 @@ def serve(core: Core) -> None:
         core.state = "Alarm"
         core.note("alarm", str(code))
         core.say(f"ALARM:{code}")
-        if code in CRITICAL or code == core.flavour.estop_alarm:
-            core.say("[MSG:Reset to continue]")
-            core.locked = True
-            flags.reset = False
+        core.locking = code in CRITICAL or code == core.flavour.estop_alarm
+        core.work(core.flavour.alarm_s)
+        if core.now < core.cpu_free:
             return
+    if core.locking:
+        # a reset that came while the alarm was told is forgotten
+        core.say("[MSG:Reset to continue]")
+        core.locking, core.locked, flags.reset = False, True, False
+        return
     if core.locked:
         flags.status = False
         if not flags.reset:

@@ -82,7 +82,7 @@ def parser_state(core: Core) -> str:
     coolant = " ".join(word for word, on in (("M7", modes.mist), ("M8", modes.flood)) if on) or "M9"
     # As every number that is reported: settings.md, $13.
     inches = bool(core.setting[13])
-    feed = modes.feed / (MM_PER_INCH if inches and modes.feed_mode == "G94" else 1.0)
+    feed = modes.feed / (MM_PER_INCH if inches else 1.0)
     return (
         f"[GC:{modes.motion} {modes.coordinates} {modes.plane} {modes.units} {modes.distance} {modes.feed_mode} "
         f"{modes.spindle} {coolant} T{modes.tool} F{feed:.{1 if inches else 0}f} S{modes.speed:.0f}]"
