@@ -273,7 +273,11 @@ class BoardTime:
 
     def _kept(self, marks: Iterable[tuple[int, Floats]]) -> None:
         for line, total in marks:
-            if line >= self._marks[-1][0] + self._stride:
+            last, before = self._marks[-1]
+            if self._stride == 1 and line > last + 1:
+                # lines between that take no time
+                self._marks.append((line - 1, before))
+            if line >= last + self._stride:
                 self._marks.append((line, total.copy()))
         while len(self._marks) > MOST_MARKS:
             self._stride *= 2
@@ -289,15 +293,20 @@ class Countdown:
 
     def __init__(self, time: BoardTime) -> None:
         self._time = time
+        self._overrides = (100.0, 100.0)
         self._left = time.remaining(0)
         self._at: float | None = None
 
     def left(self, now: float, done: int, *, held: bool, feed_override: float = 100.0, rapid_override: float = 100.0) -> float:
         """Seconds that are left at ``now`` (s), when the board has carried out so many lines; overrides in per cent."""
-        most = self._time.remaining(done)
-        slower = self._time.remaining(done, feed_override, rapid_override) / most if most > 0.0 else 1.0
+        overrides = feed_override, rapid_override
+        most = self._time.remaining(done, *overrides)
+        if overrides != self._overrides:
+            before = self._time.remaining(done, *self._overrides)
+            self._left *= most / before if before > 0.0 else 1.0
+            self._overrides = overrides
         if self._at is not None and not held:
-            self._left -= (now - self._at) / slower
+            self._left -= now - self._at
         self._at = now
-        self._left = min(max(self._left, self._time.remaining(done + LINES_ABOUT)), most)
-        return self._left * slower
+        self._left = min(max(self._left, self._time.remaining(done + LINES_ABOUT, *overrides)), most)
+        return self._left

@@ -118,15 +118,16 @@ class Geometry:
     def tiny_spiral(self) -> None:
         self.arc(float(10 ** self.rng.uniform(-2, -0.7)), int(self.rng.integers(2, 30)))
 
-    def nurbs(self) -> None:
-        degree = int(self.rng.integers(1, 6))
+    def nurbs(self, degree: int | None = None, *, flat: bool = False) -> None:
+        if degree is None:
+            degree = int(self.rng.integers(1, 6))
         count = degree + 1 + int(self.rng.integers(0, 5))
         inner = sorted((self.rng.choice(np.arange(50, 950), count - degree - 1, replace=False) / 1000).tolist())
         knots = np.array([0.0] * (degree + 1) + inner + [1.0] * (degree + 1))
         reach = float(10 ** self.rng.uniform(-1.5, 1.5))
         control = [self.at]
         for _ in range(count - 1):
-            control.append(self.rounded(control[-1] + self.rng.uniform(-reach, reach, 3)))
+            control.append(self.rounded(control[-1] + self.rng.uniform(-reach, reach, 3) * ([1.0, 1.0, 0.0] if flat else 1.0)))
         weights = np.round(np.concatenate(([1.0], self.rng.uniform(0.3, 3.0, count - 2), [1.0])), 3)
         for k, (knot, point, weight) in enumerate(zip(knots, control, weights, strict=False)):
             head, tail = (f"G06.2 K{degree} ", " " + self.feed()) if k == 0 else ("", "")

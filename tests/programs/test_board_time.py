@@ -163,6 +163,13 @@ def test_rapid_overrides_slow_the_traverses_alone():
         assert clock.remaining(0, 100.0, percent) == pytest.approx(ramp(100.0, 0.5 * percent, 200.0) + feed)
 
 
+def test_lines_that_take_no_time_take_none_of_what_is_left():
+    clock = clock_of(["G21 G90 G94 G17 G54", "(MSG, on)", "G0 X100", "M8", "G4 P5", "G1 X0 F1200"], LIMITS)
+    there, back = ramp(100.0, 50.0, 200.0), ramp(100.0, 20.0, 200.0)
+    expected = [there + 5.0 + back] * 3 + [5.0 + back] * 2 + [back, 0.0]
+    assert [clock.remaining(k) for k in range(7)] == pytest.approx(expected)
+
+
 def test_marks_stay_few_however_long_the_program_is():
     texts = [f"G1 X{k % 7} Y{k % 3} F600" for k in range(20000)]
     clock = clock_of(texts, LIMITS)

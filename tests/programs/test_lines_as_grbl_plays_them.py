@@ -15,8 +15,11 @@ from cnc.gcode.program import interpret
 from cnc.gcode.text import Text
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
+from cnc.path.build import build
+from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
-from geometry_programs import geometry
+from deviation import path_points
+from geometry_programs import Geometry, geometry
 from grbl_replay import Refused, leash_of, parted_at, read_number, replayed, same_motion
 from support import share
 
@@ -119,3 +122,52 @@ def test_the_judge_sees_another_order():
     circle = np.column_stack((np.cos(np.linspace(0, 6.28318, 500)), np.sin(np.linspace(0, 6.28318, 500)), np.zeros(500)))
     assert leash_of(circle, np.concatenate((circle, circle))) > 0.9
     assert leash_of(circle, circle + [0.0, 0.0, 0.01]) == pytest.approx(0.01, abs=1e-4)
+
+
+@settings(max_examples=share(300, 8))
+@given(seed=st.integers(0, 10**6))
+def test_lines_are_a_program_in_grbls_dialect_with_the_same_path(seed):
+    """What is written can be read again here, as GRBL's dialect and nothing else, and leads the same way."""
+    made = geometry(seed)
+    again = interpret(Text.of_lines(lines_of(made.lines, ANYWHERE), "again.nc"), axes=ANYWHERE.axis_names, dialect="grbl")
+    path = build(again, axes=ANYWHERE.axis_names, start=np.zeros(3))
+    points = np.concatenate([np.zeros((1, 3)), *(path_points(chunk) for chunk in path if isinstance(chunk, PathChunk))])
+    truth = np.concatenate(made.points)
+    assert same_motion(truth, points, 0.01 + FLOATS), leash_of(truth, points)
+
+
+def chords(points: np.ndarray, tolerance: float) -> int:
+    """How many chords between points of a curve, each as long as it stays within the tolerance."""
+    count, begin, last = 0, 0, len(points) - 1
+    while begin < last:
+        good, reach = begin + 1, 2
+        while begin + reach <= last and straight(points[begin : begin + reach + 1], tolerance):
+            good = begin + reach
+            reach = math.ceil(1.05 * reach) + 1
+        begin, count = good, count + 1
+    return count
+
+
+def straight(points: np.ndarray, tolerance: float) -> bool:
+    way = points[-1] - points[0]
+    length = np.linalg.norm(way)
+    if not length:
+        return False
+    unit = way / length
+    out = points - points[0]
+    return bool(np.linalg.norm(out - np.outer(out @ unit, unit), axis=1).max() <= tolerance)
+
+
+@pytest.mark.parametrize("degree", [2, 3, 4, 5])
+def test_splines_take_fewer_lines_than_chords(degree):
+    """Random ones in a plane, with weights and knots of all kinds: at most six tenths of as many lines as chords of the same
+    tolerance, which end on the curve and are as long as they can be."""
+    ours = theirs = 0
+    for seed in range(share(40, 5)):
+        made = Geometry(np.random.default_rng(seed))
+        made.points.append(np.zeros((1, 3)))
+        made.lines += ["G21 G90 G94 G17", "G0 X0 Y0 Z0"]
+        made.nurbs(degree, flat=True)
+        ours += sum(text[0] in "XYGIJ" for text in lines_of([*made.lines, "M2"], ANYWHERE)[1:])
+        theirs += chords(np.concatenate(made.points), 0.01)
+    assert ours <= 0.6 * theirs
