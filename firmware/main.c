@@ -89,15 +89,18 @@ static void look(void)
     }
 }
 
-/* The other interrupts go on meanwhile: pulses have to end, and bytes come every 10 us. */
+/* The other interrupts go on meanwhile: pulses have to end, and bytes come every 10 us. What has changed meanwhile, a contact that bounces,
+   is in the look behind it. */
 ISR(PCINT0_vect)
 {
-    PCICR = 0;
-    PCIFR = 1 << PCIF0 | 1 << PCIF1;    /* the end of a spike, too, that is over by now */
-    sei();
-    look();
-    cli();
-    PCICR = WATCHED;
+    do {
+        PCICR = 0;
+        sei();
+        look();
+        cli();
+        PCIFR = 1 << PCIF0 | 1 << PCIF1;
+        PCICR = WATCHED;
+    } while (wish() && !halted);
 }
 ISR(PCINT1_vect, ISR_ALIASOF(PCINT0_vect));
 

@@ -265,6 +265,33 @@ def test_a_switch_ends_the_motion_soon_whatever_else_goes_on(pin: int, within: f
     simulator.close()
 
 
+@pytest.mark.parametrize(("pin", "within"), [(EMERGENCY_STOP_PIN, 200e-6), (LIMIT_X, 100e-6)])
+@pytest.mark.parametrize("seed", share(list(range(40)), [2, 9, 10]))
+def test_a_contact_that_bounces_ends_the_motion_as_soon(pin: int, within: float, seed: int) -> None:
+    """A change that comes while the board looks at the one before is not forgotten."""
+    simulator = Simulator()
+    host = Host(simulator)
+    host.hear()
+    assert host.configure()
+    assert host.stand_at(0, 0, 0)
+    host.stream(b"".join(straight(250, 40, 7) for _ in range(40)), 8_000)
+    assert host.request(Kind.RUN)
+    chance = np.random.default_rng(seed)
+    host.hear(0.02 + chance.uniform(0, 1e-3))
+    for _ in range(chance.integers(1, 6)):
+        simulator.set_pin(pin, 0)
+        simulator.run(chance.uniform(1e-6, 12e-6))
+        simulator.set_pin(pin, 1)
+        simulator.run(chance.uniform(1e-6, 30e-6))
+    simulator.set_pin(pin, 0)
+    closed = simulator.cycle
+    host.hear(0.003)
+    cycles, made = simulator.moves()
+    assert cycles[-1] - closed <= within * FREQUENCY
+    assert list(host.ask().position[:3]) == stands_at(made)
+    simulator.close()
+
+
 NORMALLY_CLOSED = {"limits": (9, 10, 12), "probe": (19,), "emergency-stop": (14,), "hold": (15,), "resume": (16,)}
 
 
