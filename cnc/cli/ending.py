@@ -72,7 +72,8 @@ def _where_stopped(report: Report) -> str:
     if report.board is None or not report.stopped_at_line:
         return "stopped by the operator; nothing has moved"
     place = " ".join(f"{axis.upper()}{position(value)}" for axis, value in report.end_position.items())
-    return f"stopped by the operator at line {report.stopped_at_line}; the board has come to rest at {place}"
+    onwards = f"; go on with --from-line {report.resume_line}" if report.resume_line else ""
+    return f"stopped by the operator at line {report.stopped_at_line}; the board has come to rest at {place}{onwards}"
 
 
 def write_summary(name: str, summary: Report | Sequence[Report]) -> None:

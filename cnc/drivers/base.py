@@ -176,6 +176,10 @@ class LineSink(Board, Protocol):
         """Machine position in mm (degrees), one number an axis of the machine, as the board reported it last."""
 
     @property
+    def moving_line(self) -> int:
+        """Source line of the move that the board was on when it reported last, 0 where that is not known."""
+
+    @property
     def work_offset(self) -> tuple[float, ...]:
         """What the board adds to the coordinates of a line in G54, mm, one number an axis of the machine."""
 

@@ -109,6 +109,11 @@ class GrblBoard:
         return self.link.protocol.confirmed_line
 
     @property
+    def moving_line(self) -> int:
+        """Source line of the move that the board was on when it reported last, 0 where that is not known."""
+        return self._whereabouts.line
+
+    @property
     def position(self) -> tuple[float, ...]:
         """Machine position in mm, one number an axis of the machine, as it was reported last."""
         return self._own(self._position())

@@ -130,7 +130,10 @@ class _Stream:
         """The board has reported."""
         if self.on_progress is not None:
             board = self.board
-            now = Progress(self.clock, board.confirmed_line, self.sent, self.control.held, board.position, board.buffered)
+            line = board.confirmed_line
+            now = Progress(
+                self.clock, line, self.sent, self.control.held, board.position, board.buffered, file=self.file, at=board.moving_line
+            )
             self.on_progress(now)
 
     def step(self, step: Step) -> None:

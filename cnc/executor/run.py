@@ -58,8 +58,8 @@ class Progress:
 
     held: the motion rests until it is resumed. position: where the board says it is, mm. buffered: lines that it has not taken yet. The
     last two are None of a board that does not tell. left: seconds until the program is over, None where nobody has counted them. why:
-    what the program holds for. ahead: seconds of motion that the board has yet, and line then that which it is at, or one before. file:
-    where the line is, as what is sent says.
+    what the program holds for. ahead: seconds of motion that the board has yet; line then is that which it is at, or one before. at: a
+    line that the motion has come to for certain, 0 where that is not known. file: where that is, as what is sent says.
     """
 
     time: float
@@ -72,6 +72,7 @@ class Progress:
     why: str = ""
     ahead: float | None = None
     file: str = ""
+    at: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,11 +182,12 @@ class _Run:
     def _tell(self, *, held: bool = False, why: str = "") -> None:
         if self.on_progress is None:
             return
-        now = Progress(self.clock, self.line, self.rows, held, why=why, file=self.file)
+        now = Progress(self.clock, self.line, self.rows, held, why=why, file=self.file, at=self.line)
         if self.playing is not None:
             where = self.playing.whereabouts
             # What the motion is held for has been come to.
-            now = replace(now, line=self.line if held else where.line, position=where.position, ahead=where.ahead)
+            line = self.line if held else where.line
+            now = replace(now, line=line, position=where.position, ahead=where.ahead, at=line)
         self.on_progress(now)
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
@@ -12,7 +13,9 @@ import numpy as np
 from cnc.canon import Block
 from cnc.control import Control
 from cnc.drivers.base import LineSink, Located, PulseSink, Switched
+from cnc.drivers.loopback import Loopback
 from cnc.errors import BoardError, CncError, Diagnostic, GcodeError, UsageError
+from cnc.executor.checkpoint import Checkpoint, Recorder, digest
 from cnc.executor.homing import home, rest_steps, ways_home
 from cnc.flatten.board_time import BoardTime
 from cnc.interpolator.reference_pulse import Algorithm
@@ -33,7 +36,7 @@ from cnc.report.portable import dialects_of, portability
 from cnc.report.result import Extremes, Report
 from cnc.report.selection import Selection, unknown_codes
 from cnc.report.targets import TextTarget
-from cnc.source import Source, readable, shown_name, with_texts
+from cnc.source import STANDARD_INPUT_NAME, Source, readable, shown_name, with_texts
 from cnc.warm import ensure_compiled
 
 
@@ -73,6 +76,7 @@ class Job:
         self._on_plan = on_plan
         self._pauses: Pauses = pauses
         self._from_line = from_line
+        self._hash = ""
         self._home = home
 
     def blocks(self) -> Iterator[Block]:
@@ -140,6 +144,7 @@ class Job:
     def _carry_out(self, board: PulseSink | LineSink | None) -> None:
         report, reading, lookout = self.report, self._reading, self._lookout
         abilities = Abilities.of(board, report.board, reading.machine, self._attended(board))
+        self._recall(abilities)
         if isinstance(board, Located):
             self._locate(board)
         reading.begin_at(self._from_line)
@@ -174,13 +179,19 @@ class Job:
             asks=first.asks,
             on_plan=self._on_plan,
         )
-        if self._home:
-            self._go_home(board)
         try:
-            second.carry_out(board, kept)
+            second.carry_out(board, kept, lambda: self._begin(board, abilities))
+        except BoardError as error:
+            self._over(error.diagnostic.code, report.end_position)
+            raise self._resumable(error) from error
+        except BaseException as error:
+            self._over(error.diagnostic.code if isinstance(error, CncError) else "broken off", {})
+            raise
         finally:
             report.timing.plan_s += max(0.0, second.watch_planning.seconds - second.watch_reading.seconds)
             report.timing.interpolate_s = second.watch_interpolating.seconds
+        exact = report.stopped_at_line if isinstance(board, PulseSink) else None
+        self._over("" if report.stopped_at_line is None else "stopped", report.end_position, exact)
         board_time = second.board_time or board_time
         if board_time is not None and abilities.lines and report.stopped_at_line is None:
             report.duration_s = board_time.seconds
@@ -195,11 +206,56 @@ class Job:
         """Whether a pause does not end the program: a board that plans for itself waits, and somebody has to tell it to go on."""
         return self._pauses == "skip" or (self._pauses == "wait" and (self._operated or not isinstance(board, LineSink)))
 
-    def _go_home(self, board: PulseSink | LineSink | None) -> None:
-        """The machine finds out where it stands. Raises HomingStopped."""
-        if board is not None:
-            lookout, reading = self._lookout, self._reading
+    def _begin(self, board: PulseSink | LineSink | None, abilities: Abilities) -> None:
+        """The motion begins: the machine comes home, if it is to, and a record is kept from there. Raises HomingStopped."""
+        lookout, reading = self._lookout, self._reading
+        if board is None:
+            return
+        if self._home:
             home(board, reading.machine, (), reading.start, control=lookout.control, on_progress=lookout.tell)
+        if self._hash and (abilities.moves or isinstance(board, Loopback)) and not (isinstance(board, LineSink) and board.check_only):
+            first = Checkpoint(self.report.program, self._hash, reading.machine.name, abilities.board)
+            lookout.recorder = Recorder(first, reading.machine.axis_names)
+
+    def _recall(self, abilities: Abilities) -> None:
+        """What is known of a run of this program that did not come to its end."""
+        reading, report = self._reading, self.report
+        if not abilities.real or report.program == STANDARD_INPUT_NAME:
+            return
+        self._hash = digest(reading.path)
+        last = Checkpoint.read(report.program)
+        if last is None:
+            return
+        same, line = last.sha256 == self._hash, self._from_line
+        if line is not None and not same:
+            message = f"the program has changed since the run that came to its line {last.line}: line {line} may be another one now"
+            self._lookout.warn(Diagnostic("checkpoint-differs", message, hint="look up in the program where to begin", severity="warning"))
+        elif line is not None and line > last.line:
+            message = f"the last run came to line {last.line}: what lies between it and line {line} is left out"
+            hint = f"--from-line {last.line} leaves out nothing"
+            self._lookout.warn(Diagnostic("checkpoint-before", message, hint=hint, severity="warning"))
+        elif line is None and same:
+            message = f"the last run of this program came to line {last.line} and not to its end"
+            hint = f"--from-line {last.line} goes on there; this run begins anew"
+            self._lookout.warn(Diagnostic("run-unfinished", message, hint=hint, severity="note"))
+
+    def _over(self, ended: str, position: Mapping[str, float], line: int | None = None) -> None:
+        """The run is over; ``ended``: why, if that was not the end of the program."""
+        recorder, self._lookout.recorder = self._lookout.recorder, None
+        if recorder is None:
+            return
+        if ended:
+            self.report.resume_line = recorder.end(ended, line, position) or None
+        else:
+            recorder.done()
+
+    def _resumable(self, error: BoardError) -> BoardError:
+        """The same, with how to go on behind it."""
+        found, line = error.diagnostic, self.report.resume_line
+        if line is None:
+            return error
+        hint = f"{found.hint}; then go on with --from-line {line}" if found.hint else f"go on with --from-line {line}"
+        return type(error)(replace(found, hint=hint))
 
     def _confirm_beginning(self) -> None:
         """Tell how the machine will get to the line to begin at, and ask."""

@@ -71,10 +71,14 @@ class SecondPass:
         self._asks, self._on_plan = asks, on_plan
         self.board_time: BoardTime | None = None
         self._step_deviation = 0.0
+        self._begin: Callable[[], None] | None = None
         self._schedule: tuple[NDArray[np.int64], NDArray[np.float64], float] | None = None
 
-    def carry_out(self, board: PulseSink | LineSink | None, kept: Iterable[PathChunk | Block] | None) -> None:
-        """Move, or only look. kept: the path, None to read it again."""
+    def carry_out(
+        self, board: PulseSink | LineSink | None, kept: Iterable[PathChunk | Block] | None, begin: Callable[[], None] | None = None
+    ) -> None:
+        """Move, or only look. kept: the path, None to read it again. begin: called when all is known and nothing has moved."""
+        self._begin = begin
         if isinstance(board, LineSink):
             self._stream(board)
             return
@@ -233,6 +237,8 @@ class SecondPass:
         def tell(progress: Progress) -> None:
             self._lookout.tell(self._left(progress))
 
+        if self._begin is not None:
+            self._begin()
         # The board is about to move: from here on a wish to stop is the executor's to carry out.
         tell(Progress(0.0, 0, 0))
         try:
@@ -276,6 +282,8 @@ class SecondPass:
             left = countdown.left(board.now(), done, held=progress.held, feed_override=feed, rapid_override=rapid)
             tell(replace(progress, left=left))
 
+        if self._begin is not None:
+            self._begin()
         on_progress(Progress(0.0, 0, 0))
         try:
             program = self._steps(board, shown=self._asks) if kept is None else kept

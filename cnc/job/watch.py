@@ -9,6 +9,7 @@ from typing import Literal
 from cnc.canon import Block
 from cnc.control import Control
 from cnc.errors import Diagnostic
+from cnc.executor.checkpoint import Recorder
 from cnc.executor.run import Progress
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
@@ -43,12 +44,16 @@ class Stopped(Exception):
 
 
 class Lookout:
-    """Stands between a job and those who watch it. ``last_line``: the last line of the program that does anything, once it is known."""
+    """Stands between a job and those who watch it.
+
+    last_line: the last line of the program that does anything, once it is known. recorder: what keeps how far a run has come.
+    """
 
     def __init__(self, watch: Watch, control: Control, selection: Selection, report: Report) -> None:
         self.watch = watch
         self.control = control
         self.last_line = 0
+        self.recorder: Recorder | None = None
         self._selection = selection
         self._report = report
         self._warned: set[tuple[str, str, int, int]] = set()
@@ -69,6 +74,8 @@ class Lookout:
 
     def tell(self, progress: Progress) -> None:
         """How far the board is."""
+        if self.recorder is not None:
+            self.recorder.note(progress)
         if self.watch.on_progress is not None:
             self.watch.on_progress("running", progress.line, self.last_line)
         if self.watch.on_sent is not None:

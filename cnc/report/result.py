@@ -79,8 +79,9 @@ class Report:
     ``faults`` are the errors that ended it, in order; ``warnings`` did not; ``hidden_`` ones are counted only. lines: of the program as
     read. blocks: canonical blocks, each move of a run of lines counted. duration_s: machine time, dwells included. bounding_box: mm by
     axis, of the whole path. end_position: mm by axis. steps: by axis, both directions together. pulse_error_blu: largest distance of a grid
-    point from the path, in BLU. stopped_at_line: where the operator stopped the run, None if nobody did. changes: since an earlier check,
-    None where there is nothing to compare with.
+    point from the path, in BLU. stopped_at_line: where the operator stopped the run, None if nobody did. resume_line: where to go on
+    with a run that did not come to its end, None where that is not known. changes: since an earlier check, None where there is nothing to
+    compare with.
     """
 
     program: str
@@ -104,6 +105,7 @@ class Report:
     pulse_error_blu: float | None = None
     timing: Timing = field(default_factory=Timing)
     stopped_at_line: int | None = None
+    resume_line: int | None = None
     changes: Changes | None = None
 
     def __post_init__(self) -> None:
