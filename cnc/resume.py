@@ -124,6 +124,26 @@ def _refused(block: Block, message: str, hint: str) -> GcodeError:
     return GcodeError(Diagnostic("from-line-unknown", message, block.file, block.line, hint=hint))
 
 
+def line_of_call(blocks: Iterable[Block], file: str, line: int) -> int:
+    """Where a program calls the subprogram that a line lies in for the first time; 0 for a line of the main program.
+
+    blocks: of the program, with its calls.
+    """
+    call, low, high, found = 0, 0, 0, 0
+    for block in blocks:
+        if isinstance(block, Called):
+            call, low, high = block.line if block.inside else 0, 0, 0
+        elif block.file == file:
+            lines = block.lines if isinstance(block, Polyline) else np.array([block.line])
+            if not call:
+                if (lines == line).any():
+                    return 0
+                continue
+            low, high = min(low or int(lines.min()), int(lines.min())), max(high, int(lines.max()))
+            found = found or (call if low <= line <= high else 0)
+    return found
+
+
 class Beginning:
     """Where to begin, and how to get there.
 
@@ -163,18 +183,7 @@ class Beginning:
 
     def _refuse_subprogram(self, blocks: Iterable[Block]) -> None:
         """GcodeError if line N lies between the lines of a subprogram's motion, and is none of the main program's."""
-        call, low, high, found = 0, 0, 0, 0
-        for block in blocks:
-            if isinstance(block, Called):
-                call, low, high = block.line if block.inside else 0, 0, 0
-            elif block.file == self.file:
-                lines = block.lines if isinstance(block, Polyline) else np.array([block.line])
-                if not call:
-                    if (lines == self.line).any():
-                        return
-                    continue
-                low, high = min(low or int(lines.min()), int(lines.min())), max(high, int(lines.max()))
-                found = found or (call if low <= self.line <= high else 0)
+        found = line_of_call(blocks, self.file, self.line)
         if found:
             message = f"line {self.line} is one of a subprogram, called at line {found}"
             hint = f"begin at line {found}, or at another of its calls"

@@ -111,7 +111,7 @@ class GrblBoard:
     @property
     def moving_line(self) -> int:
         """Source line of the move that the board was on when it reported last, 0 where that is not known."""
-        return self._whereabouts.line
+        return self._judge.way.line
 
     @property
     def position(self) -> tuple[float, ...]:

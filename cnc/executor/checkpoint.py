@@ -15,7 +15,7 @@ import hashlib
 import json
 import os
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -75,10 +75,14 @@ class Recorder:
         line = progress.at if progress.at > 0 and self._inside else self.latest.line
         self.latest = replace(self.latest, line=line, position=position)
 
-    def end(self, ended: str, line: int | None, position: Mapping[str, float]) -> int:
-        """The run did not come to its end: the line to go on at, 0 if it never came to one. ``line``: where that is known better."""
+    def end(self, ended: str, line: int | None, position: Mapping[str, float], place_to_begin: Callable[[int], int]) -> int:
+        """The run did not come to its end: the line to go on at, 0 if it never came to one.
+
+        line: that it has come to, where that is known better. place_to_begin: the line of the main program that stands for one.
+        """
         self._close()
         line = line if line and self._inside else self.latest.line
+        line = place_to_begin(line) if line else 0
         self.latest = replace(self.latest, ended=ended, line=line, position=dict(position) or self.latest.position)
         if self.latest.line:
             self._write(lasting=True)

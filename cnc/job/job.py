@@ -245,9 +245,16 @@ class Job:
         if recorder is None:
             return
         if ended:
-            self.report.resume_line = recorder.end(ended, line, position) or None
+            self.report.resume_line = recorder.end(ended, line, position, self._place_to_begin) or None
         else:
             recorder.done()
+
+    def _place_to_begin(self, line: int) -> int:
+        """Where a run that came to this line is gone on with."""
+        try:
+            return self._reading.place_to_begin(line)
+        except (CncError, Stopped):
+            return line
 
     def _resumable(self, error: BoardError) -> BoardError:
         """The same, with how to go on behind it."""

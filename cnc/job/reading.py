@@ -21,7 +21,7 @@ from cnc.machine.models import DialectName, Machine
 from cnc.memory import Memory, folders
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.resume import Beginning
+from cnc.resume import Beginning, line_of_call
 from cnc.source import STANDARD_INPUT_NAME
 
 Floats = NDArray[np.float64]
@@ -81,6 +81,12 @@ class Reading:
 
         beginning.check(read, self.start)
         self.beginning = beginning
+
+    def place_to_begin(self, line: int) -> int:
+        """The line of the main program for a line to go on at: where it calls the subprogram that this lies in, or the line itself."""
+        text = Text.of_file(self.path, self.name)
+        blocks = self._interpreted(self.dialect, text, self._remembered(self.dialect), mark_calls=True)
+        return line_of_call(blocks, self.name, line) or line
 
     def _remembered(self, dialect: str) -> State:
         return self.memory.parameters(macro=dialects.load(dialect).flavour == "macro-b"), self.memory.tools()

@@ -150,6 +150,15 @@ def test_the_board_in_the_box_keeps_one_too(program: Path, capsys: pytest.Captur
     assert not Path(f"{program}.checkpoint").exists()
 
 
+def test_in_a_subprogram_the_call_is_where_to_go_on(tmp_path: Path) -> None:
+    program = tmp_path / "p.ngc"
+    program.write_text("G21 G90\nG1 X1 F600\no1 sub\nG1 Y2 F600\nG1 X9\no1 endsub\nG1 Z1\no1 call\nM2\n")
+    per_mm = round(load_machine().axes["x"].steps_per_mm)
+    report = run(program, board=Loopback(3, fail_after=5 * per_mm))
+    assert [fault.diagnostic.code for fault in report.faults] == ["board-fault"]
+    assert report.resume_line == record(program)["line"] == 8
+
+
 def test_a_grbl_board_says_the_line_that_it_moves_along(program: Path) -> None:
     """Not the last one that it has taken: that lies up to a planner's length ahead."""
     box, control = GrblBox(), Control()
@@ -184,7 +193,7 @@ def test_a_whole_record_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             assert found.position["x"] == found.line
             seen.add(found.line)
     recorder.note(Progress(0.0, 999, 0, at=999, file="sub.ngc"))
-    assert recorder.end("x", 999, {}) == 299, "the line of another file is none to begin at"
+    assert recorder.end("x", 999, {}, int) == 299, "the line of another file is none to begin at"
     assert len(seen) > 5
     assert sorted(path.name for path in tmp_path.iterdir()) == ["p.ngc.checkpoint"]
     Path(name + ".checkpoint").write_text("{")
@@ -194,5 +203,5 @@ def test_a_whole_record_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 def test_a_folder_that_can_not_be_written_to_stops_nothing(tmp_path: Path) -> None:
     recorder = Recorder(Checkpoint(str(tmp_path / "no" / "p.ngc"), "0" * 64, "m", "b"), ("x",))
     recorder.note(Progress(0.0, 5, 0, at=5))
-    assert recorder.end("stopped", 7, {"x": 1.0}) == 7
+    assert recorder.end("stopped", 7, {"x": 1.0}, int) == 7
     recorder.done()
