@@ -61,6 +61,8 @@ def end(reports: Sequence[Report], *, quiet: bool, fail_on: Severity = "error") 
     stopped = next((report for report in reports if report.stopped_at_line is not None), None)
     code = max((report.exit_code for report in reports), default=0)
     if stopped is not None and code == 0:
+        if stopped.resume_line:
+            print(f"to go on: --from-line {stopped.resume_line}", file=sys.stderr)
         print(_where_stopped(stopped), file=sys.stderr)
         return EXIT_STOPPED
     return code or int(any(finding.severity in counting for report in reports for finding in report.counting)) * EXIT_REJECTED
@@ -72,8 +74,7 @@ def _where_stopped(report: Report) -> str:
     if report.board is None or not report.stopped_at_line:
         return "stopped by the operator; nothing has moved"
     place = " ".join(f"{axis.upper()}{position(value)}" for axis, value in report.end_position.items())
-    onwards = f"; go on with --from-line {report.resume_line}" if report.resume_line else ""
-    return f"stopped by the operator at line {report.stopped_at_line}; the board has come to rest at {place}{onwards}"
+    return f"stopped by the operator at line {report.stopped_at_line}; the board has come to rest at {place}"
 
 
 def write_summary(name: str, summary: Report | Sequence[Report]) -> None:
