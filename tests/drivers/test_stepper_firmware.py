@@ -178,6 +178,19 @@ def test_pulses_are_as_long_as_asked_and_directions_there_before(axes: int, puls
     simulator.close()
 
 
+@pytest.mark.parametrize(("pulse_us", "setup_us"), [(20, 20), (60, 60), (10, 30)])
+def test_steps_as_near_as_long_pulses_allow_come_at_their_time(simulator: Simulator, pulse_us: int, setup_us: int) -> None:
+    known = with_axes(3, step_pulse=pulse_us * 1e-6, direction_setup=setup_us * 1e-6)
+    slow = {letter: axis.model_copy(update={"max_velocity": 5.0}) for letter, axis in known.axes.items()}
+    time_ns, step = line(1_000, (pulse_us + max(pulse_us, setup_us) + 4) * 1_000)
+    with board(simulator, known=known.model_copy(update={"axes": slow})) as driver:
+        driver.start(np.zeros(3, np.int64))
+        send_all(driver, time_ns, step, lambda sent: None)
+    cycles, made = simulator.moves()
+    np.testing.assert_array_equal(made, step)
+    assert off_plan_us(cycles, time_ns) <= CLOSE_US
+
+
 class Noise(SimulatorPort):
     """Spikes on the switches' wires, at any moment: shorter than a switch is looked at, but often."""
 
