@@ -79,9 +79,8 @@ class Judge:
         """Whether the board has motion enough ahead of it for now."""
         if not self.way.lines:
             return False
-        overrides = status.overrides or (NORMAL, NORMAL, NORMAL)
-        slowest = max(min(overrides[0], overrides[1], NORMAL), 1)
-        return self.way.seconds * NORMAL / slowest > self._ahead
+        feed, rapid, _ = status.overrides or (NORMAL, NORMAL, NORMAL)
+        return self.way.seconds_at(max(feed, 1), max(rapid, 1)) > self._ahead
 
     def told(self, event: Event, now: float) -> BoardError | None:
         """What the board said; what is wrong with that."""

@@ -39,7 +39,7 @@ FULL_TURN = 5e-7
 
 _WORD = re.compile(r"([A-Z])([-+]?[0-9]*\.?[0-9]+|[-+]?[0-9]+\.)")
 _MOTION = {"0": 0, "1": 1, "2": 2, "3": 3, "38.2": 4, "38.3": 4, "38.4": 4, "38.5": 4}
-_ARCS, _PROBE = (2, 3), 4
+_TRAVERSE, _ARCS, _PROBE = 0, (2, 3), 4
 _PLANES = {"17": (0, 1), "18": (2, 0), "19": (1, 2)}
 _HARMLESS = frozenset(("4", "21", "40", "49", "54", "61", "80", "90", "94"))
 _ENDS = frozenset(("2", "30"))
@@ -128,6 +128,8 @@ class Whereabouts:
         self._moves: deque[Straight | Round] = deque()
         self._sent = 0
         self._numbers: deque[int] = deque()
+        self._traverses: deque[float] = deque()
+        self._traversing = 0.0
         self._passed = 0.0
         self._seconds = 0.0
         self._said = (0, 0.0)
@@ -142,7 +144,8 @@ class Whereabouts:
         """The board stands still here, with nothing to do."""
         self._moves.clear()
         self._numbers.clear()
-        self._passed = self._seconds = 0.0
+        self._traverses.clear()
+        self._passed = self._seconds = self._traversing = 0.0
         self._said = (0, 0.0)
         self._direction = None
         self._open_end = False
@@ -154,6 +157,14 @@ class Whereabouts:
         if self._at is None or not self._moves:
             return 0.0
         return self._seconds - self._passed * self._moves[0].seconds
+
+    def seconds_at(self, feed: float, rapid: float) -> float:
+        """The same at overrides of feeds and traverses, per cent."""
+        ahead = self.seconds
+        if not ahead:
+            return 0.0
+        traversing = self._traversing - self._passed * self._traverses[0]
+        return (ahead - traversing) * 100.0 / feed + traversing * 100.0 / rapid
 
     @property
     def lines(self) -> int:
@@ -257,6 +268,7 @@ class Whereabouts:
     def _leave(self) -> None:
         """The first of the moves is over."""
         self._seconds -= self._moves.popleft().seconds
+        self._traversing -= self._traverses.popleft()
         self._numbers.popleft()
         self._passed = 0.0
         number, part = self._said
@@ -275,7 +287,10 @@ class Whereabouts:
             direction = [(b - a) / length for a, b in zip(start, end, strict=True)]
             move = Straight(line, start, end, length, self._time(length, direction))
             self._direction = direction
+        traverse = move.seconds if self._motion == _TRAVERSE else 0.0
         self._seconds = self._seconds + move.seconds if self._moves else move.seconds
+        self._traversing = self._traversing + traverse if self._moves else traverse
+        self._traverses.append(traverse)
         self._moves.append(move)
         self._numbers.append(self._sent - 1)
 

@@ -279,7 +279,8 @@ class SecondPass:
             done = progress.rows - (progress.buffered or 0)
             # The board follows the operator's feed override; those of traverses are its own.
             feed, rapid = control.feed_override, board.rapid_override
-            left = countdown.left(board.now(), done, held=progress.held, feed_override=feed, rapid_override=rapid)
+            rests = progress.held or not progress.rows
+            left = countdown.left(board.now(), done, held=rests, feed_override=feed, rapid_override=rapid)
             tell(replace(progress, left=left))
 
         if self._begin is not None:

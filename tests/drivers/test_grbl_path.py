@@ -134,6 +134,21 @@ def test_the_time_that_lies_ahead(lines: list[str], seconds: float) -> None:
     assert follower.seconds == pytest.approx(seconds)
 
 
+def test_overrides_stretch_the_moves_that_they_are_for() -> None:
+    follower = Whereabouts(PLANNER, (0.0, 0.0, 0.0), SLACK, Limits((20.0,) * 3, (20.0,) * 3))
+    follower.begin((0.0, 0.0, 0.0))
+    for number, line in enumerate(["G0 X20", "G1 Y10 F600"]):
+        follower.send(line, number)
+    traverse, feed = 2.0, 1.5
+    assert follower.seconds_at(100.0, 100.0) == pytest.approx(traverse + feed)
+    assert follower.seconds_at(200.0, 25.0) == pytest.approx(4.0 * traverse + 0.5 * feed)
+    # at the end of the traverse that is over
+    follower.off((20.0, 0.0, 0.0), 0)
+    follower.off((20.0, 5.0, 0.0), 0)
+    follower.off((20.0, 5.0, 0.0), 0)
+    assert follower.seconds_at(50.0, 25.0) == pytest.approx(2.0 * 0.5 * feed)
+
+
 @pytest.mark.parametrize("line", ["G91", "G1 X1 R2", "G53 G0 X1", "$H", "G20", "X"])
 def test_what_is_not_understood_is_not_judged(line: str) -> None:
     follower = Whereabouts(PLANNER, (0.0, 0.0, 0.0))
