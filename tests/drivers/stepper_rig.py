@@ -76,26 +76,28 @@ def wander(seed: int, rows: int, least_ns: int) -> tuple[NDArray[np.int64], NDAr
     return np.cumsum(gaps), step
 
 
-class BadCable(SimulatorPort):
-    """A line that damages, drops and doubles bytes, each with the same chance, both ways."""
+FAULTS = ("damaged", "dropped", "doubled", "all")
 
-    def __init__(self, simulator: Simulator, chance: float, seed: int) -> None:
+
+class BadCable(SimulatorPort):
+    """A line that damages, drops or doubles bytes, or each of that, with the same chance, both ways."""
+
+    def __init__(self, simulator: Simulator, chance: float, seed: int, faults: str = "all") -> None:
         super().__init__(simulator)
         self.chance = chance
+        self.kinds = FAULTS[:3] if faults == "all" else (faults,)
         self.random = random.Random(seed)
 
     def _spoilt(self, data: bytes) -> bytes:
         out = bytearray()
         for byte in data:
-            fate = self.random.random()
-            if fate < self.chance:
-                out.append(byte ^ 1 << self.random.randrange(8))
-            elif fate < 2 * self.chance:
-                continue
-            elif fate < 3 * self.chance:
-                out += bytes((byte, byte))
-            else:
+            share, fate = divmod(self.random.random(), self.chance)
+            if share >= len(self.kinds):
                 out.append(byte)
+            elif self.kinds[int(share)] == "damaged":
+                out.append(byte ^ 1 + int(fate / self.chance * 255))
+            elif self.kinds[int(share)] == "doubled":
+                out += bytes((byte, byte))
         return bytes(out)
 
     def read(self, timeout: float) -> bytes:
@@ -109,6 +111,16 @@ def off_plan_us(cycles: NDArray[np.int64], time_ns: NDArray[np.int64]) -> float:
     """How far an edge is from its time; when the whole began is taken so that it is least."""
     late = cycles * (1e6 / FREQUENCY) - time_ns * 1e-3
     return float(late.max() - late.min()) / 2 if len(late) else 0.0
+
+
+def assert_played(cycles: NDArray[np.int64], time_ns: NDArray[np.int64]) -> None:
+    """Moves are on time; or they are to a moment, and from there on each is later than the one before: a ramp, nothing made up for."""
+    late_us = cycles * (1e6 / FREQUENCY) - time_ns[: len(cycles)] * 1e-3
+    late_us -= np.median(late_us[:50])
+    off = np.flatnonzero(np.abs(late_us) > CLOSE_US)
+    if len(off):
+        assert (np.diff(late_us[off[0] :]) > -2 * CLOSE_US).all()
+        assert late_us[off[0]] > 0.0
 
 
 def stands_at(moves: NDArray[np.int8]) -> list[int]:
