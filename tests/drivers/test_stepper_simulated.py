@@ -11,8 +11,21 @@ from cnc.canon import Coolant, Dwell, Spindle
 from cnc.drivers.stepper import Stepper
 from cnc.errors import BoardError
 from cnc.segments import SegmentDecoder
-from drivers.stepper_rig import CLOSE_US, FAULTS, BadCable, assert_played, board, chunks, eased, line, off_plan_us, stands_at, wander
-from drivers.stepper_simulator import FREQUENCY, Simulator
+from drivers.stepper_rig import (
+    CLOSE_US,
+    FAULTS,
+    BadCable,
+    assert_played,
+    board,
+    chunks,
+    eased,
+    line,
+    machine,
+    off_plan_us,
+    stands_at,
+    wander,
+)
+from drivers.stepper_simulator import FREQUENCY, Simulator, SimulatorPort
 from support import share
 
 LEAST_NS = 18_000
@@ -295,40 +308,62 @@ def test_the_spindle_stops_when_the_host_is_silent(simulator: Simulator) -> None
         assert said.alarm.name == "SILENCE"
 
 
-def test_a_cable_that_is_pulled(simulator: Simulator) -> None:
+class LooseCable(SimulatorPort):
+    """Carries nothing, either way, from a moment to another."""
+
+    def __init__(self, simulator: Simulator, pulled: float, put_back: float) -> None:
+        super().__init__(simulator)
+        self.pulled, self.put_back = pulled, put_back
+
+    @property
+    def off(self) -> bool:
+        return self.pulled <= self.now() < self.put_back
+
+    def read(self, timeout: float) -> bytes:
+        data = super().read(min(timeout, max(self.pulled - self.now(), 0.001)) if not self.off else timeout)
+        return b"" if self.off else data
+
+    def write(self, data: bytes) -> None:
+        if not self.off:
+            super().write(data)
+
+
+@pytest.mark.parametrize("seed", range(share(50, 4)))
+def test_a_cable_that_is_pulled_and_put_back(simulator: Simulator, seed: int) -> None:
+    """For 10 ms to 5 s: nothing has happened, or the error comes within a second, with the last line, and nothing moves after that."""
+    chance = np.random.default_rng(seed)
     time_ns, step = eased(6_000, 50_000)
-    with board(simulator) as driver:
-        driver.start(ORIGIN)
-        port = driver._wire.port
-        pulled = None
-        real_read, real_write = port.read, port.write
-
-        def read(timeout: float) -> bytes:
-            data = real_read(timeout)
-            return b"" if pulled else data
-
-        def write(data: bytes) -> None:
-            if not pulled:
-                real_write(data)
-
-        port.read, port.write = read, write
-
-        def pull() -> None:
-            nonlocal pulled
-            if pulled is None and simulator.now > 0.25:
-                pulled = simulator.now
-
-        with pytest.raises(BoardError) as caught:
-            send_all(driver, time_ns, step, pull)
-        assert caught.value.diagnostic.code == "board-silent"
-        assert simulator.now - pulled < 1.0
-        simulator.run(0.5)
-        _, made = simulator.moves()
-        pulled = None
-        simulator.run(1.0)
+    cable = LooseCable(simulator, 1e9, 0.0)
+    fault = None
+    driver = Stepper(cable, machine(), "the simulator", clock=cable)
+    driver.start(ORIGIN)
+    cable.pulled = simulator.now + float(chance.uniform(0.05, 0.5))
+    cable.put_back = cable.pulled + (0.01, 5.0, 0.1, float(10 ** chance.uniform(-2.0, 0.7)))[min(seed, 3)]
+    try:
+        send_all(driver, time_ns, step)
+    except BoardError as error:
+        fault = error.diagnostic
+        assert simulator.now - cable.pulled < 1.0
+    simulator.run(0.5)
+    cycles, made = simulator.moves()
+    np.testing.assert_array_equal(made, step[: len(made)])
+    assert_played(cycles, time_ns)
+    if fault is None:
+        assert len(made) == len(step)
+    else:
+        assert 0 < len(made) < len(step)
+        simulator.run(max(cable.put_back - simulator.now, 0.0) + 1.0)
         assert len(simulator.moves()[1]) == len(made), "it goes on by itself"
-        np.testing.assert_array_equal(made, step[: len(made)])
-        assert list(status(simulator).position[:3]) == stands_at(made)
+        said = status(simulator)
+        assert said.state.name == "ALARM"
+        assert list(said.position[:3]) == stands_at(made)
+        if fault.code == "board-silent":
+            # the last that is known to have reached the board: of what came after it no answer came back
+            assert abs(time_ns[fault.line - 1] - time_ns[len(made) - 1]) < 150e6
+        else:
+            assert fault.line == len(made)
+            assert driver.position_steps.tolist() == stands_at(made)
+    driver.close()
 
 
 def test_the_decoder_knows_what_goes_over_the_wire(simulator: Simulator) -> None:
