@@ -321,7 +321,10 @@ static void placed_slot(void)
 static void placed_slots(void)
 {
     uint16_t now = timer();
-    for (uint8_t k = 0; k < BURST / 3 && segment.left && !waiting_count && room() >= 3 && early(now); k++)
+    uint8_t free = room();
+    if (free > BURST)
+        free = BURST;
+    for (; free >= 3 && segment.left && !waiting_count && early(now); free -= 3)
         placed_slot();
 }
 

@@ -351,11 +351,11 @@ def test_a_cable_that_is_pulled_and_put_back(simulator: Simulator, seed: int) ->
     if fault is None:
         assert len(made) == len(step)
     else:
-        assert 0 < len(made) < len(step)
+        assert len(made)
         simulator.run(max(cable.put_back - simulator.now, 0.0) + 1.0)
         assert len(simulator.moves()[1]) == len(made), "it goes on by itself"
         said = status(simulator)
-        assert said.state.name == "ALARM"
+        assert said.state.name == ("ALARM" if len(made) < len(step) else "IDLE"), "all of it may have got through"
         assert list(said.position[:3]) == stands_at(made)
         if fault.code == "board-silent":
             # the last that is known to have reached the board: of what came after it no answer came back
