@@ -290,11 +290,11 @@ class GrblProtocol:
             return Stray(code)
         sent = self._ledger.popleft()
         self._used -= sent.size
+        self._marks -= sent.mark
         if code:
             self.state = State.FAILED
             return Rejected(sent, code)
         if sent.mark:
-            self._marks -= 1
             if not sent.seen:
                 return self._lost(sent.line)
             self._verified_line = sent.line

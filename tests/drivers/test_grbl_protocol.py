@@ -279,6 +279,18 @@ def test_a_mark_shows_whether_the_feed_arrived(told: str, fine: bool) -> None:
     assert any(isinstance(event, Lost) for event in events) is not fine
 
 
+@pytest.mark.parametrize("behind", [b"", b"ok\r\n", b"[GC:G1 F500 S0]\r\nok\r\n"])
+def test_a_mark_that_is_refused_is_over(behind: bytes) -> None:
+    """A half line before it made one of both, and the board goes on."""
+    protocol = ready()
+    protocol.send("G1X1", 1)
+    protocol.mark()
+    events = protocol.receive(b"ok\r\nerror:3\r\n" + behind)
+    rejected = [event for event in events if isinstance(event, Rejected)]
+    assert [event.sent.text for event in rejected] == ["$G"]
+    assert protocol.state is State.FAILED
+
+
 def test_marks_cost_three_bytes_and_one_is_under_way() -> None:
     protocol = ready()
     assert protocol.mark() == b"$G\n"
