@@ -28,6 +28,7 @@ MACHINE = load_machine("grbl-uno")
 LATEST = 5.0
 PROGRAM = [PREAMBLE, *(f"G1 X{k % 3 * 2}.5 Y{k % 5}.25 F400" for k in range(24))]
 END = (4.5, 3.25, 0.0)
+ROUTER = {110: 5000.0, 111: 5000.0, 120: 250.0, 121: 250.0}
 
 
 class Wire:
@@ -105,6 +106,41 @@ def test_whatever_happens_to_what_the_board_says_the_run_ends_well_or_in_a_fault
             assert error.exit_code == 3
             assert box.now - begins < 25.0
             assert moves_no_more(box), seed
+
+
+@pytest.mark.parametrize("wrong", ["drop", "flip", "double"])
+def test_a_line_that_is_damaged_on_its_way_is_told_in_time_and_named(wrong: str) -> None:
+    """Bytes of one line are lost, changed by a bit, or come twice; on a fresh board moves take seconds."""
+    for seed in range(share(40, 6)):
+        rng = random.Random(f"{wrong} {seed}")
+        box = GrblBox((GRBL, GRBLHAL)[seed % 2], settings=(None, ROUTER)[seed // 2 % 2])
+        board, wire = started(box)
+        places = [f"X{rng.uniform(0, 9):.3f} Y{rng.uniform(0, 9):.3f}" for _ in range(30)]
+        lines = [PREAMBLE, *(f"G1 {place} F1500" if k % 3 == 0 else place for k, place in enumerate(places))]
+        victim = rng.randint(3, 28)
+        struck: list[float] = []
+
+        def damage(data: bytes, rng: random.Random = rng, text: bytes = lines[victim].encode() + b"\n", box: GrblBox = box) -> bytes:
+            if data != text or struck:
+                return data
+            struck.append(box.now)
+            at, count = rng.randrange(len(data)), rng.randint(1, 8)
+            if wrong == "drop":
+                return data[:at] + data[at + count :]
+            if wrong == "double":
+                return data[: at + count] + data[at:]
+            # a blank would become the "!" of a hold, which nobody can tell from a button of the machine's
+            return data if data[at] == ord(" ") else data[:at] + bytes([data[at] ^ rng.choice((1, 2, 4, 8))]) + data[at + 1 :]
+
+        wire.said = damage
+        error = fault(board, *lines)
+        if error is None:
+            assert box.position == pytest.approx((*(float(word[1:]) for word in places[-1].split()), 0.0), abs=0.01), seed
+            continue
+        assert box.now - struck[0] <= LATEST, (seed, error)
+        # where it leaves its way is told by five reports a second
+        assert -4 <= error.diagnostic.line - (victim + 1) <= 2, (seed, error)
+        assert moves_no_more(box), seed
 
 
 @pytest.mark.parametrize("make", [Unplug, Freeze])
