@@ -108,6 +108,27 @@ def test_whatever_happens_to_what_the_board_says_the_run_ends_well_or_in_a_fault
             assert moves_no_more(box), seed
 
 
+class Damage:
+    """Strikes the first line that reads ``text``."""
+
+    def __init__(self, wrong: str, text: bytes, rng: random.Random, box: GrblBox) -> None:
+        self.wrong, self.text, self.rng, self.box = wrong, text, rng, box
+        self.struck = 0.0
+
+    def said(self, data: bytes) -> bytes:
+        if data != self.text or self.struck:
+            return data
+        self.struck = self.box.now
+        at, count = self.rng.randrange(len(data)), self.rng.randint(1, 8)
+        if self.wrong == "drop":
+            return data[:at] + data[at + count :]
+        if self.wrong == "double":
+            return data[: at + count] + data[at:]
+        # a blank would become the "!" of a hold, which nobody can tell from a button of the machine's
+        bit = 0 if data[at] == ord(" ") else self.rng.choice((1, 2, 4, 8))
+        return data[:at] + bytes([data[at] ^ bit]) + data[at + 1 :]
+
+
 @pytest.mark.parametrize("wrong", ["drop", "flip", "double"])
 def test_a_line_that_is_damaged_on_its_way_is_told_in_time_and_named(wrong: str) -> None:
     """Bytes of one line are lost, changed by a bit, or come twice; on a fresh board moves take seconds."""
@@ -118,26 +139,13 @@ def test_a_line_that_is_damaged_on_its_way_is_told_in_time_and_named(wrong: str)
         places = [f"X{rng.uniform(0, 9):.3f} Y{rng.uniform(0, 9):.3f}" for _ in range(30)]
         lines = [PREAMBLE, *(f"G1 {place} F1500" if k % 3 == 0 else place for k, place in enumerate(places))]
         victim = rng.randint(3, 28)
-        struck: list[float] = []
-
-        def damage(data: bytes, rng: random.Random = rng, text: bytes = lines[victim].encode() + b"\n", box: GrblBox = box) -> bytes:
-            if data != text or struck:
-                return data
-            struck.append(box.now)
-            at, count = rng.randrange(len(data)), rng.randint(1, 8)
-            if wrong == "drop":
-                return data[:at] + data[at + count :]
-            if wrong == "double":
-                return data[: at + count] + data[at:]
-            # a blank would become the "!" of a hold, which nobody can tell from a button of the machine's
-            return data if data[at] == ord(" ") else data[:at] + bytes([data[at] ^ rng.choice((1, 2, 4, 8))]) + data[at + 1 :]
-
-        wire.said = damage
+        damage = Damage(wrong, lines[victim].encode() + b"\n", rng, box)
+        wire.said = damage.said
         error = fault(board, *lines)
         if error is None:
             assert box.position == pytest.approx((*(float(word[1:]) for word in places[-1].split()), 0.0), abs=0.01), seed
             continue
-        assert box.now - struck[0] <= LATEST, (seed, error)
+        assert box.now - damage.struck <= LATEST, (seed, error)
         # where it leaves its way is told by five reports a second
         assert -4 <= error.diagnostic.line - (victim + 1) <= 2, (seed, error)
         assert moves_no_more(box), seed
