@@ -323,7 +323,8 @@ def test_a_machine_without_switches_says_what_it_takes_for_granted(bench: Bench,
 def test_the_command(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr("cnc.api.open_board", lambda machine, **_: bench.driver(machine))
     file = tmp_path / "m.toml"
-    axis_text = "steps_per_mm = 100\nmax_velocity = 40\nmax_acceleration = 400\nmax_jerk = 15000\nhoming.seek = 40\nhoming.latch = 5\nhoming.pull_off = 0.5\n"
+    axis_text = "steps_per_mm = 100\nmax_velocity = 40\nmax_acceleration = 400\nmax_jerk = 15000\n"
+    axis_text += "homing = { seek = 40, latch = 5, pull_off = 0.5 }\n"
     travels = {"x": "[0, 8]", "y": "[-2, 6]", "z": "[-5, 1]"}
     axes = "".join(f"[axes.{letter}]\n{axis_text}travel = {travel}\n" for letter, travel in travels.items())
     file.write_text(axes + '[board]\nkind = "stepper"\n[homing]\norder = ["z", "y", "x"]\n')
