@@ -55,7 +55,7 @@ class Replay:
     """A board that stands at ``at`` (machine mm), whose work coordinates lie at ``offset``.
 
     arc_tolerance: ``$12``. travel: lowest and highest of each axis, or None. points: where the motion so far went; sources: number of the
-    line of each; feeds: mm/min of each way to a point (nan: traverse).
+    line of each; feeds: mm/min of each way to a point (nan: traverse). arcs: line, plane and radius of each arc.
     """
 
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -70,6 +70,7 @@ class Replay:
     sources: list[int] = field(default_factory=list)
     feeds: list[float] = field(default_factory=list)
     rests: list[int] = field(default_factory=list)
+    arcs: list[tuple[int, int, float]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.here = [F(value) for value in self.at]
@@ -137,6 +138,7 @@ class Replay:
         oi, oj = given.get(letters[i], F(0)), given.get(letters[j], F(0))
         x, y = F(F(target[i] - self.here[i]) - oi), F(F(target[j] - self.here[j]) - oj)
         radius, ends = hypot(oi, oj), hypot(x, y)
+        self.arcs.append((self.lines, self.plane, float(radius)))
         off = abs(float(ends) - float(radius))
         if off > 0.005 and (off > 0.5 or off > 0.001 * float(radius)):
             raise Refused(f"error:33: {text}")

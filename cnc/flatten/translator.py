@@ -33,8 +33,8 @@ from cnc.flatten.arcfit import Move, moves
 from cnc.flatten.commands import Commands, probe_word
 from cnc.flatten.room import Room
 from cnc.flatten.smooth import SMOOTHING
-from cnc.flatten.strand import Strand, Strands
-from cnc.flatten.words import LETTERS
+from cnc.flatten.strand import PlaneArc, Strand, Strands
+from cnc.flatten.words import LETTERS, PLANE_COLUMNS
 from cnc.flatten.writer import Point, Writer
 from cnc.machine.models import Machine
 from cnc.planner.plan import PlanChunk
@@ -82,6 +82,9 @@ class Translator:
         self._axes = axes
         self._commands = Commands(mist=mist)
         self._chord = arc_tolerance
+        given = [machine.axes.get(letter) for letter in ("x", "y", "z")]
+        self._accelerations = [math.inf if axis is None else axis.max_acceleration or math.inf for axis in given]
+        self._normal = machine.path.max_normal_acceleration or math.inf
         self._fit = FITTING * self.tolerance
         self._room = Room.of(machine, margin)
         self._strands = Strands(axes, DENSE * self.tolerance, self._room)
@@ -181,10 +184,20 @@ class Translator:
             if not writer.placed and self._position is not None:
                 for text in writer.line(self._position, move.speed, move.feed):
                     yield GcodeLine(text, move.line)
-            texts = writer.arc(move.end, arc.plane, arc.center, arc.sweep, move.speed, move.feed, fitted=arc.fitted)
+            speed = min(move.speed, self._fastest_round(arc, move.end)) if arc.fitted else move.speed
+            texts = writer.arc(move.end, arc.plane, arc.center, arc.sweep, speed, move.feed, fitted=arc.fitted)
         for text in texts:
             yield GcodeLine(text, move.line)
         self._position, self._rests = move.end, move.rests
+
+    def _fastest_round(self, arc: PlaneArc, end: Point) -> float:
+        """The speed, mm/s, at which an arc takes up the acceleration of its axes: it may be bent more than the path that it is for."""
+        i, j, across = PLANE_COLUMNS[arc.plane]
+        radius = math.dist((end[i], end[j]), arc.center)
+        climb = 0.0 if self._position is None else end[across] - self._position[across]
+        level = radius * abs(arc.sweep)
+        pull = min(self._normal, self._accelerations[i], self._accelerations[j])
+        return math.sqrt(pull * radius) * math.hypot(level, climb) / max(level, 1e-9)
 
     def _probe(self, probe: Probe) -> GcodeLine:
         for axis, end in zip(self._axes, probe.end.tolist(), strict=True):

@@ -20,7 +20,7 @@ from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from deviation import path_points
 from geometry_programs import Geometry, geometry
-from grbl_replay import Refused, leash_of, parted_at, read_number, replayed, same_motion
+from grbl_replay import PLANES, Refused, leash_of, parted_at, read_number, replayed, same_motion
 from support import share
 
 ROUTER = load_machine("grbl-uno")
@@ -134,6 +134,28 @@ def test_lines_are_a_program_in_grbls_dialect_with_the_same_path(seed):
     points = np.concatenate([np.zeros((1, 3)), *(path_points(chunk) for chunk in path if isinstance(chunk, PathChunk))])
     truth = np.concatenate(made.points)
     assert same_motion(truth, points, 0.01 + FLOATS), leash_of(truth, points)
+
+
+@settings(max_examples=share(300, 8))
+@given(seed=st.integers(0, 10**6))
+def test_feeds_are_positive_bends_are_slow_and_lines_come_no_faster_than_a_board_reads_them(seed):
+    """Centripetal acceleration is at most what two axes give together; of F words a twentieth is left out. 385 short lines a second."""
+    replay = replayed(lines_of(geometry(seed).lines, ANYWHERE))
+    points, feeds = np.array(replay.points), np.array(replay.feeds) / 60.0
+    assert not (feeds[1:] <= 0.0).any()
+    pull = 250.0 * math.sqrt(2.0) * 1.05**2 * 1.05
+    for line, plane, radius in replay.arcs:
+        chord = np.flatnonzero(np.array(replay.sources) == line)
+        ways = points[chord] - points[chord - 1]
+        level = np.linalg.norm(np.delete(ways, PLANES[plane][2], axis=1), axis=1).sum() / np.linalg.norm(ways, axis=1).sum()
+        assert (feeds[chord[0]] * level) ** 2 / radius <= pull
+    ends = np.flatnonzero(np.diff(replay.sources, append=-1))
+    seconds = np.add.reduceat(
+        np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1) / np.nan_to_num(feeds, nan=1.0), [0, *ends[:-1] + 1]
+    )
+    ahead = 15
+    for first in range(len(seconds) - 2 * ahead):
+        assert seconds[first : first + 2 * ahead].sum() >= 0.95 * ahead / 385.0
 
 
 def chords(points: np.ndarray, tolerance: float) -> int:
