@@ -53,7 +53,7 @@ def compare(truth: np.ndarray, texts: list[str], leash: float, **board: object) 
 OFFSETS = st.tuples(*[st.floats(-300, 300).map(lambda x: round(x, 3))] * 3)
 
 
-@settings(max_examples=share(1000, 40))
+@settings(max_examples=share(1000, 30))
 @given(
     seed=st.integers(0, 10**6),
     offset=OFFSETS,
@@ -66,7 +66,7 @@ def test_random_programs_are_played_as_the_same_motion(seed, offset, tolerance, 
     compare(np.concatenate(made.points), texts, tolerance + FLOATS, offset=offset, arc_tolerance=arc_tolerance)
 
 
-@settings(max_examples=share(500, 20))
+@settings(max_examples=share(500, 12))
 @given(seed=st.integers(0, 10**6), offset=OFFSETS, error=st.tuples(*[st.floats(-4.9e-4, 4.9e-4)] * 3))
 def test_what_is_sent_never_leaves_the_travel_that_the_program_keeps_to(seed, offset, error):
     """The travel ends where the program's path does, and the board's offset is one that it tells with three decimals."""
@@ -124,7 +124,7 @@ def test_the_judge_sees_another_order():
     assert leash_of(circle, circle + [0.0, 0.0, 0.01]) == pytest.approx(0.01, abs=1e-4)
 
 
-@settings(max_examples=share(300, 8))
+@settings(max_examples=share(300, 6))
 @given(seed=st.integers(0, 10**6))
 def test_lines_are_a_program_in_grbls_dialect_with_the_same_path(seed):
     """What is written can be read again here, as GRBL's dialect and nothing else, and leads the same way."""
@@ -136,7 +136,7 @@ def test_lines_are_a_program_in_grbls_dialect_with_the_same_path(seed):
     assert same_motion(truth, points, 0.01 + FLOATS), leash_of(truth, points)
 
 
-@settings(max_examples=share(300, 8))
+@settings(max_examples=share(300, 6))
 @given(seed=st.integers(0, 10**6))
 def test_feeds_are_positive_bends_are_slow_and_lines_come_no_faster_than_a_board_reads_them(seed):
     """Centripetal acceleration is at most what two axes give together; of F words a twentieth is left out. 385 short lines a second."""
@@ -185,7 +185,7 @@ def test_splines_take_fewer_lines_than_chords(degree):
     """Random ones in a plane, with weights and knots of all kinds: at most six tenths of as many lines as chords of the same
     tolerance, which end on the curve and are as long as they can be."""
     ours = theirs = 0
-    for seed in range(share(40, 5)):
+    for seed in range(share(40, 4)):
         made = Geometry(np.random.default_rng(seed))
         made.points.append(np.zeros((1, 3)))
         made.lines += ["G21 G90 G94 G17", "G0 X0 Y0 Z0"]
