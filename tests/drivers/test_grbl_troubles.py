@@ -19,16 +19,13 @@ from cnc.drivers.grblbox.flavour import GRBL, GRBLHAL, Flavour
 from cnc.drivers.grblbox.ports import BoxPort
 from cnc.drivers.grblbox.world import World
 from cnc.errors import BoardError
-from cnc.machine.load import load_machine
 from cnc.stream import GcodeLine
+from grbl_rig import LATEST, MACHINE, ROUTER
 from line_board_conformance import ORIGIN, PREAMBLE, feed
 from support import share
 
-MACHINE = load_machine("grbl-uno")
-LATEST = 5.0
 PROGRAM = [PREAMBLE, *(f"G1 X{k % 3 * 2}.5 Y{k % 5}.25 F400" for k in range(24))]
 END = (4.5, 3.25, 0.0)
-ROUTER = {110: 5000.0, 111: 5000.0, 120: 250.0, 121: 250.0}
 
 
 class Wire:
