@@ -15,7 +15,7 @@ from cnc.drivers.grbl_info import BoardInfo
 from cnc.drivers.grbl_messages import Feedback, Other, Setting, Welcome
 from cnc.drivers.grbl_protocol import Alarmed, Confirmed, Event, GrblProtocol, RealTime, Rejected, Reported, Sent, Started, State, Stray
 from cnc.drivers.grbl_status import Status
-from cnc.drivers.port import Clock, Port, PortLost
+from cnc.drivers.port import Clock, Port
 from cnc.errors import BoardError
 
 POLL = 0.2
@@ -38,7 +38,7 @@ WRITING = 0.5
 """Seconds in which a board has written a setting or an offset: some bytes of 3.4 ms each."""
 GREETINGS = 3
 """Times that a conversation is begun anew."""
-DROPPED = 10
+DROPPED = 20
 """Times that a board which does not answer is told to stop: what makes it silent may swallow bytes, too."""
 OLDEST = (1, 1)
 """The version that this protocol is of."""
@@ -200,12 +200,13 @@ class GrblLink:
         return faults.alarmed(self._alarms[0], 0, hal=self.info.hal) if self._alarms else None
 
     def drop(self) -> None:
-        """For a board that does not answer any more: hold and reset, whether it hears or not."""
-        with contextlib.suppress(PortLost):
+        """For a board that does not answer any more: hold and reset, until it greets or it is clear that it does not hear."""
+        with contextlib.suppress(BoardError):
             for _ in range(DROPPED):
                 self.tell(RealTime.HOLD)
                 self.write(self.protocol.reset())
-                self.clock.sleep(POLL_FAST)
+                if self.until(lambda event: isinstance(event, Started), POLL_FAST):
+                    return
 
     def _heard(self, data: bytes) -> list[Event]:
         events = self.protocol.receive(data)
