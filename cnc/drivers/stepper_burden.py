@@ -3,7 +3,7 @@
 Two stores between the computer and the pins take up what comes too fast for a moment: the queue of grid moves before the interrupt, and the
 store of segments behind the wire. Each is a bucket that fills with what the program asks for and empties at the speed that can be kept up:
 
-    grid moves ──► queue ──► one every `least_ns`            segments' bytes ──► store ──► what the wire brings in that time
+    grid moves ──► queue ──► one every `least_ns`      segments' bytes ──► store ──► what the wire brings in that time, and the board decodes
 
 A bucket that runs over is a fault at its source line. It is the same encoder as in the run, and the same pieces.
 """
@@ -14,15 +14,18 @@ import numpy as np
 
 from cnc.drivers.stepper_stream import PIECE_S, TOLERANCE_NS
 from cnc.errors import Diagnostic, MotionLimitError
-from cnc.segments import SegmentEncoder
+from cnc.segments import SegmentEncoder, split
 from cnc.stream import PulseChunk
 
 LATE_NS = 1_000_000
 """By so much grid moves may be late in a burst."""
 KEPT = 510
 """Bytes by which the store may be emptied before the board takes its host for gone: half of what it holds."""
-PAYLOAD = 0.5
-"""Share of the wire's bytes that are the stream's: less than the 0.55 that the board was measured to keep up in the simulator."""
+PAYLOAD = 0.55
+"""Share of the wire's bytes that are the stream's, as measured in the simulator."""
+DECODED_PER_S, HEAD = 65_000, 6
+"""Bytes that the board decodes in a second, each segment counted as so many more: between 200 random programs that it played and 35 that it
+did not, measured in the simulator (docs/stepper-board.md)."""
 
 
 class Burden:
@@ -35,7 +38,7 @@ class Burden:
         self._step_ns = 0
         self._late_ns = 0
         self._piece_ns = round(PIECE_S * 1e9)
-        self._filled = 0.0
+        self._filled = self._undecoded = 0.0
         self._filled_at = 0
         self.most_late_ns = 0
         self.most_filled = 0.0
@@ -51,7 +54,7 @@ class Burden:
             if len(part):
                 rows = slice(int(part[0]), int(part[-1]) + 1)
                 data = self._encoder.push(PulseChunk(time_ns[rows], chunk.step[rows], chunk.line[rows])) + self._encoder.flush()
-                self._send(len(data), int(time_ns[rows][-1]), int(chunk.line[rows][0]))
+                self._send(data, int(time_ns[rows][-1]), int(chunk.line[rows][0]))
 
     def _count(self, chunk: PulseChunk) -> None:
         """The queue: how late each grid move is, if one comes every ``least_ns``."""
@@ -69,12 +72,20 @@ class Burden:
             hint = "lower the feed or max_velocity, use fewer microsteps, or leave --algorithm out"
             raise MotionLimitError(Diagnostic("board-step-rate", message, line=line, hint=hint))
 
-    def _send(self, size: int, time_ns: int, line: int) -> None:
-        """The store: so many bytes that have to be there at a time."""
-        self._filled = max(0.0, self._filled - (time_ns - self._filled_at) * 1e-9 * self._bytes_per_s) + size
+    def _send(self, data: bytes, time_ns: int, line: int) -> None:
+        """The store: so many bytes that have to be there, and decoded, by a time."""
+        seconds = (time_ns - self._filled_at) * 1e-9
         self._filled_at = time_ns
-        self.most_filled = max(self.most_filled, self._filled)
-        if self._filled > KEPT:
-            message = f"the grid moves of this line are too dense for the wire, which brings some {self._bytes_per_s:.0f} bytes a second"
-            hint = "lower the feed, leave --algorithm out, or let the wire be faster (board.baud, and the firmware's BAUD)"
+        self._filled = max(0.0, self._filled + len(data) - seconds * self._bytes_per_s)
+        work = len(data) + HEAD * sum(1 for _ in split(data))
+        self._undecoded = max(0.0, self._undecoded + work - seconds * DECODED_PER_S)
+        self.most_filled = max(self.most_filled, self._filled, self._undecoded)
+        if self.most_filled > KEPT:
+            if self._filled > KEPT:
+                brings = f"{self._bytes_per_s:.0f} bytes a second"
+                message = f"the grid moves of this line are too dense for the wire, which brings some {brings}"
+                hint = "lower the feed, leave --algorithm out, or let the wire be faster (board.baud, and the firmware's BAUD)"
+            else:
+                message = "the grid moves of this line are too dense and too uneven for the board to decode in time"
+                hint = "lower the feed, or leave --algorithm out"
             raise MotionLimitError(Diagnostic("board-too-dense", message, line=line, hint=hint))
