@@ -3,7 +3,7 @@
 Two stores between the computer and the pins take up what comes too fast for a moment: the queue of grid moves before the interrupt, and the
 store of segments behind the wire. Each is a bucket that fills with what the program asks for and empties at the speed that can be kept up:
 
-    grid moves ──► queue ──► one every `least_ns`      segments' bytes ──► store ──► what the wire brings in that time, and the board decodes
+    grid moves ──► queue ──► one every `least_ns`    segments' bytes ──► store ──► what the wire brings in that time, and the board decodes
 
 A bucket that runs over is a fault at its source line. It is the same encoder as in the run, and the same pieces.
 """
