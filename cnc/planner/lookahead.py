@@ -118,15 +118,17 @@ class LookAhead:
             if factor > 0.0:
                 window.override(factor)
             else:
-                window.stop()
+                window.stop(resumes=True)
             if not window.prepared():
                 return
-            if factor == 0.0 and not window.moving:
+            if factor == 0.0 and not window.moving and not window.goes_round:
+                window.rest()
                 self._finish_at_rest()
                 yield from self._taken()
                 yield Held(*window.place)
                 continue
-            self._finish(window.take(self._slice_s))
+            # Round a corner that is gone round before a hold: no further than its ramp belongs to it.
+            self._finish(window.take(0.0 if factor == 0.0 and not window.moving else self._slice_s))
             yield from self._taken()
 
     def _wanted(self) -> float:

@@ -73,6 +73,12 @@ HORIZON = 8.0
 ROOM = 1e-8
 """Relative: more than what the bounds on speed keep free for rounding."""
 
+SAME_RAMP = 1e-6
+"""Relative: by what rounding may make a ramp from rest with constant jerk another one."""
+
+SAME_PLACE = 1e-7
+"""mm: places of the path that differ by less are one; no move is so short."""
+
 HALVINGS = 5
 """Times that the length in which the motion is slowed is halved between too short and long enough."""
 
@@ -104,6 +110,10 @@ class Window:
         """Whether no way was found yet to rest sooner than the plan does."""
         self._slowing = -inf, limits
         """Up to where the motion is being slowed, and the limits until there."""
+        self._round_first: float | None = None
+        """The corner that is gone round before the motion is held."""
+        self._at_rest = True
+        """Whether nothing was handed out since the motion rested."""
 
     @property
     def moving(self) -> bool:
@@ -122,6 +132,7 @@ class Window:
         """Take a chunk into the window; None for a neighbour at which the motion rests."""
         if not self._sections:
             self._at, self._slowing = 0.0, (-inf, self.limits)
+            self._round_first, self._at_rest = None, True
         base = self._sections[-1].end if self._sections else 0.0
         section = Section(Stretch(path, previous, following), self.limits, base, self._travelled)
         self._sections.append(section)
@@ -161,6 +172,7 @@ class Window:
 
     def take(self, seconds: float) -> list[PlanChunk]:
         """The next slice of about ``seconds``, of what :meth:`prepared` found: one plan for each chunk of path that it touches."""
+        self._at_rest = False
         rows, t = slice_end(self._plan[: self._settled], seconds, SLICE_LENGTH)
         if t > 0.0:
             head, tail = cut_inside(self._plan, rows, t)
@@ -186,6 +198,7 @@ class Window:
 
     def override(self, feed_factor: float) -> bool:
         """Go on at another factor of the programmed feeds, from where the next slice begins; False where that has to wait for a slice."""
+        self._round_first = None
         if feed_factor == self.limits.feed_factor and not self._stopping:
             return True
         before, sections = self.limits, self._sections
@@ -200,11 +213,19 @@ class Window:
         self._stopping = False
         return True
 
-    def stop(self) -> None:
-        """Come to rest on the path as soon as the limits allow, from where the next slice begins."""
+    def stop(self, *, resumes: bool = False) -> None:
+        """Come to rest on the path as soon as the limits allow, from where the next slice begins.
+
+        resumes: the motion shall then go on along the same way as if it had not rested. Where it would rest on a corner that is gone round
+        with overlapping ramps, or so near before one that it could not come to it as fast as without the rest, it goes round that corner
+        first. One corner and no more: they may follow each other closely.
+        """
+        if resumes and not self._stopping and self.goes_round:
+            return
         if not self.moving or (self._stopping and not self._stops_late):
             return
         self._rebase()
+        as_planned = self._plan, self._rest_at, self._settled, self._arrived, self._detour, self._left, self._slowing
         self._stops_late = not self._redirect(to_rest=True)
         if self._stops_late:
             # From here nothing is sooner than the plan, which rests at the next stop of the path, or at the end of what is known.
@@ -212,7 +233,51 @@ class Window:
             if self._settled < len(self._plan):
                 self._rest_at = float(self._plan[self._settled, S])
                 self._plan = self._plan[: self._settled]
+        if resumes and self._round_first is None:
+            self._round_first = self._corner_spoilt(as_planned[0])
+            if self._round_first is not None:
+                self._stops_late = False
+                self._plan, self._rest_at, self._settled, self._arrived, self._detour, self._left, self._slowing = as_planned
+                return
         self._stopping = True
+
+    @property
+    def goes_round(self) -> bool:
+        """Whether the motion goes round a corner before it may rest, and has not left that corner yet."""
+        if self._round_first is None and not self.moving and not self._at_rest and self._is_rounded(self._at):
+            self._round_first = self._at
+        return self._round_first is not None and self._at <= self._round_first + SAME_PLACE
+
+    def rest(self) -> None:
+        """The motion rests where the next slice begins: what was handed out is all that was there."""
+        self._at_rest = True
+
+    def _corner_spoilt(self, as_planned: Floats) -> float | None:
+        """The corner ahead that would not be gone round as planned if the motion rested where it is to rest now; None if there is none."""
+        last = first_rest(as_planned)
+        if last == len(as_planned):
+            return None
+        corner = float(as_planned[last, S])
+        if not self._is_rounded(corner) or self._rest_at > corner + SAME_PLACE:
+            return None
+        if self._rest_at < corner - SAME_PLACE:
+            again = self._known(self.limits, self._rest_at, corner)
+            status, phases = plan_to_rest(self._rest_at, again, 0.0, self.limits)
+            ramp = as_planned[last - 1]
+            if status == PLANNED and np.allclose(phases[-1, [DURATION, J]], ramp[[DURATION, J]], rtol=SAME_RAMP, atol=0.0):
+                return None
+        return corner
+
+    def _is_rounded(self, s: float) -> bool:
+        """Whether there is a corner at ``s`` at which ramps shall overlap."""
+        for section in self._sections:
+            here = s - section.base
+            k = int(np.searchsorted(section.piece_s, here - SAME_PLACE))
+            if k == len(section.piece_s) or section.piece_s[k] > here + SAME_PLACE:
+                continue
+            path = section.stretch.path if k else section.stretch.previous
+            return path is not None and bool(path.tolerance[k - 1] > 0.0 and not path.stop_after[k - 1])
+        return False
 
     def _goal(self) -> tuple[float, bool]:
         """To where the path can be planned: its last stop that is known, and if that has been reached, as far as the motion can rest."""
@@ -336,6 +401,8 @@ class Window:
         self._rest_at -= shift
         self._plan[:, S] -= shift
         self._slowing = self._slowing[0] - shift, self._slowing[1]
+        if self._round_first is not None:
+            self._round_first -= shift
 
     def _plan_chunk(self, section: Section, phases: Floats, end: float, v_end: float, a_end: float) -> PlanChunk:
         """Phases over one section as a plan in that section's own arc length, over the pieces that it touches, with the feeds that hold."""

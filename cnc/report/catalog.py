@@ -10,6 +10,8 @@ from cnc.errors import Diagnostic, UsageError
 LESSER = (
     "arc-not-closed",
     "arc-radius-drift",
+    "checkpoint-before",
+    "checkpoint-differs",
     "comment-not-active",
     "compensation-radius-zero",
     "decimal-point-missing",
@@ -18,7 +20,9 @@ LESSER = (
     "feed-unreachable",
     "ignored-code-unknown",
     "move-below-step",
+    "position-assumed",
     "rapid-into-stock",
+    "run-unfinished",
     "spindle-off",
     "spindle-speed-missing",
     "step-rate",

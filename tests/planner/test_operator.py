@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.canon import Block, Held, Overrides, SpindleSync
+from cnc.canon import Block, Held, Overrides, PathMode, SpindleSync
 from cnc.control import Control
 from cnc.errors import UsageError
+from cnc.interpolator.reference_pulse import ReferencePulse
 from cnc.interpolator.sampled import Sampled
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.planner.limits import Limits
@@ -251,6 +252,43 @@ def test_what_the_program_does_not_allow():
             assert sum(c.duration for c in chunks) == pytest.approx(seconds, rel=1e-9)
         else:
             assert holds or sum(c.duration for c in chunks) > 2 * seconds
+
+
+def grid_moves(blocks: list[Block], mill: Machine, moment: float = math.inf) -> tuple[np.ndarray, float, float]:
+    """All grid moves of a program that is held from ``moment`` on; when it was told, and when it rested: at the hold, or in the end."""
+    control, told, rested = Control(), math.inf, math.inf
+    interpolator = ReferencePulse(np.full(3, 100.0), np.zeros(3), 1.0)
+    moves, end = [], 0.0
+    for item in LookAhead(mill, control, slice_s=0.035).plan(path_of(blocks)):
+        if isinstance(item, Held):
+            rested = min(rested, end)
+            control.resume()
+        elif isinstance(item, PlanChunk):
+            moves += [pulses.step for pulses in interpolator.pulses(item)]
+            end = item.t0 + item.duration
+            if end > moment and told == math.inf:
+                control.hold()
+                told = end
+    moves += [pulses.step for pulses in interpolator.settle()]
+    return np.concatenate(moves), told, min(rested, end)
+
+
+@pytest.mark.parametrize("seed", range(share(40, 6)))
+def test_a_hold_near_corners_leaves_the_way_round_them_as_it_is(seed):
+    """The grid moves are those of the run that is not held, in their order; it rests when it can, or one corner later."""
+    rng = np.random.default_rng(seed)
+    mill = machine(axis=(400.0, 15000.0), tangential=None, normal=None, jerk=None, max_feed=40.0)
+    along = np.eye(3)[rng.permutation(np.arange(7) % 3)] * rng.uniform(1.5, 8.0, (7, 1)) * rng.choice((-1.0, 1.0), (7, 1))
+    corners = np.cumsum(along, axis=0)
+    blocks: list[Block] = [PathMode("t.nc", 1, "blend", 0.01), lines(corners, 40.0)]
+    unbroken, _, duration = grid_moves(blocks, mill)
+    # From speeding up to the highest speed and down to rest; then the first phase of a ramp, which is let go of and braked.
+    slowest_stop = 40.0 / 400.0 + 2.0 * 400.0 / 15000.0
+    corner = 4.0 * 400.0 / 15000.0
+    for moment in rng.uniform(0.0, duration, 20):
+        held, told, rested = grid_moves(blocks, mill, moment)
+        np.testing.assert_array_equal(held, unbroken)
+        assert rested - told <= slowest_stop + corner + 1e-3
 
 
 def test_a_hold_before_the_first_move_keeps_it_from_moving():
