@@ -157,7 +157,7 @@ def test_lines_are_checked_on_the_board_without_motion(box: GrblBox, tmp_path: P
 
 def test_home_and_unlock_go_to_a_locked_board_first(tmp_path: Path) -> None:
     box = GrblBox(settings={22: 1})
-    report = ran(box, tmp_path, "$H\n")
+    report = ran(box, tmp_path, "$H\n", dialect="grbl")
     assert report.ok, report.faults
     assert box.position == pytest.approx((-1.0, -1.0, -1.0), abs=0.002)
     locked = ran(GrblBox(settings={22: 1}), tmp_path, "G1 X1 F100\n")
