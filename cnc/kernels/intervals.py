@@ -7,10 +7,13 @@ and last of the motion along the path.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
+from cnc.kernels.scurve import phase_time
 
 Floats = NDArray[np.float64]
 
@@ -60,27 +63,37 @@ def phase_worst(
 ) -> tuple[float, float, int]:  # fmt: skip
     """The largest part of a limit that a phase takes up, at points throughout it and on both sides of each end of an interval.
 
+    The speed is looked at where it is greatest, too: at the instant without acceleration, which may lie between the points.
+
     Returns that of the limits of acceleration and jerk, that of the speed bounds, and the interval in which the phase ends. q: scratch.
     """
     worst = 0.0
     fastest = 0.0
     t_before = 0.0
     s_before = s
+    turn = -a / j if a * j < 0.0 else math.inf
     k = interval_at(s, k, end)
     m = 0
     while m <= DENSE:
         t_next = duration * m / DENSE
-        s_next = s_end if m == DENSE else s + t_next * (v + t_next * (0.5 * a + t_next * j / 6.0))
+        turns = turn < t_next
+        if turns:
+            t_next = turn
+        s_next = s_end if m == DENSE and not turns else s + t_next * (v + t_next * (0.5 * a + t_next * j / 6.0))
         t = t_next
         here = s_next
         crossing = k + 1 < len(end) and end[k] < s_next
         if crossing:
             here = end[k]
-            t = t_before + (t_next - t_before) * (here - s_before) / (s_next - s_before)
+            speed = v + t_before * (a + 0.5 * t_before * j)
+            t = t_before + phase_time(speed, a + t_before * j, j, t_next - t_before, here - s_before)
         else:
             t_before = t_next
             s_before = s_next
-            m += 1
+            if turns:
+                turn = math.inf
+            else:
+                m += 1
         speed = v + t * (a + 0.5 * t * j)
         accel = a + t * j
         for side in range(2):

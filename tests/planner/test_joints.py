@@ -1,0 +1,50 @@
+"""All pairs and triples of moves, joints and path modes at random feeds on random machines: planned, and legal by differences.
+
+Every run takes a new seed. A failure names it: ``CNC_SEED=... pytest tests/planner/test_joints.py`` runs the same programs again.
+"""
+
+import os
+import secrets
+
+import pytest
+
+from joints import JOINTS, KINDS, MODES, SHAPES, joint_program
+from legality import examine
+from support import share
+
+SEED = int(os.environ.get("CNC_SEED") or secrets.randbelow(10**9))
+TOGETHER = 20
+"""Programs in one test."""
+
+REFUSED = {
+    "a feed move and a traverse": "G1 X10 F300\nG0 X20\n",
+    "a slow retract": "G1 Z2 F600\nG0 Z12\n",
+    "a traverse and a feed move": "G0 X10\nG1 X20 F300\n",
+    "feeds 1 : 1000": "G1 X1 F6\nG1 X30 F6000\nG1 X31 F6\n",
+}
+"""Simple programs in which the speed bound changes in the middle of a straight line."""
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_speed_bound_that_changes_on_a_straight_line_is_kept(name, tmp_path):
+    from cnc.api import load_machine
+
+    found = examine(f"G21 G90\n{REFUSED[name]}M30\n", load_machine("default"), tmp_path)
+    assert not found.wrong
+
+
+@pytest.mark.parametrize("first", range(0, share(20_000, 160), TOGETHER))
+def test_moves_that_follow_each_other_are_planned_and_legal(first, tmp_path):
+    for number in range(first, first + TOGETHER):
+        # In every run other shapes, too.
+        text, machine = joint_program(number if share(True, False) else SEED + number, SEED)
+        assert not examine(text, machine, tmp_path).wrong, f"CNC_SEED={SEED}, program {number}:\n{text}\n{machine!r}"
+
+
+def test_programs_have_every_shape_and_mode():
+    assert len(SHAPES) == len(KINDS) ** 2 * len(JOINTS) + len(KINDS) ** 3 * len(JOINTS) ** 2
+    text = "".join(joint_program(number, SEED)[0] for number in range(300))
+    for mode in MODES:
+        assert f"{mode}" in text
+    for code in ("G0 ", "G1 ", "G2 ", "G3 ", "G06.2 "):
+        assert code in text
