@@ -27,14 +27,14 @@ lint: $(VENV)/installed-test
 
 # Speed of reading, planning and interpolating; how fast the planner's motions are, whether they are legal, what they cost.
 bench: $(VENV)/installed-test
-	$(BIN)/python benchmarks/programs.py
-	$(BIN)/python benchmarks/language.py
-	$(BIN)/python benchmarks/sampled.py
-	$(BIN)/python benchmarks/planner.py --whole
-	$(BIN)/python benchmarks/segments.py
-	$(BIN)/python benchmarks/interpolators.py
-	$(BIN)/python benchmarks/checking.py
-	$(BIN)/python benchmarks/view.py
+	$(BIN)/python -m benchmarks.programs
+	$(BIN)/python -m benchmarks.language
+	$(BIN)/python -m benchmarks.sampled
+	$(BIN)/python -m benchmarks.planner --whole
+	$(BIN)/python -m benchmarks.segments
+	$(BIN)/python -m benchmarks.interpolators
+	$(BIN)/python -m benchmarks.checking
+	$(BIN)/python -m benchmarks.view
 
 # The stepper board: build/firmware/stepper.hex, and onto an Uno with make flash PORT=/dev/ttyUSB0 (gcc-avr, avr-libc, avrdude).
 firmware flash:
@@ -47,7 +47,7 @@ simulator:
 
 # The picture and the summary in the README.
 picture: $(VENV)/installed-view
-	$(BIN)/python docs/make_picture.py
+	$(BIN)/python -m docs.make_picture
 
 $(VENV)/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.12 ...")'

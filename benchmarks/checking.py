@@ -1,6 +1,6 @@
 """Many programs at once: how much faster a check is on two cores than on one, the start of its processes included.
 
-python benchmarks/checking.py [--files N] [--lines N] [--jobs N] [--repeat N]
+python -m benchmarks.checking [--files N] [--lines N] [--jobs N] [--repeat N]
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from cnc.warm import ensure_compiled
+from cnc.session.kernel_cache import ensure_compiled
 
 CLOCKS = ("timing", "lines_per_s", "steps_per_s")
 

@@ -1,6 +1,6 @@
 """A finishing program of any length, as a CAM system posts it: a zig-zag over a smooth surface in moves of 0.15 mm.
 
-python benchmarks/finishing.py MOVES FILE
+python -m benchmarks.finishing MOVES FILE
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Grid moves with time stamps a second on one core, by kind of path and by algorithm, beside what the machine itself can do.
 
 make bench
-python benchmarks/interpolators.py [--steps N] [--flat N]
+python -m benchmarks.interpolators [--steps N] [--flat N]
 
 A step is one axis step: a row in which three axes step is three. Plans are made beforehand; what is timed is plan in, chunks of pulses out.
 """
@@ -17,14 +17,14 @@ from time import perf_counter, process_time
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import ArcFeed, Block, NurbsFeed, Polyline
-from cnc.interpolator.reference_pulse import Algorithm, ReferencePulse
 from cnc.kernels.jit import njit
 from cnc.machine.load import load_machine
+from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline
 from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from cnc.warm import ensure_compiled
+from cnc.pulses.reference_pulse import Algorithm, ReferencePulse
+from cnc.session.kernel_cache import ensure_compiled
 
 Floats = NDArray[np.float64]
 FEED = 100.0

@@ -3,7 +3,7 @@
 The baseline is LinuxCNC's own interpreter on the same programs in the same run, its start included, its output thrown away; where `rs274`
 is not installed, this interpreter with every line read by the grammar.
 
-python benchmarks/language.py [--lines N] [--long N] [--repeat N]
+python -m benchmarks.language [--lines N] [--long N] [--repeat N]
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from unittest.mock import patch
 
-from cnc.canon import Polyline
-from cnc.gcode import text
-from cnc.gcode.program import interpret
-from cnc.gcode.scanner import Scan, scan
-from cnc.gcode.text import Text
-from cnc.warm import use_language
+from cnc.gcode.program.program import interpret
+from cnc.gcode.syntax import source_text
+from cnc.gcode.syntax.scanner import Scan, scan
+from cnc.gcode.syntax.source_text import Text
+from cnc.model.blocks import Polyline
+from cnc.session.kernel_cache import use_language
 
 PLAIN_LINES, MIXED_LINES, LONG_LINES = 1_000_000, 200_000, 10_000_000
 FEWER = 20
@@ -118,7 +118,7 @@ def baseline(path: Path, lines: int) -> Speed:
                 return Speed("rs274", lines / seconds(run, resource.RUSAGE_CHILDREN))
     few = path.with_name("few.ngc")
     fewer = (write_mixed if "mixed" in path.name else write_plain)(few, lines // FEWER)
-    with patch.object(text, "scan", nothing_is_plain):
+    with patch.object(source_text, "scan", nothing_is_plain):
         return Speed("grammar", fewer / seconds(lambda: moves_of(few)))
 
 
@@ -132,7 +132,7 @@ def nothing_is_plain(data: bytes, *, whole: bool) -> Scan:
 
 def peak_mb(path: Path) -> float:
     """Largest memory, in MB, of a process that reads a program."""
-    command = [sys.executable, __file__, "--read", str(path)]
+    command = [sys.executable, "-m", "benchmarks.language", "--read", str(path)]
     return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
 
 

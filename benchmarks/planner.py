@@ -1,7 +1,7 @@
 """What the planner is measured by: how fast its motions are, whether they are legal, what they cost.
 
     make bench
-    python benchmarks/planner.py [--whole] [--moves N...]
+    python -m benchmarks.planner [--whole] [--moves N...]
 
 The first table: each motion's best time known, the one wanted, ours; the limit that its traces at 1 ms and at 0.1 ms use most, which
 differences of positions show, and how much of it (a plan at 0.1 ms is another one: the chord error depends on the period); and, in the same
@@ -23,19 +23,17 @@ from time import process_time
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "planner"))
-
-import finishing
-from baselines import Bounds, capped, trapezoid
+from benchmarks import finishing
+from benchmarks.baselines import Bounds, capped, trapezoid
 from cnc.api import check
-from cnc.canon import Block, PathMode, Polyline
 from cnc.machine.models import Machine
+from cnc.model.blocks import Block, PathMode, Polyline
 from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from cnc.warm import ensure_compiled
-from figures import Case, cases, with_period
-from legality import examine
+from cnc.session.kernel_cache import ensure_compiled
+from tests.support.planner.figures import Case, cases, with_period
+from tests.support.planner.legality import examine
 
 PERIODS = (1e-3, 1e-4)
 MOVES = (10_000, 100_000, 1_000_000)
@@ -87,7 +85,7 @@ def planning(moves: int, machine: Machine) -> tuple[float, float]:
 
 def whole(moves: int) -> dict[str, float]:
     """Of a check of a program of so many moves in a process of its own: CPU seconds after start-up, and the most memory in MB."""
-    command = [sys.executable, __file__, "--check", str(moves)]
+    command = [sys.executable, "-m", "benchmarks.planner", "--check", str(moves)]
     shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     measured: dict[str, float] = json.loads(shown)
     return measured

@@ -1,7 +1,7 @@
 """Speed on the shipped programs, after compilation: reading, planning, pulses, all in one process on one core.
 
 make bench
-python benchmarks/programs.py [--repeat N] [PROGRAM...]
+python -m benchmarks.programs [--repeat N] [PROGRAM...]
 """
 
 from __future__ import annotations

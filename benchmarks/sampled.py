@@ -1,7 +1,7 @@
 """Samples a second of a cubic NURBS on one core: of a plan, and by the paper's interpolator, which finds the speed as well.
 
 make bench
-python benchmarks/sampled.py
+python -m benchmarks.sampled
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from time import process_time
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import NurbsFeed
-from cnc.interpolator.nurbs_lookahead import interpolate
-from cnc.interpolator.sampled import Sampled
 from cnc.machine.load import load_machine
+from cnc.model.blocks import NurbsFeed
+from cnc.papers.algorithms.nurbs_lookahead import interpolate
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.plan import PlanChunk
+from cnc.pulses.sampled import Sampled
 
 FEED = 100.0
 """mm/s, of the plan."""

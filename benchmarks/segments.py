@@ -1,6 +1,6 @@
 """Grid moves to segments and back: bytes a move, moves a second, farthest from its time.
 
-python benchmarks/segments.py [PULSES.npz ...]
+python -m benchmarks.segments [PULSES.npz ...]
 
 Without files: lines, circles, and moves without any order. Files are those that ``cncrun --pulses`` writes.
 """
@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.segments import SegmentDecoder, SegmentEncoder, split
-from cnc.stream import PulseChunk
+from cnc.boards.stepper.segments import SegmentDecoder, SegmentEncoder, split
+from cnc.model.streams import PulseChunk
 
 Times = NDArray[np.int64]
 Steps = NDArray[np.int8]

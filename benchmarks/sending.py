@@ -3,7 +3,7 @@
 The board is a process of its own behind a pseudo-terminal, in the wall's time: 115200 baud, GRBL's buffer, its time a line. What the
 command costs before its first line is left out: each program is run short and long, and the difference counts.
 
-    python benchmarks/sending.py [--lines N] [--repeat N]
+    python -m benchmarks.sending [--lines N] [--repeat N]
 
 ``prepared``: short chords that the planner passes on as they are. ``jagged``: corners at each of which the plan stops, in which arcs are
 looked for in vain.
@@ -43,7 +43,7 @@ def sent(program: Path) -> tuple[float, int]:
     """CPU seconds of a run, and lines that came to the board."""
     with tempfile.TemporaryDirectory() as folder:
         lines = Path(folder) / "lines.nc"
-        board = subprocess.Popen([sys.executable, "-m", "cnc.drivers.grblbox"], stdout=subprocess.PIPE, text=True)
+        board = subprocess.Popen([sys.executable, "-m", "cnc.boards.grbl.simulator"], stdout=subprocess.PIPE, text=True)
         try:
             assert board.stdout is not None
             port = board.stdout.readline().strip()

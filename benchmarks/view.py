@@ -1,6 +1,6 @@
 """The page of a finishing pass: how long it takes to make, how much memory, how large it is, how soon it opens and how it turns.
 
-python benchmarks/view.py [--moves N] [--exact]
+python -m benchmarks.view [--moves N] [--exact]
 
 ``--exact``: every move to its end (G61), which needs the most strokes. In Debian's chromium, by the processor alone.
 """
@@ -15,11 +15,8 @@ import tempfile
 import time
 from pathlib import Path
 
-import finishing
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "view"))
-
-from browser import FOUND, INSTALL, Browser
+from benchmarks import finishing
+from tests.support.view.browser import FOUND, INSTALL, Browser
 
 MACHINE = """[path]
 max_feed = 100

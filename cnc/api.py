@@ -19,23 +19,23 @@ from pathlib import Path
 from typing import Literal
 
 from cnc.batch import pool
-from cnc.canon import Block
-from cnc.control import Control, HomingStopped
-from cnc.drivers.base import LineSink, PulseSink
-from cnc.drivers.registry import open_board
-from cnc.errors import BoardError, Diagnostic, UsageError
+from cnc.boards.protocols import LineSink, PulseSink
+from cnc.boards.registry import open_board
+from cnc.checks.selection import Selection
 from cnc.executor import homing
 from cnc.executor.run import Progress
-from cnc.interpolator.reference_pulse import Algorithm
-from cnc.job import Job, Outputs, Pauses, Watch, start_position
 from cnc.machine.load import load_machine
 from cnc.machine.models import DialectName, Machine
+from cnc.model.blocks import Block
+from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
+from cnc.model.operator_control import Control, HomingStopped
 from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
+from cnc.pulses.reference_pulse import Algorithm
 from cnc.report.result import Report
-from cnc.report.selection import Selection
-from cnc.warm import ensure_compiled
+from cnc.session import Job, Outputs, Pauses, Watch, start_position
+from cnc.session.kernel_cache import ensure_compiled
 
 __all__ = [
     "Control",

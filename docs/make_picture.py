@@ -20,14 +20,12 @@ from matplotlib.collections import LineCollection
 from rich.console import Console
 
 from cnc.api import Outputs, check, load_machine, parse
-from cnc.canon import NurbsFeed
+from cnc.model.blocks import NurbsFeed
 from cnc.report.result import Report
 from cnc.report.summary import print_summary
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests" / "view"))
-
-from browser import FOUND, INSTALL, Browser  # noqa: E402
+from tests.support.view.browser import FOUND, INSTALL, Browser  # noqa: E402
 
 plt.switch_backend("svg")
 PAGE_SIZE = (1200, 760)

@@ -15,14 +15,14 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from cnc.batch.task import Prepare, Task
-from cnc.errors import CncError, Diagnostic, UsageError
+from cnc.checks.selection import Selection
 from cnc.machine.models import DialectName, Machine
+from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.report.result import Report
-from cnc.report.selection import Selection
-from cnc.source import STANDARD_INPUT
+from cnc.session.source import STANDARD_INPUT
 
 if TYPE_CHECKING:
-    from cnc.interpolator.reference_pulse import Algorithm
+    from cnc.pulses.reference_pulse import Algorithm
 
 ATTEMPTS = 2
 """A program whose worker dies is tried again: it may have been another's memory that was wanted."""
@@ -65,7 +65,7 @@ def check_many(
     if scheduler is None:
         outcomes = _at_home(tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None))
     else:
-        from cnc.batch.farm import check_on
+        from cnc.batch.dask_cluster import check_on
 
         outcomes = check_on(scheduler, tasks)
     finished: dict[int, Report | CncError] = {}
@@ -123,7 +123,7 @@ class _Crew:
 
     def _from_standard_input(self, task: Task) -> Report | CncError:
         """A worker has no standard input but its tasks."""
-        from cnc.warm import ensure_compiled
+        from cnc.session.kernel_cache import ensure_compiled
 
         with self._preparing:
             ensure_compiled(self._on_compiling)

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cnc.control import Control
-from cnc.errors import CncError, Diagnostic
+from cnc.checks.selection import Selection
 from cnc.machine.models import DialectName, Machine
+from cnc.model.diagnostics import CncError, Diagnostic
+from cnc.model.operator_control import Control
 from cnc.report.result import Extremes, Report
-from cnc.report.selection import Selection
-from cnc.source import Shipped, shown_name
+from cnc.session.source import Shipped, shown_name
 
 if TYPE_CHECKING:
-    from cnc.interpolator.reference_pulse import Algorithm
+    from cnc.pulses.reference_pulse import Algorithm
 
 
 class Prepare:
@@ -39,7 +39,7 @@ class Task:
 
     def perform(self) -> Report | CncError:
         """Check the program here; a CncError is for the caller, who named a machine or an option that can't be used with any program."""
-        from cnc.job import Job, Outputs, Watch
+        from cnc.session import Job, Outputs, Watch
 
         try:
             control = Control(self.feed_override)

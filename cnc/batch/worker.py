@@ -11,7 +11,7 @@ from queue import SimpleQueue
 from typing import IO, Any
 
 from cnc.batch.task import Compiling, Prepare, Task
-from cnc.warm import ensure_compiled
+from cnc.session.kernel_cache import ensure_compiled
 
 Tasks = SimpleQueue[Prepare | Task | None]
 

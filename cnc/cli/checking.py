@@ -9,11 +9,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from cnc.checks.selection import Selection
 from cnc.cli.options import Common, library
-from cnc.control import Control
-from cnc.errors import Diagnostic, UsageError
-from cnc.report.selection import Selection
-from cnc.screen import Screen, tell_compiling
+from cnc.cli.progress import Screen, tell_compiling
+from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.model.operator_control import Control
 
 if TYPE_CHECKING:
     from cnc.machine.models import Machine

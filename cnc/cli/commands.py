@@ -13,15 +13,15 @@ from typing import Annotated
 from cyclopts import App, CycloptsError, Parameter, validators
 
 from cnc import __version__
+from cnc.checks.baseline import Baseline, told
+from cnc.checks.selection import Selection
 from cnc.cli.checking import Look, check_listed, check_one, codes, find_programs
-from cnc.cli.ending import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
+from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
+from cnc.cli.keyboard import Keys
 from cnc.cli.options import COMMON, HYPHEN, CheckFormat, Common, Dialect, library, option, output
-from cnc.control import Control, HomingStopped
-from cnc.errors import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
-from cnc.keys import Keys
-from cnc.report.changes import Baseline, told
-from cnc.report.selection import Selection
-from cnc.screen import Screen
+from cnc.cli.progress import Screen
+from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
+from cnc.model.operator_control import Control, HomingStopped
 
 app = App(
     name="cncrun",
@@ -112,7 +112,7 @@ def check(
         if name is not None:
             write_summary(name, reports if listed else reports[0])
     if format != "text" and format != "json":
-        from cnc.report.formats import write_format
+        from cnc.outputs.formats import write_format
 
         write_format(format, reports)
     if not listed:
@@ -139,7 +139,7 @@ def diff(
     library()
     from cnc.compare.programs import compare
     from cnc.machine.load import load_machine
-    from cnc.report.outputs import write_object
+    from cnc.outputs.files import write_object
 
     Common(machine=machine, json=json).check_outputs(first, second)
     with Screen(Control(), quiet=quiet) as screen:
@@ -182,7 +182,7 @@ def boards(
     A GRBL board with its settings and the machine file that they make (redirect it into a file), a stepper board with its version, axes,
     tick and room, something else, or nothing. Opening a port resets most boards; nothing moves.
     """
-    from cnc.boards import look, page
+    from cnc.boards.discovery import look, page
 
     found = look(ports, baud)
     for each in found:
@@ -232,10 +232,10 @@ def papers(
     quiet: Annotated[bool, option("Do not print the tables.")] = False,
 ) -> int:
     """Run the experiments of the papers that the interpolators come from: tables and figures, published beside ours."""
+    from cnc.cli.progress import tell_compiling
     from cnc.papers import page
     from cnc.papers.contents import sections
-    from cnc.screen import tell_compiling
-    from cnc.warm import ensure_compiled
+    from cnc.session.kernel_cache import ensure_compiled
 
     page.prepared(folder)
     ensure_compiled(None if quiet else tell_compiling)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
 from cyclopts import Parameter
 
-from cnc.errors import Diagnostic, UsageError
+from cnc.model.diagnostics import Diagnostic, UsageError
 
 if TYPE_CHECKING:
     from cyclopts import Token

@@ -10,11 +10,11 @@ from typing import Any
 from cnc.compare.distance import farthest
 from cnc.compare.match import SAME
 from cnc.compare.track import Recorder, Track
-from cnc.control import Control
-from cnc.job import Job, Outputs, Watch, start_position
 from cnc.machine.models import DialectName, Machine
+from cnc.model.operator_control import Control
 from cnc.report.result import Report
 from cnc.report.summary import clock, number, position
+from cnc.session import Job, Outputs, Watch, start_position
 
 
 @dataclass(frozen=True, slots=True)

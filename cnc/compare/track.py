@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.curve import ARC, LINE, START
+from cnc.kernels.path.curve import ARC, LINE, START
 from cnc.path.sample import points_along
 from cnc.planner.plan import PlanChunk
 

@@ -19,16 +19,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import Block, Polyline, SwitchMove
-from cnc.control import Control, HomingStopped
-from cnc.drivers.base import LineSink, PulseSink, Switched, board_error
-from cnc.errors import BoardError, Diagnostic, UsageError
+from cnc.boards.protocols import LineSink, PulseSink, Switched, board_error
 from cnc.executor.run import Progress, execute
-from cnc.interpolator.reference_pulse import ReferencePulse
 from cnc.machine.models import AxisLetter, Homing, Machine
+from cnc.model.blocks import Block, Polyline, SwitchMove
+from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
+from cnc.model.operator_control import Control, HomingStopped
 from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.window import SLICE
+from cnc.pulses.reference_pulse import ReferencePulse
 
 STUCK = 10.0
 """Pull-offs after which a switch that was closed to begin with has to be open."""

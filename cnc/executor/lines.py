@@ -4,7 +4,7 @@
 
 Steps may be made on the way, where the board's answers decide how the program goes on, or before anything moves: a list of them is small.
 
-The board carries out the operator's wishes itself (:meth:`cnc.drivers.base.LineSink.attend`), so the plan is made without them: hold,
+The board carries out the operator's wishes itself (:meth:`cnc.boards.protocols.LineSink.attend`), so the plan is made without them: hold,
 resume and override act on the motion under way, not on what is still to come.
 """
 
@@ -18,13 +18,13 @@ from typing import Protocol
 
 import numpy as np
 
-from cnc.canon import Block, BoardCommand, Dwell, End, Probe, Stop, Tool
-from cnc.control import Control
-from cnc.drivers.base import LineSink, board_error
-from cnc.errors import BoardError
+from cnc.boards.protocols import LineSink, board_error
 from cnc.executor.run import Progress
+from cnc.model.blocks import Block, BoardCommand, Dwell, End, Probe, Stop, Tool
+from cnc.model.diagnostics import BoardError
+from cnc.model.operator_control import Control
+from cnc.model.streams import GcodeLine
 from cnc.planner.plan import PlanChunk
-from cnc.stream import GcodeLine
 
 ROUNDING = 0.003
 """mm by which a board's report of its position may differ from where it was sent, beside one step: three decimals, of inches even."""
@@ -34,7 +34,7 @@ END = End("", 0)
 
 
 class LineTranslator(Protocol):
-    """What turns a plan into lines, such as :class:`cnc.flatten.translator.Translator`."""
+    """What turns a plan into lines, such as :class:`cnc.grbl_lines.translator.Translator`."""
 
     @property
     def position(self) -> Sequence[float] | None:

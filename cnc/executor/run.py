@@ -3,7 +3,7 @@
 The executor works ahead of time. It never waits for a pulse: the board plays what it has been sent and holds the caller back when it
 is full.
 
-The operator's :class:`~cnc.control.Control` is looked at between two stretches of the plan. A hold takes no machine time: the clock goes on
+The operator's :class:`~cnc.model.operator_control.Control` is looked at between two stretches of the plan. A hold takes no machine time: the clock goes on
 with the motion.
 """
 
@@ -17,12 +17,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import Block, Dwell, End, Held, Probe, WaitInput
-from cnc.control import Control
-from cnc.drivers.base import Attending, Playing, PulseSink, Touching
-from cnc.errors import BoardError, CncError, Diagnostic
+from cnc.boards.protocols import Attending, Playing, PulseSink, Touching
+from cnc.model.blocks import Block, Dwell, End, Held, Probe, WaitInput
+from cnc.model.diagnostics import BoardError, CncError, Diagnostic
+from cnc.model.operator_control import Control
+from cnc.model.streams import PulseChunk
 from cnc.planner.plan import PlanChunk
-from cnc.stream import PulseChunk
 
 REST = 1e-9
 """Speed in mm/s below which a chunk's end is at rest."""
@@ -32,7 +32,7 @@ ARRIVED = 1e-9
 
 
 class PulseInterpolator(Protocol):
-    """What turns a plan into pulses, such as :class:`cnc.interpolator.reference_pulse.ReferencePulse`."""
+    """What turns a plan into pulses, such as :class:`cnc.pulses.reference_pulse.ReferencePulse`."""
 
     @property
     def origin_steps(self) -> NDArray[np.int64]:
@@ -206,7 +206,7 @@ def execute(
     on_pulses is shown every chunk that the board has taken, on_progress how far things are; either may tell ``control`` what to do. When it
     says stop, no more than the stop needs is sent: without ``ramp_down`` nothing at all; with it the rest of the stretch under way, then,
     unless that ends at rest, the motion that ``ramp_down`` gives, which begins where the stretch ends. The board is left stopped. For a
-    hold the plan itself comes to rest and says so (:class:`~cnc.canon.Held`): all before it has been sent, and the board is told to wait.
+    hold the plan itself comes to rest and says so (:class:`~cnc.model.blocks.Held`): all before it has been sent, and the board is told to wait.
 
     Raises BoardError when the board fails, at the source line that the fault names, else at the last one that the board has taken; the
     board has been told to abort, as after any other exception. After the fault of a program (it went another way than in the first pass,

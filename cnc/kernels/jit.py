@@ -49,7 +49,7 @@ def _choose_cache_folder() -> Path:
     numba looks only at the file that a kernel stands in, but its code holds that of every kernel it calls: the folder's name is theirs.
     """
     digest = hashlib.sha256(sys.version.encode())
-    for source in sorted(Path(__file__).parent.glob("*.py")):
+    for source in sorted(Path(__file__).parent.rglob("*.py")):
         digest.update(source.read_bytes())
     own = f"kernels-{digest.hexdigest()[:16]}"
     if "NUMBA_CACHE_DIR" in os.environ:

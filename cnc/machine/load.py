@@ -5,14 +5,16 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
+from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from cnc.errors import Diagnostic, MachineFileError
 from cnc.machine.locate import locate
 from cnc.machine.models import AXIS_LETTERS, Axis, Board, Homing, HomingOrder, Machine, PathLimits, Program, Stock
+from cnc.model.diagnostics import Diagnostic, MachineFileError
 
 DEFAULT = "default"
 
@@ -56,16 +58,17 @@ _SECTIONS: dict[str, type[BaseModel]] = {
 }
 
 
-def shipped_folder() -> Path:
-    """Folder of the machine files that come with the package: inside it when installed, beside it in a checkout."""
-    package = Path(__file__).resolve().parent.parent
+def shipped_folder() -> Traversable:
+    """Folder of the shipped machine files: in an installed package (a zip file too), beside it in a checkout."""
+    package = resources.files("cnc")
     inside = package / "config"
-    return inside if inside.is_dir() else package.parent / "config"
+    return inside if inside.is_dir() else Path(str(package)).parent / "config"
 
 
-def shipped() -> dict[str, Path]:
-    """Name and file of every machine that comes with the package."""
-    return {path.stem: path for path in sorted(shipped_folder().glob("*.toml"))}
+def shipped() -> dict[str, Traversable]:
+    """Name and file of every shipped machine."""
+    files = sorted(shipped_folder().iterdir(), key=lambda file: file.name)
+    return {file.name.removesuffix(".toml"): file for file in files if file.name.endswith(".toml")}
 
 
 def load_machine(path: Path | str | None = None) -> Machine:
@@ -94,7 +97,7 @@ def load_machine(path: Path | str | None = None) -> Machine:
     return _with_absolute_files(machine, file, text)
 
 
-def _resolve(path: Path | str | None) -> Path:
+def _resolve(path: Path | str | None) -> Traversable:
     """A path that exists is that file; a bare name is one of the shipped machines."""
     machines = shipped()
     if path is None:
@@ -105,7 +108,7 @@ def _resolve(path: Path | str | None) -> Path:
     return file
 
 
-def _read(file: Path) -> str:
+def _read(file: Traversable) -> str:
     try:
         return file.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -119,7 +122,7 @@ def _read(file: Path) -> str:
     raise MachineFileError(Diagnostic(code, message, file=str(file), hint=hint))
 
 
-def _toml_error(file: Path, text: str, message: str) -> MachineFileError:
+def _toml_error(file: Traversable, text: str, message: str) -> MachineFileError:
     """The TOML parser's message, its place taken out of the sentence."""
     match = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)", message)
     lines = text.splitlines()
@@ -137,7 +140,9 @@ def _toml_error(file: Path, text: str, message: str) -> MachineFileError:
     )
 
 
-def _error(file: Path, text: str, key: tuple[str, ...], message: str, hint: str = "", code: str = "machine-file") -> MachineFileError:
+def _error(
+    file: Traversable, text: str, key: tuple[str, ...], message: str, hint: str = "", code: str = "machine-file"
+) -> MachineFileError:
     place = locate(text, key)
     return MachineFileError(
         Diagnostic(
@@ -153,7 +158,7 @@ def _error(file: Path, text: str, key: tuple[str, ...], message: str, hint: str 
     )
 
 
-def _plain(file: Path, text: str, error: ValidationError, table: tuple[str, ...] = ()) -> MachineFileError:
+def _plain(file: Traversable, text: str, error: ValidationError, table: tuple[str, ...] = ()) -> MachineFileError:
     """The first of pydantic's errors in plain words, unknown keys first: a misspelt key is also a missing one."""
     found = sorted(error.errors(include_url=False), key=lambda e: not _is_unknown_key(e))[0]
     # pydantic adds places of its own behind the key (an index, "[key]"); only the keys of the file are shown.
@@ -185,7 +190,7 @@ def _toml(value: str | int | float) -> str:
     return f'"{value}"' if isinstance(value, str) else str(value)
 
 
-def _unknown_key(file: Path, text: str, key: tuple[str, ...]) -> MachineFileError:
+def _unknown_key(file: Traversable, text: str, key: tuple[str, ...]) -> MachineFileError:
     known: list[str]
     if len(key) == 1:
         known = ["machine", *(field for field in Machine.model_fields if field != "name")]
@@ -198,9 +203,11 @@ def _unknown_key(file: Path, text: str, key: tuple[str, ...]) -> MachineFileErro
     return _error(file, text, key, "there is no such key", hint)
 
 
-def _with_absolute_files(machine: Machine, file: Path, text: str) -> Machine:
+def _with_absolute_files(machine: Machine, file: Traversable, text: str) -> Machine:
     """The files of [program] are relative to the machine file, and have to be there."""
     program = machine.program
+    if not isinstance(file, Path):
+        return machine  # shipped in a zip file: it names no other files
     folder = file.resolve().parent
     for key, path in program.files():
         if not (folder / path).exists():

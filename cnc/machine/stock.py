@@ -6,8 +6,8 @@ import re
 
 from pydantic import ValidationError
 
-from cnc.errors import Diagnostic, UsageError
 from cnc.machine.models import Machine, Stock
+from cnc.model.diagnostics import Diagnostic, UsageError
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)"
 _SPAN = re.compile(rf"\s*([xyz])\s*({_NUMBER})\s*:\s*({_NUMBER})\s*", re.IGNORECASE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cnc.papers import algorithms, enclosing_line, half_step, nurbs_lookahead
+from cnc.papers.experiments import enclosing_line, half_step, nurbs_lookahead, pulse_rates
 from cnc.papers.page import Section
 
 
@@ -13,4 +13,4 @@ def sections() -> Iterator[Section]:
     yield enclosing_line.section()
     yield nurbs_lookahead.section()
     yield half_step.section()
-    yield algorithms.section()
+    yield pulse_rates.section()

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from cnc.errors import Diagnostic, UsageError
+from cnc.model.diagnostics import Diagnostic, UsageError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from cnc.canon import PLANE_AXES, Plane
+from cnc.model.blocks import PLANE_AXES, Plane
 from cnc.path.curve import RecordCurve
 from cnc.path.records import Floats, Records, arc_records
 

@@ -18,9 +18,9 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import PLANE_AXES, ArcFeed, Block, Message, NurbsFeed, PathMode, Polyline, Probe
-from cnc.errors import Diagnostic, GcodeError
-from cnc.kernels.curve import START
+from cnc.kernels.path.curve import START
+from cnc.model.blocks import PLANE_AXES, ArcFeed, Block, Message, NurbsFeed, PathMode, Polyline, Probe
+from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.path.chunk import PathChunk
 from cnc.path.fit import LEAST_TOLERANCE, Fitter, Pieces
 from cnc.path.records import Floats, Records, arc_records, axis_classes, line_records, moving, spline_records

@@ -16,7 +16,7 @@ from typing import Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels import curve as kernels
+from cnc.kernels.path import curve as kernels
 from cnc.path.records import Floats, Records, axis_classes
 
 ACCURACY = 1e-9

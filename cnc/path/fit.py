@@ -1,6 +1,6 @@
 """Straight moves under G64 on their way to records: chains of them become a smooth spline within the tolerance.
 
-    moves ──► chains: feed moves that the same axes measure ──► windows ──► spline (cnc.kernels.fit) ──► records (cnc.kernels.fitrecords)
+    moves ──► chains: feed moves that the same axes measure ──► windows ──► spline (cnc.kernels.path.fit) ──► records (cnc.kernels.path.fit_records)
 
 A chain is fitted in windows of some thousand moves. Of what a window yields, the last spans may still change with the moves to come; they
 are fitted again in the next one, which begins with position, slope and second derivative where the spans that were handed out end. So the
@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.fit import AT, ENDS, T, find_corners, first_knots, refined
-from cnc.kernels.fitrecords import write_pieces
+from cnc.kernels.path.fit import AT, ENDS, T, find_corners, first_knots, refined
+from cnc.kernels.path.fit_records import write_pieces
 from cnc.path.records import Floats, Ints, line_records, move_classes
 
 LEAST_TOLERANCE = 1e-6

@@ -7,8 +7,8 @@ from typing import Self
 
 import numpy as np
 
-from cnc.kernels.bernstein import split
-from cnc.kernels.curve import SPAN_BODY, START, U0, U1
+from cnc.kernels.path.bernstein import split
+from cnc.kernels.path.curve import SPAN_BODY, START, U0, U1
 from cnc.path.curve import RecordCurve
 from cnc.path.records import Floats, Records, spline_records
 

@@ -1,4 +1,4 @@
-"""Records of pieces, as :mod:`cnc.kernels.curve` reads them, from end points, arcs and NURBS.
+"""Records of pieces, as :mod:`cnc.kernels.path.curve` reads them, from end points, arcs and NURBS.
 
 A :class:`Records` is a run of pieces that follow each other; the streaming builder and the shells of the Curve protocol both make theirs
 here.
@@ -14,9 +14,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels import curve
-from cnc.kernels.arclength import MAX_ROWS, measure
-from cnc.kernels.bspline import MAX_CUTS, NEGLIGIBLE, NOTICEABLE, RECORD_ROOM, ROOM_PER_AXIS, nurbs_records
+from cnc.kernels.path import curve
+from cnc.kernels.path.arclength import MAX_ROWS, measure
+from cnc.kernels.path.bspline import MAX_CUTS, NEGLIGIBLE, NOTICEABLE, RECORD_ROOM, ROOM_PER_AXIS, nurbs_records
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.curve import LENGTH, LINE, START, U0, U1, curve_eval
+from cnc.kernels.path.curve import LENGTH, LINE, START, U0, U1, curve_eval
 from cnc.path.chunk import PathChunk
 from cnc.path.records import Floats
 

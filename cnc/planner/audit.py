@@ -8,8 +8,7 @@ from math import ceil, inf
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.errors import Diagnostic, MotionLimitError
-from cnc.kernels.audit import (
+from cnc.kernels.planner.audit import (
     ACCEL,
     CHORD_ERROR,
     ENTRIES,
@@ -22,6 +21,7 @@ from cnc.kernels.audit import (
     audit_samples,
     continuity,
 )
+from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
 

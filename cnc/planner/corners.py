@@ -19,12 +19,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import Block, Message
-from cnc.kernels.corners import round_corners
-from cnc.kernels.curve import LINE
-from cnc.kernels.legs import REST, record_end
-from cnc.kernels.overlap import ROOM_OF_CORNER, overlap_room, overlap_stops
-from cnc.kernels.overshoot import PHASES, overshoot
+from cnc.kernels.path.curve import LINE
+from cnc.kernels.planner.corners import round_corners
+from cnc.kernels.planner.legs import REST, record_end
+from cnc.kernels.planner.overlap import ROOM_OF_CORNER, overlap_room, overlap_stops
+from cnc.kernels.planner.overshoot import PHASES, overshoot
+from cnc.model.blocks import Block, Message
 from cnc.path.chunk import PathChunk
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk

@@ -13,7 +13,7 @@ from math import inf, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.limits import LEVELS, SAMPLES, chunk_intervals, joint
+from cnc.kernels.planner.limits import LEVELS, SAMPLES, chunk_intervals, joint
 from cnc.machine.models import Machine
 from cnc.path.chunk import PathChunk
 

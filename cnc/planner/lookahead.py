@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 
-from cnc.canon import Block, Dwell, Held, Message, Overrides, Probe, SpindleSync
-from cnc.control import Control
 from cnc.machine.models import Machine
+from cnc.model.blocks import Block, Dwell, Held, Message, Overrides, Probe, SpindleSync
+from cnc.model.operator_control import Control
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
 from cnc.planner.corners import Overlaps, Rounding

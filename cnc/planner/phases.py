@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.lookahead import PLANNED, START_TOO_FAST, plan_window
-from cnc.kernels.refine import refine
-from cnc.kernels.scurve import phase_time
+from cnc.kernels.planner.lookahead import PLANNED, START_TOO_FAST, plan_window
+from cnc.kernels.planner.refine import refine
+from cnc.kernels.planner.scurve import phase_time
 from cnc.planner.limits import Intervals, Limits
 
 Floats = NDArray[np.float64]

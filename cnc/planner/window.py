@@ -20,8 +20,8 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.errors import Diagnostic, MotionLimitError
-from cnc.kernels.lookahead import PLANNED, START_TOO_FAST
+from cnc.kernels.planner.lookahead import PLANNED, START_TOO_FAST
+from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.path.chunk import PathChunk
 from cnc.planner.limits import Intervals, Limits
 from cnc.planner.phases import (

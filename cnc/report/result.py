@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from cnc.errors import EXIT_REJECTED, CncError, Diagnostic
 from cnc.machine.models import Machine
+from cnc.model.diagnostics import EXIT_REJECTED, CncError, Diagnostic
 from cnc.report.changes import Changes
 
 LIMIT_NAMES = ("feed", "accel", "jerk", "normal_accel", "chord_error", "step_deviation")

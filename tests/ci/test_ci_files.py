@@ -5,15 +5,14 @@ import re
 import shlex
 import subprocess
 import sys
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 import yaml
 
-from support import soaking
+from tests.support.paths import ROOT
+from tests.support.soak import soaking
 
-ROOT = Path(__file__).parents[2]
 GOOD = "G21 G90 G94\nG1 X10 F600\nM2\n"
 BAD = "G21 G90 G94\nG1 X10 F600\nG2 X20 Y5 I5 J9\nM2\n"
 

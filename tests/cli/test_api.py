@@ -6,16 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from cnc import screen, warm
 from cnc.api import Control, Outputs, Watch, check, load_machine, parse, plan, run
-from cnc.canon import ArcFeed, Dwell, End, Polyline
-from cnc.drivers.loopback import Loopback
-from cnc.errors import EXIT_BOARD, Diagnostic, GcodeError, MachineFileError, UsageError
+from cnc.boards.loopback import Loopback
+from cnc.cli import progress
 from cnc.kernels import jit
+from cnc.model.blocks import ArcFeed, Dwell, End, Polyline
+from cnc.model.diagnostics import EXIT_BOARD, Diagnostic, GcodeError, MachineFileError, UsageError
 from cnc.planner import phases
 from cnc.planner.plan import PlanChunk
+from cnc.session import kernel_cache
+from tests.support.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 TEXT = "G21 G90 G94\nG1 X10 F600\nG4 P0.5\nG2 X20 Y0 I5 J0\nG4 P0.25\nM2\n"
 
 
@@ -81,8 +82,8 @@ def test_the_caller_s_own_mistakes_are_raised(program):
 
 def test_a_program_too_long_to_keep_is_read_again(program, monkeypatch):
     kept = check(program, interpolator="sampled")
-    monkeypatch.setattr("cnc.job.first_pass.KEPT_NUMBERS", 0)
-    monkeypatch.setattr("cnc.source.COPIED_BYTES", 0)
+    monkeypatch.setattr("cnc.session.check_pass.KEPT_NUMBERS", 0)
+    monkeypatch.setattr("cnc.session.source.COPIED_BYTES", 0)
     again = check(program, interpolator="sampled")
     for report in (kept, again):
         assert report.ok
@@ -93,7 +94,7 @@ def test_a_program_too_long_to_keep_is_read_again(program, monkeypatch):
 
 
 def test_progress_tells_both_passes(program, monkeypatch):
-    monkeypatch.setattr("cnc.gcode.program.TELL", 1)
+    monkeypatch.setattr("cnc.gcode.program.program.TELL", 1)
     seen = []
     run(program, watch=Watch(on_progress=lambda *what: seen.append(what)))
     stages = [stage for stage, _, _ in seen]
@@ -105,7 +106,7 @@ def test_progress_tells_both_passes(program, monkeypatch):
 
 @pytest.mark.parametrize("stage", ["checking", "running"])
 def test_a_stop_ends_both_passes(program, monkeypatch, stage):
-    monkeypatch.setattr("cnc.gcode.program.TELL", 1)
+    monkeypatch.setattr("cnc.gcode.program.program.TELL", 1)
 
     def stopping():
         control = Control()
@@ -120,13 +121,13 @@ def test_a_stop_ends_both_passes(program, monkeypatch, stage):
 
 
 def test_the_bar_appears_for_long_programs_alone(capsys, monkeypatch):
-    bar = screen._Bar()
+    bar = progress._Bar()
     bar.update("checking", 10, None)
     bar.close()
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(screen._Bar, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress._Bar, "PATIENCE", 0.0)
     monkeypatch.setenv("FORCE_COLOR", "1")
-    bar = screen._Bar()
+    bar = progress._Bar()
     bar.update("checking", 10, None)
     bar.update("running", 20, 40)
     bar.close()
@@ -135,41 +136,41 @@ def test_the_bar_appears_for_long_programs_alone(capsys, monkeypatch):
 
 def test_warnings_are_shown_unless_quiet(capsys):
     warning = Diagnostic("odd-word", "odd", "p.nc", 3, severity="warning")
-    with screen.Screen(Control(), quiet=False) as shown:
+    with progress.Screen(Control(), quiet=False) as shown:
         on_warning = shown.watch().on_warning
         assert on_warning is not None
         on_warning(warning)
     assert capsys.readouterr().err == "warning: p.nc:3: odd-word: odd\n"
-    with screen.Screen(Control(), quiet=True) as shown:
+    with progress.Screen(Control(), quiet=True) as shown:
         assert shown.watch().on_warning is None
 
 
 def test_the_first_run_compiles_and_says_so_once(tmp_path, monkeypatch):
     mark, told = tmp_path / "compiled", []
-    monkeypatch.setattr(warm, "compiled_mark", lambda: mark)
+    monkeypatch.setattr(kernel_cache, "compiled_mark", lambda: mark)
     for _ in range(2):
-        warm.ensure_compiled(lambda: told.append("compiling"))
+        kernel_cache.ensure_compiled(lambda: told.append("compiling"))
     assert told == ["compiling"]
     assert mark.exists()
 
 
 def test_nobody_goes_on_compiling_for_a_process_that_is_gone():
     # Its input ends with the process that holds the other end of it.
-    assert subprocess.run([sys.executable, "-m", "cnc.warm"], stdin=subprocess.DEVNULL, check=False).returncode == 1
+    assert subprocess.run([sys.executable, "-m", "cnc.session.kernel_cache"], stdin=subprocess.DEVNULL, check=False).returncode == 1
 
 
 def test_what_cuts_a_plan_in_slices_is_compiled_with_the_rest(monkeypatch):
     called, phase_time = [], phases.phase_time
     monkeypatch.setattr(phases, "phase_time", lambda *values: called.append(values) or phase_time(*values))
-    warm.use_planner()
+    kernel_cache.use_planner()
     assert called
 
 
 def test_compiling_is_announced_unless_quiet(capsys):
-    with screen.Screen(Control(), quiet=False) as shown:
+    with progress.Screen(Control(), quiet=False) as shown:
         shown.watch().on_compiling()
     assert capsys.readouterr().err == "compiling the kernels; this happens once and takes up to a minute\n"
-    with screen.Screen(Control(), quiet=True) as shown:
+    with progress.Screen(Control(), quiet=True) as shown:
         assert shown.watch().on_compiling is None
 
 

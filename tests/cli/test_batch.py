@@ -12,13 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from cnc import cli, screen
+from cnc import cli
 from cnc.api import Control, check, check_many
 from cnc.batch import pool
-from cnc.errors import GcodeError, MachineFileError, UsageError
-from support import share
+from cnc.cli import progress
+from cnc.model.diagnostics import GcodeError, MachineFileError, UsageError
+from tests.support.paths import ROOT
+from tests.support.soak import share
 
-ROOT = Path(__file__).parents[2]
 GOOD = b"G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
 
 BROKEN = [
@@ -144,7 +145,7 @@ task.Task.perform = spoilt
 
 
 def test_a_fault_of_ours_is_told_and_stops_nothing(tmp_path, monkeypatch):
-    broken = "import cnc.job.reading\ndef interpret(text, **_): raise RuntimeError('oh')\ncnc.job.reading.interpret = interpret"
+    broken = "import cnc.session.program_reader\ndef interpret(text, **_): raise RuntimeError('oh')\ncnc.session.program_reader.interpret = interpret"
     monkeypatch.setattr(pool, "START", pool.START.replace("from cnc.batch.worker", f"exec({broken!r}); from cnc.batch.worker"))
     for name in "ab":
         (tmp_path / f"{name}.nc").write_bytes(GOOD)
@@ -280,10 +281,10 @@ def test_a_bar_counts_programs_on_a_terminal_only(monkeypatch):
             return True
 
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(screen._Bar, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress._Bar, "PATIENCE", 0.0)
     for quiet, stream in (False, Terminal()), (True, Terminal()), (False, io.StringIO()):
         monkeypatch.setattr(sys, "stderr", stream)
-        with screen.Screen(Control(), quiet=quiet) as shown:
+        with progress.Screen(Control(), quiet=quiet) as shown:
             time.sleep(0.11)
             shown.count(3, 7)
         assert ("3 of 7 programs" in stream.getvalue()) == (stream.isatty() and not quiet)

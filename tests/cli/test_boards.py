@@ -8,17 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from cnc import boards
-from cnc.boards import Found, machine_file, page
+from cnc.boards import discovery
+from cnc.boards.discovery import Found, machine_file, page
+from cnc.boards.grbl.settings import BoardInfo
+from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.pty_server import PtyServer
+from cnc.boards.stepper.protocol import VERSION, Welcome
+from cnc.boards.stepper.protocol import State as StepperState
 from cnc.cli import exit_code
-from cnc.drivers.grbl_info import BoardInfo
-from cnc.drivers.grblbox.box import GrblBox
-from cnc.drivers.grblbox.pty_server import PtyServer
-from cnc.drivers.stepper_protocol import VERSION, Welcome
-from cnc.drivers.stepper_protocol import State as StepperState
-from cnc.errors import BoardError
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
+from cnc.model.diagnostics import BoardError
 
 SETTINGS = {
     100: 250,
@@ -152,9 +152,9 @@ def test_nothing_is_said_that_could_move_an_unknown_device(monkeypatch: pytest.M
         def sleep(self, seconds: float) -> None:
             """Time goes on by itself."""
 
-    monkeypatch.setattr(boards, "open_port", lambda name, baud: port)
-    monkeypatch.setattr(boards, "SystemClock", Clock)
-    (found,) = boards.look(["COM9"])
+    monkeypatch.setattr(discovery, "open_port", lambda name, baud: port)
+    monkeypatch.setattr(discovery, "SystemClock", Clock)
+    (found,) = discovery.look(["COM9"])
     assert found.fault is not None and found.fault.diagnostic.code == "no-answer"
     assert {data for baud, data in port.heard if baud == 115200} <= {b"?", b"\x18"}
     hello = {data for baud, data in port.heard if baud == 1_000_000}

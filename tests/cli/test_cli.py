@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from cnc import api, cli
-from cnc.cli.ending import EXIT_PIPE
+from cnc.boards.loopback import Loopback
+from cnc.cli.exit_status import EXIT_PIPE
 from cnc.cli.options import Dialect
-from cnc.drivers.loopback import Loopback
 from cnc.machine.load import shipped
 from cnc.machine.models import DialectName
+from tests.support.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 GOOD = "G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
 
 

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from cnc.api import Outputs, check, parse, start_position
-from cnc.canon import PathMode
 from cnc.cli import exit_code
-from cnc.errors import UsageError
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine, Program
+from cnc.model.blocks import PathMode
+from cnc.model.diagnostics import UsageError
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from deviation import deviation, path_points
+from tests.support.deviation import deviation, path_points
+from tests.support.paths import PROGRAMS
 
-PROGRAMS = Path(__file__).parents[2] / "programs"
 MILL = load_machine(None)
 
 

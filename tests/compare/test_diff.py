@@ -18,11 +18,11 @@ from cnc.compare.distance import LARGE, farthest
 from cnc.compare.match import hunks
 from cnc.compare.programs import compare
 from cnc.compare.track import Recorder, Track
-from cnc.interpolator.sampled import Sampled
 from cnc.machine.load import load_machine
 from cnc.planner.plan import PlanChunk
+from cnc.pulses.sampled import Sampled
+from tests.support.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 MACHINE = load_machine("default")
 HEAD = "G21 G90 G94 G17 G61 F1200\n"
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from cnc.api import Control, Report, Watch, check, run
-from cnc.canon import Dwell, Held
-from cnc.drivers.loopback import Loopback
+from cnc.boards.loopback import Loopback
 from cnc.executor.run import Progress
 from cnc.machine.models import Axis, Machine, PathLimits
-from cnc.stream import PulseChunk
+from cnc.model.blocks import Dwell, Held
+from cnc.model.streams import PulseChunk
 
 PROGRAM = """G21 G90 G94
 G0 X5 Y5

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cnc.canon import Block, Dwell, End, Message, Polyline, Probe, Spindle
-from cnc.control import Control
-from cnc.drivers.loopback import Loopback
-from cnc.errors import BoardError, Diagnostic, GcodeError
+from cnc.boards.loopback import Loopback
 from cnc.executor.run import Outcome, Progress, execute
-from cnc.interpolator.reference_pulse import ReferencePulse
 from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.model.blocks import Block, Dwell, End, Message, Polyline, Probe, Spindle
+from cnc.model.diagnostics import BoardError, Diagnostic, GcodeError
+from cnc.model.operator_control import Control
+from cnc.model.streams import PulseChunk
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from cnc.stream import PulseChunk
+from cnc.pulses.reference_pulse import ReferencePulse
 
 FILE = "p.nc"
 

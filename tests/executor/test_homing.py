@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from cnc.api import Control, HomingStopped, Report, Watch, home, run
+from cnc.boards.loopback import Loopback
+from cnc.boards.stepper.driver import Stepper
 from cnc.cli import exit_code
-from cnc.drivers.loopback import Loopback
-from cnc.drivers.stepper import Stepper
-from cnc.errors import BoardError, CncError, UsageError
 from cnc.executor.homing import LATCHES, STUCK, Way, ways_home
 from cnc.machine.models import Axis, Homing, HomingOrder, Machine
-from drivers.stepper_simulator import DIRECTION_PINS, STEP_PINS, Simulator, SimulatorPort
-from support import share
+from cnc.model.diagnostics import BoardError, CncError, UsageError
+from tests.support.boards.stepper_simulator import DIRECTION_PINS, STEP_PINS, Simulator, SimulatorPort
+from tests.support.soak import share
 
 SWITCH_PINS = {"x": 9, "y": 10, "z": 12}
 STEPS_PER_MM = 100

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from cnc.api import Control, Outputs, Report, Watch, run
-from cnc.drivers.grbl import GrblBoard
-from cnc.drivers.grblbox.box import GrblBox
-from cnc.drivers.grblbox.faults import Drop, Unplug
-from cnc.drivers.grblbox.ports import BoxPort
-from cnc.drivers.grblbox.world import World
-from cnc.errors import UsageError
+from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.faults import Drop, Unplug
+from cnc.boards.grbl.simulator.ports import BoxPort
+from cnc.boards.grbl.simulator.workpiece import World
 from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
+from cnc.model.diagnostics import UsageError
 
 MACHINE = load_machine("grbl-uno")
 

@@ -7,10 +7,10 @@ from importlib.resources import files
 
 import pytest
 
-from cnc.errors import UsageError
 from cnc.gcode import dialects
-from cnc.gcode.modal import GROUP_OF_G, GROUP_OF_M
-from gcode_cases import means, refused, run
+from cnc.gcode.state.modal_groups import GROUP_OF_G, GROUP_OF_M
+from cnc.model.diagnostics import UsageError
+from tests.support.gcode.gcode_cases import means, refused, run
 
 FULL = {
     "linuxcnc": "0 1 2 3 4 5 5.1 5.2 5.3 7 8 10 17 18 19 20 21 28 28.1 30 30.1 40 41 41.1 42 42.1 43 43.1 43.2 49 52 53 54 55 56 57 58 59 "

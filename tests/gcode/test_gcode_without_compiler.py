@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from support import check_without_compiler
+from tests.support.soak import check_without_compiler
 
-ROOM = Path(__file__).parent
-FILES = [ROOM / name for name in ("test_scanner.py", "test_text.py", "test_straight.py")]
+FOLDER = Path(__file__).parent
+FILES = [FOLDER / name for name in ("syntax/test_scanner.py", "syntax/test_source_text.py", "program/test_plain_lines.py")]
 LEFT_OUT = "not words_of_the_grammar and not fast_lane_gives"
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cnc.canon import Polyline
-from gcode_cases import end_of, means, run
+from cnc.model.blocks import Polyline
+from tests.support.gcode.gcode_cases import end_of, means, run
 
 INCH = 25.4
 XYZA = ("x", "y", "z", "a")
@@ -245,8 +245,8 @@ def test_runs_of_moves_are_cut_for_streaming() -> None:
 
 
 def test_blocks_come_as_lines_are_read() -> None:
-    from cnc.gcode.program import interpret
-    from cnc.gcode.text import Text
+    from cnc.gcode.program.program import interpret
+    from cnc.gcode.syntax.source_text import Text
 
     read: list[int] = []
 

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from cnc.errors import Diagnostic
-from cnc.gcode import interpreter
-from fuzz_checks import Tally, check, check_seeds, every_word_matters, limited, plainly_said
-from fuzzing import Author, Program
-from support import share, soaking
+from cnc.gcode.program import interpreter
+from cnc.model.diagnostics import Diagnostic
+from tests.support.gcode.fuzz_checks import Tally, check, check_seeds, every_word_matters, limited, plainly_said
+from tests.support.gcode.fuzzing import Author, Program
+from tests.support.soak import share, soaking
 
 XYZ = ("x", "y", "z")
 SHARE = 2_000

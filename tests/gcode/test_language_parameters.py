@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from cnc.gcode.parameters import Parameters
-from gcode_cases import rows, run, said, stands
+from cnc.gcode.syntax.parameters import Parameters
+from tests.support.gcode.gcode_cases import rows, run, said, stands
 
 PROGRAMS: dict[str, tuple[str, list[str]]] = {
     "a value after a letter": ("#1=2.5\nG0 X#1 Y-#1 Z[#1*2]", ["rapid 2.5 -2.5 5"]),

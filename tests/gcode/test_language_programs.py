@@ -6,14 +6,14 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 
-from cnc import canon
 from cnc.gcode import dialects
-from cnc.gcode.tools import ToolEntry, ToolTable
-from gcode_cases import run
+from cnc.gcode.state.tool_table import ToolEntry, ToolTable
+from cnc.model import blocks as canon
+from tests.support.gcode.gcode_cases import run
+from tests.support.paths import GCODE
 
 TOOLS = (ToolEntry(1, 1, {"X": 0.5, "Z": 40.0}, 6.0), ToolEntry(2, 2, {"Z": 100.0}), ToolEntry(3, 3, {}, 4.0))
 
@@ -41,7 +41,7 @@ def _codes(name: str) -> set[str]:
 
 
 def _cases() -> Iterator[Case]:
-    text = (Path(__file__).parent / "language.txt").read_text(encoding="utf-8")
+    text = (GCODE / "language.txt").read_text(encoding="utf-8")
     for found in re.finditer(
         r"^== (?P<codes>[^\[\n]+)(\[(?P<dialects>.*)\])?\n(?P<source>(?s:.*?))\n--\n(?P<blocks>(?s:.*?))\n(\n|\Z)", text, re.M
     ):
@@ -123,7 +123,7 @@ def written(block: canon.Block) -> list[str]:
 @pytest.mark.parametrize(("case", "dialect"), RUNS, ids=[f"{case.line}-{'-'.join(case.codes)}-{name}" for case, name in RUNS])
 def test_the_program_has_its_blocks(case: Case, dialect: str) -> None:
     source = case.source if re.search(r"^(M2|M30)$", case.source, re.M) else f"%\n{case.source}\n%"
-    blocks = run(source, dialect=dialect, tools=ToolTable(TOOLS), folders=[Path(__file__).parent / "subroutines"])
+    blocks = run(source, dialect=dialect, tools=ToolTable(TOOLS), folders=[GCODE / "subroutines"])
     assert [line for block in blocks for line in written(block)] == list(case.blocks)
 
 

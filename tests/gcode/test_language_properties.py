@@ -5,9 +5,9 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.parser import parse_line
-from cnc.gcode.words import Word
-from gcode_cases import rows, run, same
+from cnc.gcode.syntax.parser import parse_line
+from cnc.gcode.syntax.words import Word
+from tests.support.gcode.gcode_cases import rows, run, same
 
 DIGITS = st.decimals(-9999, 9999, places=4).map(lambda value: f"{value:f}")
 SMALL = st.decimals(-99, 99, places=3)

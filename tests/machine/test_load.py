@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from cnc.errors import EXIT_USAGE, Diagnostic, MachineFileError
 from cnc.machine.load import load_machine, shipped
+from cnc.model.diagnostics import EXIT_USAGE, Diagnostic, MachineFileError
 
 AXES = "[axes.x]\nsteps_per_mm = 100\nmax_velocity = 50\nmax_acceleration = 500\nmax_jerk = 9000\ntravel = [0, 100]\n"
 

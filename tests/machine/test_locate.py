@@ -1,8 +1,8 @@
 """Where a key stands in a TOML text."""
 
-from cnc.canon import AXIS_LETTERS
 from cnc.machine.locate import locate
 from cnc.machine.models import AXIS_LETTERS as MACHINE_LETTERS
+from cnc.model.blocks import AXIS_LETTERS
 
 TEXT = """top = 1
 [a.b]

@@ -5,7 +5,7 @@ import builtins
 import pytest
 
 from cnc import cli
-from cnc.errors import UsageError
+from cnc.model.diagnostics import UsageError
 from cnc.papers import contents, page
 from cnc.papers.page import Figure, Section, Table
 

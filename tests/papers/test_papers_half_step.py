@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cnc.interpolator import half_step, point_by_point
-from cnc.papers import half_step as paper
 from cnc.papers import page
+from cnc.papers.algorithms import half_step, point_by_point
+from cnc.papers.experiments import half_step as paper
 
 
 @pytest.fixture(scope="module")

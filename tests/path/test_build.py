@@ -7,13 +7,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cnc.canon import Dwell, End, Message, NurbsFeed, PathMode, Polyline, Probe, Spindle
-from cnc.errors import GcodeError
-from cnc.kernels.curve import ARC, LINE, SPAN
+from cnc.kernels.path.curve import ARC, LINE, SPAN
+from cnc.model.blocks import Dwell, End, Message, NurbsFeed, PathMode, Polyline, Probe, Spindle
+from cnc.model.diagnostics import GcodeError
 from cnc.path.build import MOST_NUMBERS, MOST_PIECES, build
 from cnc.path.chunk import PathChunk
-from path_cases import XYZ, arc, ends, evaluate, lines, random_nurbs, whole
-from support import share
+from tests.support.path.path_cases import XYZ, arc, ends, evaluate, lines, random_nurbs, whole
+from tests.support.soak import share
 
 ORIGIN = np.zeros(3)
 EXACT_STOP = PathMode("part.nc", 1, "exact-stop")

@@ -7,10 +7,23 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from cnc.canon import NurbsFeed
-from cnc.kernels.curve import ARC, LINE, SPAN, curve_arclen, curve_inv_arclen, curve_speed
-from path_cases import XYZ, arc, dense, ends, evaluate, evaluate_s, lines, nurbs_chunk, nurbs_oracle, piece, random_nurbs, whole
-from support import share
+from cnc.kernels.path.curve import ARC, LINE, SPAN, curve_arclen, curve_inv_arclen, curve_speed
+from cnc.model.blocks import NurbsFeed
+from tests.support.path.path_cases import (
+    XYZ,
+    arc,
+    dense,
+    ends,
+    evaluate,
+    evaluate_s,
+    lines,
+    nurbs_chunk,
+    nurbs_oracle,
+    piece,
+    random_nurbs,
+    whole,
+)
+from tests.support.soak import share
 
 TRIDENT = NurbsFeed(
     "part.nc",

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.canon import Dwell, Message, PathMode, Polyline
-from cnc.kernels.curve import ARC, LINE, SPAN
+from cnc.kernels.path.curve import ARC, LINE, SPAN
+from cnc.model.blocks import Dwell, Message, PathMode, Polyline
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from path_cases import XYZ, arc, ends, evaluate, evaluate_s, lines
-from support import share
+from tests.support.path.path_cases import XYZ, arc, ends, evaluate, evaluate_s, lines
+from tests.support.soak import share
 
 EPS = 0.01
 ALL = ("x", "y", "z", "a", "b", "c", "u", "v", "w")

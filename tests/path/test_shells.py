@@ -9,7 +9,7 @@ from cnc.path.arc import Arc
 from cnc.path.curve import Curve
 from cnc.path.line import Line
 from cnc.path.nurbs import Nurbs
-from path_cases import XYZ, nurbs_oracle, random_nurbs
+from tests.support.path.path_cases import XYZ, nurbs_oracle, random_nurbs
 
 
 def nurbs(block):

@@ -6,11 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cnc.canon import NurbsFeed
-from cnc.kernels.curve import MAX_TURNING_POINTS, SPAN, TABLE, curve_inv_arclen, curve_turning_points
+from cnc.kernels.path.curve import MAX_TURNING_POINTS, SPAN, TABLE, curve_inv_arclen, curve_turning_points
+from cnc.model.blocks import NurbsFeed
 from cnc.path.bounds import bounding_box
-from path_cases import arc, dense, ends, evaluate, evaluate_s, lines, nurbs_chunk, piece, random_nurbs, whole
-from support import share
+from tests.support.path.path_cases import arc, dense, ends, evaluate, evaluate_s, lines, nurbs_chunk, piece, random_nurbs, whole
+from tests.support.soak import share
 
 
 def turning(chunk, k, axis):

@@ -5,18 +5,18 @@ import math
 import numpy as np
 import pytest
 
-from cnc.canon import PathMode
-from cnc.kernels.curve import METRIC, METRICS, curve_eval, curve_eval_s, curve_inv_arclen, curve_range
-from cnc.kernels.hull import derivative_bounds
-from cnc.kernels.timed import is_timed
+from cnc.kernels.path.curve import METRIC, METRICS, curve_eval, curve_eval_s, curve_inv_arclen, curve_range
+from cnc.kernels.planner.hull import derivative_bounds
+from cnc.kernels.planner.timed import is_timed
 from cnc.machine.models import PathLimits
+from cnc.model.blocks import PathMode
 from cnc.path.build import build
 from cnc.planner.audit import Audit
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from motions import arc, lines, machine, nurbs, path_of, random_blocks
-from support import share
+from tests.support.planner.motions import arc, lines, machine, nurbs, path_of, random_blocks
+from tests.support.soak import share
 
 
 class Reference:

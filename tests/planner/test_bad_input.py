@@ -13,8 +13,8 @@ import pytest
 
 from cnc.api import check
 from cnc.machine.models import Axis, Board, Machine, PathLimits
-from legality import Findings, examine
-from support import share
+from tests.support.planner.legality import Findings, examine
+from tests.support.soak import share
 
 LONGEST = 60.0
 """s."""

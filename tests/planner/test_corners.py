@@ -9,22 +9,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from cnc.canon import Held, PathMode
-from cnc.control import Control
-from cnc.interpolator.reference_pulse import ReferencePulse
-from cnc.interpolator.sampled import Sampled
-from cnc.kernels.curve import SPAN
-from cnc.kernels.overlap import overlap_time
+from cnc.kernels.path.curve import SPAN
+from cnc.kernels.planner.overlap import overlap_time
 from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.model.blocks import Held, PathMode
+from cnc.model.operator_control import Control
 from cnc.path.build import build
 from cnc.planner.audit import Audit
 from cnc.planner.corners import Overlaps
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from interpolator.plans import cut
-from motions import AXES, lines, machine, sampled
-from support import share
+from cnc.pulses.reference_pulse import ReferencePulse
+from cnc.pulses.sampled import Sampled
+from tests.support.planner.motions import AXES, lines, machine, sampled
+from tests.support.pulses.plans import cut
+from tests.support.soak import share
 
 PER_AXIS = machine(axis=(2400.0, 48000.0), tangential=None, normal=None, jerk=None)
 SQUARE = [(10, 0, 0), (10, 10, 0)]

@@ -8,9 +8,9 @@ import secrets
 
 import pytest
 
-from joints import JOINTS, KINDS, MODES, SHAPES, joint_program
-from legality import examine
-from support import share
+from tests.support.planner.joints import JOINTS, KINDS, MODES, SHAPES, joint_program
+from tests.support.planner.legality import examine
+from tests.support.soak import share
 
 SEED = int(os.environ.get("CNC_SEED") or secrets.randbelow(10**9))
 TOGETHER = 20

@@ -1,18 +1,17 @@
 """Text to trace, judged from outside: the table of figures, every shipped program, random programs on random machines."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from cnc.api import load_machine
 from cnc.machine.models import Machine
-from figures import Case, cases, machine, with_period
-from legality import examine, judge
-from random_jobs import random_job
-from support import share
+from tests.support.paths import ROOT
+from tests.support.planner.figures import Case, cases, machine, with_period
+from tests.support.planner.legality import examine, judge
+from tests.support.planner.random_jobs import random_job
+from tests.support.soak import share
 
-PROGRAMS = sorted((Path(__file__).parents[2] / "programs").glob("*.nc"))
+PROGRAMS = sorted((ROOT / "programs").glob("*.nc"))
 TABLE = list(cases())
 LONG = {"drilling.nc", "finishing.nc", "pocket.nc"}
 """Shipped programs that take minutes on the machine."""

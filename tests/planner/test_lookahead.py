@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.canon import Block, Dwell, PathMode
-from cnc.control import Control
-from cnc.errors import MotionLimitError
 from cnc.machine.models import Axis, Machine
+from cnc.model.blocks import Block, Dwell, PathMode
+from cnc.model.diagnostics import MotionLimitError
+from cnc.model.operator_control import Control
 from cnc.path.build import build
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from motions import arc, lines, machine, nurbs, path_of, random_blocks, sampled
-from support import share
+from tests.support.planner.motions import arc, lines, machine, nurbs, path_of, random_blocks, sampled
+from tests.support.soak import share
 
 TRIDENT = [(10, 0, 0), (20, 20, 0), (12, 8, 0), (10, 20, 0), (8, 8, 0), (0, 20, 0), (10, 0, 0)]
 

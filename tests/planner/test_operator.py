@@ -8,18 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.canon import Block, Held, Overrides, PathMode, SpindleSync
-from cnc.control import Control
-from cnc.errors import UsageError
-from cnc.interpolator.reference_pulse import ReferencePulse
-from cnc.interpolator.sampled import Sampled
 from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.model.blocks import Block, Held, Overrides, PathMode, SpindleSync
+from cnc.model.diagnostics import UsageError
+from cnc.model.operator_control import Control
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import SLICE
-from motions import arc, lines, machine, path_of, random_blocks
-from support import share
+from cnc.pulses.reference_pulse import ReferencePulse
+from cnc.pulses.sampled import Sampled
+from tests.support.planner.motions import arc, lines, machine, path_of, random_blocks
+from tests.support.soak import share
 
 Plans = list[PlanChunk]
 

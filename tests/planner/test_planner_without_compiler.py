@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from support import check_without_compiler
+from tests.support.soak import check_without_compiler
 
 SHARE = "valley or a_stop or cannot_be or theory or errata or tangent or jump or exact_stop or short_dwell or (cusp and not bad_input)"
 

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from cnc.canon import PathMode
-from cnc.kernels.cells import can_gain
-from cnc.kernels.descent import cell_phases
-from cnc.kernels.intervals import interval_at
+from cnc.kernels.planner.cells import can_gain
+from cnc.kernels.planner.descent import cell_phases
+from cnc.kernels.planner.intervals import interval_at
 from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.model.blocks import PathMode
 from cnc.path.build import build
 from cnc.planner.limits import STANDSTILL, Limits, intervals
 from cnc.planner.lookahead import LookAhead
-from motions import AXES, arc, lines, machine, path_of
+from tests.support.planner.motions import AXES, arc, lines, machine, path_of
 
 END = np.array([1.0, 3.0, 3.0, 4.0])  # the third is a stop
 

@@ -8,9 +8,9 @@ import pytest
 from cnc.api import Control, Outputs, Report, Watch, run
 from cnc.executor.run import Progress
 from cnc.machine.models import Machine
-from legality import Findings, judge
-from random_jobs import random_job
-from support import share
+from tests.support.planner.legality import Findings, judge
+from tests.support.planner.random_jobs import random_job
+from tests.support.soak import share
 
 HOLD = 0.0
 FACTORS = (HOLD, HOLD, 0.01, 0.1, 0.3, 0.7, 1.0, 1.5, 2.0)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ruckig import InputParameter, Result, Ruckig, Trajectory
 
-from cnc.kernels.scurve import (
+from cnc.kernels.planner.scurve import (
     peak_speed,
     phase_time,
     ramp_distance,

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.kernels.limits import LEVELS
-from cnc.kernels.lookahead import PLANNED, START_TOO_FAST, plan_window
-from support import share
+from cnc.kernels.planner.limits import LEVELS
+from cnc.kernels.planner.lookahead import PLANNED, START_TOO_FAST, plan_window
+from tests.support.soak import share
 
 A, J = 2400.0, 48000.0
 

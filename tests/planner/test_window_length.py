@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import cnc.planner.window
-from cnc.canon import Block, Polyline
-from cnc.control import Control
+from cnc.model.blocks import Block, Polyline
+from cnc.model.operator_control import Control
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import STOPS_KNOWN, Window
-from motions import arc, lines, machine, nurbs, path_of
+from tests.support.planner.motions import arc, lines, machine, nurbs, path_of
 
 
 def chain(rng: np.random.Generator) -> list[Block]:

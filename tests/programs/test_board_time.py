@@ -10,20 +10,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.api import parse, start_position
-from cnc.drivers.grblbox.box import GrblBox
-from cnc.drivers.grblbox.from_machine import settings_of
-from cnc.drivers.grblbox.ports import BoxPort
-from cnc.flatten.board_time import BoardLimits, BoardTime, Countdown
-from cnc.flatten.smooth import smooth_path
-from cnc.flatten.translator import Translator
+from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.from_machine import settings_of
+from cnc.boards.grbl.simulator.ports import BoxPort
+from cnc.grbl_lines.grbl_timing import BoardLimits, BoardTime, Countdown
+from cnc.grbl_lines.smooth import smooth_path
+from cnc.grbl_lines.translator import Translator
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
+from cnc.model.streams import GcodeLine
 from cnc.planner.lookahead import LookAhead
-from cnc.stream import GcodeLine
-from random_programs import random_program
-from support import share
+from tests.support.paths import PROGRAMS
+from tests.support.programs.random_programs import random_program
+from tests.support.soak import share
 
-PROGRAMS = Path(__file__).parents[2] / "programs"
 MILL = load_machine(None)
 LIMITS = BoardLimits((50.0, 50.0, 10.0), (200.0, 200.0, 50.0), junction_deviation=0.01)
 
@@ -127,7 +127,7 @@ def test_random_programs_take_as_long_as_on_the_board_in_the_box(seed, tmp_path_
 def test_batches_make_no_difference(monkeypatch):
     texts = lines_of(PROGRAMS / "bezier.nc", MILL)
     whole = seconds(texts, BoardLimits.of_machine(MILL))
-    monkeypatch.setattr("cnc.flatten.board_time.BATCH", 40)
+    monkeypatch.setattr("cnc.grbl_lines.grbl_timing.BATCH", 40)
     assert seconds(texts, BoardLimits.of_machine(MILL)) == pytest.approx(whole, rel=1e-9)
 
 

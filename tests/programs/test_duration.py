@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from cnc.api import check, load_machine, run
-from cnc.canon import Dwell, End
-from cnc.drivers.loopback import Loopback
+from cnc.boards.loopback import Loopback
 from cnc.machine.models import Machine
-from cnc.stream import PulseChunk
-from programs.random_programs import random_program
-from support import share
-
-ROOT = Path(__file__).parents[2]
+from cnc.model.blocks import Dwell, End
+from cnc.model.streams import PulseChunk
+from tests.support.paths import ROOT
+from tests.support.programs.random_programs import random_program
+from tests.support.soak import share
 
 
 class Clock(Loopback):

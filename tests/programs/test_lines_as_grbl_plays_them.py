@@ -8,20 +8,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.api import start_position
-from cnc.flatten.room import MARGIN
-from cnc.flatten.smooth import smooth_path
-from cnc.flatten.translator import Translator
-from cnc.gcode.program import interpret
-from cnc.gcode.text import Text
+from cnc.gcode.program.program import interpret
+from cnc.gcode.syntax.source_text import Text
+from cnc.grbl_lines.smooth import smooth_path
+from cnc.grbl_lines.translator import Translator
+from cnc.grbl_lines.travel_margin import MARGIN
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
-from deviation import path_points
-from geometry_programs import Geometry, geometry
-from grbl_replay import PLANES, Refused, leash_of, parted_at, read_number, replayed, same_motion
-from support import share
+from tests.support.boards.grbl_replay import PLANES, Refused, leash_of, parted_at, read_number, replayed, same_motion
+from tests.support.deviation import path_points
+from tests.support.programs.geometry_programs import Geometry, geometry
+from tests.support.soak import share
 
 ROUTER = load_machine("grbl-uno")
 FLOATS = 1e-4

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,27 +10,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
-from board_reader import Move, Reader
 from cnc.api import start_position
-from cnc.canon import Block, NurbsFeed, PathMode
-from cnc.errors import GcodeError
-from cnc.flatten.smooth import smooth_path
-from cnc.flatten.translator import PREAMBLE, Translator
-from cnc.flatten.writer import Writer
-from cnc.gcode.program import interpret
-from cnc.gcode.text import Text
+from cnc.gcode.program.program import interpret
+from cnc.gcode.syntax.source_text import Text
+from cnc.grbl_lines.smooth import smooth_path
+from cnc.grbl_lines.translator import PREAMBLE, Translator
+from cnc.grbl_lines.writer import Writer
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
+from cnc.model.blocks import Block, NurbsFeed, PathMode
+from cnc.model.diagnostics import GcodeError
+from cnc.model.streams import GcodeLine
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from cnc.stream import GcodeLine
-from deviation import dense, deviation, farthest, path_points
-from random_programs import random_program
-from support import share
+from tests.support.boards.board_reader import Move, Reader
+from tests.support.deviation import dense, deviation, farthest, path_points
+from tests.support.paths import ROOT
+from tests.support.programs.random_programs import random_program
+from tests.support.soak import share
 
-FOLDER = Path(__file__).parents[2] / "programs"
+FOLDER = ROOT / "programs"
 MILL = load_machine(None)
 TOLERANCE = MILL.path.tolerance
 

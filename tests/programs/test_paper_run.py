@@ -6,15 +6,14 @@ by more than rounding), the rest by differences of the positions and against the
 """
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
 from cnc import cli
+from tests.support.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 KNOTS = [0, 0, 0, 0, 0.25, 0.5, 0.75, 1, 1, 1, 1]
 POINTS = {
     "trident": [(10, 0), (20, 20), (12, 8), (10, 20), (8, 8), (0, 20), (10, 0)],

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from cnc.api import Outputs, check, load_machine, plan, start_position
-from cnc.kernels.curve import curve_eval, curve_inv_arclen
+from cnc.kernels.path.curve import curve_eval, curve_inv_arclen
 from cnc.planner.plan import PlanChunk
-from random_programs import random_program
-from support import share
+from tests.support.paths import ROOT
+from tests.support.programs.random_programs import random_program
+from tests.support.soak import share
 
-PROGRAMS = sorted((Path(__file__).parents[2] / "programs").glob("*.nc"))
+PROGRAMS = sorted((ROOT / "programs").glob("*.nc"))
 MACHINE = load_machine("default")
 STEPS_PER_MM = np.array([axis.steps_per_mm for axis in MACHINE.axes.values()])
 ROUNDING = 1e-3

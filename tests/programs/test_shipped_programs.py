@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from cnc.canon import ArcFeed, Coolant, End, NurbsFeed, Polyline, Probe, Spindle, SpindleSync, Tool
-from cnc.gcode.program import interpret
-from cnc.gcode.text import Text
+from cnc.gcode.program.program import interpret
+from cnc.gcode.syntax.source_text import Text
+from cnc.model.blocks import ArcFeed, Coolant, End, NurbsFeed, Polyline, Probe, Spindle, SpindleSync, Tool
+from tests.support.paths import ROOT
 
-FOLDER = Path(__file__).parents[2] / "programs"
+FOLDER = ROOT / "programs"
 PROGRAMS = sorted(FOLDER.glob("*.nc"))
 SYMMETRIC = [(10, 0), (20, 20), (12, 8), (10, 20), (8, 8), (0, 20), (10, 0)]
 AS_PRINTED = [(10, 10), (20, 10), (12, 8), (10, 20), (8, 8), (0, 20), (10, 0)]

@@ -2,16 +2,15 @@
 
 import ast
 import re
-from pathlib import Path
 
 import pytest
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from cnc.checks.catalogue import LESSER
 from cnc.machine.models import Axis, Board, PathLimits, Program
-from cnc.report.catalog import LESSER
+from tests.support.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 MAKERS = {"fault", "Diagnostic", "board_error", "error", "wrong", "caution", "Undefined", "file_error", "failed"}
 """Functions and classes of which an argument is a code."""

@@ -4,7 +4,6 @@ import json
 import re
 from functools import cache
 from importlib import resources
-from pathlib import Path
 
 import jsonschema
 import pytest
@@ -12,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cnc.api import check
-from cnc.errors import Diagnostic, GcodeError, UsageError
+from cnc.checks.baseline import Baseline
 from cnc.machine.load import load_machine
-from cnc.report.changes import Baseline
-from cnc.report.formats import SARIF_SCHEMA, sarif
+from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
+from cnc.outputs.formats import SARIF_SCHEMA, sarif
 from cnc.report.result import Report
+from tests.support.paths import ROOT
 
-ROOT = Path(__file__).parents[2]
 MACHINE = load_machine("default")
 FINDINGS = st.lists(
     st.builds(

@@ -6,8 +6,8 @@ import json
 import pytest
 from rich.console import Console
 
-from cnc.errors import BoardError, Diagnostic, GcodeError, UsageError
 from cnc.machine.load import load_machine
+from cnc.model.diagnostics import BoardError, Diagnostic, GcodeError, UsageError
 from cnc.report.result import Extremes, Report, Timing
 from cnc.report.summary import clock, number, one_line, position, print_summary
 

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from cnc import cli
-from cnc.report.view.figure import traverses
-from drawn import EVERYTHING, ROOT, drawn
+from cnc.view.figure import traverses
+from tests.support.view.drawn import EVERYTHING, ROOT, drawn
 
 GOOD = "G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
 HOSTILE = """(</script><script>hacked = 1</script>)
@@ -228,8 +228,8 @@ def test_an_installed_wheel_has_what_the_page_is_made_of(tmp_path):
     program.write_text(GOOD)
     draw = (
         "import sys; sys.path.insert(0, sys.argv[1]); from pathlib import Path; from cnc.machine.load import load_machine\n"
-        "from cnc.report.result import Report; from cnc.report.targets import TextTarget; from cnc.report.view import page\n"
-        "from cnc.report.view.collect import Collector; import numpy as np; machine = load_machine(None)\n"
+        "from cnc.report.result import Report; from cnc.outputs.targets import TextTarget; from cnc.view import page\n"
+        "from cnc.view.collect import Collector; import numpy as np; machine = load_machine(None)\n"
         "assert page.__file__.startswith(sys.argv[1]), page.__file__\n"
         "picture = Collector(machine, page.SIZES, 'p.nc', np.zeros(3)).picture(); target = TextTarget(sys.argv[2])\n"
         "page.write_page(target, picture, Report('p.nc', machine), [('p.nc', Path(sys.argv[3]))]); target.close()"

@@ -5,9 +5,9 @@ import functools
 import numpy as np
 import pytest
 
-from cnc.report.view.collect import Sizes
-from drawn import EVERYTHING, ROOT, Drawn, drawn, write
-from support import share
+from cnc.view.collect import Sizes
+from tests.support.soak import share
+from tests.support.view.drawn import EVERYTHING, ROOT, Drawn, drawn, write
 
 SMALL = Sizes(strokes=300, curves=100, origins=8)
 PROGRAMS = {

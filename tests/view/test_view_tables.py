@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.kernels.thinning import FOLLOWED, S, T, X
-from cnc.report.view.tables import CurveTable, OriginTable, StrokeTable, tolerance_shown
+from cnc.kernels.view.thinning import FOLLOWED, S, T, X
+from cnc.view.tables import CurveTable, OriginTable, StrokeTable, tolerance_shown
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -12,10 +12,10 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Any, Literal
 
-from cnc.canon import PathControl
-from cnc.errors import Diagnostic, GcodeError, UsageError
-from cnc.gcode.parser import Flavour
-from cnc.gcode.words import Word, fault
+from cnc.gcode.syntax.parser import Flavour
+from cnc.gcode.syntax.words import Word, fault
+from cnc.model.blocks import PathControl
+from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 
 NAMES = ("auto", "linuxcnc", "grbl", "fanuc", "paper")
 

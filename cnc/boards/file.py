@@ -1,0 +1,120 @@
+"""A board that is a file: what it receives is written as a pulse archive, ``time_ns``, ``step``, ``line`` and what belongs to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cnc.boards.loopback import Loopback
+from cnc.boards.protocols import Capabilities, Command
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.model.npz import NpzWriter
+from cnc.model.streams import PulseChunk
+
+
+class FileBoard:
+    """Writes pulses to ``path`` (.npz) while it checks them as the loopback board does.
+
+    axes: names. steps_per_mm (axes,). min_pulse_ns: least time between two pulses of one axis. Commands between moves are kept as
+    ``command_ns`` int64 (k,), ``command_line`` int32 (k,) and ``command`` (k,), their kind. The file appears on ``finish``, or on ``stop``
+    with what was sent until then; an abort leaves no file. UsageError `can-not-write` where the folder can't be written.
+    """
+
+    def __init__(self, path: Path, axes: Sequence[str], steps_per_mm: ArrayLike, min_pulse_ns: float = 0.0) -> None:
+        self.path = path
+        self.axes = tuple(axes)
+        self.steps_per_mm = np.asarray(steps_per_mm, dtype=np.float64)
+        self._checks = Loopback(len(self.axes), min_pulse_ns)
+        self._writer: NpzWriter | None = None
+
+    @classmethod
+    def from_machine(cls, machine: Machine, target: Path | None = None) -> FileBoard:
+        """To ``target``, else to the file that ``board.port`` names. UsageError `no-target` where neither is given."""
+        if target is None and machine.board.port:
+            target = Path(machine.board.port)
+        if target is None:
+            raise UsageError(Diagnostic("no-target", "the file board needs a file to write", hint="name one with --port FILE.npz"))
+        steps_per_mm = [axis.steps_per_mm for axis in machine.axes.values()]
+        return cls(target, tuple(machine.axes), steps_per_mm, 1e9 / machine.board.max_step_rate)
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Those of the loopback board, but that a file senses nothing."""
+        return replace(self._checks.capabilities, senses=False)
+
+    @property
+    def confirmed_line(self) -> int:
+        """Source line of the last row or command written."""
+        return self._checks.confirmed_line
+
+    @property
+    def position_steps(self) -> NDArray[np.int64]:
+        """Grid point (axes,)."""
+        return self._checks.position_steps
+
+    def start(self, origin_steps: NDArray[np.int64]) -> None:
+        """Begin the file anew."""
+        self._checks.start(origin_steps)
+        if self._writer is not None:
+            self._writer.discard()
+        try:
+            self._writer = NpzWriter(self.path)
+        except OSError as error:
+            message = f"{self.path} can't be written: {error.strerror}"
+            raise UsageError(Diagnostic("can-not-write", message, hint="name a file in a folder that exists")) from error
+        self._writer.scalar("axes", list(self.axes))
+        self._writer.scalar("steps_per_mm", self.steps_per_mm)
+        self._writer.scalar("origin_steps", np.array(origin_steps, dtype=np.int64))
+        axes = len(self.axes)
+        self._write(PulseChunk(np.empty(0, np.int64), np.empty((0, axes), np.int8), np.empty(0, np.int32)))
+
+    def send(self, chunk: PulseChunk) -> None:
+        """Check, then write."""
+        self._checks.send(chunk)
+        self._write(chunk)
+
+    def execute(self, block: Command, time_ns: int) -> None:
+        """Note the block and its time."""
+        self._checks.execute(block, time_ns)
+
+    def finish(self) -> None:
+        """Put the file in place."""
+        self._checks.finish()
+        self._put_in_place()
+
+    def stop(self) -> None:
+        """Put the file in place with what was sent so far."""
+        self._checks.stop()
+        self._put_in_place()
+
+    def abort(self) -> None:
+        """Throw away what was sent."""
+        self._checks.abort()
+        if self._writer is not None:
+            self._writer.discard()
+            self._writer = None
+
+    def close(self) -> None:
+        """Throw away a file that was neither finished nor stopped."""
+        self.abort()
+
+    def _write(self, chunk: PulseChunk) -> None:
+        if self._writer is not None:
+            self._writer.append("time_ns", chunk.time_ns)
+            self._writer.append("step", chunk.step)
+            self._writer.append("line", chunk.line)
+
+    def _put_in_place(self) -> None:
+        if self._writer is None:
+            return
+        commands = self._checks.commands
+        self._writer.scalar("command_ns", np.array([time for time, _ in commands], dtype=np.int64))
+        self._writer.scalar("command_line", np.array([block.line for _, block in commands], dtype=np.int32))
+        self._writer.scalar("command", np.array([type(block).__name__.lower() for _, block in commands], dtype=np.str_))
+        self._writer.close()
+        self._writer = None

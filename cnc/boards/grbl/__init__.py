@@ -1,0 +1,1 @@
+"""GRBL boards: driver, link, protocol."""

@@ -1,0 +1,120 @@
+"""What a GRBL board says, line by line: bytes in, messages out.
+
+Source: "Grbl v1.1 Interface", response and push messages::
+
+ok  error:20                        a reply, one to each line sent                  Reply
+ALARM:2                             an emergency                                    Alarm
+Grbl 1.1h ['$' for help]            the board has just started anew                 Welcome
+<Run|MPos:1.000,2.000,0.000|FS:500,0>   the answer to ``?``                         Report (:mod:`cnc.boards.grbl.status`)
+$110=500.000                        a setting                                       Setting
+[MSG:Pgm End]  [PRB:1.0,2.0,3.0:1]  everything else that is worth knowing           Feedback
+>G54G20:ok                          a start-up line of the board's own, no reply    Other
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+LONGEST = 1024
+"""Bytes without a line end after which what has arrived is given up as noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reply:
+    """The answer to a line: ``error`` is 0 for ``ok``."""
+
+    error: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """The board has stopped all by itself."""
+
+    code: int
+
+
+@dataclass(frozen=True, slots=True)
+class Welcome:
+    """The board has started: ``hal`` for grblHAL; ``version`` such as ``1.1h``."""
+
+    version: str
+    hal: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A status report, its fields not taken apart yet: ``Run|MPos:..|FS:..``."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A line of ``$$``."""
+
+    number: int
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class Feedback:
+    """What stands in brackets: ``kind`` before the colon (MSG, GC, PRB, VER, OPT, G54, ..), ``text`` behind it."""
+
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Other:
+    """A line that is none of the above: a start-up line's echo, another device, or noise."""
+
+    text: str
+
+
+Message = Reply | Alarm | Welcome | Report | Setting | Feedback | Other
+
+OK = Reply()
+
+_WELCOME = re.compile(r"(Grbl|GrblHAL) ([0-9]+\.[0-9]+\w*) \[.*help\]$")
+_SETTING = re.compile(r"\$([0-9]+)=(.*)")
+_NUMBERED = re.compile(r"(error|ALARM):([0-9]{1,3})")
+
+
+def message(line: str) -> Message:
+    """The meaning of a line without its end."""
+    if line == "ok":
+        return OK
+    first = line[:1]
+    if first == "<" and line[-1] == ">":
+        return Report(line[1:-1])
+    if first == "[" and line[-1] == "]":
+        kind, _, text = line[1:-1].partition(":")
+        return Feedback(kind, text)
+    if first == "$" and (found := _SETTING.fullmatch(line)):
+        return Setting(int(found[1]), found[2])
+    if found := _NUMBERED.fullmatch(line):
+        return Reply(int(found[2])) if found[1] == "error" else Alarm(int(found[2]))
+    # A boot loader may leave something on the line before it.
+    if found := _WELCOME.search(line):
+        return Welcome(found[2], hal=found[1] == "GrblHAL")
+    return Other(line)
+
+
+class Messages:
+    """Puts lines together from bytes as they arrive."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    @property
+    def partial(self) -> bytes:
+        """What has arrived of a line that has not ended yet."""
+        return self._rest
+
+    def receive(self, data: bytes) -> list[Message]:
+        """The messages that ``data`` completes; empty lines are nothing."""
+        *lines, rest = (self._rest + data).split(b"\n")
+        self._rest = rest if len(rest) <= LONGEST else b""
+        stripped = [raw.strip(b"\r\0 ") for raw in lines]
+        return [OK if line == b"ok" else message(line.decode("latin-1")) for line in stripped if line]

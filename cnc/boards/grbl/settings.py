@@ -1,0 +1,179 @@
+"""What a GRBL board tells of itself: firmware (``$I``), settings (``$$``), offsets (``$#``).
+
+Source: "Grbl v1.1 Settings" and "Interface".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from cnc.boards.grbl.messages import Feedback, Setting
+from cnc.boards.grbl.protocol import RX_BYTES
+from cnc.boards.grbl.status import MM_PER_INCH
+from cnc.machine.models import Machine
+
+ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS, HOMING_DIRECTION = 12, 11, 13, 20, 23
+STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
+"""First of the settings of each kind, of the X axis; one more an axis. Steps/mm, mm/min, mm/s^2, mm."""
+SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
+PLACES = (*SYSTEMS, "G28", "G30", "G92")
+NAMES = {
+    0: "step pulse, us",
+    1: "motors stay on at rest, ms (255: always)",
+    2: "step pins inverted, mask",
+    3: "direction pins inverted, mask",
+    4: "enable pin inverted",
+    5: "limit pins inverted",
+    6: "probe pin inverted",
+    10: "status report, mask",
+    11: "junction deviation, mm",
+    12: "arc tolerance, mm",
+    13: "reports in inches",
+    20: "soft limits",
+    21: "hard limits",
+    22: "homing",
+    23: "homing direction inverted, mask",
+    24: "homing feed, mm/min",
+    25: "homing seek, mm/min",
+    26: "homing debounce, ms",
+    27: "homing pull-off, mm",
+    30: "highest spindle speed, rev/min",
+    31: "lowest spindle speed, rev/min",
+    32: "laser mode",
+    **{
+        first + column: f"{letter} {what}"
+        for first, what in (
+            (STEPS, "steps/mm"),
+            (RATES, "highest rate, mm/min"),
+            (ACCELERATIONS, "acceleration, mm/s^2"),
+            (TRAVELS, "travel, mm"),
+        )
+        for column, letter in enumerate("XYZABC")
+    },
+}
+"""Of the settings, in a few words."""
+LEAST_RX = 32
+"""A board that tells less has not understood the question."""
+
+
+@dataclass(slots=True)
+class BoardInfo:
+    """What is known of the board.
+
+    version: of the welcome (``1.1h``). hal: grblHAL. build: ``$I``'s VER line. options: letters of its OPT line. blocks: of the planner,
+    0 if not told. rx_bytes: receive buffer. settings: number to value as text. places: G54 to G59, G28, G30 and G92 in mm. tool_length:
+    mm, along Z.
+    """
+
+    version: str
+    hal: bool
+    build: str = ""
+    options: str = ""
+    blocks: int = 0
+    rx_bytes: int = RX_BYTES
+    settings: dict[int, str] = field(default_factory=dict)
+    places: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    tool_length: float = 0.0
+
+    @property
+    def firmware(self) -> str:
+        """Name and version, as people write them."""
+        return f"{'grblHAL' if self.hal else 'GRBL'} {self.version}"
+
+    def take(self, told: Sequence[Feedback | Setting]) -> None:
+        """Note what the board answered to ``$I``, ``$$`` and, last, ``$#``."""
+        for each in told:
+            if isinstance(each, Setting):
+                self.settings[each.number] = each.value
+            elif each.kind == "VER":
+                self.build = each.text.rstrip(":")
+            elif each.kind == "OPT":
+                self._options(each.text)
+            elif each.kind == "FIRMWARE":
+                self.hal = self.hal or "grblhal" in each.text.lower()
+            elif each.kind in PLACES:
+                self.places[each.kind] = self._lengths(each.text)
+            elif each.kind == "TLO":
+                # GRBL tells one number, grblHAL one an axis.
+                lengths = self._lengths(each.text)
+                self.tool_length = (lengths[2] if len(lengths) > 2 else lengths[0]) if lengths else 0.0
+
+    @property
+    def unit(self) -> float:
+        """The mm in what positions are reported in (``$13``)."""
+        return MM_PER_INCH if self.number(REPORT_INCHES) == 1 else 1.0
+
+    def number(self, setting: int) -> float | None:
+        """A setting's value; None if it is absent or no number."""
+        try:
+            return float(self.settings[setting])
+        except (KeyError, ValueError):
+            return None
+
+    def axis(self, first: int, column: int) -> float | None:
+        """An axis's setting of a kind (STEPS, RATES, ..), None where there is none that makes sense."""
+        value = self.number(first + column)
+        return value if value is not None and value > 0 else None
+
+    @property
+    def axes(self) -> int:
+        """How many axes have settings."""
+        return next((column for column in range(6) if self.axis(STEPS, column) is None), 6)
+
+    def travel(self, column: int) -> tuple[float, float] | None:
+        """Lowest and highest machine position of an axis.
+
+        Machine zero is where homing ends, at the top of the travel. A build that sets the origin there by force (option Z) has it at the
+        bottom of the axes that home downwards (``$23``).
+        """
+        reach = self.axis(TRAVELS, column)
+        if reach is None:
+            return None
+        downwards = int(self.number(HOMING_DIRECTION) or 0) >> column & 1
+        return (0.0, reach) if "Z" in self.options and downwards else (-reach, 0.0)
+
+    @property
+    def soft_limits(self) -> bool:
+        """Whether the board refuses targets outside its travel (``$20``)."""
+        return self.number(SOFT_LIMITS) not in (None, 0.0)
+
+    def braking_s(self) -> float:
+        """Seconds that it may take to come to rest, from the fastest of the axes against the slowest acceleration."""
+        times = []
+        for column in range(self.axes):
+            rate, acceleration = self.axis(RATES, column), self.axis(ACCELERATIONS, column)
+            if rate is not None and acceleration is not None:
+                times.append(rate / 60.0 / acceleration)
+        return max(times, default=1.0)
+
+    def narrowed(self, machine: Machine) -> Machine:
+        """The machine with no more travel than the board's soft limits leave it; itself where they are off."""
+        if not self.soft_limits:
+            return machine
+        axes = dict(machine.axes)
+        for column, letter in enumerate(machine.axes):
+            travel = self.travel(column)
+            if travel is None:
+                continue
+            own = axes[letter].travel or travel
+            both = max(own[0], travel[0]), min(own[1], travel[1])
+            if both[0] < both[1]:
+                axes[letter] = axes[letter].model_copy(update={"travel": both})
+            else:
+                axes[letter] = axes[letter].model_copy(update={"travel": travel})
+        return machine.model_copy(update={"axes": axes})
+
+    def _options(self, text: str) -> None:
+        """``VL,15,128``: letters, planner blocks, receive buffer."""
+        self.options, *numbers = text.split(",")
+        sizes = [int(number) if number.isdigit() else 0 for number in numbers]
+        if len(sizes) >= 2:
+            self.blocks = sizes[0]
+            self.rx_bytes = sizes[1] if sizes[1] >= LEAST_RX else RX_BYTES
+
+    def _lengths(self, text: str) -> tuple[float, ...]:
+        try:
+            return tuple(float(value) * self.unit for value in text.split(","))
+        except ValueError:
+            return ()

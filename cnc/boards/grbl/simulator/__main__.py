@@ -1,0 +1,60 @@
+"""``python -m cnc.boards.grbl.simulator``: a GRBL board behind a pseudo-terminal, until it is interrupted or unplugged."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+
+from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.eeprom import setting_text
+from cnc.boards.grbl.simulator.faults import Appointment, parse_fault
+from cnc.boards.grbl.simulator.firmware_profile import FLAVOURS, GRBL_SETTINGS
+from cnc.boards.grbl.simulator.pty_server import PtyServer
+
+
+def setting(text: str) -> tuple[int, float]:
+    """``110=5000``."""
+    number, _, value = text.removeprefix("$").partition("=")
+    if int(number) not in GRBL_SETTINGS:
+        raise ValueError(number)
+    return int(number), float(value)
+
+
+def fault(text: str) -> Appointment:
+    """See :func:`cnc.boards.grbl.simulator.faults.parse_fault`."""
+    try:
+        return parse_fault(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Serve; the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m cnc.boards.grbl.simulator", description=__doc__)
+    parser.add_argument("--flavour", choices=FLAVOURS, default="grbl", help="which firmware")
+    parser.add_argument("--factor", type=float, default=1.0, help="how much faster than the wall its clock runs")
+    parser.add_argument("--setting", type=setting, action="append", default=[], metavar="N=VALUE", help="a $ setting, any number of them")
+    parser.add_argument("--fault", type=fault, action="append", default=[], metavar="KIND[:N][@byte|line|time:N]", help="what goes wrong")
+    chosen = parser.parse_args(arguments)
+    if not chosen.factor > 0.0:
+        parser.error("--factor must be greater than 0")
+    if not hasattr(os, "openpty"):
+        parser.error("this system has no pseudo-terminals")
+    box = GrblBox(FLAVOURS[chosen.flavour], settings=dict(chosen.setting))
+    for each in chosen.fault:
+        box.inject(each.fault, byte=each.byte, line=each.line, time=each.time)
+    with PtyServer(box, chosen.factor) as server:
+        changed = ", ".join(setting_text(number, value) for number, value in chosen.setting)
+        sys.stdout.write(f"{server.name}\n")
+        sys.stderr.write(f"a {chosen.flavour} board at {server.name}{f' with {changed}' if changed else ''}; end it with Ctrl-C\n")
+        sys.stdout.flush()
+        try:
+            server.wait()
+        except KeyboardInterrupt:
+            return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

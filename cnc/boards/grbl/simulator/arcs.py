@@ -1,0 +1,48 @@
+"""Arcs become chords whose middle is no further from the circle than ``$12`` (settings.md, ``$12``).
+
+sagitta e of a chord over the angle 2b on radius r:   e = r (1 - cos b)   =>   chord^2 = 4 (2 r e - e^2)
+"""
+
+from __future__ import annotations
+
+import math
+
+from cnc.boards.grbl.simulator.planner import Point
+
+FULL_TURN = 2.0 * math.pi
+SAME_ANGLE = 5e-7
+"""Radians below which start and end are one, and the arc a full circle."""
+
+
+def chords(
+    start: Point, end: Point, center: tuple[float, float], plane: tuple[int, int, int], clockwise: bool, tolerance: float
+) -> list[Point]:
+    """Ends of the chords of an arc or helix; ``center`` is relative to the start, in the plane."""
+    first, second, normal = plane
+    i, j = center
+    radius = math.hypot(i, j)
+    middle = (start[first] + i, start[second] + j)
+    begin = math.atan2(-j, -i)
+    turn = math.atan2(end[second] - middle[1], end[first] - middle[0]) - begin
+    if clockwise:
+        while turn >= -SAME_ANGLE:
+            turn -= FULL_TURN
+        while turn < -FULL_TURN - SAME_ANGLE:
+            turn += FULL_TURN
+    else:
+        while turn <= SAME_ANGLE:
+            turn += FULL_TURN
+        while turn > FULL_TURN + SAME_ANGLE:
+            turn -= FULL_TURN
+    half = 2.0 * radius * tolerance - tolerance * tolerance
+    pieces = int(0.5 * abs(turn) * radius / math.sqrt(half)) if half > 0.0 else 0
+    points: list[Point] = []
+    for piece in range(1, pieces):
+        share = piece / pieces
+        point = [0.0, 0.0, 0.0]
+        point[first] = middle[0] + radius * math.cos(begin + share * turn)
+        point[second] = middle[1] + radius * math.sin(begin + share * turn)
+        point[normal] = start[normal] + share * (end[normal] - start[normal])
+        points.append((point[0], point[1], point[2]))
+    points.append(end)
+    return points

@@ -1,0 +1,200 @@
+"""``$`` commands (commands.md): settings, reports, jogs, homing, check mode, sleep. Each returns an error code, 0 for ok."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import replace
+
+from cnc.boards.grbl.simulator import report
+from cnc.boards.grbl.simulator.core import BUSY, Core, Wait
+from cnc.boards.grbl.simulator.eeprom import LONGEST_TEXT, STARTUP_LINES
+from cnc.boards.grbl.simulator.modal import AXES, NUMBER, Modes, Refused, check, sort
+from cnc.boards.grbl.simulator.motion import home, move_to, perform, within_travel, write_eeprom
+
+Answer = Generator[Wait, None, int]
+REPORTS: dict[str, Callable[[Core], list[str]]] = {
+    "#": report.parameters,
+    "I": report.build_info,
+    "N": report.startup_lines,
+}
+JOG_COMMANDS = {"distance", "units", "other"}
+
+
+def system_command(core: Core, text: str) -> Answer:
+    """A line that begins with ``$``, upper case, without spaces."""
+    body = text[1:]
+    if body == "":
+        core.say(report.HELP)
+        return 0
+    if body.startswith("J"):
+        return (yield from _jog(core, body[1:]))
+    if body == "$":
+        if core.state in ("Run", "Hold"):
+            return 8
+        return (yield from _print(core, report.settings_list(core)))
+    if body == "G":
+        core.say(report.parser_state(core))
+        return 0
+    if body == "C":
+        return _check_mode(core)
+    if body == "X":
+        return _unlock(core)
+    if body[0] in "$GCX":
+        return 3
+    if core.state not in ("Idle", "Alarm"):
+        return 8
+    if body in REPORTS:
+        return (yield from _print(core, REPORTS[body](core)))
+    if body == "H":
+        return (yield from _home(core))
+    if body == "SLP":
+        core.flags.sleep = True
+        return 0
+    if body.startswith("RST="):
+        return (yield from _restore(core, body[4:]))
+    if body.startswith("I="):
+        if len(body) - 2 > LONGEST_TEXT:
+            return 14
+        yield from write_eeprom(core, lambda: core.eeprom.store_build_info(body[2:]))
+        return 0
+    if body[0] == "N" and "=" in body:
+        return (yield from _startup_line(core, body[1:]))
+    return (yield from _set(core, body))
+
+
+def _print(core: Core, lines: list[str]) -> Answer:
+    """Line by line, each as soon as the ring has room."""
+    for line in lines:
+        core.say(line)
+        yield BUSY
+    return 0
+
+
+def _check_mode(core: Core) -> int:
+    """``$C``: on in Idle; off, with a reset."""
+    if core.state == "Check":
+        core.say("[MSG:Disabled]")
+        core.flags.reset = True
+    elif core.state != "Idle":
+        return 8
+    else:
+        core.state = "Check"
+        core.say("[MSG:Enabled]")
+    return 0
+
+
+def _unlock(core: Core) -> int:
+    """``$X``."""
+    if core.state == "Alarm":
+        if core.world.door_open:
+            return 13
+        core.say("[MSG:Caution: Unlocked]")
+        core.state = "Idle"
+    return 0
+
+
+def _home(core: Core) -> Answer:
+    """``$H``, and the start-up lines after it."""
+    if not core.setting[22]:
+        return 5
+    if core.world.door_open:
+        return 13
+    yield from home(core)
+    yield from run_startup_lines(core)
+    return 0
+
+
+def _restore(core: Core, what: str) -> Answer:
+    """``$RST=``, which ends with a reset."""
+    if what not in ("$", "#", "*"):
+        return 3
+    yield from write_eeprom(core, lambda: core.eeprom.restore(what))
+    core.say("[MSG:Restoring defaults]")
+    core.flags.reset = True
+    return 0
+
+
+def _set(core: Core, body: str) -> Answer:
+    """``$x=value``."""
+    if body[0] in "#INHSR":
+        return 3
+    number = NUMBER.match(body)
+    if number is None:
+        return 2
+    rest = body[number.end() :]
+    value = NUMBER.fullmatch(rest[1:])
+    if not rest.startswith("=") or float(number.group()) not in range(256):
+        return 3
+    if value is None:
+        return 2
+    flavour = core.flavour
+    try:
+        written = core.eeprom.set(int(float(number.group())), float(value.group()), flavour.max_step_rate_hz, flavour.variable_spindle)
+    except Refused as refused:
+        return refused.code
+    yield from write_eeprom(core, lambda: written)
+    return 0
+
+
+def _startup_line(core: Core, body: str) -> Answer:
+    """``$Nx=line``: run it to see whether it is right, then keep it."""
+    index, _, text = body.partition("=")
+    if not index.isdecimal() or not index.isascii() or int(index) >= STARTUP_LINES:
+        return 3
+    if core.state != "Idle":
+        return 8
+    if len(text) > LONGEST_TEXT:
+        return 14
+    code = yield from run_line(core, text)
+    if not code:
+        yield from write_eeprom(core, lambda: core.eeprom.store_startup(int(index), text))
+    return code
+
+
+def run_line(core: Core, text: str) -> Answer:
+    """A line of the program: check it, carry it out."""
+    try:
+        line = check(text, core.modes, core.place)
+    except Refused as refused:
+        return refused.code
+    yield from perform(core, line)
+    return 0
+
+
+def run_startup_lines(core: Core) -> Answer:
+    """What ``$N`` keeps, echoed with its answer on the same line."""
+    for text in core.eeprom.startup:
+        if text:
+            core.print(f">{text}:")
+            code = yield from run_line(core, text)
+            core.say(f"error:{code}" if code else "ok")
+            yield BUSY
+    return 0
+
+
+def _jog(core: Core, body: str) -> Answer:
+    """``$J=``: a motion that leaves the parser's modes alone (jogging.md). Errors 8, 15, 16, 22 and those of its words."""
+    if core.state not in ("Idle", "Jog"):
+        return 8
+    if not body.startswith("="):
+        return 3
+    try:
+        found = sort(body[1:], core.flavour.mist)
+        if not set(found.values) & set(AXES) and not set(found.commands) - JOG_COMMANDS:
+            return 26
+        if not found.values.get("F"):
+            return 22
+        modes: Modes = replace(core.modes, motion="G1", feed_mode="G94")
+        line = check(body[1:], modes, core.place)
+        if set(found.values) & set("ST"):
+            return 36
+        if set(found.commands) - JOG_COMMANDS or found.commands.get("other", "G53") != "G53":
+            return 16
+    except Refused as refused:
+        return refused.code
+    if core.setting[20] and not within_travel(core, line.target):
+        return 15
+    yield from move_to(core, "jog", line.target, line, line.feed, 0)
+    core.parsed = line.target
+    core.start_cycle()
+    return 0

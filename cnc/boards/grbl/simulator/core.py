@@ -1,0 +1,293 @@
+"""What the parts of the box share: memory, rings, planner, steppers, the state of the machine, and the record of what it did."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field, replace
+
+from cnc.boards.grbl.simulator.eeprom import ORIGIN, Eeprom
+from cnc.boards.grbl.simulator.firmware_profile import Flavour
+from cnc.boards.grbl.simulator.modal import Modes, Place
+from cnc.boards.grbl.simulator.planner import Move, Planner, Point
+from cnc.boards.grbl.simulator.steppers import Steppers
+from cnc.boards.grbl.simulator.wire import Receiver, Transmitter
+from cnc.boards.grbl.simulator.workpiece import World
+
+NEW_LINE = "\r\n"
+CRITICAL = (1, 2)
+"""Alarms after which nothing but a reset is heard (interface.md, ``[MSG:Reset to continue]``)."""
+
+
+class Abort(Exception):
+    """A reset: thrown into the main program where it waits."""
+
+
+def _always() -> bool:
+    return True
+
+
+@dataclass(frozen=True, slots=True)
+class Wait:
+    """What the main program waits for: a condition, or a moment if that comes first.
+
+    serves: real-time commands are carried out meanwhile, and neither a hold nor a lock lets it go on.
+    """
+
+    condition: Callable[[], bool] = _always
+    until: float = math.inf
+    serves: bool = True
+
+
+BUSY = Wait(serves=False)
+"""Until the processor has done what it has to do."""
+Program = Generator[Wait, None, None]
+
+
+class Abandon(Exception):
+    """An alarm that ends the line in hand, and nothing else: thrown into the main program where it waits."""
+
+
+@dataclass(slots=True)
+class Flags:
+    """Real-time commands that wait to be carried out: the same one twice is once (commands.md, "Realtime commands")."""
+
+    status: bool = False
+    start: bool = False
+    hold: bool = False
+    door: bool = False
+    jog_cancel: bool = False
+    sleep: bool = False
+    reset: bool = False
+    alarm: int = 0
+    overrides: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something the board did that is no motion: spindle, coolant, dwell, alarm, reset, error, line, hold, resume, pause, end, eeprom."""
+
+    time: float
+    kind: str
+    value: str
+
+
+class Core:
+    """The board but for its program. Every attribute may be read by tests at any time."""
+
+    def __init__(self, flavour: Flavour, baud: float, world: World) -> None:
+        self.flavour = flavour
+        self.world = world
+        self.receiver = Receiver(baud, flavour.rx_capacity)
+        self.transmitter = Transmitter(baud, flavour.tx_capacity)
+        self.planner = Planner(flavour.planner_blocks)
+        self.steppers = Steppers(self.planner, self._trip_at)
+        self.eeprom = Eeprom(flavour.settings)
+        self.events: list[Event] = []
+        self.now = 0.0
+        self.cpu_free = 0.0
+        self.state = "Idle"
+        self.flags = Flags()
+        self.spindle_text, self.rpm, self.coolant_text = "M5 0", 0.0, "M9"
+        self.lines = 0
+        self.last_error = 0
+        self.swallow = 0
+        self.forced_error = 0
+        self.force_reset()
+
+    def force_reset(self) -> None:
+        """What a reset sets back: everything but position, state and memory."""
+        self.flags = Flags()
+        self.aborted = self.abandoned = self.answering = self.locked = self.locking = False
+        self.hold_complete = self.jog_cancelling = self.soft_limit_stop = self.resuming = False
+        self.modes = Modes()
+        self.shift = ORIGIN
+        self.tool_length = 0.0
+        self.probe_position = ORIGIN
+        self.probe_succeeded = False
+        self.probe_wanted: bool | None = None
+        self.spindle_override = 100
+        self.planner.feed_override = self.planner.rapid_override = 100
+        self.spindle_stopped = False
+        self.wco_counter = self.override_counter = 0
+        self.last_error = 0
+        self._timers: list[tuple[float, int, Callable[[], None]]] = []
+        self._timer_count = 0
+        self.steppers.flush()
+        self.sync_position()
+
+    @property
+    def setting(self) -> dict[int, float]:
+        """``$`` settings by number."""
+        return self.eeprom.settings
+
+    def per_axis(self, first: int) -> Point:
+        """Three settings that follow each other: 100 steps/mm, 110 mm/min, 120 mm/s^2, 130 mm."""
+        return (self.setting[first], self.setting[first + 1], self.setting[first + 2])
+
+    @property
+    def position(self) -> Point:
+        """Machine position now, mm."""
+        return self.steppers.state(self.now)[0]
+
+    @property
+    def place(self) -> Place:
+        """Where the parser stands."""
+        return Place(self.parsed, self.eeprom.systems | {"G92": self.shift}, self.tool_length, self.flavour.mist)
+
+    @property
+    def offset(self) -> Point:
+        """Work coordinate offset of the parser, mm."""
+        return self.place.offset(self.modes.coordinates)
+
+    @property
+    def suspended(self) -> bool:
+        """Whether the main program is kept from going on."""
+        return self.locked or self.jog_cancelling or (self.state in ("Hold", "Door", "Sleep") and not self.soft_limit_stop)
+
+    def note(self, kind: str, value: str = "") -> None:
+        """Into the record."""
+        self.events.append(Event(self.now, kind, value))
+
+    def say(self, text: str) -> None:
+        """Print a line."""
+        self.print(text + NEW_LINE)
+
+    def print(self, text: str) -> None:
+        """Print; the processor is busy until all of it is in the ring."""
+        self.cpu_free = max(self.cpu_free, self.transmitter.send(text.encode("latin-1"), self.now))
+
+    def work(self, seconds: float) -> None:
+        """The processor is busy; yield BUSY to let the time pass."""
+        self.cpu_free = max(self.cpu_free, self.now) + seconds
+
+    def reply(self, code: int) -> None:
+        """The answer to a line: ok (0) or an error."""
+        if code:
+            self.note("error", str(code))
+        if self.swallow:
+            self.swallow -= 1
+            return
+        self.say(f"error:{code}" if code else "ok")
+
+    def alarm(self, code: int) -> None:
+        """Raise an alarm; it is told as soon as real-time commands are served."""
+        self.flags.alarm = code
+
+    def sync_position(self) -> None:
+        """The parser goes on from where the machine stands: on a whole step, but at a switch that homing looks for."""
+        if self.state != "Home":
+            self.steppers.position = self.on_grid(self.steppers.position)
+        self.parsed = self.planned = self.steppers.position
+
+    def on_grid(self, point: Point) -> Point:
+        """The nearest point that whole steps reach."""
+        x, y, z = (math.floor(value * steps + 0.5) / steps for value, steps in zip(point, self.per_axis(100), strict=True))
+        return (x, y, z)
+
+    def at(self, time: float, action: Callable[[], None]) -> None:
+        """Do something later, unless a reset comes first."""
+        self._timer_count += 1
+        heapq.heappush(self._timers, (time, self._timer_count, action))
+
+    @property
+    def timer(self) -> float:
+        """When the next of those is due."""
+        return self._timers[0][0] if self._timers else math.inf
+
+    def run_timer(self) -> None:
+        """Do what is due."""
+        heapq.heappop(self._timers)[2]()
+
+    def set_spindle(self, state: str, speed: float) -> None:
+        """Switch the spindle: M3, M4 or M5 at a programmed speed (rev/min)."""
+        rpm = speed * self.spindle_override / 100.0 if state != "M5" else 0.0
+        if rpm:
+            rpm = min(max(rpm, self.setting[31]), self.setting[30])
+        text = f"{state} {rpm:g}"
+        if text != self.spindle_text:
+            self.spindle_text, self.rpm = text, rpm
+            self.note("spindle", text)
+            self.override_counter = 0
+
+    def set_coolant(self, flood: bool, mist: bool) -> None:
+        """Switch the coolants."""
+        text = " ".join(word for word, on in (("M7", mist), ("M8", flood)) if on) or "M9"
+        if text != self.coolant_text:
+            self.coolant_text = text
+            self.note("coolant", text)
+            self.override_counter = 0
+
+    def outputs_off(self) -> None:
+        """Spindle and coolants off, now; the parser's modes stay."""
+        self.set_spindle("M5", 0.0)
+        self.set_coolant(False, False)
+
+    def outputs_on(self) -> None:
+        """Spindle and coolants as the parser's modes have them."""
+        self.set_spindle(self.modes.spindle, self.modes.speed)
+        self.set_coolant(self.modes.flood, self.modes.mist)
+
+    def toggle_coolant(self, mist: bool) -> None:
+        """The override of a coolant, which changes the parser's mode with it (commands.md, 0xA0, 0xA1)."""
+        modes = self.modes
+        self.modes = replace(modes, mist=not modes.mist) if mist else replace(modes, flood=not modes.flood)
+        self.set_coolant(self.modes.flood, self.modes.mist)
+
+    def start_cycle(self) -> None:
+        """Begin to move, if there is something to move and the machine rests."""
+        if self.state == "Idle" and self.planner.blocks:
+            self.state = "Jog" if self.planner.blocks[0].kind == "jog" else "Run"
+            self.steppers.start(self.now)
+
+    def motion_event(self) -> None:
+        """A block has ended, come to rest, or tripped something."""
+        kind = self.planner.blocks[0].kind
+        happened = self.steppers.settle(self.now)
+        if happened == "tripped":
+            self._tripped(kind)
+        elif happened == "done":
+            self._rested(kind, held=False)
+        elif happened == "held":
+            self._rested(kind, held=True)
+
+    def _rested(self, kind: str, held: bool) -> None:
+        """The motion has come to rest."""
+        if self.jog_cancelling or (held and kind == "probe" and self.probe_succeeded):
+            self.steppers.flush()
+            self.sync_position()
+            self.jog_cancelling = False
+            if self.state in ("Jog", "Run"):
+                self.state = "Idle"
+        if self.state in ("Run", "Jog") and not self.planner.blocks:
+            self.state = "Idle"
+            self.steppers.holding = False
+        elif self.state in ("Hold", "Door"):
+            self.hold_complete = True
+            if self.state == "Door":
+                self.outputs_off()
+
+    def _tripped(self, kind: str) -> None:
+        """A probe has touched, or a switch has been reached."""
+        if kind == "probe":
+            self.probe_position = self.position
+            self.probe_succeeded = True
+            self.steppers.hold(self.now)
+        elif kind == "home":
+            self.steppers.halt(self.now)
+        else:
+            self.stop_dead()
+            self.alarm(1)
+
+    def stop_dead(self) -> None:
+        """All motion and the outputs off at once."""
+        self.steppers.halt(self.now)
+        self.outputs_off()
+
+    def _trip_at(self, move: Move) -> float | None:
+        if move.kind == "probe":
+            return self.world.contact(move, self.probe_wanted is True)
+        if move.kind == "home" or self.setting[21]:
+            return self.world.switch(move)
+        return None

@@ -1,0 +1,285 @@
+"""From a checked line to the planner: motions, arcs, dwells, offsets, probes, homing. Generators that yield what they wait for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator
+from dataclasses import replace
+
+from cnc.boards.grbl.simulator.arcs import chords
+from cnc.boards.grbl.simulator.core import BUSY, Core, Program, Wait
+from cnc.boards.grbl.simulator.eeprom import ORIGIN
+from cnc.boards.grbl.simulator.modal import PLANES, Line, Modes
+from cnc.boards.grbl.simulator.planner import Move, Point, smallest_over_axes
+from cnc.boards.grbl.simulator.report import probe_report
+
+PLAN_TIME = 0.0021
+"""Seconds that an AVR takes to plan a block; with its 30 us a byte of text it takes 385 short lines a second."""
+LEAST_FEED = 1.0 / 60.0
+"""mm/s: slower is not possible."""
+SEARCH, LOCATE = 1.5, 5.0
+"""Homing looks for a switch over 1.5 travels, then over 5 pull-offs (interface.md, ALARM:9)."""
+
+
+def synchronize(core: Core) -> Program:
+    """Wait until everything planned has been run."""
+    core.start_cycle()
+    yield Wait(lambda: not core.planner.blocks and not core.steppers.running)
+
+
+def move_to(core: Core, kind: str, target: Point, line: Line, feed: float, number: int) -> Program:
+    """One straight motion into the planner, as soon as there is room. ``feed``: mm/min, or 1/min for an inverse-time line."""
+    if core.setting[20] and kind not in ("jog", "home") and not within_travel(core, target):
+        yield from _soft_limit(core)
+    if core.state == "Check":
+        return
+    end = core.on_grid(target)
+    start = core.planned
+    delta = (end[0] - start[0], end[1] - start[1], end[2] - start[2])
+    length = math.hypot(*delta)
+    if length == 0.0:
+        return
+    core.work(PLAN_TIME)
+    yield BUSY
+    if not core.planner.room:
+        core.start_cycle()
+        yield Wait(lambda: core.planner.room > 0)
+    core.planned = end
+    unit = (delta[0] / length, delta[1] / length, delta[2] / length)
+    rapid = smallest_over_axes(core.per_axis(110), unit) / 60.0
+    programmed = rapid if kind == "rapid" else feed * (length if line.inverse else 1.0) / 60.0
+    accelerations = core.per_axis(120)
+    move = Move(
+        kind,
+        start,
+        end,
+        unit,
+        length,
+        max(smallest_over_axes(accelerations, unit), 1e-6),
+        max(rapid, LEAST_FEED),
+        max(programmed, LEAST_FEED),
+        number,
+        core.lines,
+        (core.spindle_text[:2], core.rpm),
+    )
+    core.planner.add(move, accelerations, core.setting[11])
+    core.steppers.replan(core.now)
+
+
+def within_travel(core: Core, target: Point) -> bool:
+    """Whether a machine position lies in the travel that ``$130`` to ``$132`` give: 0 down to minus the travel."""
+    return all(-travel <= value <= 0.0 for value, travel in zip(target, core.per_axis(130), strict=True))
+
+
+def _soft_limit(core: Core) -> Program:
+    """Brake, keep the position, raise the alarm; only a reset ends it."""
+    if core.state in ("Run", "Idle") and core.steppers.running:
+        core.soft_limit_stop = True
+        core.state, core.hold_complete = "Hold", False
+        core.steppers.hold(core.now)
+        yield Wait(lambda: core.hold_complete)
+    core.stop_dead()
+    core.alarm(2)
+    yield Wait(lambda: False)
+
+
+def perform(core: Core, line: Line) -> Program:
+    """Carry out a line that has passed the checks, in the order of the language's standard."""
+    before, core.modes = core.modes, line.modes
+    modes = line.modes
+    check = core.state == "Check"
+    if not check:
+        yield from _outputs(core, line, before, modes)
+    if line.dwell is not None and not check:
+        yield from _dwell(core, line.dwell)
+    if line.length_offset is not None and line.length_offset != core.tool_length:
+        yield from synchronize(core)
+        core.tool_length, core.wco_counter = line.length_offset, 0
+    if modes.coordinates != before.coordinates:
+        yield from synchronize(core)
+        core.wco_counter = 0
+    yield from _act(core, line)
+    if line.flow:
+        yield from _end_or_pause(core, line.flow, check)
+
+
+def _outputs(core: Core, line: Line, before: Modes, modes: Modes) -> Program:
+    """Spindle and coolant, each after the motion before it; a laser changes its power on the way."""
+    on_the_way = core.setting[32] and before.spindle == modes.spindle and line.action in ("G1", "G2", "G3")
+    if (before.spindle, before.speed) != (modes.spindle, modes.speed):
+        if not on_the_way:
+            yield from synchronize(core)
+        core.set_spindle(modes.spindle, modes.speed)
+    if (before.flood, before.mist) != (modes.flood, modes.mist):
+        yield from synchronize(core)
+        core.set_coolant(modes.flood, modes.mist)
+
+
+def _dwell(core: Core, seconds: float) -> Program:
+    yield from synchronize(core)
+    core.note("dwell", f"{seconds:g}")
+    yield Wait(lambda: False, until=core.now + seconds)
+
+
+def _act(core: Core, line: Line) -> Program:
+    """What uses the axis words, and what is stored before that."""
+    action = line.action
+    if line.before == "G92.1":
+        yield from synchronize(core)
+        core.shift, core.wco_counter = ORIGIN, 0
+    elif line.before:
+        yield from write_eeprom(core, lambda: core.eeprom.store(line.before[:3], core.parsed))
+    if action in ("G0", "G1"):
+        yield from move_to(core, "rapid" if action == "G0" else "feed", line.target, line, line.feed, line.number)
+        core.parsed = line.target
+    elif action in ("G2", "G3"):
+        yield from _arc(core, line)
+        core.parsed = line.target
+    elif action.startswith("G38"):
+        yield from _probe(core, line)
+    elif action in ("G28", "G30"):
+        yield from _go_home(core, line)
+    elif action == "G10":
+        yield from write_eeprom(core, lambda: core.eeprom.store(line.store, line.target))
+        core.wco_counter = 0
+    elif action == "G92":
+        yield from synchronize(core)
+        core.shift, core.wco_counter = _shifted(core, line), 0
+
+
+def _arc(core: Core, line: Line) -> Program:
+    ends = chords(core.parsed, line.target, line.center, PLANES[line.modes.plane], line.clockwise, core.setting[12])
+    feed = line.feed * len(ends) if line.inverse else line.feed
+    for end in ends:
+        yield from move_to(core, "feed", end, line, feed, line.number)
+
+
+def _go_home(core: Core, line: Line) -> Program:
+    """G28, G30: to the stored place, by way of the words if there are some, which then name the axes."""
+    stored = core.eeprom.systems[line.action]
+    if line.axes:
+        yield from move_to(core, "rapid", line.target, line, 0.0, line.number)
+    x, y, z = (stored[i] if i in line.axes or not line.axes else core.parsed[i] for i in range(3))
+    yield from move_to(core, "rapid", (x, y, z), line, 0.0, line.number)
+    core.parsed = (x, y, z)
+
+
+def _shifted(core: Core, line: Line) -> Point:
+    """G92: the offset with which the tool stands at the words."""
+    system, shift = core.eeprom.systems[line.modes.coordinates], list(core.shift)
+    for index in line.axes:
+        length = core.tool_length if index == 2 else 0.0
+        shift[index] = core.parsed[index] - system[index] - length - (line.words[index] or 0.0)
+    return (shift[0], shift[1], shift[2])
+
+
+def _probe(core: Core, line: Line) -> Program:
+    """G38.2 to G38.5 (interface.md, ALARM:4, ALARM:5): until the probe touches, or lets go."""
+    towards, must = line.action in ("G38.2", "G38.3"), line.action in ("G38.2", "G38.4")
+    yield from synchronize(core)
+    if core.state == "Check":
+        core.parsed = line.target
+        return
+    core.probe_succeeded = False
+    if core.world.touches(core.position) == towards:
+        core.alarm(4)
+        yield Wait()
+        return
+    core.probe_wanted = towards
+    yield from move_to(core, "probe", line.target, line, line.feed, line.number)
+    core.start_cycle()
+    yield Wait(lambda: not core.planner.blocks and not core.steppers.running)
+    core.probe_wanted = None
+    if not core.probe_succeeded and must:
+        # the place of the probe before this one stays
+        core.alarm(5)
+        yield Wait()
+    elif not core.probe_succeeded:
+        core.probe_position = core.position
+    core.sync_position()
+    core.say(probe_report(core))
+    yield BUSY
+
+
+def _end_or_pause(core: Core, flow: str, check: bool) -> Program:
+    """M0 waits for a cycle start. M1 is taken and does nothing. M2, M30: modes and outputs as at the start."""
+    if flow == "M0":
+        yield from synchronize(core)
+        if not check:
+            core.note("pause")
+            core.flags.hold = True
+            yield Wait()
+    elif flow in ("M2", "M30"):
+        yield from synchronize(core)
+        modes = core.modes
+        core.modes = replace(
+            modes, motion="G1", plane="G17", distance="G90", feed_mode="G94", coordinates="G54", spindle="M5", flood=False, mist=False
+        )
+        core.planner.feed_override = core.planner.rapid_override = core.spindle_override = 100
+        core.wco_counter = core.override_counter = 0
+        if not check:
+            core.outputs_on()
+        core.note("end", flow)
+        core.say("[MSG:Pgm End]")
+        yield BUSY
+
+
+def write_eeprom(core: Core, write: Callable[[], int]) -> Program:
+    """Write, with all motion at rest; what arrives meanwhile may be lost."""
+    yield from synchronize(core)
+    written = write()
+    if written and core.flavour.eeprom_blinds:
+        core.note("eeprom", str(written))
+        core.cpu_free = core.receiver.blind(written, core.now)
+        yield BUSY
+
+
+def home(core: Core) -> Program:
+    """``$H``: Z, then X, then Y: fast to the switch, off it, slowly to it again, off it. ALARM:8, ALARM:9."""
+    core.state = "Home"
+    line = Line(Modes())
+    for axis in (2, 0, 1):
+        sign = -1.0 if int(core.setting[23]) >> axis & 1 else 1.0
+        off = core.setting[27]
+        for feed, search in ((core.setting[25], SEARCH * core.setting[130 + axis]), (core.setting[24], LOCATE * off)):
+            if not (yield from _until_switch(core, axis, sign * search, feed, line)):
+                yield from _homing_failed(core, 9)
+            yield Wait(lambda: False, until=core.now + core.setting[26] / 1000.0)
+            yield from _stroke(core, axis, -sign * off, core.setting[25], line, "home")
+            yield Wait(lambda: False, until=core.now + core.setting[26] / 1000.0)
+            if "XYZ"[axis] in core.world.tripped(core.position):
+                yield from _homing_failed(core, 8)
+        here = list(core.position)
+        there = -off if sign > 0.0 else off - core.setting[130 + axis]
+        shift = list(core.world.offset)
+        shift[axis] += here[axis] - there
+        here[axis] = there
+        core.world.offset = (shift[0], shift[1], shift[2])
+        core.steppers.position = (here[0], here[1], here[2])
+        core.sync_position()
+    core.state = "Idle"
+
+
+def _homing_failed(core: Core, code: int) -> Program:
+    """An alarm and a reset."""
+    core.stop_dead()
+    core.flags.reset = True
+    core.alarm(code)
+    yield Wait(lambda: False)
+
+
+def _until_switch(core: Core, axis: int, way: float, feed: float, line: Line) -> Generator[Wait, None, bool]:
+    """One axis towards its switch; whether it was found."""
+    yield from _stroke(core, axis, way, feed, line, "home")
+    return "XYZ"[axis] in core.world.tripped(core.position)
+
+
+def _stroke(core: Core, axis: int, way: float, feed: float, line: Line, kind: str) -> Program:
+    """One axis by ``way`` mm, homing."""
+    target = list(core.position)
+    target[axis] += way
+    core.sync_position()
+    yield from move_to(core, kind, (target[0], target[1], target[2]), line, feed, 0)
+    core.steppers.start(core.now)
+    yield Wait(lambda: not core.planner.blocks and not core.steppers.running)
+    core.sync_position()

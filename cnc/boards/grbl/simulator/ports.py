@@ -1,0 +1,115 @@
+"""The host's end of the box's cable, in the same process: :class:`cnc.boards.port.Port` and the clock that goes with it.
+
+In virtual time a read moves the box's clock to the next answer, or by the time-out if there is none; nothing sleeps. Against the wall's
+clock, the box is taken along whenever the host reads, writes or asks, ``factor`` times as fast as the wall.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from cnc.boards.grbl.simulator.box import BOOT_TIME, GrblBox
+from cnc.boards.port import port_lost
+
+NAME = "the board in the box"
+
+
+class VirtualTime:
+    """The box's own clock, which only moves when somebody waits."""
+
+    def __init__(self, box: GrblBox) -> None:
+        self._box = box
+
+    def now(self) -> float:
+        """Seconds since the box was made."""
+        return self._box.now
+
+    def sleep(self, seconds: float) -> None:
+        """Let the box run on."""
+        self._box.advance(self._box.now + max(seconds, 0.0))
+
+    def catch_up(self) -> None:
+        """Nothing to do: the box is where its clock is."""
+
+    def await_answer(self, timeout: float) -> None:
+        """To the next answer, ``timeout`` s at most."""
+        self._box.advance(self._box.now + max(timeout, 0.0), answer=True)
+
+
+class ScaledTime:
+    """The wall's clock, ``factor`` times as fast."""
+
+    def __init__(self, box: GrblBox, factor: float = 1.0) -> None:
+        self._box = box
+        self._factor = factor
+        self._start = time.monotonic()
+        self._origin = box.now
+
+    def now(self) -> float:
+        """Seconds of the box."""
+        return self._origin + (time.monotonic() - self._start) * self._factor
+
+    def sleep(self, seconds: float) -> None:
+        """Wait that long by the box's clock."""
+        time.sleep(max(seconds, 0.0) / self._factor)
+        self.catch_up()
+
+    def catch_up(self) -> None:
+        """Bring the box to now."""
+        self._box.advance(max(self.now(), self._box.now))
+
+    def await_answer(self, timeout: float) -> None:
+        """Until there is an answer, ``timeout`` s of the box at most. The wall is slept away in steps that the box's next answer allows."""
+        end = self.now() + max(timeout, 0.0)
+        while True:
+            self.catch_up()
+            left = end - self.now()
+            if left <= 0.0 or self._box.core.transmitter.arrival <= self._box.now or not self._box.plugged:
+                return
+            time.sleep(min(left, LONGEST_NAP) / self._factor)
+
+
+LONGEST_NAP = 0.002
+"""Seconds between two looks for an answer."""
+
+
+class BoxPort:
+    """The host's end. Opening it resets the board, as DTR does to an Arduino."""
+
+    def __init__(self, box: GrblBox, clock: VirtualTime | ScaledTime | None = None, *, boot_time: float = BOOT_TIME) -> None:
+        self.box = box
+        self.clock = clock or VirtualTime(box)
+        self._lock = threading.Lock()
+        self._open = True
+        box.power_up(boot_time)
+
+    def read(self, timeout: float) -> bytes:
+        """What has arrived, after ``timeout`` s at most. PortLost after an unplugging."""
+        with self._lock:
+            self.clock.catch_up()
+            self._refuse_if_lost()
+            data = self.box.read()
+            if not data and timeout > 0.0:
+                self.clock.await_answer(timeout)
+                data = self.box.read()
+                if not data:
+                    self._refuse_if_lost()
+            return data
+
+    def write(self, data: bytes) -> None:
+        """Onto the wire at once. PortLost after an unplugging."""
+        with self._lock:
+            self.clock.catch_up()
+            self._refuse_if_lost()
+            self.box.write(bytes(data))
+
+    def close(self) -> None:
+        """Let go of the board, which goes on by itself."""
+        self._open = False
+
+    def _refuse_if_lost(self) -> None:
+        if not self._open:
+            raise port_lost(NAME, "the port has been closed")
+        if not self.box.plugged:
+            raise port_lost(NAME, "device disconnected")

@@ -1,0 +1,88 @@
+"""The box behind a pseudo-terminal, so that any sender can open it as a serial port (Unix only).
+
+A thread of its own takes the box along with the wall's clock. Opening the terminal resets the board, as DTR does to an Arduino: while
+nobody has it open, the system reports a hang-up on our side, and the end of that is the opening. A cable that is pulled is the end of the
+terminal.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import threading
+
+from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.ports import LONGEST_NAP, ScaledTime
+
+READ_SIZE = 4096
+UNREAD = 65536
+"""Bytes that wait for a host that does not read; more are lost, as in a serial port."""
+
+
+class PtyServer:
+    """A terminal called ``name``; ``with`` closes it. ``factor``: how much faster than the wall the box's clock runs."""
+
+    def __init__(self, box: GrblBox, factor: float = 1.0) -> None:
+        import tty
+
+        self.box = box
+        self._clock = ScaledTime(box, factor)
+        self._ours, theirs = os.openpty()
+        tty.setraw(theirs)
+        self.name = os.ttyname(theirs)
+        # Nobody has it open any more: the next hang-up that ends is a host.
+        os.close(theirs)
+        os.set_blocking(self._ours, False)
+        self._unread = b""
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name="grbl-box", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> PtyServer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the thread and the terminal."""
+        self._ended.set()
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Until the terminal has ended (an unplugging); whether it has."""
+        return self._ended.wait(timeout)
+
+    def _serve(self) -> None:
+        poll = select.poll()
+        poll.register(self._ours, select.POLLIN)
+        is_open = False
+        try:
+            while not self._ended.wait(0.0 if is_open else LONGEST_NAP):
+                events = dict(poll.poll(LONGEST_NAP * 1000.0 if is_open else 0)).get(self._ours, 0)
+                was_open, is_open = is_open, not events & select.POLLHUP
+                self._clock.catch_up()
+                if is_open and not was_open:
+                    self.box.power_up()
+                    self._unread = b""
+                if events & select.POLLIN:
+                    self.box.write(self._receive())
+                self._send(is_open)
+                if not self.box.plugged:
+                    break
+        finally:
+            os.close(self._ours)
+            self._ended.set()
+
+    def _receive(self) -> bytes:
+        with contextlib.suppress(OSError):
+            return os.read(self._ours, READ_SIZE)
+        return b""
+
+    def _send(self, is_open: bool) -> None:
+        self._unread = (self._unread + self.box.read())[-UNREAD:] if is_open else b""
+        if self._unread:
+            with contextlib.suppress(BlockingIOError):
+                self._unread = self._unread[os.write(self._ours, self._unread) :]

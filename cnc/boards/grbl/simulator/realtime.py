@@ -1,0 +1,211 @@
+"""Real-time commands (commands.md, "Realtime commands"): noted as their byte comes in, carried out when the main program next looks.
+
+Idle --queued motion--> Run --!--> Hold:1 --at rest--> Hold:0 --~--> Run or Idle
+any of these --0x84--> Door:2 --at rest--> Door:0 (Door:1 while the door is open) --~--> Door:3 --> Run or Idle
+Jog --! or 0x85--> at rest, the queue dropped --> Idle
+"""
+
+from __future__ import annotations
+
+from cnc.boards.grbl.simulator.core import CRITICAL, Core
+from cnc.boards.grbl.simulator.report import status_report
+
+RESET = 0x18
+TYPED = {ord("?"): "status", ord("~"): "start", ord("!"): "hold"}
+EXTENDED = {0x84: "door", 0x85: "jog_cancel"}
+HAL = {0x80: "status", 0x81: "start", 0x82: "hold", 0x87: "status"}
+"""grblHAL's second set, for hosts that would rather not send characters that can be typed."""
+FEED = {0x90: 0, 0x91: 10, 0x92: -10, 0x93: 1, 0x94: -1}
+RAPID = {0x95: 100, 0x96: 50, 0x97: 25}
+SPINDLE = {0x99: 0, 0x9A: 10, 0x9B: -10, 0x9C: 1, 0x9D: -1}
+SPINDLE_STOP, FLOOD, MIST = 0x9E, 0xA0, 0xA1
+LEAST, LARGEST = 10, 200
+"""Per cent of a feed or spindle override."""
+SPINDLE_DELAY, COOLANT_DELAY = 4.0, 1.0
+"""Seconds that are waited for spindle and coolant before motion goes on after a door or a spindle stop."""
+
+
+def is_realtime(byte: int) -> bool:
+    """Whether a byte is picked out of the stream: the typed ones, and everything above ASCII, known or not."""
+    return byte in TYPED or byte == RESET or byte >= 0x80
+
+
+def receive(core: Core, byte: int) -> None:
+    """Note a real-time command; a reset stops the machine on the spot."""
+    flags = core.flags
+    if byte == RESET:
+        reset(core)
+        return
+    name = TYPED.get(byte) or EXTENDED.get(byte) or (HAL.get(byte) if core.flavour.name == "grblhal" else None)
+    if name is not None:
+        setattr(flags, name, True)
+    elif byte in FEED or byte in RAPID or byte in SPINDLE or byte in (SPINDLE_STOP, FLOOD, MIST):
+        flags.overrides.append(byte)
+
+
+def reset(core: Core) -> None:
+    """What 0x18 does before anything else: outputs off, motion stopped, with an alarm if there was some."""
+    if core.flags.reset:
+        return
+    core.flags.reset = True
+    core.note("reset", core.state)
+    if core.steppers.running or core.state == "Home":
+        core.alarm(6 if core.state == "Home" else 3)
+    core.stop_dead()
+
+
+def serve(core: Core) -> None:
+    """Carry out what has been noted."""
+    flags = core.flags
+    if flags.alarm:
+        code, flags.alarm = flags.alarm, 0
+        core.state = "Alarm"
+        core.note("alarm", str(code))
+        core.say(f"ALARM:{code}")
+        core.locking = code in CRITICAL or code == core.flavour.estop_alarm
+        core.work(core.flavour.alarm_s)
+        if core.now < core.cpu_free:
+            return
+    if core.locking:
+        # a reset that came while the alarm was told is forgotten
+        core.say("[MSG:Reset to continue]")
+        core.locking, core.locked, flags.reset = False, True, False
+        return
+    if core.locked:
+        flags.status = False
+        if not flags.reset:
+            return
+        core.locked = False
+    if flags.reset:
+        core.aborted = True
+        return
+    if core.state == "Home":
+        _serve_homing(core)
+        return
+    if flags.status:
+        flags.status = False
+        core.say(status_report(core))
+    _serve_holds(core)
+    _serve_start(core)
+    for byte in flags.overrides:
+        _override(core, byte)
+    flags.overrides.clear()
+
+
+def _serve_homing(core: Core) -> None:
+    """During a homing cycle only the door is heard."""
+    if core.flags.door:
+        core.flags.door = False
+        core.stop_dead()
+        core.flags.reset = True
+        core.alarm(7)
+        serve(core)
+
+
+def _serve_holds(core: Core) -> None:
+    """Hold, jog cancel, door, sleep."""
+    flags, state = core.flags, core.state
+    if flags.hold or flags.jog_cancel:
+        jogging = state == "Jog" and not core.jog_cancelling
+        if jogging:
+            _cancel_jog(core)
+        elif flags.hold and state in ("Idle", "Run"):
+            core.state = "Hold"
+            core.note("hold")
+            core.hold_complete = not core.steppers.running
+            core.steppers.hold(core.now)
+        flags.hold = flags.jog_cancel = False
+    if flags.door:
+        flags.door = False
+        if state not in ("Alarm", "Check", "Sleep"):
+            _open_door(core)
+    if flags.sleep:
+        flags.sleep = False
+        core.outputs_off()
+        core.state = "Sleep"
+        core.say("[MSG:Sleeping]")
+
+
+def _cancel_jog(core: Core) -> None:
+    """Brake, then drop what is queued."""
+    core.note("hold")
+    if core.steppers.running:
+        core.jog_cancelling = True
+        core.steppers.hold(core.now)
+
+
+def _open_door(core: Core) -> None:
+    """The safety door: as a hold, with the outputs off at rest."""
+    core.say("[MSG:Check Door]")
+    core.note("door")
+    if core.state == "Jog":
+        _cancel_jog(core)
+    core.state = "Door"
+    core.resuming = False
+    core.hold_complete = not core.steppers.running
+    core.steppers.hold(core.now)
+    if core.hold_complete:
+        core.outputs_off()
+
+
+def _serve_start(core: Core) -> None:
+    """Cycle start, resume."""
+    if not core.flags.start:
+        return
+    core.flags.start = False
+    if core.state == "Idle":
+        core.start_cycle()
+    elif core.state == "Hold" and core.hold_complete and not core.resuming:
+        if core.spindle_stopped:
+            core.spindle_stopped = False
+            core.outputs_on()
+            core.resuming = True
+            core.at(core.now + SPINDLE_DELAY, lambda: _resume(core))
+        else:
+            _resume(core)
+    elif core.state == "Door" and core.hold_complete and not core.resuming and not core.world.door_open:
+        core.spindle_stopped = False
+        modes = core.modes
+        delay = (SPINDLE_DELAY if modes.spindle != "M5" else 0.0) + (COOLANT_DELAY if modes.flood or modes.mist else 0.0)
+        core.outputs_on()
+        core.resuming = True
+        core.at(core.now + delay, lambda: _resume(core))
+
+
+def _resume(core: Core) -> None:
+    """Go on after a hold."""
+    core.note("resume")
+    core.resuming = core.hold_complete = False
+    core.steppers.holding = False
+    core.state = "Idle"
+    if core.planner.blocks:
+        core.state = "Run"
+        core.steppers.resume(core.now)
+
+
+def _override(core: Core, byte: int) -> None:
+    """Feed, rapid and spindle overrides; toggles of spindle and coolants."""
+    planner = core.planner
+    before = (planner.feed_override, planner.rapid_override, core.spindle_override)
+    if byte in FEED:
+        planner.feed_override = _scaled(planner.feed_override, FEED[byte])
+    elif byte in RAPID:
+        planner.rapid_override = RAPID[byte]
+    elif byte in SPINDLE:
+        core.spindle_override = _scaled(core.spindle_override, SPINDLE[byte])
+        if core.spindle_text[:2] != "M5":
+            core.set_spindle(core.modes.spindle, core.modes.speed)
+    elif byte == SPINDLE_STOP and core.state == "Hold" and core.modes.spindle != "M5":
+        core.spindle_stopped = not core.spindle_stopped
+        core.set_spindle("M5" if core.spindle_stopped else core.modes.spindle, core.modes.speed)
+    elif (byte == FLOOD or (byte == MIST and core.flavour.mist)) and core.state in ("Idle", "Run", "Hold"):
+        core.toggle_coolant(mist=byte == MIST)
+    if before != (planner.feed_override, planner.rapid_override, core.spindle_override):
+        core.override_counter = 0
+        core.note("override", f"{planner.feed_override},{planner.rapid_override},{core.spindle_override}")
+        core.steppers.replan(core.now)
+
+
+def _scaled(percent: int, change: int) -> int:
+    """A new override: 0 sets it back to 100."""
+    return min(max(percent + change, LEAST), LARGEST) if change else 100

@@ -1,0 +1,136 @@
+"""What the board prints of itself: status reports, parser state, parameters, settings, build info (interface.md)."""
+
+from __future__ import annotations
+
+from cnc.boards.grbl.simulator.core import Core
+from cnc.boards.grbl.simulator.eeprom import SYSTEMS, setting_text
+from cnc.boards.grbl.simulator.modal import MM_PER_INCH
+from cnc.boards.grbl.simulator.planner import Point
+
+MOVING = ("Run", "Hold", "Jog", "Home", "Door")
+OFFSET_REFRESH = {True: 30, False: 10}
+OVERRIDE_REFRESH = {True: 20, False: 10}
+"""Reports from one WCO (Ov) field to the next, with and without motion."""
+HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"
+
+
+def status_report(core: Core) -> str:
+    """The answer to ``?``, counting down to the fields that come now and then."""
+    position, speed = core.steppers.state(core.now)
+    wanted = int(core.setting[10])
+    offset = core.offset
+    if wanted & 1:
+        fields = [_state(core), f"MPos:{_lengths(core, position)}"]
+    else:
+        fields = [_state(core), f"WPos:{_lengths(core, _minus(position, offset))}"]
+    if wanted & 2:
+        fields.append(f"Bf:{core.planner.room},{core.flavour.rx_capacity - len(core.receiver.ring)}")
+    blocks = core.planner.blocks
+    if core.flavour.line_numbers and blocks and blocks[0].number and blocks[0].kind != "jog":
+        fields.append(f"Ln:{blocks[0].number}")
+    rate = speed * 60.0 / (MM_PER_INCH if core.setting[13] else 1.0)
+    feed = f"{rate:.1f}" if core.setting[13] else f"{rate:.0f}"
+    fields.append(f"FS:{feed},{core.rpm:.0f}" if core.flavour.variable_spindle else f"F:{feed}")
+    pins = _pins(core, position)
+    if pins:
+        fields.append(f"Pn:{pins}")
+    moving = core.state in MOVING
+    if core.wco_counter > 0:
+        core.wco_counter -= 1
+    else:
+        core.wco_counter = OFFSET_REFRESH[moving] - 1
+        core.override_counter = max(core.override_counter, 1)
+        fields.append(f"WCO:{_lengths(core, offset)}")
+    if core.override_counter > 0:
+        core.override_counter -= 1
+    else:
+        core.override_counter = OVERRIDE_REFRESH[moving] - 1
+        fields.append(f"Ov:{core.planner.feed_override},{core.planner.rapid_override},{core.spindle_override}")
+        accessories = _accessories(core)
+        if accessories:
+            fields.append(f"A:{accessories}")
+    return f"<{'|'.join(fields)}>"
+
+
+def _state(core: Core) -> str:
+    """The state with its sub-state."""
+    if core.state == "Hold":
+        return "Hold:0" if core.hold_complete else "Hold:1"
+    if core.state == "Door":
+        if core.resuming:
+            return "Door:3"
+        if not core.hold_complete:
+            return "Door:2"
+        return "Door:1" if core.world.door_open else "Door:0"
+    return core.state
+
+
+def _pins(core: Core, position: Point) -> str:
+    """Inputs that are triggered. Limit switches are wired where hard limits or homing are switched on."""
+    limits = core.world.tripped(position) if core.setting[21] or core.setting[22] else ""
+    return limits + "P" * core.world.touches(position) + "D" * core.world.door_open
+
+
+def _accessories(core: Core) -> str:
+    spindle = {"M3": "S", "M4": "C"}.get(core.spindle_text[:2], "")
+    return spindle + "F" * ("M8" in core.coolant_text) + "M" * ("M7" in core.coolant_text)
+
+
+def parser_state(core: Core) -> str:
+    """The answer to ``$G``."""
+    modes = core.modes
+    coolant = " ".join(word for word, on in (("M7", modes.mist), ("M8", modes.flood)) if on) or "M9"
+    # As every number that is reported: settings.md, $13.
+    inches = bool(core.setting[13])
+    feed = modes.feed / (MM_PER_INCH if inches else 1.0)
+    return (
+        f"[GC:{modes.motion} {modes.coordinates} {modes.plane} {modes.units} {modes.distance} {modes.feed_mode} "
+        f"{modes.spindle} {coolant} T{modes.tool} F{feed:.{1 if inches else 0}f} S{modes.speed:.0f}]"
+    )
+
+
+def parameters(core: Core) -> list[str]:
+    """The answer to ``$#``."""
+    lines = [f"[{name}:{_lengths(core, core.eeprom.systems[name])}]" for name in SYSTEMS]
+    lines.append(f"[G92:{_lengths(core, core.shift)}]")
+    lines.append(f"[TLO:{_length(core, core.tool_length)}]")
+    lines.append(probe_report(core))
+    return lines
+
+
+def probe_report(core: Core) -> str:
+    """Where the last probe touched, and whether it did."""
+    return f"[PRB:{_lengths(core, core.probe_position)}:{int(core.probe_succeeded)}]"
+
+
+def settings_list(core: Core) -> list[str]:
+    """The answer to ``$$``."""
+    return [setting_text(number, value) for number, value in core.setting.items()]
+
+
+def startup_lines(core: Core) -> list[str]:
+    """The answer to ``$N``."""
+    return [f"$N{index}={text}" for index, text in enumerate(core.eeprom.startup)]
+
+
+def build_info(core: Core) -> list[str]:
+    """The answer to ``$I``: version, options with the sizes of both buffers."""
+    flavour = core.flavour
+    sizes = f"{flavour.planner_blocks},{flavour.rx_reported}"
+    return [
+        f"[VER:{flavour.version}:{core.eeprom.build_info}]",
+        f"[OPT:{flavour.options},{sizes}{',3,0' if flavour.name == 'grblhal' else ''}]",
+        *flavour.build_lines,
+    ]
+
+
+def _length(core: Core, value: float) -> str:
+    return f"{value / MM_PER_INCH:.4f}" if core.setting[13] else f"{value:.3f}"
+
+
+def _lengths(core: Core, point: Point) -> str:
+    return ",".join(_length(core, value) for value in point)
+
+
+def _minus(a: Point, b: Point) -> Point:
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])

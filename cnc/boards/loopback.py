@@ -1,0 +1,199 @@
+"""The board in the box: counts steps, keeps positions and checks what a real board would choke on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.boards.protocols import Capabilities, Command, board_error
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import BoardError
+from cnc.model.streams import PulseChunk
+
+ROUNDING_NS = 1
+"""Two pulse times, each rounded to 1 ns, may lie this much nearer than the true ones."""
+
+
+class Loopback:
+    """A board that plays pulses into counters.
+
+    axes: how many columns a chunk must have. min_pulse_ns: least time between two pulses of one axis. fail_after: rows that are taken
+    before the board reports a fault, for tests of what comes then.
+
+    Faults, each a BoardError at the source line of the row: ``board-format`` (wrong type or shape), ``board-step`` (a step other than -1,
+    0, +1, or a row without a step), ``board-order`` (time runs backwards), ``board-step-rate`` (pulses of one axis too close),
+    ``board-fault`` (as told), ``board-not-started``, ``board-stopped`` (anything after a stop or a fault).
+    """
+
+    has_port = False
+
+    def __init__(self, axes: int, min_pulse_ns: float = 0.0, fail_after: int | None = None) -> None:
+        self.axes = axes
+        self.min_pulse_ns = min_pulse_ns
+        self.fail_after = fail_after
+        self.state = "idle"
+        self.commands: list[tuple[int, Command]] = []
+        self.rows = 0
+        self._position = np.zeros(axes, dtype=np.int64)
+        self._forward = np.zeros(axes, dtype=np.int64)
+        self._backward = np.zeros(axes, dtype=np.int64)
+        self._line = 0
+        self._last_ns = 0
+        self._last_pulse_ns: list[int | None] = [None] * axes
+
+    @classmethod
+    def from_machine(cls, machine: Machine, target: Path | None = None) -> Loopback:
+        """With the axes and the step rate of the machine."""
+        return cls(len(machine.axes), 1e9 / machine.board.max_step_rate)
+
+    @property
+    def capabilities(self) -> Capabilities:
+        """Pulses at whole nanoseconds; a probe touches where its move ends, an input does what is waited for, the spindle turns as told."""
+        rate = 1e9 / self.min_pulse_ns if self.min_pulse_ns else np.inf
+        return Capabilities(axes=self.axes, max_step_rate=rate, tick_ns=1.0, pulses=True, lines=False, senses=True)
+
+    @property
+    def confirmed_line(self) -> int:
+        """Source line of the last row or command taken."""
+        return self._line
+
+    @property
+    def position_steps(self) -> NDArray[np.int64]:
+        """Grid point (axes,)."""
+        return self._position.copy()
+
+    @property
+    def steps(self) -> NDArray[np.int64]:
+        """Steps made by each axis, in both directions together (axes,)."""
+        return self._forward + self._backward
+
+    @property
+    def steps_by_direction(self) -> NDArray[np.int64]:
+        """Steps made (2, axes): forward, backward."""
+        return np.stack((self._forward, self._backward))
+
+    def start(self, origin_steps: NDArray[np.int64]) -> None:
+        """Begin at a grid point, time 0, with every counter at 0."""
+        self._refuse_if_stopped()
+        if len(origin_steps) != self.axes:
+            raise self._fault("board-format", f"the board has {self.axes} axes, the program {len(origin_steps)}", 0)
+        self._position = np.array(origin_steps, dtype=np.int64)
+        self._forward[:] = 0
+        self._backward[:] = 0
+        self._last_ns = 0
+        self._last_pulse_ns = [None] * self.axes
+        self.rows = 0
+        self.commands.clear()
+        self.state = "running"
+
+    def send(self, chunk: PulseChunk) -> None:
+        """Check and count; rows before the first bad one are played."""
+        self._refuse_unless_running()
+        bad, code, message = self._check(chunk)
+        room = len(chunk.step) if self.fail_after is None else self.fail_after - self.rows
+        if room < bad:
+            bad, code, message = room, "board-fault", f"told to fail after {self.fail_after} rows"
+        self._play(chunk, bad)
+        if bad < len(chunk.step):
+            raise self._fault(code, message, int(chunk.line[bad]))
+
+    def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
+        """Note the block and its time; what the program expects comes."""
+        self._refuse_unless_running()
+        if time_ns < self._last_ns:
+            raise self._fault("board-order", f"a command at {time_ns} ns after {self._last_ns} ns", block.line)
+        self._last_ns = time_ns
+        self._line = block.line
+        self.commands.append((time_ns, block))
+        expected: tuple[float, ...] | None = getattr(block, "expected", None)
+        return expected
+
+    def finish(self) -> None:
+        """Everything has been played already."""
+        self._refuse_unless_running()
+        self.state = "idle"
+
+    def stop(self) -> None:
+        """Refuse what comes later."""
+        self.state = "stopped"
+
+    def abort(self) -> None:
+        """Refuse what comes later."""
+        self.state = "stopped"
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+        self.state = "stopped"
+
+    def stand_at(self, position_steps: NDArray[np.int64]) -> None:
+        """The machine stands at a grid point (axes,) that the pulses did not lead to, such as where a probe made contact."""
+        self._position = np.array(position_steps, dtype=np.int64)
+
+    def _refuse_if_stopped(self) -> None:
+        if self.state == "stopped":
+            raise board_error("board-stopped", "the board has been stopped", hint="open it anew")
+
+    def _refuse_unless_running(self) -> None:
+        self._refuse_if_stopped()
+        if self.state != "running":
+            raise board_error("board-not-started", "no program has been started on the board")
+
+    def _fault(self, code: str, message: str, line: int) -> BoardError:
+        self.state = "stopped"
+        return board_error(code, message, line=line)
+
+    def _check(self, chunk: PulseChunk) -> tuple[int, str, str]:
+        """Index of the first row that can't be played (the number of rows if there is none), and what is wrong with it."""
+        time, step, line = chunk.time_ns, chunk.step, chunk.line
+        n = len(time)
+        types_right = time.dtype == np.int64 and step.dtype == np.int8 and line.dtype == np.int32
+        if not types_right or step.shape != (n, self.axes) or line.shape != (n,):
+            raise self._fault("board-format", f"pulses of type {time.dtype}, {step.dtype}, {line.dtype} and shape {step.shape}", 0)
+        first, code, message = n, "", ""
+
+        def note(wrong: NDArray[np.bool_] | np.bool_, what: str, how: str) -> None:
+            nonlocal first, code, message
+            rows = np.flatnonzero(wrong)
+            if len(rows) and rows[0] < first:
+                first, code, message = int(rows[0]), what, how
+
+        # column by column: numpy is slow along short rows
+        columns = [np.ascontiguousarray(step[:, axis]) for axis in range(self.axes)]
+        note(np.bitwise_or.reduce(columns) == 0, "board-step", "a row in which no axis steps")
+        for column in columns:
+            note((column < -1) | (column > 1), "board-step", "a step other than -1, 0 or +1")
+        note(np.diff(time, prepend=self._last_ns) < 0, "board-order", "a pulse before the one sent last")
+        least = self.min_pulse_ns - ROUNDING_NS
+        for axis in range(self.axes):
+            rows = np.flatnonzero(columns[axis])
+            before = self._last_pulse_ns[axis]
+            times = time[rows]
+            gaps = np.diff(times) if before is None else np.diff(times, prepend=before)
+            close = np.flatnonzero(gaps < least)
+            if len(close):
+                row = int(rows[close[0] + (1 if before is None else 0)])
+                if row < first:
+                    gap = int(gaps[close[0]])
+                    first, code = row, "board-step-rate"
+                    message = f"pulses of axis {axis} are {gap} ns apart, the board needs {self.min_pulse_ns:.0f} ns"
+        return first, code, message
+
+    def _play(self, chunk: PulseChunk, rows: int) -> None:
+        """Count the first ``rows`` rows."""
+        if rows <= 0:
+            return
+        step = chunk.step[:rows]
+        self._last_ns = int(chunk.time_ns[rows - 1])
+        self._line = int(chunk.line[rows - 1])
+        self.rows += rows
+        for axis in range(self.axes):
+            column = step[:, axis]
+            moved = np.flatnonzero(column)
+            if len(moved):
+                forward = int(np.count_nonzero(column > 0))
+                self._forward[axis] += forward
+                self._backward[axis] += len(moved) - forward
+                self._position[axis] += 2 * forward - len(moved)
+                self._last_pulse_ns[axis] = int(chunk.time_ns[moved[-1]])

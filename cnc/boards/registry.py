@@ -1,0 +1,62 @@
+"""Boards by name: every package may add its own under the entry point group ``cnc.boards``. A driver is imported when it is asked for."""
+
+from __future__ import annotations
+
+import difflib
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import cast
+
+from cnc.boards.protocols import BoardFactory, LineSink, PulseSink
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import Diagnostic, UsageError
+
+GROUP = "cnc.boards"
+
+BUILT_IN = (
+    EntryPoint("loopback", "cnc.boards.loopback:Loopback", GROUP),
+    EntryPoint("file", "cnc.boards.file:FileBoard", GROUP),
+    EntryPoint("grbl", "cnc.boards.grbl.driver:GrblBoard", GROUP),
+    EntryPoint("grbl-sim", "cnc.boards.grbl.simulator.board:GrblSim", GROUP),
+    EntryPoint("stepper", "cnc.boards.stepper.driver:Stepper", GROUP),
+)
+"""The boards in this package, known even where it runs from a folder that was never installed."""
+
+
+def _known() -> dict[str, EntryPoint]:
+    """Every board's entry point by name."""
+    return {point.name: point for point in (*entry_points(group=GROUP), *BUILT_IN)}
+
+
+def board_names() -> tuple[str, ...]:
+    """The names that ``--board`` takes, sorted."""
+    return tuple(sorted(_known()))
+
+
+def board_factory(kind: str) -> BoardFactory:
+    """The driver called ``kind``. UsageError `unknown-board` that lists the known ones, `board-not-loadable` if it can't be imported."""
+    known = _known()
+    if kind not in known:
+        close = difflib.get_close_matches(kind, known, n=1)
+        hint = f"did you mean {close[0]}?" if close else "set board.kind in the machine file, or --board"
+        raise UsageError(Diagnostic("unknown-board", f"there is no board called {kind!r}; known are {', '.join(board_names())}", hint=hint))
+    try:
+        return cast(BoardFactory, known[kind].load())
+    except (ImportError, AttributeError) as error:
+        hint = "install the package that the driver needs"
+        raise UsageError(Diagnostic("board-not-loadable", f"the driver {known[kind].value} does not load: {error}", hint=hint)) from error
+
+
+def open_board(machine: Machine, *, kind: str | None = None, target: Path | None = None, port: str | None = None) -> PulseSink | LineSink:
+    """The board of the machine file, or the one called ``kind``. ``target``: the file to write, for a board that is one.
+
+    port: where the board is, if it is not where the machine file says. UsageError ``board-without-port`` for a board that has none.
+    """
+    name = machine.board.kind if kind is None else kind
+    factory = board_factory(name)
+    if port is not None:
+        if not getattr(factory, "has_port", True):
+            hint = "leave --port out, or name a board that has one: --board grbl"
+            raise UsageError(Diagnostic("board-without-port", f"the board {name!r} has no port", hint=hint))
+        machine = machine.model_copy(update={"board": machine.board.model_copy(update={"port": port})})
+    return factory.from_machine(machine, target)

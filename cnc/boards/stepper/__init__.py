@@ -1,0 +1,1 @@
+"""The stepper board: driver, protocol, segments."""

@@ -1,0 +1,1 @@
+"""Lint rules: warnings and notes about a program."""

@@ -1,0 +1,1 @@
+"""The effect of each G- and M-code."""

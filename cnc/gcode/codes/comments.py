@@ -1,0 +1,42 @@
+"""Comments that show values: parameters in the text of DEBUG and PRINT.
+
+Source: LinuxCNC, "G-code overview", comment parameters.
+"""
+
+from __future__ import annotations
+
+import re
+
+from cnc.gcode.syntax.parameters import Parameters
+from cnc.model.diagnostics import GcodeError
+
+UNKNOWN = "######"
+"""In the place of a parameter that there is not."""
+_DEFAULT = ".6f"
+_PART = re.compile(r"%(?:(d)|\.([0-9])f|(f))|#(?:([0-9]+)|<([^<>]*)>)")
+
+
+def fill(text: str, parameters: Parameters) -> str:
+    """The text with values in the place of ``#1`` and ``#<name>``.
+
+    ``%d`` (no decimals), ``%f`` (four) and ``%.2f`` are taken out and hold for the parameters behind them; before the first, values have
+    six decimals. Anything else stays as it is.
+    """
+    form = _DEFAULT
+
+    def value(part: re.Match[str]) -> str:
+        nonlocal form
+        whole, decimals, fixed, number, name = part.groups()
+        if number is None and name is None:
+            form = ".0f" if whole else ".4f" if fixed else f".{decimals}f"
+            return ""
+        try:
+            if number is not None:
+                found = parameters.number(float(number), 0)
+            else:
+                found = parameters.name(re.sub(r"\s", "", name).lower(), 0)
+        except GcodeError:
+            return UNKNOWN
+        return f"{found:{form}}" if found == found else UNKNOWN
+
+    return _PART.sub(value, text)

@@ -1,0 +1,325 @@
+"""What a line does beside moving: speed, tool, spindle, coolant, overrides, inputs and outputs, dwell, saved state, stop.
+
+Source: LinuxCNC, "M-codes" and "Other codes"; G4, G64, G96 and G97 in "G-codes".
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from cnc.gcode.dialects import Dialect
+from cnc.gcode.state.block_buffer import Output
+from cnc.gcode.state.modal_groups import Code, Codes, Modal
+from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.tool_table import MAX_TOOL
+from cnc.gcode.state.unused_words import Waiting
+from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.model.blocks import (
+    AnalogOutput,
+    Coolant,
+    DigitalOutput,
+    Dwell,
+    End,
+    Orient,
+    Overrides,
+    PathControl,
+    PathMode,
+    Spindle,
+    Stop,
+    Tool,
+    WaitInput,
+    WaitMode,
+)
+from cnc.model.units import MM_PER_INCH
+
+LONG_DWELL = 100.0
+"""s. A whole number of them may have been meant as milliseconds."""
+MAX_DWELL = 1e6
+"""s. What is longer is a slip: it is more than eleven days."""
+MAX_CHANNEL = 63
+"""Highest number of an input or output."""
+INPUT_ANSWER = 5399
+"""Parameter that M66 leaves its answer in."""
+
+_WAIT_MODES: tuple[WaitMode, ...] = ("immediate", "rise", "fall", "high", "low")
+_DIRECTIONS = ("shortest", "cw", "ccw")
+_SAVED = (
+    "plane", "scale", "diameter", "absolute", "arc_absolute", "feed_mode", "feed", "constant_surface", "speed", "most_rpm", "spindle",
+    "mist", "flood", "initial_level", "path", "tolerance", "feed_override", "speed_override", "adaptive_feed", "feed_stop",
+)  # fmt: skip
+"""What M70 and M73 save of the modal state; they save the coordinate system in use, too."""
+
+
+class Functions:
+    """Carries out the codes that do not move. The methods are called in the standard order of execution."""
+
+    def __init__(self, dialect: Dialect, here: Here, state: Modal, out: Output, parameters: Parameters, waiting: Waiting) -> None:
+        self._dialect = dialect
+        self._here = here
+        self._state = state
+        self._out = out
+        self._parameters = parameters
+        self._waiting = waiting
+
+    # Speed, tool, spindle
+
+    def speed_and_tool(self, words: LineWords, codes: Codes) -> None:
+        """S and T. An S word of G96 or G97 is theirs."""
+        state = self._state
+        if "S" in words.rest and "spindle-mode" not in codes and (word := words.take("S", "S")):
+            state.speed = self._speed(word)
+            if state.spindle != "off" and "spindle" not in codes and "tool-change" not in codes:
+                self._spindle()
+            elif word.number:
+                self._waiting.give(word)
+        if word := words.take("T", "T"):
+            state.tool = whole(word, "the tool number", 0, MAX_TOOL)
+            if 6 in self._dialect.m:
+                self._waiting.give(word)
+
+    def _speed(self, word: Word) -> float:
+        """The number of an S word as the spindle mode has it: rpm, or mm/s from metres or feet a minute."""
+        number = not_negative(word, "the spindle speed")
+        if not self._state.constant_surface:
+            return number
+        return number * (1000.0 if self._state.scale == 1.0 else 12.0 * MM_PER_INCH) / 60.0
+
+    def tool_change(self, words: LineWords, codes: Codes) -> None:
+        """M6 and M61."""
+        code = codes.get("tool-change")
+        if code is None:
+            return
+        state, here = self._state, self._here
+        if code.number == 61:
+            word = words.take("Q", "M61")
+            if word is None:
+                raise fault("tool-not-chosen", "M61 needs a Q word", code.word, "give Q and the number of the tool in the spindle")
+            state.loaded = whole(word, "the tool number", 0, MAX_TOOL)
+            self._out.add(Tool(here.file, here.line, state.loaded, change=False))
+            return
+        if state.tool is None:
+            raise fault("tool-not-chosen", "M6 without a tool chosen by a T word", code.word, "give T and the tool's number")
+        self._waiting.used("T")
+        self._spindle_off()
+        state.loaded = state.tool
+        self._out.add(Tool(here.file, here.line, state.tool))
+
+    def spindle(self, words: LineWords, codes: Codes) -> None:
+        """G96 and G97, then M3, M4, M5 and M19."""
+        state = self._state
+        mode, code = codes.get("spindle-mode"), codes.get("spindle")
+        if mode:
+            self._spindle_mode(words, mode)
+        if code is None:
+            if mode and state.spindle != "off":
+                self._spindle()
+        elif code.number == 19:
+            self._orient(words)
+        elif code.number == 5:
+            state.spindle = "off"
+            self._spindle()
+        else:
+            if state.speed is None:
+                message = f"{code.word.written} without a speed ever given: the spindle stands"
+                self._here.caution("spindle-speed-missing", message, code.word, "give S")
+            self._waiting.used("S")
+            state.spindle = "cw" if code.number == 3 else "ccw"
+            self._spindle()
+
+    def _spindle_mode(self, words: LineWords, code: Code) -> None:
+        """G96 D S: constant surface speed, at most D rpm; G97 S: rpm."""
+        state = self._state
+        state.constant_surface = code.number == 960
+        most = words.take("D", "G96") if state.constant_surface else None
+        state.most_rpm = not_negative(most, "the highest speed") if most else 0.0
+        word = words.take("S", code.word.written)
+        if word is None and state.constant_surface:
+            raise fault("spindle-speed-missing", f"{code.word.written} needs a speed", code.word, "give S in m/min (under G20 in feet/min)")
+        # Without S under G97 nobody can say what speed the surface speed is to become.
+        state.speed = self._speed(word) if word else None
+
+    def _spindle(self) -> None:
+        state, here = self._state, self._here
+        on = state.spindle != "off"
+        speed = (state.speed or 0.0) if on else 0.0
+        if state.constant_surface and on:
+            self._out.add(Spindle(here.file, here.line, state.spindle, state.most_rpm, speed))
+        else:
+            self._out.add(Spindle(here.file, here.line, state.spindle, speed))
+
+    def _spindle_off(self) -> None:
+        if self._state.spindle != "off":
+            self._state.spindle = "off"
+            self._spindle()
+
+    def _orient(self, words: LineWords) -> None:
+        angle, timeout, way = (words.take(letter, "M19") for letter in "RQP")
+        degrees = 0.0 if angle is None else angle.number
+        if angle and not 0.0 <= degrees <= 360.0:
+            raise fault("value-out-of-range", f"{angle.written}: the angle must be from 0 to 360 degrees", angle)
+        if timeout and timeout.number <= 0.0:
+            raise fault("value-out-of-range", f"{timeout.written}: the time-out must be more than 0", timeout)
+        direction: Any = _DIRECTIONS[whole(way, "the direction", 0, 2)] if way else "shortest"
+        self._state.spindle = "off"
+        self._out.add(Orient(self._here.file, self._here.line, degrees, direction, timeout.number if timeout else 0.0))
+
+    # Coolant, overrides, inputs and outputs
+
+    def coolant(self, codes: Codes) -> None:
+        """M7, M8, M9."""
+        if code := codes.get("coolant"):
+            state = self._state
+            state.mist = code.number == 7 or (state.mist and code.number == 8)
+            state.flood = code.number == 8 or (state.flood and code.number == 7)
+            self._coolant()
+
+    def _coolant(self) -> None:
+        self._out.add(Coolant(self._here.file, self._here.line, self._state.mist, self._state.flood))
+
+    def overrides(self, words: LineWords, codes: Codes) -> None:
+        """M48 to M53; P0 switches off, P1 or no P on."""
+        code = codes.get("overrides")
+        if code is None:
+            return
+        state = self._state
+        if code.number in (48, 49):
+            state.feed_override = state.speed_override = code.number == 48
+        else:
+            word = words.take("P", code.word.written)
+            on = word is None or not_negative(word, "the switch") != 0.0
+            name = {50: "feed_override", 51: "speed_override", 52: "adaptive_feed", 53: "feed_stop"}[code.number]
+            setattr(state, name, on)
+        self._overrides()
+
+    def _overrides(self) -> None:
+        state, here = self._state, self._here
+        self._out.add(Overrides(here.file, here.line, state.feed_override, state.speed_override, state.adaptive_feed, state.feed_stop))
+
+    def input_output(self, words: LineWords, codes: Codes) -> None:
+        """M62 to M68."""
+        code = codes.get("input-output")
+        if code is None:
+            return
+        here, number = self._here, code.number
+        if number == 66:
+            self._wait(words, code)
+        elif number >= 67:
+            channel, value = self._channel(words, code, "E"), words.take("Q", code.word.written)
+            if value is None:
+                raise fault("output-value-missing", f"{code.word.written} needs a Q word", code.word, "give Q and the value")
+            self._out.add(AnalogOutput(here.file, here.line, channel, value.number, number == 67))
+        else:
+            self._out.add(DigitalOutput(here.file, here.line, self._channel(words, code, "P"), number in (62, 64), number in (62, 63)))
+
+    def _channel(self, words: LineWords, code: Code, letter: str) -> int:
+        word = words.take(letter, code.word.written)
+        if word is None:
+            raise fault(
+                "channel-missing", f"{code.word.written} needs a {letter} word", code.word, f"give {letter} and the channel's number"
+            )
+        return whole(word, "the channel", 0, MAX_CHANNEL)
+
+    def _wait(self, words: LineWords, code: Code) -> None:
+        here, analog = self._here, "E" in words.rest
+        if analog and "P" in words.rest:
+            raise fault("channel-missing", "M66 takes P or E, not both", words.rest["P"], "P is a digital input, E an analog one")
+        channel = self._channel(words, code, "E" if analog else "P")
+        word = words.take("L", "M66")
+        mode = _WAIT_MODES[whole(word, "the way to wait", 0, 4)] if word else "immediate"
+        limit = words.take("Q", "M66")
+        if word and mode != "immediate":
+            if analog:
+                raise fault("wait-analog", f"{word.written}: an analog input can only be read at once", word, "give L0")
+            if limit is None or limit.number <= 0.0:
+                raise fault(
+                    "wait-time-missing", f"M66 {word.written} needs a time", limit or word, "give Q and the seconds to wait at most"
+                )
+        seconds = not_negative(limit, "the time") if limit else 0.0
+        self._out.ask(WaitInput(here.file, here.line, channel, analog, mode, seconds), self._answered)
+
+    def _answered(self, answer: tuple[float, ...]) -> None:
+        self._parameters.values[INPUT_ANSWER] = answer[0]
+
+    # Dwell, path control
+
+    def dwell(self, words: LineWords, code: Code) -> None:
+        """G4."""
+        word, letters = code.word, self._dialect.dwell
+        times = [(letter, time) for letter in letters if (time := words.take(letter, "G4"))]
+        if not times:
+            raise fault("dwell-time-missing", f"{word.written} needs a time", word, f"give {' or '.join(letters)}")
+        if len(times) > 1:
+            raise fault("word-wanted-twice", f"{word.written} takes one time only", times[1][1])
+        letter, time = times[0]
+        seconds = not_negative(time, "the time") * letters[letter]
+        if seconds > MAX_DWELL:
+            raise fault("value-out-of-range", f"{time.written}: a dwell of {seconds:g} s is more than eleven days", time)
+        if seconds >= LONG_DWELL and letters[letter] == 1.0 and "." not in time.written:
+            message = f"{time.written} is {seconds:g} s here; controls that count milliseconds take {seconds / 1000.0:g} s"
+            self._here.caution("dwell-long", message, time, f"write {time.written}. if seconds are meant")
+        self._out.add(Dwell(self._here.file, self._here.line, seconds))
+
+    def path_control(self, words: LineWords, code: Code) -> None:
+        """G61, G61.1, G64; P0 is the exact path.
+
+        Q of G64, a tolerance for merging straight moves, is not asked for: P serves both.
+        """
+        control: PathControl = "blend"
+        tolerance = 0.0
+        if code.number != 640:
+            control = "exact-stop" if code.number == 611 else self._dialect.path_stop
+        else:
+            for letter in sorted(self._dialect.path_words):
+                if word := words.take(letter, "G64"):
+                    value = not_negative(word, "the tolerance") * self._state.scale
+                    if letter == "P":
+                        control, tolerance = "blend" if value > 0.0 else "exact-path", value
+        self._state.path, self._state.tolerance = control, tolerance
+        self._path()
+
+    def _path(self) -> None:
+        self._out.add(PathMode(self._here.file, self._here.line, self._state.path, self._state.tolerance))
+
+    # State, stop
+
+    def save(self) -> Modal:
+        """The modal state, for :meth:`restore`."""
+        return replace(self._state)
+
+    def restore(self, saved: Modal) -> None:
+        """Back to a saved state (M72): what differs outside the interpreter is said in blocks."""
+        state = self._state
+        before = replace(state)
+        for name in _SAVED:
+            setattr(state, name, getattr(saved, name))
+        spoken: tuple[tuple[tuple[str, ...], Any], ...] = (
+            (("spindle", "speed", "constant_surface", "most_rpm"), self._spindle),
+            (("mist", "flood"), self._coolant),
+            (("feed_override", "speed_override", "adaptive_feed", "feed_stop"), self._overrides),
+            (("path", "tolerance"), self._path),
+        )
+        for names, speak in spoken:
+            if any(getattr(state, name) != getattr(before, name) for name in names):
+                speak()
+
+    def stop(self, code: Code) -> bool:
+        """M0, M1, M60, M2, M30; the last two also stop spindle and coolant. Whether the program is over."""
+        here, state = self._here, self._state
+        if code.number in (0, 1, 60):
+            self._out.add(Stop(here.file, here.line, optional=code.number == 1, pallet=code.number == 60))
+            return False
+        self._spindle_off()
+        if state.mist or state.flood:
+            state.mist = state.flood = False
+            self._coolant()
+        self._out.add(End(here.file, here.line))
+        return True
+
+
+def surface_rpm(speed: float, most_rpm: float, radius: float) -> float:
+    """Turns a minute at a surface speed (mm/s) and a radius (mm): at most ``most_rpm`` where that is not 0; infinite on the axis."""
+    rpm = speed * 60.0 / (math.tau * radius) if radius > 0.0 else math.inf
+    return min(rpm, most_rpm) if most_rpm else rpm

@@ -1,0 +1,179 @@
+"""Codes that set coordinate systems, shifts and stored positions, and those that go to them: G10 L2 and L20, G28, G30, G52 to G59.3, G92.
+
+Source: LinuxCNC, "G-codes"; for FANUC its "Programmable data input", "Reference position return" and "Local coordinate system". G53 has
+told the move already; here it is only checked.
+"""
+
+from __future__ import annotations
+
+from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.tool_codes import ToolSettings
+from cnc.gcode.dialects import Dialect
+from cnc.gcode.state.coordinates import EXTERNAL, Coordinates
+from cnc.gcode.state.modal_groups import SYSTEMS, Code, Modal
+from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, whole
+
+_HOME = {280: 28, 281: 28, 300: 30, 301: 30}
+_ORIGINS = (2, 20)
+_MORE = 541
+
+
+class Settings:
+    """Carries out the codes above for an interpreter. Under cutter compensation most are refused."""
+
+    def __init__(self, dialect: Dialect, state: Modal, motion: Motion, tools: ToolSettings) -> None:
+        self._dialect = dialect
+        self._state = state
+        self._motion = motion
+        self._coordinates: Coordinates = motion.coordinates
+        self._tools = tools
+
+    def system(self, words: LineWords, code: Code) -> None:
+        """G54 to G59.3, and FANUC's G54.1 P."""
+        self._check_compensation(code.word)
+        index = SYSTEMS[code.number]
+        if code.number == _MORE:
+            word = words.take("P", code.word.written)
+            if word is None:
+                hint = f"give P from 1 to {self._dialect.more_systems}"
+                raise fault("offset-system-missing", f"{code.word.written} needs a P word", code.word, hint)
+            index = self._more(word)
+        self._coordinates.select(index)
+
+    def _more(self, word: Word) -> int:
+        """The index of the coordinate system that P of G54.1 names."""
+        return self._coordinates.systems + whole(word, "the coordinate system", 1, self._dialect.more_systems) - 1
+
+    def non_modal(self, words: LineWords, code: Code) -> None:
+        """G10, G28, G28.1, G30, G30.1, G52, G53, G92 to G92.3."""
+        number, coordinates = code.number, self._coordinates
+        if number == 100:
+            self._g10(words, code.word)
+            return
+        self._check_compensation(code.word)
+        if number in (280, 300):
+            self._go_home(words, code)
+        elif number in (281, 301):
+            coordinates.set_home(_HOME[number], self._motion.position)
+        elif number == 520:
+            coordinates.local(self._values(words, "G52", code.word))
+        elif number == 530:
+            self._check_machine_move(code.word)
+        elif number == 920:
+            coordinates.shift_here(self._values(words, "G92", code.word), self._motion.position)
+        elif number == 921:
+            coordinates.clear_shift()
+        elif number == 922:
+            coordinates.suspend_shift()
+        else:
+            coordinates.restore_shift()
+
+    def _values(self, words: LineWords, user: str, at: Word) -> dict[int, float]:
+        """The axis words, of which there must be one."""
+        values = self._motion.axis_values(words, user)
+        if not values:
+            raise fault("axis-words-missing", f"{at.written} needs axis words", at, "such as X0 Y0")
+        return values
+
+    def _check_compensation(self, at: Word) -> None:
+        if self._motion.compensated:
+            raise fault("compensation-active", f"{at.written} under cutter compensation", at, "give G40 and a move before")
+
+    def _check_machine_move(self, at: Word) -> None:
+        """G53 under G91: some controllers refuse it, others count from the machine's zero all the same."""
+        if not self._state.absolute and not self._dialect.machine_in_incremental:
+            raise fault("machine-coordinates-incremental", f"{at.written} under G91", at, "give G90")
+
+    # Reference positions
+
+    def _go_home(self, words: LineWords, code: Code) -> None:
+        """By way of the point that the axis words give; then only the axes given go on to the stored position, or all if none is given."""
+        motion, stored = self._motion, self._home(words, code)
+        columns = [motion.column[letter] for letter in words.rest if letter in AXES and letter in motion.column]
+        if words.has_axis():
+            motion.traverse(motion.target(words, code.word.written, motion.position))
+        elif self._dialect.offset_memory:
+            raise fault(
+                "axis-words-missing", f"{code.word.written} needs axis words", code.word, "give the axes that are to go, such as Z0"
+            )
+        motion.traverse(self._partly_home(columns, stored))
+
+    def _partly_home(self, columns: list[int], stored: list[float]) -> list[float]:
+        """The stored position in the axes of ``columns`` (all if none), which are turned with the coordinate system as words are."""
+        if not columns:
+            return stored
+        coordinates, here = self._coordinates, self._motion.position
+        if not coordinates.rotation:
+            return [stored[index] if index in columns else value for index, value in enumerate(here)]
+        end, there = coordinates.to_program(here), coordinates.to_program(stored)
+        for index in columns:
+            end[index] = there[index]
+        return coordinates.to_machine(end)
+
+    def _home(self, words: LineWords, code: Code) -> list[float]:
+        """The stored position; FANUC's P2 to P4 of G30 say which."""
+        home = _HOME[code.number]
+        if (
+            self._dialect.offset_memory
+            and home == 30
+            and (place := words.take("P", "G30"))
+            and whole(place, "the reference position", 2, 4) > 2
+        ):
+            message = f"{place.written}: reference positions 3 and 4 are not stored on this machine"
+            raise fault("reference-position-missing", message, place, "the second one (P2) is parameters 5181 to 5189")
+        return self._coordinates.home(home)
+
+    # G10
+
+    def _g10(self, words: LineWords, at: Word) -> None:
+        dialect = self._dialect
+        kind = words.take("L", "G10")
+        if kind is None:
+            raise fault("offset-kind-missing", f"{at.written} needs an L word", at, "L2 sets an origin, L20 the present position")
+        if kind.whole not in dialect.offsets:
+            raise fault(
+                "code-not-supported", f"{at.written} {kind.written} is not in the {dialect.name} dialect", kind, _kinds(dialect.offsets)
+            )
+        if kind.whole not in _ORIGINS:
+            self._check_compensation(at)
+            self._tools.g10(words, kind.whole, at)
+            return
+        system = words.take("P", "G10")
+        if system is None:
+            raise fault("offset-system-missing", f"{at.written} needs a P word", at, "P1 is G54, P2 is G55, and so on")
+        here = kind.whole == 20
+        if here and dialect.more_systems:
+            index, here = self._more(system), False
+        elif number := whole(system, "the coordinate system", 0, self._coordinates.systems):
+            index = number - 1
+        else:
+            index = self._coordinates.system if dialect.offsets_current else EXTERNAL
+        if index in (self._coordinates.system, EXTERNAL):
+            self._check_compensation(at)
+        rotation = None if here else self._rotation(words)
+        values = self._motion.axis_values(words, "G10")
+        if not values and rotation is None and (here or not dialect.rotation):
+            raise fault("axis-words-missing", f"{at.written} needs axis words", at, "such as X0 Y0")
+        if here:
+            self._coordinates.set_origin_here(index, values, self._motion.position)
+        else:
+            add = dialect.offsets_add and not self._state.absolute
+            self._coordinates.set_origin(index, values, rotation=rotation, add=add)
+
+    def _rotation(self, words: LineWords) -> float | None:
+        """R of G10 L2, degrees."""
+        word = words.take("R", "G10")
+        if word is None:
+            return None
+        if not self._dialect.rotation:
+            message = f"R of G10, rotation of the coordinate system, is not in the {self._dialect.name} dialect"
+            raise fault("word-not-in-dialect", message, word)
+        if not self._coordinates.turns:
+            raise fault("axis-missing", f"{word.written} turns X and Y, and the machine has not both", word)
+        return word.number
+
+
+def _kinds(known: tuple[int, ...]) -> str:
+    """The L words of G10 that there are."""
+    *most, last = (f"L{kind}" for kind in known)
+    return f"there are {', '.join(most)} and {last}"

@@ -1,0 +1,159 @@
+"""What can be known of a statement before it is executed, worked out once for all the times that a loop brings it by."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from cnc.gcode.dialects import Dialect
+from cnc.gcode.state.modal_groups import NURBS, Codes, codes_of
+from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.statement import Statement, Value
+from cnc.gcode.syntax.words import AXES, MAX_NUMBER, LineWords, Word, fault
+
+NEAR_CODE = 1e-3
+"""How far from a whole number ten times a computed code may be."""
+_QUICK_MOTIONS = (0, 10, 20, 30)
+_DISTANCES = AXES | frozenset("IJKR")
+_MOTION_OF = {motion / 10: motion for motion in _QUICK_MOTIONS}
+_ARC, _FEED, _CODE, _NUMBER, _OTHER = -1, -2, -3, -4, -5
+_QUICK_WORDS = AXES | frozenset("FIJKR")
+
+
+Known = float | Value
+"""A number, or the way to compute it. Programs hold so many numbers that a closure for each would keep the garbage collector busy."""
+
+
+class QuickMove(NamedTuple):
+    """A line of nothing but G0 to G3 (None: the motion code in effect), axis words, I J K R and F.
+
+    axes: column and value of each axis word; arc: letter and value of I, J, K, R.
+    """
+
+    motion: int | None
+    axes: tuple[tuple[int, Known], ...]
+    arc: tuple[tuple[str, Known], ...]
+    feed: Known | None
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A statement, and its words sorted, the ``computed`` ones still without a number.
+
+    ``codes`` is None where they have to be computed; ``quick`` is the quick way to make its move, if that is of the plainest kind.
+    """
+
+    statement: Statement
+    words: LineWords
+    codes: Codes | None
+    quick: QuickMove | None
+
+    def line_words(self, parameters: Parameters) -> LineWords:
+        """The words for one execution, every number computed. A word that FANUC's vacant value stands in is as if not written."""
+        statement = self.statement
+        if not statement.computed:
+            known = self.words
+            return LineWords(known.g, known.m, known.rest.copy())
+        words = list(statement.words)
+        vacant: list[int] = []
+        for index, value in statement.computed:
+            word, number = words[index], value(parameters)
+            if math.isnan(number):
+                vacant.append(index)
+            elif not -MAX_NUMBER <= number <= MAX_NUMBER:
+                message = f"{word.written} comes to {number:g}, which is larger than {MAX_NUMBER:.0f}"
+                raise fault("number-too-large", message, word)
+            elif word.letter in "GM":
+                words[index] = _code(word, number)
+            else:
+                words[index] = Word(word.letter, number, word.written, word.column, word.length)
+        for index in reversed(vacant):
+            del words[index]
+        return LineWords.of(words)
+
+
+def _code(word: Word, number: float) -> Word:
+    """A code that was computed, as near to a tenth as computing comes; it is called by its number from here on."""
+    tenths = round(number * 10)
+    code = tenths / 10 if abs(number * 10 - tenths) < NEAR_CODE else number
+    return Word(word.letter, code, f"{word.letter}{code:g}", word.column, word.length)
+
+
+def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> Prepared:
+    """Sort the words and look for the quick way; ``column`` tells the column of an axis letter. Raises what is wrong with the words."""
+    words = LineWords.of(statement.words)
+    computed = {index for index, _ in statement.computed}
+    constant = all(statement.words[index].letter not in "GM" for index in computed)
+    codes = codes_of(words.g, words.m, dialect) if constant else None
+    return Prepared(statement, words, codes, _quick(statement, words, codes, dialect, column))
+
+
+def kinds_of_letters(dialect: Dialect, column: dict[str, int]) -> list[int]:
+    """What a letter is to :func:`move_of`, by its code: the column of an axis of dialect and machine, or one of the kinds below."""
+    kinds = [_OTHER] * 128
+    for letter, kind in {**dict.fromkeys("IJKR", _ARC), "G": _CODE, "F": _FEED, "N": _NUMBER}.items():
+        kinds[ord(letter)] = kind
+    for letter in dialect.axes & column.keys():
+        kinds[ord(letter)] = column[letter]
+    return kinds
+
+
+def move_of(letters: Iterable[int], numbers: Iterable[float], kinds: list[int]) -> QuickMove | None:
+    """The quick way for words by the codes of their letters; None where that line is of another kind, or may be wrong."""
+    motion: int | None = None
+    feed: float | None = None
+    axes: list[tuple[int, Known]] = []
+    arc: list[tuple[str, Known]] = []
+    seen = 0
+    for code, number in zip(letters, numbers, strict=True):
+        bit = 1 << code
+        if seen & bit:
+            return None
+        seen |= bit
+        kind = kinds[code]
+        if kind >= 0:
+            axes.append((kind, number))
+        elif kind == _ARC:
+            arc.append((chr(code), number))
+        elif kind == _FEED:
+            feed = number
+        elif kind == _OTHER or (number == 0.0 and math.copysign(1.0, number) < 0.0):
+            # A minus makes no code and no line number, not even before a zero.
+            return None
+        elif kind == _CODE:
+            motion = _MOTION_OF.get(number)
+            if motion is None:
+                return None
+        elif number < 0.0 or not number.is_integer():
+            return None
+    return QuickMove(motion, tuple(axes), tuple(arc), feed) if axes or arc else None
+
+
+def without_point(statement: Statement, *, collected: bool) -> Word | None:
+    """The first word of a distance or an angle that is written without a decimal point, and isn't 0.
+
+    In a line that is ``collected`` for a NURBS, and in that of G6.2, only axis words are distances: K is a knot and R a weight.
+    """
+    words = statement.words
+    letters = AXES if collected or any(word.letter == "G" and word.number == NURBS / 10 for word in words) else _DISTANCES
+    return next((word for word in words if word.letter in letters and word.number and "." not in word.written), None)
+
+
+def _quick(statement: Statement, words: LineWords, codes: Codes | None, dialect: Dialect, column: dict[str, int]) -> QuickMove | None:
+    if codes is None or words.m or statement.assignments or statement.remarks or not words.rest.keys() <= _QUICK_WORDS:
+        return None
+    if codes.keys() - {"motion"} or (codes and codes["motion"].number not in _QUICK_MOTIONS):
+        return None
+    letters = [letter for letter in words.rest if letter in AXES]
+    if not all(letter in column and letter in dialect.axes for letter in letters) or not (letters or words.rest.keys() & set("IJKR")):
+        return None
+    values: dict[str, Known] = {letter: word.number for letter, word in words.rest.items()}
+    values |= {statement.words[index].letter: value for index, value in statement.computed}
+    return QuickMove(
+        codes["motion"].number if codes else None,
+        tuple((column[letter], values[letter]) for letter in letters),
+        tuple((letter, values[letter]) for letter in "IJKR" if letter in values),
+        values.get("F"),
+    )

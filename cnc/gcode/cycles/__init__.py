@@ -1,0 +1,1 @@
+"""Canned cycles: drilling and threading."""

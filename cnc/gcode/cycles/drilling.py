@@ -1,0 +1,198 @@
+"""Canned cycles for holes: G73, G74, G81 to G89 and FANUC's G76, from the words of a line to the steps of :mod:`cnc.gcode.cycles.drilling_steps`.
+
+Lines with cycles that follow each other are a series. It begins where another motion code (or none) was in effect, and remembers the level
+from which it began, which G98 returns to. Within it, what a cycle needs but X, Y and the repeats may be left out once it was given: in
+LinuxCNC as long as the same cycle goes on, in FANUC's dialect as long as any does. What is remembered are the words as written, read anew
+under the units and the distance mode of each line. Under G91 R counts from the level where the series began and the depth from R; X and Y
+are steps, one for each repeat.
+
+Sources: LinuxCNC 2.9, "G-codes", G80-G89; FANUC Series 0i operator's manual, "canned cycle for drilling".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+from cnc.gcode.codes.machine_codes import MAX_DWELL
+from cnc.gcode.codes.motion import Motion
+from cnc.gcode.cycles.cycle_runner import Performer, Stage, refuse_axes, refuse_modes
+from cnc.gcode.cycles.drilling_steps import Hole, Manner, steps
+from cnc.gcode.cycles.steps import Turning
+from cnc.gcode.dialects import Dialect
+from cnc.gcode.state.modal_groups import Code, Modal
+from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+from cnc.model.blocks import Plane
+
+FINE_BORING = 760
+TAPS: dict[int, Turning] = {740: "ccw", 840: "cw"}
+PECKING = (730, 830)
+DWELLING = (740, 820, 840, 860, 880, 890)
+NEEDS_SPINDLE = (740, FINE_BORING, 840, 860, 880)
+DRILLING = (730, 740, 810, 820, 830, 840, 850, 860, 880, 890)
+
+MOST_REPEATS = 10_000
+MOST_BITES = 100_000
+"""Feed moves of one line at most: more is a slip of the pen in Q or L."""
+
+
+@dataclass(slots=True)
+class _Series:
+    """Cycles in a row: the cycle, its plane, the machine position before the first, and the words that stay, by letter."""
+
+    cycle: int
+    plane: Plane
+    start: list[float]
+    words: dict[str, Word] = field(default_factory=dict)
+
+
+def register(motion: Motion, dialect: Dialect, state: Modal, performer: Performer) -> None:
+    """Let ``motion`` make the canned cycles of the dialect."""
+    made = Cycles(motion, dialect, state, performer)
+    motion.handlers |= dict.fromkeys(made.cycles, made.make)
+    if dialect.cycles.words_stay:
+        motion.again |= dict.fromkeys(made.cycles, frozenset("R"))
+
+
+class Cycles:
+    """Makes the lines of canned cycles. ``cycles`` are those that the dialect has, ten times their codes."""
+
+    def __init__(self, motion: Motion, dialect: Dialect, state: Modal, performer: Performer) -> None:
+        self.cycles = frozenset(DRILLING) | ({FINE_BORING} if dialect.cycles.fine_boring else frozenset())
+        self._motion = motion
+        self._dialect = dialect
+        self._rules = dialect.cycles
+        self._state = state
+        self._performer = performer
+        self._series: _Series | None = None
+
+    def make(self, words: LineWords, code: Code | None) -> None:
+        """A line of the cycle in effect; ``code`` is that of the line, if it has one."""
+        motion, state = self._motion, self._state
+        cycle = state.motion
+        assert cycle is not None
+        name = f"G{cycle // 10}"
+        at = code.word if code else words.first()
+        refuse_modes(motion, state, name, at)
+        if not words.has_axis() and not (self._rules.words_stay and "R" in words.rest):
+            raise fault("axis-words-missing", f"{name} needs axis words", at, "give the place of the hole, such as X10 Y20")
+        refuse_axes(words, name, "XYZ")
+        stage = Stage(motion, state)
+        stage.needs("XYZ" if cycle == FINE_BORING else stage.across, name, at)
+        series = self._series_of(cycle)
+        depth = self._word(words, series, stage.across, name, at)
+        retract = self._word(words, series, "R", name, at)
+        how = self._manner(words, series, cycle, name, at)
+        repeats = self._repeats(words, name)
+        given = motion.axis_values(words, name)
+        heights = self._heights(stage, series, depth, retract)
+        top, bottom, _ = heights
+        if top < bottom:
+            message = f"R is at {top:g} mm, below the bottom of the hole at {bottom:g} mm"
+            raise fault("cycle-retract-below-bottom", message, _of_line(words, "R", at), f"{name} goes from R down to {stage.across}")
+        if how.peck and repeats * (top - bottom) > MOST_BITES * how.peck:
+            message = f"this line comes to more than {MOST_BITES} bites"
+            raise fault("cycle-too-long", message, _of_line(words, "Q", at), "give a larger Q")
+        holes = self._holes(stage, given, heights, repeats)
+        end = stage.place((*stage.start[:2], bottom))
+        how = replace(how, feed=motion.feed(words, end, 0.0, at))
+        self._series = series
+        self._performer.perform(steps(cycle, stage.start, holes, how), stage)
+
+    def _series_of(self, cycle: int) -> _Series:
+        """The series that this line goes on with, or a new one."""
+        state, series, before = self._state, self._series, self._motion.before
+        if series is None or before not in self.cycles or series.plane != state.plane:
+            return _Series(cycle, state.plane, self._motion.position)
+        words = series.words if cycle == series.cycle or self._rules.words_stay else {}
+        return _Series(cycle, series.plane, series.start, words.copy())
+
+    def _word(self, words: LineWords, series: _Series, letter: str, name: str, at: Word) -> Word:
+        """A word that the cycle needs, of this line or of one before."""
+        word = self._staying(words, series, letter, name)
+        if word is None:
+            raise fault("cycle-word-missing", f"{name} needs {letter}", at, f"give {letter} in the first line of {name}")
+        return word
+
+    def _staying(self, words: LineWords, series: _Series, letter: str, name: str) -> Word | None:
+        word = words.take(letter, name) or series.words.get(letter)
+        if word is not None:
+            series.words[letter] = word
+        return word
+
+    def _manner(self, words: LineWords, series: _Series, cycle: int, name: str, at: Word) -> Manner:
+        """What Q, P and the spindle say; the feed is still missing."""
+        state, rules = self._state, self._rules
+        dwell = peck = 0.0
+        if cycle in PECKING or cycle == FINE_BORING:
+            word = self._word(words, series, "Q", name, at)
+            peck = word.number * state.scale
+            what = "the shift" if cycle == FINE_BORING else "a bite"
+            if peck <= 0.0:
+                raise fault("value-out-of-range", f"{word.written}: {what} must be more than 0", word)
+        if cycle in DWELLING or cycle == FINE_BORING:
+            optional = not rules.dwell_needed or cycle in TAPS
+            found = self._staying(words, series, "P", name) if optional else self._word(words, series, "P", name, at)
+            dwell = self._seconds(found) if found else 0.0
+        if cycle in NEEDS_SPINDLE:
+            self._check_spindle(cycle, name, at)
+        turning: Turning = "ccw" if state.spindle == "ccw" else "cw"
+        return Manner(
+            feed=0.0,
+            dwell=dwell,
+            peck=peck if cycle in PECKING else 0.0,
+            clearance=rules.clearance,
+            turning=turning,
+            shift=peck,
+            feed_out_to=rules.feed_out_to,
+            tap_dwell=rules.tap_dwell,
+        )
+
+    def _seconds(self, word: Word) -> float:
+        seconds = not_negative(word, "the dwell") * self._dialect.dwell["P"]
+        if seconds > MAX_DWELL:
+            raise fault("value-out-of-range", f"{word.written}: a dwell of {seconds:g} s is more than eleven days", word)
+        return seconds
+
+    def _check_spindle(self, cycle: int, name: str, at: Word) -> None:
+        state = self._state
+        needed = TAPS.get(cycle)
+        start = "S and M4" if needed == "ccw" else "S and M3"
+        if state.spindle == "off" or not state.speed:
+            raise fault("spindle-stopped", f"{name} with the spindle standing", at, f"give {start} before")
+        if needed and state.spindle != needed:
+            way = "anticlockwise" if needed == "ccw" else "clockwise"
+            message = f"{name} cuts a {'left' if needed == 'ccw' else 'right'}-hand thread: the spindle must turn {way}"
+            raise fault("spindle-direction", message, at, f"give {start} before, or {'G84' if needed == 'ccw' else 'G74'}")
+
+    def _repeats(self, words: LineWords, name: str) -> int:
+        found = [word for letter in self._rules.repeats if (word := words.take(letter, name))]
+        if len(found) > 1:
+            later = max(found, key=lambda word: word.column)
+            raise fault("word-wanted-twice", f"{name} takes {' or '.join(self._rules.repeats)}, not both", later)
+        return whole(found[0], "the repeats", 1, MOST_REPEATS) if found else 1
+
+    def _heights(self, stage: Stage, series: _Series, depth: Word, retract: Word) -> tuple[float, float, float]:
+        """R, the bottom, and where the cycle ends."""
+        state, motion = self._state, self._motion
+        scale = motion.scales[motion.column[stage.across]]
+        level = stage.seen(motion.coordinates.to_program(series.start))[2]
+        top = retract.number * scale + (0.0 if state.absolute else level)
+        bottom = depth.number * scale + (0.0 if state.absolute else top)
+        return top, bottom, max(level, top) if state.initial_level else top
+
+    def _holes(self, stage: Stage, given: dict[int, float], heights: tuple[float, float, float], repeats: int) -> Iterator[Hole]:
+        """The holes of the line; ``given`` are its axis words by column."""
+        first, second, _ = stage.start
+        x, y = stage.in_plane(given)
+        top, bottom, clear = heights
+        for number in range(1, repeats + 1):
+            if self._state.absolute:
+                yield Hole(first if x is None else x, second if y is None else y, bottom, top, clear)
+            else:
+                yield Hole(first + number * (x or 0.0), second + number * (y or 0.0), bottom, top, clear)
+
+
+def _of_line(words: LineWords, letter: str, at: Word) -> Word:
+    """Where a word of this line stands; ``at`` if it is in effect from a line before."""
+    return words.users[letter][1] if letter in words.users else at

@@ -1,0 +1,202 @@
+"""The canned cycles for holes, as steps: what G73, G74, G76 and G81 to G89 do once every number is known.
+
+    height                      G98: clear is the level before the cycles (if above R), G99: clear is R
+      clear  ──────┬─────┬──
+                   ┊     ┊      ┊ traverse
+      R      ──────┊─────┊──    │ feed
+                   │     ┊
+      bottom ──────┴─────┘
+
+Sources: LinuxCNC 2.9, "G-codes", G80-G89 canned cycles; FANUC Series 0i operator's manual, "canned cycle for drilling".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from math import ceil
+from typing import Literal
+
+from cnc.gcode.cycles.steps import Allow, Cut, Operator, Pause, Point, PointSpindle, Rapid, Step, Turn, Turning, opposite, without_standing
+
+ROUNDING = 1e-9
+"""Part of a peck that is rounding of the quotient and not worth a peck of its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hole:
+    """Where a hole is: its place in the plane and its heights, mm. ``clear`` is where the cycle ends, at ``retract`` (R) or above."""
+
+    first: float
+    second: float
+    bottom: float
+    retract: float
+    clear: float
+
+    def at(self, height: float) -> Point:
+        """The point of the hole's axis at a height."""
+        return self.first, self.second, height
+
+
+@dataclass(frozen=True, slots=True)
+class Manner:
+    """How the holes of a line are made.
+
+    feed: mm/s. dwell: s at the bottom. peck: mm a bite (Q). clearance: mm that G73 backs off between two bites, or that G83 stays away from
+    the bottom when it returns. turning: how the spindle turns before the cycle. shift: mm away from the wall, along the plane's first
+    axis, before G76 leaves. feed_out_to: how far up G74, G84 and G89 feed; what is left is a traverse. tap_dwell: whether a tap dwells
+    once, when the spindle has been reversed, or before each of its two reversals.
+    """
+
+    feed: float
+    dwell: float = 0.0
+    peck: float = 0.0
+    clearance: float = 0.0
+    turning: Turning = "cw"
+    shift: float = 0.0
+    feed_out_to: Literal["clear", "retract"] = "clear"
+    tap_dwell: Literal["after", "before-each"] = "after"
+
+
+def bites(top: float, bottom: float, peck: float) -> int:
+    """How many bites of ``peck`` mm it takes from ``top`` to ``bottom``."""
+    return max(1, ceil((top - bottom) / peck - ROUNDING))
+
+
+def _depths(hole: Hole, peck: float) -> Iterator[float]:
+    """Heights of the bottom after each bite, the last one exact."""
+    count = bites(hole.retract, hole.bottom, peck)
+    for bite in range(1, count):
+        yield hole.retract - bite * peck
+    yield hole.bottom
+
+
+def drill(hole: Hole, how: Manner) -> Iterator[Step]:
+    """G81, and G82 with a dwell."""
+    yield Cut(hole.at(hole.bottom), how.feed)
+    yield Pause(how.dwell)
+    yield Rapid(hole.at(hole.clear))
+
+
+def break_chips(hole: Hole, how: Manner) -> Iterator[Step]:
+    """G73: back off a little after each bite."""
+    for depth in _depths(hole, how.peck):
+        yield Cut(hole.at(depth), how.feed)
+        if depth > hole.bottom:
+            yield Rapid(hole.at(min(depth + how.clearance, hole.retract)))
+    yield Rapid(hole.at(hole.clear))
+
+
+def peck(hole: Hole, how: Manner) -> Iterator[Step]:
+    """G83: out to R after each bite, and back to just above where it ended."""
+    for depth in _depths(hole, how.peck):
+        yield Cut(hole.at(depth), how.feed)
+        if depth > hole.bottom:
+            yield Rapid(hole.at(hole.retract))
+            # A bite shorter than the clearance: there is no way above R to make.
+            yield Rapid(hole.at(min(depth + how.clearance, hole.retract)))
+    yield Rapid(hole.at(hole.clear))
+
+
+def tap(hole: Hole, how: Manner) -> Iterator[Step]:
+    """G84 and G74, with a floating chuck: feed in, stop the spindle and reverse it, feed out, and turn it as before."""
+    each = how.tap_dwell == "before-each"
+    top = hole.clear if how.feed_out_to == "clear" else hole.retract
+    yield Allow(overrides=False)
+    yield Cut(hole.at(hole.bottom), how.feed)
+    if each:
+        yield Pause(how.dwell)
+    yield Turn("off")
+    yield Turn(opposite(how.turning))
+    if not each:
+        yield Pause(how.dwell)
+    yield Cut(hole.at(top), how.feed)
+    if each:
+        yield Pause(how.dwell)
+    yield Turn("off")
+    yield Turn(how.turning)
+    yield Allow(overrides=True)
+    yield Rapid(hole.at(hole.clear))
+
+
+def bore(hole: Hole, how: Manner) -> Iterator[Step]:
+    """G85: feed in and out to R."""
+    yield Cut(hole.at(hole.bottom), how.feed)
+    yield Cut(hole.at(hole.retract), how.feed)
+    yield Rapid(hole.at(hole.clear))
+
+
+def bore_and_stop(hole: Hole, how: Manner) -> Iterator[Step]:
+    """G86: leave with the spindle standing."""
+    yield Cut(hole.at(hole.bottom), how.feed)
+    yield Pause(how.dwell)
+    yield Turn("off")
+    yield Rapid(hole.at(hole.clear))
+    yield Turn(how.turning)
+
+
+def bore_by_hand(hole: Hole, how: Manner) -> Iterator[Step]:
+    """G88: stop for the operator, who may withdraw the tool; what is left of the way out is a traverse with the spindle standing."""
+    yield Cut(hole.at(hole.bottom), how.feed)
+    yield Pause(how.dwell)
+    yield Turn("off")
+    yield Operator()
+    yield Rapid(hole.at(hole.clear))
+    yield Turn(how.turning)
+
+
+def bore_and_dwell(hole: Hole, how: Manner) -> Iterator[Step]:
+    """G89: feed in, dwell, feed out."""
+    top = hole.clear if how.feed_out_to == "clear" else hole.retract
+    yield Cut(hole.at(hole.bottom), how.feed)
+    yield Pause(how.dwell)
+    yield Cut(hole.at(top), how.feed)
+    yield Rapid(hole.at(hole.clear))
+
+
+def bore_finely(hole: Hole, how: Manner) -> Iterator[Step]:
+    """FANUC's G76: hold the spindle, move the tool off the wall, and leave without touching it."""
+    aside = hole.first + how.shift
+    yield Cut(hole.at(hole.bottom), how.feed)
+    yield Pause(how.dwell)
+    yield Turn("off")
+    yield PointSpindle()
+    yield Rapid((aside, hole.second, hole.bottom))
+    yield Rapid((aside, hole.second, hole.clear))
+    yield Rapid(hole.at(hole.clear))
+    yield Turn(how.turning)
+
+
+_CYCLES: dict[int, Callable[[Hole, Manner], Iterator[Step]]] = {
+    730: break_chips,
+    740: tap,
+    760: bore_finely,
+    810: drill,
+    820: drill,
+    830: peck,
+    840: tap,
+    850: bore,
+    860: bore_and_stop,
+    880: bore_by_hand,
+    890: bore_and_dwell,
+}
+
+
+def steps(cycle: int, position: Point, holes: Iterable[Hole], how: Manner) -> Iterator[Step]:
+    """The steps of a line of cycles, from ``position`` on; ``cycle`` is ten times its code.
+
+    Below R the tool first rises to R. Then, for every hole, it goes across at the height where it is, down to R, and makes the hole.
+    """
+    yield from without_standing(position, _steps(cycle, position, holes, how))
+
+
+def _steps(cycle: int, position: Point, holes: Iterable[Hole], how: Manner) -> Iterator[Step]:
+    first, second, height = position
+    for hole in holes:
+        if height < hole.retract:
+            height = hole.retract
+            yield Rapid((first, second, height))
+        yield Rapid(hole.at(height))
+        yield Rapid(hole.at(hole.retract))
+        yield from _CYCLES[cycle](hole, how)
+        first, second, height = hole.at(hole.clear)

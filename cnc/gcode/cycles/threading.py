@@ -1,0 +1,160 @@
+"""Motion that follows the spindle: G33, G33.1 and the cycle G76, from the words of a line to the steps of :mod:`cnc.gcode.cycles.threading_steps`.
+
+The feed of such a move is the pitch times the spindle's speed; F has no part in it. Source: LinuxCNC 2.9, "G-codes", G33, G33.1, G76.
+"""
+
+from __future__ import annotations
+
+from cnc.gcode.codes.motion import Motion
+from cnc.gcode.cycles.cycle_runner import Performer, Stage, refuse_axes, refuse_modes
+from cnc.gcode.cycles.steps import Turning
+from cnc.gcode.cycles.threading_steps import MOST_PASSES, Thread, cut, follow, passes, tap_rigidly
+from cnc.gcode.dialects import Dialect
+from cnc.gcode.state.modal_groups import Code, Modal
+from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+
+FOLLOW, TAP, THREAD = 330, 331, 760
+LARGEST_SLIDE = 80.0
+"""Degrees of the compound slide in G76: near a right angle its tangent leaves all bounds."""
+MOST_SPRINGS = 1000
+FASTEST = 100.0
+"""Times the speed that G33.1 may come back at."""
+
+
+def register(motion: Motion, dialect: Dialect, state: Modal, performer: Performer) -> None:
+    """Let ``motion`` make G33, G33.1 and, where the dialect has no other meaning for it, G76."""
+    made = Threading(motion, state, performer)
+    motion.handlers[FOLLOW] = motion.handlers[TAP] = made.move
+    if not dialect.cycles.fine_boring:
+        motion.handlers[THREAD] = made.thread
+
+
+class Threading:
+    """Makes the lines of G33, G33.1 and G76."""
+
+    def __init__(self, motion: Motion, state: Modal, performer: Performer) -> None:
+        self._motion = motion
+        self._state = state
+        self._performer = performer
+
+    def move(self, words: LineWords, code: Code | None) -> None:
+        """G33 and G33.1."""
+        motion, state = self._motion, self._state
+        rigid = state.motion == TAP
+        name = "G33.1" if rigid else "G33"
+        at = code.word if code else words.first()
+        refuse_modes(motion, state, name, at, inverse_time=False)
+        if not words.has_axis():
+            raise fault("axis-words-missing", f"{name} needs axis words", at, "give where the thread ends, such as Z-10")
+        refuse_axes(words, name, "XYZ")
+        pitch = self._pitch(words, "K", name, at)
+        faster = self._faster(words) if rigid else 1.0
+        stage = Stage(motion, state)
+        turns, turning = self._turns_per_second(name, at)
+        end = stage.seen(motion.coordinates.to_program(motion.target(words, name, motion.position)))
+        steps = tap_rigidly(stage.start, end, pitch, turns, turning, faster) if rigid else follow(stage.start, end, pitch, turns)
+        self._performer.perform(steps, stage)
+
+    def _pitch(self, words: LineWords, letter: str, name: str, at: Word) -> float:
+        """The pitch, mm a turn."""
+        word = words.take(letter, name)
+        if word is None:
+            raise fault("pitch-missing", f"{name} needs {letter}", at, f"give {letter} and the way of one turn of the spindle")
+        if word.number <= 0.0:
+            raise fault("value-out-of-range", f"{word.written}: the pitch must be more than 0", word)
+        return word.number * self._state.scale
+
+    def _faster(self, words: LineWords) -> float:
+        word = words.take("I", "G33.1")
+        if word and not 0.0 < word.number <= FASTEST:
+            message = f"{word.written}: the way back must be made at more than 0 and at most {FASTEST:g} times the speed"
+            raise fault("value-out-of-range", message, word)
+        return word.number if word else 1.0
+
+    def _turns_per_second(self, name: str, at: Word) -> tuple[float, Turning]:
+        state = self._state
+        if state.spindle == "off" or not state.speed:
+            raise fault("spindle-stopped", f"{name} follows the spindle, which does not turn", at, "give S and M3 before")
+        if state.constant_surface:
+            message = f"{name} under G96: the pitch needs a steady speed of the spindle"
+            raise fault("surface-speed-active", message, at, "give G97 and S before")
+        return state.speed / 60.0, state.spindle
+
+    def thread(self, words: LineWords, code: Code | None) -> None:
+        """G76."""
+        motion, state = self._motion, self._state
+        at = code.word if code else words.first()
+        refuse_modes(motion, state, "G76", at, inverse_time=False)
+        if state.plane != "ZX":
+            raise fault("thread-plane", f"G76 in the {state.plane} plane", at, "give G18 before")
+        refuse_axes(words, "G76", "Z")
+        if "Z" not in words.rest:
+            raise fault("axis-words-missing", "G76 needs Z", at, "give Z and the end of the thread")
+        stage = Stage(motion, state)
+        stage.needs("XZ", "G76", at)
+        turns, _ = self._turns_per_second("G76", at)
+        end_word = words.rest["Z"]
+        start, drive, height = stage.start
+        end, _, _ = stage.seen(motion.coordinates.to_program(motion.target(words, "G76", motion.position)))
+        if end == start:
+            raise fault("thread-length", "the thread has no length: Z is where the tool is", end_word)
+        thread = self._thread(words, at, (start, end, drive, height))
+        if passes(thread) > MOST_PASSES:
+            raise fault("cycle-too-long", f"G76 comes to more than {MOST_PASSES} passes", at, "give a larger J or a smaller R")
+        self._performer.perform(cut(thread, turns), stage)
+
+    def _thread(self, words: LineWords, at: Word, line: tuple[float, float, float, float]) -> Thread:
+        """What the words of G76 say; ``line`` is start, end, x and y of the drive line."""
+        start, end, drive, height = line
+        # I, J and K lie along X: under G7 they are diameters.
+        across, along = self._motion.scales[self._motion.column["X"]], self._state.scale
+        pitch = self._pitch(words, "P", "G76", at)
+        peak, first, full = (self._needed(words, letter, at) for letter in "IJK")
+        if peak.number == 0.0:
+            message = f"{peak.written}: the peak must lie beside the drive line"
+            raise fault("value-out-of-range", message, peak, "negative for an external thread, positive for an internal one")
+        if first.number <= 0.0:
+            raise fault("value-out-of-range", f"{first.written}: the first cut must be more than 0", first)
+        if full.number < first.number:
+            raise fault("value-out-of-range", f"{full.written}: the full depth must be no less than J, the first cut", full)
+        degression, angle, springs, taper, ends = (words.take(letter, "G76") for letter in "RQHEL")
+        if degression and degression.number < 1.0:
+            raise fault("value-out-of-range", f"{degression.written}: the degression must be at least 1", degression)
+        if angle and not abs(angle.number) <= LARGEST_SLIDE:
+            message = f"{angle.written}: the angle of the slide must be from {-LARGEST_SLIDE:g} to {LARGEST_SLIDE:g} degrees"
+            raise fault("value-out-of-range", message, angle)
+        tapered = whole(ends, "the tapered ends", 0, 3) if ends else 0
+        length = not_negative(taper, "the taper") * along if taper else 0.0
+        if ends and tapered and not length:
+            raise fault("thread-taper", f"{ends.written}: a taper of no length", ends, "give E and the length of the taper")
+        thread = Thread(
+            start=start,
+            end=end,
+            drive=drive,
+            height=height,
+            pitch=pitch,
+            peak=peak.number * across,
+            first=first.number * across,
+            full=full.number * across,
+            degression=degression.number if degression else 1.0,
+            angle=angle.number if angle else 0.0,
+            springs=whole(springs, "the spring passes", 0, MOST_SPRINGS) if springs else 0,
+            taper=length if tapered else 0.0,
+            entry=tapered in (1, 3),
+            exit=tapered in (2, 3),
+        )
+        room = abs(end - start)
+        if taper and length > room / 2:
+            message = f"{taper.written}: a taper may be half as long as the drive line, {room / 2:g} mm, at most"
+            raise fault("thread-taper", message, taper)
+        if angle and room - thread.slide < thread.taper * (thread.entry + thread.exit):
+            message = f"{angle.written}: the slide leaves nothing of the thread"
+            raise fault("thread-slide", message, angle, "give a smaller Q or a longer thread")
+        return thread
+
+    @staticmethod
+    def _needed(words: LineWords, letter: str, at: Word) -> Word:
+        word = words.take(letter, "G76")
+        if word is None:
+            raise fault("cycle-word-missing", f"G76 needs {letter}", at, "it needs P, Z, I, J and K")
+        return word

@@ -1,0 +1,1 @@
+"""Geometry of arcs and of cutter radius compensation."""

@@ -1,0 +1,1 @@
+"""Programs: lines in order, control flow, subprograms."""

@@ -1,0 +1,339 @@
+"""Statements and modal state to canonical blocks.
+
+A line is executed in the order of RS274/NGC, whatever order its words stand in: messages, feed mode, F, S, T, inputs and outputs, tool
+change, spindle, saved state, coolant, overrides, dwell, plane, units, compensation, length, coordinate system, path control, distance and
+retract modes, G10 to G92, motion, stop. Every word must find a user: what is left over is an error, so nothing is ignored. Source:
+LinuxCNC, "G-code overview", order of execution.
+"""
+
+from __future__ import annotations
+
+from cnc.gcode import dialects
+from cnc.gcode.codes import macro_variables, probing, system_parameters
+from cnc.gcode.codes.comments import fill
+from cnc.gcode.codes.compensation_codes import Sides
+from cnc.gcode.codes.machine_codes import Functions
+from cnc.gcode.codes.motion import MIN_FEED, Motion
+from cnc.gcode.codes.offset_codes import Settings
+from cnc.gcode.codes.prepared_lines import Prepared, QuickMove, prepare, without_point
+from cnc.gcode.codes.tool_codes import ToolSettings
+from cnc.gcode.codes.unused import unused
+from cnc.gcode.cycles import drilling, threading
+from cnc.gcode.cycles.cycle_runner import Performer
+from cnc.gcode.splines import bezier, bspline, g5_2, g6_2
+from cnc.gcode.state.block_buffer import Output
+from cnc.gcode.state.coordinates import Coordinates
+from cnc.gcode.state.modal_groups import FEED_MODES, PLANES, Code, Codes, Modal, codes_of, feed_of
+from cnc.gcode.state.source_location import Here, Warn
+from cnc.gcode.state.tool_table import ToolTable
+from cnc.gcode.state.unused_words import Waiting
+from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.statement import Assignment, Remark, Statement
+from cnc.gcode.syntax.words import LineWords, Word, fault, whole
+from cnc.model.blocks import BoardCommand, Message
+from cnc.model.units import MM_PER_INCH
+
+MOST_PREPARED = 8192
+"""Statements that are kept prepared."""
+_QUICK_MOTIONS = (None, 0, 10, 20, 30)
+_FIRST_OFFSET = 5200
+"""Variables of FANUC's coordinate systems come after this number; a program that sets one means it to count at once."""
+_Saved = tuple[Modal, tuple[int, list[float]]]
+_MESSAGES = ("msg", "debug", "print")
+
+
+class Interpreter:
+    """A program being executed, statement by statement, into ``out``.
+
+    ``ended`` tells that nothing more is to be read. ``plain``: nothing is in effect that a straight move or an arc would have to heed
+    beyond units, offsets, distance mode and feed.
+    """
+
+    def __init__(
+        self,
+        file: str,
+        axes: tuple[str, ...],
+        dialect: dialects.Dialect,
+        position: list[float],
+        parameters: Parameters,
+        warn: Warn | None,
+        tools: ToolTable | None = None,
+    ) -> None:
+        self.ended = False
+        self.begun = False
+        self.plain = True
+        self.here = Here(file, warn)
+        self.out = Output(self.here, len(axes))
+        self.modal = Modal(motion=dialect.motion, initial_level=dialect.initial_level)
+        self.dialect = dialect
+        self.parameters = parameters
+        self.coordinates = Coordinates(
+            axes, parameters, systems=dialect.systems, fanuc=dialect.offset_memory, shift_stays=dialect.shift_stays
+        )
+        self.waiting = Waiting(self.here)
+        self.functions = Functions(dialect, self.here, self.modal, self.out, parameters, self.waiting)
+        self.motion = Motion(axes, dialect, self.here, self.modal, position, self.coordinates, self.out, self.waiting)
+        self.tools = ToolSettings(dialect, self.modal, self.motion, ToolTable() if tools is None else tools)
+        self.settings = Settings(dialect, self.modal, self.motion, self.tools)
+        self.sides = Sides(dialect, self.here, self.modal, self.motion, self.tools, self.out)
+        bezier.register(self.motion, self.modal, self.here)
+        g6_2.register(self.motion, dialect, self.modal, self.here)
+        g5_2.register(self.motion, self.modal, self.here, self._feed)
+        bspline.register(self.motion, self.modal, self.here, self._feed)
+        performer = Performer(self.motion, self.modal, self.here, self.out)
+        drilling.register(self.motion, dialect, self.modal, performer)
+        threading.register(self.motion, dialect, self.modal, performer)
+        probing.register(self.motion, self.modal, self.here, self.out, parameters)
+        self.coordinates.bind(lambda: self.motion.position, lambda: self.modal.scale)
+        system_parameters.bind(parameters, self.modal, self.here)
+        if parameters.macro:
+            macro_variables.bind(parameters, self.modal, self.here, self.coordinates, self.out, lambda: self.motion.position)
+        parameters.bind("_call_level", lambda: float(len(self._saved) - 1))
+        self.points_wanted = dialect.decimal_points
+        self._prepared: dict[int, Prepared] = {}
+        self._saved: list[_Saved | None] = [None]
+        self._restore_at_return: list[bool] = [False]
+        self._look_around()
+
+    def execute(self, statement: Statement, line: int) -> None:
+        """Execute a statement that stands at ``line`` of the file; the blocks are in ``out``."""
+        self.here.line = line
+        prepared = self._prepared.get(id(statement))
+        if prepared is None:
+            prepared = self._prepare(statement)
+        if prepared.quick is not None and self.plain and self.motion.quick(prepared.quick):
+            self.begun = True
+            return
+        words = prepared.line_words(self.parameters) if statement.words else None
+        if statement.assignments:
+            self._assign(statement.assignments)
+        for remark in statement.remarks:
+            self._remark(remark)
+        if words is not None:
+            self._execute(words, prepared.codes)
+            self.begun = True
+            self._look_around()
+        elif statement.board:
+            self.out.add(BoardCommand(self.here.file, line, statement.board))
+
+    def execute_move(self, move: QuickMove, line: int) -> bool:
+        """Execute a line that is nothing but a move; False, and nothing done, where it needs a closer look as a statement."""
+        if not self.plain:
+            return False
+        self.here.line = line
+        if self.out.asked:
+            self.out.take_answers()
+        if not self.motion.quick(move):
+            return False
+        self.begun = True
+        return True
+
+    def end_of_file(self) -> None:
+        """The program ends without M2, M30 or ``%``; an error inside a curve."""
+        if self.motion.collector:
+            self.motion.collector.end("the program ends before the curve is complete")
+        self.sides.off()
+        self.waiting.end()
+        self.out.flush()
+
+    def entered(self) -> None:
+        """A subprogram was called."""
+        self._saved.append(None)
+        self._restore_at_return.append(False)
+
+    def left(self) -> None:
+        """A subprogram returned: what M73 saved in it is in effect again."""
+        saved = self._saved.pop()
+        if self._restore_at_return.pop() and saved is not None:
+            self._restore(saved)
+            self._look_around()
+
+    def _prepare(self, statement: Statement) -> Prepared:
+        if len(self._prepared) >= MOST_PREPARED:
+            self._prepared.clear()
+        # The entry keeps its statement alive, so no other can have the same id.
+        prepared = self._prepared[id(statement)] = prepare(statement, self.dialect, self.motion.column)
+        if self.points_wanted and (word := without_point(statement, collected=self.motion.collector is not None)):
+            self.points_wanted = False
+            message = f"{word.written} has no decimal point: it counts whole millimetres, inches or degrees here"
+            hint = f"a control that counts its least increment would take a thousandth or less: write {word.written}."
+            self.here.caution("decimal-point-missing", message, word, hint)
+        return prepared
+
+    def _look_around(self) -> None:
+        state, motion = self.modal, self.motion
+        self.plain = (
+            state.motion in _QUICK_MOTIONS
+            and state.feed_mode == "per-minute"
+            and motion.collector is None
+            and not self.coordinates.rotation
+        )
+
+    def _assign(self, assignments: tuple[Assignment, ...]) -> None:
+        """All right sides are computed before the first parameter is set."""
+        parameters = self.parameters
+        if len(assignments) == 1:
+            (only,) = assignments
+            if isinstance(only.target, str):
+                parameters.set_name(only.target, only.value(parameters), only.column)
+            else:
+                self._assign_number(only.target(parameters), only.value(parameters), only.column)
+            return
+        found = [
+            (each, each.target if isinstance(each.target, str) else each.target(parameters), each.value(parameters)) for each in assignments
+        ]
+        for assignment, target, value in found:
+            if isinstance(target, str):
+                parameters.set_name(target, value, assignment.column)
+            else:
+                self._assign_number(target, value, assignment.column)
+
+    def _assign_number(self, number: float, value: float, column: int) -> None:
+        self.parameters.set_number(number, value, column)
+        if number > _FIRST_OFFSET and self.parameters.macro:
+            self.coordinates.refresh()
+
+    def _remark(self, remark: Remark) -> None:
+        here = self.here
+        if remark.kind in _MESSAGES:
+            text = remark.text if remark.kind == "msg" else fill(remark.text, self.parameters)
+            self.out.add(Message(here.file, here.line, text))
+        else:
+            name = f"({remark.kind.upper()})"
+            at = Word("(", 0.0, name, remark.column, 1)
+            here.caution("comment-not-active", f"{name} does nothing here", at, "it writes a file or runs code on LinuxCNC only")
+
+    def _execute(self, words: LineWords, codes: Codes | None) -> None:
+        if codes is None:
+            codes = codes_of(words.g, words.m, self.dialect)
+        collector = self.motion.collector
+        if not (collector and collector.line(words, codes)) and (codes or not self._is_program_number(words)):
+            self._in_order(words, codes)
+        if words.rest:
+            raise unused(words, self.modal)
+
+    def _is_program_number(self, words: LineWords) -> bool:
+        if self.begun or not self.dialect.program_number or words.rest.keys() != {"O"}:
+            return False
+        whole(words.rest.pop("O"), "a program number", 0)
+        return True
+
+    def _in_order(self, words: LineWords, codes: Codes) -> None:
+        """The standard order of execution."""
+        state, motion, functions = self.modal, self.motion, self.functions
+        moving = motion.check(words, codes)
+        if not codes:
+            self._feed(words, codes)
+            functions.speed_and_tool(words, codes)
+            motion.move(words, moving)
+            return
+        if code := codes.get("feed-mode"):
+            mode = FEED_MODES[code.number]
+            if mode != state.feed_mode:
+                state.feed_mode, state.feed = mode, None
+                self.waiting.used("F")
+        if self.dialect.units_before_feed:
+            self._units(codes)
+        self._feed(words, codes)
+        self.sides.refuse(codes)
+        functions.speed_and_tool(words, codes)
+        functions.input_output(words, codes)
+        functions.tool_change(words, codes)
+        functions.spindle(words, codes)
+        self._saved_state(codes)
+        functions.coolant(codes)
+        functions.overrides(words, codes)
+        if (code := codes.get("non-modal")) and code.number == 40:
+            functions.dwell(words, code)
+        if code := codes.get("plane"):
+            state.plane = PLANES[code.number]
+        self._units(codes)
+        if code := codes.get("compensation"):
+            self.sides.code(words, code)
+        if code := codes.get("tool-length"):
+            self.tools.tool_length(words, code)
+        if code := codes.get("system"):
+            self.settings.system(words, code)
+        if code := codes.get("path"):
+            functions.path_control(words, code)
+        if code := codes.get("distance"):
+            state.absolute = code.number == 900
+        if code := codes.get("arc-distance"):
+            state.arc_absolute = code.number == 901
+        if code := codes.get("retract"):
+            state.initial_level = code.number == 980
+        if (code := codes.get("non-modal")) and code.number != 40:
+            self.settings.non_modal(words, code)
+        motion.move(words, moving, codes.get("motion"))
+        if code := codes.get("stop"):
+            self._stop(code)
+
+    def _feed(self, words: LineWords, codes: Codes) -> None:
+        """F. In inverse time it belongs to the move of its line, which takes it."""
+        if "F" not in words.rest or self.modal.feed_mode == "inverse-time":
+            return
+        word = words.rest.pop("F")
+        scale = self.modal.scale
+        if (code := codes.get("units")) and scale != _scale(code) and not self.dialect.units_before_feed:
+            message = f"F is read before {code.word.written} takes effect"
+            self.here.caution("feed-before-units", message, word, "write F on the next line")
+        if word.number <= 0:
+            raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
+        feed = feed_of(word.number, scale)
+        if self.modal.feed_mode == "per-revolution":
+            feed = type(feed)(word.number * scale, word.number)
+        if feed.rotary < MIN_FEED:
+            raise fault("feed-too-slow", f"{word.written}: the feed is next to nothing", word)
+        self.modal.feed = feed
+        self.waiting.give(word)
+
+    def _units(self, codes: Codes) -> None:
+        """G20, G21, G7, G8."""
+        if (code := codes.get("units")) or "diameter" in codes:
+            self.modal.scale = _scale(code) if code else self.modal.scale
+            self.parameters.increments = 1_000.0 if self.modal.scale == 1.0 else 10_000.0
+            if diameter := codes.get("diameter"):
+                self.modal.diameter = diameter.number == 70
+            self.motion.units_changed()
+
+    def _saved_state(self, codes: Codes) -> None:
+        """M70 and M73 save, M71 forgets, M72 restores; each call has its own."""
+        code = codes.get("state")
+        if code is None:
+            return
+        if code.number in (70, 73):
+            self._saved[-1] = self.functions.save(), self.coordinates.save()
+            self._restore_at_return[-1] = code.number == 73
+        elif code.number == 71:
+            self._saved[-1] = None
+        else:
+            saved = self._saved[-1]
+            if saved is None:
+                raise fault(
+                    "state-not-saved", "M72 without a saved state", code.word, "save it with M70 before, at the same level of calls"
+                )
+            self._restore(saved, code.word)
+
+    def _restore(self, saved: _Saved, at: Word | None = None) -> None:
+        if self.motion.compensated and (saved[0].plane != self.modal.plane or saved[1] != self.coordinates.save()):
+            message = "another plane or coordinate system would be in effect again, under cutter compensation"
+            raise fault("compensation-active", message, at, "give G40 and a move before")
+        self.functions.restore(saved[0])
+        self.waiting.words.clear()
+        self.coordinates.restore(saved[1])
+        self.motion.units_changed()
+
+    def _stop(self, code: Code) -> None:
+        if self.motion.collector:
+            raise fault("nurbs-foreign-word", f"{code.word.written} can't stand in the line of a spline", code.word)
+        if code.number in (2, 30):
+            self.sides.off()
+            self.waiting.end()
+        self.ended = self.functions.stop(code)
+        if self.ended:
+            self.coordinates.end()
+
+
+def _scale(code: Code) -> float:
+    """Millimetres a program unit under G20 or G21."""
+    return MM_PER_INCH if code.number == 200 else 1.0

@@ -1,0 +1,1 @@
+"""Splines and NURBS in the words of each dialect."""

@@ -1,0 +1,122 @@
+"""BSPLINE: a B-spline as Siemens' SINUMERIK 840D writes it, control point by control point.
+
+    BSPLINE SD=3        SD degree: 2 or 3, 3 where it is left out; the line may hold the first of the points below
+    X Y Z PL=1 PW=1     a control point; PL interval length, PW weight, both 1 where they are left out
+    X Y Z ..
+    G1 ..               any other motion code, another BSPLINE or the end of the program completes the curve
+
+The first control point is the position before, its weight 1. The curve starts and ends in its first and last control point, along the
+polygon: its knots are clamped. Source: SINUMERIK 840D sl, Programming Manual Job Planning, "Spline interpolation (ASPLINE, BSPLINE,
+CSPLINE, BAUTO, BNAT, BTAN, EAUTO, ENAT, ETAN, PW, SD, PL)": PL is the parameter interval length, the distance between two knots.
+
+A curve of degree p and n + 1 control points has n + 1 - p pieces, each governed by p + 1 points one after another. The manual leaves open
+which line's PL belongs to which piece; here it is the piece that the line's point completes, PL = u(i+1) - u(i) for point i of the clamped
+knots u, which is also what differences of a CAM system's knots give. So the first p - 1 lines after the start complete no piece: a PL there
+must be 0, or the one length that all the curve's PLs have, when it makes no difference. PL=0 further on makes a multiple knot.
+"""
+
+from __future__ import annotations
+
+from cnc.gcode.codes.motion import Motion
+from cnc.gcode.splines import knots
+from cnc.gcode.splines.collecting import Gathering, Place, ReadFeed, check_mode, leaving, weight_of
+from cnc.gcode.state.modal_groups import BSPLINE, Code, Codes, Modal
+from cnc.gcode.state.source_location import Here
+from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
+
+DEFAULT_DEGREE = 3
+
+
+def register(motion: Motion, state: Modal, here: Here, read_feed: ReadFeed) -> None:
+    """Let ``motion`` make BSPLINE."""
+
+    def begin(words: LineWords, code: Code | None) -> None:
+        assert code is not None, "while BSPLINE is in effect its collector takes the lines"
+        check_mode(state, code.word)
+        curve = ControlPolygon(code.word, motion, here, read_feed)
+        curve.first(words)
+        motion.collector = curve
+
+    motion.handlers[BSPLINE] = begin
+
+
+class ControlPolygon(Gathering):
+    """A curve in the making. ``first`` takes the BSPLINE line and ``line`` each one after it."""
+
+    def __init__(self, start: Word, motion: Motion, here: Here, read_feed: ReadFeed) -> None:
+        super().__init__("BSPLINE", "X, Y, Z, PL= and PW=", start, motion, here)
+        self._read_feed = read_feed
+        self._degree = DEFAULT_DEGREE
+        self._feed = 0.0
+        self._intervals: list[Place | None] = []
+
+    def first(self, words: LineWords) -> None:
+        """The words of the BSPLINE line itself; words of no use here stay for the caller to refuse."""
+        if size := words.take("SD", "BSPLINE"):
+            self._degree = whole(size, "the degree", 2, 3)
+        self.company(words)
+        self._point(words, self.start.word)
+
+    def line(self, words: LineWords, codes: Codes) -> bool:
+        """A line while BSPLINE is in effect; False for the one that completes the curve and is still to be executed."""
+        if leaving(codes):
+            self._complete()
+            return False
+        self.no_codes(codes)
+        if len(self.points) == 1:
+            self._read_feed(words, {})
+        elif feed := words.rest.get("F"):
+            message = f"{feed.written} inside a curve: one feed holds for the whole of it"
+            raise fault("nurbs-foreign-word", message, feed, "give F before the second control point")
+        self._point(words, None)
+        self.no_words(words)
+        return True
+
+    def end(self, what: str) -> None:
+        """The program ends, and so does the curve."""
+        self._complete()
+
+    def _point(self, words: LineWords, at: Word | None) -> None:
+        interval, weight = words.take("PL", "BSPLINE"), words.take("PW", "BSPLINE")
+        axes = self.axes(words)
+        if axes:
+            if len(self.points) == 1:
+                self._feed = self.motion.feed(words, self.motion.position, 0.0, at or axes[0])
+            if interval:
+                not_negative(interval, "the interval")
+            self.points.append(self.motion.target(words, "BSPLINE", self.points[-1]))
+            self.weights.append(weight_of(weight) if weight else 1.0)
+            self._intervals.append(Place.of(interval, self.here) if interval else None)
+        elif word := interval or weight:
+            what = "an interval" if interval else "a weight"
+            raise fault("nurbs-foreign-word", f"{word.written} is {what} without a control point", word)
+
+    def _complete(self) -> None:
+        degree, count = self._degree, len(self.points)
+        if count <= degree:
+            raise self.start.fault("nurbs-too-few-points", self.too_few(degree), "the position before BSPLINE counts")
+        lengths = [place.word.number if place else 1.0 for place in self._intervals]
+        early, pieces = self._intervals[: degree - 1], lengths[degree - 1 :]
+        if len(set(lengths)) > 1:
+            for place in early:
+                if place and place.word.number:
+                    message = f"{place.word.written}: this control point completes no piece of the curve"
+                    hint = f"the first {degree - 1} of a curve of degree {degree} have PL=0 or none"
+                    raise place.fault("nurbs-interval-unused", message, hint)
+        self._check_multiplicities(pieces)
+        self.make(knots.clamped(pieces, degree), self._feed)
+
+    def _check_multiplicities(self, pieces: list[float]) -> None:
+        """The first and the last piece must not be empty, and no more than degree - 1 in a row between."""
+        empty = 0
+        for index, piece in enumerate(pieces):
+            empty = 0 if piece else empty + 1
+            place = self._intervals[index + self._degree - 1]
+            if not place or piece:
+                continue
+            if index == 0 or index == len(pieces) - 1:
+                message = f"{place.word.written} for the {'last' if index else 'first'} piece of the curve, which can't be empty"
+                raise place.fault("nurbs-end-multiplicity", message, "give its length")
+            if empty == self._degree:
+                message = f"{empty} empty pieces in a row tear the curve apart"
+                raise place.fault("nurbs-position-jump", message, f"at most {self._degree - 1}")

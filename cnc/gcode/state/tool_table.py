@@ -1,0 +1,224 @@
+"""The tool table: what the machine knows of every tool.
+
+Lengths in mm, angles in degrees, whatever units a program speaks. The file is LinuxCNC's: one tool a line, words in any order, a remark
+behind a semicolon::
+
+    T1 P1 D6.0 Z+40.25   ;end mill 6 mm
+    T9 P4 X12.5 Z31 D0.8 I95 J155 Q2 ;turning tool
+
+T tool number, P pocket, X to W offsets of the axes, D diameter, I front and J back angle, Q orientation of a turning tool (0 to 9).
+Source: LinuxCNC, "Tool Table Format", G10 L1, "Lathe Tool Orientation".
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from decimal import Decimal
+from pathlib import Path
+
+from cnc.gcode.syntax.parameters import Parameters, replace_text
+from cnc.gcode.syntax.words import AXES
+from cnc.model.diagnostics import Diagnostic, MachineFileError
+
+MAX_TOOL = 99_999
+MAX_POCKET = 99_999
+ORIENTATIONS = 9
+
+_WORD = re.compile(r"[ \t]*([A-Za-z])[ \t]*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))?")
+_DATA = AXES | frozenset("TPDIJQ")
+_WHOLE = {"T": MAX_TOOL, "P": MAX_POCKET, "Q": ORIENTATIONS}
+_AXES_IN_ORDER = "XYZABCUVW"
+_CURRENT_TOOL = 5400
+
+
+@dataclass(frozen=True, slots=True)
+class ToolEntry:
+    """One tool, ``offsets`` by axis letter.
+
+    ``radius_wear`` is added to the radius, ``length_wear`` to the offset of Z (FANUC); the file has no place for these two.
+    """
+
+    number: int
+    pocket: int = 0
+    offsets: dict[str, float] = field(default_factory=dict)
+    diameter: float = 0.0
+    front_angle: float = 0.0
+    back_angle: float = 0.0
+    orientation: int = 0
+    length_wear: float = 0.0
+    radius_wear: float = 0.0
+    remark: str = ""
+
+    @property
+    def radius(self) -> float:
+        """What cutter compensation keeps from the path, in mm."""
+        return self.diameter / 2.0 + self.radius_wear
+
+    def offset(self, letter: str) -> float:
+        """The offset of an axis, mm or degrees."""
+        return self.offsets.get(letter, 0.0) + (self.length_wear if letter == "Z" else 0.0)
+
+
+class ToolTable:
+    """Tools by number. ``file`` is where they came from, if anywhere."""
+
+    def __init__(self, entries: Iterable[ToolEntry] = (), *, file: str = "") -> None:
+        self.file = file
+        self._entries = {entry.number: entry for entry in entries}
+        self._written: set[int] = set()
+
+    @property
+    def changed(self) -> bool:
+        """Whether a program has written to it."""
+        return bool(self._written)
+
+    @classmethod
+    def load(cls, path: Path) -> ToolTable:
+        """The table of a file. Raises MachineFileError, with line and column, for what can't be read."""
+        file = str(path)
+        try:
+            text = path.read_text(encoding="utf-8-sig", errors="replace")
+        except OSError as error:
+            raise MachineFileError(Diagnostic("tool-table-unreadable", f"the tool table can't be read: {error.strerror}", file)) from None
+        entries: dict[int, ToolEntry] = {}
+        for number, line in enumerate(text.splitlines(), start=1):
+            try:
+                entry = _entry(line)
+                if entry and entry.number in entries:
+                    raise _wrong("tool-repeated", f"T{entry.number} is in the table twice", line.upper().index("T") + 1)
+            except MachineFileError as error:
+                raise error.at(file=file, line=number, text=line) from None
+            if entry:
+                entries[entry.number] = entry
+        return cls(entries.values(), file=file)
+
+    def save(self, path: Path) -> None:
+        """Write the tools that a program has changed to a file; its other lines stay as they are. UsageError ``unwritable-file``."""
+        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines() if path.exists() else []
+        left = dict.fromkeys(sorted(self._written))
+        for index, line in enumerate(lines):
+            with suppress(MachineFileError):
+                entry = _entry(line)
+                if entry and entry.number in left:
+                    lines[index] = _line(self._entries[entry.number])
+                    del left[entry.number]
+        lines += [_line(self._entries[number]) for number in left]
+        replace_text(path, "".join(line + "\n" for line in lines), "the tool table")
+
+    def tool(self, number: int) -> ToolEntry | None:
+        """The tool of that number, if the table has it."""
+        return self._entries.get(number)
+
+    def put(self, entry: ToolEntry) -> None:
+        """Write a tool; the file stays as it is."""
+        self._entries[entry.number] = entry
+        self._written.add(entry.number)
+
+    def reload(self) -> None:
+        """Read the file again, but for what a program has written; nothing where there is no file. Raises as :meth:`load`."""
+        if self.file:
+            written = {number: self._entries[number] for number in self._written}
+            self._entries = {entry.number: entry for entry in ToolTable.load(Path(self.file))} | written
+
+    def __iter__(self) -> Iterator[ToolEntry]:
+        return iter(self._entries.values())
+
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def bind(self, parameters: Parameters, loaded: Callable[[], int]) -> None:
+        """Show the tool in the spindle, number ``loaded`` (0: none), as parameters.
+
+        5400 number, 5401 to 5409 stored offsets, 5410 diameter, 5411 and 5412 angles, 5413 orientation.
+        """
+
+        def entry() -> ToolEntry:
+            return self.tool(loaded()) or ToolEntry(0)
+
+        readings: list[Callable[[], float]] = [
+            lambda: float(loaded()),
+            *(_offset_reading(entry, letter) for letter in _AXES_IN_ORDER),
+            lambda: 2.0 * entry().radius,
+            lambda: entry().front_angle,
+            lambda: entry().back_angle,
+            lambda: float(entry().orientation),
+        ]
+        for number, read in enumerate(readings, start=_CURRENT_TOOL):
+            parameters.bind(number, read)
+        parameters.bind("_current_tool", readings[0])
+
+
+def _offset_reading(entry: Callable[[], ToolEntry], letter: str) -> Callable[[], float]:
+    return lambda: entry().offset(letter)
+
+
+def _entry(line: str) -> ToolEntry | None:
+    """The tool of a line, None for one without words."""
+    found = _words(line)
+    if not found:
+        return None
+    for letter, (value, column) in found.items():
+        if (most := _WHOLE.get(letter)) is not None and not (value.is_integer() and 0 <= value <= most):
+            raise _wrong("value-out-of-range", f"{letter}{value:g}: {letter} must be a whole number from 0 to {most}", column)
+    if "T" not in found:
+        raise _wrong("tool-number-missing", "a tool without a number", next(iter(found.values()))[1], "begin with T and the tool's number")
+    values = {letter: value for letter, (value, _) in found.items()}
+    return ToolEntry(
+        number=int(values["T"]),
+        pocket=int(values.get("P", 0.0)),
+        offsets={letter: values[letter] for letter in _AXES_IN_ORDER if letter in values},
+        diameter=values.get("D", 0.0),
+        front_angle=values.get("I", 0.0),
+        back_angle=values.get("J", 0.0),
+        orientation=int(values.get("Q", 0.0)),
+        remark=line.partition(";")[2].strip(),
+    )
+
+
+def _line(entry: ToolEntry) -> str:
+    """A tool as a line of the file. Wear has no place there; it must not go into the length, or the next program would add it again."""
+    numbers = entry.offsets | {"D": entry.diameter, "I": entry.front_angle, "J": entry.back_angle, "Q": entry.orientation}
+    words = [f"T{entry.number}", f"P{entry.pocket}", *(f"{letter}{_plain(number)}" for letter, number in numbers.items() if number)]
+    return " ".join(words) + (f" ;{entry.remark}" if entry.remark else "")
+
+
+def _plain(number: float) -> str:
+    """The number without an exponent, to the bit."""
+    return format(Decimal(repr(number)), "f")
+
+
+def _words(line: str) -> dict[str, tuple[float, int]]:
+    """Value and column (from 1) of every word before the remark, by letter."""
+    body = line.partition(";")[0].rstrip()
+    found: dict[str, tuple[float, int]] = {}
+    at = 0
+    while at < len(body):
+        word = _WORD.match(body, at)
+        if word is None:
+            column = at + len(body[at:]) - len(body[at:].lstrip()) + 1
+            raise _wrong(
+                "tool-table-malformed", f"{body[column - 1]!r} can't stand here", column, "write words such as T1 P1 D6 Z40.5 ;remark"
+            )
+        letter, column = word[1].upper(), word.start(1) + 1
+        if letter not in _DATA:
+            raise _wrong(
+                "tool-table-malformed", f"{letter} is no word of the tool table", column, "words are T P X Y Z A B C U V W D I J Q"
+            )
+        if word[2] is None:
+            raise _wrong("number-missing", f"a number is missing after {letter}", column)
+        if letter in found:
+            raise _wrong("word-repeated", f"{letter} is given twice in this line", column)
+        value = float(word[2])
+        if not math.isfinite(value):
+            raise _wrong("value-out-of-range", f"the number of {letter} is too large", column)
+        found[letter] = value, column
+        at = word.end()
+    return found
+
+
+def _wrong(code: str, message: str, column: int, hint: str = "") -> MachineFileError:
+    return MachineFileError(Diagnostic(code, message, column=column, hint=hint))

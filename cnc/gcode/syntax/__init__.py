@@ -1,0 +1,1 @@
+"""Text to statements: characters, words, expressions, grammar."""

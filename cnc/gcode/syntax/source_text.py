@@ -1,0 +1,233 @@
+"""The text of a program: lines by number, in any order, in bounded memory.
+
+A file is read in windows of some thousand lines. A loop goes back to lines that were read before, a call to lines far away: where each
+window begins in the file is remembered, and the last few windows are kept.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import tempfile
+import weakref
+from bisect import bisect_right
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from itertools import islice
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.gcode.syntax.parser import MEMO, Syntax, parse_line
+from cnc.gcode.syntax.scanner import Scan, scan
+from cnc.gcode.syntax.statement import Statement
+from cnc.model.diagnostics import Diagnostic, UsageError
+
+WINDOW_BYTES = 1 << 18
+KEPT_WINDOWS = 4
+
+_BOM = b"\xef\xbb\xbf"
+_NOT_UTF8 = "latin-1"
+_FOREIGN = b"\0"
+"""Ends the bytes of a line that bytes can't hold, or not as one line: no plain line has it."""
+_FIRST_LINES, _MOST_LINES = 64, 8192
+"""Lines of a window over lines that come one by one: the first is short, so that the beginning does not wait."""
+
+
+class Window:
+    """Some lines that follow each other, ``count`` of them from line ``first`` (from 1) on; below, ``index`` counts from 0.
+
+    Of each line: ``head`` (uint8), the upper-case first letter after blanks, ``/``, comments and an N number, 0 for none; ``label``
+    (int64), its N number, -1 for none; ``plain`` (int32), how many lines that the scanner took follow each other from here on, 0 where this
+    one is the grammar's; ``straight`` (int32), how many follow that have no words but those of a straight move. ``scan`` has the words.
+    """
+
+    def __init__(self, first: int, data: bytes, found: Scan, texts: dict[int, str] | None = None) -> None:
+        """``texts`` by index are of lines that the bytes don't hold as they are."""
+        count = found.count
+        self.first, self.count, self.scan = first, count, found
+        self.head: NDArray[np.uint8] = found.head[:count]
+        self.label: NDArray[np.int64] = found.label[:count]
+        self.plain: NDArray[np.int32] = found.plain[:count]
+        self.straight: NDArray[np.int32] = found.straight[:count]
+        self._data, self._begin, self._end = data, found.begin, found.end
+        self._texts = texts or {}
+
+    def text(self, index: int) -> str:
+        """The line without its end: UTF-8, or Latin-1, in which no byte is wrong, where it is no UTF-8."""
+        if index in self._texts:
+            return self._texts[index]
+        line = self._data[self._begin[index] : self._end[index]]
+        try:
+            return line.decode()
+        except UnicodeDecodeError:
+            return line.decode(_NOT_UTF8)
+
+    def find(self, pattern: re.Pattern[bytes], index: int, end: int) -> int:
+        """The first line from ``index`` on, before ``end``, whose bytes hold the pattern, which spans no two lines; else ``end``."""
+        found = pattern.search(self._data, int(self._begin[index]), int(self._end[end - 1]))
+        return end if found is None else int(np.searchsorted(self._begin[index:end], found.start(), side="right")) + index - 1
+
+    def statement(self, index: int, syntax: Syntax) -> Statement:
+        """The parsed line; equal lines share one. Errors as those of ``parse_line``."""
+        text = self.text(index)
+        return self._plain(index, text) if self.plain[index] else parse_line(text, syntax)
+
+    def _plain(self, index: int, text: str) -> Statement:
+        found = _memo.get(text)
+        if found is None:
+            found = self.scan.statement(index, text)
+            if len(_memo) >= MEMO:
+                _memo.clear()
+            _memo[text] = found
+        return found
+
+
+_memo: dict[str, Statement] = {}
+"""Plain lines by their text."""
+
+
+class Text:
+    """A program's text; ``name`` is how messages call it, ``lines`` the number of lines read so far."""
+
+    def __init__(self, name: str, windows: Iterator[Window], again: Callable[[int], Window]) -> None:
+        """``windows`` in their order; ``again`` gives one that was given before, by its index."""
+        self.name = name
+        self.lines = 0
+        self._firsts: list[int] = []
+        self._kept: OrderedDict[int, Window] = OrderedDict()
+        self._windows, self._again = windows, again
+
+    @classmethod
+    def of_file(cls, path: str | os.PathLike[str], name: str | None = None) -> Text:
+        r"""The lines of a file (``\r\n``, ``\n`` or ``\r`` end one), UTF-8 with or without a byte order mark.
+
+        A line that is longer than a window is cut at a length that the language refuses. Raises UsageError ``no-such-file`` or
+        ``unreadable-file``, here and whenever a window has to be read.
+        """
+        file = _File(path)
+        return cls(os.fspath(path) if name is None else name, file.windows(), file.again)
+
+    @classmethod
+    def of_lines(cls, lines: Iterable[str], name: str) -> Text:
+        """Lines in memory, with or without their ends. They are read when they are needed, and kept."""
+        kept: Kept = []
+        return cls(name, _windows_of_lines(iter(lines), kept), lambda index: _window_of_lines(*kept[index]))
+
+    def window(self, line: int) -> Window | None:
+        """The window that holds a line (from 1); None past the end."""
+        if line < 1:
+            return None
+        while line > self.lines:
+            following = next(self._windows, None)
+            if following is None:
+                return None
+            self._keep(len(self._firsts), following)
+            self._firsts.append(following.first)
+            self.lines += following.count
+        index = bisect_right(self._firsts, line) - 1
+        found = self._kept.get(index)
+        if found is None:
+            found = self._again(index)
+        self._keep(index, found)
+        return found
+
+    def _keep(self, index: int, window: Window) -> None:
+        self._kept[index] = window
+        self._kept.move_to_end(index)
+        if len(self._kept) > KEPT_WINDOWS:
+            self._kept.popitem(last=False)
+
+
+class _File:
+    """Windows of a file. It is opened for each anew: a program may be at work for hours, and a file held open can't be replaced."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._path = os.fspath(path)
+        self._copy: IO[bytes] | None = None
+        self._begins: list[tuple[int, int]] = []
+        with self._opened() as file:
+            if not file.seekable():  # a pipe
+                self._copy = tempfile.TemporaryFile()  # noqa: SIM115 lives as long as this object
+                weakref.finalize(self, self._copy.close)
+                shutil.copyfileobj(file, self._copy)
+
+    @contextmanager
+    def _opened(self) -> Iterator[IO[bytes]]:
+        if self._copy is not None:
+            yield self._copy
+            return
+        path = self._path
+        try:
+            with open(path, "rb") as file:
+                yield file
+        except FileNotFoundError:
+            raise UsageError(Diagnostic("no-such-file", f"there is no file {path}", file=path)) from None
+        except OSError as error:
+            raise UsageError(Diagnostic("unreadable-file", f"can't read {path}: {error.strerror}", file=path)) from None
+
+    def _read(self, offset: int) -> bytes:
+        with self._opened() as file:
+            file.seek(offset)
+            return file.read(WINDOW_BYTES)
+
+    def windows(self) -> Iterator[Window]:
+        """All of them in their order."""
+        line, offset = 1, len(_BOM) if self._read(0).startswith(_BOM) else 0
+        while data := self._read(offset):
+            self._begins.append((line, offset))
+            window, size = self._window(line, data)
+            yield window
+            line += window.count
+            offset = offset + size if size else self._end_of_line(offset + len(data) - 1)
+
+    def again(self, index: int) -> Window:
+        """One of those that were given before."""
+        line, offset = self._begins[index]
+        return self._window(line, self._read(offset))[0]
+
+    def _window(self, line: int, data: bytes) -> tuple[Window, int]:
+        """The window that these bytes begin with, and its size; a size of 0 where its only line goes on behind them."""
+        found = scan(data, whole=len(data) < WINDOW_BYTES)
+        if found.count:
+            return Window(line, data[: found.size], found), found.size
+        return Window(line, data, scan(data, whole=True)), 0
+
+    def _end_of_line(self, offset: int) -> int:
+        """Where the line after the one ``offset`` stands in begins."""
+        while data := self._read(offset):
+            ends = [at for at in (data.find(b"\n"), data.find(b"\r")) if at >= 0]
+            if ends:
+                offset += min(ends)
+                return offset + (2 if self._read(offset)[:2] == b"\r\n" else 1)
+            offset += len(data)
+        return offset
+
+
+Kept = list[tuple[int, list[str]]]
+"""Windows of lines in memory: the number of the first line, and the lines."""
+
+
+def _windows_of_lines(lines: Iterator[str], kept: Kept) -> Iterator[Window]:
+    """Windows over lines as they come; what they are made of is appended to ``kept``."""
+    first, size = 1, _FIRST_LINES
+    while some := [line.removesuffix("\n").removesuffix("\r") for line in islice(lines, size)]:
+        kept.append((first, some))
+        yield _window_of_lines(first, some)
+        first, size = first + len(some), min(2 * size, _MOST_LINES)
+
+
+def _window_of_lines(first: int, lines: list[str]) -> Window:
+    texts: dict[int, str] = {}
+    pieces: list[bytes] = []
+    for index, line in enumerate(lines):
+        piece = line.encode(errors="replace")
+        if "\n" in line or "\r" in line or b"?" in piece:
+            texts[index] = line
+            piece = piece.replace(b"\n", b" ").replace(b"\r", b" ") + _FOREIGN
+        pieces.append(piece + b"\n")
+    data = b"".join(pieces)
+    return Window(first, data, scan(data, whole=True), texts)

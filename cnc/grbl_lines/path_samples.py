@@ -1,0 +1,283 @@
+r"""A stretch of plan as a strand: dense points of the path, and between each two what the line there has to say.
+
+                     cut            cut      A point is a cut where lines must meet exactly: at corners, at rests, between traverse
+    ...o..o..o..o..o..O-------------O~~~     and feed, where the programmed feed changes, and at both ends of a true arc, which is one
+            curve         arc                interval whatever its length. All other points may be passed within the tolerance.
+
+Curves are sampled so densely that chords between the points deviate by a small part of the tolerance. The planned speed of an interval is
+the highest of the plan there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS
+from cnc.grbl_lines.travel_margin import Room
+from cnc.kernels.path.curve import ARC, LINE, SPAN, SPAN_BODY, START, TABLE, U0, U1, curve_eval
+from cnc.model.diagnostics import Diagnostic, GcodeError
+from cnc.path.chunk import PathChunk
+from cnc.planner.plan import PlanChunk
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+ROUND = 1e-9
+"""mm; what is left of a piece by rounding when the plan has passed it."""
+CORNER_COSINE = math.cos(math.radians(30.0))
+"""A sharper turn is a corner: the lines meet there, as where the path floor smooths (:mod:`cnc.path.fit`)."""
+NO_ARC = -1
+FEWEST, MOST = 4, 4096
+"""Chords of a curve."""
+PLANE_OF_COLUMNS = {columns[:2]: plane for plane, columns in enumerate(PLANE_COLUMNS)}
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneArc:
+    """An arc or helix: number of its plane, centre in it, and signed sweep in rad, counter-clockwise positive.
+
+    fitted: whether it stands for a stretch of path within the tolerance; else it is the path.
+    """
+
+    plane: int
+    center: tuple[float, float]
+    sweep: float
+    fitted: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Strand:
+    """Points of the path and what lies between them.
+
+    points (k + 1, 3) mm of x y z (0 for an axis that the machine lacks); rest (k + 1,): the motion rests there. Of each interval (k,):
+    planned speed and programmed feed mm/s (NaN: traverse), source line, index of its true arc in ``arcs`` or NO_ARC.
+    """
+
+    points: Floats
+    rest: Flags
+    speed: Floats
+    feed: Floats
+    line: NDArray[np.int32]
+    arc: NDArray[np.int64]
+    arcs: tuple[PlaneArc, ...]
+
+    def __len__(self) -> int:
+        return len(self.speed)
+
+    def behind(self, first: int) -> Strand:
+        """The intervals from ``first`` on."""
+        return replace(self, **{field.name: getattr(self, field.name)[first:] for field in fields(self) if field.name != "arcs"})
+
+    @staticmethod
+    def joined(before: Strand, after: Strand) -> Strand:
+        """A strand and the one that follows it."""
+        rest = np.concatenate((before.rest, after.rest[1:]))
+        rest[len(before)] |= after.rest[0]
+        arc = np.where(after.arc == NO_ARC, NO_ARC, after.arc + len(before.arcs))
+        return Strand(
+            np.concatenate((before.points, after.points[1:])),
+            rest,
+            np.concatenate((before.speed, after.speed)),
+            np.concatenate((before.feed, after.feed)),
+            np.concatenate((before.line, after.line)),
+            np.concatenate((before.arc, arc)),
+            before.arcs + after.arcs,
+        )
+
+    def cuts(self) -> Flags:
+        """Which of the points (k + 1,) lines must meet in; both ends are."""
+        cut = self.rest.copy()
+        cut[0] = cut[-1] = True
+        steps = np.diff(self.points, axis=0)
+        lengths = np.linalg.norm(steps, axis=1)
+        turned = np.einsum("ij,ij->i", steps[1:], steps[:-1]) < CORNER_COSINE * lengths[1:] * lengths[:-1]
+        true = self.arc != NO_ARC
+        feed = np.nan_to_num(self.feed, nan=-1.0)
+        cut[1:-1] |= turned | true[1:] | true[:-1] | (feed[1:] != feed[:-1])
+        return cut
+
+
+class Strands:
+    """Makes strands of the plan, piece by piece: each when the plan has passed its end.
+
+    A plan comes in slices that may end inside a piece; what is known of its speeds by then is kept. dense: mm, by how much chords between
+    the points may deviate from the path. An arc is a true one if it has one radius and keeps in the ``room``.
+    """
+
+    def __init__(self, axes: tuple[str, ...], dense: float, room: Room) -> None:
+        self._columns = [axes.index(letter) if letter in axes else -1 for letter in LETTERS.lower()]
+        self._others = [k for k, axis in enumerate(axes) if axis not in LETTERS.lower()]
+        self._dense = dense
+        self._room = room
+        self._nodes: tuple[Floats, Floats] | None = None
+
+    def made(self, plan: PlanChunk) -> Strand | None:
+        """The pieces that end in this slice of the plan; None if there are none."""
+        nodes_s, nodes_v = speed_nodes(plan)
+        ends = plan.piece_s[1:]
+        first = 0
+        if self._nodes is not None:
+            nodes_s, nodes_v = np.concatenate((self._nodes[0], nodes_s)), np.concatenate((self._nodes[1], nodes_v))
+        else:
+            first = int(np.searchsorted(ends, plan.phase_s[0] + ROUND, side="right"))
+        last = int(np.searchsorted(ends, plan.phase_s[-1] + ROUND, side="right"))
+        self._nodes = None
+        open_s = float(plan.piece_s[last])
+        if plan.phase_s[-1] > open_s + ROUND:
+            behind = slice(max(int(np.searchsorted(nodes_s, open_s)) - 1, 0), None)
+            self._nodes = nodes_s[behind] - open_s, nodes_v[behind]
+        return self._strand(plan.path, plan.piece_s, first, last, nodes_s, nodes_v) if last > first else None
+
+    def _strand(self, path: PathChunk, piece_s: Floats, first: int, last: int, nodes_s: Floats, nodes_v: Floats) -> Strand:
+        """Pieces [first, last): runs of lines at once, the others one by one."""
+        self._check_axes(path, slice(first, last))
+        kinds = path.kind[first:last]
+        borders = (np.flatnonzero((kinds[1:] != kinds[:-1]) | (kinds[1:] != LINE)) + 1 + first).tolist()
+        n = len(path.axes)
+        head = int(path.at[first]) + START
+        points = [self._xyz(path.data[head : head + n][None])]
+        places, faster = [piece_s[first : first + 1]], [np.ones(1)]
+        counts: list[int] = []
+        arcs: list[PlaneArc] = []
+        arc: list[int] = []
+        for begin, end in zip([first, *borders], [*borders, last], strict=True):
+            if kinds[begin - first] == LINE:
+                ends = path.at[begin:end, None] + (START + n + np.arange(n))
+                points.append(self._xyz(path.data[ends]))
+                places.append(piece_s[begin + 1 : end + 1])
+                faster.append(np.ones(end - begin))
+                counts += [1] * (end - begin)
+                arc += [NO_ARC] * (end - begin)
+                continue
+            true = self._true_arc(path, begin)
+            if true is None:
+                rows, share, fast = self._curve(path, begin)
+                arc.append(NO_ARC)
+            else:
+                rows, share, fast = self._ends(path, begin)[1:], np.ones(1), np.ones(1)
+                arc.append(len(arcs))
+                arcs.append(true)
+            points.append(rows)
+            places.append(piece_s[begin] + share * (piece_s[begin + 1] - piece_s[begin]))
+            faster.append(fast)
+            counts.append(len(rows))
+        each = np.repeat(np.arange(first, last), counts)
+        rest = np.zeros(len(each) + 1, np.bool_)
+        rest[np.cumsum(counts)] = path.stop_after[first:last]
+        factor = np.concatenate(faster)
+        return Strand(
+            points=self._room.inside(np.concatenate(points)),
+            rest=rest,
+            speed=highest(nodes_s, nodes_v, np.concatenate(places)) * np.maximum(factor[1:], factor[:-1]),
+            feed=path.feed[each],
+            line=path.line[each],
+            arc=np.repeat(np.array(arc), counts),
+            arcs=tuple(arcs),
+        )
+
+    def _ends(self, path: PathChunk, k: int) -> Floats:
+        """Both ends of a piece (2, 3)."""
+        n, at = len(path.axes), int(path.at[k]) + START
+        return self._xyz(path.data[at : at + 2 * n].reshape(2, n))
+
+    def _curve(self, path: PathChunk, k: int) -> tuple[Floats, Floats, Floats]:
+        """Points (k, 3) behind the start of a curve, the share of its length where each lies, how much faster than the plan it is there."""
+        kind, at, data = int(path.kind[k]), int(path.at[k]), path.data
+        n = len(path.axes)
+        body = at + START + 2 * n
+        u0, u1 = float(data[at + U0]), float(data[at + U1])
+        count = FEWEST if kind == SPAN and data[body] == 3.0 else 2 * FEWEST
+        while True:
+            u = np.arange(1, count + 1) / count
+            if kind == SPAN:
+                rows = data[at + START : at + START + n] + span_points(data, body, n, u)
+            else:
+                rows, out = np.empty((count, n)), np.empty((4, n))
+                for i in range(count):
+                    curve_eval(kind, data, at, u0 + (u1 - u0) * float(u[i]), out)
+                    rows[i] = out[0]
+            rows[-1] = data[at + START + n : body]
+            points = np.concatenate((self._ends(path, k)[:1], self._xyz(rows)))
+            # a chord deviates by an eighth of the second difference
+            bend = float(np.abs(np.diff(points, 2, axis=0)).max()) * math.sqrt(3.0) / 8.0
+            if bend <= self._dense or count >= MOST:
+                break
+            count = min(MOST, max(2 * count, math.ceil(count * math.sqrt(bend / self._dense))))
+        along = np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))
+        if kind == SPAN and data[at + TABLE] == 0.0:
+            # a timed piece: the plan's coordinate is its parameter
+            return points[1:], u, np.gradient(along, u * (u1 - u0))
+        return points[1:], along / along[-1], np.ones(count)
+
+    def _true_arc(self, path: PathChunk, k: int) -> PlaneArc | None:
+        """The piece as an arc in a plane of x y z, if it is one with one radius."""
+        if path.kind[k] != ARC:
+            return None
+        start = int(path.at[k]) + START
+        i, j, radius, growth, sweep, _, ex, ey = path.data[start + 2 * len(path.axes) :][:8].tolist()
+        columns = self._columns.index(int(i)), self._columns.index(int(j))
+        if abs(growth) > self._dense or columns not in PLANE_OF_COLUMNS:
+            return None
+        center = path.data[start + int(i)] - radius * ex, path.data[start + int(j)] - radius * ey
+        if not self._room.holds(columns, center, self._ends(path, k)[0], sweep):
+            return None
+        return PlaneArc(PLANE_OF_COLUMNS[columns], center, sweep)
+
+    def _xyz(self, rows: Floats) -> Floats:
+        """Positions of all axes (k, n) as x, y, z (k, 3)."""
+        out = np.zeros((len(rows), 3))
+        for to, column in enumerate(self._columns):
+            if column >= 0:
+                out[:, to] = rows[:, column]
+        return out
+
+    def _check_axes(self, path: PathChunk, run: slice) -> None:
+        """GcodeError where an axis moves that GRBL does not have."""
+        n = len(path.axes)
+        for column in self._others:
+            at = path.at[run] + START + column
+            moves = np.flatnonzero(path.data[at] != path.data[at + n])
+            if len(moves):
+                line = int(path.line[run][moves[0]])
+                message = f"a GRBL board moves X, Y and Z; this moves {path.axes[column].upper()}"
+                raise GcodeError(Diagnostic("axis-not-on-board", message, path.file, line, hint="take the axis out, or use another board"))
+
+
+def span_points(data: Floats, body: int, n: int, u: Floats) -> Floats:
+    """Positions (k, n) of a span's record, measured from its start point, at parts ``u`` (k,) of its parameter: the sums of Bernstein."""
+    p = int(data[body])
+    rows = data[body + SPAN_BODY : body + SPAN_BODY + (n + 1) * (p + 1)].reshape(n + 1, p + 1)
+    basis = np.stack([math.comb(p, j) * u**j * (1.0 - u) ** (p - j) for j in range(p + 1)])
+    sums = rows @ basis
+    points: Floats = (sums[1:] / sums[0]).T
+    return points
+
+
+def speed_nodes(plan: PlanChunk) -> tuple[Floats, Floats]:
+    """Arc lengths and speeds along the plan, dense enough to find the highest speed of a stretch: quarters of each phase, its peak."""
+    t = np.diff(plan.phase_t)
+    v, a, j, s = plan.phase_v[:-1], plan.phase_a[:-1], plan.phase_j, plan.phase_s[:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        peak = np.where(j != 0.0, -a / j, 0.0)
+    peak = np.clip(np.nan_to_num(peak), 0.0, t)
+    dt = np.sort(np.stack((np.zeros_like(t), 0.25 * t, 0.5 * t, 0.75 * t, peak), axis=1), axis=1)
+    speeds = v[:, None] + dt * (a[:, None] + 0.5 * dt * j[:, None])
+    places = s[:, None] + dt * (v[:, None] + dt * (0.5 * a[:, None] + dt * j[:, None] / 6.0))
+    return np.append(places.ravel(), plan.phase_s[-1]), np.append(speeds.ravel(), plan.phase_v[-1])
+
+
+def highest(nodes_s: Floats, nodes_v: Floats, s: Floats) -> Floats:
+    """The highest speed in each of the intervals s[k] .. s[k + 1]."""
+    at = np.interp(s, nodes_s, nodes_v)
+    top = np.maximum(at[:-1], at[1:])
+    begin = np.searchsorted(nodes_s, s[:-1], side="right")
+    end = np.searchsorted(nodes_s, s[1:], side="left")
+    inside = end > begin
+    if inside.any():
+        peaks = np.maximum.reduceat(np.append(nodes_v, 0.0), np.stack((begin[inside], end[inside]), axis=1).ravel())[::2]
+        top[inside] = np.maximum(top[inside], peaks)
+    return top

@@ -1,0 +1,1 @@
+"""Compiled scanner and builder for plain lines."""

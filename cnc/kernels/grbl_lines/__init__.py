@@ -1,0 +1,1 @@
+"""Compiled arc fit for lines of a GRBL board."""

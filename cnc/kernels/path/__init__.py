@@ -1,0 +1,1 @@
+"""Compiled curves: evaluation, arc length, B-splines, fits."""

@@ -1,0 +1,468 @@
+"""Curves as records in flat arrays: position and derivatives, arc length and its inverse, turning points.
+
+A path is made of pieces, each smooth inside. A piece is a record in a float64 array ``data`` that starts at index ``at``:
+
+    0       number of axes n
+    1, 2    range of the parameter, u0 < u1
+    3       arc length in mm
+    4..7    number of metric axes (1 to 3) and their columns
+    8       where the table of the arc length begins, counted from ``at``; 0 where u - u0 is itself the arc length, or stands for it
+            (:mod:`cnc.kernels.planner.timed`)
+    9       start point (n), end point (n): exact, and where two pieces meet the same to the last bit
+    then    LINE: nothing more
+            ARC:  first and second column of the plane, radius at the start, growth of the radius, sweep (rad, signed), angle of the start,
+                  unit vector from the centre to the start (2), closing vector (2)
+            SPAN: degree p (3..9), where the turning points begin (from ``at``), then p + 1 Bernstein coefficients of the weight function
+                  W and of each axis of N, the numerator measured from the start point
+
+Arc length is measured over the metric axes (x y z if they move, else u v w, else a b c); the others follow along.
+
+LINE. u is the arc length. Each half is measured from its own end, so that both ends are exact and an axis that stands still stays put.
+
+ARC. u runs evenly with the angle phi; it is the arc length unless the radius changes on the way (a spiral, because programs give the centre
+with few digits). With w = (u - u0) / (u1 - u0), rho = r0 + w dr, e the unit vector to the start and f the one 90 degrees further,
+
+                 ,-- end                r(u) = start + (rho (cos phi - 1) + w dr) e + rho sin phi f + w c
+               ,'  rho
+      start --e--> centre               c, about 1e-16 of the radius, closes what rounding leaves open at the end.
+                                        cos phi - 1 = -2 sin^2(phi / 2) keeps its digits on a short arc of a large circle.
+
+SPAN. One knot span of a NURBS (equation 1 of Hui, Wei, Gao 2013) on [u0, u1], r(u) = start + N(t) / W(t) with t = (u - u0) / (u1 - u0). N
+and W are kept in Bernstein form, where de Boor's recursion turns into de Casteljau's (Piegl & Tiller, The NURBS Book, A1.5 and section
+5.3), and the quotient is differentiated as in A4.2. Degrees 1 and 2 are raised to 3 when the record is made.
+
+Table: count k, then k rows (s, u, c1..c7) and a last (s, u). In a row u = u_row + c1 x + .. + c7 x^7 with x the part of the row's length
+that lies behind: the Hermite interpolant of u(s) through u, du/ds, d2u/ds2 and d3u/ds3 at both ends (see :mod:`cnc.kernels.path.arclength`).
+
+All kernels take ``kind`` and ``at`` as int (int64: numba compiles anew for an int8, and for a constant) and u as float. The innermost ones
+call no other kernel and have one way out, behind the last use of every array: only then does numba drop the counting of references to the
+arrays, which takes longer than a point of a cubic.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.jit import njit
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LINE, ARC, SPAN = 0, 1, 2
+MAX_TURNING_POINTS = 16
+"""Room that :func:`curve_turning_points` needs: 2 p - 2 for a span of degree 9; an arc piece is one turn at most."""
+
+AXES, U0, U1, LENGTH, METRICS, METRIC, TABLE, START = 0, 1, 2, 3, 4, 5, 8, 9
+"""Offsets in the head of a record."""
+ARC_BODY = 10
+SPAN_BODY = 2
+ROW = 9
+"""Numbers in a row of the arc length table."""
+SINGULAR = 1e-9
+"""|dr/du| below this part of its mean counts as zero."""
+
+GAUSS_X = (-0.9324695142031521, -0.6612093864662645, -0.23861918608319693, 0.23861918608319693, 0.6612093864662645, 0.9324695142031521)
+GAUSS_W = (0.17132449237917027, 0.3607615730481386, 0.46791393457269126, 0.46791393457269126, 0.3607615730481386, 0.17132449237917027)
+"""Gauss-Legendre, 6 points: exact to degree 11."""
+
+
+@njit
+def curve_range(kind: int, data: Floats, at: int) -> tuple[float, float]:
+    """The range (u0, u1) of the piece's parameter."""
+    return data[at + U0], data[at + U1]
+
+
+@njit
+def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
+    """Position and first three derivatives by u: out (4, n), mm and mm per unit of u. Exact at u0 and u1; goes on smoothly beyond them."""
+    n = out.shape[1]
+    u0 = data[at + U0]
+    u1 = data[at + U1]
+    start = at + START
+    end = start + n
+    per_u = 1.0 / (u1 - u0)
+    body = end + n
+    done = u - u0
+    left = u1 - u
+    if kind == SPAN:
+        # The four points of de Casteljau's triangle three rows above its tip are sums of the coefficients, weighted with the Bernstein
+        # polynomials of degree p - 3; the sum runs from the nearer end, so that each weight follows from the one before without loss.
+        p = int(data[body])
+        body += SPAN_BODY
+        m = p - 3
+        t = done * per_u
+        near = t <= 0.5
+        base = 1.0 - t if near else t
+        ratio = (t if near else 1.0 - t) / base
+        step = 1 if near else -1
+        p2 = p * (p - 1.0)
+        inverse = 1.0
+        w1 = 0.0
+        w2 = 0.0
+        w3 = 0.0
+        for c in range(n + 1):
+            k = body + c * (p + 1)
+            c0 = data[k]
+            c1 = data[k + 1]
+            c2 = data[k + 2]
+            c3 = data[k + 3]
+            if m > 0:
+                weight = base
+                for _ in range(m - 1):
+                    weight *= base
+                if not near:
+                    k += m
+                c0 = 0.0
+                c1 = 0.0
+                c2 = 0.0
+                c3 = 0.0
+                for j in range(m + 1):
+                    c0 += weight * data[k]
+                    c1 += weight * data[k + 1]
+                    c2 += weight * data[k + 2]
+                    c3 += weight * data[k + 3]
+                    weight *= ratio * (m - j) / (j + 1)
+                    k += step
+            b0 = c0 + t * (c1 - c0)
+            b1 = c1 + t * (c2 - c1)
+            b2 = c2 + t * (c3 - c2)
+            a0 = b0 + t * (b1 - b0)
+            a1 = b1 + t * (b2 - b1)
+            f0 = (a0 + t * (a1 - a0)) * inverse
+            f1 = p * (a1 - a0) * inverse - w1 * f0
+            f2 = p2 * ((b2 - b1) - (b1 - b0)) * inverse - 2.0 * w1 * f1 - w2 * f0
+            f3 = p2 * (p - 2.0) * ((c3 - c0) - 3.0 * (c2 - c1)) * inverse - 3.0 * (w1 * f2 + w2 * f1) - w3 * f0
+            if c == 0:
+                # first the weight function: from now on everything is divided by it
+                inverse = 1.0 / f0
+                w1 = f1 * inverse
+                w2 = f2 * inverse
+                w3 = f3 * inverse
+            else:
+                i = c - 1
+                out[0, i] = data[start + i] + f0
+                out[1, i] = f1 * per_u
+                out[2, i] = f2 * per_u * per_u
+                out[3, i] = f3 * per_u * per_u * per_u
+    else:
+        for i in range(n):
+            rate = (data[end + i] - data[start + i]) * per_u
+            out[0, i] = data[start + i] + done * rate if done <= left else data[end + i] - left * rate
+            out[1, i] = rate
+            out[2, i] = 0.0
+            out[3, i] = 0.0
+    if kind == ARC:
+        i = int(data[body])
+        j = int(data[body + 1])
+        w = done * per_u
+        grown = w * data[body + 3]
+        rho = data[body + 2] + grown
+        growth = data[body + 3] * per_u
+        turn = data[body + 4] * per_u
+        half = 0.5 * (w * data[body + 4])
+        sin_half = math.sin(half)
+        cos_half = math.cos(half)
+        sin = 2.0 * sin_half * cos_half
+        versed = 2.0 * sin_half * sin_half
+        cos = 1.0 - versed
+        ex = data[body + 6]
+        ey = data[body + 7]
+        # along e, along f: the position, then its derivatives
+        a = grown - rho * versed
+        b = rho * sin
+        out[0, i] = data[start + i] + (a * ex - b * ey) + w * data[body + 8]
+        out[0, j] = data[start + j] + (a * ey + b * ex) + w * data[body + 9]
+        a = growth * cos - rho * turn * sin
+        b = growth * sin + rho * turn * cos
+        out[1, i] = a * ex - b * ey + per_u * data[body + 8]
+        out[1, j] = a * ey + b * ex + per_u * data[body + 9]
+        a = -turn * (2.0 * growth * sin + rho * turn * cos)
+        b = turn * (2.0 * growth * cos - rho * turn * sin)
+        out[2, i] = a * ex - b * ey
+        out[2, j] = a * ey + b * ex
+        a = turn * turn * (rho * turn * sin - 3.0 * growth * cos)
+        b = -turn * turn * (rho * turn * cos + 3.0 * growth * sin)
+        out[3, i] = a * ex - b * ey
+        out[3, j] = a * ey + b * ex
+    if left == 0.0:
+        for i in range(n):
+            out[0, i] = data[end + i]
+
+
+@njit
+def curve_speed(kind: int, data: Floats, at: int, u: float) -> float:
+    """|dr/du| over the metric axes."""
+    extent = data[at + U1] - data[at + U0]
+    square = extent * extent
+    if data[at + TABLE] != 0.0:
+        start = at + START
+        n = int(data[at + AXES])
+        body = start + 2 * n
+        t = (u - data[at + U0]) / extent
+        square = 0.0
+        if kind == SPAN:
+            p = int(data[body])
+            body += SPAN_BODY
+            # value and slope of W, then of the numerators, from the four points three rows above the tip (see curve_eval)
+            m = p - 3
+            near = t <= 0.5
+            base = 1.0 - t if near else t
+            ratio = (t if near else 1.0 - t) / base
+            step = 1 if near else -1
+            inverse = 1.0
+            pull = 0.0
+            for c in range(int(data[at + METRICS]) + 1):
+                k = body + (int(data[at + METRIC + c - 1]) + 1) * (p + 1) if c > 0 else body
+                c0 = data[k]
+                c1 = data[k + 1]
+                c2 = data[k + 2]
+                c3 = data[k + 3]
+                if m > 0:
+                    weight = base
+                    for _ in range(m - 1):
+                        weight *= base
+                    if not near:
+                        k += m
+                    c0 = 0.0
+                    c1 = 0.0
+                    c2 = 0.0
+                    c3 = 0.0
+                    for j in range(m + 1):
+                        c0 += weight * data[k]
+                        c1 += weight * data[k + 1]
+                        c2 += weight * data[k + 2]
+                        c3 += weight * data[k + 3]
+                        weight *= ratio * (m - j) / (j + 1)
+                        k += step
+                b0 = c0 + t * (c1 - c0)
+                b1 = c1 + t * (c2 - c1)
+                b2 = c2 + t * (c3 - c2)
+                a0 = b0 + t * (b1 - b0)
+                rise = b1 + t * (b2 - b1) - a0
+                f0 = a0 + t * rise
+                if c == 0:
+                    inverse = 1.0 / f0
+                    pull = rise * inverse
+                else:
+                    f1 = (rise - pull * f0) * inverse
+                    square += f1 * f1
+            square *= p * p
+        else:
+            rho = data[body + 2] + t * data[body + 3]
+            square = rho * rho * data[body + 4] * data[body + 4] + data[body + 3] * data[body + 3]
+            for k in range(int(data[at + METRICS])):
+                column = int(data[at + METRIC + k])
+                if column != int(data[body]) and column != int(data[body + 1]):
+                    f1 = data[start + n + column] - data[start + column]
+                    square += f1 * f1
+    return math.sqrt(square) / (data[at + U1] - data[at + U0])
+
+
+@njit
+def curve_eval_s(kind: int, data: Floats, at: int, u: float, out: Floats) -> int:
+    """Position and first three derivatives by arc length: out (4, n) = q, q', q'', q'''.
+
+    With r' = dr/du and sigma = |r'| over the metric axes, the chain rule gives q' = r' u', q'' = r'' u'^2 + r' u'',
+    q''' = r''' u'^3 + 3 r'' u' u'' + r' u''' where u' = 1 / sigma, u'' = -sigma' / sigma^3, u''' = (3 sigma'^2 - sigma sigma'') / sigma^5
+    and sigma sigma'' = r''.r'' + r'.r''' - sigma'^2.
+
+    Returns 0, or 1 where sigma vanishes (an end with repeated control points, a cusp): then q' is the limit of the direction, towards
+    the first control point that differs from the end, and q'' = q''' = 0.
+    """
+    curve_eval(kind, data, at, u, out)
+    n = out.shape[1]
+    singular = False
+    if data[at + TABLE] != 0.0:
+        d11 = 0.0
+        d12 = 0.0
+        d22_13 = 0.0
+        for k in range(int(data[at + METRICS])):
+            i = int(data[at + METRIC + k])
+            d11 += out[1, i] * out[1, i]
+            d12 += out[1, i] * out[2, i]
+            d22_13 += out[2, i] * out[2, i] + out[1, i] * out[3, i]
+        sigma = math.sqrt(d11)
+        singular = sigma * (data[at + U1] - data[at + U0]) <= SINGULAR * data[at + LENGTH]
+        if not singular:
+            u_s = 1.0 / sigma
+            sigma1 = d12 * u_s
+            u_ss = -sigma1 * u_s * u_s * u_s
+            u_sss = (4.0 * sigma1 * sigma1 - d22_13) * (u_s * u_s) * (u_s * u_s * u_s)
+            for i in range(n):
+                r1 = out[1, i]
+                r2 = out[2, i]
+                out[1, i] = r1 * u_s
+                out[2, i] = r2 * u_s * u_s + r1 * u_ss
+                out[3, i] = out[3, i] * u_s * u_s * u_s + 3.0 * r2 * u_s * u_ss + r1 * u_sss
+    if singular:
+        body = at + START + 2 * n
+        p = int(data[body]) if kind == SPAN else 0
+        weight = body + SPAN_BODY
+        at_start = u - data[at + U0] < data[at + U1] - u
+        pole = 0 if at_start else p
+        scale = 0.0
+        far = pole
+        for k in range(1, p + 1):
+            # the first control point that lies off the end
+            j = k if at_start else p - k
+            square = 0.0
+            for c in range(int(data[at + METRICS])):
+                column = weight + (int(data[at + METRIC + c]) + 1) * (p + 1)
+                d = data[column + j] / data[weight + j] - data[column + pole] / data[weight + pole]
+                square += d * d
+            length = math.sqrt(square)
+            if scale == 0.0 and length > SINGULAR * data[at + LENGTH]:
+                scale = 1.0 / length if at_start else -1.0 / length
+                far = j
+        for i in range(n):
+            column = weight + (i + 1) * (p + 1)
+            d = scale * (data[column + far] / data[weight + far] - data[column + pole] / data[weight + pole]) if scale != 0.0 else 0.0
+            out[1, i] = d
+            out[2, i] = 0.0
+            out[3, i] = 0.0
+    return 1 if singular else 0
+
+
+@njit
+def gauss(kind: int, data: Floats, at: int, ua: float, ub: float) -> float:
+    """Arc length from ua to ub by one panel of 6-point Gauss-Legendre."""
+    middle = 0.5 * (ua + ub)
+    half = 0.5 * (ub - ua)
+    total = 0.0
+    for k in range(6):
+        total += GAUSS_W[k] * curve_speed(kind, data, at, middle + half * GAUSS_X[k])
+    return total * half
+
+
+@njit
+def _row(data: Floats, first: int, rows: int, value: float) -> int:
+    """Index of the last of ``rows`` entries, ROW apart from ``first`` on, that is at most ``value``; the first if none is."""
+    low = 0
+    high = rows
+    while high - low > 1:
+        middle = (low + high) // 2
+        if data[first + middle * ROW] <= value:
+            low = middle
+        else:
+            high = middle
+    return first + low * ROW
+
+
+@njit
+def curve_arclen(kind: int, data: Floats, at: int, ua: float, ub: float) -> float:
+    """Arc length from ua to ub (negative if ub < ua): by quadrature inside a row of the table, by the table for the rows between."""
+    length = 0.0
+    if data[at + TABLE] != 0.0:
+        table = at + int(data[at + TABLE])
+        rows = int(data[table])
+        a = _row(data, table + 2, rows, ua) - 1
+        b = _row(data, table + 2, rows, ub) - 1
+        if a != b:
+            # from ua to the near edge of its row, then over the rows between; what is left lies in the row of ub
+            a = a + ROW if a < b else a
+            b = b if ua < ub else b + ROW
+            length = gauss(kind, data, at, ua, data[a + 1]) + (data[b] - data[a])
+            ua = data[b + 1]
+        length += gauss(kind, data, at, ua, ub)
+    return length if data[at + TABLE] != 0.0 else ub - ua
+
+
+@njit
+def curve_inv_arclen(kind: int, data: Floats, at: int, s: float) -> float:
+    """The u at arc length s from the piece's start, to the accuracy that the record was made with; beyond its ends the nearer one."""
+    u = data[at + U0]
+    if s >= data[at + LENGTH]:
+        u = data[at + U1]
+    elif s > 0.0:
+        if data[at + TABLE] == 0.0:
+            u += s
+        else:
+            table = at + int(data[at + TABLE])
+            r = _row(data, table + 1, int(data[table]), s)
+            x = (s - data[r]) / (data[r + ROW] - data[r])
+            v = data[r + 8]
+            for k in range(7, 1, -1):
+                v = v * x + data[r + k]
+            u = min(max(data[r + 1] + v * x, data[r + 1]), data[r + ROW + 1])
+    return min(u, data[at + U1])
+
+
+@njit
+def curve_turning_points(kind: int, data: Floats, at: int, axis: int, out: Floats) -> int:
+    """The u strictly inside the piece, in order, where the derivative of ``axis`` changes sign, into out (MAX_TURNING_POINTS,).
+
+    Returns how many there are.
+    """
+    if kind == LINE:
+        return 0
+    n = int(data[at + AXES])
+    body = at + START + 2 * n
+    if kind == SPAN:
+        r = at + int(data[body + 1])
+        first = r + n
+        for i in range(axis):
+            first += int(data[r + i])
+        count = int(data[r + axis])
+        for k in range(count):
+            out[k] = data[first + k]
+        return count
+    if axis != int(data[body]) and axis != int(data[body + 1]):
+        return 0
+    # Along the first axis rho cos(theta) turns where tan(theta) = g / rho, g = d rho / d theta, that is where h(theta) = theta - atan(g /
+    # rho) is a multiple of pi. h rises with a slope between 1 and 2 whatever the spiral, so each multiple is met once and Newton finds it.
+    # The second axis is the first seen from 90 degrees further on.
+    sweep = data[body + 4]
+    radius = data[body + 2]
+    g = data[body + 3] / sweep
+    theta = data[body + 5] - (0.5 * math.pi if axis == int(data[body + 1]) else 0.0)
+    h0 = theta - math.atan2(g, radius)
+    h1 = theta + sweep - math.atan2(g, radius + data[body + 3])
+    step = 1 if sweep > 0.0 else -1
+    multiple = math.floor(h0 / math.pi) if sweep > 0.0 else math.ceil(h0 / math.pi)
+    last = math.ceil(h1 / math.pi) if sweep > 0.0 else math.floor(h1 / math.pi)
+    u0 = data[at + U0]
+    u1 = data[at + U1]
+    count = 0
+    while (last - multiple) * step >= 0 and count < MAX_TURNING_POINTS:
+        target = multiple * math.pi - theta
+        phi = min(max(target, min(0.0, sweep)), max(0.0, sweep))
+        if g == 0.0:
+            phi = target
+        else:
+            for _ in range(30):
+                rho = radius + g * phi
+                change = (target - phi + math.atan2(g, rho)) / (1.0 + g * g / (rho * rho + g * g))
+                phi += change
+                if abs(change) < 1e-15 * (1.0 + abs(phi)):
+                    break
+        part = phi / sweep
+        if abs(phi) > 1e-14 and abs(sweep - phi) > 1e-14 and 0.0 < part < 1.0:
+            out[count] = u0 + part * (u1 - u0)
+            count += 1
+        multiple += step
+    return count
+
+
+@njit
+def piece_boxes(kind: Ints, at: Ints, data: Floats, low: Floats, high: Floats) -> None:
+    """Smallest and largest coordinate of each piece, low and high (m, n): its ends and its turning points."""
+    n = low.shape[1]
+    turning = np.empty(MAX_TURNING_POINTS)
+    point = np.empty((4, n))
+    for m in range(at.shape[0]):
+        a = at[m]
+        start = a + START
+        for i in range(n):
+            low[m, i] = min(data[start + i], data[start + n + i])
+            high[m, i] = max(data[start + i], data[start + n + i])
+        k = kind[m]
+        if k == LINE:
+            continue
+        for i in range(n):
+            for j in range(curve_turning_points(k, data, a, i, turning)):
+                curve_eval(k, data, a, turning[j], point)
+                low[m, i] = min(low[m, i], point[0, i])
+                high[m, i] = max(high[m, i], point[0, i])

@@ -1,0 +1,1 @@
+"""Compiled planner: bounds, look-ahead, refinement, corners, audit."""

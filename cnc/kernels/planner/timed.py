@@ -1,0 +1,188 @@
+r"""Timed pieces: where one move begins before the one before it has ended, the path is what the two motions add up to.
+
+A ramp to rest ends with a phase of constant jerk, a ramp from rest begins with one. While both run every axis has a constant jerk, so
+that its position is a cubic of time: a SPAN of degree 3 and weight 1 whose parameter runs evenly with the time.
+
+        .....d1....,C      With C the corner, u1 and u2 the directions, J1 and J2 the jerks and tau the time in common,
+        ------.__     :      r(t) = C - u1 J1 (tau - t)^3 / 6 + u2 J2 t^3 / 6,
+                 `\   : d2   the Bezier curve of C - d1 u1, C, C, C + d2 u2 with d = J tau^3 / 6.
+                   \  :
+                    | :
+                    | '
+
+Such a record has no table of the arc length (entry TABLE is 0): the plan's coordinate along the piece is its parameter, and one phase
+without acceleration crosses it. |dr/du| is not 1 there, so speed, tangential acceleration and jerk follow from the derivatives.
+"""
+
+from __future__ import annotations
+
+import math
+
+from cnc.kernels.jit import njit
+from cnc.kernels.path.curve import (
+    GAUSS_W,
+    GAUSS_X,
+    LENGTH,
+    METRIC,
+    METRICS,
+    SPAN,
+    SPAN_BODY,
+    START,
+    TABLE,
+    U0,
+    U1,
+    Floats,
+    curve_eval,
+)
+
+ACCURACY = 1e-10
+"""Relative: how well two halves of a part, each measured by Gauss-Legendre of 6 points, agree with the whole. They are 2^12 times as good.
+Where one axis has much less jerk than the other, the speed changes all at once."""
+
+SMALLEST = 1e-6
+"""Parts of a timed piece are not made smaller than this part of it."""
+
+ROOM_OF_TIMED = START + SPAN_BODY + 4
+ROOM_OF_TIMED_PER_AXIS = 2 + 4 + 1 + 2
+"""A record of n axes takes ROOM_OF_TIMED + n ROOM_OF_TIMED_PER_AXIS numbers at most."""
+
+
+@njit
+def is_timed(kind: int, data: Floats, at: int) -> bool:
+    """Whether the piece is crossed by the clock rather than by its length."""
+    return kind == SPAN and data[at + TABLE] == 0.0
+
+
+@njit
+def timed_motion(data: Floats, at: int, q: Floats, rate: float) -> tuple[float, float, float, float]:
+    """Speed, tangential acceleration and jerk and normal acceleration where a timed piece has derivatives ``q`` (4, n) by its parameter.
+
+    rate: du/dt. With r the position, v = |r'|: v' = r'.r'' / v and v'' = (r''.r'' + r'.r''' - v'^2) / v.
+    """
+    d11 = 0.0
+    d12 = 0.0
+    d22 = 0.0
+    d13 = 0.0
+    for m in range(int(data[at + METRICS])):
+        i = int(data[at + METRIC + m])
+        d11 += q[1, i] * q[1, i]
+        d12 += q[1, i] * q[2, i]
+        d22 += q[2, i] * q[2, i]
+        d13 += q[1, i] * q[3, i]
+    if d11 == 0.0:
+        return 0.0, math.sqrt(d22) * rate * rate, 0.0, 0.0
+    speed = math.sqrt(d11)
+    along = d12 / speed
+    return (
+        speed * rate,
+        along * rate * rate,
+        (d22 + d13 - along * along) / speed * rate**3,
+        math.sqrt(max(d22 - along * along, 0.0)) * rate * rate,
+    )
+
+
+@njit
+def timed_length(kind: int, data: Floats, at: int, u: float, q: Floats) -> float:
+    """Path length of a timed piece from its start to parameter ``u``. q: scratch (4, n)."""
+    here = data[at + U0]
+    step = u - here
+    smallest = SMALLEST * step
+    total = 0.0
+    whole = _part_length(kind, data, at, here, step, q)
+    while step > 0.0:
+        half = 0.5 * step
+        first = _part_length(kind, data, at, here, half, q)
+        both = first + _part_length(kind, data, at, here + half, half, q)
+        if abs(both - whole) <= ACCURACY * both or step <= smallest:
+            total += both
+            here += step
+            step = min(2.0 * step, u - here)
+            whole = _part_length(kind, data, at, here, step, q)
+        else:
+            step = half
+            whole = first
+    return total
+
+
+@njit
+def _part_length(kind: int, data: Floats, at: int, u: float, step: float, q: Floats) -> float:
+    """Of the part of a timed piece from parameter ``u`` on, by one Gauss-Legendre rule."""
+    total = 0.0
+    for k in range(6):
+        curve_eval(kind, data, at, u + 0.5 * step * (1.0 + GAUSS_X[k]), q)
+        squared = 0.0
+        for m in range(int(data[at + METRICS])):
+            squared += q[1, int(data[at + METRIC + m])] ** 2
+        total += GAUSS_W[k] * math.sqrt(squared)
+    return 0.5 * step * total
+
+
+@njit
+def write_cubic(data: Floats, at: int, like: int, start: Floats, first: Floats, second: Floats, end: Floats) -> int:
+    """Write all of a record of a cubic on [0, 1] but for its length, table and turning points at index ``at``; returns the index behind.
+
+    start, end (n,): its ends; first, second (n,): the two Bernstein coefficients between, measured from the start. Metric axes are those of
+    the record at ``like``.
+    """
+    n = len(start)
+    body = at + START + 2 * n
+    for k in range(START):
+        data[at + k] = data[like + k]
+    data[at + U0] = 0.0
+    data[at + U1] = 1.0
+    data[at + TABLE] = 0.0
+    data[body] = 3.0
+    for k in range(4):
+        data[body + SPAN_BODY + k] = 1.0
+    for i in range(n):
+        data[at + START + i] = start[i]
+        data[at + START + n + i] = end[i]
+        row = body + SPAN_BODY + 4 * (i + 1)
+        data[row] = 0.0
+        data[row + 1] = first[i]
+        data[row + 2] = second[i]
+        data[row + 3] = end[i] - start[i]
+    return body + SPAN_BODY + 4 * (n + 1)
+
+
+@njit
+def write_turns(data: Floats, at: int, to: int) -> int:
+    """Write the turning points of a cubic's record from index ``to`` on, behind everything else of it; returns the index behind them."""
+    n = int(data[at])
+    body = at + START + 2 * n
+    extent = data[at + U1] - data[at + U0]
+    data[body + 1] = to - at
+    counts = to
+    to += n
+    for i in range(n):
+        # An axis turns where a (1-x)^2 + 2 b x (1-x) + c x^2 changes sign.
+        row = body + SPAN_BODY + 4 * (i + 1)
+        a = data[row + 1]
+        b = data[row + 2] - a
+        c = data[row + 3] - data[row + 2]
+        under = b * b - a * c
+        data[counts + i] = 0.0
+        if under > 0.0:
+            # with y = x / (1 - x): c y^2 + 2 b y + a = 0, in the form that loses no digits
+            big = -(b + math.copysign(math.sqrt(under), b))
+            y1 = a / big
+            y2 = big / c if c != 0.0 else math.inf
+            for y in (min(y1, y2), max(y1, y2)):
+                if 0.0 < y < math.inf:
+                    data[to] = y / (1.0 + y) * extent
+                    data[counts + i] += 1.0
+                    to += 1
+    return to
+
+
+@njit
+def write_timed(data: Floats, at: int, like: int, start: Floats, first: Floats, second: Floats, end: Floats, q: Floats) -> int:
+    """Write the record of a timed piece, from :func:`write_cubic`'s arguments; returns the index behind it. q: scratch (4, n).
+
+    The parameter is scaled to the piece's length, so that coordinates behind the piece are path lengths again.
+    """
+    behind = write_cubic(data, at, like, start, first, second, end)
+    extent = timed_length(SPAN, data, at, 1.0, q)
+    data[at + U1] = extent
+    data[at + LENGTH] = extent
+    return write_turns(data, at, behind)

@@ -1,0 +1,1 @@
+"""Compiled segments of the stepper board."""

@@ -1,0 +1,1 @@
+"""Compiled thinning of what is drawn."""

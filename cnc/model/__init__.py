@@ -1,0 +1,1 @@
+"""Types that every layer shares: blocks, streams, diagnostics, units."""

@@ -1,0 +1,1 @@
+"""File formats: blocks, trace, pulses, summary, SARIF, JUnit, GitHub."""

@@ -1,0 +1,1 @@
+"""The tests. Helpers that several tests share are in :mod:`tests.support`."""

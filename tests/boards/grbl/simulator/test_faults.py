@@ -1,0 +1,316 @@
+"""The box when things go wrong: faults at their moment, the same run twice, any bytes at all, and a real terminal."""
+
+import ast
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import cnc.boards.grbl.simulator
+from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.faults import Alarm, Appointment, Corrupt, Drop, Duplicate, Error, Freeze, Swallow, Unplug, parse_fault
+from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL
+from cnc.boards.grbl.simulator.from_machine import settings_of
+from cnc.boards.grbl.simulator.ports import BoxPort, ScaledTime
+from cnc.boards.grbl.simulator.pty_server import PtyServer
+from cnc.boards.port import PortLost
+from cnc.boards.serial_port import open_port
+from cnc.machine.load import load_machine
+from tests.support.boards.grblbox_bench import Bench
+from tests.support.soak import share
+
+PROGRAM = "G21G90\nG1X10Y5F900\nG2X0Y0I-4J-3F600\nM3S500\nG4P0.2\nG91\nG0Z-1\nM5\n"
+
+
+def received(bench):
+    return [event.value for event in bench.box.events if event.kind == "line"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "lines"),
+    [
+        (Drop(1), ["G21", "G0", "G94"]),
+        (Drop(4), ["G21", "G94"]),
+        (Drop(3), ["G21", "0G94"]),
+        (Duplicate(1), ["G21", "GG90", "G94"]),
+        (Corrupt(1), ["G21", "C90", "G94"]),
+    ],
+)
+def test_bytes_on_their_way(fault, lines):
+    bench = Bench()
+    bench.box.inject(fault, byte=5)
+    bench.send("G21\nG90\nG94\n")
+    expected = {Drop(1): ["G21", "90", "G94"], Drop(3): ["G21", "", "G94"]}.get(fault, lines)
+    assert received(bench) == expected
+
+
+def test_a_swallowed_reply_at_a_line():
+    bench = Bench()
+    bench.box.inject(Swallow(), line=2)
+    assert bench.send("G21\nG1X\nG90\n") == ["ok", "ok"]
+    assert received(bench) == ["G21", "G1X", "G90"]
+
+
+def test_a_forced_error_at_a_line_is_not_carried_out():
+    bench = Bench()
+    bench.box.inject(Error(22), line=2)
+    assert bench.send("G91\nG0X1\nG0Y1\n") == ["ok", "error:22", "ok"]
+    bench.finish()
+    assert bench.box.position == (0.0, 1.0, 0.0)
+
+
+def test_frozen_nothing_answers_but_the_motion_runs_out():
+    bench = Bench()
+    bench.send("G1X3F300\n", 0.2)
+    bench.box.inject(Freeze())
+    assert bench.send("?\nG1X5\n", 5.0) == []
+    assert bench.box.position == (3.0, 0.0, 0.0)
+
+
+def test_frozen_for_a_while():
+    bench = Bench()
+    bench.box.inject(Freeze(2.0), time=bench.box.now + 0.5)
+    assert bench.send("", 1.0) == []
+    assert bench.send("?", 1.0) == []
+    assert len(bench.hear(1.0)) == 1
+
+
+def test_unplugged():
+    bench = Bench()
+    bench.send("G1X3F300\n", 0.2)
+    bench.box.inject(Unplug(), time=bench.box.now + 0.3)
+    start = bench.box.now
+    with pytest.raises(PortLost) as lost:
+        bench.hear(9.0)
+    assert bench.box.now - start < 0.5
+    assert lost.value.diagnostic.code == "port-lost"
+    with pytest.raises(PortLost):
+        bench.port.write(b"?")
+    # The board goes on by itself.
+    bench.box.advance(bench.box.now + 5.0)
+    assert bench.box.position == (3.0, 0.0, 0.0)
+    assert BoxPort(bench.box).read(3.0)
+
+
+@pytest.mark.parametrize("flavour", [GRBL, GRBLHAL])
+@pytest.mark.parametrize("code", range(1, 11))
+@pytest.mark.parametrize("moment", [0.05, 0.9, 2.1])
+def test_every_alarm_at_any_moment_stops_everything(code, moment, flavour):
+    bench = Bench(flavour)
+    bench.box.inject(Alarm(code), time=bench.box.now + moment)
+    heard = bench.send(PROGRAM, 8.0)
+    assert f"ALARM:{code}" in heard
+    alarm = next(event.time for event in bench.box.events if event.kind == "alarm")
+    assert bench.box.moves == [] or bench.box.moves[-1].end_time <= alarm + 1e-9
+    assert bench.box.core.spindle_text == "M5 0"
+    if code in (1, 2) or (flavour is GRBLHAL and code == 10):
+        assert heard[-1] == "[MSG:Reset to continue]"
+        assert bench.send("?\n") == []
+    else:
+        assert bench.status()["state"] == "Alarm"
+    bench.send(b"\x18")
+    assert bench.send("$X\n") == ["[MSG:Caution: Unlocked]", "ok"]
+    stood = bench.box.position
+    bench.hear(5.0)
+    assert bench.box.position == stood
+
+
+FAULTS = [
+    ("drop:3@line:40", Appointment(Drop(3), line=40)),
+    ("duplicate@byte:7", Appointment(Duplicate(1), byte=7)),
+    ("corrupt:2", Appointment(Corrupt(2))),
+    ("swallow:1@time:2.5", Appointment(Swallow(1), time=2.5)),
+    ("freeze", Appointment(Freeze())),
+    ("freeze:2@line:3", Appointment(Freeze(2.0), line=3)),
+    ("unplug@time:1", Appointment(Unplug(), time=1.0)),
+    ("alarm:3@line:9", Appointment(Alarm(3), line=9)),
+    ("error:20@line:5", Appointment(Error(20), line=5)),
+]
+
+
+@pytest.mark.parametrize(("text", "fault"), FAULTS)
+def test_faults_can_be_written_down(text, fault):
+    assert parse_fault(text) == fault
+
+
+@pytest.mark.parametrize("text", ["", "dropp", "drop:x", "alarm", "error:", "drop@word:3", "drop@line:x"])
+def test_other_faults_are_refused(text):
+    with pytest.raises(ValueError):
+        parse_fault(text)
+
+
+# The same bytes at the same moments
+
+
+def record(seed_text, pauses):
+    bench = Bench()
+    heard = []
+    for line, pause in zip(seed_text.splitlines(keepends=True), pauses, strict=False):
+        heard += bench.send(line, pause)
+    heard += bench.hear(5.0)
+    return heard, [(move.end, move.phases) for move in bench.box.moves], bench.box.events
+
+
+@given(st.lists(st.floats(0.0, 0.7), min_size=8, max_size=8))
+@settings(max_examples=10)
+def test_a_replay_is_the_same_to_the_bit(pauses):
+    assert record(PROGRAM, pauses) == record(PROGRAM, pauses)
+
+
+@given(st.lists(st.floats(0.001, 0.5), min_size=1, max_size=30))
+@settings(max_examples=20)
+def test_how_time_is_cut_makes_no_difference(steps):
+    whole, cut = Bench(), Bench()
+    for bench in (whole, cut):
+        bench.port.write(PROGRAM.encode())
+    for step in steps:
+        cut.box.advance(cut.box.now + step)
+    whole.box.advance(30.0)
+    cut.box.advance(30.0)
+    assert whole.box.read() == cut.box.read()
+    assert [(move.end, move.phases) for move in whole.box.moves] == [(move.end, move.phases) for move in cut.box.moves]
+
+
+PIECES = st.one_of(
+    st.binary(max_size=40),
+    st.text("GMXYZIJKRFSPLTN0123456789.-+$=?!~#HC\n \x18\x84\x85\x90\x91\x96\x9e", max_size=60).map(lambda text: text.encode("latin-1")),
+    st.sampled_from([b"\x18", b"$X\n", b"~", b"$H\n", b"G1X5F500\n", b"G2X1Y1R9\n", b"$J=X1F100\n", b"M0\n", b"$C\n", b"G10L2P1X3\n"]),
+    st.from_regex(rb"(G[0-9]{1,2}(\.1)?|M[0-9]|[XYZIJKRFSPLTN]-?[0-9]{1,4}(\.[0-9]{1,3})?){1,6}\n", fullmatch=True),
+)
+
+
+@given(st.sampled_from([GRBL, GRBLHAL]), st.lists(st.tuples(PIECES, st.floats(0.0, 0.5)), max_size=30))
+@settings(max_examples=share(3000, 120))
+def test_any_bytes_at_all(flavour, pieces):
+    """No exception, no time that stands still, and the numbers stay numbers; after a reset and an unlock it works again."""
+    bench = Bench(flavour, settings={22: 1.0, 21: 1.0, 110: 3000.0, 111: 3000.0, 112: 3000.0})
+    for data, pause in pieces:
+        bench.send(data, pause)
+        assert all(abs(value) < 1e12 for value in bench.box.position)
+        assert all(move.begin_time <= move.end_time for move in bench.box.moves)
+        assert len(bench.box.trail()) == max(2 * len(bench.box.moves), 1)
+    bench.box.advance(bench.box.now + 3.0)
+    bench.port.read(0.0)
+    bench.send(b"\x18\x18\n\n", 2.0)
+    bench.send(b"\x18", 1.0)
+    bench.send("$RST=*\n", 3.0)
+    bench.send(b"\x18\n", 1.0)
+    assert bench.status()["state"] in ("Idle", "Alarm", "Door:0")
+
+
+# A clock that runs
+
+
+def test_against_the_wall_faster():
+    box = GrblBox()
+    port = BoxPort(box, ScaledTime(box, 50.0), boot_time=0.5)
+    begun = time.monotonic()
+    heard = b""
+    while b"help" not in heard:
+        heard += port.read(1.0)
+    port.write(b"G1X5F500\nG4P0\n")
+    while heard.count(b"ok") < 2:
+        heard += port.read(1.0)
+    port.close()
+    assert box.position == (5.0, 0.0, 0.0)
+    assert 0.02 < time.monotonic() - begun < 5.0
+    with pytest.raises(PortLost):
+        port.read(0.0)
+
+
+def exchange(file, data, until, seconds=20.0):
+    """Write to a terminal, read until ``until``."""
+    os.write(file, data)
+    heard, end = b"", time.monotonic() + seconds
+    while until not in heard and time.monotonic() < end:
+        try:
+            heard += os.read(file, 1000)
+        except BlockingIOError:
+            time.sleep(0.005)
+    return heard
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no pseudo-terminals here")
+def test_behind_a_terminal():
+    with PtyServer(GrblBox(), 20.0) as server:
+        file = os.open(server.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            assert b"Grbl 1.1h" in exchange(file, b"", b"help]\r\n")
+            assert exchange(file, b"G1X1F500\nG4P0\n", b"ok\r\nok\r\n") == b"ok\r\nok\r\n"
+            assert b"MPos:1.000" in exchange(file, b"?", b">")
+        finally:
+            os.close(file)
+        time.sleep(0.05)
+        file = os.open(server.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            # Opened again: reset again.
+            assert b"Grbl 1.1h" in exchange(file, b"", b"help]\r\n")
+            server.box.inject(Unplug())
+            assert server.wait(5.0)
+        finally:
+            os.close(file)
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no pseudo-terminals here")
+def test_behind_a_terminal_opened_as_a_serial_port():
+    with PtyServer(GrblBox(), 20.0) as server:
+        link = open_port(server.name, 115200)
+        heard, end = b"", time.monotonic() + 20.0
+        while b"help]\r\n" not in heard and time.monotonic() < end:
+            heard += link.read(0.1)
+        link.write(b"$I\n")
+        while not heard.endswith(b"ok\r\n") and time.monotonic() < end:
+            heard += link.read(0.1)
+        assert b"[OPT:VN,15,128]" in heard
+        server.box.inject(Unplug())
+        with pytest.raises(PortLost):
+            link.read(20.0)
+        link.close()
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no pseudo-terminals here")
+def test_as_a_program():
+    command = [sys.executable, "-m", "cnc.boards.grbl.simulator", "--flavour", "grblhal", "--factor", "50", "--setting", "110=777"]
+    with subprocess.Popen([*command, "--fault", "unplug@line:2"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        name = process.stdout.readline().strip()
+        file = os.open(name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            assert b"GrblHAL" in exchange(file, b"", b"help]\r\n")
+            assert b"$110=777.000" in exchange(file, b"$$\n", b"ok")
+            os.write(file, b"\n")
+            assert process.wait(10.0) == 0
+        finally:
+            os.close(file)
+    bad = subprocess.run([*command, "--fault", "nothing"], capture_output=True, text=True, check=False)
+    assert bad.returncode == 2 and "no fault is called 'nothing'" in bad.stderr
+
+
+def test_the_box_knows_nothing_of_the_sender():
+    """It is there to find the sender's mistakes, so it may not share them."""
+    folder = Path(cnc.boards.grbl.simulator.__file__).parent
+    imported: set[str] = set()
+    for module in folder.glob("*.py"):
+        for node in ast.walk(ast.parse(module.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                imported.add(node.module)
+            elif isinstance(node, ast.Import):
+                imported |= {name.name for name in node.names}
+    assert {name for name in imported if name.startswith("cnc") and not name.startswith("cnc.boards.grbl.simulator")} == {
+        "cnc.boards.port",
+        "cnc.machine.models",
+    }
+
+
+def test_set_up_as_a_machine_file_says():
+    machine = load_machine(Path("config/grbl-uno.toml"))
+    assert settings_of(machine) == {
+        100: 800, 101: 800, 102: 800, 110: 1980, 111: 1980, 112: 900, 120: 250, 121: 250, 122: 150, 130: 305, 131: 185, 132: 60
+    }  # fmt: skip
+    bench = Bench(settings=settings_of(machine) | {21: 1.0})
+    bench.send("G0X200\n", 30.0)
+    assert bench.box.position[0] == pytest.approx(152.5)

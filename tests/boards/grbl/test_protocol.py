@@ -1,0 +1,376 @@
+"""The conversation with a GRBL board: every message of the interface's documentation, in any pieces, among any noise; bytes are counted."""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cnc.boards.grbl.codes import ALARMS, ALARMS_HAL, ERRORS, alarm_meaning, error_meaning
+from cnc.boards.grbl.lines import kind_of, seconds_of
+from cnc.boards.grbl.messages import Alarm, Feedback, Message, Messages, Other, Reply, Report, Setting, Welcome, message
+from cnc.boards.grbl.protocol import MARK_BYTES, Alarmed, Confirmed, GrblProtocol, Lost, Rejected, Reported, Started, State, Stray
+from cnc.boards.grbl.status import StatusReader
+
+DOCUMENTED: list[tuple[str, Message]] = [
+    ("ok", Reply()),
+    ("error:9", Reply(9)),
+    ("ALARM:2", Alarm(2)),
+    ("Grbl 1.1h ['$' for help]", Welcome("1.1h", hal=False)),
+    ("GrblHAL 1.1f ['$' or '$HELP' for help]", Welcome("1.1f", hal=True)),
+    ("<Idle|MPos:0.000,0.000,0.000|FS:0,0>", Report("Idle|MPos:0.000,0.000,0.000|FS:0,0")),
+    ("$110=500.000", Setting(110, "500.000")),
+    ("[MSG:Reset to continue]", Feedback("MSG", "Reset to continue")),
+    ("[PRB:1.000,2.000,-3.000:1]", Feedback("PRB", "1.000,2.000,-3.000:1")),
+    ("[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]", Feedback("GC", "G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0")),
+    ("[VER:1.1h.20190830:]", Feedback("VER", "1.1h.20190830:")),
+    ("[OPT:V,15,128]", Feedback("OPT", "V,15,128")),
+    ("[G54:1.000,0.000,0.000]", Feedback("G54", "1.000,0.000,0.000")),
+    (">G54G20:ok", Other(">G54G20:ok")),
+    (">:error:7", Other(">:error:7")),
+    ("$N0=G54", Other("$N0=G54")),
+    ("k", Other("k")),
+    ("error:", Other("error:")),
+]
+WELCOME = b"\r\nGrbl 1.1h ['$' for help]\r\n"
+
+
+def ready() -> GrblProtocol:
+    protocol = GrblProtocol()
+    assert [type(event) for event in protocol.receive(WELCOME)] == [Started]
+    return protocol
+
+
+@pytest.mark.parametrize(("line", "meaning"), DOCUMENTED)
+def test_documented_messages(line: str, meaning: Message) -> None:
+    assert message(line) == meaning
+
+
+@given(st.lists(st.sampled_from(DOCUMENTED), max_size=12), st.integers(0, 2**32))
+def test_messages_come_in_any_pieces(said: list[tuple[str, Message]], seed: int) -> None:
+    data = b"".join(line.encode() + b"\r\n" for line, _ in said)
+    pieces = random.Random(seed)
+    reader, found = Messages(), []
+    while data:
+        n = pieces.randint(1, 9)
+        found += reader.receive(data[:n])
+        data = data[n:]
+    assert found == [meaning for _, meaning in said]
+
+
+@given(st.lists(st.binary(max_size=300), max_size=8), st.data())
+def test_noise_is_no_end_of_the_world(noise: list[bytes], data: st.DataObject) -> None:
+    protocol = ready()
+    for piece in noise:
+        if protocol.room("G1X1"):
+            protocol.send("G1X1", 1)
+        if data.draw(st.booleans()) and protocol.mark_fits():
+            protocol.mark()
+        protocol.receive(piece)
+        assert protocol.used >= 0
+        assert (protocol.used == 0) == (protocol.waiting == 0)
+    protocol.reset()
+    # A line end, and the board's welcome is understood whatever came before.
+    assert any(isinstance(event, Started) for event in protocol.receive(b"\n" + WELCOME))
+    assert protocol.state is State.READY
+
+
+@settings(max_examples=60)
+@given(st.integers(32, 1024), st.lists(st.integers(1, 79), min_size=1, max_size=300), st.integers(0, 2**32))
+def test_never_more_than_the_buffer_holds_and_every_line_gets_through(rx: int, lengths: list[int], seed: int) -> None:
+    """A ring that holds one byte less than its size, as rings do, and a board that answers when it likes."""
+    order = random.Random(seed)
+    protocol = ready()
+    protocol.rx_bytes = rx
+    ring: deque[int] = deque()
+    sent = answered = 0
+    lines = ["G1" + "X" * max(min(length, rx - 6) - 2, 0) for length in lengths]
+    while answered < len(lines):
+        if sent < len(lines) and protocol.room(lines[sent]):
+            ring.append(len(protocol.send(lines[sent], sent + 1)))
+            sent += 1
+        elif ring:
+            ring.popleft()
+            (event,) = protocol.receive(b"ok\r\n")
+            assert isinstance(event, Confirmed)
+            answered += 1
+            assert event.sent.line == answered
+        assert sum(ring) <= rx - 1
+        assert protocol.used == sum(ring)
+        if ring and order.random() < 0.5:
+            ring.popleft()
+            protocol.receive(b"o")
+            assert len(protocol.receive(b"k\r\n")) == 1
+            answered += 1
+    assert protocol.confirmed_line == len(lines)
+
+
+def test_the_budget_of_grbl_is_used_to_its_last_line() -> None:
+    protocol = ready()
+    count = 0
+    while protocol.room("G1X10.000Y10.000F1000Z1.0"):
+        protocol.send("G1X10.000Y10.000F1000Z1.0", count)
+        count += 1
+    # 128 bytes: four lines of 26 with their ends, and a mark
+    assert (count, protocol.used) == (4, 104)
+    assert protocol.mark_fits()
+
+
+def test_a_line_longer_than_the_budget_goes_alone() -> None:
+    protocol = ready()
+    protocol.rx_bytes = 32
+    assert protocol.room("X" * 70)
+    protocol.send("X" * 70, 1)
+    assert not protocol.room("X")
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("G1 X1 F100", "plain"),
+        ("$110=500", "writer"),
+        ("$N0=G54", "writer"),
+        ("$RST=#", "writer"),
+        ("$I=mill", "writer"),
+        ("G10 L2 P1 X0", "writer"),
+        ("g10l20p1x0", "writer"),
+        ("G28.1", "writer"),
+        ("G30.1", "writer"),
+        ("G28", "plain"),
+        ("G92.1", "plain"),
+        ("G1 X0.1", "plain"),
+        ("$H", "system"),
+        ("$X", "system"),
+        ("$$", "system"),
+        ("$J=G91X1F100", "plain"),
+        ("M0", "pause"),
+        ("M00 (MSG, put in tool 3, then resume)", "pause"),
+        ("M6 T1", "pause"),
+        ("M3 S1000", "spindle"),
+        ("M30", "plain"),
+        ("M2", "plain"),
+        ("G38.2 Z-10 F50", "probe"),
+        ("G4 P2.5", "dwell"),
+        ("G04P0", "dwell"),
+        ("G1 X1 (G10 L2 P1)", "plain"),
+        ("G1 X1 ; M3", "plain"),
+        ("G43.1 Z1", "plain"),
+    ],
+)
+def test_what_a_line_needs(text: str, kind: str) -> None:
+    assert kind_of(text) == kind
+
+
+def test_seconds_of_a_dwell() -> None:
+    assert seconds_of("G4 P2.5") == 2.5
+    assert seconds_of("G4") == 0.0
+    assert seconds_of("G4 P1.2.3") == 0.0
+    assert seconds_of("G1 X1") == 0.0
+    assert seconds_of("$h") > 100.0
+
+
+@given(st.lists(st.sampled_from(["G1X1", "$110=5", "G10L2P1X1", "$H", "G28.1"]), min_size=1, max_size=30))
+def test_writers_and_system_commands_are_under_way_alone(lines: list[str]) -> None:
+    protocol, under_way = ready(), deque()
+    for text in lines:
+        while not protocol.room(text):
+            under_way.popleft()
+            protocol.receive(b"ok\r\n")
+        protocol.send(text, 1)
+        under_way.append(text)
+        assert len(under_way) == 1 or all(kind_of(each) == "plain" for each in under_way)
+
+
+def test_an_error_belongs_to_the_oldest_line_and_nothing_after_it_counts() -> None:
+    protocol = ready()
+    for line in (7, 8, 9):
+        protocol.send("G1X1", line)
+    events = protocol.receive(b"ok\r\nerror:20\r\nok\r\nerror:20\r\n")
+    assert isinstance(events[0], Confirmed)
+    assert events[0].sent.line == 7
+    assert isinstance(events[1], Rejected)
+    assert (events[1].sent.line, events[1].code) == (8, 20)
+    assert len(events) == 2
+    assert not protocol.room("G1X1")
+    assert protocol.confirmed_line == 7
+
+
+def test_a_late_ok_after_the_reset_is_not_counted() -> None:
+    protocol = ready()
+    protocol.send("G1X1", 1)
+    protocol.reset()
+    assert protocol.receive(b"ok\r\n") == []
+    assert [type(event) for event in protocol.receive(b"ALARM:3\r\n" + WELCOME)] == [Alarmed, Started]
+    assert (protocol.waiting, protocol.used) == (0, 0)
+    assert protocol.room("G1X1")
+
+
+@pytest.mark.parametrize(
+    ("before", "said", "after"),
+    [
+        (State.UNKNOWN, b"ok\r\n", State.UNKNOWN),
+        (State.UNKNOWN, b"ALARM:1\r\n", State.UNKNOWN),
+        (State.UNKNOWN, WELCOME, State.READY),
+        (State.READY, b"ALARM:1\r\n", State.FAILED),
+        (State.READY, b"ok\r\n", State.FAILED),
+        (State.READY, WELCOME, State.FAILED),
+        (State.FAILED, b"ok\r\n", State.FAILED),
+        (State.FAILED, WELCOME, State.FAILED),
+        (State.RESETTING, b"error:9\r\n", State.RESETTING),
+        (State.RESETTING, b"ALARM:3\r\n", State.RESETTING),
+        (State.RESETTING, WELCOME, State.READY),
+    ],
+)
+def test_states(before: State, said: bytes, after: State) -> None:
+    protocol = GrblProtocol()
+    protocol.state = before
+    protocol.receive(said)
+    assert protocol.state is after
+
+
+def test_an_answer_to_nothing_and_a_restart_are_told() -> None:
+    assert ready().receive(b"ok\r\n") == [Stray(0)]
+    (event,) = ready().receive(WELCOME)
+    assert isinstance(event, Started)
+    assert not event.expected
+
+
+@settings(max_examples=60)
+@given(st.integers(1, 60), st.integers(0, 59), st.sampled_from([5, 20]))
+def test_a_lost_answer_is_found_by_the_next_mark(count: int, lost: int, every: int) -> None:
+    """A board that answers at once, but for the one answer that is swallowed."""
+    lost %= count
+    protocol = ready()
+    protocol.rx_bytes = 4096
+    found = None
+    for line in range(1, count + 1):
+        protocol.send("G1X1", line)
+        events = protocol.receive(b"" if line == lost + 1 else b"ok\r\n")
+        if (line % every == 0 or line == count) and protocol.mark_fits():
+            protocol.mark()
+            events += protocol.receive(b"[GC:G1 F0 S0]\r\nok\r\n")
+        found = next((event for event in events if isinstance(event, Lost)), None)
+        if found is not None:
+            break
+    assert found is not None
+    assert found.after < lost + 1 <= found.until
+    assert found.until - found.after <= every
+
+
+def test_a_mark_that_is_answered_in_its_place_finds_nothing() -> None:
+    protocol = ready()
+    protocol.send("G1 X1 F1500", 1)
+    protocol.mark()
+    protocol.send("G1 X2", 2)
+    assert [type(event) for event in protocol.receive(b"ok\r\n[GC:G1 G54 F1500 S0]\r\nok\r\nok\r\n")] == [Confirmed, Confirmed]
+    assert protocol.state is State.READY
+    assert not protocol.marked
+
+
+@pytest.mark.parametrize(("told", "fine"), [("F1500 S0", True), ("F1500. S0.", True), ("F150 S0", False), ("F1500 S12000", True)])
+def test_a_mark_shows_whether_the_feed_arrived(told: str, fine: bool) -> None:
+    protocol = ready()
+    protocol.send("G1 X1 F1500.4", 1)
+    protocol.mark()
+    events = protocol.receive(f"ok\r\n[GC:G1 G54 {told}]\r\nok\r\n".encode())
+    assert any(isinstance(event, Lost) for event in events) is not fine
+
+
+@pytest.mark.parametrize("behind", [b"", b"ok\r\n", b"[GC:G1 F500 S0]\r\nok\r\n"])
+def test_a_mark_that_is_refused_is_over(behind: bytes) -> None:
+    """A half line before it made one of both, and the board goes on."""
+    protocol = ready()
+    protocol.send("G1X1", 1)
+    protocol.mark()
+    events = protocol.receive(b"ok\r\nerror:3\r\n" + behind)
+    rejected = [event for event in events if isinstance(event, Rejected)]
+    assert [event.sent.text for event in rejected] == ["$G"]
+    assert protocol.state is State.FAILED
+
+
+def test_marks_cost_three_bytes_and_one_is_under_way() -> None:
+    protocol = ready()
+    assert protocol.mark() == b"$G\n"
+    assert protocol.used == MARK_BYTES == 3
+    assert not protocol.mark_fits()
+
+
+FIELDS = {
+    "MPos": "1.000,2.000,3.000",
+    "FS": "500,8000",
+    "Bf": "15,128",
+    "Pn": "PZ",
+    "Ov": "110,50,100",
+    "WCO": "0.500,0.000,0.000",
+    "Ln": "9",
+}
+
+
+@given(st.permutations(sorted(FIELDS)), st.sets(st.sampled_from(sorted(set(FIELDS) - {"MPos"}))))
+def test_status_fields_in_any_order_and_number(order: list[str], left_out: set[str]) -> None:
+    text = "|".join(["Hold:1", *(f"{name}:{FIELDS[name]}" for name in order if name not in left_out)])
+    status = StatusReader().read(text)
+    assert status is not None
+    assert (status.state, status.phase, status.position) == ("Hold", 1, (1.0, 2.0, 3.0))
+    assert status.offset == (None if "WCO" in left_out else (0.5, 0.0, 0.0))
+    assert status.overrides == (None if "Ov" in left_out else (110, 50, 100))
+    assert status.free == (None if "Bf" in left_out else (15, 128))
+    assert status.feed == (None if "FS" in left_out else 500.0)
+    assert status.pins == ("" if "Pn" in left_out else "PZ")
+    assert not status.at_rest
+
+
+def test_what_comes_now_and_then_is_remembered() -> None:
+    reader = StatusReader()
+    assert reader.read("Idle|WPos:1.000,1.000,1.000|F:0") is not None
+    first = reader.read("Idle|WPos:1.000,1.000,1.000|FS:0,0|WCO:10.000,0.000,-5.000")
+    assert first is not None
+    assert first.position == (11.0, 1.0, -4.0)
+    second = reader.read("Run|WPos:2.000,1.000,1.000|FS:0,0|Ov:100,100,100")
+    assert second is not None
+    assert second.position == (12.0, 1.0, -4.0)
+    assert (second.offset, second.overrides) == ((10.0, 0.0, -5.0), (100, 100, 100))
+    reader.forget()
+    third = reader.read("Run|WPos:2.000,1.000,1.000")
+    assert third is not None
+    assert (third.position, third.offset, third.overrides) == (None, None, None)
+
+
+def test_inches() -> None:
+    reader = StatusReader()
+    reader.unit = 25.4
+    status = reader.read("Idle|MPos:1.0000,0.0000,-2.0000|F:10.0")
+    assert status is not None
+    assert status.position == pytest.approx((25.4, 0.0, -50.8))
+    assert status.feed == pytest.approx(254.0)
+
+
+@given(st.text(alphabet="IdleRun|MPosWCO:.,0123456789-FSBfOv<>", max_size=60))
+def test_a_garbled_report_is_none(text: str) -> None:
+    StatusReader().read(text)
+
+
+@pytest.mark.parametrize("text", ["", "Idle|MPos:1.0,x,0", "Idle|Ov:1,2", "12|MPos:0,0,0", "Idle|Bf:15"])
+def test_these_are_garbled(text: str) -> None:
+    protocol = ready()
+    assert not any(isinstance(event, Reported) for event in protocol.receive(f"<{text}>\r\n".encode()))
+
+
+def test_every_code_has_a_meaning_and_advice() -> None:
+    # 18 and 19 are grblHAL's alone
+    assert sorted(ERRORS) == [*range(1, 18), *range(20, 39)]
+    assert sorted(ALARMS) == list(range(1, 11))
+    for code in range(1, 93):
+        for hal in (False, True):
+            assert all(error_meaning(code, hal=hal)), code
+            assert all(alarm_meaning(code, hal=hal)), code
+
+
+def test_the_same_number_means_something_else_on_grblhal() -> None:
+    assert "second limit switch" in alarm_meaning(10, hal=False).what
+    assert "emergency stop" in alarm_meaning(10, hal=True).what
+    assert "second limit switch" in alarm_meaning(15, hal=True).what
+    assert ALARMS_HAL[15].what == ALARMS[10].what

@@ -1,0 +1,427 @@
+"""The GRBL sender in trouble: whatever the line garbles, whenever the board falls silent, it ends in time, with the truth or a fault."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+import pytest
+
+from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.liveness import STUCK, Vital
+from cnc.boards.grbl.protocol import Sent, State
+from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.faults import Alarm, Drop, Error, Freeze, Swallow, Unplug
+from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL, Flavour
+from cnc.boards.grbl.simulator.ports import BoxPort
+from cnc.boards.grbl.simulator.workpiece import World
+from cnc.boards.grbl.status import Status
+from cnc.model.blocks import Dwell
+from cnc.model.diagnostics import BoardError
+from cnc.model.operator_control import Control
+from cnc.model.streams import GcodeLine
+from tests.support.boards.grbl_rig import LATEST, MACHINE, ROUTER
+from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
+from tests.support.soak import share
+
+PROGRAM = [PREAMBLE, *(f"G1 X{k % 3 * 2}.5 Y{k % 5}.25 F400" for k in range(24))]
+END = (4.5, 3.25, 0.0)
+
+
+class Wire:
+    """A port with something between it and the board: ``heard`` may change what the board says, ``said`` what it is told."""
+
+    def __init__(self, box: GrblBox) -> None:
+        self.port = BoxPort(box)
+        self.clock = self.port.clock
+        self.heard: Callable[[bytes], bytes] = lambda data: data
+        self.said: Callable[[bytes], bytes] = lambda data: data
+
+    def read(self, timeout: float) -> bytes:
+        return self.heard(self.port.read(timeout))
+
+    def write(self, data: bytes) -> None:
+        self.port.write(self.said(data))
+
+    def close(self) -> None:
+        self.port.close()
+
+
+def connected(box: GrblBox) -> tuple[GrblBoard, Wire]:
+    wire = Wire(box)
+    board = GrblBoard(wire, MACHINE, wire.clock, "the box")
+    board.connect()
+    return board, wire
+
+
+def started(box: GrblBox, control: Control | None = None) -> tuple[GrblBoard, Wire]:
+    board, wire = connected(box)
+    board.attend(control or Control(), lambda: None)
+    board.start(ORIGIN)
+    return board, wire
+
+
+def fault(board: GrblBoard, *lines: str) -> BoardError | None:
+    """What a program ends in."""
+    try:
+        feed(board, *lines)
+        board.finish()
+    except BoardError as error:
+        return error
+    return None
+
+
+def moves_no_more(box: GrblBox) -> bool:
+    stands, moved = box.position, len(box.moves)
+    box.advance(box.now + 10.0)
+    return (box.position, len(box.moves)) == (stands, moved)
+
+
+@pytest.mark.parametrize("wrong", ["drop", "flip", "double", "noise"])
+def test_whatever_happens_to_what_the_board_says_the_run_ends_well_or_in_a_fault(wrong: str) -> None:
+    for seed in range(share(60, 6)):
+        rng = random.Random(f"{wrong} {seed}")
+        box = GrblBox()
+        board, wire = started(box)
+        begins = box.now + rng.uniform(0.0, 20.0)
+        left = rng.randint(1, 12)
+
+        def garble(data: bytes, rng: random.Random = rng, begins: float = begins, box: GrblBox = box) -> bytes:
+            nonlocal left
+            if not data or not left or box.now < begins:
+                return data
+            left -= 1
+            at = rng.randrange(len(data))
+            middle = {"drop": b"", "flip": bytes([data[at] ^ 4]), "double": data[at : at + 1] * 2, "noise": rng.randbytes(9)}[wrong]
+            return data[:at] + middle + data[at + 1 :]
+
+        wire.heard = garble
+        error = fault(board, *PROGRAM)
+        if error is None:
+            assert box.position == pytest.approx(END, abs=0.01), seed
+        else:
+            assert error.exit_code == 3
+            assert box.now - begins < 25.0
+            assert moves_no_more(box), seed
+
+
+class Damage:
+    """Strikes the first line that reads ``text``."""
+
+    def __init__(self, wrong: str, text: bytes, rng: random.Random, box: GrblBox) -> None:
+        self.wrong, self.text, self.rng, self.box = wrong, text, rng, box
+        self.struck = 0.0
+
+    def said(self, data: bytes) -> bytes:
+        if data != self.text or self.struck:
+            return data
+        self.struck = self.box.now
+        at, count = self.rng.randrange(len(data)), self.rng.randint(1, 8)
+        if self.wrong == "drop":
+            return data[:at] + data[at + count :]
+        if self.wrong == "double":
+            return data[: at + count] + data[at:]
+        # a blank would become the "!" of a hold, which nobody can tell from a button of the machine's
+        bit = 0 if data[at] == ord(" ") else self.rng.choice((1, 2, 4, 8))
+        return data[:at] + bytes([data[at] ^ bit]) + data[at + 1 :]
+
+
+@pytest.mark.parametrize("wrong", ["drop", "flip", "double"])
+def test_a_line_that_is_damaged_on_its_way_is_told_in_time_and_named(wrong: str) -> None:
+    """Bytes of one line are lost, changed by a bit, or come twice; on a fresh board moves take seconds."""
+    for seed in range(share(40, 6)):
+        rng = random.Random(f"{wrong} {seed}")
+        box = GrblBox((GRBL, GRBLHAL)[seed % 2], settings=(None, ROUTER)[seed // 2 % 2])
+        board, wire = started(box)
+        places = [f"X{rng.uniform(0, 9):.3f} Y{rng.uniform(0, 9):.3f}" for _ in range(30)]
+        lines = [PREAMBLE, *(f"G1 {place} F1500" if k % 3 == 0 else place for k, place in enumerate(places))]
+        victim = rng.randint(3, 28)
+        damage = Damage(wrong, lines[victim].encode() + b"\n", rng, box)
+        wire.said = damage.said
+        error = fault(board, *lines)
+        if error is None:
+            assert box.position == pytest.approx((*(float(word[1:]) for word in places[-1].split()), 0.0), abs=0.01), seed
+            continue
+        assert box.now - damage.struck <= LATEST, (seed, error)
+        # where it leaves its way is told by five reports a second
+        assert -4 <= error.diagnostic.line - (victim + 1) <= 2, (seed, error)
+        assert moves_no_more(box), seed
+
+
+@pytest.mark.parametrize("make", [Unplug, Freeze])
+@pytest.mark.parametrize("flavour", [GRBL, GRBLHAL])
+def test_a_board_that_goes_away_at_any_moment_of_its_life_is_noticed(make: Callable[[], Unplug | Freeze], flavour: Flavour) -> None:
+    """Greeting, settings, offsets to EEPROM, a dwell, a probe, a pause, a hold: somewhere in there."""
+    lines = [PREAMBLE, "G10 L2 P2 X1", "G1 X3 F400", "G4 P3", "G10 L2 P3 X2", "G38.3 Z-3 F100", "G0 Z0", "M3 S100", "M0", "G1 X0", "M5"]
+    for seed in range(share(60, 8)):
+        rng = random.Random(seed)
+        box = GrblBox(flavour, world=World(surface=((0.0, 0.0, 1.0), -2.0)))
+        struck = rng.uniform(0.0, 32.0)
+        box.inject(make(), time=struck)
+        error = lived(box, lines)
+        if error is None:
+            assert box.now < struck
+            continue
+        assert error.diagnostic.code in (("port-lost",) if make is Unplug else ("board-silent", "no-answer")), seed
+        # a board that has not greeted yet may take its time
+        assert box.now - struck <= (1.0 if make is Unplug else 12.0 if struck < 3.0 else LATEST), seed
+
+
+def lived(box: GrblBox, lines: list[str]) -> BoardError | None:
+    """A board from its greeting to its end; the operator goes on after two seconds wherever it waits for him."""
+    control = Control()
+    held: list[float] = []
+
+    def operate() -> None:
+        if control.held:
+            held.append(box.now)
+            if box.now > held[0] + 2.0:
+                held.clear()
+                control.resume()
+
+    try:
+        board, _ = connected(box)
+        board.attend(control, operate)
+        board.start(ORIGIN)
+        for number, line in enumerate(lines, start=1):
+            board.send_line(GcodeLine(line, number))
+            if line.startswith("G38"):
+                board.execute(Dwell("p.nc", number, 0.0), 0)
+        board.finish()
+    except BoardError as error:
+        return error
+    return None
+
+
+def test_an_answer_to_an_offset_that_gets_lost_is_missed() -> None:
+    box = GrblBox()
+    board, _ = started(box)
+    feed(board, PREAMBLE, "G1 X1 F400")
+    board.execute(Dwell("p.nc", 2, 0.0), 0)
+    struck = box.now
+    box.inject(Swallow())
+    error = fault(board, "G10 L2 P2 X5")
+    assert error is not None
+    assert error.diagnostic.code == "reply-missing"
+    assert box.now - struck <= LATEST
+
+
+@pytest.mark.parametrize("arrives", [b"", b"\n", b"$"])
+def test_a_homing_command_that_gets_lost_is_missed(arrives: bytes) -> None:
+    box = GrblBox(settings={22: 1})
+    board, wire = started(box)
+    wire.said = lambda data: arrives if data == b"$H\n" else data
+    struck = box.now
+    error = fault(board, "$H")
+    assert error is not None
+    assert error.diagnostic.code in ("reply-missing", "board-locked")
+    assert box.now - struck <= LATEST
+    assert not box.moves
+
+
+def test_noise_without_an_end_is_no_answer() -> None:
+    box = GrblBox()
+    board, wire = started(box)
+    feed(board, *PROGRAM[:4])
+    struck = box.now
+    wire.heard = lambda data: b"\xff\x00x\n" * 20
+    error = fault(board, *PROGRAM)
+    assert error is not None
+    assert error.diagnostic.code == "board-silent"
+    assert box.now - struck <= LATEST
+
+
+@pytest.mark.parametrize("text", [b"$I\n", b"$$\n", b"$#\n"])
+def test_a_board_that_starts_twice_is_asked_again(text: bytes) -> None:
+    box = GrblBox()
+    wire = Wire(box)
+    again = [text]
+
+    def restart(data: bytes) -> bytes:
+        if data in again:
+            again.remove(data)
+            box.power_up(0.5)
+        return data
+
+    wire.said = restart
+    board = GrblBoard(wire, MACHINE, wire.clock, "the box")
+    board.connect()
+    assert not again
+    assert board.info.rx_bytes == 128
+    assert len(board.position) == 3
+
+
+def test_answers_left_over_from_before_do_not_count() -> None:
+    box = GrblBox()
+    wire = Wire(box)
+    extra = [b"ok\r\nok\r\n"]
+    wire.heard = lambda data: data + extra.pop() if b"help]" in data and extra else data
+    board = GrblBoard(wire, MACHINE, wire.clock, "the box")
+    board.connect()
+    board.start(ORIGIN)
+    assert fault(board, *PROGRAM[:3]) is None
+
+
+def test_an_answer_too_many_stops_everything() -> None:
+    box = GrblBox()
+    board, wire = started(box)
+    feed(board, *PROGRAM[:2])
+    extra = [b"ok\r\n"]
+    wire.heard = lambda data: data + extra.pop() if data and extra else data
+    error = fault(board, *PROGRAM[2:])
+    assert error is not None
+    assert error.diagnostic.code == "reply-lost"
+    assert moves_no_more(box)
+
+
+def test_a_conversation_out_of_step_never_waits() -> None:
+    box = GrblBox()
+    board, _ = started(box)
+    feed(board, *PROGRAM[:3])
+    board.link.protocol.state = State.FAILED
+    assert fault(board, *PROGRAM[3:]) is not None
+    assert moves_no_more(box)
+
+
+def test_an_alarm_whose_message_gets_lost_is_seen_in_the_reports() -> None:
+    box = GrblBox()
+    board, wire = started(box)
+    feed(board, PREAMBLE, "G1 X5 F300")
+    wire.heard = lambda data: data.replace(b"ALARM", b"ALRM")
+    box.inject(Alarm(4), time=box.now + 0.5)
+    struck = box.now
+    with pytest.raises(BoardError) as caught:
+        board.finish()
+    assert caught.value.diagnostic.code == "board-alarm"
+    assert box.now - struck <= LATEST
+
+
+def test_an_alarm_while_the_operator_stops_is_told() -> None:
+    box = GrblBox()
+    board, _ = started(box)
+    feed(board, PREAMBLE, "G1 X9 F400")
+    board._serve(0.5)
+    box.inject(Alarm(1), time=box.now + 0.01)
+    with pytest.raises(BoardError) as caught:
+        board.stop()
+    assert caught.value.diagnostic.code == "board-alarm"
+    assert "ALARM:1" in caught.value.diagnostic.message
+    assert moves_no_more(box)
+
+
+def test_an_alarm_on_top_of_an_error_is_told_too() -> None:
+    box = GrblBox()
+    board, _ = started(box)
+    feed(board, PREAMBLE, "G1 X9 F400", "G1 X8")
+    box.inject(Error(20))
+    real = board.link._rest
+
+    def rest(patience: float) -> None:
+        box.inject(Alarm(1))
+        real(patience)
+
+    board.link._rest = rest  # type: ignore[method-assign]
+    error = fault(board, "G1 X7")
+    assert error is not None
+    assert error.diagnostic.code == "board-error"
+    assert "error:20" in error.diagnostic.message
+    assert "then: the board stopped with ALARM:1" in error.diagnostic.message
+
+
+def test_a_board_that_freezes_while_the_operator_stops_is_told() -> None:
+    box = GrblBox()
+    board, _ = started(box)
+    feed(board, PREAMBLE, "G1 X9 F400")
+    board._serve(0.5)
+    box.inject(Freeze())
+    asked = box.now
+    with pytest.raises(BoardError) as caught:
+        board.stop()
+    assert caught.value.diagnostic.code == "board-silent"
+    assert "emergency stop" in caught.value.diagnostic.hint
+    assert box.now - asked < 10.0
+
+
+def test_a_second_wish_to_stop_stops_again() -> None:
+    """Ctrl-C twice: the second may come while the first is being carried out."""
+    box = GrblBox()
+    board, _ = started(box)
+    feed(board, PREAMBLE, "G1 X9 F400", "G1 X0")
+    board._serve(0.5)
+    real = board.link._rest
+    impatient = [KeyboardInterrupt()]
+
+    def rest(patience: float) -> None:
+        if impatient:
+            raise impatient.pop()
+        real(patience)
+
+    board.link._rest = rest  # type: ignore[method-assign]
+    with pytest.raises(KeyboardInterrupt):
+        board.stop()
+    board.abort()
+    assert box.core.state == "Idle"
+    assert moves_no_more(box)
+
+
+@pytest.mark.parametrize("inches", [0, 1])
+@pytest.mark.parametrize("mask", [0, 1, 2, 3, 255])
+@pytest.mark.parametrize("flavour", [GRBL, GRBLHAL])
+def test_reports_of_every_kind_are_followed(flavour: Flavour, mask: int, inches: int) -> None:
+    """``$10``: machine or work positions, with and without the buffer's state; ``$13``: inches."""
+    box = GrblBox(flavour, settings={10: mask, 13: inches})
+    box.core.eeprom.systems["G54"] = (-3.0, 2.0, 1.0)
+    board, _ = started(box)
+    assert fault(board, *PROGRAM) is None
+    assert board.position == pytest.approx(box.position, abs=0.003)
+    assert board.work_offset == pytest.approx((-3.0, 2.0, 1.0), abs=0.003)
+    board.start(ORIGIN)
+    feed(board, PREAMBLE)
+    board.execute(Dwell("p.nc", 1, 0.0), 0)
+    # "G1 X8.5 F400": without its point it would go to 85
+    box.inject(Drop(1), byte=box.core.receiver.received + len("G1 X8") + 1)
+    box.inject(Drop(1), byte=box.core.receiver.received + len("?G1 X8") + 1)
+    error = fault(board, "G1 X8.5 Y1 F400")
+    assert error is not None
+    assert error.diagnostic.code == "off-path"
+    assert moves_no_more(box)
+
+
+@pytest.mark.parametrize("late", [0.05, 0.3])
+def test_a_board_that_answers_late_is_no_fault(late: float) -> None:
+    """A radio link, a hub, a busy computer."""
+    box = GrblBox()
+    board, wire = started(box)
+    waiting: list[tuple[float, bytes]] = []
+
+    def delayed(data: bytes) -> bytes:
+        if data:
+            waiting.append((box.now + late, data))
+        due = [each for each in waiting if each[0] <= box.now]
+        del waiting[: len(due)]
+        return b"".join(each[1] for each in due)
+
+    wire.heard = delayed
+    assert fault(board, *PROGRAM) is None
+    assert board.position == pytest.approx(box.position, abs=0.003)
+
+
+def test_a_board_that_says_run_and_stands_still_is_stuck_even_if_nothing_is_due() -> None:
+    vital = Vital()
+    vital.begin(0.0)
+    for k in range(int(STUCK) + 3):
+        vital.reported(Status("Run", position=(1.0, 0.0, 0.0)), float(k))
+    found = vital.verdict(None, 7, STUCK + 3.0)
+    assert found is not None
+    assert (found.diagnostic.code, found.diagnostic.line) == ("board-stuck", 7)
+
+
+def test_a_dwell_and_a_spindle_have_their_time() -> None:
+    for kind, seconds, patience in (("plain", 0.0, 2.0), ("dwell", 9.0, 11.0), ("spindle", 0.0, 22.0)):
+        vital = Vital()
+        vital.begin(0.0)
+        sent = Sent("", 3, 1, kind, seconds)  # type: ignore[arg-type]
+        for k in range(100):
+            now = 0.25 * k
+            vital.reported(Status("Idle"), now)
+            assert (vital.verdict(sent, 0, now) is not None) == (now > patience), (kind, now)

@@ -1,0 +1,350 @@
+"""The stepper board in the simulator passes what every pulse board has to; and a run of a program from its text to the pins."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc.api import Control, Outputs, Report, Watch, run
+from cnc.api import check as plan_only
+from cnc.boards.stepper.driver import Stepper
+from cnc.machine.load import load_machine
+from cnc.machine.models import Machine
+from cnc.pulses.reference_pulse import ALGORITHMS, Algorithm
+from tests.support.boards.board_conformance import AXES, PulseBoardConformance
+from tests.support.boards.stepper_rig import CLOSE_US, machine, off_plan_us
+from tests.support.boards.stepper_simulator import FREQUENCY, Simulator, SimulatorPort
+from tests.support.paths import PROGRAMS
+from tests.support.soak import share
+
+REAL_PORT = os.environ.get("CNC_STEPPER_PORT", "")
+
+
+class TestStepper(PulseBoardConformance):
+    least = 18_000
+    plays_at_once = False
+
+    def make(self, folder: Path) -> Stepper:
+        port = SimulatorPort(Simulator())
+        known = machine()
+        assert len(known.axes) == AXES
+        return Stepper(port, known, "the simulator", clock=port)
+
+
+if REAL_PORT:
+
+    class TestStepperOnAPort(PulseBoardConformance):
+        """The same on a real board, by hand (docs/stepper-board.md): it moves a few steps."""
+
+        least = 18_000
+        plays_at_once = False
+
+        def make(self, folder: Path) -> Stepper:
+            return Stepper.from_machine(machine(), Path(REAL_PORT))
+
+
+def played(program: Path, folder: Path, known: Machine, algorithm: Algorithm | None = None) -> tuple[Report, Simulator]:
+    """A program run on a simulated board, with its pulses in ``pulses.npz``."""
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    board = Stepper(port, known, "the simulator", clock=port)
+    report = run(program, known, board=board, outputs=Outputs(pulses=str(folder / "pulses.npz")), algorithm=algorithm)
+    board.close()
+    return report, simulator
+
+
+SMALL = """G21 G90 G64 P0.01
+M3 S500
+G1 X6 Y4 Z-1 F2400
+G3 X2 Y8 R5
+G4 P0.1
+G0 Z2
+G1 X0 Y0.3 F1200
+M2
+"""
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    (tmp_path / "small.ngc").write_text(SMALL)
+    return tmp_path / "small.ngc"
+
+
+def check(simulator: Simulator, folder: Path) -> None:
+    with np.load(folder / "pulses.npz") as pulses:
+        cycles, made = simulator.moves()
+        np.testing.assert_array_equal(made, pulses["step"])
+        assert off_plan_us(cycles, pulses["time_ns"]) <= CLOSE_US
+
+
+def test_a_program_comes_out_of_the_pins_as_planned(small: Path, tmp_path: Path) -> None:
+    report, simulator = played(small, tmp_path, machine())
+    assert report.ok
+    check(simulator, tmp_path)
+    simulator.close()
+
+
+@pytest.mark.parametrize("program", [None, PROGRAMS / "trident.nc"], ids=["small", "trident"])
+def test_the_pins_take_as_long_as_estimated(program: Path | None, small: Path, tmp_path: Path) -> None:
+    """Both end on the grid: the last edge is the end of the motion."""
+    known = machine()
+    report, simulator = played(program or small, tmp_path, known)
+    cycles, _ = simulator.moves()
+    simulator.close()
+    with np.load(tmp_path / "pulses.npz") as pulses:
+        first = float(pulses["time_ns"][0]) * 1e-9
+    took = first + float(cycles[-1] - cycles[0]) / FREQUENCY
+    assert took == pytest.approx(report.duration_s, abs=known.path.period)
+    assert report.duration_s == pytest.approx(plan_only(program or small, known).duration_s, abs=known.path.period)
+
+
+SHIPPED = sorted(path.name for path in PROGRAMS.glob("*.nc"))
+SENSING = ("turned-thread.nc",)
+"""What this board does not feel: the turning spindle."""
+DENSE = ("crossings", "point-by-point")
+"""Algorithms that give each axis rows of its own, which may be more than the wire carries: that is said before anything moves."""
+PROBING = ("probing.nc",)
+"""What needs something to touch."""
+
+
+@pytest.mark.parametrize("algorithm", share(ALGORITHMS, ("crossings",)))
+@pytest.mark.parametrize("name", share([name for name in SHIPPED if name not in SENSING + PROBING], ["trident.nc"]))
+def test_shipped_programs(name: str, algorithm: Algorithm, tmp_path: Path) -> None:
+    report, simulator = played(PROGRAMS / name, tmp_path, load_machine("default"), algorithm)
+    if algorithm in DENSE and not report.ok:
+        assert [fault.diagnostic.code for fault in report.faults] == ["board-too-dense"]
+        assert not len(simulator.moves()[0])
+    else:
+        assert report.ok
+        check(simulator, tmp_path)
+    simulator.close()
+
+
+@pytest.mark.parametrize("name", SENSING)
+def test_programs_that_need_senses_are_refused(name: str, tmp_path: Path) -> None:
+    report, simulator = played(PROGRAMS / name, tmp_path, load_machine("default"))
+    assert [fault.diagnostic.code for fault in report.faults] == ["board-senseless"]
+    assert not len(simulator.moves()[0])
+    simulator.close()
+
+
+FULL, ACCELERATION, JERK, RADIUS = 40.0, 400.0, 15000.0, 5.0
+"""mm and s: what X and Y of the machine can, and the arcs below."""
+HORIZON = 0.15
+"""s: no more than this is committed when a hold comes, and no less than 0.1."""
+
+
+def stopping(acceleration: float, jerk: float) -> float:
+    """Seconds from full speed to rest along an S: v / a + a / j (Biagiotti, Melchiorri 2008, 3.4)."""
+    return FULL / acceleration + acceleration / jerk
+
+
+ON_A_LINE = stopping(ACCELERATION, JERK)
+SPEEDING_UP = ON_A_LINE + ACCELERATION / JERK
+"""Speeding up, the acceleration has to end first."""
+_ROUND = FULL**2 / RADIUS
+_LEFT = (ACCELERATION**2 - _ROUND**2) ** 0.5
+ON_THE_ARC = stopping(_LEFT, (JERK**2 - (3 * FULL * _LEFT / RADIUS) ** 2) ** 0.5 - FULL**3 / RADIUS**2)
+"""Going round takes v^2/r across the path, and of the jerk 3 v a / r across and v^3 / r^2 along it: braking has the rest, at worst."""
+
+
+@pytest.mark.parametrize(
+    ("text", "moment", "braking"),
+    [
+        ("G1 X30 F2400", 0.01, SPEEDING_UP),
+        ("G1 X30 F2400", 0.3, ON_A_LINE),
+        ("G2 X0 Y0 I5 J0 F2400", 0.01, ON_THE_ARC + ACCELERATION / JERK),
+        *(("G2 X0 Y0 I5 J0 F2400", moment, ON_THE_ARC) for moment in share(np.linspace(0.2, 0.6, 20).tolist(), [0.49])),
+    ],
+)
+def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(tmp_path: Path, text: str, moment: float, braking: float) -> None:
+    (tmp_path / "p.ngc").write_text(f"G21 G90 G17\n{text}\nM2\n")
+    plain, reference = played(tmp_path / "p.ngc", tmp_path, machine())
+    assert plain.ok
+    control, simulator, asked, rest = Control(), Simulator(), [], []
+    port = SimulatorPort(simulator)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+
+    def on_sent(sent: object) -> None:
+        if not asked and board._stream.running and board._stream.played_ns * 1e-9 > moment:
+            asked.append(simulator.cycle)
+            control.hold()
+        if getattr(sent, "held", False):
+            rest.append(int(simulator.moves()[0][-1]))
+            control.resume()
+
+    assert run(tmp_path / "p.ngc", machine(), board=board, control=control, watch=Watch(on_sent=on_sent)).ok
+    board.close()
+    assert (rest[0] - asked[0]) / FREQUENCY <= HORIZON + braking
+    cycles, expected = simulator.moves()[0], reference.moves()[0]
+    committed = np.searchsorted(cycles, asked[0] + 0.1 * FREQUENCY)
+    assert off_plan_us(cycles[:committed], expected[:committed] * 1e9 / FREQUENCY) <= CLOSE_US, "a hold changes nothing that is committed"
+    simulator.close()
+    reference.close()
+
+
+@pytest.mark.parametrize("moment", np.linspace(0.1, 0.45, share(50, 2)).tolist())
+def test_held_and_resumed(small: Path, tmp_path: Path, moment: float) -> None:
+    """The same edges in the same order as a run that nobody held, and rest soon after the wish."""
+    with_hold, without = tmp_path / "a", tmp_path / "b"
+    with_hold.mkdir()
+    without.mkdir()
+    control = Control()
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+    held_at: list[int] = []
+    rests: list[int] = []
+
+    def on_sent(sent: object) -> None:
+        if not held_at and board._stream.running and board._stream.played_ns * 1e-9 > moment:
+            held_at.append(simulator.cycle)
+            control.hold()
+        if getattr(sent, "held", False):
+            rests.append(int(simulator.moves()[0][-1]))
+            control.resume()
+
+    report = run(small, machine(), board=board, control=control, watch=Watch(on_sent=on_sent))
+    board.close()
+    assert report.ok
+    plain, reference = played(small, without, machine())
+    assert plain.ok
+    np.testing.assert_array_equal(simulator.moves()[1], reference.moves()[1])
+    assert rests
+    assert (rests[0] - held_at[0]) / FREQUENCY <= HORIZON + ON_THE_ARC
+    simulator.close()
+    reference.close()
+
+
+def test_the_next_program_begins_where_the_machine_stands(small: Path, tmp_path: Path) -> None:
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    (tmp_path / "next.ngc").write_text("G21 G90\nG0 X0 Y0 Z0\nM2\n")
+    for program in (small, tmp_path / "next.ngc"):
+        board = Stepper(port, machine(), "the simulator", clock=port)
+        assert run(program, machine(), board=board).ok
+        board.close()
+    assert simulator.moves()[1].sum(axis=0, dtype=np.int64).tolist() == [0, 0, 0]
+    simulator.close()
+
+
+class Part:
+    """Something that the probe touches: its input is low wherever the pins have brought X to ``at`` steps, or beyond."""
+
+    def __init__(self, simulator: Simulator, at: int) -> None:
+        self.place = self.seen = self.backward = 0
+        run = simulator.run
+
+        def felt(seconds: float, *, or_byte: bool = False) -> None:
+            run(min(seconds, 0.0002), or_byte=or_byte)
+            edges = simulator.edges()
+            for edge in edges[self.seen :]:
+                if edge["pin"] == 5:
+                    self.backward = int(edge["level"])
+                if edge["pin"] == 2 and edge["level"]:
+                    self.place += 1 - 2 * self.backward
+            self.seen = len(edges)
+            simulator.set_pin(PROBE_PIN, 0 if self.place >= at else 1)
+
+        simulator.run = felt  # type: ignore[method-assign]
+
+
+PROBE_PIN = 19
+PROBING_PROGRAM = """G21 G90
+G38.{kind} X20 F300
+G1 X#5061 Y2 F600
+G0 X1 Y0
+M2
+"""
+
+
+@pytest.mark.parametrize("kind", [2, 3])
+def test_a_probe_ends_at_the_grid_move(tmp_path: Path, kind: int) -> None:
+    (tmp_path / "probe.ngc").write_text(PROBING_PROGRAM.format(kind=kind))
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    Part(simulator, 1000)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+    report = run(tmp_path / "probe.ngc", machine(), board=board)
+    assert report.ok, report.faults
+    board.close()
+    _, made = simulator.moves()
+    places = made.cumsum(axis=0, dtype=np.int64)
+    # 300 mm/min are 2 steps a millisecond: contact, seen within 0.2 ms, at the latest at the next grid move
+    contact = int(places[np.flatnonzero(places[:, 1] > 0)[0] - 1, 0])
+    assert 1000 <= contact <= 1002
+    assert places[:, 0].max() <= 1002
+    assert places[-1].tolist() == [400, 0, 0]
+    assert report.end_position["x"] == pytest.approx(1.0)
+    simulator.close()
+
+
+@pytest.mark.parametrize("behind", ["", "G4 P0.1\n", "M5\n"])
+def test_nothing_moves_behind_the_contact(tmp_path: Path, behind: str) -> None:
+    """The program ends there: what was left of the move is not made up for."""
+    (tmp_path / "probe.ngc").write_text(f"G21 G90\nG38.2 X20 F300\n{behind}M2\n")
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    Part(simulator, 1000)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+    report = run(tmp_path / "probe.ngc", machine(), board=board)
+    assert report.ok, report.faults
+    board.close()
+    _, made = simulator.moves()
+    assert 1000 <= made[:, 0].sum(dtype=np.int64) <= 1002
+    simulator.close()
+
+
+def test_a_probe_that_finds_nothing(tmp_path: Path) -> None:
+    (tmp_path / "probe.ngc").write_text("G21 G90\nG38.3 X2 F600\nG1 X[2 + #5070] F600\nG38.2 X4 F600\nM2\n")
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+    report = run(tmp_path / "probe.ngc", machine(), board=board)
+    board.close()
+    assert [fault.diagnostic.code for fault in report.faults] == ["probe-no-contact"]
+    assert simulator.moves()[1].sum(axis=0, dtype=np.int64).tolist() == [1600, 0, 0]
+    simulator.close()
+
+
+def test_a_probe_in_contact_from_the_start(tmp_path: Path) -> None:
+    (tmp_path / "probe.ngc").write_text("G21 G90\nG38.2 X2 F600\nM2\n")
+    simulator = Simulator()
+    simulator.set_pin(PROBE_PIN, 0)
+    port = SimulatorPort(simulator)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+    report = run(tmp_path / "probe.ngc", machine(), board=board)
+    board.close()
+    assert [fault.diagnostic.code for fault in report.faults] == ["probe-contact"]
+    assert not len(simulator.moves()[0])
+    simulator.close()
+
+
+CHANGE = "G21 G90\nG1 X1 F600\nT2 M6\nG1 X2\nM2\n"
+
+
+def test_a_tool_change_waits_for_the_operator(tmp_path: Path) -> None:
+    """At rest, until somebody resumes; where nobody can, it goes on, as on the board in the box."""
+    (tmp_path / "change.ngc").write_text(CHANGE)
+    control, rests = Control(), []
+    simulator = Simulator()
+    port = SimulatorPort(simulator)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+
+    def on_sent(sent: object) -> None:
+        if getattr(sent, "held", False):
+            rests.append(len(simulator.moves()[0]))
+            control.resume()
+
+    assert run(tmp_path / "change.ngc", machine(), board=board, control=control, watch=Watch(on_sent=on_sent)).ok
+    board.close()
+    assert rests == [400]
+    assert len(simulator.moves()[0]) == 800
+    simulator.close()
+    report, simulator = played(tmp_path / "change.ngc", tmp_path, machine())
+    assert report.ok
+    assert run(tmp_path / "change.ngc", machine(), board="loopback").ok
+    simulator.close()

@@ -1,0 +1,243 @@
+"""The stepper board's protocol without a board: frames as documented, and a stream that arrives whole whatever the line does."""
+
+from __future__ import annotations
+
+import random
+import re
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cnc.boards.stepper.protocol import (
+    HELLO_SEQUENCE,
+    LONGEST_FRAME,
+    MOST_IN_FLIGHT,
+    VERSION,
+    Alarm,
+    Kind,
+    State,
+    Status,
+    StepperLink,
+    Welcome,
+    crc16,
+    frame,
+    unframed,
+)
+from tests.support.paths import ROOT
+
+
+def test_the_crc_is_the_catalogue_s() -> None:
+    """CRC-16/MCRF4XX in the catalogue of parametrised CRC algorithms: its check value."""
+    assert crc16(b"123456789") == 0x6F91
+
+
+def by_bits(data: bytes) -> int:
+    """The polynomial x^16 + x^12 + x^5 + 1, bit by bit, the lowest first."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0x8408 if crc & 1 else 0)
+    return crc
+
+
+@given(st.binary(max_size=60))
+def test_the_crc_is_that_of_its_polynomial(data: bytes) -> None:
+    assert crc16(data) == by_bits(data)
+    assert crc16(data + crc16(data).to_bytes(2, "little")) == 0
+
+
+@given(st.integers(0, 255), st.integers(0, 255), st.binary(max_size=50))
+def test_frames_come_back_and_have_one_zero(kind: int, sequence: int, payload: bytes) -> None:
+    wire = frame(kind, sequence, payload)
+    assert wire.index(0) == len(wire) - 1
+    assert unframed(wire[:-1]) == (kind, sequence, payload)
+
+
+@given(st.binary(min_size=0, max_size=50), st.data())
+def test_a_changed_frame_is_none(payload: bytes, data: st.DataObject) -> None:
+    wire = bytearray(frame(1, 7, payload)[:-1])
+    at = data.draw(st.integers(0, len(wire) - 1))
+    wire[at] ^= data.draw(st.integers(1, 255))
+    if 0 not in wire:
+        assert unframed(bytes(wire)) is None
+
+
+@given(st.binary(max_size=80))
+def test_anything_may_come(data: bytes) -> None:
+    link = StepperLink()
+    link.receive(data, 0.0)
+    unframed(data)
+
+
+def test_a_hello_does_nothing_to_grbl() -> None:
+    """Neither a real-time command (GRBL 1.1, "Real-time Commands": ! ~ ? Ctrl-X and 0x80 up) nor the end of a line."""
+    link = StepperLink()
+    link.hello(0.0)
+    wire = link.outgoing(0.0)
+    assert frame(Kind.HELLO, HELLO_SEQUENCE, bytes((VERSION,))) in wire
+    assert not set(wire) & (set(b"!~?\x18\r\n$") | set(range(0x80, 0x100)))
+
+
+def test_an_unknown_version_is_known_by_its_number_alone() -> None:
+    link = StepperLink()
+    assert link.receive(frame(Kind.WELCOME, 0, b"cnc\x09"), 0.0) == [Welcome(9)]
+
+
+def test_the_words_of_another_board_are_kept() -> None:
+    link = StepperLink()
+    link.receive(b"\r\nGrbl 1.1h ['$' for help]\r\n", 0.0)
+    assert b"Grbl 1.1h" in link.murmur
+    assert link.heard_at is None
+
+
+class ModelBoard:
+    """The board's side of the link by the letter of PROTOCOL.md: takes frames in order, has little room, plays slowly."""
+
+    def __init__(self, room: int, pace: int) -> None:
+        self.room, self.pace = room, pace
+        self.taken = bytearray()
+        self.held = 0
+        self.expected = 0
+        self.naked = False
+        self.incoming = bytearray()
+        self.worst = 0
+
+    def receive(self, data: bytes) -> bytes:
+        self.incoming += data
+        answers = b""
+        while 0 in self.incoming:
+            part, _, rest = bytes(self.incoming).partition(b"\0")
+            self.incoming[:] = rest
+            if not part:
+                continue
+            found = unframed(part) if len(part) <= LONGEST_FRAME else None
+            if found is None or found[0] != Kind.DATA:
+                answers += self.nak()
+            else:
+                ahead = (found[1] - self.expected) % 256
+                if ahead == 0:
+                    self.expected = (self.expected + 1) % 256
+                    self.naked = False
+                    self.taken += found[2][2:]
+                    self.held += len(found[2]) - 2
+                    self.worst = max(self.worst, self.held)
+                    answers += self.says(Kind.ACK)
+                elif ahead >= 128:
+                    answers += self.says(Kind.ACK)
+                else:
+                    answers += self.nak()
+        return answers
+
+    def nak(self) -> bytes:
+        if self.naked:
+            return b""
+        self.naked = True
+        return self.says(Kind.NAK)
+
+    def plays(self) -> bytes:
+        self.held = max(0, self.held - self.pace)
+        return self.says(Kind.ACK)
+
+    def says(self, kind: Kind) -> bytes:
+        return frame(kind, self.expected, bytes((State.RUNNING,)) + (self.room - self.held).to_bytes(2, "little"))
+
+
+def spoilt(data: bytes, chance: float, dice: random.Random) -> bytes:
+    out = bytearray()
+    for byte in data:
+        fate = dice.random()
+        out += b"" if fate < chance else bytes((byte ^ 1 << dice.randrange(8),)) if fate < 2 * chance else bytes((byte,))
+        if fate > 1 - chance:
+            out.append(byte)
+    return bytes(out)
+
+
+@pytest.mark.parametrize("chance", [0.0, 0.001, 0.01])
+@pytest.mark.parametrize("seed", range(10))
+def test_the_stream_arrives_whole_and_in_order(chance: float, seed: int) -> None:
+    dice = random.Random(seed)
+    link, board = StepperLink(), ModelBoard(room=200, pace=30)
+    stream = dice.randbytes(6000)
+    link.receive(frame(Kind.WELCOME, 0, b"cnc" + bytes((VERSION, 3, 0xF4, 1, 200, 0, 36, 0, 0, 1))), 0.0)
+    board.expected = 0
+    link.receive(board.says(Kind.ACK), 0.0)
+    sent = 0
+    now = 0.0
+    while link.unconfirmed or sent < len(stream):
+        now += 0.002
+        assert now < 100, "it does not get on"
+        if link.unsent < 100 and sent < len(stream):
+            size = dice.randrange(1, 90)
+            link.stream(stream[sent : sent + size], 0)
+            sent = min(sent + size, len(stream))
+        out = link.outgoing(now)
+        assert len(out) <= 2 * MOST_IN_FLIGHT
+        back = board.receive(spoilt(out, chance, dice))
+        link.receive(spoilt(back, chance, dice), now)
+        link.receive(spoilt(board.plays(), chance, dice), now)
+    assert bytes(board.taken) == stream
+    assert board.worst <= 200
+    assert (link.resent == 0) == (chance == 0.0)
+
+
+def test_a_status_says_all_of_it() -> None:
+    link = StepperLink()
+    link.request(Kind.RUN, b"", 0.0)
+    payload = bytes((0, State.ALARM, 1020 & 255, 1020 >> 8, Alarm.LIMIT, 1, 0x12)) + (70_000).to_bytes(4, "little") + b"\0\0"
+    payload += b"".join(each.to_bytes(4, "little", signed=True) for each in (1, -2, 300_000, 0)) + bytes((3, 250))
+    [said] = link.receive(frame(Kind.STATUS, 1, payload), 0.1)
+    assert said == Status(1, State.ALARM, Alarm.LIMIT, True, 0x12, 70_000, None, (1, -2, 300_000, 0), 3, 250)
+    assert not link.requesting
+
+
+# ------------------------------------------------------------------------------------------------------------------------ the page
+
+FIRMWARE = ROOT / "firmware"
+PAGE = (FIRMWARE / "PROTOCOL.md").read_text()
+ROWS = {name: (int(number, 16), fields) for number, name, fields in re.findall(r"^\| (0x\w+) (\w+) \| \w+ \| (.*?) \|", PAGE, re.M)}
+
+
+def size(fields: str) -> int:
+    """Bytes of a payload as the page has it: each field with its length behind it."""
+    total = 0
+    for field in re.sub(r" \(\w+\)", "", fields).split(", "):
+        name, _, length = field.partition(" ")
+        total += len(name) - 2 if name.startswith('"') else 16 if length == "4 x 4" else int(length)
+    return total
+
+
+def counted(enumeration: str) -> dict[str, int]:
+    """The names of a C enumeration, each one more than the one before."""
+    number, found = -1, {}
+    for each in enumeration.split(","):
+        name, _, value = each.partition("=")
+        number = int(value, 16) if value else number + 1
+        found[name.strip()] = number
+    return found
+
+
+def test_the_page_tells_the_types_that_both_sides_have() -> None:
+    told = {name: number for name, (number, _) in ROWS.items()}
+    assert told == {kind.name: kind.value for kind in Kind}
+    in_c = re.findall(r"enum \{ ((?:DATA|ACK) .*?) \}", (FIRMWARE / "link.c").read_text())
+    assert told == {name: number for each in in_c for name, number in counted(each).items()}
+
+
+@pytest.mark.parametrize(
+    ("name", "form"), [("STATUS", "<BBHBBBIh4iBB"), ("WELCOME", "<3sBBHHHBB"), ("CONFIGURE", "<6B"), ("ACK", "<BH"), ("DATA", "<H")]
+)
+def test_the_page_tells_how_long_they_are(name: str, form: str) -> None:
+    assert size(ROWS[name][1].replace(", stream 0 to 40", "")) == struct.calcsize(form)
+
+
+@pytest.mark.parametrize(("word", "known"), [("state", State), ("alarm", Alarm)])
+def test_the_page_tells_the_numbers_of(word: str, known: type[State] | type[Alarm]) -> None:
+    sentence = re.search(rf"\b{word}: (0 [^.]*)\.", PAGE, re.S)
+    assert sentence is not None
+    assert [int(number) for number in re.findall(r"\b(\d) [a-z]", sentence[1])] == [each.value for each in known]
+    in_c = counted(re.search(rf"enum {{ ({'IDLE' if word == 'state' else 'NO_ALARM'}.*?) }}", (FIRMWARE / "board.h").read_text())[1])
+    assert list(in_c.values()) == [each.value for each in known]
+    assert [name.removesuffix("_ALARM") if word == "alarm" else name for name in in_c][1:] == [each.name for each in known][1:]

@@ -1,0 +1,125 @@
+"""The command line on a board behind a real serial port (a pseudo-terminal), in real time."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc.boards.serial_port import open_port
+from cnc.boards.stepper.protocol import State, Status, StepperLink
+from tests.support.boards.stepper_simulator import DIRECTION_PINS, STEP_PINS, built
+from tests.support.paths import ROOT
+
+COMMAND = [sys.executable, "-c", "from cnc.cli import main; main()"]
+
+
+class Terminal:
+    """The simulator's program, its terminal, and the edges that it wrote down."""
+
+    def __init__(self, folder: Path) -> None:
+        self.edges = folder / "edges.csv"
+        program = built()
+        self.process = subprocess.Popen(
+            [program / "simulator", program / "stepper.elf", self.edges], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        assert self.process.stdout is not None
+        self.name = ""
+        while not self.name.startswith("/dev/"):
+            self.name = self.process.stdout.readline().strip()
+
+    def stop(self) -> None:
+        self.process.send_signal(signal.SIGINT)
+        self.process.wait(10)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+    def position(self) -> list[int]:
+        """Where the counted edges of the pins have led."""
+        level = dict.fromkeys(range(20), 0)
+        at = [0, 0, 0]
+        for _, pin, value in np.loadtxt(self.edges, delimiter=",", dtype=np.int64):
+            level[int(pin)] = int(value)
+            if pin in STEP_PINS[:3] and value:
+                axis = STEP_PINS.index(int(pin))
+                at[axis] += 1 - 2 * level[DIRECTION_PINS[axis]]
+        return at
+
+
+@pytest.fixture
+def terminal(tmp_path: Path) -> Iterator[Terminal]:
+    made = Terminal(tmp_path)
+    yield made
+    if made.process.poll() is None:
+        made.stop()
+
+
+def cncrun(*arguments: str) -> subprocess.Popen[str]:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(
+        [*COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL, env=environment
+    )
+
+
+def test_a_program_and_a_port_in_use(terminal: Terminal, tmp_path: Path) -> None:
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X4 Y-3 F1200\nG1 X8 Y1 Z2\nM2\n")
+    arguments = (str(tmp_path / "p.ngc"), "--machine", "stepper-uno", "--board", "stepper", "--port", terminal.name)
+    with cncrun(*arguments) as first:
+        out, error = first.communicate(timeout=120)
+    assert first.returncode == 0, out + error
+    holder = open_port(terminal.name, 1_000_000)
+    with cncrun(*arguments) as second:
+        _, error = second.communicate(timeout=60)
+    holder.close()
+    assert second.returncode == 3
+    assert "port-taken" in error
+    terminal.stop()
+    assert terminal.position() == [8 * 400, 1 * 400, 2 * 400]
+
+
+def test_boards_knows_it(terminal: Terminal) -> None:
+    with cncrun("boards", terminal.name) as listed:
+        out, error = listed.communicate(timeout=60)
+    assert listed.returncode == 0, error
+    assert all(line.startswith("#") for line in out.splitlines())
+    assert "# stepper board, version 1 of the protocol  idle" in out
+    assert "# 3 axes (X Y Z), ticks of 500 ns" in out
+    assert "baud = 1000000" in out
+    terminal.stop()
+    assert terminal.position() == [0, 0, 0]
+
+
+def test_a_host_that_is_killed(terminal: Terminal, tmp_path: Path) -> None:
+    (tmp_path / "p.ngc").write_text("G21 G90\nG1 X200 Y100 F2000\nM2\n")
+    arguments = (str(tmp_path / "p.ngc"), "--machine", "stepper-uno", "--board", "stepper", "--port", terminal.name)
+    with cncrun(*arguments) as host:
+        until = time.monotonic() + 100
+        while terminal.edges.stat().st_size < 20_000 and time.monotonic() < until:
+            time.sleep(0.05)
+        host.kill()
+        host.communicate(timeout=20)
+    time.sleep(0.8)
+    port, link = open_port(terminal.name, 1_000_000), StepperLink()
+    said = None
+    for _ in range(100):
+        link.ask()
+        port.write(b"\0" + link.outgoing(time.monotonic()))
+        for event in link.receive(port.read(0.05), time.monotonic()):
+            said = event if isinstance(event, Status) else said
+        if said is not None:
+            break
+    port.close()
+    terminal.stop()
+    assert said is not None
+    assert said.state == State.ALARM
+    assert list(said.position[:3]) == terminal.position()
+    x, y, _ = said.position[:3]
+    assert 0 < x < 200 * 400
+    assert abs(y - x / 2) <= 1, "it rests on the path"

@@ -1,0 +1,11 @@
+"""A share of the segments' tests without the compiler."""
+
+from pathlib import Path
+
+from tests.support.soak import check_without_compiler
+
+FILES = [Path(__file__).parent / name for name in ("test_segments.py", "test_windows.py")]
+
+
+def test_the_same_without_the_compiler() -> None:
+    check_without_compiler(*FILES, some="flushed or refused")

@@ -1,0 +1,54 @@
+"""The loopback board: the conformance suite, its counters, and failing when told to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc.boards.loopback import Loopback
+from cnc.model.blocks import Spindle
+from cnc.model.diagnostics import BoardError
+from tests.support.boards.board_conformance import AXES, MIN_PULSE_NS, PulseBoardConformance, chunk
+
+
+class TestLoopback(PulseBoardConformance):
+    def make(self, folder: Path) -> Loopback:
+        return Loopback(AXES, MIN_PULSE_NS)
+
+
+def test_counts_by_axis_and_direction() -> None:
+    board = Loopback(2)
+    board.start(np.zeros(2, dtype=np.int64))
+    board.send(chunk((0, (1, -1)), (0, (1, 0)), (5, (-1, 0))))
+    assert board.steps.tolist() == [3, 1]
+    assert board.steps_by_direction.tolist() == [[2, 0], [1, 1]]
+    assert board.rows == 3
+    assert board.capabilities.max_step_rate == np.inf
+
+
+def test_keeps_commands_with_their_time() -> None:
+    board = Loopback(1)
+    board.start(np.zeros(1, dtype=np.int64))
+    block = Spindle("p.nc", 1, "ccw", 500.0)
+    board.execute(block, 77)
+    assert board.commands == [(77, block)]
+
+
+@pytest.mark.parametrize("rows", [0, 1, 2, 3])
+def test_fails_when_told(rows: int) -> None:
+    board = Loopback(1, fail_after=rows)
+    board.start(np.zeros(1, dtype=np.int64))
+
+    def play() -> None:
+        for k in range(2):
+            board.send(chunk((k * 10, (1,)), (k * 10 + 5, (1,)), line=10 * (k + 1)))
+
+    with pytest.raises(BoardError) as caught:
+        play()
+    assert caught.value.diagnostic.code == "board-fault"
+    assert caught.value.diagnostic.line == [10, 11, 20, 21][rows]
+    assert caught.value.exit_code == 3
+    assert board.position_steps.tolist() == [rows]
+    assert board.state == "stopped"

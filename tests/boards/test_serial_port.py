@@ -1,0 +1,184 @@
+"""Ports: bytes go both ways over a pseudo-terminal and a socket, and whatever is wrong with a port is said in our words."""
+
+from __future__ import annotations
+
+import errno
+import os
+import pty
+import socket
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cnc.boards import serial_port
+from cnc.boards.port import PortLost, SystemClock
+from cnc.boards.serial_port import open_port
+from cnc.model.diagnostics import BoardError
+
+
+class Pty:
+    """A pseudo-terminal; the board's end is ``master``."""
+
+    def __init__(self) -> None:
+        self.master, self.slave = pty.openpty()
+        tty.setraw(self.master)
+        self.name = os.ttyname(self.slave)
+
+    def pull(self) -> None:
+        """Take the board away."""
+        for end in (self.master, self.slave):
+            if end >= 0:
+                os.close(end)
+        self.master = self.slave = -1
+
+
+@pytest.fixture
+def line() -> Iterator[Pty]:
+    opened = Pty()
+    yield opened
+    opened.pull()
+
+
+@settings(max_examples=25)
+@given(st.binary(min_size=1, max_size=600))
+def test_every_byte_arrives_both_ways(data: bytes) -> None:
+    line = Pty()
+    port = open_port(line.name, 115200)
+    try:
+        port.write(data)
+        arrived = b""
+        while len(arrived) < len(data):
+            arrived += os.read(line.master, 4096)
+        os.write(line.master, arrived)
+        back = b""
+        while len(back) < len(data):
+            more = port.read(1.0)
+            assert more
+            back += more
+        assert back == data
+    finally:
+        port.close()
+        line.pull()
+
+
+def test_read_waits_no_longer_than_told(line: Pty) -> None:
+    port = open_port(line.name, 115200)
+    clock = SystemClock()
+    began = clock.now()
+    assert port.read(0.05) == b""
+    assert 0.045 <= clock.now() - began < 0.5
+    began = clock.now()
+    assert port.read(0.0) == b""
+    assert clock.now() - began < 0.04
+    port.close()
+    port.close()
+
+
+def test_read_returns_as_soon_as_something_is_there(line: Pty) -> None:
+    port = open_port(line.name, 115200)
+    os.write(line.master, b"ok\r\n")
+    began = time.monotonic()
+    assert port.read(5.0) == b"ok\r\n"
+    assert time.monotonic() - began < 1.0
+    port.close()
+
+
+def test_a_pulled_cable_is_told_at_once(line: Pty) -> None:
+    port = open_port(line.name, 115200)
+    line.pull()
+    began = time.monotonic()
+    with pytest.raises(PortLost) as caught:
+        port.read(5.0)
+    assert time.monotonic() - began < 1.0
+    assert caught.value.diagnostic.code == "port-lost"
+    assert caught.value.exit_code == 3
+    with pytest.raises(PortLost):
+        port.write(b"?")
+    port.close()
+
+
+def test_a_socket_is_a_port_too() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = open_port(f"socket://127.0.0.1:{server.getsockname()[1]}", 115200)
+        peer, _ = server.accept()
+        with peer:
+            port.write(b"$I\n")
+            assert peer.recv(10) == b"$I\n"
+            peer.sendall(b"ok\r\n")
+            assert port.read(1.0) == b"ok\r\n"
+        with pytest.raises(PortLost):
+            port.read(1.0)
+        port.close()
+
+
+def test_no_such_port(tmp_path: Path) -> None:
+    fails(str(tmp_path / "ttyUSB7"), "no-such-port")
+
+
+def test_a_port_that_another_has_open(line: Pty) -> None:
+    port = open_port(line.name, 115200)
+    fails(line.name, "port-taken")
+    port.close()
+    open_port(line.name, 115200).close()
+
+
+def test_a_file_is_no_port(tmp_path: Path) -> None:
+    file = tmp_path / "program.nc"
+    file.write_text("G0 X0\n")
+    fails(str(file), "port-not-usable")
+    fails("nonsense://here", "port-not-usable")
+    assert file.read_text() == "G0 X0\n"
+
+
+def test_nobody_listens() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        free = server.getsockname()[1]
+    fails(f"socket://127.0.0.1:{free}", "port-not-usable")
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (OSError(errno.ENODEV, "No such device"), "no-such-port"),
+        (OSError(errno.EBUSY, "Device or resource busy"), "port-taken"),
+        (OSError(errno.EACCES, "Permission denied"), "port-not-permitted"),
+        (OSError(errno.EPERM, "Operation not permitted"), "port-not-permitted"),
+        (OSError(errno.EIO, "Input/output error"), "port-not-usable"),
+        (
+            OSError("could not open port 'COM9': FileNotFoundError(2, 'The system cannot find the file specified.', None, 2)"),
+            "no-such-port",
+        ),
+        (OSError("could not open port 'COM3': PermissionError(13, 'Access is denied.', None, 5)"), "port-taken"),
+    ],
+)
+def test_what_the_system_says_in_our_words(error: OSError, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("serial.serial_for_url", refuse)
+    fails("/dev/ttyUSB0", code)
+
+
+def test_the_hint_names_the_ports_that_are_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(serial_port, "found_ports", lambda: [serial_port.FoundPort("/dev/ttyACM0", "Arduino Uno")])
+    with pytest.raises(BoardError) as caught:
+        open_port(str(tmp_path / "none"), 115200)
+    assert "/dev/ttyACM0" in caught.value.diagnostic.hint
+
+
+def test_ports_are_sorted() -> None:
+    names = [port.name for port in serial_port.found_ports()]
+    assert names == sorted(names)
+
+
+def fails(name: str, code: str) -> None:
+    with pytest.raises(BoardError) as caught:
+        open_port(name, 115200)
+    assert caught.value.diagnostic.code == code
+    assert caught.value.diagnostic.hint
+    assert caught.value.exit_code == 3

@@ -1,0 +1,145 @@
+"""Rapid moves into the stock: what is in it and has not been cut is told, what a feed move has been through is not."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cnc import cli
+from cnc.api import check, load_machine
+from cnc.machine.models import Stock
+from cnc.machine.stock import with_stock
+from cnc.model.diagnostics import MachineFileError, UsageError
+from cnc.path.build import build
+from cnc.path.sample import points_along
+
+STOCK = "x10:60, Y10:50,Z-20:0"
+MACHINE = with_stock(load_machine("default"), STOCK)
+HEAD = "G21 G90 G94 G17\nG0 Z5\nF600\n"
+"""The default machine begins at 0, 0, 0: beside the stock."""
+
+
+@pytest.fixture
+def entered(tmp_path):
+    """Lines of the body, from 1, that a finding stands at."""
+
+    def look(body: str) -> list[int]:
+        file = tmp_path / "p.nc"
+        file.write_text(HEAD + body + "\nM2\n")
+        report = check(file, MACHINE)
+        assert report.ok
+        return [each.line - 3 for each in report.warnings if each.code == "rapid-into-stock"]
+
+    return look
+
+
+@pytest.mark.parametrize(
+    ("body", "lines"),
+    [
+        ("G0 X30 Y30\nG0 Z-1", [2]),
+        ("G0 X30 Y30\nG0 Z0.5\nG1 Z-1", []),
+        ("G0 X30 Y30\nG0 Z0", []),  # on it
+        ("G0 X5 Y30\nG0 Z-15", []),  # beside it
+        ("G0 X10 Y10\nG0 Z-15", []),  # along its edge
+        ("G0 X5 Y30 Z-25\nG0 X70\nG0 Z5", []),  # below it
+        ("G0 X5 Y30\nG0 Z-15\nG0 X30", [3]),  # from the side
+        ("G0 X5 Y30 Z-15\nG0 X70", [2]),  # through it
+        ("G0 X30 Y30\nG0 Z-5\nG0 Z5", [2]),  # the way out is no news
+        ("G0 X30 Y30\nG1 Z-5\nG0 Z5\nG0 Z-5", []),  # again where it was
+        ("G0 X30 Y30\nG1 Z-5\nG0 Z5\nG0 Z-5.5", [4]),  # and deeper
+        ("G0 X30 Y30\nG1 Z-5\nG0 Z5\nG0 X31\nG0 Z-5", [5]),
+        ("G0 X30 Y30\nG1 Z-5\nG1 X50\nG0 Z5\nG0 X40\nG0 Z-4\nG0 X45", []),  # in the slot
+        ("G0 X30 Y30\nG1 Z-5\nG2 X50 I10\nG0 Z5\nG0 X40 Y40\nG0 Z-4", []),  # on the arc
+        ("G0 X30 Y30\nG1 Z-5\nG2 X50 I10\nG0 Z5\nG0 X40 Y38\nG0 Z-4", [6]),
+        ("G0 X30 Y30\nG83 Z-18 R2 Q3\nG80", []),  # pecks go back rapidly into their own hole
+        ("G0 X30 Y30\nG81 Z-18 R-1\nG80", [2]),  # but not down to an R inside
+        ("G91 G0 X30 Y30\nG0 Z-6", [2]),
+        ("G92 X30 Y30 Z-7\nG0 X30 Z-9", []),
+        ("G10 L2 P1 X30 Y30 Z-7\nG0 X0 Y0\nG0 Z0.5", [3]),  # machine coordinates, after the offsets
+        ("G0 X30 Y30\nG0 Z-1 (cnc: ignore rapid-into-stock)", []),
+        ("G0 X30 Y30\nG64 P0.05\nG1 Z-5\nG1 X50\nG0 Z5\nG0 X40\nG0 Z-4", []),
+    ],
+)
+def test_what_enters_the_stock(entered, body, lines):
+    assert entered(body) == lines
+
+
+def test_the_finding_says_where_and_how_deep(tmp_path):
+    file = tmp_path / "p.nc"
+    file.write_text(HEAD + "G0 X30 Y30\nG0 Z-3.5\nG0 Z5\nM2\n")
+    (finding,) = [each for each in check(file, MACHINE).warnings if each.code == "rapid-into-stock"]
+    assert (finding.line, finding.severity, finding.text) == (5, "warning", "G0 Z-3.5")
+    assert "X30 Y30 Z-0.0" in finding.message
+    assert "3.5 mm deep" in finding.message
+
+
+@given(
+    st.lists(st.tuples(st.floats(0, 70), st.floats(0, 60), st.floats(-19, 5), st.booleans()), min_size=1, max_size=12),
+)
+def test_going_the_same_way_again_enters_nothing(tmp_path_factory, moves):
+    """Whatever way feed moves went, rapid moves along it are free; those before it are told if a point of theirs is well inside."""
+    way = [(round(x, 2), round(y, 2), round(z, 2)) for x, y, z, _ in moves]
+    body = "G0 X0 Y0\n"
+    feeds = "".join(f"G1 X{x} Y{y} Z{z}\n" for x, y, z in way)
+    again = "".join(f"G0 X{x} Y{y} Z{z}\n" for x, y, z in reversed(way))
+    file = tmp_path_factory.mktemp("way") / "p.nc"
+    file.write_text(HEAD + body + feeds + again + "M2\n")
+    assert [each.line for each in check(file, MACHINE).warnings if each.code == "rapid-into-stock"] == []
+    file.write_text(HEAD + body + feeds.replace("G1", "G0") + "M2\n")
+    inside = any(10.5 < x < 59.5 and 10.5 < y < 49.5 and z < -0.5 for x, y, z in way)
+    assert any(each.code == "rapid-into-stock" for each in check(file, MACHINE).warnings) or not inside
+
+
+def test_points_along_a_path_lie_on_it():
+    from cnc.model.blocks import ArcFeed, Polyline
+
+    blocks = [
+        Polyline("", 1, np.array([[4.0, 3.0, 0.0]]), np.array([1.0]), np.array([1], np.int32)),
+        ArcFeed("", 2, "XY", (4.0, 8.0), np.array([4.0, 13.0, 2.0]), 5.0, 0.5, 1.0),
+    ]
+    (chunk,) = build(blocks, axes=("x", "y", "z"), start=np.zeros(3))
+    points, owner = points_along(chunk, 0.5)
+    assert owner.tolist() == [0] * 10 + [1] * int(np.ceil(np.hypot(5.0 * np.pi, 2.0) / 0.5))
+    assert points[:10] == pytest.approx(np.linspace(0.1, 1.0, 10)[:, None] * [4.0, 3.0, 0.0])
+    angle = np.linspace(0.0, np.pi, len(points) - 9)[1:]
+    circle = np.stack((4.0 + 5.0 * np.sin(angle), 8.0 - 5.0 * np.cos(angle), 2.0 * angle / np.pi), axis=1)
+    assert points[10:] == pytest.approx(circle, abs=1e-9)
+    assert points_along(chunk, 0.5, np.array([1]))[0].tolist() == points[10:].tolist()
+
+
+def test_a_box_in_words():
+    assert MACHINE.stock == Stock(x=(10, 60), y=(10, 50), z=(-20, 0))
+    for text in "", "X0:1", "X0:1,Y0:1", "X0:1,Y0:1,Z1:0", "X0:1,Y0:1,Z0:1,X0:1", "X0:1,Y0:1,A0:1", "X0:1;Y0:1,Z0:1", "X0:1,Y0:1,Znan:1":
+        with pytest.raises(UsageError, match="stock-malformed"):
+            with_stock(load_machine("default"), text)
+
+
+AXIS = "steps_per_mm = 100\nmax_velocity = 50\nmax_acceleration = 500\nmax_jerk = 9000\n"
+
+
+def test_a_machine_file_may_have_the_stock(tmp_path):
+    file = tmp_path / "m.toml"
+    axes = "".join(f"[axes.{letter}]\n{AXIS}" for letter in "xyz")
+    file.write_text(axes + "[stock]\nx = [0, 1]\ny = [0, 2]\nz = [-3, 0]\n")
+    assert load_machine(file).stock == Stock(x=(0, 1), y=(0, 2), z=(-3, 0))
+    for text, message in [
+        (axes + "[stock]\nx = [0, 1]\ny = [0, 2]\n", "stock.z: is missing"),
+        (axes + "[stock]\nx = [0, 1]\ny = [0, 2]\nz = [0, -3]\n", "stock.z: must be [lowest, highest]"),
+        (axes + "[stock]\nx = [0, 1]\ny = [0, 2]\nz = [0, 3]\na = [0, 1]\n", "stock.a: there is no such key"),
+        (axes[: axes.index("[axes.z]")] + "[stock]\nx = [0, 1]\ny = [0, 2]\nz = [-3, 0]\n", "stock: the machine has not the axes"),
+    ]:
+        file.write_text(text)
+        with pytest.raises(MachineFileError) as raised:
+            load_machine(file)
+        assert raised.value.diagnostic.message.startswith(message)
+
+
+def test_the_command_line_names_the_stock(tmp_path, capfd):
+    for name in "ab":
+        (tmp_path / f"{name}.nc").write_text(HEAD + "G0 X30 Y30\nG0 Z-1\nM2\n")
+    one, both = str(tmp_path / "a.nc"), str(tmp_path)
+    for named in one, both:
+        assert cli.exit_code(["check", named, "--jobs", "1", "--stock", STOCK, "--fail-on", "warning"]) == 1
+        assert "rapid-into-stock: a rapid move enters the stock at X30 Y30 Z-0." in capfd.readouterr().err
+        assert cli.exit_code(["check", named, "--jobs", "1", "--fail-on", "warning"]) == 0
+    assert cli.exit_code(["check", one, "--stock", "a lot"]) == 2

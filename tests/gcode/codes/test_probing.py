@@ -1,0 +1,88 @@
+"""Probing: the blocks, what a program knows after them without a board and with one, and programs that must be refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from cnc.gcode.program.program import interpret
+from cnc.gcode.syntax.source_text import Text
+from cnc.model.blocks import Block, Probe
+from tests.support.gcode.gcode_cases import refused, rows, run, said, stands
+
+BEGIN = "G21 F600\nG0 X1 Y2 Z3\n"
+STARTED = ["rapid 1 2 3"]
+
+PROBES: dict[str, tuple[str, list[str]]] = {
+    "G38.2": ("G38.2 Z-1", ["probe 1 2 -1 F600 true true"]),
+    "G38.3": ("G38.3 Z-1", ["probe 1 2 -1 F600 true false"]),
+    "G38.4": ("G38.4 Z-1", ["probe 1 2 -1 F600 false true"]),
+    "G38.5": ("G38.5 X-1 F60", ["probe -1 2 3 F60 false false"]),
+    "it goes on from the end": ("G38.2 Z-1\nG91\nG0 Z1", ["probe 1 2 -1 F600 true true", "rapid 1 2 0"]),
+    "it stays in effect": ("G38.3 Z-1\nX0", ["probe 1 2 -1 F600 true false", "probe 0 2 -1 F600 true false"]),
+    "under G91 and G20": ("G91 G20\nG38.2 Z-0.1", ["probe 1 2 0.46 F600 true true"]),
+    "under G93": ("G93\nG38.2 Z-1 F30", ["probe 1 2 -1 F120 true true"]),
+    "in a rotated system": ("G10 L2 P1 R90\nG38.2 X4", ["probe 1 4 3 F600 true true"]),
+    "contact in program coordinates": (
+        "G10 L2 P1 X10 R90\nG38.2 X4\n#1=#5061 #2=#5062 #3=#5063 #4=#5070\nG53 G0 X#1 Y#2 Z[#3+#4]",
+        ["probe 1 4 3 F600 true true", "rapid 4 9 4"],
+    ),
+    "contact in the units of the program": ("G20\nG38.2 Z0\nG1 X#5063 Y#5061 F10", ["probe 1 2 0 F600 true true", "line 0 1 0 F254"]),
+}
+
+
+@pytest.mark.parametrize("name", PROBES)
+def test_probing_without_a_board(name: str) -> None:
+    source, expected = PROBES[name]
+    assert said(BEGIN + source) == STARTED + expected
+
+
+def answered(source: str, *values: float) -> Iterator[Block]:
+    """The blocks of a program, each probe answered as it comes by."""
+    for block in interpret(Text.of_lines((BEGIN + source).split("\n"), "test.nc")):
+        if isinstance(block, Probe):
+            block.answer.values = values
+        yield block
+
+
+def test_the_program_goes_on_from_where_contact_was() -> None:
+    found = list(rows(list(answered("G38.2 Z-1\nG91\nG0 Z1\nG90\nG0 X#5063 Y#5070", 1.0, 1.0, 2.0, 0.25))))
+    assert found[2:] == [("rapid", 1.0, 2.0, 1.25), ("rapid", 0.25, 1.0, 1.25)]
+
+
+def test_a_failed_probe_is_known_to_the_program() -> None:
+    found = list(rows(list(answered("G38.3 Z-1\nG0 X[#5070+7] Y#5063", 0.0, 1.0, 2.0, -1.0))))
+    assert found[2:] == [("rapid", 7.0, -1.0, -1.0)]
+
+
+@pytest.mark.parametrize("code", ["G38.3", "G38.5"])
+def test_a_probe_that_may_fail_finds_nothing_where_it_is(code: str) -> None:
+    found = list(rows(run(f"{BEGIN}#5070=1\n{code} Z3\nG0 X[#5070+7] Y#5063")))
+    assert found[1:] == [("rapid", 7.0, 3.0, 3.0)]
+
+
+WRONG: dict[str, tuple[str, str]] = {
+    "no axis": ("axis-words-missing", "¦G38.2"),
+    "no way": ("probe-length", "¦G38.2 Z3"),
+    "no way under G91": ("probe-length", "G91 ¦G38.4 Z0"),
+    "a rotary axis": ("axis-not-allowed", "G38.2 ¦A3"),
+    "a rotary axis beside": ("axis-not-allowed", "G38.2 Z-1 ¦A3"),
+    "G95": ("probe-feed-mode", "S100 M3 G95 F1\n¦G38.2 Z-1"),
+    "G93 without F": ("feed-missing", "G93\n¦G38.2 Z-1"),
+    "cutter compensation": ("compensation-active", "G41.1 D1\nG1 X40\n¦G38.2 X50"),
+    "machine coordinates": ("machine-coordinates-motion", "¦G53 G38.2 Z-1"),
+    "no such probe": ("code-unknown", "¦G38.1 Z-1"),
+    "no such probe either": ("code-unknown", "¦G38.6 Z-1"),
+    "P": ("word-unused", "G38.2 Z-1 ¦P1"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
+    code, source = WRONG[name]
+    stands(code, BEGIN + source, axes=("x", "y", "z", "a"))
+
+
+def test_no_feed() -> None:
+    assert refused("G38.2 Z-1").code == "feed-missing"

@@ -1,0 +1,185 @@
+"""Runs of straight moves on arrays, against the same lines executed one by one: equal to the last bit."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cnc.gcode import dialects
+from cnc.gcode.program.interpreter import Interpreter
+from cnc.gcode.program.plain_lines import StraightLane
+from cnc.gcode.syntax.parameters import Parameters
+from cnc.gcode.syntax.parser import Syntax
+from cnc.gcode.syntax.source_text import Text
+from cnc.model.blocks import Answer, Block, Polyline
+from cnc.model.diagnostics import GcodeError
+from tests.support.soak import share
+
+AXES = [("x", "y", "z"), ("x", "y", "z", "a"), ("x", "z"), ("x", "y", "z", "a", "b", "c", "u", "v", "w"), ("a", "b"), ("x", "u")]
+SETUPS = """\
+G20
+G21
+G90
+G91
+G93
+G94
+G95
+G2
+G3
+G80
+G10 L2 P1 X1.1 Z-.3
+G92 X1
+G7
+G8
+M3 S100
+G55
+G10 L2 P1 R30
+G1 F77
+F100
+""".splitlines()
+
+
+class Reader:
+    """An interpreter fed line by line, through the fast lane where that is wanted."""
+
+    def __init__(self, lines: list[str], axes: tuple[str, ...], dialect: str, *, fast: bool) -> None:
+        self.text = Text.of_lines(lines, "t")
+        spoken = dialects.load(dialect)
+        start = [0.1 * (index + 1) for index in range(len(axes))]
+        self.interpreter = Interpreter("t", axes, spoken, start, Parameters(), None)
+        self.lane = StraightLane(self.interpreter) if fast else None
+        self.syntax = Syntax(spoken.flavour)
+        self.runs = self.executed = 0
+        self.error = ""
+
+    def read(self) -> None:
+        line = 1
+        while window := self.text.window(line):
+            index = line - window.first
+            count = self.lane.run(window, index) if self.lane and window.straight[index] else 0
+            self.runs += count
+            if not count:
+                try:
+                    self.interpreter.execute(window.statement(index, self.syntax), line)
+                except GcodeError as error:
+                    self.error = f"{line}: {error}"
+                    break
+            line += count or 1
+            self.executed = line - 1
+        self.interpreter.out.flush()
+
+    def left(self) -> Any:
+        """All that can be seen of the program afterwards; repr tells numbers apart that are equal, and -0 from 0."""
+        interpreter = self.interpreter
+        return repr([self.error, interpreter.modal, interpreter.motion.position, interpreter.begun]), bits(interpreter.out.ready)
+
+
+def bits(blocks: list[Block]) -> list[Any]:
+    """Blocks in a form that compares bit by bit."""
+    return [[type(block).__name__, *(_bits(getattr(block, each.name)) for each in fields(block))] for block in blocks]
+
+
+def _bits(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return str(value.dtype), value.shape, value.tobytes()
+    return "" if isinstance(value, Answer) else repr(value)
+
+
+def both(lines: list[str], axes: tuple[str, ...] = AXES[0], dialect: str = "auto") -> Reader:
+    """The program read both ways, which must agree; the fast reader."""
+    readers = [Reader(lines, axes, dialect, fast=fast) for fast in (False, True)]
+    for reader in readers:
+        reader.read()
+    assert readers[0].left() == readers[1].left(), lines
+    return readers[1]
+
+
+def number(rng: random.Random) -> str:
+    return rng.choice([f"{rng.uniform(-99, 99):.{rng.randint(0, 6)}f}", str(rng.randint(-9, 9)), "0", "-0", ".1", f"{rng.random()!r}"[:16]])
+
+
+def line(rng: random.Random, axes: tuple[str, ...]) -> str:
+    words = [letter.upper() + number(rng) for letter in axes if rng.random() < 0.5]
+    if rng.random() < 0.3:
+        words.append(rng.choice(["G0", "G1", "G01", "G1.", "G00"] + ["G1"] * 20 + ["G-0"]))
+    if rng.random() < 0.15:
+        words.append("F" + rng.choice([f"{rng.uniform(0.1, 5000):.2f}", "100", "0", "-1", "0.00001", "0.00006", "0.0000001", *["60"] * 50]))
+    if rng.random() < 0.003:
+        words.append(rng.choice("ABCUVWXYZ") + number(rng))
+    rng.shuffle(words)
+    if rng.random() < 0.1:
+        words.insert(0, f"N{rng.randint(0, 99)}")
+    if rng.random() < 0.05:
+        words.append(rng.choice(["(note)", "; note"]))
+    return rng.choice(["", " "]).join(words)
+
+
+@pytest.mark.timeout(3600)
+def test_the_fast_lane_gives_what_the_slow_one_gives() -> None:
+    fast = total = errors = 0
+    for seed in range(share(40_000, 600)):
+        rng = random.Random(seed)
+        axes = rng.choice(AXES)
+        lines = [rng.choice(["G1 F100", "G0", "F60.5", "G91 G1 F1", ""])]
+        for _ in range(rng.randint(1, 6)):
+            lines += [line(rng, axes) for _ in range(rng.randint(1, 12))]
+            if rng.random() < 0.4:
+                lines.append(rng.choice(SETUPS))
+        found = both(lines, axes, rng.choice(["auto", "linuxcnc", "grbl", "fanuc"]))
+        fast += found.runs
+        total += found.executed
+        errors += bool(found.error)
+    assert fast > 0.5 * total, "the fast lane must have been in use"
+    assert 0.1 < errors / share(40_000, 600) < 0.95
+
+
+def test_runs_are_cut_alike_whichever_way_moves_come() -> None:
+    for before in (0, 1, 4095, 5000):
+        lines = (
+            ["G1 F100"] + ["X1 G1"] * before + ["G4 P1"] * (before > 4000) + [f"X{n % 50}" for n in range(9000)] + ["M3 S1"] + ["X5"] * 10
+        )
+        found = both(lines)
+        assert found.runs == len(lines) - 1 - (before > 4000)
+
+
+@pytest.mark.parametrize("mode", ["G93", "G95", "G10 L2 P1 R10", "G18 G2 X0 Z0 I1 K1"])
+def test_what_straight_moves_have_to_heed_keeps_the_lane_shut(mode: str) -> None:
+    found = both(["F100 M3 S100", "G1", mode, *["X1 F5"] * 20])
+    assert found.runs in (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("lines", "error"),
+    [
+        (["G1 X1"], "1: feed-missing"),
+        (["X1"], "1: motion-missing"),
+        (["G1 F100", "X1", "A1"], "3: axis-missing"),
+        (["G1 F100", "X1", "X1 F0.00001"], "3: feed-too-slow"),
+        (["G0 X1", "X2", "G1", "X3"], "4: feed-missing"),
+    ],
+)
+def test_errors_are_those_of_the_slow_lane(lines: list[str], error: str) -> None:
+    found = both(lines)
+    assert found.error.startswith(error)
+    assert found.runs == len(lines) - 1
+
+
+def test_moves_of_rotary_axes_alone_have_a_feed_of_their_own() -> None:
+    found = both(["G20 G1 F60", "A1", "X1", "X1 A1", "X1 A2", "X2 A2", "A2", "A0 X2"], ("x", "a"))
+    (block,) = found.interpreter.out.ready
+    assert isinstance(block, Polyline)
+    inch = 25.4
+    assert block.feeds.tolist() == [1.0, inch, inch, 1.0, inch, inch, 1.0]
+    assert found.runs == 7
+
+
+def test_traverses_have_no_feed() -> None:
+    found = both(["G0 X1 F60", "G1 X2", "G0", "X3", "Y-0"])
+    (block,) = found.interpreter.out.ready
+    assert isinstance(block, Polyline)
+    assert np.array_equal(block.feeds, [np.nan, 1.0, np.nan, np.nan], equal_nan=True)
+    assert block.lines.tolist() == [1, 2, 4, 5]

@@ -1,0 +1,108 @@
+"""Lines and the grammar's cache."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cnc.gcode.syntax import parser
+from cnc.gcode.syntax.parser import MAX_LINE, MEMO, parse_line
+from cnc.model.diagnostics import GcodeError
+
+
+@pytest.mark.parametrize("length", [MAX_LINE, MAX_LINE + 1])
+def test_the_longest_line(length: int) -> None:
+    text = "G0 X1".ljust(length)
+    if length <= MAX_LINE:
+        assert len(parse_line(text).words) == 2
+    else:
+        with pytest.raises(GcodeError):
+            parse_line(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "X" + " " * 4000,
+        "(X" + " " * 4000 + "c) 5",
+        "X1" + " " * 4000 + "-",
+        "X" + " 1" * 2000 + " x",
+        "X" + "1 ." * 1300,
+        "(" * 4000,
+        "G1" * 2000 + "/",
+        "-" * 4000,
+        "X" * 4000,
+    ],
+)
+def test_awkward_lines_take_no_time(text: str) -> None:
+    import time
+
+    begin = time.process_time()
+    with pytest.raises(GcodeError):
+        parse_line(text)
+    assert time.process_time() - begin < 0.5
+
+
+def test_equal_lines_are_parsed_once_and_the_memo_is_bounded() -> None:
+    assert parse_line("G0 X1.25") is parse_line("G0 X1.25")
+    assert parse_line.cache_info().maxsize == MEMO
+
+
+READ = "from cnc.gcode.syntax.parser import parse_line; print(parse_line('G1 X2').words[1].number)"
+
+
+def read_in_a_process(home: Path) -> None:
+    environment = {**os.environ, "XDG_CACHE_HOME": str(home)}
+    found = subprocess.run([sys.executable, "-c", READ], env=environment, capture_output=True, text=True, check=True, timeout=60)
+    assert (found.stdout, found.stderr) == ("2.0\n", "")
+
+
+def test_the_grammar_is_cached_and_the_cache_is_used(tmp_path: Path) -> None:
+    read_in_a_process(tmp_path)
+    (cache,) = (tmp_path / "cnc").iterdir()
+    written = cache.stat().st_mtime_ns
+    read_in_a_process(tmp_path)
+    assert [cache] == list((tmp_path / "cnc").iterdir())
+    assert cache.stat().st_mtime_ns == written
+
+
+def test_a_damaged_cache_is_replaced(tmp_path: Path) -> None:
+    read_in_a_process(tmp_path)
+    (cache,) = (tmp_path / "cnc").iterdir()
+    cache.write_bytes(cache.read_bytes()[:100])
+    read_in_a_process(tmp_path)
+    whole = cache.stat()
+    assert whole.st_size > 1000
+    read_in_a_process(tmp_path)
+    assert cache.stat().st_mtime_ns == whole.st_mtime_ns, "the new one is good"
+
+
+def test_a_cache_that_can_not_be_written(tmp_path: Path) -> None:
+    """Permissions do not bind a superuser, but a folder in the file's place binds everybody."""
+    read_in_a_process(tmp_path)
+    (cache,) = (tmp_path / "cnc").iterdir()
+    cache.unlink()
+    cache.mkdir()
+    read_in_a_process(tmp_path)
+    assert cache.is_dir()
+
+
+def test_a_cache_folder_that_can_not_be_made(tmp_path: Path) -> None:
+    (tmp_path / "cnc").write_text("a file where the folder should be")
+    read_in_a_process(tmp_path)
+
+
+def test_the_cache_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert parser.cache_folder() == tmp_path / "cnc"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr(sys, "platform", "linux")
+    assert parser.cache_folder() == tmp_path / ".cache" / "cnc"
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
+    assert parser.cache_folder() == tmp_path / "local" / "cnc" / "cache"

@@ -1,0 +1,323 @@
+"""The compiled scanner against the grammar: the same words, bit for bit, or none."""
+
+from __future__ import annotations
+
+import itertools
+import random
+
+import pytest
+
+from cnc.gcode.syntax.parser import MAX_LINE, Syntax, parse_line
+from cnc.gcode.syntax.scanner import scan
+from cnc.gcode.syntax.source_text import Text
+from cnc.gcode.syntax.statement import Statement
+from cnc.model.diagnostics import GcodeError
+from tests.support.gcode.fuzzing import Author
+from tests.support.soak import share
+
+SYNTAXES = [Syntax(flavour, siemens, dollar) for flavour in ("ngc", "macro-b", "none") for siemens in (0, 1) for dollar in (0, 1)]  # type: ignore[arg-type]
+
+PLAIN = """\
+  \t
+G1 X1 Y2
+g1x-1.5y+.25z3.f100
+N10 G00 X0 Y-0
+n0020g01z-5.000 (down) F250.
+(only a comment)
+; only a comment, too
+G0 (a)X1(b)Y2(c);d
+(a, comma) X1 ; (msg, not one)
+(T1 D=5. CR=0. - ZMIN=-1 - flat end mill)
+M3 S12000
+G61.1
+T1 M6
+X123456789.123456
+X0.000000000000001
+X000000000000012.5
+G1 X1 X1
+G2 X1 Y1 I.5 J0
+E5 H3 D2 L1 P1 Q1 R1 U0 V0 W0 A1 B1 C1 K1
+X9007199.254740992
+X1000000000
+""".splitlines()
+
+NOT_PLAIN = """\
+X 1
+X1 .5
+X1. 5
+X- 1
+X1 2
+X1.2.3
+X--1
+X
+X.
+X-
+5
+X1e5+
+G1 X[1+2]
+G1 X#1
+#1=5
+O100 sub
+G1 O1
+%
+/G1 X1
+G1 X1 /
+(msg, hello)
+( MSG, hello) X1
+(debug, x)
+(print,x)
+(LOGCLOSE)
+(probeclose)
+(py,x)
+(not closed
+not open)
+(one (inside) another)
+X9007199.254740993
+X0.0000000000000000001
+X12345678901234567890
+X1000000000.01
+X-1000000001
+X1 N5
+$H
+BSPLINE
+SD=3
+X1=2
+G1 X1 é
+(é) X1
+X1 ;é
+X1*2
+@
+[1]
+X1_
+{X1}
+X`1
+""".splitlines()
+
+
+def test_the_lines_of_any_cam_program_are_plain() -> None:
+    text = Text.of_lines(PLAIN, "t")
+    window = text.window(1)
+    assert window is not None
+    assert window.count == len(PLAIN)
+    assert window.plain.tolist() == list(range(len(PLAIN), 0, -1))
+    for index, line in enumerate(PLAIN):
+        agree(line, window.statement(index, SYNTAXES[0]), SYNTAXES[0])
+
+
+@pytest.mark.parametrize("line", [*NOT_PLAIN, "X\x0b1", "X1\x00", "X1\x7f", "(\x01)", ";\x1f", "(\x7f)", ";\x80", "X1".ljust(MAX_LINE + 1)])
+def test_all_else_is_for_the_grammar(line: str) -> None:
+    assert scan(line.encode("latin-1") + b"\n", whole=True).plain[0] == 0
+
+
+def test_the_longest_line_is_plain() -> None:
+    assert scan(b"X1".ljust(MAX_LINE) + b"\nG1" + b"X1" * (MAX_LINE // 2 - 1), whole=True).plain[:2].tolist() == [2, 1]
+
+
+def agree(line: str, found: Statement, syntax: Syntax) -> None:
+    """The scanner's statement is the grammar's."""
+    expected = parse_line.__wrapped__(line, syntax)
+    assert found == expected, line
+    # Equal numbers may still differ in the sign of zero.
+    assert [word.number.hex() for word in found.words] == [word.number.hex() for word in expected.words], line
+
+
+LETTERS = "XYZFGMNIJKRPSTHDABCUVWLQEOxyzgmno"
+COMMENTS = ["", "note", "T1 D=5", "a, b", "msg, hi", " MSG ,hi", "debug,#1", "py", "Print,x", "log", "logclose", "probe x", "é", "a\tb"]
+ODD = [*"é\x00\x0b\x7f\u2028#=%/*$@.-+();1", "[1]", "#1", "O100", "SD=3"]
+
+
+class Adversary:
+    """Writes lines that a scanner may trip over."""
+
+    def __init__(self, seed: int) -> None:
+        self.rng = random.Random(seed)
+        self.author = Author(seed)
+
+    def digits(self, least: int, most: int) -> str:
+        return "".join(self.rng.choice("0123456789") for _ in range(self.rng.randint(least, most)))
+
+    def number(self) -> str:
+        rng = self.rng
+        match rng.randint(0, 14):
+            case 0 | 1 | 2 | 9 | 10 | 11:
+                return f"{rng.uniform(-500, 500):.{rng.randint(0, 6)}f}"
+            case 3 | 4 | 12 | 13:
+                return str(rng.randint(0, 100))
+            case 5:
+                return rng.choice(["", "-", "+"]) + self.digits(0, 9) + "." + self.digits(0, 17)
+            case 6:
+                return rng.choice(["", "-", "+"]) + self.digits(1, 20)
+            case 7:
+                return rng.choice(["9007199254740992", "9007199254740993", "1000000000", "1000000000.1", "900719925.4740993", "-0", "-.0"])
+            case 8:
+                return rng.choice(["", "-", "+"]) + repr(rng.random())
+            case _:
+                return rng.choice(["1.", ".5", "-.25", "+3", "00012", "1 2 . 5", "- 5", "1e5", "", "-", "1.2.3", ".", "#1", "[2*3]"])
+
+    def comment(self) -> str:
+        rng = self.rng
+        inside = rng.choice(COMMENTS)
+        return (
+            rng.choice([f"({inside})", f"({inside})", f"({inside}", f"{inside})", f"({inside}(x))"]) if rng.random() < 0.9 else ";" + inside
+        )
+
+    def line(self) -> str:
+        rng = self.rng
+        if rng.random() < 0.1:
+            return rng.choice(self.author.program().lines or [""])
+        parts = [rng.choice(["", "", "", "/", " ", "\t"])] if rng.random() < 0.3 else []
+        if rng.random() < 0.3:
+            parts.append(rng.choice("Nn") + str(rng.randint(0, 99999)))
+        for _ in range(rng.randint(0, 6)):
+            kind = rng.random()
+            if kind < 0.8:
+                parts.append(rng.choice(LETTERS) + rng.choice(["", *[""] * 20, " "]) + self.number())
+            elif kind < 0.97:
+                parts.append(self.comment())
+            else:
+                parts.append(rng.choice(ODD))
+        line = rng.choice(["", " ", " ", "  ", "\t"]).join(parts)
+        return self.author.mutate(line) if rng.random() < 0.1 else line
+
+    def data(self, count: int) -> bytes:
+        rng = self.rng
+        pieces = []
+        for _ in range(count):
+            line = self.line().replace("\n", "").replace("\r", "")
+            pieces += [line.encode(rng.choice(["utf-8", "utf-8", "latin-1"]), errors="replace"), rng.choice([b"\n", b"\n", b"\r\n", b"\r"])]
+        return b"".join(pieces)
+
+
+def decoded(line: bytes) -> str:
+    try:
+        return line.decode()
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
+
+
+@pytest.mark.timeout(3600)
+def test_every_plain_line_has_the_words_of_the_grammar() -> None:
+    """And the lines are those of the file, whichever way they end."""
+    amount, batch = share(1_000_000, 30_000), 1000
+    plain = 0
+    syntaxes = itertools.cycle(SYNTAXES)
+    for seed in range(amount // batch):
+        data = Adversary(seed).data(batch)
+        found = scan(data, whole=True)
+        lines = data.splitlines()
+        assert (found.count, found.size) == (len(lines), len(data))
+        for index, line in enumerate(lines):
+            assert data[found.begin[index] : found.end[index]] == line
+            if found.plain[index]:
+                text = decoded(line)
+                agree(text, found.statement(index, text), next(syntaxes))
+                plain += 1
+    assert amount * 0.3 < plain < amount * 0.9, "a test of nothing but plain lines, or of none, tests little"
+
+
+def test_what_is_not_plain_is_what_the_grammar_makes_of_it(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    path = tmp_path / "a.nc"
+    path.write_bytes(Adversary(-1).data(share(20_000, 2_000)))
+    text, line = Text.of_file(path), 1
+    while window := text.window(line):
+        for index in range(window.count):
+            outcomes = []
+            for read in (lambda: window.statement(index, SYNTAXES[1]), lambda: parse_line(window.text(index), SYNTAXES[1])):  # noqa: B023
+                try:
+                    outcomes.append(repr(read()))
+                except GcodeError as error:
+                    outcomes.append(str(error))
+            assert outcomes[0] == outcomes[1]
+        line += window.count
+
+
+@pytest.mark.parametrize(
+    ("line", "head", "label"),
+    [
+        ("", 0, -1),
+        ("G1", "G", -1),
+        ("  g1", "G", -1),
+        ("N10", 0, 10),
+        ("n 1 0 O5 sub", "O", 10),
+        ("N10 G1", "G", 10),
+        ("N0010X1", "X", 10),
+        ("N10#1=5", 0, 10),
+        ("/N10 M98 P1", "M", 10),
+        ("o<name> call", "O", -1),
+        ("  / O100 endsub", "O", -1),
+        ("(note) o100 if [1]", "O", -1),
+        ("IF [#1 EQ 1] GOTO 10", "I", -1),
+        ("N20 WHILE [#1 LT 2] DO1", "W", 20),
+        ("#1=2", 0, -1),
+        ("%", 0, -1),
+        ("N", "N", -1),
+        ("N1 N2", "N", 1),
+        ("N-5", 0, -1),
+        ("N1.5 G1", "G", -1),
+        ("(open", 0, -1),
+        ("[G1", 0, -1),
+        ("`", 0, -1),
+    ],
+)
+def test_head_and_label(line: str, head: str | int, label: int) -> None:
+    found = scan(line.encode() + b"\n", whole=True)
+    assert (int(found.head[0]), int(found.label[0])) == (ord(head) if isinstance(head, str) else head, label)
+
+
+def test_the_label_of_any_line_is_its_n_word() -> None:
+    for seed in range(share(200, 10)):
+        data = Adversary(seed).data(200)
+        found = scan(data, whole=True)
+        for index, line in enumerate(data.splitlines()):
+            try:
+                statement = parse_line(decoded(line), SYNTAXES[0])
+            except GcodeError:
+                continue
+            words = statement.words
+            if statement.assignments or statement.control:
+                continue
+            if not words or words[0].letter != "N":
+                assert found.label[index] == -1, line
+                # @ and ^ are words, but no letters.
+                assert not words or found.head[index] == (ord(words[0].letter) if words[0].letter.isalpha() else 0), line
+            elif words[0].written[1:].isdigit():
+                assert found.label[index] == words[0].number, line
+
+
+STRAIGHT = ["", "N1", "X1", "G0", "G01 X1 Y2 Z3 A1 B1 C1 U1 V1 W1 F1", "N5 G1 F100 X1", "(a) X1", "F5"]
+BENT = ["G2 X1", "G-0 X1", "N-0", "N1.5", "X1 X2", "G0 G1", "F0", "F-1", "M3", "I1", "S1", "T1", "E1", "%", "X[1]", "G1.5", "G10"]
+
+
+def test_straight_lines_are_told_from_others() -> None:
+    assert scan("\n".join(STRAIGHT).encode() + b"\n", whole=True).straight[: len(STRAIGHT)].tolist() == list(range(len(STRAIGHT), 0, -1))
+    for line in BENT:
+        assert scan(line.encode() + b"\n", whole=True).straight[0] == 0, line
+
+
+def test_runs_end_where_a_line_is_not_plain() -> None:
+    found = scan(b"G0X1\nX2\nM3\nX3\nO1 sub\nX1\n", whole=True)
+    assert found.plain[:6].tolist() == [4, 3, 2, 1, 0, 1]
+    assert found.straight[:6].tolist() == [2, 1, 0, 1, 0, 1]
+
+
+def test_a_scan_of_a_piece_takes_whole_lines_only() -> None:
+    found = scan(b"G0 X1\r\nG0 Y2\r", whole=False)
+    assert (found.count, found.size) == (1, 7), "the \\r may be the first half of a line end"
+    assert scan(b"G0 X1", whole=False).count == 0
+    assert scan(b"", whole=True).count == 0
+
+
+def test_a_scan_takes_fewer_lines_where_they_are_many() -> None:
+    data = b"\n" * 1000 + b"X1Y1" * 1000
+    found = scan(data, whole=False)
+    assert 0 < found.count == found.size < 1000
+    assert scan(data, whole=True).count == 1001
+
+
+def test_a_scan_takes_fewer_lines_where_their_words_are_many() -> None:
+    line = b"X1" * 2000 + b"\n"
+    found = scan(line * 20, whole=False)
+    assert 0 < found.count < 20
+    assert found.size == found.count * len(line)
+    assert found.first[found.count] == found.count * 2000
+    assert (found.plain[: found.count] > 0).all()

@@ -1,0 +1,208 @@
+"""After a fault the record beside the program says where to go on, and going on there makes the part."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cnc.api import Control, Report, Watch, run
+from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.loopback import Loopback
+from cnc.boards.stepper.driver import Stepper
+from cnc.cli import exit_code
+from cnc.executor.run import Progress
+from cnc.machine.load import load_machine
+from cnc.session import checkpoint
+from cnc.session.checkpoint import Checkpoint, Recorder
+from tests.support.boards.grblbox_bench import BoxPort
+from tests.support.boards.stepper_rig import machine
+from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
+from tests.support.soak import share
+
+PROGRAM = "G21 G90 G64\nM3 S500\nG0 Z3\nG1 Z-1 F600\n" + "".join(f"G1 X{k} Y{k % 3} F1200\n" for k in range(1, 9)) + "G0 Z5\nM2\n"
+"""Line k + 4 leads to X k."""
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    (tmp_path / "p.ngc").write_text(PROGRAM)
+    return tmp_path / "p.ngc"
+
+
+@pytest.fixture
+def simulator() -> Iterator[Simulator]:
+    made = Simulator()
+    yield made
+    made.close()
+
+
+def record(program: Path) -> dict:
+    return json.loads(Path(f"{program}.checkpoint").read_text())
+
+
+def on_board(simulator: Simulator, program: Path, **more: object) -> Report:
+    port = SimulatorPort(simulator)
+    board = Stepper(port, machine(), "the simulator", clock=port)
+    try:
+        return run(program, machine(), board=board, **more)  # type: ignore[arg-type]
+    finally:
+        board.close()
+
+
+class Died(BaseException):
+    """The program is gone."""
+
+
+def trouble(simulator: Simulator, kind: str, control: Control):
+    """What happens when X has come to 4 mm."""
+    received = simulator.received
+
+    def on_sent(sent: Progress) -> None:
+        if sent.position is None or sent.position[0] < 4.0:
+            return
+        if kind == "e-stop":
+            simulator.set_pin(14, 0)
+        elif kind == "stopped":
+            control.stop()
+        elif kind == "cable":
+            simulator.send = lambda data: None  # type: ignore[method-assign]
+            simulator.received = lambda: received()[:0]  # type: ignore[method-assign]
+        else:
+            raise Died
+
+    return on_sent
+
+
+@pytest.mark.parametrize("kind", share(["e-stop", "stopped", "cable", "died"], ["e-stop", "died"]))
+def test_a_run_goes_on_where_it_was_broken_off(simulator: Simulator, program: Path, kind: str) -> None:
+    control = Control()
+    send, received = simulator.send, simulator.received
+    watch = Watch(on_sent=trouble(simulator, kind, control))
+    if kind == "died":
+        with pytest.raises(Died):
+            on_board(simulator, program, control=control, watch=watch)
+    else:
+        first = on_board(simulator, program, control=control, watch=watch)
+        assert first.exit_code == (0 if kind == "stopped" else 3)
+        hint = f"--from-line {first.resume_line}"
+        assert kind == "stopped" or hint in first.faults[0].diagnostic.hint
+        assert first.resume_line == record(program)["line"]
+    simulator.send, simulator.received = send, received  # type: ignore[method-assign]
+    simulator.set_pin(14, 1)
+    simulator.run(0.6)
+    stands = simulator.moves()[1].sum(axis=0, dtype=np.int64) / 400
+    found = record(program)
+    assert 3.9 < stands[0] < 8
+    # the line that the machine has come to, or the one before: nothing is left out; what the board did without a cable is not known
+    unknown = 3 if kind == "cable" else 1
+    assert 0 <= int(np.ceil(stands[0] - 1e-3)) - (found["line"] - 4) <= unknown
+    assert found["ended"] == {"e-stop": "board-emergency-stop", "stopped": "stopped", "cable": "board-silent", "died": "broken off"}[kind]
+    assert found["position"]["x"] == pytest.approx(stands[0], abs=0.2 if kind in ("e-stop", "stopped") else 5.0)
+    told: list[str] = []
+    before = len(simulator.moves()[1])
+
+    def agree(story) -> bool:
+        told.extend(story)
+        return True
+
+    second = on_board(simulator, program, from_line=found["line"], watch=Watch(on_beginning=agree))
+    assert second.ok, second.faults
+    made = simulator.moves()[1]
+    assert (made.sum(axis=0, dtype=np.int64) / 400).tolist() == [8.0, 2.0, 5.0]
+    assert (made[before, :2] == 0).all() and made[before, 2] == 1, "up before anything else"
+    assert told[0] == f"from line {found['line']}:"
+    assert any("spindle cw" in line for line in told)
+    assert not Path(f"{program}.checkpoint").exists(), "it came to its end"
+    assert not second.warnings
+
+
+def test_what_does_not_fit_the_record_is_told(simulator: Simulator, program: Path) -> None:
+    control = Control()
+    on_board(simulator, program, control=control, watch=Watch(on_sent=trouble(simulator, "stopped", control)))
+    line = record(program)["line"]
+
+    def codes(**more: object) -> list[str]:
+        return [found.code for found in on_board(simulator, program, watch=Watch(on_beginning=lambda _: False), **more).warnings]
+
+    assert codes(from_line=line) == []
+    assert codes(from_line=line + 2) == ["checkpoint-before"]
+    program.write_text(PROGRAM.replace("X8", "X8.5"))
+    assert codes(from_line=line) == ["checkpoint-differs"]
+    program.write_text(PROGRAM)
+    assert "run-unfinished" in codes()
+
+
+def test_the_board_in_the_box_keeps_one_too(program: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    report = run(program, board=Loopback(3, fail_after=2_000))
+    assert [fault.diagnostic.code for fault in report.faults] == ["board-fault"]
+    assert record(program)["line"] == report.resume_line
+    assert report.faults[0].diagnostic.line >= (report.resume_line or 0) > 0
+    monkeypatch.setattr("cnc.api.open_board", lambda *_, **__: Loopback(3, fail_after=2_000))
+    assert exit_code([str(program)]) == 3
+    assert f"go on with --from-line {report.resume_line}" in capsys.readouterr().err
+    monkeypatch.setattr("cnc.api.open_board", lambda *_, **__: Loopback(3))
+    assert exit_code([str(program), "--from-line", str(report.resume_line), "--yes"]) == 0
+    assert not Path(f"{program}.checkpoint").exists()
+
+
+def test_in_a_subprogram_the_call_is_where_to_go_on(tmp_path: Path) -> None:
+    program = tmp_path / "p.ngc"
+    program.write_text("G21 G90\nG1 X1 F600\no1 sub\nG1 Y2 F600\nG1 X9\no1 endsub\nG1 Z1\no1 call\nM2\n")
+    per_mm = round(load_machine().axes["x"].steps_per_mm)
+    report = run(program, board=Loopback(3, fail_after=5 * per_mm))
+    assert [fault.diagnostic.code for fault in report.faults] == ["board-fault"]
+    assert report.resume_line == record(program)["line"] == 8
+
+
+def test_a_grbl_board_says_the_line_that_it_moves_along(program: Path) -> None:
+    """Not the last one that it has taken: that lies up to a planner's length ahead."""
+    box, control = GrblBox(), Control()
+    port = BoxPort(box)
+    board = GrblBoard(port, load_machine("grbl-uno"), port.clock, "the box")
+    board.connect()
+
+    def on_sent(sent: Progress) -> None:
+        if sent.position is not None and sent.position[0] > 4.0:
+            control.stop()
+
+    report = run(program, load_machine("grbl-uno"), board=board, dialect="linuxcnc", control=control, watch=Watch(on_sent=on_sent))
+    board.close()
+    assert report.resume_line is not None
+    assert report.resume_line - 4 <= np.ceil(box.position[0])
+    assert report.resume_line >= 7
+
+
+def test_a_whole_record_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whenever it is looked at, from the first writing on."""
+    monkeypatch.setattr(checkpoint, "EVERY_S", 0.001)
+    name = str(tmp_path / "p.ngc")
+    recorder = Recorder(Checkpoint(name, "0" * 64, "m", "b"), ("x", "y"))
+    seen: set[int] = set()
+    for line in range(1, 300):
+        recorder.note(Progress(0.0, line, 0, position=(line, 0.0), at=line))
+        threading.Event().wait(0.001)
+        found = Checkpoint.read(name)
+        if seen:
+            assert found is not None and found.position is not None
+        if found is not None and found.position is not None:
+            assert found.position["x"] == found.line
+            seen.add(found.line)
+    recorder.note(Progress(0.0, 999, 0, at=999, file="sub.ngc"))
+    assert recorder.end("x", 999, {}, int) == 299, "the line of another file is none to begin at"
+    assert len(seen) > 5
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["p.ngc.checkpoint"]
+    Path(name + ".checkpoint").write_text("{")
+    assert Checkpoint.read(name) is None
+
+
+def test_a_folder_that_can_not_be_written_to_stops_nothing(tmp_path: Path) -> None:
+    recorder = Recorder(Checkpoint(str(tmp_path / "no" / "p.ngc"), "0" * 64, "m", "b"), ("x",))
+    recorder.note(Progress(0.0, 5, 0, at=5))
+    assert recorder.end("stopped", 7, {"x": 1.0}, int) == 7
+    recorder.done()

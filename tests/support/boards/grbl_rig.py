@@ -1,0 +1,49 @@
+"""A GRBL sender at a board in the box."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.ports import BoxPort
+from cnc.machine.load import load_machine
+from cnc.model.diagnostics import BoardError
+from cnc.model.operator_control import Control
+from tests.support.boards.line_board_conformance import ORIGIN, feed
+
+MACHINE = load_machine("grbl-uno")
+ROUTER = {110: 5000.0, 111: 5000.0, 120: 250.0, 121: 250.0}
+"""Settings of a hobby router: moves of some mm take a third of a second. On a fresh board they take seconds."""
+LATEST = 5.0
+"""Seconds from a fault to its report."""
+
+
+def connected(box: GrblBox) -> GrblBoard:
+    port = BoxPort(box)
+    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    board.connect()
+    return board
+
+
+def started(box: GrblBox, control: Control | None = None, watcher: Callable[[], None] = lambda: None) -> GrblBoard:
+    board = connected(box)
+    board.attend(control or Control(), watcher)
+    board.start(ORIGIN)
+    return board
+
+
+def outcome(board: GrblBoard, lines: Sequence[str], first: int = 1) -> BoardError | None:
+    """The fault in which a program ends."""
+    try:
+        feed(board, *lines, first=first)
+        board.finish()
+    except BoardError as error:
+        return error
+    return None
+
+
+def fails(board: GrblBoard, *lines: str, first: int = 1) -> BoardError:
+    error = outcome(board, lines, first)
+    assert error is not None
+    return error

@@ -1,0 +1,127 @@
+"""What the tests of the stepper board share: machines, rows of grid moves, a bad cable, and what the pins have to show."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.boards.stepper.driver import Stepper
+from cnc.machine.load import load_machine
+from cnc.machine.models import Machine
+from cnc.model.streams import PulseChunk
+from tests.support.boards.stepper_simulator import FREQUENCY, Simulator, SimulatorPort
+
+CLOSE_US = 5.0
+"""Edges come within this of their time."""
+
+
+def machine(**changes: object) -> Machine:
+    known: Machine = load_machine("stepper-uno")
+    return known.model_copy(update=changes)
+
+
+@contextmanager
+def board(simulator: Simulator, port: SimulatorPort | None = None, known: Machine | None = None) -> Iterator[Stepper]:
+    """A driver on a simulated board."""
+    port = port or SimulatorPort(simulator)
+    driver = Stepper(port, known or machine(), "the simulator", clock=port)
+    try:
+        yield driver
+    finally:
+        driver.close()
+
+
+def chunks(time_ns: NDArray[np.int64], step: NDArray[np.int8], rows: int = 500) -> Iterator[PulseChunk]:
+    for at in range(0, len(time_ns), rows):
+        part = slice(at, at + rows)
+        yield PulseChunk(time_ns[part], step[part], np.arange(at + 1, at + 1 + len(time_ns[part]), dtype=np.int32))
+
+
+def line(rows: int, gap_ns: int, shares: tuple[float, ...] = (1.0, -0.63, 0.277)) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+    """A straight move at a steady speed: the first axis steps in every row."""
+    k = np.arange(rows + 1)[:, None]
+    step = np.diff(np.floor(k * np.abs(shares) + 0.5), axis=0) * np.sign(shares)
+    return (np.arange(rows, dtype=np.int64) + 1) * gap_ns, step.astype(np.int8)
+
+
+def eased(rows: int, fastest_gap_ns: int, shares: tuple[float, ...] = (1.0, -0.63, 0.277)) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+    """The same from rest to rest."""
+    _, step = line(rows, fastest_gap_ns, shares)
+    t = np.linspace(0.0, 1.0, 20_001)
+    place = (np.arange(rows) + 0.5) / rows
+    seconds = np.interp(place, t**3 * (10 - 15 * t + 6 * t * t), t) * rows * fastest_gap_ns * 1.875
+    return np.round(seconds).astype(np.int64), step
+
+
+def wander(seed: int, rows: int, least_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+    """Rows without any order: any axes, any direction, any time from ``least_ns`` to long pauses."""
+    chance = np.random.default_rng(seed)
+    step = np.zeros((rows, 3), np.int8)
+    while (empty := ~step.any(axis=1)).any():
+        step[empty] = chance.integers(-1, 2, (int(empty.sum()), 3))
+    kinds = chance.choice(4, rows, p=(0.6, 0.3, 0.0985, 0.0015))
+    gaps = np.select(
+        [kinds == 0, kinds == 1, kinds == 2],
+        [
+            chance.integers(least_ns, 4 * least_ns, rows),
+            chance.integers(least_ns, 1_000_000, rows),
+            chance.integers(1_000_000, 9_000_000, rows),
+        ],
+        chance.integers(50_000_000, 400_000_000, rows),
+    )
+    return np.cumsum(gaps), step
+
+
+FAULTS = ("damaged", "dropped", "doubled", "all")
+
+
+class BadCable(SimulatorPort):
+    """A line that damages, drops or doubles bytes, or each of that, with the same chance, both ways."""
+
+    def __init__(self, simulator: Simulator, chance: float, seed: int, faults: str = "all") -> None:
+        super().__init__(simulator)
+        self.chance = chance
+        self.kinds = FAULTS[:3] if faults == "all" else (faults,)
+        self.random = random.Random(seed)
+
+    def _spoilt(self, data: bytes) -> bytes:
+        out = bytearray()
+        for byte in data:
+            share, fate = divmod(self.random.random(), self.chance)
+            if share >= len(self.kinds):
+                out.append(byte)
+            elif self.kinds[int(share)] == "damaged":
+                out.append(byte ^ 1 + int(fate / self.chance * 255))
+            elif self.kinds[int(share)] == "doubled":
+                out += bytes((byte, byte))
+        return bytes(out)
+
+    def read(self, timeout: float) -> bytes:
+        return self._spoilt(super().read(timeout))
+
+    def write(self, data: bytes) -> None:
+        super().write(self._spoilt(data))
+
+
+def off_plan_us(cycles: NDArray[np.int64], time_ns: NDArray[np.int64]) -> float:
+    """How far an edge is from its time; when the whole began is taken so that it is least."""
+    late = cycles * (1e6 / FREQUENCY) - time_ns * 1e-3
+    return float(late.max() - late.min()) / 2 if len(late) else 0.0
+
+
+def assert_played(cycles: NDArray[np.int64], time_ns: NDArray[np.int64]) -> None:
+    """Moves are on time; or they are to a moment, and from there on each is later than the one before: a ramp, nothing made up for."""
+    late_us = cycles * (1e6 / FREQUENCY) - time_ns[: len(cycles)] * 1e-3
+    late_us -= np.median(late_us[:50])
+    off = np.flatnonzero(np.abs(late_us) > CLOSE_US)
+    if len(off):
+        assert (np.diff(late_us[off[0] :]) > -2 * CLOSE_US).all()
+        assert late_us[off[0]] > 0.0
+
+
+def stands_at(moves: NDArray[np.int8]) -> list[int]:
+    return moves.sum(axis=0, dtype=np.int64).tolist()

@@ -1,0 +1,146 @@
+"""Programs as text, blocks as plain tuples: what the tests of this room share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cnc.gcode.program.program import interpret
+from cnc.gcode.syntax.parser import MAX_LINE
+from cnc.gcode.syntax.source_text import Text
+from cnc.model.blocks import (
+    ArcFeed,
+    Block,
+    Coolant,
+    Dwell,
+    End,
+    Message,
+    NurbsFeed,
+    Orient,
+    Overrides,
+    PathMode,
+    Polyline,
+    Probe,
+    Spindle,
+    SpindleSync,
+    Stop,
+    Tool,
+)
+from cnc.model.diagnostics import Diagnostic, GcodeError
+
+Row = tuple[Any, ...]
+
+
+def run(source: str, **options: Any) -> list[Block]:
+    """The blocks of a program."""
+    return list(interpret(Text.of_lines(source.split("\n"), "test.nc"), **options))
+
+
+def rows(blocks: list[Block]) -> Iterator[Row]:
+    """Blocks as tuples; feeds in mm/min, None for a traverse. Runs of straight moves one tuple a move."""
+    for block in blocks:
+        match block:
+            case Polyline():
+                for end, feed in zip(block.points.tolist(), block.feeds.tolist(), strict=True):
+                    yield ("rapid", *end) if math.isnan(feed) else ("line", *end, feed * 60)
+            case ArcFeed():
+                yield ("arc", block.plane, *block.center, *block.end.tolist(), block.radius, block.turns, block.feed * 60)
+            case NurbsFeed():
+                yield ("nurbs", block.degree, block.knots.tolist(), block.control_points.tolist(), block.weights.tolist(), block.feed * 60)
+            case PathMode():
+                yield ("path", block.control, block.tolerance)
+            case Dwell():
+                yield ("dwell", block.seconds)
+            case Spindle():
+                yield ("spindle", block.state, block.rpm)
+            case Coolant():
+                yield ("coolant", block.mist, block.flood)
+            case Tool():
+                yield ("tool", block.number)
+            case Stop():
+                yield ("optional-stop",) if block.optional else ("stop",)
+            case End():
+                yield ("end",)
+            case Message():
+                yield ("message", block.text)
+            case Overrides():
+                yield ("overrides", block.feed, block.spindle)
+            case SpindleSync():
+                yield ("sync", block.pitch)
+            case Orient():
+                yield ("orient", block.angle)
+            case Probe():
+                yield ("probe", *block.end.tolist(), block.feed * 60, block.towards, block.must)
+            case _:
+                raise AssertionError(block)
+
+
+def said(source: str, **options: Any) -> list[str]:
+    """The blocks of a program in short: ``rapid 4 5 -1``, ``line 4 5 -1 F600``; numbers to six digits behind the point."""
+    out = []
+    for kind, *values in rows(run(source, **options)):
+        words = [str(value).lower() if isinstance(value, str | bool) else f"{round(value, 6) + 0.0:.10g}" for value in values]
+        if kind == "line":
+            words[-1] = f"F{words[-1]}"
+        elif kind == "probe":
+            words[-3] = f"F{words[-3]}"
+        out.append(" ".join((kind, *words)))
+    return out
+
+
+def flat(row: Row) -> list[Any]:
+    """A row with its lists opened."""
+    out: list[Any] = []
+    for item in row:
+        out += flat(tuple(item)) if isinstance(item, list | tuple) else [item]
+    return out
+
+
+def same(found: list[Row], expected: list[Row], *, abs: float = 1e-12) -> None:
+    """Equal rows, numbers to rounding."""
+    assert [row[0] for row in found] == [row[0] for row in expected]
+    for got, want in zip(found, expected, strict=True):
+        for a, b in zip(flat(got), flat(want), strict=True):
+            exact = isinstance(b, str | bool) or b is None
+            assert a == (b if exact else pytest.approx(b, rel=1e-12, abs=abs)), (got, want)
+
+
+def means(source: str, *expected: Row, **options: Any) -> None:
+    """The program has exactly these blocks."""
+    same(list(rows(run(source, **options))), list(expected))
+
+
+def refused(source: str, **options: Any) -> Diagnostic:
+    """The diagnostic of a program that must be refused."""
+    with pytest.raises(GcodeError) as caught:
+        run(source, **options)
+    return caught.value.diagnostic
+
+
+def placed(found: Diagnostic, code: str, marked: str, *, file: str = "test.nc") -> None:
+    """The diagnostic has the code, and stands in the text of ``file`` where the mark ¦ is."""
+    before = marked[: marked.index("¦")]
+    place = before.count("\n") + 1, len(before) - before.rfind("\n")
+    assert (found.code, found.file, found.line, found.column) == (code, file, *place), found.render()
+    line = marked.replace("¦", "").split("\n")[found.line - 1]
+    assert found.text == (line if len(line) <= MAX_LINE else "")
+    assert found.length >= 1
+    assert found.message
+
+
+def stands(code: str, marked: str, **options: Any) -> Diagnostic:
+    """The diagnostic of a program that must be refused where the mark ¦ is."""
+    found = refused(marked.replace("¦", ""), **options)
+    placed(found, code, marked)
+    return found
+
+
+def end_of(source: str, **options: Any) -> list[float]:
+    """Where a program of straight moves ends."""
+    block = run(source, **options)[-1]
+    assert isinstance(block, Polyline)
+    return np.asarray(block.points[-1]).tolist()

@@ -1,0 +1,57 @@
+"""A program as it is drawn, and its plan sampled, which it is compared with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.api import load_machine, plan, start_position
+from cnc.model.blocks import Dwell
+from cnc.planner.plan import PlanChunk
+from cnc.pulses.sampled import Sampled
+from cnc.view.collect import Collector, Picture, Sizes
+
+EVERYTHING = Sizes(strokes=1 << 19, curves=1 << 17, origins=1 << 20)
+PERIOD = 0.0013
+"""s; no multiple of anything."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A picture, and the plan every PERIOD: time, position, feed, acceleration, jerk, source line, and whether a traverse is under way."""
+
+    picture: Picture
+    t: NDArray[np.float64]
+    position: NDArray[np.float64]
+    values: NDArray[np.float64]
+    line: NDArray[np.int32]
+
+
+def drawn(program: Path, machine_name: str = "default", sizes: Sizes = EVERYTHING) -> Drawn:
+    machine = load_machine(machine_name)
+    start = start_position(machine)
+    collector, sampler = Collector(machine, sizes, str(program), start), Sampled(PERIOD, start)
+    samples, clock = [], 0.0
+    for item in plan(program, machine):
+        collector.add(item)
+        if isinstance(item, PlanChunk):
+            samples += sampler.samples(item)
+            clock = item.t0 + item.duration
+        elif isinstance(item, Dwell):
+            clock += item.seconds
+    samples += sampler.finish(clock)
+    t = np.concatenate([chunk.first + np.arange(len(chunk.s)) for chunk in samples]) * PERIOD
+    columns = [np.concatenate([getattr(chunk, name) for chunk in samples]) for name in ("position", "feed", "accel", "jerk", "line")]
+    inside = t <= clock
+    return Drawn(
+        collector.picture(), t[inside], columns[0][inside, :3], np.stack(columns[1:4])[:, inside], columns[4][inside]
+    )  # fmt: skip
+
+
+def write(folder: Path, text: str, name: str = "p.nc") -> Path:
+    file = folder / name
+    file.write_text(text, encoding="utf-8")
+    return file
