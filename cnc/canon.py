@@ -158,7 +158,10 @@ class Message(Block):
 
 @dataclass(frozen=True, slots=True)
 class Abort(Block):
-    """``(ABORT, text)``: the motion before it is made and rests. Whoever asks for the next block gets the fault."""
+    """``(ABORT, text)``: the motion before it is made and rests.
+
+    Whoever asks for the next block gets the fault.
+    """
 
 
 @dataclass(frozen=True, slots=True)

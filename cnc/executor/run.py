@@ -232,7 +232,7 @@ def execute(
             elif isinstance(item, Held):
                 run.hold(item, control)
             elif isinstance(item, Abort):
-                # The fault comes when the next item is asked for: what was sent has been made by then, and the board is idle.
+                # The fault comes when the next item is asked for. The board is idle by then.
                 run.probed()
                 run.send(interpolator.settle())
                 board.finish()

@@ -42,8 +42,9 @@ _MESSAGES = ("msg", "debug", "print")
 class Interpreter:
     """A program being executed, statement by statement, into ``out``.
 
-    ``ended`` tells that nothing more is to be read, ``aborted`` that the fault just raised is the program's own wish. ``plain``: nothing is
-    in effect that a straight move or an arc would have to heed beyond units, offsets, distance mode and feed.
+    ``ended`` tells that nothing more is to be read, ``aborted`` that the program has aborted itself.
+    ``plain``: nothing is in effect that a straight move or an arc would have to heed beyond units,
+    offsets, distance mode and feed.
     """
 
     def __init__(
@@ -202,10 +203,14 @@ class Interpreter:
             name = f"({remark.kind.upper()})"
             at = Word("(", 0.0, name, remark.column, 1)
             what = "stops the program" if remark.kind == "abort" else "writes a file or runs code"
-            here.caution("comment-not-active", f"{name} does nothing here", at, f"it {what} on LinuxCNC only")
+            hint = f"it {what} on LinuxCNC only"
+            here.caution("comment-not-active", f"{name} does nothing here", at, hint)
 
     def _aborted(self, remark: Remark) -> None:
-        """GcodeError ``program-abort``, the moves before it being in ``out``; a warning where a guessed answer may have led here."""
+        """GcodeError ``program-abort``; the moves before it are in ``out``.
+
+        Only a warning where a guessed answer may have led here.
+        """
         here, text = self.here, fill(remark.text, self.parameters)
         reason = f": {text}" if text else ""
         at = Word("(", 0.0, "(ABORT)", remark.column, remark.length)
@@ -213,10 +218,11 @@ class Interpreter:
             self.sides.off()
             self.out.put(Abort(here.file, here.line))
             self.aborted = True
-            raise fault("program-abort", f"the program aborts itself{reason}", at, "its own text says why: see to that, then run it again")
+            hint = "its own text says why: see to that, then run it again"
+            raise fault("program-abort", f"the program aborts itself{reason}", at, hint)
         if (place := (here.file, here.line)) not in self._may_abort:
             self._may_abort.add(place)
-            hint = "the check goes on as if it did not; a run aborts here if the board's answer says so"
+            hint = "the check goes on; a run aborts here if the board's answer leads here"
             here.caution("abort-possible", f"the program may abort itself{reason}", at, hint)
 
     def _execute(self, words: LineWords, codes: Codes | None) -> None:

@@ -21,8 +21,8 @@ class Output:
     """Collects the blocks of a program in order. ``ready`` holds those that can be handed on; the caller empties it.
 
     ``asked`` are blocks whose answers have not been taken in yet; they are there when the next line is read. ``hold`` is who decides when
-    blocks that are no moves follow the moves before them, where that is not at once. ``guessed``: an answer was taken as expected, because
-    nobody was there to give it.
+    blocks that are no moves follow the moves before them, where that is not at once.
+    ``guessed``: an answer was taken as expected, because nobody was there to give it.
     """
 
     def __init__(self, here: Here, axes: int) -> None:
