@@ -18,7 +18,7 @@ from typing import Protocol
 
 import numpy as np
 
-from cnc.canon import Block, BoardCommand, Dwell, End, Probe, Stop, Tool
+from cnc.canon import Abort, Block, BoardCommand, Dwell, End, Probe, Stop, Tool
 from cnc.control import Control
 from cnc.drivers.base import LineSink, board_error
 from cnc.errors import BoardError
@@ -82,7 +82,7 @@ def steps(planned: Iterable[PlanChunk | Block], translator: LineTranslator) -> I
         elif isinstance(item, BoardCommand):
             # A locked board takes nothing but $H and $X: they go before the modes of the first line.
             lines.sort(key=lambda line: not line.text.startswith("$"))
-        block = item if isinstance(item, BoardCommand | Probe | Stop | Tool) else None
+        block = item if isinstance(item, Abort | BoardCommand | Probe | Stop | Tool) else None
         if lines or block is not None:
             yield _step(file, lines, clock, block, translator.position)
     yield _step(file, list(translator.end()), clock, None, translator.position)

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.canon import Block, Dwell, End, Held, Probe, WaitInput
+from cnc.canon import Abort, Block, Dwell, End, Held, Probe, WaitInput
 from cnc.control import Control
 from cnc.drivers.base import Attending, Playing, PulseSink, Touching
 from cnc.errors import BoardError, CncError, Diagnostic
@@ -231,6 +231,11 @@ def execute(
                     run.probed()
             elif isinstance(item, Held):
                 run.hold(item, control)
+            elif isinstance(item, Abort):
+                # The fault comes when the next item is asked for. The board is idle by then.
+                run.probed()
+                run.send(interpolator.settle())
+                board.finish()
             else:
                 if isinstance(item, End):
                     run.send(interpolator.settle())

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cnc.canon import (
+    Abort,
     AnalogOutput,
     Block,
     BoardCommand,
@@ -74,7 +75,7 @@ class Commands:
             case SpindleSync(pitch=pitch):
                 if pitch:
                     raise refused(block, "motion that follows the spindle (G33, G76)", "use a board with an encoder")
-            case Tool() | Overrides() | PathMode() | Held():
+            case Abort() | Tool() | Overrides() | PathMode() | Held():
                 pass
             case Orient():
                 raise refused(block, "M19, to orient the spindle")
