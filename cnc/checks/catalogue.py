@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 LESSER = (
+    "abort-possible",
     "arc-not-closed",
     "arc-radius-drift",
     "checkpoint-before",

@@ -20,7 +20,7 @@ import numpy as np
 
 from cnc.boards.protocols import LineSink, board_error
 from cnc.executor.run import Progress
-from cnc.model.blocks import Block, BoardCommand, Dwell, End, Probe, Stop, Tool
+from cnc.model.blocks import Abort, Block, BoardCommand, Dwell, End, Probe, Stop, Tool
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
@@ -82,7 +82,7 @@ def steps(planned: Iterable[PlanChunk | Block], translator: LineTranslator) -> I
         elif isinstance(item, BoardCommand):
             # A locked board takes nothing but $H and $X: they go before the modes of the first line.
             lines.sort(key=lambda line: not line.text.startswith("$"))
-        block = item if isinstance(item, BoardCommand | Probe | Stop | Tool) else None
+        block = item if isinstance(item, Abort | BoardCommand | Probe | Stop | Tool) else None
         if lines or block is not None:
             yield _step(file, lines, clock, block, translator.position)
     yield _step(file, list(translator.end()), clock, None, translator.position)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.protocols import Attending, Playing, PulseSink, Touching
-from cnc.model.blocks import Block, Dwell, End, Held, Probe, WaitInput
+from cnc.model.blocks import Abort, Block, Dwell, End, Held, Probe, WaitInput
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
@@ -231,6 +231,11 @@ def execute(
                     run.probed()
             elif isinstance(item, Held):
                 run.hold(item, control)
+            elif isinstance(item, Abort):
+                # The fault comes when the next item is asked for. The board is idle by then.
+                run.probed()
+                run.send(interpolator.settle())
+                board.finish()
             else:
                 if isinstance(item, End):
                     run.send(interpolator.settle())

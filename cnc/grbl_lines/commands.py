@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 from cnc.grbl_lines.number_format import LONGEST, message_lines, number
 from cnc.model.blocks import (
+    Abort,
     AnalogOutput,
     Block,
     BoardCommand,
@@ -74,7 +75,7 @@ class Commands:
             case SpindleSync(pitch=pitch):
                 if pitch:
                     raise refused(block, "motion that follows the spindle (G33, G76)", "use a board with an encoder")
-            case Tool() | Overrides() | PathMode() | Held():
+            case Abort() | Tool() | Overrides() | PathMode() | Held():
                 pass
             case Orient():
                 raise refused(block, "M19, to orient the spindle")

@@ -157,6 +157,14 @@ class Message(Block):
 
 
 @dataclass(frozen=True, slots=True)
+class Abort(Block):
+    """``(ABORT, text)``: the motion before it is made and rests.
+
+    Whoever asks for the next block gets the fault.
+    """
+
+
+@dataclass(frozen=True, slots=True)
 class Overrides(Block):
     """What the operator may change while the program runs, from here on (M48 to M53)."""
 

@@ -180,6 +180,7 @@ _FIELDS: dict[type[canon.Block], tuple[str | Callable[[Any], str], Callable[[Any
     canon.Tool: (lambda block: "tool" if block.change else "tool-in-spindle", lambda block, _: {"number": block.number}),
     canon.Stop: (lambda block: "optional-stop" if block.optional else "pallet-stop" if block.pallet else "stop", lambda block, _: {}),
     canon.End: ("end", lambda block, _: {}),
+    canon.Abort: ("abort", lambda block, _: {}),
     canon.Message: ("message", lambda block, _: {"text": block.text}),
     canon.Overrides: ("overrides", _overrides),
     canon.DigitalOutput: ("digital-output", lambda block, _: {"number": block.number, "on": block.on, "with_motion": block.with_motion}),

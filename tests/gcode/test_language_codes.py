@@ -224,6 +224,13 @@ def test_comments_that_would_do_something_elsewhere_are_warned_about(comment: st
     assert warned == [("comment-not-active", 2, 7)]
 
 
+@pytest.mark.parametrize("dialect", ["grbl", "fanuc"])
+def test_an_abort_is_a_comment_where_the_control_has_none(dialect: str) -> None:
+    warned: list[tuple[str, int, int, str]] = []
+    run("G0 X1.\nX2. (Abort, a)\nM30", dialect=dialect, warn=lambda d: warned.append((d.code, d.line, d.column, d.hint)))
+    assert warned == [("comment-not-active", 2, 5, "it stops the program on LinuxCNC only")]
+
+
 @pytest.mark.parametrize(("line", "warned"), [("G4 P500", True), ("G4 P500.", False), ("G4 P99", False)])
 def test_a_dwell_that_may_be_meant_in_milliseconds_is_warned_about(line: str, warned: bool) -> None:
     found: list[tuple[str, int, int]] = []

@@ -1,4 +1,4 @@
-"""Comments that show values: parameters in the text of DEBUG and PRINT.
+"""Comments that show values: parameters in the text of DEBUG, PRINT and ABORT.
 
 Source: LinuxCNC, "G-code overview", comment parameters.
 """

@@ -30,7 +30,7 @@ from cnc.gcode.state.unused_words import Waiting
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Assignment, Remark, Statement
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
-from cnc.model.blocks import BoardCommand, Message
+from cnc.model.blocks import Abort, BoardCommand, Message
 from cnc.model.units import MM_PER_INCH
 
 MOST_PREPARED = 8192
@@ -45,8 +45,9 @@ _MESSAGES = ("msg", "debug", "print")
 class Interpreter:
     """A program being executed, statement by statement, into ``out``.
 
-    ``ended`` tells that nothing more is to be read. ``plain``: nothing is in effect that a straight move or an arc would have to heed
-    beyond units, offsets, distance mode and feed.
+    ``ended`` tells that nothing more is to be read, ``aborted`` that the program has aborted itself.
+    ``plain``: nothing is in effect that a straight move or an arc would have to heed beyond units,
+    offsets, distance mode and feed.
     """
 
     def __init__(
@@ -59,7 +60,7 @@ class Interpreter:
         warn: Warn | None,
         tools: ToolTable | None = None,
     ) -> None:
-        self.ended = False
+        self.ended = self.aborted = False
         self.begun = False
         self.plain = True
         self.here = Here(file, warn)
@@ -93,6 +94,7 @@ class Interpreter:
         self._prepared: dict[int, Prepared] = {}
         self._saved: list[_Saved | None] = [None]
         self._restore_at_return: list[bool] = [False]
+        self._may_abort: set[tuple[str, int]] = set()
         self._look_around()
 
     def execute(self, statement: Statement, line: int) -> None:
@@ -195,13 +197,36 @@ class Interpreter:
 
     def _remark(self, remark: Remark) -> None:
         here = self.here
-        if remark.kind in _MESSAGES:
+        if remark.kind == "abort" and self.dialect.flavour == "ngc":
+            self._aborted(remark)
+        elif remark.kind in _MESSAGES:
             text = remark.text if remark.kind == "msg" else fill(remark.text, self.parameters)
             self.out.add(Message(here.file, here.line, text))
         else:
             name = f"({remark.kind.upper()})"
             at = Word("(", 0.0, name, remark.column, 1)
-            here.caution("comment-not-active", f"{name} does nothing here", at, "it writes a file or runs code on LinuxCNC only")
+            what = "stops the program" if remark.kind == "abort" else "writes a file or runs code"
+            hint = f"it {what} on LinuxCNC only"
+            here.caution("comment-not-active", f"{name} does nothing here", at, hint)
+
+    def _aborted(self, remark: Remark) -> None:
+        """GcodeError ``program-abort``; the moves before it are in ``out``.
+
+        Only a warning where a guessed answer may have led here.
+        """
+        here, text = self.here, fill(remark.text, self.parameters)
+        reason = f": {text}" if text else ""
+        at = Word("(", 0.0, "(ABORT)", remark.column, remark.length)
+        if not self.out.guessed:
+            self.sides.off()
+            self.out.put(Abort(here.file, here.line))
+            self.aborted = True
+            hint = "its own text says why: see to that, then run it again"
+            raise fault("program-abort", f"the program aborts itself{reason}", at, hint)
+        if (place := (here.file, here.line)) not in self._may_abort:
+            self._may_abort.add(place)
+            hint = "the check goes on; a run aborts here if the board's answer leads here"
+            here.caution("abort-possible", f"the program may abort itself{reason}", at, hint)
 
     def _execute(self, words: LineWords, codes: Codes | None) -> None:
         if codes is None:

@@ -122,6 +122,8 @@ def _run(flow: Flow, make: _Steps, on_line: Callable[[int], None] | None) -> Ite
                 ready.clear()
                 interpreter.out.take_answers()
     except GcodeError as error:
+        if interpreter.aborted:
+            yield from ready
         raise listing.placed(error, line) from None
     flow.unwind()
     if on_line is not None:

@@ -22,12 +22,14 @@ class Output:
 
     ``asked`` are blocks whose answers have not been taken in yet; they are there when the next line is read. ``hold`` is who decides when
     blocks that are no moves follow the moves before them, where that is not at once.
+    ``guessed``: an answer was taken as expected, because nobody was there to give it.
     """
 
     def __init__(self, here: Here, axes: int) -> None:
         self.ready: list[Block] = []
         self.asked: list[tuple[Probe | WaitInput, Take]] = []
         self.hold: Callable[[Block], None] | None = None
+        self.guessed = False
         self._here = here
         self._axes = axes
         self._points: list[float] = []
@@ -87,7 +89,9 @@ class Output:
     def take_answers(self) -> None:
         """Hand out the answers to what was asked; where nobody was there to answer, what is expected."""
         for block, take in self.asked:
-            take(block.expected if block.answer.values is None else block.answer.values)
+            values = block.answer.values
+            self.guessed = self.guessed or values is None
+            take(block.expected if values is None else values)
         self.asked.clear()
 
     def flush(self) -> None:

@@ -28,7 +28,7 @@ MOST_SHAPES = 4096
 
 _OPEN = re.compile(r"(\([^()]*\))|;.*|<[^<>]*>|#[ \t]*[0-9]+|([0-9]+\.?[0-9]*|\.[0-9]+)", re.DOTALL)
 """What is left open in a shape: comments and numbers, but for the digits of names and of parameters."""
-_ACTIVE = re.compile(r"\([ \t]*(?:msg|debug|print|log|probe|py)", re.IGNORECASE)
+_ACTIVE = re.compile(r"\([ \t]*(?:msg|debug|print|log|probe|py|abort)", re.IGNORECASE)
 _CAPITALS = str.maketrans(string.ascii_lowercase, string.ascii_uppercase, " \t")
 
 Span = tuple[int, int]

@@ -37,11 +37,12 @@ class Assignment:
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """A comment that does something: ``kind`` is the word before its comma in lower case (msg, debug, print, log, ..)."""
+    """A comment that does something: ``kind`` is the word before its comma in lower case (msg, debug, print, abort, log, ..)."""
 
     kind: str
     text: str
     column: int
+    length: int
 
 
 @dataclass(frozen=True, slots=True)

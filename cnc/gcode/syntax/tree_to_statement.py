@@ -23,10 +23,13 @@ LENGTHS = "XYZUVWABCIJKRQ"
 """Letters whose words FANUC's ROUND rounds to the least input increment."""
 
 _REMARK = re.compile(
-    r"\([ \t]*(msg|debug|print|log|logopen|logappend|logclose|probeopen|probeclose|py)(?:[ \t]*|[ \t]*,(.*)|(?<=open)[ \t]+([^,]*))\)",
+    r"\([ \t]*(msg|debug|print|log|logopen|logappend|logclose|probeopen|probeclose|py"
+    r"|abort(?=[ \t]*,))"
+    r"(?:[ \t]*|[ \t]*,(.*)|(?<=open)[ \t]+([^,]*))\)",
     re.IGNORECASE | re.ASCII,
 )
-"""A comment that does something: its word, and what stands behind a comma (behind a blank with PROBEOPEN)."""
+"""A comment that does something: its word, and what stands behind a comma (behind a blank with
+PROBEOPEN). ABORT needs the comma."""
 
 CHECKED_NOW = -1
 """No place in a line: left among the open numbers where a constant has to be checked while the line is read."""
@@ -162,8 +165,9 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
                 control = item
             elif item.type == "COMMENT":
                 if remark := _REMARK.fullmatch(item):
-                    column = self._build.place(_begin(item), _end(item))[0]
-                    remarks.append(Remark(remark[1].lower(), (remark[2] or remark[3] or "").strip(), column))
+                    column, length = self._build.place(_begin(item), _end(item))
+                    text = (remark[2] or remark[3] or "").strip()
+                    remarks.append(Remark(remark[1].lower(), text, column, length))
             elif item.type == "SLASH":
                 deletable = True
         if control is not None:

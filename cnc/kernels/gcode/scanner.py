@@ -36,8 +36,8 @@ _LOWER = 32
 _STRAIGHT = 0
 for _letter in b"NGFXYZABCUVW":
     _STRAIGHT |= 1 << (_letter - _A)
-_ACTIVE = np.array([[ord(char) for char in begin] for begin in ("msg", "deb", "pri", "log", "pro", "py\0")], np.uint8)
-"""How comments begin that may be more than comments: msg, debug, print, log.., probe.., py."""
+_ACTIVE = np.array([[ord(char) for char in begin] for begin in ("msg", "deb", "pri", "log", "pro", "abo", "py\0")], np.uint8)
+"""How comments begin that may be more than comments: msg, debug, print, log.., probe.., abort, py."""
 
 
 @njit

@@ -5,8 +5,12 @@ from __future__ import annotations
 import pytest
 
 from cnc.gcode.codes.comments import fill
+from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.parameters import Parameters
-from tests.support.gcode.gcode_cases import run
+from cnc.gcode.syntax.source_text import Text
+from cnc.model.blocks import Abort, Polyline, WaitInput
+from cnc.model.diagnostics import Diagnostic, GcodeError
+from tests.support.gcode.gcode_cases import refused, run
 
 CASES = {
     "hello #1 end": "hello 1.234568 end",
@@ -49,3 +53,47 @@ def test_comments_of_a_program() -> None:
     """Those of a line come after its assignments and before its moves; MSG is not filled."""
     source = "#1=2.5\n#1=[#1*2] (debug, is %.1f#1) G0 X#1\n(print,#<_x> %d#5420)\n(msg, #1)\n(note #1)"
     assert [block.text for block in run(source) if hasattr(block, "text")] == ["is 5.0", "2.500000 2", "#1"]
+
+
+def test_an_abort_says_why_in_the_programs_own_words() -> None:
+    found = refused("#1=2.5\nG0 X1\nG1 Y2 F60 (Abort , tool %d#1 at #<_x> is #<gone>)")
+    assert found.message == "the program aborts itself: tool 2 at 1 is ######"
+    assert (found.line, found.column, found.length) == (3, 11, 39)
+    assert refused("(ABORT,)").message == "the program aborts itself"
+    assert refused("/(ABORT, now)").code == "program-abort"
+    assert run("/(ABORT, now)", block_delete=True) == []
+
+
+def test_the_moves_before_an_abort_are_made_and_rest() -> None:
+    blocks = interpret(Text.of_lines(["F60", "G41.1 D2", "G1 X10", "X20", "(ABORT, now) X30"], "test.nc"))
+    moves = next(blocks)
+    assert isinstance(moves, Polyline)
+    assert moves.points.round(9).tolist() == [[10.0, 1.0, 0.0], [20.0, 1.0, 0.0]]
+    assert next(blocks) == Abort("test.nc", 5)
+    with pytest.raises(GcodeError, match="program-abort"):
+        next(blocks)
+
+
+ASKED = "M66 P1 L0\no1 while [#1 LT 3]\n#1=[#1+1]\no2 if [#5399 EQ {}]\n(ABORT, input %d#5399)\no2 endif\no1 endwhile\nG0 X1"
+
+
+def test_an_answer_that_nobody_gave_aborts_nothing() -> None:
+    """What is read goes on, so that the lines behind are looked at too; the warning comes once."""
+    told: list[Diagnostic] = []
+    blocks = run(ASKED.format(0), warn=told.append)
+    assert [type(block) for block in blocks] == [WaitInput, Polyline]
+    assert [(found.code, found.severity, found.line, found.column) for found in told] == [("abort-possible", "warning", 5, 1)]
+    assert told[0].message == "the program may abort itself: input 0"
+    told.clear()
+    run(ASKED.format(1), warn=told.append)
+    assert not told
+
+
+def test_an_answer_that_was_given_aborts() -> None:
+    reading = interpret(Text.of_lines(ASKED.format(7).split("\n"), "test.nc"))
+    asked = next(reading)
+    assert isinstance(asked, WaitInput)
+    asked.answer.values = (7.0,)
+    assert isinstance(next(reading), Abort)
+    with pytest.raises(GcodeError, match="input 7"):
+        next(reading)

@@ -264,7 +264,8 @@ per-revolution spindle-mode tool-change tool-length utf-8 utf-8-sig while-do
 """
 """Words of the interpreter that look like a code of an error and are none."""
 ELSEWHERE = """
-comment-not-active compensation-radius-zero decimal-point-missing dwell-long feed-before-units word-shadowed word-without-effect
+abort-possible comment-not-active compensation-radius-zero decimal-point-missing dwell-long feed-before-units word-shadowed
+word-without-effect
 no-such-file unreadable-file unwritable-file unknown-dialect
 parameter-file-line parameter-file-order tool-repeated tool-table-malformed tool-table-unreadable
 """

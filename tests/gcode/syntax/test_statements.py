@@ -76,10 +76,12 @@ def test_a_macro_assigns_without_brackets() -> None:
 
 
 def test_remarks() -> None:
-    statement = parse_line("(msg, Hello ) G0 ( DEBUG ,#1 is %d) (print,a,b) (note, x) (LOGCLOSE) (PY,x) (probeopen a.txt) ; (msg, no)")
-    assert [(remark.kind, remark.text, remark.column) for remark in statement.remarks] == [
-        ("msg", "Hello", 1),
-        ("debug", "#1 is %d", 18), ("print", "a,b", 37), ("logclose", "", 59), ("py", "x", 70), ("probeopen", "a.txt", 77)
+    statement = parse_line(
+        "(msg, Hello ) G0 ( DEBUG ,#1 is %d) (print,a,b) (note, x) (LOGCLOSE) (PY,x) (probeopen a.txt) (Abort , a) ; (msg, no)"
+    )
+    assert [(remark.kind, remark.text, remark.column, remark.length) for remark in statement.remarks] == [
+        ("msg", "Hello", 1, 13), ("debug", "#1 is %d", 18, 18), ("print", "a,b", 37, 11), ("logclose", "", 59, 10), ("py", "x", 70, 6),
+        ("probeopen", "a.txt", 77, 17), ("abort", "a", 95, 11)
     ]  # fmt: skip
 
 

@@ -66,7 +66,7 @@ words: {code} {any?} {any?} | G{v} {axes} | M{v} | {code} {code?} {axes?} {any?}
    | {code}{any} | {code} {axes} {feed?} {any?}
 odd: / {move} | N{small} {move} (note) ; more | (MSG, {n}) | (a note) {move} | % | ; only a note | N{small} | /{item} | ({n} {move}
    | $H | $X
-   | $J=G91 X{n} F{p} | O{small} | M2 | M30 | (print, {n} #5420) | (debug, #<{name}> {n}) | (probeopen a.txt) | (log, {n})
+   | $J=G91 X{n} F{p} | O{small} | M2 | M30 | (print, {n} #5420) | (debug, #<{name}> {n}) | (abort, #{n}) | (probeopen a.txt) | (log, {n})
 item: {move} | {move} | {arc} | {speed} | {tool} | {mode} | {offset} | {length} | {dwell} | {output} | {turning} | {probe} | {cycle}
    | {cycle} | {comp} | {comp} | {spline} | {bspline} | {words} | {odd} | {flow} | {flow} | {assign} | {cross}
 cross: {foreign}
