@@ -149,6 +149,7 @@ def run(
     pauses: Pauses = "wait",
     from_line: int | None = None,
     home: bool = False,
+    trust_position: bool = False,
 ) -> Report:
     """Check a program, then run it on a board; the other arguments are those of :func:`check`.
 
@@ -157,11 +158,22 @@ def run(
     board that plans for itself at once. check_on_board: let such a board read the lines without moving. pauses: whether such a board waits
     for ``control`` at M0 and M6, the program is refused for them, or goes on. from_line: the source line to begin at, with the state of the
     lines before restored at a safe height; ``watch.on_beginning`` is told how, and asked. home: the machine finds out where it stands
-    first, as :func:`home` lets it, once the program has been read.
+    first, as :func:`home` lets it, once the program has been read. trust_position: the position that a GRBL board reports is right, though
+    it has restarted or the last run ended elsewhere, which is refused otherwise (``position-lost``).
     """
     known = _machine(machine)
     asked = outputs or Outputs(), watch or Watch(), control, algorithm
-    job = Job(program, known, dialect, interpolator == "sampled", *asked, pauses=pauses, from_line=from_line, home=home)
+    job = Job(
+        program,
+        known,
+        dialect,
+        interpolator == "sampled",
+        *asked,
+        pauses=pauses,
+        from_line=from_line,
+        home=home,
+        trust_position=trust_position,
+    )
     if board is not None and not isinstance(board, str):
         return job.carry_out(board, type(board).__name__)
     name = board or known.board.kind

@@ -46,6 +46,9 @@ def run(
     from_line: Annotated[int | None, option("Begin at this source line: says how it gets there at a safe height, and asks.")] = None,
     yes: Annotated[bool, option("Ask nothing; where there is no terminal, do not pause for the operator (M0, M6).")] = False,
     home: Annotated[bool, option("Let the axes find their limit switches first, as `cncrun home` does.")] = False,
+    trust_position: Annotated[
+        bool, option("The position that the GRBL board reports is right, though the last run ended elsewhere; --yes does not say so.")
+    ] = False,
     common: Common = COMMON,
 ) -> int:
     """Run a program."""
@@ -71,6 +74,7 @@ def run(
             pauses="wait" if keys.available else "skip" if yes else "refuse",
             from_line=from_line,
             home=home,
+            trust_position=trust_position,
         )
     if common.json is not None:
         write_summary(common.json, report)
