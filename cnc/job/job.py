@@ -152,6 +152,10 @@ class Job:
         self._recall(abilities)
         if isinstance(board, Located):
             self._locate(board)
+        if isinstance(board, LineSink):
+            self._standing = Standing(board, reading.machine, self._last_run, trusted=self._trust_position)
+            # What is left out by --from-line homes nothing.
+            self._standing.check(() if self._from_line is not None else reading.blocks())
         reading.begin_at(self._from_line)
         first = FirstPass(reading, report, lookout, abilities)
         shown = None
@@ -169,9 +173,6 @@ class Job:
         lookout.checking(report.lines)
         if not report.ok:
             return
-        if isinstance(board, LineSink):
-            self._standing = Standing(board, reading.machine, self._last_run, trusted=self._trust_position)
-            self._standing.check(reading.blocks())
         self._confirm_beginning()
         board_time = self._translate(board, abilities)
         second = SecondPass(
