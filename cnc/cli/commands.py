@@ -184,7 +184,7 @@ def boards(
     """List the serial ports and what answers on each.
 
     A GRBL board with its settings and the machine file that they make (redirect it into a file), a stepper board with its version, axes,
-    tick and room, something else, or nothing. Opening a port resets most boards; nothing moves.
+    tick and room, something else, or nothing. The first opening of a port resets most boards; nothing moves.
     """
     from cnc.boards import look, page
 

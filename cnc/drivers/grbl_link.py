@@ -29,6 +29,8 @@ GREETING = 6.0
 """Seconds to wait for a board that has just been connected: boot loaders take up to 2."""
 UNASKED = 2.6
 """Seconds after which a board that says nothing is reset: in a critical alarm GRBL answers nothing else."""
+UNHEARD = 3.4
+"""Seconds after which DTR is raised for a board that may send only then; one that this resets still greets in time."""
 RESTART = 3.0
 """Seconds from a soft reset to the welcome."""
 RESETS = 3
@@ -265,7 +267,7 @@ class GrblLink:
         """The welcome of a board at rest."""
         heard: list[str] = []
         began = self.clock.now()
-        kicked = told = False
+        kicked = told = raised = False
         if self.protocol.state is not State.UNKNOWN:
             self.write(self.protocol.reset())
             told = True
@@ -274,11 +276,14 @@ class GrblLink:
             if not kicked and not heard and now - began > UNASKED:
                 kicked = told = True
                 self.write(self.protocol.reset())
+            if not raised and not heard and now - began > UNHEARD:
+                raised, told = True, False
+                self._port.raise_lines()
             for event in self.pump(0.1):
                 if isinstance(event, Started):
                     self.greeted_unasked |= not told
                     return event.welcome
-                if isinstance(event, Reported) and self.protocol.state is State.UNKNOWN:
+                if isinstance(event, Reported) and (self.protocol.state is State.UNKNOWN or (raised and not told)):
                     if not event.status.at_rest:
                         hint = "wait until it has come to rest, or stop it with its reset button"
                         raise board_error("board-busy", f"the board at {self.name} is under way already ({event.status.state})", hint=hint)

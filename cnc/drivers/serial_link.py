@@ -86,6 +86,14 @@ class SerialLink:
         except (OSError, ValueError) as error:
             raise port_lost(self._name, _reason(error)) from error
 
+    def raise_lines(self) -> None:
+        """Raise DTR and RTS where :func:`open_port` has left them down. PortLost."""
+        try:
+            if not self._serial.dtr:
+                self._serial.dtr = self._serial.rts = True
+        except (OSError, ValueError) as error:
+            raise port_lost(self._name, _reason(error)) from error
+
     def close(self) -> None:
         """Let go of the port."""
         self._file = None

@@ -212,3 +212,59 @@ def test_a_greeting_without_a_restart_is_none() -> None:
     assert board.link.greeted_unasked
     assert not board.restarted
     assert board.position == (5.0, 0.0, 0.0)
+
+
+class NativeUsb:
+    """A board that sends only while DTR is up, on a system where opening its port leaves DTR down."""
+
+    def __init__(self, box: GrblBox) -> None:
+        self.port = BoxPort(box, lowered=True)
+        self.clock = self.port.clock
+
+    def read(self, timeout: float) -> bytes:
+        said = self.port.read(timeout)
+        return said if self.port.box.dtr else b""
+
+    def write(self, data: bytes) -> None:
+        self.port.write(data)
+
+    def raise_lines(self) -> None:
+        # The line is no reset to it.
+        self.port.box.dtr = True
+
+    def close(self) -> None:
+        self.port.close()
+
+
+def test_a_board_that_sends_only_with_dtr_up_is_found() -> None:
+    box = GrblBox(settings=FAST)
+    moved(box)
+    port = NativeUsb(box)
+    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    board.connect()
+    assert not board.restarted
+    assert board.position == (5.0, 0.0, 0.0)
+
+
+def test_a_line_that_is_down_stays_down_for_a_board_that_answers() -> None:
+    box = GrblBox(settings=FAST)
+    moved(box)
+    port = BoxPort(box, lowered=True)
+    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    board.connect()
+    assert not box.dtr
+    assert board.position == (5.0, 0.0, 0.0)
+
+
+def test_lines_are_raised_only_where_they_are_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    for lowered in (False, True):
+        opened = Opened()
+        monkeypatch.setattr(serial_link, "LOWERED", lowered)
+        monkeypatch.setattr("serial.serial_for_url", lambda *_, opened=opened, **__: opened)
+        link = open_port("COM3", 115200)
+        if not lowered:
+            link.raise_lines()
+            continue
+        opened.at_opening = None
+        link.raise_lines()
+        assert opened.dtr and opened.rts
