@@ -28,6 +28,7 @@ from cnc.executor import homing
 from cnc.executor.run import Progress
 from cnc.interpolator.reference_pulse import Algorithm
 from cnc.job import Job, Outputs, Pauses, Watch, start_position
+from cnc.job.standing import home_by_board
 from cnc.machine.load import load_machine
 from cnc.machine.models import DialectName, Machine
 from cnc.path.build import build
@@ -198,7 +199,7 @@ def home(
     machine: Machine | Path | str | None = None,
     axes: Sequence[str] = (),
     *,
-    board: PulseSink | str | None = None,
+    board: PulseSink | LineSink | str | None = None,
     port: str | None = None,
     watch: Watch | None = None,
     control: Control | None = None,
@@ -207,8 +208,8 @@ def home(
     """Let the machine find out where it stands by the limit switches of its axes; where each axis then stands, mm, None where nobody knows.
 
     axes: which, all that have a switch if none is named; the machine file says in what order, where the switches are, and how fast. The
-    board remembers until it is reset. on_axis is told of every axis before it goes. Raises UsageError, BoardError; HomingStopped when
-    ``control`` stops the machine on its way.
+    board remembers until it is reset. on_axis is told of every axis before it goes. A GRBL board homes all axes by its own cycle, as its
+    settings say. Raises UsageError, BoardError; HomingStopped when ``control`` stops the machine on its way.
     """
     known, seen = _machine(machine), watch or Watch()
     opened = open_board(known, kind=board, port=port) if board is None or isinstance(board, str) else board
@@ -220,6 +221,8 @@ def home(
             seen.on_sent(progress)
 
     try:
+        if isinstance(opened, LineSink):
+            return dict(home_by_board(opened, known, axes, control or Control()))
         ensure_compiled(seen.on_compiling)
         stands = homing.home(opened, known, axes, start_position(known), control=control, on_progress=on_progress, on_axis=on_axis)
     finally:

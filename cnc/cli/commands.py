@@ -204,7 +204,10 @@ def home(
     port: Annotated[str | None, option("Where the board is (/dev/ttyUSB0); the machine file's if left out.")] = None,
     quiet: Annotated[bool, option("Say nothing but errors.")] = False,
 ) -> int:
-    """Let a stepper board's machine find out where it stands: each axis to its limit switch, twice, and off it."""
+    """Let the machine find out where it stands by its limit switches.
+
+    With a stepper board each axis goes to its switch, twice, and off it. A GRBL board homes all axes by its own cycle ($H).
+    """
     api = library()
     control = Control()
     with Screen(control, quiet=quiet) as screen, Keys(control):

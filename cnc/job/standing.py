@@ -6,12 +6,14 @@ would cut displaced, so it is refused (``position-lost``) until it homes the mac
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from cnc.canon import ArcFeed, Block, BoardCommand, NurbsFeed, Polyline, Probe
+from cnc.control import Control
 from cnc.drivers.base import LineSink
 from cnc.errors import BoardError, Diagnostic
+from cnc.executor import homing
 from cnc.executor.checkpoint import Checkpoint
 from cnc.executor.last_position import LastPosition
 from cnc.machine.models import Machine
@@ -40,12 +42,15 @@ class Standing:
         last = self._last
         if self._trusted or last is None or not (last.lost or self._board.restarted or self._differs(last.position)):
             return
-        self._doubtful = True
-        self._homing_line = homing_line(blocks)
+        self.homes_at(homing_line(blocks))
         if not self._homing_line:
             # It stays lost if the board does not greet the next time.
             replace(last, lost=True).write()
             raise BoardError(self._lost(last))
+
+    def homes_at(self, line: int) -> None:
+        """The position counts as lost until a line that homes the machine has been carried out."""
+        self._doubtful, self._homing_line = True, line
 
     def begin(self) -> None:
         """The machine is about to move: what was kept is not true any more."""
@@ -89,14 +94,31 @@ class Standing:
         message = f"the board {restarted}reports that the machine stands at {here}; the last run {how} {there}"
         trust = "if the position that the board reports is right, confirm it with --trust-position"
         if self._board.settings.get(HOMING_CYCLE):
-            return Diagnostic("position-lost", message, hint=f"home the machine: begin the program with $H (--dialect grbl); {trust}")
+            return Diagnostic("position-lost", message, hint=f"home the machine with cncrun home; {trust}")
         return Diagnostic("position-lost", message, hint=f"this board does not home ($22=0): look where the tool stands; {trust}")
+
+
+def home_by_board(board: LineSink, machine: Machine, axes: Sequence[str], control: Control) -> dict[str, float]:
+    """Let a GRBL board home the machine, and keep where each axis then stands, mm. Raises as :func:`cnc.executor.homing.home_by_board`."""
+    standing = Standing(board, machine, None, trusted=False)
+    standing.homes_at(homing.HOME_LINE)
+    standing.begin()
+    ended = "broken off"
+    try:
+        homing.home_by_board(board, axes, control)
+        ended = "end"
+    except BoardError as error:
+        ended = error.diagnostic.code
+        raise
+    finally:
+        standing.end(ended, None)
+    return dict(zip(machine.axes, board.position, strict=False))
 
 
 def homing_line(blocks: Iterable[Block]) -> int:
     """The line at which a program homes all axes before it moves any, 0 if it does not."""
     for block in blocks:
-        if isinstance(block, BoardCommand) and block.text.replace(" ", "").upper() == "$H":
+        if isinstance(block, BoardCommand) and block.text.replace(" ", "").upper() == homing.HOME:
             return block.line
         if isinstance(block, Polyline | ArcFeed | NurbsFeed | Probe):
             return 0

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from cnc.api import Control, Report, Watch, run
+from cnc.api import Control, HomingStopped, Report, Watch, home, run
 from cnc.cli import exit_code
 from cnc.drivers.grbl import GrblBoard
 from cnc.drivers.grblbox.box import GrblBox
 from cnc.drivers.grblbox.faults import Error, Unplug
 from cnc.drivers.grblbox.ports import BoxPort
 from cnc.drivers.grblbox.pty_server import PtyServer
+from cnc.errors import BoardError, UsageError
 from cnc.executor import last_position
 from cnc.executor.last_position import LastPosition
 from cnc.executor.run import Progress
@@ -23,7 +24,7 @@ from cnc.machine.load import load_machine
 MACHINE = load_machine("grbl-uno")
 FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
 SWITCHES = FAST | {22: 1.0, 24: 500.0, 25: 4000.0, 27: 1.0}
-SQUARE = "G21 G90\nG0 Z2\nG1 X6 F2000\nG1 Z-1 F600\nG1 X12 F1500\nG1 Y8\nG1 X4\nG1 Y3\nM2\n"
+SQUARE = "G21 G90\nG0 Z2\nG1 X6 F2000\nG1 Z-1 F600\nG1 X12 F100\nG1 Y8 F1500\nG1 X4\nG1 Y3\nM2\n"
 END = (4.0, 3.0, -1.0)
 
 
@@ -87,9 +88,9 @@ def test_two_runs_in_a_row_do_not_shift(program: Path, capsys: pytest.CaptureFix
 def test_a_stopped_run_is_gone_on_with_where_it_was(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with PtyServer(GrblBox(settings=FAST), 4.0) as server:
         control = Control()
-        first = run(program, MACHINE, board="grbl", port=server.name, control=control, watch=stopping(control, 10.0))
+        first = run(program, MACHINE, board="grbl", port=server.name, control=control, watch=stopping(control, 6.5))
         assert first.resume_line is not None
-        assert tool(server.box)[0] > 9.0
+        assert tool(server.box)[0] > 6.0
         time.sleep(0.1)
         more = ["--machine", "grbl-uno", "--port", server.name, "--from-line", str(first.resume_line), "--yes", "--quiet"]
         assert exit_code([str(program), *more]) == 0, capsys.readouterr().err
@@ -100,7 +101,7 @@ def test_a_stopped_run_is_gone_on_with_where_it_was(program: Path, capsys: pytes
 def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with PtyServer(GrblBox(settings=FAST), 4.0) as server:
         control = Control()
-        first = run(program, MACHINE, board="grbl", port=server.name, control=control, watch=stopping(control, 10.0))
+        first = run(program, MACHINE, board="grbl", port=server.name, control=control, watch=stopping(control, 6.5))
         stands = tool(server.box)
         server.box.drop_dtr()
         command = [str(program), "--machine", "grbl-uno", "--port", server.name, "--from-line", str(first.resume_line), "--yes"]
@@ -173,8 +174,8 @@ def test_a_restart_where_the_last_run_ended_at_zero_is_one_too(program: Path) ->
 
 def test_homing_finds_the_position_again(program: Path, tmp_path: Path) -> None:
     box = GrblBox(settings=SWITCHES)
-    home = tmp_path / "home.nc"
-    home.write_text("$H\n")
+    homing = tmp_path / "home.nc"
+    homing.write_text("$H\n")
     program.write_text("G21 G90\nG1 X-50 Y-50 Z-20 F2000\nM2\n")
     machine = MACHINE.model_copy(
         update={"axes": {letter: axis.model_copy(update={"travel": (-200.0, 0.0)}) for letter, axis in MACHINE.axes.items()}}
@@ -190,15 +191,58 @@ def test_homing_finds_the_position_again(program: Path, tmp_path: Path) -> None:
             board.close()
 
     for _ in range(2):
-        assert not go(home).faults
+        assert not go(homing).faults
         assert not go(program).faults, "a board that has homed is not locked"
         assert box.position == pytest.approx((-50.0, -50.0, -20.0))
         box.power_up()
         said = refused(go(program))
-        assert "home the machine" in said and "$H" in said
+        assert "home the machine with cncrun home" in said
     box.core.world.broken.add("Z")
-    assert [fault.diagnostic.code for fault in go(home).faults] == ["board-alarm"]
+    assert [fault.diagnostic.code for fault in go(homing).faults] == ["board-alarm"]
     assert refused(go(program)), "a homing that fails finds nothing"
+
+
+def home_alone(box: GrblBox, *axes: str, control: Control | None = None) -> dict[str, float | None]:
+    port = BoxPort(box, hang_up=False)
+    board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
+    board.connect()
+    try:
+        return home(MACHINE, axes, board=board, control=control)
+    finally:
+        board.close()
+
+
+def test_cncrun_home_homes_a_grbl_board() -> None:
+    box = GrblBox(settings=SWITCHES)
+    for _ in range(2):
+        assert home_alone(box) == {"x": -1.0, "y": -1.0, "z": -1.0}
+        kept = LastPosition.read("the box")
+        assert kept is not None and (kept.position, kept.lost) == ({"x": -1.0, "y": -1.0, "z": -1.0}, False)
+        assert box.core.state == "Idle"
+        box.power_up()
+    with pytest.raises(UsageError) as caught:
+        home_alone(box, "x")
+    assert caught.value.diagnostic.code == "board-homes-all"
+
+
+def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
+    box = GrblBox(settings=SWITCHES)
+    home_alone(box)
+    box.core.world.broken.add("Z")
+    with pytest.raises(BoardError) as caught:
+        home_alone(box)
+    assert caught.value.diagnostic.code == "board-alarm"
+    kept = LastPosition.read("the box")
+    assert kept is not None and kept.lost
+    stopped = GrblBox(settings=SWITCHES)
+    control = Control()
+    control.stop()
+    with pytest.raises(HomingStopped):
+        home_alone(stopped, control=control)
+    assert not stopped.moves
+    with pytest.raises(BoardError) as caught:
+        home_alone(GrblBox(settings=FAST))
+    assert caught.value.diagnostic.code == "board-error"
 
 
 @pytest.mark.parametrize("code", ["port-lost", "board-restarted"])
