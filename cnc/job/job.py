@@ -146,6 +146,12 @@ class Job:
             hint = "on a machine with limit switches --home finds out, or cncrun home"
             self._lookout.warn(Diagnostic("position-assumed", message, hint=hint, severity="warning"))
 
+    def _compare_position(self, board: LineSink) -> None:
+        """BoardError ``position-lost`` where the machine does not stand where the last run left it."""
+        self._standing = Standing(board, self._reading.machine, self._last_run, trusted=self._trust_position)
+        # What is left out by --from-line homes nothing.
+        self._standing.check(() if self._from_line is not None else self._reading.blocks())
+
     def _carry_out(self, board: PulseSink | LineSink | None) -> None:
         report, reading, lookout = self.report, self._reading, self._lookout
         abilities = Abilities.of(board, report.board, reading.machine, self._attended(board))
@@ -153,9 +159,7 @@ class Job:
         if isinstance(board, Located):
             self._locate(board)
         if isinstance(board, LineSink):
-            self._standing = Standing(board, reading.machine, self._last_run, trusted=self._trust_position)
-            # What is left out by --from-line homes nothing.
-            self._standing.check(() if self._from_line is not None else reading.blocks())
+            self._compare_position(board)
         reading.begin_at(self._from_line)
         first = FirstPass(reading, report, lookout, abilities)
         shown = None
