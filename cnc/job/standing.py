@@ -33,7 +33,7 @@ class Standing:
         self._board, self._axes, self._trusted = board, tuple(machine.axes), trusted
         self._identity = None if board.check_only else board.identity
         self._last = None if self._identity is None else self._expected(self._identity, checkpoint)
-        self._doubtful = False
+        self._disagrees = self._doubtful = False
         self._homing_line = 0
         self._begun = False
 
@@ -42,6 +42,7 @@ class Standing:
         last = self._last
         if self._trusted or last is None or not (last.lost or self._board.restarted or self._differs(last.position)):
             return
+        self._disagrees = True
         self.homes_at(homing_line(blocks))
         if not self._homing_line:
             # It stays lost if the board does not greet the next time.
@@ -66,7 +67,8 @@ class Standing:
         self._begun = False
         homed = not self._doubtful or ended == "end" or self._board.confirmed_line > self._homing_line
         if not homed and self._last is not None:
-            replace(self._last, lost=True).write()
+            # A board that refuses $H has not moved.
+            replace(self._last, lost=self._last.lost or self._disagrees or ended != "board-error").write()
         elif ended in UNSEEN:
             LastPosition(self._identity, seen or self._position(), ended, lost=True).write()
         else:

@@ -240,9 +240,21 @@ def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
     with pytest.raises(HomingStopped):
         home_alone(stopped, control=control)
     assert not stopped.moves
-    with pytest.raises(BoardError) as caught:
-        home_alone(GrblBox(settings=FAST))
-    assert caught.value.diagnostic.code == "board-error"
+
+
+def test_a_board_that_refuses_to_home_stands_where_it_stood(program: Path) -> None:
+    box = GrblBox(settings=FAST)
+    assert ran(box, program).ok
+    for _ in range(2):
+        with pytest.raises(BoardError) as caught:
+            home_alone(box)
+        assert caught.value.diagnostic.code == "board-error"
+    assert ran(box, program).ok
+    box.power_up()
+    program.write_text("$H\n" + SQUARE)
+    assert [fault.diagnostic.code for fault in ran(box, program, dialect="grbl").faults] == ["board-error"]
+    program.write_text(SQUARE)
+    refused(ran(box, program))
 
 
 @pytest.mark.parametrize("code", ["port-lost", "board-restarted"])
