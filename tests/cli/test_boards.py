@@ -135,6 +135,9 @@ class Recorded:
     def change_baud(self, baud: int) -> None:
         self.baud = baud
 
+    def raise_lines(self) -> None:
+        """They are up."""
+
     def close(self) -> None:
         """Nothing to let go of."""
 
