@@ -36,6 +36,7 @@ from cnc.pulses.reference_pulse import Algorithm
 from cnc.report.result import Report
 from cnc.session import Job, Outputs, Pauses, Watch, start_position
 from cnc.session.kernel_cache import ensure_compiled
+from cnc.session.standing import home_by_board
 
 __all__ = [
     "Control",
@@ -149,6 +150,7 @@ def run(
     pauses: Pauses = "wait",
     from_line: int | None = None,
     home: bool = False,
+    trust_position: bool = False,
 ) -> Report:
     """Check a program, then run it on a board; the other arguments are those of :func:`check`.
 
@@ -157,11 +159,22 @@ def run(
     board that plans for itself at once. check_on_board: let such a board read the lines without moving. pauses: whether such a board waits
     for ``control`` at M0 and M6, the program is refused for them, or goes on. from_line: the source line to begin at, with the state of the
     lines before restored at a safe height; ``watch.on_beginning`` is told how, and asked. home: the machine finds out where it stands
-    first, as :func:`home` lets it, once the program has been read.
+    first, as :func:`home` lets it, once the program has been read. trust_position: the position that a GRBL board reports is right, though
+    it has restarted or the last run ended elsewhere, which is refused otherwise (``position-lost``).
     """
     known = _machine(machine)
     asked = outputs or Outputs(), watch or Watch(), control, algorithm
-    job = Job(program, known, dialect, interpolator == "sampled", *asked, pauses=pauses, from_line=from_line, home=home)
+    job = Job(
+        program,
+        known,
+        dialect,
+        interpolator == "sampled",
+        *asked,
+        pauses=pauses,
+        from_line=from_line,
+        home=home,
+        trust_position=trust_position,
+    )
     if board is not None and not isinstance(board, str):
         return job.carry_out(board, type(board).__name__)
     name = board or known.board.kind
@@ -186,7 +199,7 @@ def home(
     machine: Machine | Path | str | None = None,
     axes: Sequence[str] = (),
     *,
-    board: PulseSink | str | None = None,
+    board: PulseSink | LineSink | str | None = None,
     port: str | None = None,
     watch: Watch | None = None,
     control: Control | None = None,
@@ -195,8 +208,8 @@ def home(
     """Let the machine find out where it stands by the limit switches of its axes; where each axis then stands, mm, None where nobody knows.
 
     axes: which, all that have a switch if none is named; the machine file says in what order, where the switches are, and how fast. The
-    board remembers until it is reset. on_axis is told of every axis before it goes. Raises UsageError, BoardError; HomingStopped when
-    ``control`` stops the machine on its way.
+    board remembers until it is reset. on_axis is told of every axis before it goes. A GRBL board homes all axes by its own cycle, as its
+    settings say. Raises UsageError, BoardError; HomingStopped when ``control`` stops the machine on its way.
     """
     known, seen = _machine(machine), watch or Watch()
     opened = open_board(known, kind=board, port=port) if board is None or isinstance(board, str) else board
@@ -208,6 +221,8 @@ def home(
             seen.on_sent(progress)
 
     try:
+        if isinstance(opened, LineSink):
+            return dict(home_by_board(opened, known, axes, control or Control()))
         ensure_compiled(seen.on_compiling)
         stands = homing.home(opened, known, axes, start_position(known), control=control, on_progress=on_progress, on_axis=on_axis)
     finally:

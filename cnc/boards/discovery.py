@@ -66,7 +66,7 @@ class Found:
 
 
 def look(ports: Sequence[str] = (), baud: int = 115200) -> list[Found]:
-    """Ask the ports named, else all of this computer, all at once. Opening a port resets most boards; nothing moves."""
+    """Ask the ports named, else all of this computer, all at once. The first opening of a port resets most boards; nothing moves."""
     known = {port.name: port.description for port in found_ports()}
     names = list(ports) or list(known)
     if not names:

@@ -21,6 +21,9 @@ class Port(Protocol):
     def write(self, data: bytes) -> None:
         """Hand over at once. PortLost if the link is gone."""
 
+    def raise_lines(self) -> None:
+        """Raise DTR and RTS where the opening has left them down: some boards send only then, others are reset. PortLost."""
+
     def close(self) -> None:
         """Let go of the link; never fails, and may be called again."""
 

@@ -202,6 +202,10 @@ class LineSink(Board, Protocol):
     def mist(self) -> bool:
         """Whether the board has M7."""
 
+    identity: str | None
+    """What tells the board from others from one run to the next; None for a board that nothing is remembered of."""
+    restarted: bool
+    """Whether the board has just started, and counts from zero wherever the machine stands."""
     check_only: bool
     """Set before the start: the board reads the lines and says what is wrong with them, and nothing moves."""
 

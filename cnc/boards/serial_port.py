@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import select
+import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,6 +26,8 @@ WRITE_PATIENCE = 2.0
 READ_SIZE = 4096
 MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
 TAKEN = (errno.EBUSY, errno.EWOULDBLOCK)
+LOWERED = sys.platform == "win32"
+"""Windows drops DTR whenever a port is closed. So the lines stay down there: what was never up does not fall and rise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +86,14 @@ class SerialLink:
         except (OSError, ValueError) as error:
             raise port_lost(self._name, _reason(error)) from error
 
+    def raise_lines(self) -> None:
+        """Raise DTR and RTS where :func:`open_port` has left them down. PortLost."""
+        try:
+            if not self._serial.dtr:
+                self._serial.dtr = self._serial.rts = True
+        except (OSError, ValueError) as error:
+            raise port_lost(self._name, _reason(error)) from error
+
     def close(self) -> None:
         """Let go of the port."""
         self._file = None
@@ -89,22 +101,42 @@ class SerialLink:
             self._serial.close()
 
 
-def open_port(name: str, baud: int, *, stay_up: bool = False) -> SerialLink:
+def open_port(name: str, baud: int) -> SerialLink:
     """The port called ``name`` at ``baud``, 8 bits, no parity, for this program alone; what had arrived before is dropped.
 
-    Opening raises DTR, which resets most Arduinos. stay_up: leave DTR up when the port is closed, so that the next opening does not, on
-    systems that can (termios' HUPCL). BoardError ``no-such-port``, ``port-taken``, ``port-not-permitted``,
-    ``port-not-usable``.
+    A rise of DTR resets most Arduinos, so the line is left as it is: up for good where the system can do that (termios' HUPCL), else down.
+    A system raises it by itself when it opens a port for the first time, and after another program let it fall: that reset can't be helped.
+    BoardError ``no-such-port``, ``port-taken``, ``port-not-permitted``, ``port-not-usable``.
     """
     import serial
 
     try:
-        opened = serial.serial_for_url(name, baudrate=baud, timeout=0, write_timeout=WRITE_PATIENCE, exclusive=True)
+        opened = serial.serial_for_url(name, baudrate=baud, timeout=0, write_timeout=WRITE_PATIENCE, exclusive=True, do_not_open=True)
+        if LOWERED and "://" not in name:
+            opened.dtr = opened.rts = False
+        opened.open()
     except (OSError, ValueError) as error:
         raise _not_opened(name, error) from error
-    if stay_up:
-        _leave_up(opened)
+    _leave_up(opened)
     return SerialLink(name, opened)
+
+
+def identity(name: str) -> str:
+    """What tells the board at a port from others: the serial number of its USB device, else the port's own name.
+
+    A pseudo-terminal gets its name from another that has ended; the time at which it was made tells them apart.
+    """
+    if "://" in name:
+        return name
+    from serial.tools.list_ports import comports
+
+    port = os.path.realpath(name) if os.path.exists(name) else name
+    number = next((each.serial_number for each in comports() if each.device == port), None)
+    if number:
+        return f"usb {number}"
+    if port.startswith("/dev/pts/") and os.path.exists(port):
+        return f"{port} {os.stat(port).st_ctime_ns}"
+    return port
 
 
 def _leave_up(serial: SerialBase) -> None:

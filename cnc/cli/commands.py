@@ -46,6 +46,9 @@ def run(
     from_line: Annotated[int | None, option("Begin at this source line: says how it gets there at a safe height, and asks.")] = None,
     yes: Annotated[bool, option("Ask nothing; where there is no terminal, do not pause for the operator (M0, M6).")] = False,
     home: Annotated[bool, option("Let the axes find their limit switches first, as `cncrun home` does.")] = False,
+    trust_position: Annotated[
+        bool, option("The position that the GRBL board reports is right, though the last run ended elsewhere; --yes does not say so.")
+    ] = False,
     common: Common = COMMON,
 ) -> int:
     """Run a program."""
@@ -71,6 +74,7 @@ def run(
             pauses="wait" if keys.available else "skip" if yes else "refuse",
             from_line=from_line,
             home=home,
+            trust_position=trust_position,
         )
     if common.json is not None:
         write_summary(common.json, report)
@@ -180,7 +184,7 @@ def boards(
     """List the serial ports and what answers on each.
 
     A GRBL board with its settings and the machine file that they make (redirect it into a file), a stepper board with its version, axes,
-    tick and room, something else, or nothing. Opening a port resets most boards; nothing moves.
+    tick and room, something else, or nothing. The first opening of a port resets most boards; nothing moves.
     """
     from cnc.boards.discovery import look, page
 
@@ -200,7 +204,10 @@ def home(
     port: Annotated[str | None, option("Where the board is (/dev/ttyUSB0); the machine file's if left out.")] = None,
     quiet: Annotated[bool, option("Say nothing but errors.")] = False,
 ) -> int:
-    """Let a stepper board's machine find out where it stands: each axis to its limit switch, twice, and off it."""
+    """Let the machine find out where it stands by its limit switches.
+
+    With a stepper board each axis goes to its switch, twice, and off it. A GRBL board homes all axes by its own cycle ($H).
+    """
     api = library()
     control = Control()
     with Screen(control, quiet=quiet) as screen, Keys(control):

@@ -25,6 +25,7 @@ from cnc.machine.models import AxisLetter, Homing, Machine
 from cnc.model.blocks import Block, Polyline, SwitchMove
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
+from cnc.model.streams import GcodeLine
 from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.window import SLICE
@@ -34,6 +35,8 @@ STUCK = 10.0
 """Pull-offs after which a switch that was closed to begin with has to be open."""
 LATCHES = 5.0
 """Pull-offs within which the switch has to close for the second time (GRBL: HOMING_AXIS_LOCATE_SCALAR)."""
+HOME, HOME_LINE = "$H", 1
+"""GRBL's own cycle, and the line that its answer confirms."""
 FILE = "homing"
 """Where blocks of no program say that they come from."""
 
@@ -214,7 +217,7 @@ def home(
     BoardError, after which the axis that was under way is lost; HomingStopped by ``control``.
     """
     if not isinstance(board, PulseSink) or not isinstance(board, Switched):
-        hint = "name the board at which they are: --board stepper; a GRBL board homes by a program whose one line is $H"
+        hint = "name the board at which they are: --board stepper; a GRBL board homes by cncrun home, or a program that begins with $H"
         raise UsageError(Diagnostic("no-switches", "this board has no limit switches to home by", hint=hint))
     switches = len(board.switches)
     cycle = _Cycle(board, board, machine, control or Control(), on_progress, start)
@@ -226,3 +229,20 @@ def home(
         cycle.known[switches:] = [True] * (len(cycle.known) - switches)
         cycle.run(None)
     return tuple(steps if known else None for steps, known in zip(cycle.steps.tolist(), cycle.known, strict=True))
+
+
+def home_by_board(board: LineSink, axes: Sequence[str], control: Control) -> None:
+    """Let a GRBL board home the machine by its own cycle (``$H``); return when it stands at rest.
+
+    UsageError ``board-homes-all`` for single ``axes``; BoardError where the board refuses or fails; HomingStopped by ``control``.
+    """
+    if axes:
+        hint = "leave the axes out: cncrun home"
+        raise UsageError(Diagnostic("board-homes-all", "a GRBL board homes all its axes at once", hint=hint))
+    board.attend(control, lambda: None)
+    board.start(np.zeros(board.capabilities.axes, np.int64))
+    board.send_line(GcodeLine(HOME, HOME_LINE))
+    if control.stopped:
+        board.stop()
+        raise HomingStopped
+    board.finish()

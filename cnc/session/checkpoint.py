@@ -104,13 +104,23 @@ class Recorder:
                 self._write()
 
     def _write(self, *, lasting: bool = False) -> None:
-        """What can't be written is no reason to stop a machine."""
-        latest, draft = self.latest, self._file.with_name(f".{self._file.name}.{os.getpid()}")
-        with contextlib.suppress(OSError):
-            with draft.open("w", encoding="utf-8") as file:
-                json.dump(asdict(latest), file)
-                if lasting:
-                    file.flush()
-                    os.fsync(file.fileno())
-            draft.replace(self._file)
+        latest = self.latest
+        if write_whole(self._file, asdict(latest), lasting=lasting):
             self._written = latest
+
+
+def write_whole(target: Path, found: Mapping[str, object], *, lasting: bool) -> bool:
+    """Replace a JSON file at once, so that nobody reads half of it; whether that went well.
+
+    What can't be written is no reason to stop a machine. lasting: return when it is on the disk.
+    """
+    draft = target.with_name(f".{target.name}.{os.getpid()}")
+    with contextlib.suppress(OSError):
+        with draft.open("w", encoding="utf-8") as file:
+            json.dump(found, file)
+            if lasting:
+                file.flush()
+                os.fsync(file.fileno())
+        draft.replace(target)
+        return True
+    return False

@@ -38,6 +38,7 @@ from cnc.session.required_capabilities import Abilities
 from cnc.session.run_pass import SecondPass
 from cnc.session.saved_state import Memory
 from cnc.session.source import STANDARD_INPUT_NAME, Source, readable, shown_name, with_texts
+from cnc.session.standing import Standing
 
 
 class Job:
@@ -59,6 +60,7 @@ class Job:
         pauses: Pauses = "wait",
         from_line: int | None = None,
         home: bool = False,
+        trust_position: bool = False,
     ) -> None:
         outputs.check()
         name = shown_name(program)
@@ -78,6 +80,9 @@ class Job:
         self._from_line = from_line
         self._hash = ""
         self._home = home
+        self._trust_position = trust_position
+        self._last_run: Checkpoint | None = None
+        self._standing: Standing | None = None
 
     def blocks(self) -> Iterator[Block]:
         """The canonical blocks of the program, read as in the first pass."""
@@ -141,12 +146,20 @@ class Job:
             hint = "on a machine with limit switches --home finds out, or cncrun home"
             self._lookout.warn(Diagnostic("position-assumed", message, hint=hint, severity="warning"))
 
+    def _compare_position(self, board: LineSink) -> None:
+        """BoardError ``position-lost`` where the machine does not stand where the last run left it."""
+        self._standing = Standing(board, self._reading.machine, self._last_run, trusted=self._trust_position)
+        # What is left out by --from-line homes nothing.
+        self._standing.check(() if self._from_line is not None else self._reading.blocks())
+
     def _carry_out(self, board: PulseSink | LineSink | None) -> None:
         report, reading, lookout = self.report, self._reading, self._lookout
         abilities = Abilities.of(board, report.board, reading.machine, self._attended(board))
         self._recall(abilities)
         if isinstance(board, Located):
             self._locate(board)
+        if isinstance(board, LineSink):
+            self._compare_position(board)
         reading.begin_at(self._from_line)
         first = FirstPass(reading, report, lookout, abilities)
         shown = None
@@ -162,9 +175,9 @@ class Job:
         if first.hints is not None:
             self._hint([*first.hints.findings(), *unknown_codes(reading.path, report.program)])
         lookout.checking(report.lines)
-        self._confirm_beginning()
         if not report.ok:
             return
+        self._confirm_beginning()
         board_time = self._translate(board, abilities)
         second = SecondPass(
             reading,
@@ -213,6 +226,8 @@ class Job:
             return
         if self._home:
             home(board, reading.machine, (), reading.start, control=lookout.control, on_progress=lookout.tell)
+        if self._standing is not None:
+            self._standing.begin()
         if self._hash and (abilities.moves or isinstance(board, Loopback)) and not (isinstance(board, LineSink) and board.check_only):
             first = Checkpoint(self.report.program, self._hash, reading.machine.name, abilities.board)
             lookout.recorder = Recorder(first, reading.machine.axis_names)
@@ -227,6 +242,8 @@ class Job:
         if last is None:
             return
         same, line = last.sha256 == self._hash, self._from_line
+        if line is not None and same and (last.machine, last.board) == (reading.machine.name, abilities.board):
+            self._last_run = last
         if line is not None and not same:
             message = f"the program has changed since the run that came to its line {last.line}: line {line} may be another one now"
             self._lookout.warn(Diagnostic("checkpoint-differs", message, hint="look up in the program where to begin", severity="warning"))
@@ -242,6 +259,8 @@ class Job:
     def _over(self, ended: str, position: Mapping[str, float], line: int | None = None) -> None:
         """The run is over; ``ended``: why, if that was not the end of the program."""
         recorder, self._lookout.recorder = self._lookout.recorder, None
+        if self._standing is not None:
+            self._standing.end(ended or "end", None if recorder is None else recorder.latest.position)
         if recorder is None:
             return
         if ended:
@@ -267,7 +286,7 @@ class Job:
     def _confirm_beginning(self) -> None:
         """Tell how the machine will get to the line to begin at, and ask."""
         beginning, ask = self._reading.beginning, self._lookout.watch.on_beginning
-        if beginning is not None and ask is not None and self.report.ok and not ask(beginning.story):
+        if beginning is not None and ask is not None and not ask(beginning.story):
             raise Stopped
 
     def _translate(self, board: PulseSink | LineSink | None, abilities: Abilities) -> BoardTime | None:

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cnc.boards.discovery.file import FileBoard
+from cnc.boards.discovery.loopback import Loopback
 
-from cnc.boards import registry
-from cnc.boards.file import FileBoard
-from cnc.boards.loopback import Loopback
+from cnc.boards.discovery import registry
 from cnc.machine.models import Axis, Board, Machine
 from cnc.model.diagnostics import UsageError
 
@@ -51,7 +51,7 @@ def test_boards_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_drivers_load_when_asked_for() -> None:
-    code = "import sys; from cnc.boards import registry; registry.board_names(); print('cnc.boards.loopback' in sys.modules)"
+    code = "import sys; from cnc.boards.discovery import registry; registry.board_names(); print('cnc.boards.discovery.loopback' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "False"
 
 

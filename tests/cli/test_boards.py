@@ -7,14 +7,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from cnc.boards.discovery.discovery import Found, machine_file, page
+from cnc.boards.discovery.grbl.settings import BoardInfo
+from cnc.boards.discovery.grbl.simulator.box import GrblBox
+from cnc.boards.discovery.grbl.simulator.pty_server import PtyServer
+from cnc.boards.discovery.stepper.protocol import VERSION, Welcome
+from cnc.boards.discovery.stepper.protocol import State as StepperState
 
-from cnc.boards import discovery
-from cnc.boards.discovery import Found, machine_file, page
-from cnc.boards.grbl.settings import BoardInfo
-from cnc.boards.grbl.simulator.box import GrblBox
-from cnc.boards.grbl.simulator.pty_server import PtyServer
-from cnc.boards.stepper.protocol import VERSION, Welcome
-from cnc.boards.stepper.protocol import State as StepperState
+from cnc.boards.discovery import discovery
 from cnc.cli import exit_code
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
@@ -134,6 +134,9 @@ class Recorded:
 
     def change_baud(self, baud: int) -> None:
         self.baud = baud
+
+    def raise_lines(self) -> None:
+        """They are up."""
 
     def close(self) -> None:
         """Nothing to let go of."""

@@ -22,7 +22,7 @@ from cnc.boards.grbl.settings import STEPS, BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import Clock, Port, PortLost, SystemClock
 from cnc.boards.protocols import Capabilities, Command, Watcher, board_error
-from cnc.boards.serial_port import open_port
+from cnc.boards.serial_port import identity, open_port
 from cnc.machine.models import AXIS_LETTERS, Machine
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
@@ -42,11 +42,16 @@ SAME = 0.002
 class GrblBoard:
     """Drives the board at ``port``; :meth:`connect` before anything else. ``name`` is the port's. ``machine``: names the axes.
 
+    identity: what tells this board from others from one run to the next, None for one that nothing is to be remembered of.
+
     Faults, each a BoardError at its source line: ``board-error``, ``board-alarm``, ``board-silent``, ``board-restarted``, ``reply-lost``,
     ``reply-missing``, ``board-stuck``, ``board-locked``, ``line-too-long``, ``port-lost``, ``board-not-started``, ``board-stopped``.
     """
 
-    def __init__(self, port: Port, machine: Machine, clock: Clock | None = None, name: str = "the port") -> None:
+    def __init__(
+        self, port: Port, machine: Machine, clock: Clock | None = None, name: str = "the port", identity: str | None = None
+    ) -> None:
+        self.identity = identity
         self.link = GrblLink(port, clock or SystemClock(), name)
         self.check_only = False
         self.state = "idle"
@@ -58,6 +63,7 @@ class GrblBoard:
         self._marked_at = 0.0
         self._first = True
         self._probed: tuple[float, ...] | None = None
+        self.restarted = False
 
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> GrblBoard:
@@ -66,7 +72,7 @@ class GrblBoard:
         if name is None:
             hint = "name it with --port /dev/ttyUSB0, or as board.port in the machine file; cncrun boards lists them"
             raise UsageError(Diagnostic("no-port", "a GRBL board needs a port", hint=hint))
-        board = cls(open_port(name, machine.board.baud), machine, name=name)
+        board = cls(open_port(name, machine.board.baud), machine, name=name, identity=identity(name))
         try:
             board.connect()
         except BaseException:
@@ -77,6 +83,8 @@ class GrblBoard:
     def connect(self) -> None:
         """Get to know the board. Nothing moves."""
         self.link.connect()
+        # A board that counts from anywhere else than zero has not restarted: grblHAL greets whoever connects over the network.
+        self.restarted = self.link.greeted_unasked and not any(self._position())
         axes = len(self._position())
         missing = [letter.upper() for letter, column in zip(self._machine.axes, self._columns, strict=True) if column >= axes]
         if missing:

@@ -43,7 +43,7 @@ def restarted(line: int) -> BoardError:
 
 def locked(line: int) -> BoardError:
     """An alarm from before."""
-    hint = "home the machine with a program whose one line is $H (--dialect grbl), or unlock the board with $X if its position is right"
+    hint = "home the machine with cncrun home or a program that begins with $H, or unlock the board with $X if its position is right"
     return board_error("board-locked", "the board is locked by an alarm", line=line, hint=hint)
 
 

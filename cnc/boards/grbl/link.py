@@ -1,7 +1,8 @@
 """A GRBL board at a port: asked for its status while everything else goes on, never waited for without a bound.
 
-Opening a port resets most boards, and a boot loader then takes up to two seconds before the firmware greets. A board that is not reset by
-it answers ``?``, and is reset by us once it is known to stand still, so that every conversation begins with the welcome.
+Opening a port for the first time resets most boards, and a boot loader then takes up to two seconds before the firmware greets: such a
+greeting, which nobody asked for, is noted. A board that was not reset answers ``?``. It gets a soft reset once it is known to stand still,
+which keeps its position, so that every conversation begins with the welcome.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ GREETING = 6.0
 """Seconds to wait for a board that has just been connected: boot loaders take up to 2."""
 UNASKED = 2.6
 """Seconds after which a board that says nothing is reset: in a critical alarm GRBL answers nothing else."""
+UNHEARD = 3.4
+"""Seconds after which DTR is raised for a board that may send only then; one that this resets still greets in time."""
 RESTART = 3.0
 """Seconds from a soft reset to the welcome."""
 RESETS = 3
@@ -59,6 +62,8 @@ class GrblLink:
         self.status: Status | None = None
         self.status_at = -1.0
         self.alarm: int | None = None
+        self.greeted_unasked = False
+        """Whether the board greeted without having been told to reset: it has just started, or a network link was made."""
         self._port = port
         self._next_poll = 0.0
         self._unanswered_since: float | None = None
@@ -262,22 +267,28 @@ class GrblLink:
         """The welcome of a board at rest."""
         heard: list[str] = []
         began = self.clock.now()
-        kicked = False
+        kicked = told = raised = False
         if self.protocol.state is not State.UNKNOWN:
             self.write(self.protocol.reset())
+            told = True
         while (now := self.clock.now()) - began < GREETING:
             self._unanswered_since = None
             if not kicked and not heard and now - began > UNASKED:
-                kicked = True
+                kicked = told = True
                 self.write(self.protocol.reset())
+            if not raised and not heard and now - began > UNHEARD:
+                raised, told = True, False
+                self._port.raise_lines()
             for event in self.pump(0.1):
                 if isinstance(event, Started):
+                    self.greeted_unasked |= not told
                     return event.welcome
-                if isinstance(event, Reported) and self.protocol.state is State.UNKNOWN:
+                if isinstance(event, Reported) and (self.protocol.state is State.UNKNOWN or (raised and not told)):
                     if not event.status.at_rest:
                         hint = "wait until it has come to rest, or stop it with its reset button"
                         raise board_error("board-busy", f"the board at {self.name} is under way already ({event.status.state})", hint=hint)
                     self.write(self.protocol.reset())
+                    told = True
                 elif isinstance(event, Other):
                     heard.append(event.text)
         raise self._not_grbl(heard)

@@ -91,7 +91,7 @@ class Stepper:
         if not name:
             hint = "name it with --port, or board.port in the machine file; cncrun boards lists the ports"
             raise UsageError(Diagnostic("no-port", "the stepper board needs to know its port", hint=hint))
-        port = open_port(name, _baud(machine), stay_up=True)
+        port = open_port(name, _baud(machine))
         try:
             return cls(port, machine, name, background=True)
         except BaseException:

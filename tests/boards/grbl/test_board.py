@@ -344,6 +344,9 @@ class Device:
         self.heard += data
         self.greeting += self.answer
 
+    def raise_lines(self) -> None:
+        pass
+
     def close(self) -> None:
         pass
 

@@ -52,6 +52,8 @@ class GrblBox:
         self.core.eeprom.settings.update(memory)
         self.firmware = Firmware(self.core)
         self.plugged = True
+        self.dtr = False
+        """Whether the host's DTR line is up. Its rise resets the processor, through a capacitor, as on every Arduino."""
         self._garbler = Garbler()
         self._due: list[Due] = []
         self._program = self.firmware.run()
@@ -97,8 +99,18 @@ class GrblBox:
         """The most bytes that the ring has held."""
         return self.core.receiver.fullest
 
+    def raise_dtr(self, delay: float = BOOT_TIME) -> None:
+        """A host raises DTR, as every system does when it opens a port: a reset, unless the line was left up."""
+        if not (self.dtr and self.plugged):
+            self.power_up(delay)
+        self.dtr = True
+
+    def drop_dtr(self) -> None:
+        """The host drops DTR, as closing a port does unless HUPCL is off. The board does not notice."""
+        self.dtr = False
+
     def power_up(self, delay: float = BOOT_TIME) -> None:
-        """Reset by DTR, as opening its port does to an Arduino: motion stops dead, position and state are lost, memory stays."""
+        """A reset: motion stops dead, position, offset (G92) and state are lost, memory stays; bytes sent in ``delay`` s are lost."""
         core = self.core
         if core.steppers.running:
             core.note("reset", "power")
@@ -237,7 +249,7 @@ class GrblBox:
             case Freeze(seconds):
                 core.cpu_free = max(core.cpu_free, core.now) + seconds
             case Unplug():
-                self.plugged = False
+                self.plugged = self.dtr = False
                 core.receiver.unplug()
                 core.transmitter.unplug()
             case Error(code):

@@ -75,14 +75,31 @@ LONGEST_NAP = 0.002
 
 
 class BoxPort:
-    """The host's end. Opening it resets the board, as DTR does to an Arduino."""
+    """The host's end. Opening it raises DTR, which resets the board unless the line was left up.
 
-    def __init__(self, box: GrblBox, clock: VirtualTime | ScaledTime | None = None, *, boot_time: float = BOOT_TIME) -> None:
+    boot_time: seconds of the boot loader after a reset. hang_up: closing the port drops DTR, as systems do until HUPCL is cleared.
+    lowered: DTR is down from the opening on, as our port has it on Windows.
+    """
+
+    def __init__(
+        self,
+        box: GrblBox,
+        clock: VirtualTime | ScaledTime | None = None,
+        *,
+        boot_time: float = BOOT_TIME,
+        hang_up: bool = True,
+        lowered: bool = False,
+    ) -> None:
         self.box = box
+        self.hang_up = hang_up
         self.clock = clock or VirtualTime(box)
         self._lock = threading.Lock()
         self._open = True
-        box.power_up(boot_time)
+        self._boot_time = boot_time
+        if lowered:
+            box.drop_dtr()
+        else:
+            box.raise_dtr(boot_time)
 
     def read(self, timeout: float) -> bytes:
         """What has arrived, after ``timeout`` s at most. PortLost after an unplugging."""
@@ -104,8 +121,17 @@ class BoxPort:
             self._refuse_if_lost()
             self.box.write(bytes(data))
 
+    def raise_lines(self) -> None:
+        """Raise DTR; a reset if it was down. PortLost after an unplugging."""
+        with self._lock:
+            self.clock.catch_up()
+            self._refuse_if_lost()
+            self.box.raise_dtr(self._boot_time)
+
     def close(self) -> None:
         """Let go of the board, which goes on by itself."""
+        if self._open and self.hang_up:
+            self.box.drop_dtr()
         self._open = False
 
     def _refuse_if_lost(self) -> None:

@@ -1,8 +1,8 @@
 """The box behind a pseudo-terminal, so that any sender can open it as a serial port (Unix only).
 
-A thread of its own takes the box along with the wall's clock. Opening the terminal resets the board, as DTR does to an Arduino: while
-nobody has it open, the system reports a hang-up on our side, and the end of that is the opening. A cable that is pulled is the end of the
-terminal.
+A thread of its own takes the box along with the wall's clock. A pseudo-terminal has no modem lines, so DTR is modelled. While nobody has
+the terminal open, the system reports a hang-up on our side. The end of that is the opening, which raises DTR: a reset, unless it was up.
+Closing drops DTR if the terminal's HUPCL is set, as it is at first: a serial port's is. A cable that is pulled is the end of the terminal.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from cnc.boards.grbl.simulator.box import GrblBox
 from cnc.boards.grbl.simulator.ports import LONGEST_NAP, ScaledTime
 
 READ_SIZE = 4096
+CFLAG = 2
+"""Where tcgetattr has the control modes."""
 UNREAD = 65536
 """Bytes that wait for a host that does not read; more are lost, as in a serial port."""
 
@@ -24,12 +26,16 @@ class PtyServer:
     """A terminal called ``name``; ``with`` closes it. ``factor``: how much faster than the wall the box's clock runs."""
 
     def __init__(self, box: GrblBox, factor: float = 1.0) -> None:
+        import termios
         import tty
 
         self.box = box
         self._clock = ScaledTime(box, factor)
         self._ours, theirs = os.openpty()
         tty.setraw(theirs)
+        settings = termios.tcgetattr(theirs)
+        settings[CFLAG] |= termios.HUPCL
+        termios.tcsetattr(theirs, termios.TCSANOW, settings)
         self.name = os.ttyname(theirs)
         # Nobody has it open any more: the next hang-up that ends is a host.
         os.close(theirs)
@@ -65,8 +71,10 @@ class PtyServer:
                 was_open, is_open = is_open, not events & select.POLLHUP
                 self._clock.catch_up()
                 if is_open and not was_open:
-                    self.box.power_up()
+                    self.box.raise_dtr()
                     self._unread = b""
+                elif was_open and not is_open and self._hangs_up():
+                    self.box.drop_dtr()
                 if events & select.POLLIN:
                     self.box.write(self._receive())
                 self._send(is_open)
@@ -75,6 +83,12 @@ class PtyServer:
         finally:
             os.close(self._ours)
             self._ended.set()
+
+    def _hangs_up(self) -> bool:
+        """Whether closing the terminal drops DTR: its settings, which outlive the closing, are ours to read."""
+        import termios
+
+        return bool(termios.tcgetattr(self._ours)[CFLAG] & termios.HUPCL)
 
     def _receive(self) -> bytes:
         with contextlib.suppress(OSError):

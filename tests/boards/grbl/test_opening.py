@@ -1,0 +1,269 @@
+"""Opening a board's port leaves DTR as it is, so a board that stands somewhere still knows where afterwards."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.simulator.box import BOOT_TIME, GrblBox
+from cnc.boards.grbl.simulator.faults import Unplug
+from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
+from cnc.boards.grbl.simulator.ports import BoxPort
+from cnc.boards.grbl.simulator.pty_server import PtyServer
+from cnc.boards.serial_port import SerialLink, identity, open_port
+from tests.support.boards.grbl_rig import MACHINE
+
+FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
+GREETING = b"help]\r\n"
+TERMINALS = pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
+
+
+def listen(port: BoxPort, seconds: float) -> bytes:
+    said, end = b"", port.clock.now() + seconds
+    while port.clock.now() < end:
+        said += port.read(0.05)
+    return said
+
+
+def moved(box: GrblBox) -> None:
+    """Open a port that keeps DTR up, go to X5, set offsets in both memories, and close it."""
+    port = BoxPort(box, hang_up=False)
+    listen(port, BOOT_TIME + 0.2)
+    port.write(b"G0X5\nG92X1\nG10L2P2Y3\n")
+    assert listen(port, 5.0).count(b"ok") == 3
+    assert box.position == (5.0, 0.0, 0.0)
+    port.close()
+
+
+# The simulator
+
+
+def test_a_rise_of_dtr_resets_the_simulator_and_a_line_that_stays_up_does_not() -> None:
+    box = GrblBox(settings=FAST)
+    moved(box)
+    again = BoxPort(box)
+    again.write(b"?")
+    assert b"MPos:5.000" in listen(again, 0.2)
+    again.close()
+    last = BoxPort(box)
+    last.write(b"?G0X9\n")
+    assert listen(last, 1.0) == b"", "the boot loader's silence"
+    assert GREETING in listen(last, 1.0)
+    last.write(b"?")
+    assert b"MPos:0.000" in listen(last, 2.0), "bytes sent to the boot loader are lost"
+    assert box.position == (0.0, 0.0, 0.0)
+    assert box.core.world.offset == (-95.0, -100.0, -100.0), "the tool stands where it stood"
+    assert box.core.shift == (0.0, 0.0, 0.0)
+    assert box.core.eeprom.systems["G55"][1] == 3.0
+
+
+def test_a_board_that_was_unplugged_starts_anew() -> None:
+    box = GrblBox(settings=FAST)
+    moved(box)
+    box.inject(Unplug())
+    assert GREETING in listen(BoxPort(box), 3.0)
+    assert box.position == (0.0, 0.0, 0.0)
+
+
+# The port
+
+
+def heard(link: SerialLink, until: bytes) -> bytes:
+    said, end = b"", time.monotonic() + 20.0
+    while until not in said and time.monotonic() < end:
+        said += link.read(0.1)
+    return said
+
+
+@TERMINALS
+def test_a_second_opening_does_not_reset_the_board() -> None:
+    with PtyServer(GrblBox(settings=FAST), 10.0) as server:
+        link = open_port(server.name, 115200)
+        assert GREETING in heard(link, GREETING)
+        link.write(b"G1X5F3000\nG4P0\n")
+        heard(link, b"ok\r\nok\r\n")
+        link.close()
+        time.sleep(0.1)
+        link = open_port(server.name, 115200)
+        link.write(b"?")
+        assert b"MPos:5.000" in heard(link, b">")
+        link.close()
+
+
+@TERMINALS
+def test_a_program_that_lets_dtr_fall_resets_the_simulator_behind_a_terminal() -> None:
+    import termios
+
+    with PtyServer(GrblBox(settings=FAST), 10.0) as server:
+        link = open_port(server.name, 115200)
+        heard(link, GREETING)
+        link.close()
+        time.sleep(0.1)
+        other = os.open(server.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        settings = termios.tcgetattr(other)
+        settings[2] |= termios.HUPCL
+        termios.tcsetattr(other, termios.TCSANOW, settings)
+        time.sleep(0.1)
+        os.close(other)
+        time.sleep(0.1)
+        link = open_port(server.name, 115200)
+        assert GREETING in heard(link, GREETING)
+        link.close()
+
+
+class Opened:
+    """Stands for pyserial's object on Windows: the lines that it has when it opens the port."""
+
+    def __init__(self) -> None:
+        self.dtr = self.rts = True
+        self.at_opening: tuple[bool, bool] | None = None
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name in ("dtr", "rts") and getattr(self, "at_opening", None) is not None:
+            raise AssertionError("a line is changed while the port is open")
+        object.__setattr__(self, name, value)
+
+    def open(self) -> None:
+        self.at_opening = self.dtr, self.rts
+
+    def fileno(self) -> int:
+        raise OSError("no file")
+
+
+@pytest.mark.parametrize(
+    ("lowered", "name", "lines"),
+    [(True, "COM3", (False, False)), (True, "rfc2217://host:1", (True, True)), (False, "/dev/ttyUSB0", (True, True))],
+)
+def test_no_line_is_toggled(monkeypatch: pytest.MonkeyPatch, lowered: bool, name: str, lines: tuple[bool, bool]) -> None:
+    """On Windows they are down from the first opening on; elsewhere they are as the system has them when it opens a port: up."""
+    opened = Opened()
+    monkeypatch.setattr(serial_port, "LOWERED", lowered)
+    monkeypatch.setattr("serial.serial_for_url", lambda *_, **__: opened)
+    open_port(name, 115200)
+    assert opened.at_opening == lines
+
+
+# Which board
+
+
+@TERMINALS
+def test_a_new_terminal_is_another_board_and_the_same_one_is_the_same() -> None:
+    with PtyServer(GrblBox()) as server:
+        name, first = server.name, identity(server.name)
+        link = open_port(name, 115200)
+        link.write(b"?")
+        link.close()
+        assert identity(name) == first
+    with PtyServer(GrblBox()) as server:
+        assert identity(server.name) != first
+
+
+@TERMINALS
+def test_a_board_is_known_by_its_serial_number_then_by_its_port(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    device, link = tmp_path / "ttyACM0", tmp_path / "usb-Arduino-if00"
+    device.touch()
+    link.symlink_to(device)
+
+    def numbered(number: str | None) -> None:
+        found = [SimpleNamespace(device=str(device), serial_number=number)]
+        monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
+
+    numbered("7543")
+    assert identity(str(link)) == identity(str(device)) == "usb 7543"
+    numbered(None)
+    assert identity(str(link)) == identity(str(device)) == str(device)
+    assert identity("socket://host:23") == "socket://host:23"
+
+
+# The driver
+
+
+def connected(box: GrblBox) -> GrblBoard:
+    port = BoxPort(box, hang_up=False)
+    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    board.connect()
+    return board
+
+
+def test_a_restart_at_the_opening_is_noticed_and_none_is_made() -> None:
+    box = GrblBox(settings=FAST)
+    assert connected(box).restarted
+    moved(box)
+    board = connected(box)
+    assert not board.restarted
+    assert board.position == (5.0, 0.0, 0.0)
+    box.power_up()
+    assert connected(box).restarted
+
+
+def test_a_greeting_without_a_restart_is_none() -> None:
+    """grblHAL greets whoever connects over the network."""
+    box = GrblBox(GRBLHAL, settings=FAST)
+    moved(box)
+    box.core.say(GRBLHAL.banner)
+    board = connected(box)
+    assert board.link.greeted_unasked
+    assert not board.restarted
+    assert board.position == (5.0, 0.0, 0.0)
+
+
+class NativeUsb:
+    """A board that sends only while DTR is up, on a system where opening its port leaves DTR down."""
+
+    def __init__(self, box: GrblBox) -> None:
+        self.port = BoxPort(box, lowered=True)
+        self.clock = self.port.clock
+
+    def read(self, timeout: float) -> bytes:
+        said = self.port.read(timeout)
+        return said if self.port.box.dtr else b""
+
+    def write(self, data: bytes) -> None:
+        self.port.write(data)
+
+    def raise_lines(self) -> None:
+        # The line is no reset to it.
+        self.port.box.dtr = True
+
+    def close(self) -> None:
+        self.port.close()
+
+
+def test_a_board_that_sends_only_with_dtr_up_is_found() -> None:
+    box = GrblBox(settings=FAST)
+    moved(box)
+    port = NativeUsb(box)
+    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    board.connect()
+    assert not board.restarted
+    assert board.position == (5.0, 0.0, 0.0)
+
+
+def test_a_line_that_is_down_stays_down_for_a_board_that_answers() -> None:
+    box = GrblBox(settings=FAST)
+    moved(box)
+    port = BoxPort(box, lowered=True)
+    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    board.connect()
+    assert not box.dtr
+    assert board.position == (5.0, 0.0, 0.0)
+
+
+def test_lines_are_raised_only_where_they_are_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    for lowered in (False, True):
+        opened = Opened()
+        monkeypatch.setattr(serial_port, "LOWERED", lowered)
+        monkeypatch.setattr("serial.serial_for_url", lambda *_, opened=opened, **__: opened)
+        link = open_port("COM3", 115200)
+        if not lowered:
+            link.raise_lines()
+            continue
+        opened.at_opening = None
+        link.raise_lines()
+        assert opened.dtr and opened.rts

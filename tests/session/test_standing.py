@@ -1,0 +1,346 @@
+"""A GRBL board that does not stand where the last run left it runs no program until it is homed or its position is confirmed."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cnc.api import Control, HomingStopped, Report, Watch, home, run
+from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.faults import Error, Unplug
+from cnc.boards.grbl.simulator.ports import BoxPort
+from cnc.boards.grbl.simulator.pty_server import PtyServer
+from cnc.cli import exit_code
+from cnc.executor.run import Progress
+from cnc.machine.load import load_machine
+from cnc.model.diagnostics import BoardError, UsageError
+from cnc.session import last_position
+from cnc.session.last_position import LastPosition
+
+MACHINE = load_machine("grbl-uno")
+FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
+SWITCHES = FAST | {22: 1.0, 24: 500.0, 25: 4000.0, 27: 1.0}
+SQUARE = "G21 G90\nG0 Z2\nG1 X6 F2000\nG1 Z-1 F600\nG1 X12 F100\nG1 Y8 F1500\nG1 X4\nG1 Y3\nM2\n"
+END = (4.0, 3.0, -1.0)
+
+
+@pytest.fixture(autouse=True)
+def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    (tmp_path / "p.ngc").write_text(SQUARE)
+    return tmp_path / "p.ngc"
+
+
+def tool(box: GrblBox) -> tuple[float, ...]:
+    """Where the tool is in the world, from where it was at first; the board counts from its last start."""
+    began = box.core.world.of_travels(*box.core.per_axis(130)).offset
+    return tuple(round(p + o - b, 3) for p, o, b in zip(box.position, box.core.world.offset, began, strict=True))
+
+
+def ran(box: GrblBox, program: Path, **arguments: object) -> Report:
+    """A run on a port that leaves DTR up, as ours do."""
+    port = BoxPort(box, hang_up=False)
+    board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
+    board.connect()
+    try:
+        return run(program, MACHINE, board=board, **arguments)  # type: ignore[arg-type]
+    finally:
+        board.close()
+
+
+def refused(report: Report) -> str:
+    """The message of the one fault, which is that the position is lost, and its hint."""
+    (fault,) = report.faults
+    assert fault.diagnostic.code == "position-lost", fault.diagnostic
+    assert fault.exit_code == 3
+    return f"{fault.diagnostic.message}\n{fault.diagnostic.hint}"
+
+
+def stopping(control: Control, at_x: float) -> Watch:
+    def on_sent(sent: Progress) -> None:
+        if sent.position is not None and sent.position[0] > at_x:
+            control.stop()
+
+    return Watch(on_sent=on_sent)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
+def test_two_runs_in_a_row_do_not_shift(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with PtyServer(GrblBox(settings=FAST), 4.0) as server:
+        command = [str(program), "--machine", "grbl-uno", "--port", server.name, "--quiet"]
+        assert exit_code(command) == 0, capsys.readouterr().err
+        assert tool(server.box) == END
+        time.sleep(0.1)
+        assert exit_code(command) == 0, capsys.readouterr().err
+        assert tool(server.box) == END
+        assert not [event for event in server.box.events if event.kind == "reset" and event.value == "power"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
+def test_a_stopped_run_is_gone_on_with_where_it_was(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with PtyServer(GrblBox(settings=FAST), 4.0) as server:
+        control = Control()
+        first = run(program, MACHINE, board="grbl", port=server.name, control=control, watch=stopping(control, 6.5))
+        assert first.resume_line is not None
+        assert tool(server.box)[0] > 6.0
+        time.sleep(0.1)
+        more = ["--machine", "grbl-uno", "--port", server.name, "--from-line", str(first.resume_line), "--yes", "--quiet"]
+        assert exit_code([str(program), *more]) == 0, capsys.readouterr().err
+        assert tool(server.box) == END
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
+def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with PtyServer(GrblBox(settings=FAST), 4.0) as server:
+        control = Control()
+        first = run(program, MACHINE, board="grbl", port=server.name, control=control, watch=stopping(control, 6.5))
+        stands = tool(server.box)
+        server.box.drop_dtr()
+        command = [str(program), "--machine", "grbl-uno", "--port", server.name, "--from-line", str(first.resume_line), "--yes"]
+        for _ in range(2):
+            time.sleep(0.1)
+            assert exit_code(command) == 3
+            said = capsys.readouterr().err
+            assert "position-lost" in said
+            assert "X0.000 Y0.000 Z0.000" in said
+            assert f"X{stands[0]:.3f} Y{stands[1]:.3f} Z{stands[2]:.3f}" in said
+            assert "--trust-position" in said
+            assert tool(server.box) == stands
+        time.sleep(0.1)
+        assert exit_code([*command, "--trust-position", "--quiet"]) == 0, capsys.readouterr().err
+        assert tool(server.box) == pytest.approx([a + b for a, b in zip(stands, END, strict=True)], abs=0.01)
+
+
+def test_a_fresh_board_has_nothing_to_disagree_with(program: Path) -> None:
+    box = GrblBox(settings=FAST)
+    assert ran(box, program).ok
+    kept = LastPosition.read("the box")
+    assert kept is not None
+    assert (kept.position, kept.ended, kept.lost) == ({"x": 4.0, "y": 3.0, "z": -1.0}, "end", False)
+
+
+@pytest.mark.parametrize("how", ["power", "another sender"])
+def test_a_board_that_stands_elsewhere_is_refused_until_it_is_confirmed(program: Path, how: str) -> None:
+    box = GrblBox(settings=FAST)
+    assert ran(box, program).ok
+    if how == "power":
+        box.power_up()
+    else:
+        port = BoxPort(box, hang_up=False)
+        port.write(b"G91G0X0.1\n")
+        port.read(0.0)
+        port.clock.sleep(2.0)
+        port.close()
+    before = len(box.moves)
+    said = refused(ran(box, program))
+    assert ("X0.000 Y0.000 Z0.000" if how == "power" else "X4.100 Y3.000 Z-1.000") in said
+    assert "ended at X4.000 Y3.000 Z-1.000" in said
+    assert ("has restarted" in said) == (how == "power")
+    assert "does not home ($22=0)" in said
+    assert "has restarted" not in refused(ran(box, program)), "once is enough to forget it"
+    assert len(box.moves) == before
+    assert ran(box, program, trust_position=True).ok
+    assert ran(box, program).ok
+
+
+def test_less_than_a_step_is_no_difference(program: Path) -> None:
+    box = GrblBox(settings=FAST)
+    assert ran(box, program).ok
+    step = 1.0 / 250.0
+    LastPosition("the box", {"x": 4.0 + step, "y": 3.0, "z": -1.0}, "end").write()
+    assert ran(box, program).ok
+    LastPosition("the box", {"x": 4.0, "y": 3.0 - 2.1 * step, "z": -1.0}, "end").write()
+    assert "Y2.992" in refused(ran(box, program))
+
+
+def test_a_restart_where_the_last_run_ended_at_zero_is_one_too(program: Path) -> None:
+    """Nobody knows whether the tool was moved while the board was off, and the second opening does not show the restart."""
+    box = GrblBox(settings=FAST)
+    program.write_text("G21 G90\nG1 X3 F900\nG0 X0\nM2\n")
+    assert ran(box, program).ok
+    box.power_up()
+    assert "has restarted" in refused(ran(box, program))
+    refused(ran(box, program))
+    assert ran(box, program, trust_position=True).ok
+
+
+def test_homing_finds_the_position_again(program: Path, tmp_path: Path) -> None:
+    box = GrblBox(settings=SWITCHES)
+    homing = tmp_path / "home.nc"
+    homing.write_text("$H\n")
+    program.write_text("G21 G90\nG1 X-50 Y-50 Z-20 F2000\nM2\n")
+    machine = MACHINE.model_copy(
+        update={"axes": {letter: axis.model_copy(update={"travel": (-200.0, 0.0)}) for letter, axis in MACHINE.axes.items()}}
+    )
+
+    def go(name: Path, **arguments: object) -> Report:
+        port = BoxPort(box, hang_up=False)
+        board = GrblBoard(port, machine, port.clock, "the box", identity="the box")
+        board.connect()
+        try:
+            return run(name, machine, board=board, dialect="grbl", **arguments)  # type: ignore[arg-type]
+        finally:
+            board.close()
+
+    for _ in range(2):
+        assert not go(homing).faults
+        assert not go(program).faults, "a board that has homed is not locked"
+        assert box.position == pytest.approx((-50.0, -50.0, -20.0))
+        box.power_up()
+        said = refused(go(program))
+        assert "home the machine with cncrun home" in said
+    box.core.world.broken.add("Z")
+    assert [fault.diagnostic.code for fault in go(homing).faults] == ["board-alarm"]
+    assert refused(go(program)), "a homing that fails finds nothing"
+
+
+def home_alone(box: GrblBox, *axes: str, control: Control | None = None) -> dict[str, float | None]:
+    port = BoxPort(box, hang_up=False)
+    board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
+    board.connect()
+    try:
+        return home(MACHINE, axes, board=board, control=control)
+    finally:
+        board.close()
+
+
+def test_cncrun_home_homes_a_grbl_board() -> None:
+    box = GrblBox(settings=SWITCHES)
+    for _ in range(2):
+        assert home_alone(box) == {"x": -1.0, "y": -1.0, "z": -1.0}
+        kept = LastPosition.read("the box")
+        assert kept is not None and (kept.position, kept.lost) == ({"x": -1.0, "y": -1.0, "z": -1.0}, False)
+        assert box.core.state == "Idle"
+        box.power_up()
+    with pytest.raises(UsageError) as caught:
+        home_alone(box, "x")
+    assert caught.value.diagnostic.code == "board-homes-all"
+
+
+def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
+    box = GrblBox(settings=SWITCHES)
+    home_alone(box)
+    box.core.world.broken.add("Z")
+    with pytest.raises(BoardError) as caught:
+        home_alone(box)
+    assert caught.value.diagnostic.code == "board-alarm"
+    kept = LastPosition.read("the box")
+    assert kept is not None and kept.lost
+    stopped = GrblBox(settings=SWITCHES)
+    control = Control()
+    control.stop()
+    with pytest.raises(HomingStopped):
+        home_alone(stopped, control=control)
+    assert not stopped.moves
+
+
+def test_a_board_that_refuses_to_home_stands_where_it_stood(program: Path) -> None:
+    box = GrblBox(settings=FAST)
+    assert ran(box, program).ok
+    for _ in range(2):
+        with pytest.raises(BoardError) as caught:
+            home_alone(box)
+        assert caught.value.diagnostic.code == "board-error"
+    assert ran(box, program).ok
+    box.power_up()
+    program.write_text("$H\n" + SQUARE)
+    assert [fault.diagnostic.code for fault in ran(box, program, dialect="grbl").faults] == ["board-error"]
+    program.write_text(SQUARE)
+    refused(ran(box, program))
+
+
+@pytest.mark.parametrize("code", ["port-lost", "board-restarted"])
+def test_a_run_that_ends_blind_leaves_a_lost_position(program: Path, code: str) -> None:
+    box = GrblBox(settings=FAST)
+
+    def on_sent(sent: Progress) -> None:
+        if sent.position is not None and sent.position[0] > 8.0:
+            if code == "port-lost":
+                box.inject(Unplug())
+            else:
+                box.power_up()
+
+    report = ran(box, program, watch=Watch(on_sent=on_sent))
+    assert [fault.diagnostic.code for fault in report.faults] == [code]
+    kept = LastPosition.read("the box")
+    assert kept is not None and kept.lost and kept.ended == code
+    assert kept.position["x"] > 8.0
+    assert f"ended ({code}) at X" in refused(ran(box, program))
+    assert ran(box, program, trust_position=True).ok
+
+
+def test_after_a_fault_that_leaves_the_position_known_the_next_run_begins(program: Path) -> None:
+    box = GrblBox(settings=FAST)
+    box.inject(Error(20), line=14)
+    report = ran(box, program)
+    assert [fault.diagnostic.code for fault in report.faults] == ["board-error"]
+    kept = LastPosition.read("the box")
+    assert kept is not None and (kept.ended, kept.lost) == ("board-error", False)
+    assert ran(box, program).ok
+
+
+def test_the_checkpoint_counts_where_no_run_has_an_end(program: Path) -> None:
+    """The record of the board was lost, or its computer died."""
+    box, control = GrblBox(settings=FAST), Control()
+    first = ran(box, program, control=control, watch=stopping(control, 10.0))
+    assert first.resume_line == 5
+    kept = LastPosition.read("the box")
+    assert kept is not None and kept.ended == "stopped"
+    for file in last_position.folder().iterdir():
+        file.unlink()
+    box.power_up()
+    assert "was stopped at X1" in refused(ran(box, program, from_line=5))
+    for file in last_position.folder().iterdir():
+        file.unlink()
+    LastPosition("the box", {"x": 0.0, "y": 0.0, "z": 0.0}).write()
+    assert "was stopped at X1" in refused(ran(box, program, from_line=5))
+
+
+def test_a_check_on_the_board_neither_asks_nor_changes_anything(program: Path) -> None:
+    box = GrblBox(settings=FAST)
+    assert ran(box, program).ok
+    kept = LastPosition.read("the box")
+    box.power_up()
+    port = BoxPort(box, hang_up=False)
+    board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
+    board.connect()
+    board.check_only = True
+    assert run(program, MACHINE, board=board).ok
+    board.close()
+    assert LastPosition.read("the box") == kept
+    refused(ran(box, program))
+
+
+def test_what_can_not_be_read_is_none_and_what_can_not_be_written_stops_nothing(
+    program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    LastPosition("a/b", {"x": 1.0}, "end").write()
+    (file,) = last_position.folder().iterdir()
+    for text in ("{", "[]", "{}", '{"board": "a/b", "position": 3}', '{"board": "a/b", "position": {"x": "y"}}'):
+        file.write_text(text)
+        assert LastPosition.read("a/b") is None
+    blocked = tmp_path / "file"
+    blocked.touch()
+    monkeypatch.setenv("XDG_STATE_HOME", str(blocked))
+    assert ran(GrblBox(settings=FAST), program).ok
+    assert LastPosition.read("the box") is None
+
+
+def test_where_positions_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert last_position.folder() == tmp_path / "cnc" / "positions"
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path / "me"))
+    monkeypatch.setattr(last_position.sys, "platform", "linux")
+    assert last_position.folder() == tmp_path / "me" / ".local" / "state" / "cnc" / "positions"
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
+    monkeypatch.setattr(last_position.sys, "platform", "win32")
+    assert last_position.folder() == tmp_path / "local" / "cnc" / "positions"
