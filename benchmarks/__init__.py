@@ -1,1 +1,3 @@
-"""Speed of the planner, the interpolators, the reader and the boards, each against a baseline of the same run."""
+"""Speed of the planner, the interpolators, the reader and the boards, each against a baseline of
+the same run.
+"""

@@ -1,8 +1,11 @@
-"""Two other ways to plan a polygon, to be compared with: what peers do, written anew from what is known of them.
+"""Two other ways to plan a polygon, to be compared with: what peers do, written anew from what is
+known of them.
 
-:func:`capped` looks ahead over 50 segments and lets no joint be crossed faster than the peak of a segment beside it planned from rest to
-rest, as LinuxCNC's S-curve planner is said to do. :func:`trapezoid` knows no jerk: two passes over the whole path, the time that a planner
-with bounded jerk would like to reach. Both cross bends as fast as the normal acceleration allows, and stop at corners.
+:func:`capped` looks ahead over 50 segments and lets no joint be crossed faster than the peak of a
+segment beside it planned from rest to rest, as LinuxCNC's S-curve planner is said to do.
+:func:`trapezoid` knows no jerk: two passes over the whole path, the time that a planner with
+bounded jerk would like to reach. Both cross bends as fast as the normal acceleration allows, and
+stop at corners.
 """
 
 from __future__ import annotations
@@ -51,7 +54,9 @@ class Bounds:
 
 
 def joint_speeds(points: Floats, bounds: Bounds) -> Floats:
-    """Speed at each point from the circle through it and its neighbours; 0 at both ends and at corners."""
+    """Speed at each point from the circle through it and its neighbours; 0 at both ends and at
+    corners.
+    """
     step = np.diff(points, axis=0)
     length = np.sqrt((step**2).sum(axis=1))
     cosine = (step[1:] * step[:-1]).sum(axis=1) / (length[1:] * length[:-1])
@@ -64,7 +69,9 @@ def joint_speeds(points: Floats, bounds: Bounds) -> Floats:
 
 
 def planned(points: Floats, bounds: Bounds, speeds: Floats) -> float:
-    """Time of a path whose points may be crossed at ``speeds``: backward pass, forward pass, the fastest ramps on every segment."""
+    """Time of a path whose points may be crossed at ``speeds``: backward pass, forward pass, the
+    fastest ramps on every segment.
+    """
     length = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)).tolist()
     v = speeds.tolist()
     for k in range(len(length) - 1, -1, -1):
@@ -76,7 +83,11 @@ def planned(points: Floats, bounds: Bounds, speeds: Floats) -> float:
         low, high = max(v[k], v[k + 1]), bounds.feed
         for _ in range(40):
             top = 0.5 * (low + high)
-            low, high = (top, high) if bounds.ramp(v[k], top) + bounds.ramp(top, v[k + 1]) <= whole else (low, top)
+            low, high = (
+                (top, high)
+                if bounds.ramp(v[k], top) + bounds.ramp(top, v[k + 1]) <= whole
+                else (low, top)
+            )
         ramps = bounds.ramp_time(low - v[k]) + bounds.ramp_time(low - v[k + 1])
         left = whole - bounds.ramp(v[k], low) - bounds.ramp(low, v[k + 1])
         total += ramps + max(0.0, left) / max(low, 1e-12)
@@ -90,7 +101,9 @@ def trapezoid(points: Floats, bounds: Bounds) -> float:
 
 
 def capped(points: Floats, bounds: Bounds) -> float:
-    """Time of a path whose joints are capped by their segments' peaks, and by a stop within what is known ahead."""
+    """Time of a path whose joints are capped by their segments' peaks, and by a stop within what is
+    known ahead.
+    """
     speeds = joint_speeds(points, bounds)
     length = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
     peak = np.array([bounds.reach(0.0, 0.5 * each, bounds.feed) for each in length])

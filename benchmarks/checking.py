@@ -1,4 +1,5 @@
-"""Many programs at once: how much faster a check is on two cores than on one, the start of its processes included.
+"""Many programs at once: how much faster a check is on two cores than on one, the start of its
+processes included.
 
 python -m benchmarks.checking [--files N] [--lines N] [--jobs N] [--repeat N]
 """
@@ -28,23 +29,41 @@ def write(folder: Path, files: int, lines: int) -> None:
             f"X{100.0 * k / lines:.3f} Y{20.0 + 10.0 * math.sin(0.01 * k + number):.3f} Z{-2.0 + math.cos(0.013 * k):.3f}"
             for k in range(lines)
         )
-        (folder / f"{number:04d}.nc").write_text("G21 G90 G94 G64 P0.02\nG1 F2400\n" + "\n".join(moves) + "\nM2\n")
+        (folder / f"{number:04d}.nc").write_text(
+            "G21 G90 G94 G64 P0.02\nG1 F2400\n" + "\n".join(moves) + "\nM2\n"
+        )
 
 
 def checked(folder: Path, jobs: int) -> tuple[float, list[dict[str, Any]]]:
     """Seconds of a check in ``jobs`` processes, and what it found."""
-    command = [sys.executable, "-m", "cnc.cli", "check", str(folder), "--jobs", str(jobs), "--format", "json", "--quiet"]
+    command = [
+        sys.executable,
+        "-m",
+        "cnc.cli",
+        "check",
+        str(folder),
+        "--jobs",
+        str(jobs),
+        "--format",
+        "json",
+        "--quiet",
+    ]
     began = time.perf_counter()
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     seconds = time.perf_counter() - began
     if done.returncode:
         raise SystemExit(done.stderr)
-    return seconds, [{key: value for key, value in each.items() if key not in CLOCKS} for each in json.loads(done.stdout)]
+    return seconds, [
+        {key: value for key, value in each.items() if key not in CLOCKS}
+        for each in json.loads(done.stdout)
+    ]
 
 
 def main() -> None:
     """Print the times, and how they compare."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     for name, value in ("files", 200), ("lines", 10_000), ("jobs", 2), ("repeat", 1):
         options.add_argument(f"--{name}", type=int, default=value)
     wanted = options.parse_args()

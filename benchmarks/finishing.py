@@ -1,4 +1,5 @@
-"""A finishing program of any length, as a CAM system posts it: a zig-zag over a smooth surface in moves of 0.15 mm.
+"""A finishing program of any length, as a CAM system posts it: a zig-zag over a smooth surface in
+moves of 0.15 mm.
 
 python -m benchmarks.finishing MOVES FILE
 """
@@ -46,7 +47,9 @@ def machine(*, tangential: bool = True, per_axis: bool = False) -> Machine:
 
 
 def points(moves: int) -> NDArray[np.float64]:
-    """The ends of the moves and, before them, where the first one begins (moves + 1, 3), mm, rounded to a micrometre."""
+    """The ends of the moves and, before them, where the first one begins (moves + 1, 3), mm,
+    rounded to a micrometre.
+    """
     number = np.arange(moves + 1)
     row, column = np.divmod(number, MOVES_IN_ROW)
     across = np.where(row % 2 == 0, column, MOVES_IN_ROW - 1 - column) * MOVE
@@ -72,7 +75,9 @@ def lines(moves: int, tolerance: float = TOLERANCE) -> Iterator[str]:
     feed = f" F{60 * FEED:g}"
     for before, here in itertools.pairwise(points(moves).tolist()):
         words = (
-            f"{letter}{value:.3f}".rstrip("0").rstrip(".") for letter, value, old in zip("XYZ", here, before, strict=True) if value != old
+            f"{letter}{value:.3f}".rstrip("0").rstrip(".")
+            for letter, value, old in zip("XYZ", here, before, strict=True)
+            if value != old
         )
         yield " ".join(words) + feed
         feed = ""

@@ -1,9 +1,11 @@
-"""Grid moves with time stamps a second on one core, by kind of path and by algorithm, beside what the machine itself can do.
+"""Grid moves with time stamps a second on one core, by kind of path and by algorithm, beside what
+the machine itself can do.
 
 make bench
 python -m benchmarks.interpolators [--steps N] [--flat N]
 
-A step is one axis step: a row in which three axes step is three. Plans are made beforehand; what is timed is plan in, chunks of pulses out.
+A step is one axis step: a row in which three axes step is three. Plans are made beforehand; what is
+timed is plan in, chunks of pulses out.
 """
 
 from __future__ import annotations
@@ -38,7 +40,9 @@ CHORD = 0.5
 
 def polyline(points: Floats) -> Polyline:
     """Straight moves through the points (k, axes)."""
-    return Polyline("", 1, points, np.full(len(points), FEED), np.arange(1, len(points) + 1, dtype=np.int32))
+    return Polyline(
+        "", 1, points, np.full(len(points), FEED), np.arange(1, len(points) + 1, dtype=np.int32)
+    )
 
 
 def long_lines(axes: int) -> tuple[Floats, list[Block]]:
@@ -50,7 +54,10 @@ def long_lines(axes: int) -> tuple[Floats, list[Block]]:
 def chords(axes: int) -> tuple[Floats, list[Block]]:
     """Chords of 0.5 mm along a smooth winding curve."""
     angle = np.arange(6000) * CHORD / 30.0
-    points = np.stack((60.0 * np.sin(0.5 * angle), 60.0 * np.cos(0.37 * angle), 10.0 * np.sin(0.9 * angle)), axis=1)[:, :axes]
+    points = np.stack(
+        (60.0 * np.sin(0.5 * angle), 60.0 * np.cos(0.37 * angle), 10.0 * np.sin(0.9 * angle)),
+        axis=1,
+    )[:, :axes]
     return points[0], [polyline(points[1:].round(4))]
 
 
@@ -72,22 +79,36 @@ def splines(axes: int) -> tuple[Floats, list[Block]]:
     return points[0], [NurbsFeed("", 1, 3, knots, points, rng.uniform(0.5, 2.0, 400), FEED)]
 
 
-CASES: Sequence[tuple[str, Callable[[int], tuple[Floats, list[Block]]], int, tuple[Algorithm | None, ...], float]] = (
+CASES: Sequence[
+    tuple[
+        str, Callable[[int], tuple[Floats, list[Block]]], int, tuple[Algorithm | None, ...], float
+    ]
+] = (
     ("long lines, 3 axes", long_lines, 3, (None, "crossings"), 40e6),
     ("chords of 0.5 mm, 3 axes", chords, 3, (None, "crossings"), 30e6),
-    ("circles R10", circles, 2, (None, "enclosing-line", "kiritsis", "crossings", "point-by-point"), 30e6),
+    (
+        "circles R10",
+        circles,
+        2,
+        (None, "enclosing-line", "kiritsis", "crossings", "point-by-point"),
+        30e6,
+    ),
     ("helices R10", circles, 3, (None, "enclosing-line", "crossings"), 30e6),
     ("cubic NURBS, 2 axes", splines, 2, (None, "kiritsis", "crossings", "point-by-point"), 15e6),
     ("cubic NURBS, 3 axes", splines, 3, (None, "crossings"), 15e6),
 )
-"""Name, path, axes, algorithms to be timed (None: the choice by piece), steps a second wanted of the first."""
+"""Name, path, axes, algorithms to be timed (None: the choice by piece), steps a second wanted of
+the first.
+"""
 
 
 def plans_of(start: Floats, blocks: list[Block]) -> list[PlanChunk]:
     """What the default machine makes of a path."""
     machine = load_machine()
     names = machine.axis_names[: len(start)]
-    machine = machine.model_copy(update={"axes": {name: axis for name, axis in machine.axes.items() if name in names}})
+    machine = machine.model_copy(
+        update={"axes": {name: axis for name, axis in machine.axes.items() if name in names}}
+    )
     path = build(blocks, axes=names, start=start, tolerance=0.0)
     return [item for item in LookAhead(machine).plan(path) if isinstance(item, PlanChunk)]
 
@@ -98,7 +119,9 @@ def scale_of(axes: int) -> Floats:
 
 
 def later(chunks: list[PlanChunk], times: int) -> Iterator[PlanChunk]:
-    """The same motion again and again, each time later; paths are closed or their ends count as one point."""
+    """The same motion again and again, each time later; paths are closed or their ends count as one
+    point.
+    """
     duration = chunks[-1].t0 + chunks[-1].duration
     for k in range(times):
         for c in chunks:
@@ -106,10 +129,16 @@ def later(chunks: list[PlanChunk], times: int) -> Iterator[PlanChunk]:
             yield PlanChunk(c.path, c.piece_s, c.t0 + k * duration, c.s0, *phases)
 
 
-def timed(chunks: list[PlanChunk], start: Floats, algorithm: Algorithm | None, steps_wanted: int) -> tuple[float, int, int, float]:
+def timed(
+    chunks: list[PlanChunk], start: Floats, algorithm: Algorithm | None, steps_wanted: int
+) -> tuple[float, int, int, float]:
     """Seconds, steps, rows and largest error of about so many steps."""
     scale = scale_of(len(start))
-    once = sum(int(np.count_nonzero(rows.step)) for c in chunks for rows in ReferencePulse(scale, start, algorithm=algorithm).pulses(c))
+    once = sum(
+        int(np.count_nonzero(rows.step))
+        for c in chunks
+        for rows in ReferencePulse(scale, start, algorithm=algorithm).pulses(c)
+    )
     best = np.inf
     for _ in range(REPEAT):
         seconds, steps, rows, error = 0.0, 0, 0, 0.0
@@ -128,7 +157,9 @@ def timed(chunks: list[PlanChunk], start: Floats, algorithm: Algorithm | None, s
 
 @njit
 def bresenham(count: int, y_end: int, z_end: int, x_end: int, step: NDArray[np.int8]) -> int:
-    """The plain loop for a line in three axes, X the longest: only which axes step, into step (rows, 3), again and again."""
+    """The plain loop for a line in three axes, X the longest: only which axes step, into step
+    (rows, 3), again and again.
+    """
     f = x_end >> 1
     g = x_end >> 1
     room = len(step)
@@ -165,7 +196,9 @@ def machine_itself() -> None:
         began = process_time()
         steps = bresenham(20_000_000, 700_001, 300_007, 1_000_000, step)
         seconds.append(process_time() - began)
-    print(f"{'plain Bresenham loop, 3 axes, no times':40} {steps / min(seconds) / 1e6:8.1f} million steps/s")
+    print(
+        f"{'plain Bresenham loop, 3 axes, no times':40} {steps / min(seconds) / 1e6:8.1f} million steps/s"
+    )
     source, target = np.zeros(1 << 27, np.int8), np.ones(1 << 27, np.int8)
     seconds = []
     for _ in range(REPEAT):
@@ -173,7 +206,9 @@ def machine_itself() -> None:
         np.copyto(target, source)
         seconds.append(process_time() - began)
     rate = len(source) / min(seconds)
-    print(f"{'memory copy':40} {rate / 1e9:8.2f} GB/s = {rate / 15e6:.0f} million rows/s of 15 bytes\n")
+    print(
+        f"{'memory copy':40} {rate / 1e9:8.2f} GB/s = {rate / 15e6:.0f} million rows/s of 15 bytes\n"
+    )
 
 
 def flat(steps_wanted: int) -> None:
@@ -186,7 +221,9 @@ def flat(steps_wanted: int) -> None:
         for rows in pulses.pulses(chunk):
             steps += int(np.count_nonzero(rows.step))
         if steps >= shown:
-            print(f"{steps:14d} steps {perf_counter() - began:8.1f} s {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:8.1f} MB")
+            print(
+                f"{steps:14d} steps {perf_counter() - began:8.1f} s {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:8.1f} MB"
+            )
             shown += steps_wanted // 5
         if steps >= steps_wanted:
             break
@@ -194,9 +231,15 @@ def flat(steps_wanted: int) -> None:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description="Speed of the reference-pulse interpolators, after compilation.")
-    parser.add_argument("--steps", type=int, default=STEPS, help="about so many in each measurement")
-    parser.add_argument("--flat", type=int, default=0, help="only watch the memory over so many steps")
+    parser = argparse.ArgumentParser(
+        description="Speed of the reference-pulse interpolators, after compilation."
+    )
+    parser.add_argument(
+        "--steps", type=int, default=STEPS, help="about so many in each measurement"
+    )
+    parser.add_argument(
+        "--flat", type=int, default=0, help="only watch the memory over so many steps"
+    )
     parser.add_argument("--only", default="", help="only the paths whose name contains this")
     arguments = parser.parse_args()
     ensure_compiled(None)
@@ -204,7 +247,9 @@ def main() -> None:
         flat(arguments.flat)
         return
     machine_itself()
-    print(f"{'path':26} {'algorithm':16} {'rows':>10} {'steps':>10} {'error BLU':>10} {'ns/row':>8} {'M steps/s':>10} {'wanted':>7}")
+    print(
+        f"{'path':26} {'algorithm':16} {'rows':>10} {'steps':>10} {'error BLU':>10} {'ns/row':>8} {'M steps/s':>10} {'wanted':>7}"
+    )
     for name, path, axes, algorithms, wanted in CASES:
         if arguments.only not in name:
             continue
@@ -214,7 +259,10 @@ def main() -> None:
             seconds, steps, rows, error = timed(chunks, start, algorithm, arguments.steps)
             goal = f"{wanted / 1e6:7.0f}" if number == 0 else ""
             speed = f"{seconds / rows * 1e9:8.1f} {steps / seconds / 1e6:10.1f}"
-            print(f"{name:26} {algorithm or 'by piece':16} {rows:10d} {steps:10d} {error:10.6f} {speed} {goal}", flush=True)
+            print(
+                f"{name:26} {algorithm or 'by piece':16} {rows:10d} {steps:10d} {error:10.6f} {speed} {goal}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

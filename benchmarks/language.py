@@ -1,7 +1,8 @@
 """Speed of reading: text to canonical blocks, after compilation, a CPU second, in one process.
 
-The baseline is LinuxCNC's own interpreter on the same programs in the same run, its start included, its output thrown away; where `rs274`
-is not installed, this interpreter with every line read by the grammar.
+The baseline is LinuxCNC's own interpreter on the same programs in the same run, its start included,
+its output thrown away; where `rs274` is not installed, this interpreter with every line read by the
+grammar.
 
 python -m benchmarks.language [--lines N] [--long N] [--repeat N]
 """
@@ -66,7 +67,9 @@ class Speed:
 
 
 def write_plain(path: Path, lines: int) -> int:
-    """A finishing program: short moves over a wavy surface, 26 bytes a line. The number of its lines."""
+    """A finishing program: short moves over a wavy surface, 26 bytes a line. The number of its
+    lines.
+    """
     rng = random.Random(1)
     with path.open("w", newline="") as file:
         file.write("G21 G90 G1 F1200\n")
@@ -78,9 +81,14 @@ def write_plain(path: Path, lines: int) -> int:
 
 
 def write_mixed(path: Path, lines: int) -> int:
-    """Parameters, expressions, arcs, comments and control flow in a loop. The number of lines that are executed."""
+    """Parameters, expressions, arcs, comments and control flow in a loop. The number of lines that
+    are executed.
+    """
     turns = lines // (EXECUTED + 1)
-    path.write_text(f"G21 G90 G17 G64\n#<count> = 0\no100 while [#<count> LT {turns}]\n{BODY}o100 endwhile\nM2\n", newline="")
+    path.write_text(
+        f"G21 G90 G17 G64\n#<count> = 0\no100 while [#<count> LT {turns}]\n{BODY}o100 endwhile\nM2\n",
+        newline="",
+    )
     return turns * (EXECUTED + 1) + 5
 
 
@@ -111,7 +119,13 @@ def baseline(path: Path, lines: int) -> Speed:
         command = [rs274, "-g", str(path)]
 
         def run() -> None:
-            subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=path.parent, check=True)
+            subprocess.run(
+                command,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                cwd=path.parent,
+                check=True,
+            )
 
         for _ in range(TRIES):
             with suppress(subprocess.CalledProcessError):
@@ -138,16 +152,25 @@ def peak_mb(path: Path) -> float:
 
 def largest_memory_mb() -> float:
     """Of this process, so far."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
+        1e6 if sys.platform == "darwin" else 1e3
+    )
 
 
 def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description="Speed and memory of reading, beside a baseline.")
     parser.add_argument("--lines", type=int, default=PLAIN_LINES, help="lines of the plain program")
-    parser.add_argument("--long", type=int, default=LONG_LINES, help="lines of the program whose memory is measured; 0 for none")
+    parser.add_argument(
+        "--long",
+        type=int,
+        default=LONG_LINES,
+        help="lines of the program whose memory is measured; 0 for none",
+    )
     parser.add_argument("--repeat", type=int, default=5)
-    parser.add_argument("--read", type=Path, help="only read this program, and print the memory that it took")
+    parser.add_argument(
+        "--read", type=Path, help="only read this program, and print the memory that it took"
+    )
     arguments = parser.parse_args()
     if arguments.read:
         moves_of(arguments.read)
@@ -156,15 +179,22 @@ def main() -> None:
     use_language()
     with tempfile.TemporaryDirectory(prefix="cnc-") as folder:
         plain, mixed = Path(folder) / "plain.ngc", Path(folder) / "mixed.ngc"
-        programs = [(plain, write_plain(plain, arguments.lines)), (mixed, write_mixed(mixed, MIXED_LINES))]
-        print(f"{'program':10} {'lines':>10} {'lines/s':>12} {'baseline':>10} {'lines/s':>12} {'ratio':>8}")
+        programs = [
+            (plain, write_plain(plain, arguments.lines)),
+            (mixed, write_mixed(mixed, MIXED_LINES)),
+        ]
+        print(
+            f"{'program':10} {'lines':>10} {'lines/s':>12} {'baseline':>10} {'lines/s':>12} {'ratio':>8}"
+        )
         for path, lines in programs:
             own, other = measured(path, lines, arguments.repeat), baseline(path, lines)
             row = f"{path.stem:10} {lines:10d} {own.lines_per_s:12.0f} {other.name:>10} {other.lines_per_s:12.0f}"
             print(row, f"{own.lines_per_s / other.lines_per_s:8.1f}")
         if arguments.long:
             lines = write_plain(plain, arguments.long)
-            print(f"largest memory, {lines} plain lines ({plain.stat().st_size / 1e6:.0f} MB of text): {peak_mb(plain):.0f} MB")
+            print(
+                f"largest memory, {lines} plain lines ({plain.stat().st_size / 1e6:.0f} MB of text): {peak_mb(plain):.0f} MB"
+            )
 
 
 if __name__ == "__main__":

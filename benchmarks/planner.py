@@ -1,12 +1,15 @@
-"""What the planner is measured by: how fast its motions are, whether they are legal, what they cost.
+"""What the planner is measured by: how fast its motions are, whether they are legal, what they
+cost.
 
     make bench
     python -m benchmarks.planner [--whole] [--moves N...]
 
-The first table: each motion's best time known, the one wanted, ours; the limit that its traces at 1 ms and at 0.1 ms use most, which
-differences of positions show, and how much of it (a plan at 0.1 ms is another one: the chord error depends on the period); and, in the same
-run, the time of two other planners (``benchmarks/baselines.py``). The second: CPU time of planning a finishing pass of short moves, the
-fitting of its chains included. ``--whole``: a check of a program of a million moves, text to pulses, and the memory that it takes.
+The first table: each motion's best time known, the one wanted, ours; the limit that its traces at 1
+ms and at 0.1 ms use most, which differences of positions show, and how much of it (a plan at 0.1 ms
+is another one: the chord error depends on the period); and, in the same run, the time of two other
+planners (``benchmarks/baselines.py``). The second: CPU time of planning a finishing pass of short
+moves, the fitting of its chains included. ``--whole``: a check of a program of a million moves,
+text to pulses, and the memory that it takes.
 """
 
 from __future__ import annotations
@@ -46,7 +49,9 @@ def bounds_of(machine: Machine, feed: float) -> Bounds:
     """One bound of each kind, as planners that know no axes have."""
     path, axis = machine.path, next(iter(machine.axes.values()))
     accel = path.max_tangential_acceleration or axis.max_acceleration or 0.0
-    return Bounds(feed, accel, path.max_normal_acceleration or accel, path.max_jerk or axis.max_jerk or 0.0)
+    return Bounds(
+        feed, accel, path.max_normal_acceleration or accel, path.max_jerk or axis.max_jerk or 0.0
+    )
 
 
 def row(case: Case, folder: Path) -> str:
@@ -57,7 +62,8 @@ def row(case: Case, folder: Path) -> str:
     bounds = bounds_of(case.machine, feed)
     used = "  ".join(f"{name:>23} {ratio:7.4f}" for name, ratio in (each.largest for each in found))
     verdict = ", ".join(
-        (["slower than wanted"] if round(ours, 4) > round(case.wanted, 4) else []) + [wrong for each in found for wrong in each.wrong]
+        (["slower than wanted"] if round(ours, 4) > round(case.wanted, 4) else [])
+        + [wrong for each in found for wrong in each.wrong]
     )
     others = f"{capped(case.points, bounds):9.3f} {trapezoid(case.points, bounds):9.3f}"
     return f"{case.name:30} {case.best:8.4f} {case.wanted:8.4f} {ours:8.4f} {ours / case.best:6.3f}  {used} {others}  {verdict or 'ok'}"
@@ -69,7 +75,13 @@ def blocks_of(moves: int) -> Iterator[Block]:
     yield PathMode("", 1, "blend", finishing.TOLERANCE)
     for first in range(1, len(points), RUN):
         some = points[first : first + RUN]
-        yield Polyline("", first, some, np.full(len(some), finishing.FEED), np.arange(first, first + len(some), dtype=np.int32))
+        yield Polyline(
+            "",
+            first,
+            some,
+            np.full(len(some), finishing.FEED),
+            np.arange(first, first + len(some), dtype=np.int32),
+        )
 
 
 def planning(moves: int, machine: Machine) -> tuple[float, float]:
@@ -84,7 +96,9 @@ def planning(moves: int, machine: Machine) -> tuple[float, float]:
 
 
 def whole(moves: int) -> dict[str, float]:
-    """Of a check of a program of so many moves in a process of its own: CPU seconds after start-up, and the most memory in MB."""
+    """Of a check of a program of so many moves in a process of its own: CPU seconds after start-up,
+    and the most memory in MB.
+    """
     command = [sys.executable, "-m", "benchmarks.planner", "--check", str(moves)]
     shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     measured: dict[str, float] = json.loads(shown)
@@ -101,16 +115,37 @@ def check_here(moves: int) -> None:
             report = check(program, finishing.machine())
             report.raise_if_faulty()
             seconds = process_time() - began
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
-    print(json.dumps({"seconds": seconds, "megabytes": memory, "duration": report.duration_s, "steps": sum(report.steps.values())}))
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
+        1e6 if sys.platform == "darwin" else 1e3
+    )
+    print(
+        json.dumps(
+            {
+                "seconds": seconds,
+                "megabytes": memory,
+                "duration": report.duration_s,
+                "steps": sum(report.steps.values()),
+            }
+        )
+    )
 
 
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description="Times, legality and cost of plans.")
-    parser.add_argument("--whole", action="store_true", help="check a program of a million moves, too")
-    parser.add_argument("--moves", type=int, nargs="*", default=MOVES, help="lengths of the finishing pass whose planning is measured")
-    parser.add_argument("--check", type=int, help="only check a program of so many moves, and print what it took")
+    parser.add_argument(
+        "--whole", action="store_true", help="check a program of a million moves, too"
+    )
+    parser.add_argument(
+        "--moves",
+        type=int,
+        nargs="*",
+        default=MOVES,
+        help="lengths of the finishing pass whose planning is measured",
+    )
+    parser.add_argument(
+        "--check", type=int, help="only check a program of so many moves, and print what it took"
+    )
     arguments = parser.parse_args()
     if arguments.check:
         check_here(arguments.check)
@@ -127,15 +162,25 @@ def main() -> None:
     print(
         f"\n{'planning, fit included':24} {'moves':>9} {'CPU s':>8} {'us/move':>8} {'moves/s':>9} {'motion s':>9}   wanted: 200 000 moves/s"
     )
-    machines = {"limits along the path": finishing.machine(), "limits of each axis": finishing.machine(tangential=False, per_axis=True)}
+    machines = {
+        "limits along the path": finishing.machine(),
+        "limits of each axis": finishing.machine(tangential=False, per_axis=True),
+    }
     for name, machine in machines.items():
         for moves in arguments.moves:
             seconds, motion = planning(moves, machine)
-            print(f"{name:24} {moves:9d} {seconds:8.3f} {seconds / moves * 1e6:8.2f} {moves / seconds:9.0f} {motion:9.2f}", flush=True)
+            print(
+                f"{name:24} {moves:9d} {seconds:8.3f} {seconds / moves * 1e6:8.2f} {moves / seconds:9.0f} {motion:9.2f}",
+                flush=True,
+            )
     if arguments.whole:
         took = whole(WHOLE)
-        print(f"\ncheck of {WHOLE} moves, text to pulses, after start-up: {took['duration']:.0f} s of motion, {took['steps']:.0f} steps")
-        print(f"CPU {took['seconds']:.1f} s (wanted: 15), memory {took['megabytes']:.0f} MB (wanted: 500)")
+        print(
+            f"\ncheck of {WHOLE} moves, text to pulses, after start-up: {took['duration']:.0f} s of motion, {took['steps']:.0f} steps"
+        )
+        print(
+            f"CPU {took['seconds']:.1f} s (wanted: 15), memory {took['megabytes']:.0f} MB (wanted: 500)"
+        )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,5 @@
-"""Speed on the shipped programs, after compilation: reading, planning, pulses, all in one process on one core.
+"""Speed on the shipped programs, after compilation: reading, planning, pulses, all in one process
+on one core.
 
 make bench
 python -m benchmarks.programs [--repeat N] [PROGRAM...]
@@ -14,7 +15,16 @@ from cnc.api import check, load_machine
 from cnc.report.result import Report
 
 FOLDER = Path(__file__).resolve().parent.parent / "programs"
-TITLES = (("lines", 8), ("steps", 10), ("machine s", 10), ("read s", 8), ("plan s", 8), ("pulses s", 8), ("lines/s", 10), ("steps/s", 12))
+TITLES = (
+    ("lines", 8),
+    ("steps", 10),
+    ("machine s", 10),
+    ("read s", 8),
+    ("plan s", 8),
+    ("pulses s", 8),
+    ("lines/s", 10),
+    ("steps/s", 12),
+)
 
 
 def best(program: Path, repeat: int) -> Report:

@@ -2,7 +2,8 @@
 
 python -m benchmarks.segments [PULSES.npz ...]
 
-Without files: lines, circles, and moves without any order. Files are those that ``cncrun --pulses`` writes.
+Without files: lines, circles, and moves without any order. Files are those that ``cncrun --pulses``
+writes.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ CHUNK = 65536
 
 
 def crossings(path: NDArray[np.float64], seconds: float) -> tuple[Times, Steps]:
-    """Moves where a path (points, axes) in steps, made in even time, is halfway between grid points."""
+    """Moves where a path (points, axes) in steps, made in even time, is halfway between grid
+    points.
+    """
     grid = np.floor(path + 0.5).astype(np.int64)
     times, axes, signs = [], [], []
     for axis in range(path.shape[1]):
@@ -44,7 +47,9 @@ def crossings(path: NDArray[np.float64], seconds: float) -> tuple[Times, Steps]:
 def fastest_leads(slopes: list[float], rate: float) -> tuple[Times, Steps]:
     """A line whose first axis steps in every move."""
     places = np.floor(np.arange(MOVES + 1)[:, None] * np.array(slopes) + 0.5)
-    return np.round(np.arange(1, MOVES + 1) / rate * 1e9).astype(np.int64), np.diff(places, axis=0).astype(np.int8)
+    return np.round(np.arange(1, MOVES + 1) / rate * 1e9).astype(np.int64), np.diff(
+        places, axis=0
+    ).astype(np.int8)
 
 
 def circles(radius: float, rate: float) -> tuple[Times, Steps]:
@@ -64,7 +69,10 @@ def disorder() -> tuple[Times, Steps]:
 def measure(name: str, times: Times, step: Steps) -> None:
     """Encode, play, compare, print a line."""
     line = np.zeros(len(times), np.int32)
-    chunks = [PulseChunk(times[k : k + CHUNK], step[k : k + CHUNK], line[k : k + CHUNK]) for k in range(0, len(times), CHUNK)]
+    chunks = [
+        PulseChunk(times[k : k + CHUNK], step[k : k + CHUNK], line[k : k + CHUNK])
+        for k in range(0, len(times), CHUNK)
+    ]
     encoder = SegmentEncoder(step.shape[1])
     begin = time.process_time()
     data = b"".join([encoder.push(chunk) for chunk in chunks] + [encoder.flush(end=True)])
@@ -84,7 +92,9 @@ def measure(name: str, times: Times, step: Steps) -> None:
 
 def main() -> None:
     """Print a line for each path."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("files", nargs="*", type=Path, metavar="PULSES.npz")
     files = parser.parse_args().files
     encoder = SegmentEncoder(3)
@@ -96,8 +106,13 @@ def main() -> None:
     if not files:
         line = np.linspace(0.0, 1.0, 2 * MOVES + 1)[:, None] * MOVES
         measure("line, 3 axes, the fastest leads", *fastest_leads([1.0, 0.7123, 0.2871], 30_000))
-        measure("line, 2 axes, where they cross", *crossings(line * [0.6123, 0.3877], MOVES / 30_000))
-        measure("line, 3 axes, where they cross", *crossings(line * [0.5123, 0.3077, 0.18], MOVES / 30_000))
+        measure(
+            "line, 2 axes, where they cross", *crossings(line * [0.6123, 0.3877], MOVES / 30_000)
+        )
+        measure(
+            "line, 3 axes, where they cross",
+            *crossings(line * [0.5123, 0.3077, 0.18], MOVES / 30_000),
+        )
         measure("circles of 4000 steps, crossings", *circles(4000, 10_000))
         measure("circles of 4000 steps, faster", *circles(4000, 40_000))
         measure("no order", *disorder())

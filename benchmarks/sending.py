@@ -1,12 +1,14 @@
-"""What it costs to send: CPU time of ``cncrun --board grbl --check-on-board`` for each line, against a board in the box at wire speed.
+"""What it costs to send: CPU time of ``cncrun --board grbl --check-on-board`` for each line,
+against a board in the box at wire speed.
 
-The board is a process of its own behind a pseudo-terminal, in the wall's time: 115200 baud, GRBL's buffer, its time a line. What the
-command costs before its first line is left out: each program is run short and long, and the difference counts.
+The board is a process of its own behind a pseudo-terminal, in the wall's time: 115200 baud, GRBL's
+buffer, its time a line. What the command costs before its first line is left out: each program is
+run short and long, and the difference counts.
 
     python -m benchmarks.sending [--lines N] [--repeat N]
 
-``prepared``: short chords that the planner passes on as they are. ``jagged``: corners at each of which the plan stops, in which arcs are
-looked for in vain.
+``prepared``: short chords that the planner passes on as they are. ``jagged``: corners at each of
+which the plan stops, in which arcs are looked for in vain.
 """
 
 from __future__ import annotations
@@ -43,11 +45,24 @@ def sent(program: Path) -> tuple[float, int]:
     """CPU seconds of a run, and lines that came to the board."""
     with tempfile.TemporaryDirectory() as folder:
         lines = Path(folder) / "lines.nc"
-        board = subprocess.Popen([sys.executable, "-m", "cnc.boards.grbl.simulator"], stdout=subprocess.PIPE, text=True)
+        board = subprocess.Popen(
+            [sys.executable, "-m", "cnc.boards.grbl.simulator"], stdout=subprocess.PIPE, text=True
+        )
         try:
             assert board.stdout is not None
             port = board.stdout.readline().strip()
-            command = [sys.executable, "-m", "cnc.cli", str(program), "--machine", "grbl-uno", "--board", "grbl", "--port", port]
+            command = [
+                sys.executable,
+                "-m",
+                "cnc.cli",
+                str(program),
+                "--machine",
+                "grbl-uno",
+                "--board",
+                "grbl",
+                "--port",
+                port,
+            ]
             command += ["--check-on-board", "--yes", "--quiet", "--lines", str(lines)]
             sender = subprocess.Popen(command)
             _, status, usage = os.wait4(sender.pid, 0)
@@ -64,7 +79,9 @@ def sent(program: Path) -> tuple[float, int]:
 
 def main() -> None:
     """Print CPU time a line, and the part of a core that it makes at the wire's rate."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     options.add_argument("--lines", type=int, default=6000)
     options.add_argument("--repeat", type=int, default=3)
     wanted = options.parse_args()
@@ -76,11 +93,16 @@ def main() -> None:
                 costs = []
                 for count in SHORT, wanted.lines:
                     path = Path(folder) / f"{name}-{count}.nc"
-                    path.write_text("G21 G90 G94\nG1 F1500\n" + "\n".join(program(count)) + "\nM2\n")
+                    path.write_text(
+                        "G21 G90 G94\nG1 F1500\n" + "\n".join(program(count)) + "\nM2\n"
+                    )
                     costs.append(sent(path))
                 (little, few), (much, many) = costs
                 best = min(best, (much - little) / (many - few))
-            print(f"{name:10} {best * 1e3:.3f} ms a line, {best * WIRE:.1%} of a core at {WIRE:.0f} lines/s", flush=True)
+            print(
+                f"{name:10} {best * 1e3:.3f} ms a line, {best * WIRE:.1%} of a core at {WIRE:.0f} lines/s",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

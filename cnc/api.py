@@ -4,12 +4,14 @@
     report = check("part.nc", "config/grbl-uno.toml")
     print(report.ok, report.duration_s)
 
-A program goes by twice. The first pass reads it to the end and compares its path with the travel of the axes, so that nothing moves in a
-program that is wrong anywhere. The second plans it, makes pulses (and samples, if asked for) and sends them. Both passes stream: memory
-does not grow with the program. A path that is small enough is kept from the first pass to the second.
+A program goes by twice. The first pass reads it to the end and compares its path with the travel of
+the axes, so that nothing moves in a program that is wrong anywhere. The second plans it, makes
+pulses (and samples, if asked for) and sends them. Both passes stream: memory does not grow with the
+program. A path that is small enough is kept from the first pass to the second.
 
-:func:`check` and :func:`run` give a :class:`~cnc.report.result.Report`; what is wrong with the program or the board is in its ``faults``.
-They raise only what the caller has to mend: UsageError and MachineFileError.
+:func:`check` and :func:`run` give a :class:`~cnc.report.result.Report`; what is wrong with the
+program or the board is in its ``faults``. They raise only what the caller has to mend: UsageError
+and MachineFileError.
 """
 
 from __future__ import annotations
@@ -58,18 +60,37 @@ __all__ = [
 Interpolator = Literal["reference-pulse", "sampled"]
 
 
-def parse(program: Path | str, machine: Machine | Path | str | None = None, *, dialect: DialectName | None = None) -> Iterator[Block]:
-    """Yield the canonical blocks of a program file, as it is read. GcodeError at the first fault, UsageError if there is no such file."""
+def parse(
+    program: Path | str,
+    machine: Machine | Path | str | None = None,
+    *,
+    dialect: DialectName | None = None,
+) -> Iterator[Block]:
+    """Yield the canonical blocks of a program file, as it is read. GcodeError at the first fault,
+    UsageError if there is no such file.
+    """
     yield from Job(program, _machine(machine), dialect, False, Outputs(), Watch()).blocks()
 
 
 def plan(
-    program: Path | str, machine: Machine | Path | str | None = None, *, dialect: DialectName | None = None
+    program: Path | str,
+    machine: Machine | Path | str | None = None,
+    *,
+    dialect: DialectName | None = None,
 ) -> Iterator[PlanChunk | Block]:
-    """Yield the jerk-limited plan of a program file and the blocks between the moves, in order; MotionLimitError, and as :func:`parse`."""
+    """Yield the jerk-limited plan of a program file and the blocks between the moves, in order;
+    MotionLimitError, and as :func:`parse`.
+    """
     known = _machine(machine)
     blocks = parse(program, known, dialect=dialect)
-    yield from LookAhead(known).plan(build(blocks, axes=known.axis_names, start=start_position(known), tolerance=known.path.tolerance))
+    yield from LookAhead(known).plan(
+        build(
+            blocks,
+            axes=known.axis_names,
+            start=start_position(known),
+            tolerance=known.path.tolerance,
+        )
+    )
 
 
 def check(
@@ -85,17 +106,28 @@ def check(
     selection: Selection | None = None,
     portable: Sequence[str] = (),
 ) -> Report:
-    """Verify a program without a board: language, travel, the plan against every limit, and its pulses.
+    """Verify a program without a board: language, travel, the plan against every limit, and its
+    pulses.
 
-    program: its file, ``-`` for standard input. machine: itself, its file or shipped name, None for the default. dialect: None for the
-    machine's. interpolator: ``sampled`` samples the motion at the machine's period, too; a trace does so in any case. algorithm: how grid
-    moves are made; None for half steps on lines and arcs, enclosing lines on other curves. control: its feed override scales the feeds, its
-    stop ends the check. selection: which findings besides errors to report. portable: dialects that have to understand the program in the
-    same way.
+    program: its file, ``-`` for standard input. machine: itself, its file or shipped name, None for
+    the default. dialect: None for the machine's. interpolator: ``sampled`` samples the motion at
+    the machine's period, too; a trace does so in any case. algorithm: how grid moves are made; None
+    for half steps on lines and arcs, enclosing lines on other curves. control: its feed override
+    scales the feeds, its stop ends the check. selection: which findings besides errors to report.
+    portable: dialects that have to understand the program in the same way.
     """
     known, sampled = _machine(machine), interpolator == "sampled"
     return Job(
-        program, known, dialect, sampled, outputs or Outputs(), watch or Watch(), control, algorithm, selection, portable
+        program,
+        known,
+        dialect,
+        sampled,
+        outputs or Outputs(),
+        watch or Watch(),
+        control,
+        algorithm,
+        selection,
+        portable,
     ).carry_out()
 
 
@@ -112,12 +144,14 @@ def check_many(
     jobs: int | None = None,
     scheduler: str | None = None,
 ) -> Iterator[Report]:
-    """Verify many programs in ``jobs`` processes (None: one a core) and yield their reports in their order.
+    """Verify many programs in ``jobs`` processes (None: one a core) and yield their reports in
+    their order.
 
     scheduler: the address of a Dask cluster's scheduler, whose workers check them instead.
 
-    The other arguments are those of :func:`check`. A program at which a process dies twice has the fault ``worker-died``, one at which this
-    library fails ``internal-error``; the rest are checked all the same.
+    The other arguments are those of :func:`check`. A program at which a process dies twice has the
+    fault ``worker-died``, one at which this library fails ``internal-error``; the rest are checked
+    all the same.
     """
     names = [str(program) for program in programs]
     return pool.check_many(
@@ -154,13 +188,16 @@ def run(
 ) -> Report:
     """Check a program, then run it on a board; the other arguments are those of :func:`check`.
 
-    board: itself, its name, None for the one of the machine file. port: where the board is; for the file board, the file to write. control:
-    hold, resume, override and stop, from any thread or from ``watch.on_sent``; each takes effect at the end of what has been sent, on a
-    board that plans for itself at once. check_on_board: let such a board read the lines without moving. pauses: whether such a board waits
-    for ``control`` at M0 and M6, the program is refused for them, or goes on. from_line: the source line to begin at, with the state of the
-    lines before restored at a safe height; ``watch.on_beginning`` is told how, and asked. home: the machine finds out where it stands
-    first, as :func:`home` lets it, once the program has been read. trust_position: the position that a GRBL board reports is right, though
-    it has restarted or the last run ended elsewhere, which is refused otherwise (``position-lost``).
+    board: itself, its name, None for the one of the machine file. port: where the board is; for the
+    file board, the file to write. control: hold, resume, override and stop, from any thread or from
+    ``watch.on_sent``; each takes effect at the end of what has been sent, on a board that plans for
+    itself at once. check_on_board: let such a board read the lines without moving. pauses: whether
+    such a board waits for ``control`` at M0 and M6, the program is refused for them, or goes on.
+    from_line: the source line to begin at, with the state of the lines before restored at a safe
+    height; ``watch.on_beginning`` is told how, and asked. home: the machine finds out where it
+    stands first, as :func:`home` lets it, once the program has been read. trust_position: the
+    position that a GRBL board reports is right, though it has restarted or the last run ended
+    elsewhere, which is refused otherwise (``position-lost``).
     """
     known = _machine(machine)
     asked = outputs or Outputs(), watch or Watch(), control, algorithm
@@ -188,7 +225,11 @@ def run(
         if check_on_board:
             if not isinstance(opened, LineSink):
                 hint = "leave --check-on-board out; cncrun check looks at the program"
-                raise UsageError(Diagnostic("no-check-on-board", f"the board {name!r} can't check lines", hint=hint))
+                raise UsageError(
+                    Diagnostic(
+                        "no-check-on-board", f"the board {name!r} can't check lines", hint=hint
+                    )
+                )
             opened.check_only = True
         return job.carry_out(opened, name)
     finally:
@@ -205,14 +246,20 @@ def home(
     control: Control | None = None,
     on_axis: Callable[[homing.Way], None] | None = None,
 ) -> dict[str, float | None]:
-    """Let the machine find out where it stands by the limit switches of its axes; where each axis then stands, mm, None where nobody knows.
+    """Let the machine find out where it stands by the limit switches of its axes; where each axis
+    then stands, mm, None where nobody knows.
 
-    axes: which, all that have a switch if none is named; the machine file says in what order, where the switches are, and how fast. The
-    board remembers until it is reset. on_axis is told of every axis before it goes. A GRBL board homes all axes by its own cycle, as its
-    settings say. Raises UsageError, BoardError; HomingStopped when ``control`` stops the machine on its way.
+    axes: which, all that have a switch if none is named; the machine file says in what order, where
+    the switches are, and how fast. The board remembers until it is reset. on_axis is told of every
+    axis before it goes. A GRBL board homes all axes by its own cycle, as its settings say. Raises
+    UsageError, BoardError; HomingStopped when ``control`` stops the machine on its way.
     """
     known, seen = _machine(machine), watch or Watch()
-    opened = open_board(known, kind=board, port=port) if board is None or isinstance(board, str) else board
+    opened = (
+        open_board(known, kind=board, port=port)
+        if board is None or isinstance(board, str)
+        else board
+    )
 
     def on_progress(progress: Progress) -> None:
         if seen.on_progress is not None:
@@ -224,12 +271,23 @@ def home(
         if isinstance(opened, LineSink):
             return dict(home_by_board(opened, known, axes, control or Control()))
         ensure_compiled(seen.on_compiling)
-        stands = homing.home(opened, known, axes, start_position(known), control=control, on_progress=on_progress, on_axis=on_axis)
+        stands = homing.home(
+            opened,
+            known,
+            axes,
+            start_position(known),
+            control=control,
+            on_progress=on_progress,
+            on_axis=on_axis,
+        )
     finally:
         if opened is not board:
             opened.close()
     each = zip(known.axes.items(), stands, strict=True)
-    return {letter: None if steps is None else steps / axis.steps_per_mm for (letter, axis), steps in each}
+    return {
+        letter: None if steps is None else steps / axis.steps_per_mm
+        for (letter, axis), steps in each
+    }
 
 
 def _machine(machine: Machine | Path | str | None) -> Machine:

@@ -1,6 +1,8 @@
-"""Draws docs/trident.svg: the trident on the machine of the paper, its path and its feed, acceleration and jerk over time.
+"""Draws docs/trident.svg: the trident on the machine of the paper, its path and its feed,
+acceleration and jerk over time.
 
-And photographs the pages that `cncrun view` makes of it and of the finishing pass, in Debian's chromium.
+And photographs the pages that `cncrun view` makes of it and of the finishing pass, in Debian's
+chromium.
 
 make picture
 """
@@ -40,20 +42,35 @@ def draw(target: Path) -> Report:
         report = check(PROGRAM, machine, outputs=Outputs(trace=str(file)))
         report.raise_if_faulty()
         with np.load(file) as trace:
-            columns = {name: trace[name] for name in ("t", "position", "feed", "accel", "jerk", "line")}
+            columns = {
+                name: trace[name] for name in ("t", "position", "feed", "accel", "jerk", "line")
+            }
     # The curve alone, without the traverse that leads to it.
     curve = next(block for block in parse(PROGRAM, machine) if isinstance(block, NurbsFeed))
     on_curve = columns["line"] == curve.line
     columns = {name: column[on_curve] for name, column in columns.items()}
     columns["t"] = columns["t"] - columns["t"][0]
 
-    plt.rcParams.update({"font.size": 9, "svg.hashsalt": "cnc", "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.2})
+    plt.rcParams.update(
+        {
+            "font.size": 9,
+            "svg.hashsalt": "cnc",
+            "axes.grid": True,
+            "grid.alpha": 0.3,
+            "lines.linewidth": 1.2,
+        }
+    )
     figure = plt.figure(figsize=(10, 4.6), layout="constrained")
     grid = figure.add_gridspec(3, 2, width_ratios=(1, 1.4))
 
     place = figure.add_subplot(grid[:, 0], aspect="equal", title="path (mm) and feed (mm/s)")
     points = columns["position"][::2, :2]
-    lines = LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), array=columns["feed"][2::2], cmap="viridis", linewidth=2.5)
+    lines = LineCollection(
+        list(np.stack([points[:-1], points[1:]], axis=1)),
+        array=columns["feed"][2::2],
+        cmap="viridis",
+        linewidth=2.5,
+    )
     place.plot(*curve.control_points[:, :2].T, "o--", color="0.6", linewidth=0.8, markersize=3)
     place.add_collection(lines)
     figure.colorbar(lines, ax=place, shrink=0.7)
@@ -63,7 +80,12 @@ def draw(target: Path) -> Report:
     for row, (name, label) in enumerate(rows):
         limit = float(getattr(limits, name))
         axes = figure.add_subplot(grid[row, 1])
-        axes.plot(columns["t"], columns[name], color=f"C{row}", drawstyle="steps-post" if name == "jerk" else "default")
+        axes.plot(
+            columns["t"],
+            columns[name],
+            color=f"C{row}",
+            drawstyle="steps-post" if name == "jerk" else "default",
+        )
         for bound in (limit,) if name == "feed" else (limit, -limit):
             axes.axhline(bound, color="0.4", linestyle=":", linewidth=1)
         axes.set_ylabel(label)
@@ -81,7 +103,13 @@ def describe(report: Report, readme: Path) -> None:
         print_summary(report, console)
     text = "\n".join(line.rstrip() for line in shown.get().splitlines())
     old = readme.read_text(encoding="utf-8")
-    new = re.sub(r"(?<=```\n)(\$ cncrun [^\n]*\n).*?(?=\n```)", lambda found: found[1] + text, old, count=1, flags=re.DOTALL)
+    new = re.sub(
+        r"(?<=```\n)(\$ cncrun [^\n]*\n).*?(?=\n```)",
+        lambda found: found[1] + text,
+        old,
+        count=1,
+        flags=re.DOTALL,
+    )
     readme.write_text(new, encoding="utf-8")
 
 
@@ -91,7 +119,13 @@ def photograph(program: str, machine: str, target: Path, *, dark: bool, then: st
         page = Path(folder) / "page.html"
         check(program, machine, outputs=Outputs(picture=str(page))).raise_if_faulty()
         width, height = PAGE_SIZE
-        browser.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        browser.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         browser.dark(dark)
         browser.open(page)
         browser.evaluate(f"opened.then(m => {{ {then}; m.draw(); }})")
@@ -102,6 +136,18 @@ if __name__ == "__main__":
     if FOUND is None:
         sys.exit(f"chromium is not installed: {INSTALL}")
     os.chdir(ROOT)
-    photograph("programs/trident.nc", "paper-nurbs", ROOT / "docs" / "view-trident.png", dark=True, then="m.press({channel: 1})")
-    photograph("programs/finishing.nc", "default", ROOT / "docs" / "view-finishing.png", dark=False, then="m.chooseTime(40)")
+    photograph(
+        "programs/trident.nc",
+        "paper-nurbs",
+        ROOT / "docs" / "view-trident.png",
+        dark=True,
+        then="m.press({channel: 1})",
+    )
+    photograph(
+        "programs/finishing.nc",
+        "default",
+        ROOT / "docs" / "view-finishing.png",
+        dark=False,
+        then="m.chooseTime(40)",
+    )
     describe(draw(ROOT / "docs" / "trident.svg"), ROOT / "README.md")

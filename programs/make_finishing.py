@@ -1,9 +1,11 @@
-"""Writes finishing.nc: a 3D finishing pass of 20 000 short moves in a zig-zag over a smooth surface, as a CAM system posts it.
+"""Writes finishing.nc: a 3D finishing pass of 20 000 short moves in a zig-zag over a smooth
+surface, as a CAM system posts it.
 
     python programs/make_finishing.py [FILE]
 
-The numbers are rounded to a micrometre and words that did not change are left out, so that the program has the noise and the shape of a
-real one. The same on every machine: only sums, products and a few sines, rounded far above their last bit.
+The numbers are rounded to a micrometre and words that did not change are left out, so that the
+program has the noise and the shape of a real one. The same on every machine: only sums, products
+and a few sines, rounded far above their last bit.
 """
 
 from __future__ import annotations
@@ -48,7 +50,12 @@ def height(x: float, y: float) -> float:
     across = (x - CORNER[0]) / (CHORD * (MOVES_IN_ROW - 1))
     along = (y - CORNER[1]) / (STEP_OVER * (ROWS - 1))
     dome = 16.0 * across * (1.0 - across) * along * (1.0 - along)
-    return -6.0 + 4.0 * dome + 0.8 * math.sin(5.0 * across + 3.0 * along) - 1.2 * math.exp(-((along - 0.35) ** 2) / 0.01)
+    return (
+        -6.0
+        + 4.0 * dome
+        + 0.8 * math.sin(5.0 * across + 3.0 * along)
+        - 1.2 * math.exp(-((along - 0.35) ** 2) / 0.01)
+    )
 
 
 def points() -> Iterator[tuple[float, float, float]]:
@@ -79,7 +86,10 @@ def lines() -> Iterator[str]:
             yield "G0 Z5"
             yield f"G1 {words[2]} F400"
         else:
-            yield " ".join(word for word, old in zip(words, before, strict=True) if word != old) + feed
+            yield (
+                " ".join(word for word, old in zip(words, before, strict=True) if word != old)
+                + feed
+            )
             feed = ""
         before = words
     yield from FOOTER.splitlines()

@@ -1,4 +1,5 @@
-"""One hypothesis profile for all, which has the same examples in every run and no clock (the first call of a kernel compiles it).
+"""One hypothesis profile for all, which has the same examples in every run and no clock (the first
+call of a kernel compiles it).
 
 What a run keeps of its board's position goes to a folder of the tests' own.
 """
@@ -6,7 +7,13 @@ What a run keeps of its board's position goes to a folder of the tests' own.
 import pytest
 from hypothesis import HealthCheck, settings
 
-settings.register_profile("cnc", derandomize=True, deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "cnc",
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
 settings.load_profile("cnc")
 
 

@@ -1,4 +1,6 @@
-"""Checks many programs in several processes, so that neither a fault nor the death of one stops the rest."""
+"""Checks many programs in several processes, so that neither a fault nor the death of one stops the
+rest.
+"""
 
 from __future__ import annotations
 
@@ -55,13 +57,24 @@ def check_many(
 ) -> Iterator[Report]:
     """Yield a report of each program, in their order, as :func:`cnc.api.check` gives it.
 
-    jobs: how many processes, None for one a core. scheduler: the address of a Dask cluster's, whose workers take their place. on_done: told
-    how many programs have been checked, in whatever order. A program whose process dies, again and again, has the fault ``worker-died``;
-    one that cncrun fails at, ``internal-error``. Raises what is wrong with no single program: UsageError, MachineFileError.
+    jobs: how many processes, None for one a core. scheduler: the address of a Dask cluster's, whose
+    workers take their place. on_done: told how many programs have been checked, in whatever order.
+    A program whose process dies, again and again, has the fault ``worker-died``; one that cncrun
+    fails at, ``internal-error``. Raises what is wrong with no single program: UsageError,
+    MachineFileError.
     """
     if jobs is not None and jobs < 1:
-        raise UsageError(Diagnostic("job-count", f"{jobs} processes can't check anything", hint="give --jobs 1 or more"))
-    tasks = [Task(program, machine, dialect, sampled, feed_override, algorithm, selection, tuple(portable)) for program in programs]
+        raise UsageError(
+            Diagnostic(
+                "job-count", f"{jobs} processes can't check anything", hint="give --jobs 1 or more"
+            )
+        )
+    tasks = [
+        Task(
+            program, machine, dialect, sampled, feed_override, algorithm, selection, tuple(portable)
+        )
+        for program in programs
+    ]
     if scheduler is None:
         outcomes = _at_home(tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None))
     else:
@@ -84,7 +97,9 @@ def check_many(
             yield found
 
 
-def _at_home(tasks: Sequence[Task], hands: int, on_compiling: Callable[[], None]) -> Generator[tuple[int, Report | CncError]]:
+def _at_home(
+    tasks: Sequence[Task], hands: int, on_compiling: Callable[[], None]
+) -> Generator[tuple[int, Report | CncError]]:
     """Number and outcome of each task, as they come, from processes of this computer."""
     crew = _Crew(tasks, hands, on_compiling)
     try:
@@ -95,7 +110,9 @@ def _at_home(tasks: Sequence[Task], hands: int, on_compiling: Callable[[], None]
 
 
 class _Crew:
-    """Threads, each with a worker process of its own, that take tasks by number and put outcomes into ``done``."""
+    """Threads, each with a worker process of its own, that take tasks by number and put outcomes
+    into ``done``.
+    """
 
     def __init__(self, tasks: Sequence[Task], hands: int, on_compiling: Callable[[], None]) -> None:
         self.done: SimpleQueue[tuple[int, Report | CncError]] = SimpleQueue()
@@ -112,7 +129,14 @@ class _Crew:
         with suppress(Empty, _Dismissed):
             while True:
                 number, task = self._todo.get_nowait()
-                self.done.put((number, self._from_standard_input(task) if task.program == STANDARD_INPUT else worker.check(task)))
+                self.done.put(
+                    (
+                        number,
+                        self._from_standard_input(task)
+                        if task.program == STANDARD_INPUT
+                        else worker.check(task),
+                    )
+                )
 
     def _prepare(self, process: subprocess.Popen[bytes]) -> None:
         """Let one worker compile the kernels; the others find what it made."""
@@ -130,7 +154,9 @@ class _Crew:
         return task.perform()
 
     def dismiss(self) -> None:
-        """End what is under way; workers that are in the middle of something have a moment to tidy up."""
+        """End what is under way; workers that are in the middle of something have a moment to tidy
+        up.
+        """
         with suppress(Empty):
             while True:
                 self._todo.get_nowait()
@@ -170,14 +196,20 @@ class _Worker:
                 end = _end_of(process)
                 self._process = None
         message = f"the process that checked it {end}, {ATTEMPTS} times"
-        return task.failed("worker-died", message, "check this program alone, and with more memory; report it if that does not help")
+        return task.failed(
+            "worker-died",
+            message,
+            "check this program alone, and with more memory; report it if that does not help",
+        )
 
     def _start(self) -> subprocess.Popen[bytes]:
         with self._changing:
             if self._dismissed:
                 raise _Dismissed
             command = [sys.executable, "-P", "-c", START]
-            self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+            )
             return self._process
 
     def dismiss(self) -> None:

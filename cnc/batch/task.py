@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
 
 class Prepare:
-    """Asks a worker to compile the kernels if need be. The answer: :class:`Compiling` if that takes time, and None when it is done."""
+    """Asks a worker to compile the kernels if need be. The answer: :class:`Compiling` if that takes
+    time, and None when it is done.
+    """
 
 
 class Compiling:
@@ -38,7 +40,9 @@ class Task:
     portable: tuple[str, ...] = ()
 
     def perform(self) -> Report | CncError:
-        """Check the program here; a CncError is for the caller, who named a machine or an option that can't be used with any program."""
+        """Check the program here; a CncError is for the caller, who named a machine or an option
+        that can't be used with any program.
+        """
         from cnc.session import Job, Outputs, Watch
 
         try:
@@ -59,12 +63,23 @@ class Task:
             return error
         except Exception as error:
             message = f"cncrun failed: {type(error).__name__}: {error}"
-            return self.failed("internal-error", message, "please report the program, the machine file and this message")
+            return self.failed(
+                "internal-error",
+                message,
+                "please report the program, the machine file and this message",
+            )
 
     def failed(self, code: str, message: str, hint: str) -> Report:
         """The report of a program that nothing can be said about, for no fault of its own."""
-        return self.with_fault(CncError(Diagnostic(code, message, shown_name(self.program), hint=hint)))
+        return self.with_fault(
+            CncError(Diagnostic(code, message, shown_name(self.program), hint=hint))
+        )
 
     def with_fault(self, fault: CncError) -> Report:
         """The report of a program of which nothing is known but what is wrong."""
-        return Report(shown_name(self.program), self.machine, faults=[fault], limits=Extremes.limits(self.machine))
+        return Report(
+            shown_name(self.program),
+            self.machine,
+            faults=[fault],
+            limits=Extremes.limits(self.machine),
+        )

@@ -1,4 +1,6 @@
-"""A process that checks one program after another: tasks come in by standard input, reports go out by standard output."""
+"""A process that checks one program after another: tasks come in by standard input, reports go out
+by standard output.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ def main() -> None:
 
 
 def _listen(source: IO[bytes], tasks: Tasks) -> None:
-    """Pass on what comes. When the asking process is gone, in whatever way, nobody waits for what is under way."""
+    """Pass on what comes. When the asking process is gone, in whatever way, nobody waits for what
+    is under way.
+    """
     with suppress(EOFError, OSError, pickle.UnpicklingError):
         while True:
             tasks.put(pickle.load(source))

@@ -1,11 +1,15 @@
-"""What is at the serial ports: which board answers, its settings, and the machine file that they make.
+"""What is at the serial ports: which board answers, its settings, and the machine file that they
+make.
 
-A port is asked as a GRBL board is, then, if that is not what answers, as a stepper board, whose hello is no command to any other board.
+A port is asked as a GRBL board is, then, if that is not what answers, as a stepper board, whose
+hello is no command to any other board.
 
-A GRBL board tells its limits itself (``$$``), so nobody has to copy them. What it does not have is jerk: the file's is such that an axis
-reaches its acceleration in JERK_TIME, which keeps the plan close to the board's own ramps.
+A GRBL board tells its limits itself (``$$``), so nobody has to copy them. What it does not have is
+jerk: the file's is such that an axis reaches its acceleration in JERK_TIME, which keeps the plan
+close to the board's own ramps.
 
-Everything that is printed but the machine file is a remark of TOML, so ``cncrun boards /dev/ttyUSB0 > mill.toml`` makes that file.
+Everything that is printed but the machine file is a remark of TOML, so ``cncrun boards /dev/ttyUSB0
+> mill.toml`` makes that file.
 """
 
 from __future__ import annotations
@@ -44,7 +48,9 @@ HOMING = 22
 NOT_GRBL = ("no-answer", "board-not-grbl", "board-silent")
 """What is said of a port at which no GRBL board answers."""
 AWAKE_S = 1.0
-"""A stepper board that has heard a GRBL board's questions for seconds is up, and answers a hello within this."""
+"""A stepper board that has heard a GRBL board's questions for seconds is up, and answers a hello
+within this.
+"""
 SLOWEST = 250_000
 """Bits a second: the slowest that a stepper board is built for."""
 
@@ -53,7 +59,8 @@ SLOWEST = 250_000
 class Found:
     """A port, what the system says of it, and either the board that answered or why none did.
 
-    info, status: of a GRBL board. stepper: the name by which a stepper board has welcomed us, baud: at this speed.
+    info, status: of a GRBL board. stepper: the name by which a stepper board has welcomed us, baud:
+    at this speed.
     """
 
     port: str
@@ -66,7 +73,9 @@ class Found:
 
 
 def look(ports: Sequence[str] = (), baud: int = 115200) -> list[Found]:
-    """Ask the ports named, else all of this computer, all at once. The first opening of a port resets most boards; nothing moves."""
+    """Ask the ports named, else all of this computer, all at once. The first opening of a port
+    resets most boards; nothing moves.
+    """
     known = {port.name: port.description for port in found_ports()}
     names = list(ports) or list(known)
     if not names:
@@ -113,7 +122,10 @@ def page(found: Found, baud: int = 115200) -> Iterator[str]:
             yield f"# {found.fault.diagnostic.message}"
         return
     yield f"# {info.firmware}  {info.build}  {status.state}".rstrip()
-    position = "  ".join(f"{letter.upper()} {value:.3f}" for letter, value in zip(AXIS_LETTERS, status.position or (), strict=False))
+    position = "  ".join(
+        f"{letter.upper()} {value:.3f}"
+        for letter, value in zip(AXIS_LETTERS, status.position or (), strict=False)
+    )
     yield f"# machine position {position}"
     yield f"# planner {info.blocks or 'unknown'} blocks, receive buffer {info.rx_bytes} bytes, options {info.options or 'none'}"
     for number, value in sorted(info.settings.items()):
@@ -138,11 +150,15 @@ def _stepper(found: Found, board: Welcome) -> Iterator[str]:
 
 
 def machine_file(port: str, info: BoardInfo, baud: int) -> Iterator[str]:
-    """The machine file (TOML) by the board's settings. BoardError ``board-settings`` where it does not tell them."""
+    """The machine file (TOML) by the board's settings. BoardError ``board-settings`` where it does
+    not tell them.
+    """
     text = ["", "[machine]", f"name = {json.dumps(info.firmware)}"]
     rates, most_steps = [], float(STEP_RATE)
     for column, letter in enumerate(AXIS_LETTERS[: info.axes]):
-        steps, rate, acceleration = (info.axis(first, column) for first in (STEPS, RATES, ACCELERATIONS))
+        steps, rate, acceleration = (
+            info.axis(first, column) for first in (STEPS, RATES, ACCELERATIONS)
+        )
         if steps is None or rate is None or acceleration is None:
             message = f"the board tells no ${STEPS + column}, ${RATES + column} or ${ACCELERATIONS + column} for its axis {letter.upper()}"
             raise board_error("board-settings", message, hint="set them on the board")
@@ -160,7 +176,11 @@ def machine_file(port: str, info: BoardInfo, baud: int) -> Iterator[str]:
         if travel is not None:
             text.append(f"travel = [{travel[0]:.10g}, {travel[1]:.10g}]")
     if not rates:
-        raise board_error("board-settings", "the board tells no settings of its axes", hint="is its firmware GRBL 1.1 or grblHAL?")
+        raise board_error(
+            "board-settings",
+            "the board tells no settings of its axes",
+            hint="is its firmware GRBL 1.1 or grblHAL?",
+        )
     if info.number(HOMING) in (None, 0.0):
         text += [
             "",

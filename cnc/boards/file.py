@@ -1,4 +1,6 @@
-"""A board that is a file: what it receives is written as a pulse archive, ``time_ns``, ``step``, ``line`` and what belongs to them."""
+"""A board that is a file: what it receives is written as a pulse archive, ``time_ns``, ``step``,
+``line`` and what belongs to them.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +22,16 @@ from cnc.model.streams import PulseChunk
 class FileBoard:
     """Writes pulses to ``path`` (.npz) while it checks them as the loopback board does.
 
-    axes: names. steps_per_mm (axes,). min_pulse_ns: least time between two pulses of one axis. Commands between moves are kept as
-    ``command_ns`` int64 (k,), ``command_line`` int32 (k,) and ``command`` (k,), their kind. The file appears on ``finish``, or on ``stop``
-    with what was sent until then; an abort leaves no file. UsageError `can-not-write` where the folder can't be written.
+    axes: names. steps_per_mm (axes,). min_pulse_ns: least time between two pulses of one axis.
+    Commands between moves are kept as ``command_ns`` int64 (k,), ``command_line`` int32 (k,) and
+    ``command`` (k,), their kind. The file appears on ``finish``, or on ``stop`` with what was sent
+    until then; an abort leaves no file. UsageError `can-not-write` where the folder can't be
+    written.
     """
 
-    def __init__(self, path: Path, axes: Sequence[str], steps_per_mm: ArrayLike, min_pulse_ns: float = 0.0) -> None:
+    def __init__(
+        self, path: Path, axes: Sequence[str], steps_per_mm: ArrayLike, min_pulse_ns: float = 0.0
+    ) -> None:
         self.path = path
         self.axes = tuple(axes)
         self.steps_per_mm = np.asarray(steps_per_mm, dtype=np.float64)
@@ -34,11 +40,19 @@ class FileBoard:
 
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> FileBoard:
-        """To ``target``, else to the file that ``board.port`` names. UsageError `no-target` where neither is given."""
+        """To ``target``, else to the file that ``board.port`` names. UsageError `no-target` where
+        neither is given.
+        """
         if target is None and machine.board.port:
             target = Path(machine.board.port)
         if target is None:
-            raise UsageError(Diagnostic("no-target", "the file board needs a file to write", hint="name one with --port FILE.npz"))
+            raise UsageError(
+                Diagnostic(
+                    "no-target",
+                    "the file board needs a file to write",
+                    hint="name one with --port FILE.npz",
+                )
+            )
         steps_per_mm = [axis.steps_per_mm for axis in machine.axes.values()]
         return cls(target, tuple(machine.axes), steps_per_mm, 1e9 / machine.board.max_step_rate)
 
@@ -66,12 +80,16 @@ class FileBoard:
             self._writer = NpzWriter(self.path)
         except OSError as error:
             message = f"{self.path} can't be written: {error.strerror}"
-            raise UsageError(Diagnostic("can-not-write", message, hint="name a file in a folder that exists")) from error
+            raise UsageError(
+                Diagnostic("can-not-write", message, hint="name a file in a folder that exists")
+            ) from error
         self._writer.scalar("axes", list(self.axes))
         self._writer.scalar("steps_per_mm", self.steps_per_mm)
         self._writer.scalar("origin_steps", np.array(origin_steps, dtype=np.int64))
         axes = len(self.axes)
-        self._write(PulseChunk(np.empty(0, np.int64), np.empty((0, axes), np.int8), np.empty(0, np.int32)))
+        self._write(
+            PulseChunk(np.empty(0, np.int64), np.empty((0, axes), np.int8), np.empty(0, np.int32))
+        )
 
     def send(self, chunk: PulseChunk) -> None:
         """Check, then write."""
@@ -114,7 +132,12 @@ class FileBoard:
             return
         commands = self._checks.commands
         self._writer.scalar("command_ns", np.array([time for time, _ in commands], dtype=np.int64))
-        self._writer.scalar("command_line", np.array([block.line for _, block in commands], dtype=np.int32))
-        self._writer.scalar("command", np.array([type(block).__name__.lower() for _, block in commands], dtype=np.str_))
+        self._writer.scalar(
+            "command_line", np.array([block.line for _, block in commands], dtype=np.int32)
+        )
+        self._writer.scalar(
+            "command",
+            np.array([type(block).__name__.lower() for _, block in commands], dtype=np.str_),
+        )
         self._writer.close()
         self._writer = None

@@ -1,4 +1,6 @@
-"""The board in the box: counts steps, keeps positions and checks what a real board would choke on."""
+"""The board in the box: counts steps, keeps positions and checks what a real board would choke
+on.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +21,14 @@ ROUNDING_NS = 1
 class Loopback:
     """A board that plays pulses into counters.
 
-    axes: how many columns a chunk must have. min_pulse_ns: least time between two pulses of one axis. fail_after: rows that are taken
-    before the board reports a fault, for tests of what comes then.
+    axes: how many columns a chunk must have. min_pulse_ns: least time between two pulses of one
+    axis. fail_after: rows that are taken before the board reports a fault, for tests of what comes
+    then.
 
-    Faults, each a BoardError at the source line of the row: ``board-format`` (wrong type or shape), ``board-step`` (a step other than -1,
-    0, +1, or a row without a step), ``board-order`` (time runs backwards), ``board-step-rate`` (pulses of one axis too close),
-    ``board-fault`` (as told), ``board-not-started``, ``board-stopped`` (anything after a stop or a fault).
+    Faults, each a BoardError at the source line of the row: ``board-format`` (wrong type or shape),
+    ``board-step`` (a step other than -1, 0, +1, or a row without a step), ``board-order`` (time
+    runs backwards), ``board-step-rate`` (pulses of one axis too close), ``board-fault`` (as told),
+    ``board-not-started``, ``board-stopped`` (anything after a stop or a fault).
     """
 
     has_port = False
@@ -50,9 +54,13 @@ class Loopback:
 
     @property
     def capabilities(self) -> Capabilities:
-        """Pulses at whole nanoseconds; a probe touches where its move ends, an input does what is waited for, the spindle turns as told."""
+        """Pulses at whole nanoseconds; a probe touches where its move ends, an input does what is
+        waited for, the spindle turns as told.
+        """
         rate = 1e9 / self.min_pulse_ns if self.min_pulse_ns else np.inf
-        return Capabilities(axes=self.axes, max_step_rate=rate, tick_ns=1.0, pulses=True, lines=False, senses=True)
+        return Capabilities(
+            axes=self.axes, max_step_rate=rate, tick_ns=1.0, pulses=True, lines=False, senses=True
+        )
 
     @property
     def confirmed_line(self) -> int:
@@ -78,7 +86,11 @@ class Loopback:
         """Begin at a grid point, time 0, with every counter at 0."""
         self._refuse_if_stopped()
         if len(origin_steps) != self.axes:
-            raise self._fault("board-format", f"the board has {self.axes} axes, the program {len(origin_steps)}", 0)
+            raise self._fault(
+                "board-format",
+                f"the board has {self.axes} axes, the program {len(origin_steps)}",
+                0,
+            )
         self._position = np.array(origin_steps, dtype=np.int64)
         self._forward[:] = 0
         self._backward[:] = 0
@@ -103,7 +115,9 @@ class Loopback:
         """Note the block and its time; what the program expects comes."""
         self._refuse_unless_running()
         if time_ns < self._last_ns:
-            raise self._fault("board-order", f"a command at {time_ns} ns after {self._last_ns} ns", block.line)
+            raise self._fault(
+                "board-order", f"a command at {time_ns} ns after {self._last_ns} ns", block.line
+            )
         self._last_ns = time_ns
         self._line = block.line
         self.commands.append((time_ns, block))
@@ -128,7 +142,9 @@ class Loopback:
         self.state = "stopped"
 
     def stand_at(self, position_steps: NDArray[np.int64]) -> None:
-        """The machine stands at a grid point (axes,) that the pulses did not lead to, such as where a probe made contact."""
+        """The machine stands at a grid point (axes,) that the pulses did not lead to, such as where
+        a probe made contact.
+        """
         self._position = np.array(position_steps, dtype=np.int64)
 
     def _refuse_if_stopped(self) -> None:
@@ -145,12 +161,18 @@ class Loopback:
         return board_error(code, message, line=line)
 
     def _check(self, chunk: PulseChunk) -> tuple[int, str, str]:
-        """Index of the first row that can't be played (the number of rows if there is none), and what is wrong with it."""
+        """Index of the first row that can't be played (the number of rows if there is none), and
+        what is wrong with it.
+        """
         time, step, line = chunk.time_ns, chunk.step, chunk.line
         n = len(time)
         types_right = time.dtype == np.int64 and step.dtype == np.int8 and line.dtype == np.int32
         if not types_right or step.shape != (n, self.axes) or line.shape != (n,):
-            raise self._fault("board-format", f"pulses of type {time.dtype}, {step.dtype}, {line.dtype} and shape {step.shape}", 0)
+            raise self._fault(
+                "board-format",
+                f"pulses of type {time.dtype}, {step.dtype}, {line.dtype} and shape {step.shape}",
+                0,
+            )
         first, code, message = n, "", ""
 
         def note(wrong: NDArray[np.bool_] | np.bool_, what: str, how: str) -> None:
@@ -164,7 +186,11 @@ class Loopback:
         note(np.bitwise_or.reduce(columns) == 0, "board-step", "a row in which no axis steps")
         for column in columns:
             note((column < -1) | (column > 1), "board-step", "a step other than -1, 0 or +1")
-        note(np.diff(time, prepend=self._last_ns) < 0, "board-order", "a pulse before the one sent last")
+        note(
+            np.diff(time, prepend=self._last_ns) < 0,
+            "board-order",
+            "a pulse before the one sent last",
+        )
         least = self.min_pulse_ns - ROUNDING_NS
         for axis in range(self.axes):
             rows = np.flatnonzero(columns[axis])

@@ -1,7 +1,8 @@
-"""A line of bytes to a board, and the clock that goes with it: what a driver needs of the world, so that tests can give it another.
+"""A line of bytes to a board, and the clock that goes with it: what a driver needs of the world, so
+that tests can give it another.
 
-A driver reads and writes from one thread. It waits in :meth:`Port.read` and nowhere else, so an in-process board may answer in virtual
-time: its port then moves the clock on by what it waited.
+A driver reads and writes from one thread. It waits in :meth:`Port.read` and nowhere else, so an
+in-process board may answer in virtual time: its port then moves the clock on by what it waited.
 """
 
 from __future__ import annotations
@@ -16,13 +17,17 @@ class Port(Protocol):
     """Both directions of a link."""
 
     def read(self, timeout: float) -> bytes:
-        """What has arrived, after ``timeout`` s at most (0: what is there already); empty if nothing did. PortLost if the link is gone."""
+        """What has arrived, after ``timeout`` s at most (0: what is there already); empty if
+        nothing did. PortLost if the link is gone.
+        """
 
     def write(self, data: bytes) -> None:
         """Hand over at once. PortLost if the link is gone."""
 
     def raise_lines(self) -> None:
-        """Raise DTR and RTS where the opening has left them down: some boards send only then, others are reset. PortLost."""
+        """Raise DTR and RTS where the opening has left them down: some boards send only then,
+        others are reset. PortLost.
+        """
 
     def close(self) -> None:
         """Let go of the link; never fails, and may be called again."""
@@ -51,7 +56,9 @@ class SystemClock:
 
 
 class PortLost(BoardError):
-    """The link broke off while it was open: a cable pulled, a supply that failed, a peer that closed."""
+    """The link broke off while it was open: a cable pulled, a supply that failed, a peer that
+    closed.
+    """
 
 
 def port_lost(name: str, reason: str) -> PortLost:

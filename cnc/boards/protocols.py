@@ -1,6 +1,7 @@
 """What a board must do to be driven.
 
-A driver takes time-stamped chunks ahead of time and plays them; nothing here waits for a pulse. The life of a board:
+A driver takes time-stamped chunks ahead of time and plays them; nothing here waits for a pulse. The
+life of a board:
 
               start              finish
       idle ---------> running ------------> idle
@@ -10,7 +11,8 @@ A driver takes time-stamped chunks ahead of time and plays them; nothing here wa
 
 Idle, a board takes only start, stop, abort and close; all else is BoardError `board-not-started`.
 
-Drivers are found by name (:mod:`cnc.boards.registry`), and each passes the conformance suite in ``tests/drivers``.
+Drivers are found by name (:mod:`cnc.boards.registry`), and each passes the conformance suite in
+``tests/drivers``.
 """
 
 from __future__ import annotations
@@ -28,7 +30,9 @@ from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine, PulseChunk
 
-Action = Literal["spindle", "spindle backward", "surface speed", "orient", "flood", "mist", "outputs"]
+Action = Literal[
+    "spindle", "spindle backward", "surface speed", "orient", "flood", "mist", "outputs"
+]
 """M3, M4, G96, M19, M8, M7, M62 to M68."""
 ACTIONS: frozenset[Action] = frozenset(get_args(Action))
 
@@ -37,11 +41,12 @@ ACTIONS: frozenset[Action] = frozenset(get_args(Action))
 class Capabilities:
     """What a board can take.
 
-    axes: how many it can move. max_step_rate: steps/s of one axis. tick_ns: the grid of its pulse times. pulses, lines: whether it
-    takes :class:`PulseChunk` or :class:`GcodeLine`. senses: whether it can answer probes and inputs, and follow the turning spindle.
-    probes: whether it answers probes, though it may sense nothing else.
-    slice_s: how much motion it is best given at a time, so that a hold comes soon; 0 where nothing really moves. actions: what it can
-    do between moves.
+    axes: how many it can move. max_step_rate: steps/s of one axis. tick_ns: the grid of its pulse
+    times. pulses, lines: whether it takes :class:`PulseChunk` or :class:`GcodeLine`. senses:
+    whether it can answer probes and inputs, and follow the turning spindle. probes: whether it
+    answers probes, though it may sense nothing else. slice_s: how much motion it is best given at a
+    time, so that a hold comes soon; 0 where nothing really moves. actions: what it can do between
+    moves.
     """
 
     axes: int
@@ -56,7 +61,9 @@ class Capabilities:
 
 
 class Command(Protocol):
-    """A canonical block that is not motion, as a board sees it (the drivers' floor does not know the canon)."""
+    """A canonical block that is not motion, as a board sees it (the drivers' floor does not know
+    the canon).
+    """
 
     @property
     def file(self) -> str:
@@ -68,7 +75,9 @@ class Command(Protocol):
 
 
 class Board(Protocol):
-    """What the two kinds of board have in common. Every method but the properties may raise BoardError."""
+    """What the two kinds of board have in common. Every method but the properties may raise
+    BoardError.
+    """
 
     @property
     def capabilities(self) -> Capabilities:
@@ -76,13 +85,17 @@ class Board(Protocol):
 
     @property
     def confirmed_line(self) -> int:
-        """Source line of the last motion or command that the board has taken, 0 before the first."""
+        """Source line of the last motion or command that the board has taken, 0 before the
+        first.
+        """
 
     def start(self, origin_steps: NDArray[np.int64]) -> None:
         """Get ready for a program that begins at the grid point ``origin_steps`` (axes,)."""
 
     def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
-        """Carry out a block between moves, ``time_ns`` after the program's start. The answer to one that asks (a probe, an input)."""
+        """Carry out a block between moves, ``time_ns`` after the program's start. The answer to one
+        that asks (a probe, an input).
+        """
 
     def finish(self) -> None:
         """Return when everything sent has been carried out."""
@@ -123,14 +136,18 @@ class Located(Protocol):
 
 @runtime_checkable
 class Switched(Located, Protocol):
-    """A board with a limit switch at each of its axes but the fourth, by which it can find out where they stand."""
+    """A board with a limit switch at each of its axes but the fourth, by which it can find out
+    where they stand.
+    """
 
     @property
     def switches(self) -> tuple[bool, ...]:
         """Which switches are closed now, one an axis that has one."""
 
     def next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
-        """For the next start alone: whose switches end the motion with an alarm, and of which axes its origin says where they stand."""
+        """For the next start alone: whose switches end the motion with an alarm, and of which axes
+        its origin says where they stand.
+        """
 
 
 @runtime_checkable
@@ -143,7 +160,9 @@ class Touching(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Whereabouts:
-    """Where a board's motion is. line: no later source line than that; position: mm, one number an axis; ahead: s of motion it has yet."""
+    """Where a board's motion is. line: no later source line than that; position: mm, one number an
+    axis; ahead: s of motion it has yet.
+    """
 
     line: int
     position: tuple[float, ...]
@@ -169,23 +188,33 @@ class Attending(Protocol):
 
 @runtime_checkable
 class LineSink(Board, Protocol):
-    """A board that plans for itself. Its ``execute`` returns when the lines before have been carried out."""
+    """A board that plans for itself. Its ``execute`` returns when the lines before have been
+    carried out.
+    """
 
     @property
     def position(self) -> tuple[float, ...]:
-        """Machine position in mm (degrees), one number an axis of the machine, as the board reported it last."""
+        """Machine position in mm (degrees), one number an axis of the machine, as the board
+        reported it last.
+        """
 
     @property
     def moving_line(self) -> int:
-        """Source line of the move that the board was on when it reported last, 0 where that is not known."""
+        """Source line of the move that the board was on when it reported last, 0 where that is not
+        known.
+        """
 
     @property
     def work_offset(self) -> tuple[float, ...]:
-        """What the board adds to the coordinates of a line in G54, mm, one number an axis of the machine."""
+        """What the board adds to the coordinates of a line in G54, mm, one number an axis of the
+        machine.
+        """
 
     @property
     def places(self) -> Mapping[str, tuple[float, ...]]:
-        """G54 to G59, G28, G30 and G92 as the board remembers them, mm, one number an axis of the machine."""
+        """G54 to G59, G28, G30 and G92 as the board remembers them, mm, one number an axis of the
+        machine.
+        """
 
     def fitted(self, machine: Machine) -> Machine:
         """The machine with no more travel than the board lets it have."""
@@ -203,15 +232,21 @@ class LineSink(Board, Protocol):
         """Whether the board has M7."""
 
     identity: str | None
-    """What tells the board from others from one run to the next; None for a board that nothing is remembered of."""
+    """What tells the board from others from one run to the next; None for a board that nothing is
+    remembered of.
+    """
     restarted: bool
     """Whether the board has just started, and counts from zero wherever the machine stands."""
     check_only: bool
-    """Set before the start: the board reads the lines and says what is wrong with them, and nothing moves."""
+    """Set before the start: the board reads the lines and says what is wrong with them, and nothing
+    moves.
+    """
 
     @property
     def buffered(self) -> int:
-        """Lines that the board has been sent and has not carried out yet, as far as that is known."""
+        """Lines that the board has been sent and has not carried out yet, as far as that is
+        known.
+        """
 
     @property
     def rapid_override(self) -> int:
@@ -221,7 +256,9 @@ class LineSink(Board, Protocol):
         """The time by the clock that the board goes by, s."""
 
     def attend(self, control: Control, watcher: Watcher) -> None:
-        """Whose wishes to carry out at once from here on, and who is told whenever the board has reported."""
+        """Whose wishes to carry out at once from here on, and who is told whenever the board has
+        reported.
+        """
 
     def send_line(self, line: GcodeLine) -> None:
         """Take a line; returns when it has been sent, or when the operator stops the run."""
@@ -231,7 +268,9 @@ class Burden(Protocol):
     """Finds out whether a board can play a program, before anything moves."""
 
     def add(self, chunk: PulseChunk) -> None:
-        """The program's grid moves, in their order. MotionLimitError where they are more than the board can do."""
+        """The program's grid moves, in their order. MotionLimitError where they are more than the
+        board can do.
+        """
 
 
 @runtime_checkable
@@ -257,7 +296,9 @@ class BoardFactory(Protocol):
     """What the entry points of group ``cnc.boards`` name: a class of boards."""
 
     def from_machine(self, machine: Machine, target: Path | None = None) -> PulseSink | LineSink:
-        """The board that the machine file describes. ``target``: the file to write, for a board that is one."""
+        """The board that the machine file describes. ``target``: the file to write, for a board
+        that is one.
+        """
 
 
 def board_error(code: str, message: str, *, line: int = 0, hint: str = "") -> BoardError:

@@ -1,4 +1,6 @@
-"""Boards by name: every package may add its own under the entry point group ``cnc.boards``. A driver is imported when it is asked for."""
+"""Boards by name: every package may add its own under the entry point group ``cnc.boards``. A
+driver is imported when it is asked for.
+"""
 
 from __future__ import annotations
 
@@ -34,29 +36,59 @@ def board_names() -> tuple[str, ...]:
 
 
 def board_factory(kind: str) -> BoardFactory:
-    """The driver called ``kind``. UsageError `unknown-board` that lists the known ones, `board-not-loadable` if it can't be imported."""
+    """The driver called ``kind``. UsageError `unknown-board` that lists the known ones,
+    `board-not-loadable` if it can't be imported.
+    """
     known = _known()
     if kind not in known:
         close = difflib.get_close_matches(kind, known, n=1)
-        hint = f"did you mean {close[0]}?" if close else "set board.kind in the machine file, or --board"
-        raise UsageError(Diagnostic("unknown-board", f"there is no board called {kind!r}; known are {', '.join(board_names())}", hint=hint))
+        hint = (
+            f"did you mean {close[0]}?"
+            if close
+            else "set board.kind in the machine file, or --board"
+        )
+        raise UsageError(
+            Diagnostic(
+                "unknown-board",
+                f"there is no board called {kind!r}; known are {', '.join(board_names())}",
+                hint=hint,
+            )
+        )
     try:
         return cast(BoardFactory, known[kind].load())
     except (ImportError, AttributeError) as error:
         hint = "install the package that the driver needs"
-        raise UsageError(Diagnostic("board-not-loadable", f"the driver {known[kind].value} does not load: {error}", hint=hint)) from error
+        raise UsageError(
+            Diagnostic(
+                "board-not-loadable",
+                f"the driver {known[kind].value} does not load: {error}",
+                hint=hint,
+            )
+        ) from error
 
 
-def open_board(machine: Machine, *, kind: str | None = None, target: Path | None = None, port: str | None = None) -> PulseSink | LineSink:
-    """The board of the machine file, or the one called ``kind``. ``target``: the file to write, for a board that is one.
+def open_board(
+    machine: Machine,
+    *,
+    kind: str | None = None,
+    target: Path | None = None,
+    port: str | None = None,
+) -> PulseSink | LineSink:
+    """The board of the machine file, or the one called ``kind``. ``target``: the file to write, for
+    a board that is one.
 
-    port: where the board is, if it is not where the machine file says. UsageError ``board-without-port`` for a board that has none.
+    port: where the board is, if it is not where the machine file says. UsageError
+    ``board-without-port`` for a board that has none.
     """
     name = machine.board.kind if kind is None else kind
     factory = board_factory(name)
     if port is not None:
         if not getattr(factory, "has_port", True):
             hint = "leave --port out, or name a board that has one: --board grbl"
-            raise UsageError(Diagnostic("board-without-port", f"the board {name!r} has no port", hint=hint))
-        machine = machine.model_copy(update={"board": machine.board.model_copy(update={"port": port})})
+            raise UsageError(
+                Diagnostic("board-without-port", f"the board {name!r} has no port", hint=hint)
+            )
+        machine = machine.model_copy(
+            update={"board": machine.board.model_copy(update={"port": port})}
+        )
     return factory.from_machine(machine, target)

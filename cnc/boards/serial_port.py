@@ -1,7 +1,8 @@
 """Serial ports: the one module that imports pyserial, and only when a port is wanted.
 
-A port is named as the system names it (``/dev/ttyUSB0``, ``COM3``, a pseudo-terminal) or by one of pyserial's URLs (``socket://host:port``,
-``loop://``, ``rfc2217://..``): pyserial documentation, "URL Handlers".
+A port is named as the system names it (``/dev/ttyUSB0``, ``COM3``, a pseudo-terminal) or by one of
+pyserial's URLs (``socket://host:port``, ``loop://``, ``rfc2217://..``): pyserial documentation,
+"URL Handlers".
 """
 
 from __future__ import annotations
@@ -27,12 +28,16 @@ READ_SIZE = 4096
 MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
 TAKEN = (errno.EBUSY, errno.EWOULDBLOCK)
 LOWERED = sys.platform == "win32"
-"""Windows drops DTR whenever a port is closed. So the lines stay down there: what was never up does not fall and rise."""
+"""Windows drops DTR whenever a port is closed. So the lines stay down there: what was never up does
+not fall and rise.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class FoundPort:
-    """A port of this computer: the name to open it by, and what the system knows of the device behind it."""
+    """A port of this computer: the name to open it by, and what the system knows of the device
+    behind it.
+    """
 
     name: str
     description: str
@@ -79,7 +84,9 @@ class SerialLink:
             raise port_lost(self._name, _reason(error)) from error
 
     def change_baud(self, baud: int) -> None:
-        """Go on at another speed, without opening the port anew, which would reset the board; what has arrived is dropped. PortLost."""
+        """Go on at another speed, without opening the port anew, which would reset the board; what
+        has arrived is dropped. PortLost.
+        """
         try:
             self._serial.baudrate = baud
             self._serial.reset_input_buffer()
@@ -102,16 +109,25 @@ class SerialLink:
 
 
 def open_port(name: str, baud: int) -> SerialLink:
-    """The port called ``name`` at ``baud``, 8 bits, no parity, for this program alone; what had arrived before is dropped.
+    """The port called ``name`` at ``baud``, 8 bits, no parity, for this program alone; what had
+    arrived before is dropped.
 
-    A rise of DTR resets most Arduinos, so the line is left as it is: up for good where the system can do that (termios' HUPCL), else down.
-    A system raises it by itself when it opens a port for the first time, and after another program let it fall: that reset can't be helped.
-    BoardError ``no-such-port``, ``port-taken``, ``port-not-permitted``, ``port-not-usable``.
+    A rise of DTR resets most Arduinos, so the line is left as it is: up for good where the system
+    can do that (termios' HUPCL), else down. A system raises it by itself when it opens a port for
+    the first time, and after another program let it fall: that reset can't be helped. BoardError
+    ``no-such-port``, ``port-taken``, ``port-not-permitted``, ``port-not-usable``.
     """
     import serial
 
     try:
-        opened = serial.serial_for_url(name, baudrate=baud, timeout=0, write_timeout=WRITE_PATIENCE, exclusive=True, do_not_open=True)
+        opened = serial.serial_for_url(
+            name,
+            baudrate=baud,
+            timeout=0,
+            write_timeout=WRITE_PATIENCE,
+            exclusive=True,
+            do_not_open=True,
+        )
         if LOWERED and "://" not in name:
             opened.dtr = opened.rts = False
         opened.open()
@@ -122,9 +138,11 @@ def open_port(name: str, baud: int) -> SerialLink:
 
 
 def identity(name: str) -> str:
-    """What tells the board at a port from others: the serial number of its USB device, else the port's own name.
+    """What tells the board at a port from others: the serial number of its USB device, else the
+    port's own name.
 
-    A pseudo-terminal gets its name from another that has ended; the time at which it was made tells them apart.
+    A pseudo-terminal gets its name from another that has ended; the time at which it was made tells
+    them apart.
     """
     if "://" in name:
         return name
@@ -154,7 +172,10 @@ def found_ports() -> list[FoundPort]:
     """The serial ports of this computer, sorted by name."""
     from serial.tools.list_ports import comports
 
-    return sorted((FoundPort(each.device, each.description or "") for each in comports()), key=lambda port: port.name)
+    return sorted(
+        (FoundPort(each.device, each.description or "") for each in comports()),
+        key=lambda port: port.name,
+    )
 
 
 def _not_opened(name: str, error: OSError | ValueError) -> BoardError:
@@ -162,7 +183,11 @@ def _not_opened(name: str, error: OSError | ValueError) -> BoardError:
     number, text = getattr(error, "errno", None), str(error)
     if number in MISSING or "FileNotFoundError" in text:
         there = ", ".join(port.name for port in found_ports())
-        hint = f"ports of this computer: {there}" if there else "this computer has no serial port: is the board plugged in and switched on?"
+        hint = (
+            f"ports of this computer: {there}"
+            if there
+            else "this computer has no serial port: is the board plugged in and switched on?"
+        )
         return board_error("no-such-port", f"there is no port {name}", hint=hint)
     if number in TAKEN or "PermissionError" in text:
         hint = "close the program that has it open (another sender, a serial monitor)"
@@ -171,7 +196,9 @@ def _not_opened(name: str, error: OSError | ValueError) -> BoardError:
         hint = "let your user in: sudo usermod -aG dialout $USER, then log out and in again"
         return board_error("port-not-permitted", f"you may not open the port {name}", hint=hint)
     hint = "name a serial port or a pyserial URL such as socket://host:port; cncrun boards lists the ports of this computer"
-    return board_error("port-not-usable", f"the port {name} can't be used: {_reason(error)}", hint=hint)
+    return board_error(
+        "port-not-usable", f"the port {name} can't be used: {_reason(error)}", hint=hint
+    )
 
 
 def _reason(error: OSError | ValueError) -> str:

@@ -1,7 +1,9 @@
-"""Arcs that may be meant for something else: nearly full circles, and radii that differ within the dialect's tolerance.
+"""Arcs that may be meant for something else: nearly full circles, and radii that differ within the
+dialect's tolerance.
 
-An arc that ends where it begins is a full circle. One that ends a rounding error beside that is a circle with a gap, or, on the other side,
-an arc of next to nothing where a circle was meant to be cut:
+An arc that ends where it begins is a full circle. One that ends a rounding error beside that is a
+circle with a gap, or, on the other side, an arc of next to nothing where a circle was meant to be
+cut:
 
       .--.              .--.
      (    ) <- gap           ' <- all that is cut
@@ -22,9 +24,13 @@ from cnc.model.blocks import PLANE_AXES, ArcFeed
 from cnc.model.diagnostics import Diagnostic
 
 NEARLY_CLOSED, OF_RADIUS = 0.01, 0.01
-"""mm, and share of the radius: an arc whose ends are as near, and not the same, was meant for a full circle."""
+"""mm, and share of the radius: an arc whose ends are as near, and not the same, was meant for a
+full circle.
+"""
 DRIFT = 2.5e-3
-"""mm. Less is what start, end and centre with three decimals each can make the radii at both ends differ by."""
+"""mm. Less is what start, end and centre with three decimals each can make the radii at both ends
+differ by.
+"""
 
 Floats = NDArray[np.float64]
 
@@ -45,10 +51,20 @@ class Arcs:
         begin, end = start[columns].tolist(), arc.end[columns].tolist()
         gap = math.dist(begin, end)
         if SAME_POINT < gap <= min(NEARLY_CLOSED, OF_RADIUS * arc.radius):
-            cut = "it does not close" if abs(arc.turns) > 0.5 else f"next to nothing is cut, {abs(arc.turns):.2g} of a turn"
+            cut = (
+                "it does not close"
+                if abs(arc.turns) > 0.5
+                else f"next to nothing is cut, {abs(arc.turns):.2g} of a turn"
+            )
             message = f"this circle ends {gap:.3g} mm from where it begins: {cut}"
-            hint = "let it end where it begins, to the last digit; if a short move is meant, write G1"
-            self._open.append(Diagnostic("arc-not-closed", message, arc.file, arc.line, hint=hint, severity="warning"))
+            hint = (
+                "let it end where it begins, to the last digit; if a short move is meant, write G1"
+            )
+            self._open.append(
+                Diagnostic(
+                    "arc-not-closed", message, arc.file, arc.line, hint=hint, severity="warning"
+                )
+            )
         drift = abs(math.dist(end, arc.center) - arc.radius)
         if drift > DRIFT:
             if not self._drifting:

@@ -1,7 +1,9 @@
-"""What changed since an earlier check: time, extent and findings of each program, beside the summary that was kept then.
+"""What changed since an earlier check: time, extent and findings of each program, beside the
+summary that was kept then.
 
-A finding is the same as before if code and message are, wherever its line has moved to, or if code and line are, whatever the message
-counts; of those that are told once for a whole program, if the code is. Only the others are new, and only they decide how a check ends.
+A finding is the same as before if code and message are, wherever its line has moved to, or if code
+and line are, whatever the message counts; of those that are told once for a whole program, if the
+code is. Only the others are new, and only they decide how a check ends.
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ SAME = 1e-6
 
 
 class Baseline:
-    """The summaries of an earlier check, as ``--json`` or ``--format json`` wrote them. UsageError ``baseline-unreadable``."""
+    """The summaries of an earlier check, as ``--json`` or ``--format json`` wrote them. UsageError
+    ``baseline-unreadable``.
+    """
 
     def __init__(self, name: str) -> None:
         try:
@@ -34,7 +38,9 @@ class Baseline:
         except OSError as error:
             raise _unreadable(name, error.strerror or str(error)) from None
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-            raise _unreadable(name, f"it is no summary that a check wrote ({type(error).__name__}: {error})") from None
+            raise _unreadable(
+                name, f"it is no summary that a check wrote ({type(error).__name__}: {error})"
+            ) from None
 
     def changes(self, report: Report) -> Changes:
         """What changed in a program since."""
@@ -46,8 +52,14 @@ class Baseline:
         box: dict[str, tuple[list[float] | None, list[float] | None]] = {}
         if then.ok and report.ok:
             now = {"duration_s": report.duration_s, "path_length_mm": report.path_length_mm}
-            figures = {name: (then.figures[name], value) for name, value in now.items() if _differ([then.figures[name]], [value])}
-            extent: dict[str, list[float]] = {axis: list(ends) for axis, ends in report.bounding_box.items()}
+            figures = {
+                name: (then.figures[name], value)
+                for name, value in now.items()
+                if _differ([then.figures[name]], [value])
+            }
+            extent: dict[str, list[float]] = {
+                axis: list(ends) for axis, ends in report.bounding_box.items()
+            }
             for axis in dict.fromkeys([*then.box, *extent]):
                 pair = then.box.get(axis), extent.get(axis)
                 if _differ(*pair):
@@ -67,20 +79,35 @@ class _Then:
         self.program: str = summary["program"]
         self.ok = bool(summary["ok"])
         self.figures = {name: float(summary[name]) for name in ("duration_s", "path_length_mm")}
-        self.box = {str(axis): [float(low), float(high)] for axis, (low, high) in summary["bounding_box"].items()}
+        self.box = {
+            str(axis): [float(low), float(high)]
+            for axis, (low, high) in summary["bounding_box"].items()
+        }
         self.findings = [_finding(each) for each in summary["errors"]]
 
 
 def _finding(kept: dict[str, Any]) -> Diagnostic:
     if kept["severity"] not in SEVERITIES:
         raise ValueError(f"no severity is called {kept['severity']!r}")
-    code, message, file, hint = (str(kept.get(name, "")) for name in ("code", "message", "file", "hint"))
-    return Diagnostic(code, message, file, int(kept["line"]), int(kept["column"]), hint=hint, severity=kept["severity"])
+    code, message, file, hint = (
+        str(kept.get(name, "")) for name in ("code", "message", "file", "hint")
+    )
+    return Diagnostic(
+        code,
+        message,
+        file,
+        int(kept["line"]),
+        int(kept["column"]),
+        hint=hint,
+        severity=kept["severity"],
+    )
 
 
 def _unreadable(name: str, why: str) -> UsageError:
     hint = "name a file that `cncrun check --json FILE` wrote"
-    return UsageError(Diagnostic("baseline-unreadable", f"the baseline {name} can't be read: {why}", hint=hint))
+    return UsageError(
+        Diagnostic("baseline-unreadable", f"the baseline {name} can't be read: {why}", hint=hint)
+    )
 
 
 def _key(program: str) -> str:
@@ -116,7 +143,11 @@ def _matched(
         new, gone = still, [each for same in left.values() for each in same]
     fresh = {id(each) for each in new}
     gone_ids = {id(each) for each in gone}
-    return new, [each for each in now if id(each) not in fresh], [each for each in then if id(each) in gone_ids]
+    return (
+        new,
+        [each for each in now if id(each) not in fresh],
+        [each for each in then if id(each) in gone_ids],
+    )
 
 
 def _differ(then: list[float] | None, now: list[float] | None) -> bool:
@@ -126,7 +157,9 @@ def _differ(then: list[float] | None, now: list[float] | None) -> bool:
 
 
 def told(reports: Iterable[Report], missing: Iterable[str]) -> Iterator[str]:
-    """Lines for people: what changed in each program, and which programs were not checked this time."""
+    """Lines for people: what changed in each program, and which programs were not checked this
+    time.
+    """
     unchanged = 0
     for report in reports:
         lines = [] if report.changes is None else report.changes.lines()

@@ -1,4 +1,6 @@
-"""The findings that end nothing, by their codes: what a user may select, ignore and silence. No error is among them."""
+"""The findings that end nothing, by their codes: what a user may select, ignore and silence. No
+error is among them.
+"""
 
 from __future__ import annotations
 

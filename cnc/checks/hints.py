@@ -1,7 +1,7 @@
 """Findings that end nothing: what a program asks for that its writer may not have meant.
 
-The canonical blocks go by once, runs of moves as arrays. What may be true of thousands of moves is told once, at the first of them, with
-their number.
+The canonical blocks go by once, runs of moves as arrays. What may be true of thousands of moves is
+told once, at the first of them, with their number.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(slots=True)
 class _Moves:
-    """Moves of one kind: how many, the source line of the first, and the largest amount of all, with that move's feed."""
+    """Moves of one kind: how many, the source line of the first, and the largest amount of all,
+    with that move's feed.
+    """
 
     count: int = 0
     file: str = ""
@@ -56,7 +58,9 @@ class Hints:
         self._here = np.array(start, np.float64)
         self._steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
         self._linear = np.flatnonzero([letter in "xyz" for letter in machine.axes])
-        self._fastest = np.array([axis.max_velocity for axis in machine.axes.values()])[self._linear]
+        self._fastest = np.array([axis.max_velocity for axis in machine.axes.values()])[
+            self._linear
+        ]
         self._unreachable, self._short = _Moves(), _Moves()
         self._arcs = Arcs(machine)
         self._material = None if machine.stock is None else Material(machine, machine.stock)
@@ -80,7 +84,10 @@ class Hints:
         """What was found, once all blocks have gone by."""
         if self._turned:
             for file, line in self._idle:
-                message, hint = "a feed move with the spindle off", "start the spindle (M3, M4) before it, or make it a rapid move (G0)"
+                message, hint = (
+                    "a feed move with the spindle off",
+                    "start the spindle (M3, M4) before it, or make it a rapid move (G0)",
+                )
                 yield Diagnostic("spindle-off", message, file, line, hint=hint, severity="warning")
         moves = self._unreachable
         if moves.count:
@@ -89,12 +96,16 @@ class Hints:
                 f"{_counted(moves.count)} slower than programmed"
             )
             hint = "lower F, or raise path.max_feed and the axes' max_velocity in the machine file if the machine can do more"
-            yield Diagnostic("feed-unreachable", message, moves.file, moves.line, hint=hint, severity="note")
+            yield Diagnostic(
+                "feed-unreachable", message, moves.file, moves.line, hint=hint, severity="note"
+            )
         moves = self._short
         if moves.count:
             message = f"less than a step of every axis; {_counted(moves.count)} as short"
             hint = "a coarser tolerance in the CAM system gives a shorter program and the same part"
-            yield Diagnostic("move-below-step", message, moves.file, moves.line, hint=hint, severity="note")
+            yield Diagnostic(
+                "move-below-step", message, moves.file, moves.line, hint=hint, severity="note"
+            )
         yield from self._arcs.findings()
         yield from self._entered
 
@@ -104,11 +115,18 @@ class Hints:
         elif isinstance(block, ArcFeed | NurbsFeed):
             if isinstance(block, ArcFeed):
                 self._arcs.see(block, self._here)
-            self._here = np.array(block.end if isinstance(block, ArcFeed) else block.control_points[-1])
+            self._here = np.array(
+                block.end if isinstance(block, ArcFeed) else block.control_points[-1]
+            )
             self._cut(block.file, block.line)
             excess = block.feed / self._machine.path.max_feed
             if excess > 1.0 + ROUNDING:
-                self._unreachable.add(block.file, np.array([block.line], np.int32), np.array([excess]), np.array([block.feed]))
+                self._unreachable.add(
+                    block.file,
+                    np.array([block.line], np.int32),
+                    np.array([excess]),
+                    np.array([block.feed]),
+                )
         elif isinstance(block, Probe):
             self._here = np.array(block.end)
         elif isinstance(block, SpindleSync):
@@ -132,7 +150,9 @@ class Hints:
             lengths = np.sqrt((ways * ways).sum(axis=1))
             some = feeding & (lengths > 0.0)
             feeds, lines = block.feeds[some], block.lines[some]
-            share = (np.abs(ways[some]) / lengths[some, None] / self._fastest).max(axis=1, initial=0.0)
+            share = (np.abs(ways[some]) / lengths[some, None] / self._fastest).max(
+                axis=1, initial=0.0
+            )
             excess = feeds * np.maximum(share, 1.0 / self._machine.path.max_feed)
             above = excess > 1.0 + ROUNDING
             self._unreachable.add(block.file, lines[above], excess[above], feeds[above])

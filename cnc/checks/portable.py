@@ -1,7 +1,9 @@
-"""What other controllers make of a program: it is read under each of their dialects, and the canonical blocks are compared.
+"""What other controllers make of a program: it is read under each of their dialects, and the
+canonical blocks are compared.
 
-A dialect refuses a word, which is ``not-portable``, or takes it for something else, which is ``reads-differently``: other blocks come out.
-The words of a refused line are left out and the rest is read on, so that every word that the dialect lacks is told at once.
+A dialect refuses a word, which is ``not-portable``, or takes it for something else, which is
+``reads-differently``: other blocks come out. The words of a refused line are left out and the rest
+is read on, so that every word that the dialect lacks is told at once.
 """
 
 from __future__ import annotations
@@ -28,7 +30,14 @@ LONGEST = 4_000_000
 SAME = 1e-9
 """mm, mm/s, s. Numbers of two dialects that differ by less are the same."""
 LACKING = frozenset(
-    ("axis-not-in-dialect", "code-not-in-dialect", "code-not-supported", "code-unknown", "syntax-not-in-dialect", "word-not-in-dialect")
+    (
+        "axis-not-in-dialect",
+        "code-not-in-dialect",
+        "code-not-supported",
+        "code-unknown",
+        "syntax-not-in-dialect",
+        "word-not-in-dialect",
+    )
 )
 """Faults that are the dialect's and no consequence of a line that was left out."""
 
@@ -37,14 +46,27 @@ def dialects_of(names: Sequence[str]) -> tuple[str, ...]:
     """The dialects of these names, each once. UsageError ``unknown-dialect``."""
     for name in names:
         if name not in NAMES:
-            raise UsageError(Diagnostic("unknown-dialect", f"there is no dialect {name!r}", hint=f"the dialects are {', '.join(NAMES)}"))
+            raise UsageError(
+                Diagnostic(
+                    "unknown-dialect",
+                    f"there is no dialect {name!r}",
+                    hint=f"the dialects are {', '.join(NAMES)}",
+                )
+            )
     return tuple(dict.fromkeys(names))
 
 
 def portability(
-    program: Path, name: str, read: Reader, spoken: str, others: Sequence[str], faults: Sequence[CncError] = ()
+    program: Path,
+    name: str,
+    read: Reader,
+    spoken: str,
+    others: Sequence[str],
+    faults: Sequence[CncError] = (),
 ) -> list[GcodeError]:
-    """What the dialects ``others`` refuse or read in another way than the one that is ``spoken``, which finds ``faults`` itself."""
+    """What the dialects ``others`` refuse or read in another way than the one that is ``spoken``,
+    which finds ``faults`` itself.
+    """
     wrong = {_place(fault.diagnostic) for fault in faults}
     understood = not any(isinstance(fault, GcodeError) for fault in faults)
     return list(_findings(program, name, read, spoken if understood else None, others, wrong))
@@ -55,7 +77,12 @@ def _place(found: Diagnostic) -> tuple[str, str, int, int]:
 
 
 def _findings(
-    program: Path, name: str, read: Reader, spoken: str | None, others: Sequence[str], wrong: set[tuple[str, str, int, int]]
+    program: Path,
+    name: str,
+    read: Reader,
+    spoken: str | None,
+    others: Sequence[str],
+    wrong: set[tuple[str, str, int, int]],
 ) -> Iterator[GcodeError]:
     for other in others:
         refused = list(_refused(program, name, read, other))
@@ -63,7 +90,12 @@ def _findings(
             if _place(fault) not in wrong:
                 yield _not_portable(fault, other)
         if not refused and spoken is not None and other != spoken:
-            yield from _differences(read(spoken, Text.of_file(program, name)), read(other, Text.of_file(program, name)), spoken, other)
+            yield from _differences(
+                read(spoken, Text.of_file(program, name)),
+                read(other, Text.of_file(program, name)),
+                spoken,
+                other,
+            )
 
 
 def _refused(program: Path, name: str, read: Reader, dialect: str) -> Iterator[Diagnostic]:
@@ -111,10 +143,23 @@ def _not_portable(found: Diagnostic, dialect: str) -> GcodeError:
     message = f"{dialect} refuses this: {found.message} ({found.code})"
     # to name another dialect is no help to somebody who asks for this one
     hint = "" if found.hint.startswith("use --dialect") else found.hint
-    return GcodeError(Diagnostic("not-portable", message, found.file, found.line, found.column, found.length, found.text, hint))
+    return GcodeError(
+        Diagnostic(
+            "not-portable",
+            message,
+            found.file,
+            found.line,
+            found.column,
+            found.length,
+            found.text,
+            hint,
+        )
+    )
 
 
-def _differences(ours: Iterator[Block], theirs: Iterator[Block], spoken: str, other: str) -> Iterator[GcodeError]:
+def _differences(
+    ours: Iterator[Block], theirs: Iterator[Block], spoken: str, other: str
+) -> Iterator[GcodeError]:
     """Where the blocks differ, each line once, up to where the ways part."""
     told: set[tuple[str, int]] = set()
     for block, what, apart in _compared(ours, theirs):
@@ -128,18 +173,32 @@ def _differences(ours: Iterator[Block], theirs: Iterator[Block], spoken: str, ot
             return
 
 
-def _compared(ours: Iterator[Block], theirs: Iterator[Block]) -> Iterator[tuple[tuple[str, int], str, bool]]:
+def _compared(
+    ours: Iterator[Block], theirs: Iterator[Block]
+) -> Iterator[tuple[tuple[str, int], str, bool]]:
     """Place, what differs there, and whether the two can't be compared any further."""
     mine, other = next(ours, None), next(theirs, None)
     while mine is not None and other is not None:
         if isinstance(mine, Polyline) and isinstance(other, Polyline):
             count = min(len(mine.points), len(other.points))
             yield from _moves_compared(_part(mine, 0, count), _part(other, 0, count))
-            mine = _part(mine, count, len(mine.points)) if count < len(mine.points) else next(ours, None)
-            other = _part(other, count, len(other.points)) if count < len(other.points) else next(theirs, None)
+            mine = (
+                _part(mine, count, len(mine.points))
+                if count < len(mine.points)
+                else next(ours, None)
+            )
+            other = (
+                _part(other, count, len(other.points))
+                if count < len(other.points)
+                else next(theirs, None)
+            )
             continue
         if type(mine) is not type(other):
-            yield (mine.file, mine.line), f"{_name(other)} in {{other}}, {_name(mine)} in {{spoken}}", True
+            yield (
+                (mine.file, mine.line),
+                f"{_name(other)} in {{other}}, {_name(mine)} in {{spoken}}",
+                True,
+            )
             return
         for field in fields(mine):
             a, b = getattr(mine, field.name), getattr(other, field.name)
@@ -162,22 +221,40 @@ def _compared(ours: Iterator[Block], theirs: Iterator[Block]) -> Iterator[tuple[
 
 def _part(block: Polyline, begin: int, end: int) -> Polyline:
     part = slice(begin, end)
-    return Polyline(block.file, int(block.lines[begin]), block.points[part], block.feeds[part], block.lines[part])
+    return Polyline(
+        block.file,
+        int(block.lines[begin]),
+        block.points[part],
+        block.feeds[part],
+        block.lines[part],
+    )
 
 
 def _moves_compared(mine: Polyline, other: Polyline) -> Iterator[tuple[tuple[str, int], str, bool]]:
-    """As :func:`_compared`, for as many straight moves of each: the first way that differs, and the first feed before it."""
+    """As :func:`_compared`, for as many straight moves of each: the first way that differs, and the
+    first feed before it.
+    """
     ways = (mine.lines != other.lines) | (np.abs(mine.points - other.points).max(axis=1) > SAME)
     ways |= np.isnan(mine.feeds) != np.isnan(other.feeds)
     first = int(np.argmax(ways)) if ways.any() else len(ways)
     feeds = np.abs(mine.feeds[:first] - other.feeds[:first]) > SAME
     if feeds.any():
         row = int(np.argmax(feeds))
-        theirs, ours = (f"{per_minute(float(block.feeds[row])):.6g} mm/min" for block in (other, mine))
-        yield (mine.file, int(mine.lines[row])), f"a feed of {theirs} in {{other}}, {ours} in {{spoken}}", False
+        theirs, ours = (
+            f"{per_minute(float(block.feeds[row])):.6g} mm/min" for block in (other, mine)
+        )
+        yield (
+            (mine.file, int(mine.lines[row])),
+            f"a feed of {theirs} in {{other}}, {ours} in {{spoken}}",
+            False,
+        )
     if first < len(ways):
         theirs, ours = _move(other, first), _move(mine, first)
-        yield (mine.file, int(mine.lines[first])), f"{theirs} in {{other}}, {ours} in {{spoken}}", True
+        yield (
+            (mine.file, int(mine.lines[first])),
+            f"{theirs} in {{other}}, {ours} in {{spoken}}",
+            True,
+        )
 
 
 def _move(block: Polyline, row: int) -> str:
@@ -197,7 +274,9 @@ def _same(a: object, b: object) -> bool:
 
 def _name(block: Block) -> str:
     """A block in a word or two: ``NurbsFeed`` is "nurbs feed"."""
-    return "".join(f" {letter.lower()}" if letter.isupper() else letter for letter in type(block).__name__).strip()
+    return "".join(
+        f" {letter.lower()}" if letter.isupper() else letter for letter in type(block).__name__
+    ).strip()
 
 
 def _shown(name: str, value: object) -> str:

@@ -2,8 +2,8 @@
 
     G1 X5 F99999 (cnc: ignore feed-unreachable)
 
-Errors are always shown: nothing makes a rejected program a good one. A code that there is not is a fault: a finding that was meant to be
-silenced, or looked for, would not be.
+Errors are always shown: nothing makes a rejected program a good one. A code that there is not is a
+fault: a finding that was meant to be silenced, or looked for, would not be.
 """
 
 from __future__ import annotations
@@ -44,11 +44,15 @@ class Selection:
 
 def ignored_in(line: str) -> frozenset[str]:
     """The codes that a source line's comments name: ``(cnc: ignore CODE, CODE)``."""
-    return frozenset(code for listed in _COMMENT.findall(line) for code in _CODE.findall(listed.lower()))
+    return frozenset(
+        code for listed in _COMMENT.findall(line) for code in _CODE.findall(listed.lower())
+    )
 
 
 def unknown_codes(program: Path, name: str) -> Iterator[Diagnostic]:
-    """An ``ignored-code-unknown`` for each code in a comment of the program that no warning or note has."""
+    """An ``ignored-code-unknown`` for each code in a comment of the program that no warning or note
+    has.
+    """
     line, rest = 1, b""
     with program.open("rb") as file:
         while piece := file.read(READ):
@@ -64,12 +68,24 @@ def _unknown_in(text: str, first: int, name: str) -> Iterator[Diagnostic]:
     for comment in _COMMENT.finditer(text):
         for code in _CODE.finditer(text, comment.start(1), comment.end(1)):
             if code[0].lower() not in LESSER:
-                begin = max(text.rfind("\n", 0, code.start()), text.rfind("\r", 0, code.start())) + 1
+                begin = (
+                    max(text.rfind("\n", 0, code.start()), text.rfind("\r", 0, code.start())) + 1
+                )
                 line = first + _lines(text[:begin].encode("latin-1"))
                 shown = re.split("[\r\n]", text[begin:], maxsplit=1)[0]
                 message = f"no warning or note is called {code[0]!r}: nothing is ignored"
                 column, length = code.start() - begin + 1, len(code[0])
-                yield Diagnostic("ignored-code-unknown", message, name, line, column, length, shown, meant(code[0]), severity="warning")
+                yield Diagnostic(
+                    "ignored-code-unknown",
+                    message,
+                    name,
+                    line,
+                    column,
+                    length,
+                    shown,
+                    meant(code[0]),
+                    severity="warning",
+                )
 
 
 def _lines(text: bytes) -> int:

@@ -21,10 +21,14 @@ from cnc.path.chunk import PathChunk
 from cnc.path.sample import points_along
 
 COLUMN = 0.1
-"""mm. Width of a column of the grid, where that does not make more than MOST_COLUMNS along an axis."""
+"""mm. Width of a column of the grid, where that does not make more than MOST_COLUMNS along an
+axis.
+"""
 MOST_COLUMNS = 1000
 TOUCH = 1e-3
-"""mm. What a rapid move may go below the material's surface: on it is not in it, whatever was rounded."""
+"""mm. What a rapid move may go below the material's surface: on it is not in it, whatever was
+rounded.
+"""
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -45,14 +49,17 @@ class Material:
         self._reported: set[int] = set()
 
     def add(self, chunk: PathChunk) -> Iterator[Diagnostic]:
-        """Cut, and yield a ``rapid-into-stock`` for each line that moves rapidly into what is left, without its text."""
+        """Cut, and yield a ``rapid-into-stock`` for each line that moves rapidly into what is left,
+        without its text.
+        """
         low, high = bounding_box(chunk)
         beside = (high[:, self._columns] <= self._low) | (low[:, self._columns] >= self._high)
         pieces: Ints = np.flatnonzero(~beside.any(axis=1))
         if not len(pieces):
             return
         rapid = np.isnan(chunk.feed[pieces])
-        # feed moves together, rapid ones each on its own: what one went through is no news for the next
+        # feed moves together, rapid ones each on its own: what one went through is no news for the
+        # next
         for run in np.split(pieces, np.flatnonzero(rapid[1:] | rapid[:-1]) + 1):
             points, owner = points_along(chunk, self._width / 2.0, run)
             points = points[:, self._columns]
@@ -63,7 +70,9 @@ class Material:
                 yield from self._moved(chunk, points, owner, where)
             np.minimum.at(self._surface, where, points[:, 2])
 
-    def _moved(self, chunk: PathChunk, points: Floats, owner: Ints, where: tuple[Ints, ...]) -> Iterator[Diagnostic]:
+    def _moved(
+        self, chunk: PathChunk, points: Floats, owner: Ints, where: tuple[Ints, ...]
+    ) -> Iterator[Diagnostic]:
         """Findings for the points of rapid moves that lie inside the box."""
         i, j = where
         left = np.min([self._surface[i + a, j + b] for a in (-1, 0, 1) for b in (-1, 0, 1)], axis=0)
@@ -79,4 +88,6 @@ class Material:
                     "where no feed move has been"
                 )
                 hint = "go down with G1, or start above the stock; positions are machine coordinates, after all offsets"
-                yield Diagnostic("rapid-into-stock", message, chunk.file, line, hint=hint, severity="warning")
+                yield Diagnostic(
+                    "rapid-into-stock", message, chunk.file, line, hint=hint, severity="warning"
+                )

@@ -1,4 +1,6 @@
-"""A first look at a path, before anything moves: its reach and length, where it leaves the axes' travel, where a spindle outruns it."""
+"""A first look at a path, before anything moves: its reach and length, where it leaves the axes'
+travel, where a spindle outruns it.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ from cnc.path.bounds import bounding_box
 from cnc.path.chunk import PathChunk
 
 ROUNDING = 1e-6
-"""mm (degrees) by which a path may pass the travel: what arithmetic alone can do to a move that ends on the limit."""
+"""mm (degrees) by which a path may pass the travel: what arithmetic alone can do to a move that
+ends on the limit.
+"""
 
 Floats = NDArray[np.float64]
 
@@ -23,7 +27,8 @@ Floats = NDArray[np.float64]
 class Survey:
     """Takes a path chunk by chunk. slack: mm by which it may leave the travel.
 
-    length: mm so far. lo, hi (axes,): extent so far, infinite before the first chunk. last_line: source line of the last motion.
+    length: mm so far. lo, hi (axes,): extent so far, infinite before the first chunk. last_line:
+    source line of the last motion.
     """
 
     def __init__(self, machine: Machine, slack: float = ROUNDING) -> None:
@@ -41,10 +46,12 @@ class Survey:
         self._fastest = np.array([axis.max_velocity for axis in machine.axes.values()])
 
     def add(self, chunk: PathChunk) -> Iterator[MotionLimitError]:
-        """Measure a chunk and yield a ``soft-limit`` fault, without its text, for each line and axis that leaves the travel.
+        """Measure a chunk and yield a ``soft-limit`` fault, without its text, for each line and
+        axis that leaves the travel.
 
-        Bulges count: of arcs and splines the whole curve is compared, not only its end points. Moves that follow the spindle faster than
-        the machine goes are a ``spindle-too-fast`` fault: to make them slower would spoil the thread.
+        Bulges count: of arcs and splines the whole curve is compared, not only its end points.
+        Moves that follow the spindle faster than the machine goes are a ``spindle-too-fast`` fault:
+        to make them slower would spoil the thread.
         """
         if self._pitch:
             yield from self._driven(chunk)
@@ -59,7 +66,9 @@ class Survey:
                 line = int(chunk.line[piece])
                 if (line, axis) not in self._reported:
                     self._reported.add((line, axis))
-                    yield self._fault(chunk, line, axis, float(lo[piece, axis]), float(hi[piece, axis]))
+                    yield self._fault(
+                        chunk, line, axis, float(lo[piece, axis]), float(hi[piece, axis])
+                    )
 
     def between(self, block: Block) -> None:
         """Take note of a block between the moves."""
@@ -69,26 +78,35 @@ class Survey:
     def _driven(self, chunk: PathChunk) -> Iterator[MotionLimitError]:
         """Straight moves, all of them following the spindle."""
         most = self.machine.path.max_feed
-        for at, feed, line in zip(chunk.at.tolist(), chunk.feed.tolist(), chunk.line.tolist(), strict=True):
+        for at, feed, line in zip(
+            chunk.at.tolist(), chunk.feed.tolist(), chunk.line.tolist(), strict=True
+        ):
             n = int(chunk.data[at + AXES])
             start, end = chunk.data[at + START : at + START + 2 * n].reshape(2, n)
             speed = np.abs(end - start) / chunk.data[at + LENGTH] * feed
             excess = float(max((speed / self._fastest).max(), feed / most))
             if excess > 1.0 + ROUNDING and (line, -1) not in self._reported:
                 self._reported.add((line, -1))
-                message = (
-                    f"to follow the spindle the tool would have to move at {feed:.7g} mm/s, {excess:.3g} times what the machine can do"
-                )
+                message = f"to follow the spindle the tool would have to move at {feed:.7g} mm/s, {excess:.3g} times what the machine can do"
                 hint = "lower S, or raise the axes' max_velocity or path.max_feed in the machine file if the machine can do more"
-                yield MotionLimitError(Diagnostic("spindle-too-fast", message, chunk.file, line, hint=hint))
+                yield MotionLimitError(
+                    Diagnostic("spindle-too-fast", message, chunk.file, line, hint=hint)
+                )
 
     def box(self) -> dict[str, tuple[float, float]]:
         """Extent by axis; empty without motion."""
         if not np.isfinite(self.lo).all():
             return {}
-        return {axis: (low, high) for axis, low, high in zip(self.machine.axes, self.lo.tolist(), self.hi.tolist(), strict=True)}
+        return {
+            axis: (low, high)
+            for axis, low, high in zip(
+                self.machine.axes, self.lo.tolist(), self.hi.tolist(), strict=True
+            )
+        }
 
-    def _fault(self, chunk: PathChunk, line: int, axis: int, lo: float, hi: float) -> MotionLimitError:
+    def _fault(
+        self, chunk: PathChunk, line: int, axis: int, lo: float, hi: float
+    ) -> MotionLimitError:
         letter, limits = list(self.machine.axes.items())[axis]
         travel = limits.travel or (-np.inf, np.inf)
         unit = "degrees" if letter in ROTARY_LETTERS else "mm"
@@ -106,5 +124,7 @@ class Survey:
 
 
 def _plain(value: float) -> str:
-    """A coordinate to a micrometre; to more digits where it is less than that beyond a round limit."""
+    """A coordinate to a micrometre; to more digits where it is less than that beyond a round
+    limit.
+    """
     return f"{value:.7g}"

@@ -1,7 +1,8 @@
 """The command line: options to :mod:`cnc.api`, a report to text and an exit code.
 
-Whatever happens, the last thing on standard error is a message that says what, where and what to do, never a traceback. What takes long to
-import is imported when it is needed: ``cncrun --help`` has to be quick.
+Whatever happens, the last thing on standard error is a message that says what, where and what to
+do, never a traceback. What takes long to import is imported when it is needed: ``cncrun --help``
+has to be quick.
 """
 
 from cnc.cli.commands import exit_code, main

@@ -69,18 +69,28 @@ def check_one(file: str, common: Common, look: Look, picture: str | None = None)
 
 
 def check_listed(files: Sequence[str], common: Common, look: Look, shown: TextIO) -> list[Report]:
-    """Programs in their order, in processes of their own; a line for each as soon as those before it have theirs."""
+    """Programs in their order, in processes of their own; a line for each as soon as those before
+    it have theirs.
+    """
     from cnc.batch.pool import check_many
     from cnc.report.summary import one_line
 
     if any((common.blocks, common.trace, common.pulses, common.lines)):
         raise UsageError(
             Diagnostic(
-                "one-program-only", "--blocks, --trace, --pulses and --lines take one program", hint="check that program alone to get them"
+                "one-program-only",
+                "--blocks, --trace, --pulses and --lines take one program",
+                hint="check that program alone to get them",
             )
         )
     if look.scheduler is not None and look.jobs is not None:
-        raise UsageError(Diagnostic("jobs-and-scheduler", "--jobs is for this computer, --scheduler for others", hint="give one of them"))
+        raise UsageError(
+            Diagnostic(
+                "jobs-and-scheduler",
+                "--jobs is for this computer, --scheduler for others",
+                hint="give one of them",
+            )
+        )
     reports: list[Report] = []
     control = Control(common.feed_override)
     with Screen(control, quiet=common.quiet) as screen:
@@ -108,20 +118,29 @@ def check_listed(files: Sequence[str], common: Common, look: Look, shown: TextIO
 
 
 def find_programs(names: Sequence[str]) -> list[str]:
-    """Files in the order given: a folder stands for the programs anywhere in it, a pattern for what it matches, each sorted by name.
+    """Files in the order given: a folder stands for the programs anywhere in it, a pattern for what
+    it matches, each sorted by name.
 
     UsageError ``no-program`` where nothing is named, or a folder or pattern has no program.
     """
     if not names:
-        raise UsageError(Diagnostic("no-program", "no program is named", hint="cncrun check PROGRAM..."))
+        raise UsageError(
+            Diagnostic("no-program", "no program is named", hint="cncrun check PROGRAM...")
+        )
     found: list[str] = []
     for name in names:
         path = Path(name)
         if path.is_dir():
-            matches = sorted(str(file) for file in path.rglob("*") if file.suffix.lower() in SUFFIXES and file.is_file())
+            matches = sorted(
+                str(file)
+                for file in path.rglob("*")
+                if file.suffix.lower() in SUFFIXES and file.is_file()
+            )
             where = f"the folder {name} has no programs ({' '.join('*' + suffix for suffix in SUFFIXES)})"
         elif not path.exists() and glob.has_magic(name):
-            matches = sorted(file for file in glob.glob(name, recursive=True) if os.path.isfile(file))
+            matches = sorted(
+                file for file in glob.glob(name, recursive=True) if os.path.isfile(file)
+            )
             where = f"no file matches {name}"
         else:
             matches, where = [name], ""

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, TextIO
 from cyclopts import CycloptsError, UnusedCliTokensError
 
 from cnc.cli.options import Common
-from cnc.model.diagnostics import EXIT_REJECTED, EXIT_STOPPED, SEVERITIES, CncError, Diagnostic, Severity
+from cnc.model.diagnostics import (
+    EXIT_REJECTED,
+    EXIT_STOPPED,
+    SEVERITIES,
+    CncError,
+    Diagnostic,
+    Severity,
+)
 
 if TYPE_CHECKING:
     from cnc.report.result import Report
@@ -19,11 +26,11 @@ EXIT_PIPE = 141
 
 
 def usage(error: CycloptsError) -> str:
-    """What is wrong with the command line, in one line and in our words where cyclopts speaks of its own."""
+    """What is wrong with the command line, in one line and in our words where cyclopts speaks of
+    its own.
+    """
     if isinstance(error, UnusedCliTokensError):
-        return (
-            f"cncrun runs one program, {' '.join(error.unused_tokens or [])} is too much; several can be checked: cncrun check PROGRAM..."
-        )
+        return f"cncrun runs one program, {' '.join(error.unused_tokens or [])} is too much; several can be checked: cncrun check PROGRAM..."
     return " ".join(str(error).split())
 
 
@@ -42,19 +49,30 @@ def internal_error(error: Exception, verbose: bool) -> int:
         traceback.print_exception(error)
     kind = type(error).__name__
     hint = "please report the program, the machine file and this message; --verbose shows where it happened"
-    print(Diagnostic("internal-error", f"cncrun failed: {kind}: {error}", hint=hint).render(), file=sys.stderr)
+    print(
+        Diagnostic("internal-error", f"cncrun failed: {kind}: {error}", hint=hint).render(),
+        file=sys.stderr,
+    )
     return EXIT_REJECTED
 
 
 def end(reports: Sequence[Report], *, quiet: bool, fail_on: Severity = "error") -> int:
-    """Faults of all reports on standard error, and lesser findings that count for as much; the exit code of the worst."""
+    """Faults of all reports on standard error, and lesser findings that count for as much; the exit
+    code of the worst.
+    """
     counting = SEVERITIES[: SEVERITIES.index(fail_on) + 1]
     sys.stdout.flush()
     for report in reports:
         if report.hidden_warnings and not quiet:
-            print(f"{report.program}: {report.hidden_warnings} more warnings are not shown", file=sys.stderr)
+            print(
+                f"{report.program}: {report.hidden_warnings} more warnings are not shown",
+                file=sys.stderr,
+            )
         if report.hidden_faults:
-            print(f"{report.program}: {report.hidden_faults} more places outside the travel are not shown", file=sys.stderr)
+            print(
+                f"{report.program}: {report.hidden_faults} more places outside the travel are not shown",
+                file=sys.stderr,
+            )
         for finding in report.counting:
             if finding.severity in counting:
                 print(finding.render(), file=sys.stderr)
@@ -65,7 +83,13 @@ def end(reports: Sequence[Report], *, quiet: bool, fail_on: Severity = "error") 
             print(f"to go on: --from-line {stopped.resume_line}", file=sys.stderr)
         print(_where_stopped(stopped), file=sys.stderr)
         return EXIT_STOPPED
-    return code or int(any(finding.severity in counting for report in reports for finding in report.counting)) * EXIT_REJECTED
+    return (
+        code
+        or int(
+            any(finding.severity in counting for report in reports for finding in report.counting)
+        )
+        * EXIT_REJECTED
+    )
 
 
 def _where_stopped(report: Report) -> str:
@@ -73,7 +97,9 @@ def _where_stopped(report: Report) -> str:
 
     if report.board is None or not report.stopped_at_line:
         return "stopped by the operator; nothing has moved"
-    place = " ".join(f"{axis.upper()}{position(value)}" for axis, value in report.end_position.items())
+    place = " ".join(
+        f"{axis.upper()}{position(value)}" for axis, value in report.end_position.items()
+    )
     return f"stopped by the operator at line {report.stopped_at_line}; the board has come to rest at {place}"
 
 

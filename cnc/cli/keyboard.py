@@ -1,7 +1,9 @@
-"""The operator's keys while a program runs: space holds and goes on, + and - change the feed, q stops.
+"""The operator's keys while a program runs: space holds and goes on, + and - change the feed, q
+stops.
 
-They work where standard input is a terminal of a system that lets single keys be read; elsewhere there are none, which is no error. What a
-key asks for is carried out by :class:`cnc.model.operator_control.Control`, on every board alike.
+They work where standard input is a terminal of a system that lets single keys be read; elsewhere
+there are none, which is no error. What a key asks for is carried out by
+:class:`cnc.model.operator_control.Control`, on every board alike.
 """
 
 from __future__ import annotations
@@ -38,13 +40,19 @@ class Keys:
         self._answers: SimpleQueue[str] | None = None
 
     def agreed(self, story: Sequence[str], *, yes: bool) -> bool:
-        """Tell what will be done and ask whether it shall; ``yes``: do not ask. UsageError ``needs-yes`` where nobody can be asked."""
+        """Tell what will be done and ask whether it shall; ``yes``: do not ask. UsageError
+        ``needs-yes`` where nobody can be asked.
+        """
         print(*story, sep="\n  ", file=sys.stderr, flush=True)
         if yes:
             return True
         if not self.available:
             hint = "run it in a terminal, or with --yes"
-            raise UsageError(Diagnostic("needs-yes", "there is no terminal to ask whether to begin like this", hint=hint))
+            raise UsageError(
+                Diagnostic(
+                    "needs-yes", "there is no terminal to ask whether to begin like this", hint=hint
+                )
+            )
         print("press y to go on, any other key to end: ", end="", file=sys.stderr, flush=True)
         self._answers = SimpleQueue()
         answer = self._answers.get()
@@ -89,7 +97,9 @@ class Keys:
             termios.tcsetattr(self._file, termios.TCSADRAIN, self._before)
 
     def _listen(self) -> None:
-        """OSError, ValueError where standard input is no terminal; ImportError where the system has none of this kind."""
+        """OSError, ValueError where standard input is no terminal; ImportError where the system has
+        none of this kind.
+        """
         import termios
         import tty
 
@@ -103,7 +113,9 @@ class Keys:
         except termios.error:
             return
         self._wake = os.pipe()
-        self._thread = threading.Thread(target=self._read, args=(self._file, self._wake[0]), daemon=True)
+        self._thread = threading.Thread(
+            target=self._read, args=(self._file, self._wake[0]), daemon=True
+        )
         self._thread.start()
         self.available = True
 

@@ -21,9 +21,11 @@ if TYPE_CHECKING:
 
 
 class Screen:
-    """What is shown while a program is under way, and the operator's Ctrl-C (or a termination from outside).
+    """What is shown while a program is under way, and the operator's Ctrl-C (or a termination from
+    outside).
 
-    As long as nothing moves it ends the program. In motion the first asks for a stop, the second ends at once.
+    As long as nothing moves it ends the program. In motion the first asks for a stop, the second
+    ends at once.
     """
 
     def __init__(self, control: Control, *, quiet: bool) -> None:
@@ -56,7 +58,10 @@ class Screen:
 
     def __enter__(self) -> Screen:
         if threading.current_thread() is threading.main_thread():
-            self._before = {each: signal.signal(each, self._on_signal) for each in (signal.SIGINT, signal.SIGTERM)}
+            self._before = {
+                each: signal.signal(each, self._on_signal)
+                for each in (signal.SIGINT, signal.SIGTERM)
+            }
         if not self._quiet and sys.stderr.isatty():
             self._bar = _Bar()
         return self
@@ -76,12 +81,18 @@ class Screen:
         if self._bar is not None:
             self._bar.note = self._words(sent)
         if sent.held and not self._held and not self._quiet:
-            print(f"held at line {sent.line}{f' ({sent.why})' if sent.why else ''}; {HELP}", file=sys.stderr, flush=True)
+            print(
+                f"held at line {sent.line}{f' ({sent.why})' if sent.why else ''}; {HELP}",
+                file=sys.stderr,
+                flush=True,
+            )
         self._held = sent.held
 
     def _words(self, sent: Sent) -> str:
         """Where the board is and what it still has, as far as it tells; the operator's doing."""
-        words = [] if sent.position is None else [" ".join(f"{value:.3f}" for value in sent.position)]
+        words = (
+            [] if sent.position is None else [" ".join(f"{value:.3f}" for value in sent.position)]
+        )
         if sent.left is not None:
             minutes, seconds = divmod(round(sent.left), 60)
             words.append(f"{minutes}:{seconds:02d} left")
@@ -97,13 +108,19 @@ class Screen:
         if not self._moving:
             raise KeyboardInterrupt("stopped by the operator; nothing has moved")
         if self._control.stopped:
-            raise KeyboardInterrupt("stopped by the operator at once; where the axes stand has to be found again (home them)")
+            raise KeyboardInterrupt(
+                "stopped by the operator at once; where the axes stand has to be found again (home them)"
+            )
         self._control.stop()
 
 
 def tell_compiling() -> None:
     """Say why the first run ever takes longer."""
-    print("compiling the kernels; this happens once and takes up to a minute", file=sys.stderr, flush=True)
+    print(
+        "compiling the kernels; this happens once and takes up to a minute",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 class _Bar:
@@ -127,7 +144,11 @@ class _Bar:
             from rich.console import Console
             from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-            counted = f"{{task.completed:.0f}} {unit}" if unit == "lines" else f"{{task.completed:.0f}} of {total} {unit}"
+            counted = (
+                f"{{task.completed:.0f}} {unit}"
+                if unit == "lines"
+                else f"{{task.completed:.0f}} of {total} {unit}"
+            )
             columns = (
                 TextColumn("{task.description}"),
                 BarColumn(),
@@ -136,11 +157,18 @@ class _Bar:
                 TextColumn("{task.fields[note]}"),
             )
             # What is printed meanwhile goes above the bar, unless it goes to a file.
-            bar = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=sys.stdout.isatty())
+            bar = Progress(
+                *columns,
+                console=Console(stderr=True),
+                transient=True,
+                redirect_stdout=sys.stdout.isatty(),
+            )
             bar.start()
             self._progress = bar
             self._task = bar.add_task(stage, total=total, note=self.note)
-        self._progress.update(self._task, description=stage, completed=done, total=total, note=self.note)
+        self._progress.update(
+            self._task, description=stage, completed=done, total=total, note=self.note
+        )
 
     def close(self) -> None:
         """Take the bar off the screen."""

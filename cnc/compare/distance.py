@@ -1,9 +1,11 @@
-"""How far apart two tracks are, gone in step: the largest distance from a point of one to the way of the other about the same place.
+"""How far apart two tracks are, gone in step: the largest distance from a point of one to the way
+of the other about the same place.
 
-Between two points that both pass (:mod:`cnc.compare.match`) the tracks are sampled roughly and aligned by dynamic time warping, the
-cheapest pairing of samples that never goes back on either. Then every point of one is measured against the stretch of the other that its
-neighbours are paired with, so that a way gone the other way round is not the same. Long stretches are cut at paired points and measured in
-parts.
+Between two points that both pass (:mod:`cnc.compare.match`) the tracks are sampled roughly and
+aligned by dynamic time warping, the cheapest pairing of samples that never goes back on either.
+Then every point of one is measured against the stretch of the other that its neighbours are paired
+with, so that a way gone the other way round is not the same. Long stretches are cut at paired
+points and measured in parts.
 
      a  ──o────o────o────o──         A stretch is at most half of its length away from one of its two ends, which both pass: the
           |    |   /    /            longest are measured first, and those that can't be farther apart than what was found are left.
@@ -39,7 +41,9 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Apart:
-    """Where two tracks are farthest apart: mm, the place on the one (axes,), index of the points that the moves end at."""
+    """Where two tracks are farthest apart: mm, the place on the one (axes,), index of the points
+    that the moves end at.
+    """
 
     distance: float
     place: Floats
@@ -49,7 +53,9 @@ class Apart:
 
 @dataclass(frozen=True, slots=True)
 class _Way:
-    """A stretch of track: points (n, axes), the index of each in the whole, and the way (n,) in mm from the first."""
+    """A stretch of track: points (n, axes), the index of each in the whole, and the way (n,) in mm
+    from the first.
+    """
 
     points: Floats
     index: Ints
@@ -60,7 +66,11 @@ class _Way:
         if len(points) == 1:
             # a way of no length is one, too
             points, index = np.repeat(points, 2, axis=0), np.repeat(index, 2)
-        return cls(points, index, np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))))
+        return cls(
+            points,
+            index,
+            np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))),
+        )
 
     @property
     def length(self) -> float:
@@ -72,7 +82,9 @@ class _Way:
 
     def part(self, begin: float, end: float) -> _Way:
         inside = np.flatnonzero((self.s > begin) & (self.s < end))
-        points = np.concatenate((self.at(np.array([begin])), self.points[inside], self.at(np.array([end]))))
+        points = np.concatenate(
+            (self.at(np.array([begin])), self.points[inside], self.at(np.array([end])))
+        )
         last = int(np.searchsorted(self.s, end))
         first = int(np.searchsorted(self.s, begin, side="right"))
         ends = self.index[np.minimum([first, last], len(self.index) - 1)]
@@ -112,12 +124,20 @@ def _measured(one: _Way, other: _Way, best: Apart, depth: int) -> Apart:
     if max(sizes) > LARGE and depth < DEEPEST:
         begin = (0.0, 0.0)
         for i, j in [*pairs[count // 8 : -1 : count // 8], pairs[-1]]:
-            end = (one.length, other.length) if (i, j) == pairs[-1] else (float(s[i]), _nearest(other, one.at(s[i : i + 1])[0], t, j))
+            end = (
+                (one.length, other.length)
+                if (i, j) == pairs[-1]
+                else (float(s[i]), _nearest(other, one.at(s[i : i + 1])[0], t, j))
+            )
             end = max(end[0], begin[0]), max(end[1], begin[1])
-            best = _measured(one.part(begin[0], end[0]), other.part(begin[1], end[1]), best, depth + 1)
+            best = _measured(
+                one.part(begin[0], end[0]), other.part(begin[1], end[1]), best, depth + 1
+            )
             begin = end
         return best
-    return _farther(best, one, other, _windows(pairs, s, t), _windows([(j, i) for i, j in pairs], t, s))
+    return _farther(
+        best, one, other, _windows(pairs, s, t), _windows([(j, i) for i, j in pairs], t, s)
+    )
 
 
 def _nearest(way: _Way, point: Floats, t: Floats, j: int) -> float:
@@ -127,7 +147,9 @@ def _nearest(way: _Way, point: Floats, t: Floats, j: int) -> float:
 
 
 def _aligned(a: Floats, b: Floats) -> list[tuple[int, int]]:
-    """Dynamic time warping: pairs of indices from (0, 0) to the last ones, the sum of whose distances is least."""
+    """Dynamic time warping: pairs of indices from (0, 0) to the last ones, the sum of whose
+    distances is least.
+    """
     apart = np.linalg.norm(a[:, None] - b[None], axis=2).tolist()
     n, m = len(a), len(b)
     cost = [apart[0][0]]
@@ -143,13 +165,19 @@ def _aligned(a: Floats, b: Floats) -> list[tuple[int, int]]:
     pairs = [(n - 1, m - 1)]
     while pairs[-1] != (0, 0):
         i, j = pairs[-1]
-        ways = [(table[p][q], (p, q)) for p, q in ((i - 1, j - 1), (i - 1, j), (i, j - 1)) if p >= 0 and q >= 0]
+        ways = [
+            (table[p][q], (p, q))
+            for p, q in ((i - 1, j - 1), (i - 1, j), (i, j - 1))
+            if p >= 0 and q >= 0
+        ]
         pairs.append(min(ways, key=lambda way: way[0])[1])
     return pairs[::-1]
 
 
 def _windows(pairs: list[tuple[int, int]], s: Floats, t: Floats) -> Floats:
-    """For each part between samples s (n,) of one way, (n - 1, 2): from where to where on the other its points are looked for."""
+    """For each part between samples s (n,) of one way, (n - 1, 2): from where to where on the other
+    its points are looked for.
+    """
     low, high = np.full(len(s), len(t)), np.zeros(len(s), np.int64)
     for i, j in pairs:
         low[i], high[i] = min(low[i], j), max(high[i], j)
@@ -169,10 +197,14 @@ def _farther(best: Apart, one: _Way, other: _Way, of_one: Floats, of_other: Floa
 
 
 def _directed(way: _Way, other: _Way, windows: Floats) -> tuple[float, Floats, Floats, int, int]:
-    """The farthest point of a way: its distance, itself, the nearest point on the other way, and the points where the moves there end."""
+    """The farthest point of a way: its distance, itself, the nearest point on the other way, and
+    the points where the moves there end.
+    """
     s = np.sort(np.concatenate((way.s, np.linspace(0.0, way.length, BETWEEN))))
     points = way.at(s)
-    part = np.minimum((s * len(windows) / max(way.length, 1e-300)).astype(np.int64), len(windows) - 1)
+    part = np.minimum(
+        (s * len(windows) / max(way.length, 1e-300)).astype(np.int64), len(windows) - 1
+    )
     low, high = windows[part].T
     starts, steps = other.points[:-1], np.diff(other.points, axis=0)
     squares = np.maximum((steps * steps).sum(axis=1), 1e-300)

@@ -1,8 +1,10 @@
-"""Which points two tracks have in common, in order: between them the tracks are compared, and where nothing lies between they are the same.
+"""Which points two tracks have in common, in order: between them the tracks are compared, and where
+nothing lies between they are the same.
 
-Beginning and end are matched as far as they agree; of what is between, the points that each track passes once only, as many as can be in
-the order of both (the longest increasing subsequence). That is how a text is compared that people read ("patience diff"), with points in
-the place of lines. O(n log n).
+Beginning and end are matched as far as they agree; of what is between, the points that each track
+passes once only, as many as can be in the order of both (the longest increasing subsequence). That
+is how a text is compared that people read ("patience diff"), with points in the place of lines. O(n
+log n).
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Hunk:
-    """Where the ways part: points ``a0`` to ``a1`` of the one and ``b0`` to ``b1`` of the other, both ends included.
+    """Where the ways part: points ``a0`` to ``a1`` of the one and ``b0`` to ``b1`` of the other,
+    both ends included.
 
     They begin at the same point, and end at the same if ``closed``.
     """
@@ -36,7 +39,9 @@ class Hunk:
 
 def hunks(a: Floats, b: Floats) -> list[Hunk]:
     """Where the tracks a (n, axes) and b (m, axes), which begin at the same point, differ."""
-    _, both = np.unique(np.round(np.concatenate((a, b)) / SAME).astype(np.int64), axis=0, return_inverse=True)
+    _, both = np.unique(
+        np.round(np.concatenate((a, b)) / SAME).astype(np.int64), axis=0, return_inverse=True
+    )
     both = both.reshape(-1)
     ids_a, ids_b = both[: len(a)], both[len(a) :]
     shorter = min(len(a), len(b))
@@ -47,7 +52,10 @@ def hunks(a: Floats, b: Floats) -> list[Hunk]:
     j = np.concatenate(([max(begin - 1, 0)], pairs[:, 1] + begin, [len(b) - max(end, 1)]))
     parted: Ints = np.flatnonzero((np.diff(i) != 1) | (np.diff(j) != 1))
     last = len(i) - 2
-    found = [Hunk(int(i[k]), int(i[k + 1]), int(j[k]), int(j[k + 1]), k < last or end > 0) for k in parted]
+    found = [
+        Hunk(int(i[k]), int(i[k + 1]), int(j[k]), int(j[k + 1]), k < last or end > 0)
+        for k in parted
+    ]
     if not end and last not in parted:
         # one move each, to different places
         found.append(Hunk(int(i[last]), int(i[-1]), int(j[last]), int(j[-1]), False))
@@ -63,7 +71,9 @@ def _agreeing(a: Ints, b: Ints) -> int:
 def _in_order(a: Ints, b: Ints) -> Ints:
     """Pairs (k, 2) of places in a and b of what occurs once in each, rising in both."""
     once_a, once_b = _once(a), _once(b)
-    common, of_a, of_b = np.intersect1d(a[once_a], b[once_b], assume_unique=True, return_indices=True)
+    common, of_a, of_b = np.intersect1d(
+        a[once_a], b[once_b], assume_unique=True, return_indices=True
+    )
     if not len(common):
         return np.empty((0, 2), np.int64)
     pairs = np.stack((once_a[of_a], once_b[of_b]), axis=1)

@@ -29,9 +29,10 @@ class Place:
 class Difference:
     """What came of a comparison.
 
-    reports: of both programs, or of one with faults; then nothing else is known. distance: the largest between
-    the ways, mm (a degree of a rotary axis counts as a millimetre); at: where, mm by axis, on the way of the first; places: the moves
-    there, of the first program and of the second.
+    reports: of both programs, or of one with faults; then nothing else is known. distance: the
+    largest between the ways, mm (a degree of a rotary axis counts as a millimetre); at: where, mm
+    by axis, on the way of the first; places: the moves there, of the first program and of the
+    second.
     """
 
     reports: tuple[Report, ...]
@@ -71,7 +72,13 @@ class Difference:
         yield f"time    {clock(first.duration_s)} -> {clock(second.duration_s)} ({change:+.1f} %)"
 
 
-def compare(first: Path | str, second: Path | str, machine: Machine, dialect: DialectName | None, watch: Watch | None = None) -> Difference:
+def compare(
+    first: Path | str,
+    second: Path | str,
+    machine: Machine,
+    dialect: DialectName | None,
+    watch: Watch | None = None,
+) -> Difference:
     """Plan both programs and compare their motion; see :class:`Difference`."""
     one, track = _planned(first, machine, dialect, watch or Watch())
     if not one.ok:
@@ -81,10 +88,17 @@ def compare(first: Path | str, second: Path | str, machine: Machine, dialect: Di
         return Difference((one, other))
     apart = farthest(track, beside)
     places = _place(track, apart.a, one), _place(beside, apart.b, other)
-    return Difference((one, other), apart.distance, dict(zip(machine.axes, apart.place.tolist(), strict=True)), places)
+    return Difference(
+        (one, other),
+        apart.distance,
+        dict(zip(machine.axes, apart.place.tolist(), strict=True)),
+        places,
+    )
 
 
-def _planned(program: Path | str, machine: Machine, dialect: DialectName | None, watch: Watch) -> tuple[Report, Track]:
+def _planned(
+    program: Path | str, machine: Machine, dialect: DialectName | None, watch: Watch
+) -> tuple[Report, Track]:
     recorder = Recorder(start_position(machine))
     job = Job(program, machine, dialect, False, Outputs(), watch, Control(), on_plan=recorder.add)
     return job.carry_out(), recorder.track()

@@ -1,4 +1,6 @@
-"""The way that a planned motion goes, as points: what corners were cut to, not what the program says."""
+"""The way that a planned motion goes, as points: what corners were cut to, not what the program
+says.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """points (n, axes): vertices; straight between them. line (n,): source line of the way to each point, in ``files[file]``."""
+    """points (n, axes): vertices; straight between them. line (n,): source line of the way to each
+    point, in ``files[file]``.
+    """
 
     points: Floats
     line: Ints
@@ -43,7 +47,9 @@ class Recorder:
         self._done = 0.0
 
     def add(self, plan: PlanChunk) -> None:
-        """The pieces that the motion has gone to the end of; one that it stops in comes again with the next plan."""
+        """The pieces that the motion has gone to the end of; one that it stops in comes again with
+        the next plan.
+        """
         path = plan.path
         ends = plan.s0 + plan.piece_s[1:]
         reached = plan.s0 + float(plan.phase_s[-1])
@@ -54,7 +60,9 @@ class Recorder:
         at, length = path.at[pieces], path.length[pieces]
         body = at + START + 2 * len(path.axes)
         arc = path.kind[pieces] == ARC
-        spacing = np.where(path.kind[pieces] == LINE, np.inf, np.maximum(OF_SPAN, length / MOST_OF_SPAN))
+        spacing = np.where(
+            path.kind[pieces] == LINE, np.inf, np.maximum(OF_SPAN, length / MOST_OF_SPAN)
+        )
         radius, sweep = path.data[body[arc] + 2], np.abs(path.data[body[arc] + 4])
         # sagitta = r (1 - cos(angle / 2)), about r angle^2 / 8
         spacing[arc] = length[arc] / np.ceil(sweep / np.sqrt(8.0 * CHORD / radius))
@@ -67,4 +75,9 @@ class Recorder:
 
     def track(self) -> Track:
         """All of it."""
-        return Track(np.concatenate(self._points), np.concatenate(self._lines), np.concatenate(self._file), tuple(self._files))
+        return Track(
+            np.concatenate(self._points),
+            np.concatenate(self._lines),
+            np.concatenate(self._file),
+            tuple(self._files),
+        )

@@ -1,11 +1,14 @@
-"""A program on a board that plans for itself: what the plan says becomes lines, sent as fast as the board takes them.
+"""A program on a board that plans for itself: what the plan says becomes lines, sent as fast as the
+board takes them.
 
     plan ──► translator ──► steps: lines, and at what block the board has to come to rest ──► sent, one after the other
 
-Steps may be made on the way, where the board's answers decide how the program goes on, or before anything moves: a list of them is small.
+Steps may be made on the way, where the board's answers decide how the program goes on, or before
+anything moves: a list of them is small.
 
-The board carries out the operator's wishes itself (:meth:`cnc.boards.protocols.LineSink.attend`), so the plan is made without them: hold,
-resume and override act on the motion under way, not on what is still to come.
+The board carries out the operator's wishes itself (:meth:`cnc.boards.protocols.LineSink.attend`),
+so the plan is made without them: hold, resume and override act on the motion under way, not on what
+is still to come.
 """
 
 from __future__ import annotations
@@ -27,7 +30,9 @@ from cnc.model.streams import GcodeLine
 from cnc.planner.plan import PlanChunk
 
 ROUNDING = 0.003
-"""mm by which a board's report of its position may differ from where it was sent, beside one step: three decimals, of inches even."""
+"""mm by which a board's report of its position may differ from where it was sent, beside one step:
+three decimals, of inches even.
+"""
 
 
 END = End("", 0)
@@ -38,7 +43,9 @@ class LineTranslator(Protocol):
 
     @property
     def position(self) -> Sequence[float] | None:
-        """Where the lines so far lead to, x y z in mm (machine coordinates); None where that is not known."""
+        """Where the lines so far lead to, x y z in mm (machine coordinates); None where that is not
+        known.
+        """
 
     def lines(self, item: PlanChunk | Block) -> Iterator[GcodeLine]:
         """The lines for the next item of the plan, as far as they are certain."""
@@ -51,9 +58,9 @@ class LineTranslator(Protocol):
 class Step:
     """What one thing of a plan has become.
 
-    file: the program. text: lines, each with its end. numbers: source line of each. clock: seconds planned until its end. block: at which
-    the board comes to rest behind the lines, None if at none. position: where the lines so far lead to, x y z in mm; None where that is
-    not known.
+    file: the program. text: lines, each with its end. numbers: source line of each. clock: seconds
+    planned until its end. block: at which the board comes to rest behind the lines, None if at
+    none. position: where the lines so far lead to, x y z in mm; None where that is not known.
     """
 
     file: str
@@ -70,7 +77,9 @@ class Step:
 
 
 def steps(planned: Iterable[PlanChunk | Block], translator: LineTranslator) -> Iterator[Step]:
-    """The steps of a plan, each as soon as its lines are certain; a probe's answer is looked at when the next is asked for."""
+    """The steps of a plan, each as soon as its lines are certain; a probe's answer is looked at
+    when the next is asked for.
+    """
     clock, file = 0.0, ""
     for item in planned:
         file = item.path.file if isinstance(item, PlanChunk) else item.file
@@ -80,7 +89,8 @@ def steps(planned: Iterable[PlanChunk | Block], translator: LineTranslator) -> I
         elif isinstance(item, Dwell):
             clock += item.seconds
         elif isinstance(item, BoardCommand):
-            # A locked board takes nothing but $H and $X: they go before the modes of the first line.
+            # A locked board takes nothing but $H and $X: they go before the modes of the first
+            # line.
             lines.sort(key=lambda line: not line.text.startswith("$"))
         block = item if isinstance(item, Abort | BoardCommand | Probe | Stop | Tool) else None
         if lines or block is not None:
@@ -88,17 +98,31 @@ def steps(planned: Iterable[PlanChunk | Block], translator: LineTranslator) -> I
     yield _step(file, list(translator.end()), clock, None, translator.position)
 
 
-def _step(file: str, lines: Sequence[GcodeLine], clock: float, block: Block | None, position: Sequence[float] | None) -> Step:
+def _step(
+    file: str,
+    lines: Sequence[GcodeLine],
+    clock: float,
+    block: Block | None,
+    position: Sequence[float] | None,
+) -> Step:
     text = "".join(line.text + "\n" for line in lines)
-    return Step(file, text, array("i", [line.line for line in lines]), clock, block, None if position is None else tuple(position))
+    return Step(
+        file,
+        text,
+        array("i", [line.line for line in lines]),
+        clock,
+        block,
+        None if position is None else tuple(position),
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class LineOutcome:
     """What came of a run.
 
-    duration: seconds of machine time that were planned for what was sent. position (axes,): where the board says it is, mm. lines: that
-    were sent. stopped_at_line: None after a whole run, else the last source line that the board has taken.
+    duration: seconds of machine time that were planned for what was sent. position (axes,): where
+    the board says it is, mm. lines: that were sent. stopped_at_line: None after a whole run, else
+    the last source line that the board has taken.
     """
 
     duration: float
@@ -132,7 +156,14 @@ class _Stream:
             board = self.board
             line = board.confirmed_line
             now = Progress(
-                self.clock, line, self.sent, self.control.held, board.position, board.buffered, file=self.file, at=board.moving_line
+                self.clock,
+                line,
+                self.sent,
+                self.control.held,
+                board.position,
+                board.buffered,
+                file=self.file,
+                at=board.moving_line,
             )
             self.on_progress(now)
 
@@ -165,15 +196,21 @@ class _Stream:
         wanted, board = self.wanted, self.board
         if wanted is None or self.control.stopped or board.check_only:
             return
-        for letter, planned, reported, step in zip("XYZ", wanted, board.position, board.resolution, strict=False):
+        for letter, planned, reported, step in zip(
+            "XYZ", wanted, board.position, board.resolution, strict=False
+        ):
             if abs(planned - reported) > step + ROUNDING:
                 message = f"the board stands at {letter}{reported:.3f}, the program has led it to {letter}{planned:.3f}"
                 hint = "bytes were lost on the way, or the board has lost its position: check the part, home the machine"
-                raise board_error("position-differs", message, line=self.board.confirmed_line, hint=hint)
+                raise board_error(
+                    "position-differs", message, line=self.board.confirmed_line, hint=hint
+                )
 
     def outcome(self, *, stopped: bool) -> LineOutcome:
         board = self.board
-        return LineOutcome(self.clock, board.position, self.sent, board.confirmed_line if stopped else None)
+        return LineOutcome(
+            self.clock, board.position, self.sent, board.confirmed_line if stopped else None
+        )
 
 
 def stream(
@@ -187,13 +224,13 @@ def stream(
 ) -> LineOutcome:
     """Run a program on a board that takes lines.
 
-    on_progress is told whenever the board has reported, on_line of every line sent. ``afterwards``: lines to send when the program has come
-    to its end and the machine stands where it should. When ``control`` says stop, the board comes to rest and
-    forgets what it was sent; it is left stopped.
+    on_progress is told whenever the board has reported, on_line of every line sent. ``afterwards``:
+    lines to send when the program has come to its end and the machine stands where it should. When
+    ``control`` says stop, the board comes to rest and forgets what it was sent; it is left stopped.
 
-    Raises BoardError when the board or the link fails, at the source line that the fault names, else at the last one that the board has
-    taken, and ``position-differs`` where the board ends elsewhere than the program. The board has been told to abort, as after any other
-    exception.
+    Raises BoardError when the board or the link fails, at the source line that the fault names,
+    else at the last one that the board has taken, and ``position-differs`` where the board ends
+    elsewhere than the program. The board has been told to abort, as after any other exception.
     """
     control = control or Control()
     run = _Stream(board, control, on_progress, on_line)
@@ -217,7 +254,9 @@ def stream(
     except BoardError as error:
         _abort(board)
         found = error.diagnostic
-        raise error.at(file=found.file or run.file, line=found.line or board.confirmed_line) from error
+        raise error.at(
+            file=found.file or run.file, line=found.line or board.confirmed_line
+        ) from error
     except BaseException:
         _abort(board)
         raise

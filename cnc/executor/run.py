@@ -1,10 +1,11 @@
-"""A plan on a board: chunks become pulses, blocks between them become commands, in the program's order.
+"""A plan on a board: chunks become pulses, blocks between them become commands, in the program's
+order.
 
-The executor works ahead of time. It never waits for a pulse: the board plays what it has been sent and holds the caller back when it
-is full.
+The executor works ahead of time. It never waits for a pulse: the board plays what it has been sent
+and holds the caller back when it is full.
 
-The operator's :class:`~cnc.model.operator_control.Control` is looked at between two stretches of the plan. A hold takes no machine time: the clock goes on
-with the motion.
+The operator's :class:`~cnc.model.operator_control.Control` is looked at between two stretches of
+the plan. A hold takes no machine time: the clock goes on with the motion.
 """
 
 from __future__ import annotations
@@ -49,17 +50,22 @@ class PulseInterpolator(Protocol):
         """The last grid move at the end of the path."""
 
     def stand_at(self, grid: NDArray[np.int64]) -> None:
-        """The machine stands at a grid point (axes,) that was not planned, such as where a probe made contact."""
+        """The machine stands at a grid point (axes,) that was not planned, such as where a probe
+        made contact.
+        """
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far the program has been sent: seconds of machine time, source line, grid moves (or lines, to a board that takes those).
+    """How far the program has been sent: seconds of machine time, source line, grid moves (or
+    lines, to a board that takes those).
 
-    held: the motion rests until it is resumed. position: where the board says it is, mm. buffered: lines that it has not taken yet. The
-    last two are None of a board that does not tell. left: seconds until the program is over, None where nobody has counted them. why:
-    what the program holds for. ahead: seconds of motion that the board has yet; line then is that which it is at, or one before. at: a
-    line that the motion has come to for certain, 0 where that is not known. file: where that is, as what is sent says.
+    held: the motion rests until it is resumed. position: where the board says it is, mm. buffered:
+    lines that it has not taken yet. The last two are None of a board that does not tell. left:
+    seconds until the program is over, None where nobody has counted them. why: what the program
+    holds for. ahead: seconds of motion that the board has yet; line then is that which it is at, or
+    one before. at: a line that the motion has come to for certain, 0 where that is not known. file:
+    where that is, as what is sent says.
     """
 
     time: float
@@ -79,9 +85,10 @@ class Progress:
 class Outcome:
     """What came of a run.
 
-    duration: seconds of machine time sent, dwells included. position_steps (axes,): where the board is. steps (axes,): steps made by each
-    axis, in both directions together. rows: grid moves. stopped_at_line: None after a whole run; after a stop the source line of the last
-    motion or command sent, 0 if there was none.
+    duration: seconds of machine time sent, dwells included. position_steps (axes,): where the board
+    is. steps (axes,): steps made by each axis, in both directions together. rows: grid moves.
+    stopped_at_line: None after a whole run; after a stop the source line of the last motion or
+    command sent, 0 if there was none.
     """
 
     duration: float
@@ -119,7 +126,9 @@ class _Run:
         self._probing: tuple[Probe, tuple[float, ...] | None] | None = None
 
     def command(self, block: Block) -> None:
-        """A block between moves: the board carries it out when the motion before it has come to rest."""
+        """A block between moves: the board carries it out when the motion before it has come to
+        rest.
+        """
         self.probed()
         self.file = block.file
         reply = self.board.execute(block, round(self.clock * 1e9))
@@ -139,14 +148,18 @@ class _Run:
         self.clock = chunk.t0 + chunk.duration
 
     def hold(self, block: Held, control: Control | None) -> None:
-        """Wait until the operator goes on, or stops the run; whoever watches may do either at once."""
+        """Wait until the operator goes on, or stops the run; whoever watches may do either at
+        once.
+        """
         self.board.execute(block, round(self.clock * 1e9))
         self._tell(held=True, why=block.why)
         if control is not None:
             control.wait()
 
     def probed(self) -> None:
-        """The motion rests: if it was that of a probe, its answer counts now. BoardError ``probe-no-contact`` where there had to be one."""
+        """The motion rests: if it was that of a probe, its answer counts now. BoardError
+        ``probe-no-contact`` where there had to be one.
+        """
         if self._probing is None:
             return
         block, reply = self._probing
@@ -159,7 +172,15 @@ class _Run:
         if block.must and reply is not None and not reply[0]:
             what = "made no contact" if block.towards else "did not lose contact"
             hint = f"{'G38.3' if block.towards else 'G38.5'} goes on without"
-            raise BoardError(Diagnostic("probe-no-contact", f"the probe {what} on its way", block.file, block.line, hint=hint))
+            raise BoardError(
+                Diagnostic(
+                    "probe-no-contact",
+                    f"the probe {what} on its way",
+                    block.file,
+                    block.line,
+                    hint=hint,
+                )
+            )
 
     def send(self, chunks: Iterable[PulseChunk], control: Control | None = None) -> None:
         """Pulses, as far as ``control`` lets them."""
@@ -177,12 +198,20 @@ class _Run:
             self._tell()
 
     def outcome(self, stopped: bool) -> Outcome:
-        return Outcome(self.clock, self.board.position_steps, self.steps, self.rows, self.line if stopped else None)
+        return Outcome(
+            self.clock,
+            self.board.position_steps,
+            self.steps,
+            self.rows,
+            self.line if stopped else None,
+        )
 
     def _tell(self, *, held: bool = False, why: str = "") -> None:
         if self.on_progress is None:
             return
-        now = Progress(self.clock, self.line, self.rows, held, why=why, file=self.file, at=self.line)
+        now = Progress(
+            self.clock, self.line, self.rows, held, why=why, file=self.file, at=self.line
+        )
         if self.playing is not None:
             where = self.playing.whereabouts
             # What the motion is held for has been come to.
@@ -203,14 +232,18 @@ def execute(
 ) -> Outcome:
     """Run a plan on a board.
 
-    on_pulses is shown every chunk that the board has taken, on_progress how far things are; either may tell ``control`` what to do. When it
-    says stop, no more than the stop needs is sent: without ``ramp_down`` nothing at all; with it the rest of the stretch under way, then,
-    unless that ends at rest, the motion that ``ramp_down`` gives, which begins where the stretch ends. The board is left stopped. For a
-    hold the plan itself comes to rest and says so (:class:`~cnc.model.blocks.Held`): all before it has been sent, and the board is told to wait.
+    on_pulses is shown every chunk that the board has taken, on_progress how far things are; either
+    may tell ``control`` what to do. When it says stop, no more than the stop needs is sent: without
+    ``ramp_down`` nothing at all; with it the rest of the stretch under way, then, unless that ends
+    at rest, the motion that ``ramp_down`` gives, which begins where the stretch ends. The board is
+    left stopped. For a hold the plan itself comes to rest and says so
+    (:class:`~cnc.model.blocks.Held`): all before it has been sent, and the board is told to wait.
 
-    Raises BoardError when the board fails, at the source line that the fault names, else at the last one that the board has taken; the
-    board has been told to abort, as after any other exception. After the fault of a program (it went another way than in the first pass,
-    by what a probe or an input answered) a board that senses has come to rest on the path, if ``ramp_down`` says how.
+    Raises BoardError when the board fails, at the source line that the fault names, else at the
+    last one that the board has taken; the board has been told to abort, as after any other
+    exception. After the fault of a program (it went another way than in the first pass, by what a
+    probe or an input answered) a board that senses has come to rest on the path, if ``ramp_down``
+    says how.
     """
     run = _Run(board, interpolator, on_pulses, on_progress)
     at_rest = True
@@ -252,10 +285,17 @@ def execute(
     except BoardError as error:
         _abort(board)
         found = error.diagnostic
-        raise error.at(file=found.file or run.file, line=found.line or board.confirmed_line) from error
+        raise error.at(
+            file=found.file or run.file, line=found.line or board.confirmed_line
+        ) from error
     except CncError:
-        # The program turned out to be faulty: what moves comes to rest on the path. What only records motion forgets it.
-        if ramp_down is not None and not at_rest and (board.capabilities.senses or board.capabilities.probes):
+        # The program turned out to be faulty: what moves comes to rest on the path. What only
+        # records motion forgets it.
+        if (
+            ramp_down is not None
+            and not at_rest
+            and (board.capabilities.senses or board.capabilities.probes)
+        ):
             with contextlib.suppress(BoardError):
                 for chunk in ramp_down():
                     run.motion(chunk)
@@ -270,7 +310,9 @@ def execute(
 
 def _arrived(chunk: PlanChunk) -> bool:
     """Whether the motion has come to where the path itself stops: a hold may rest anywhere."""
-    return bool(chunk.path.stop_after[-1]) and float(chunk.piece_s[-1] - chunk.phase_s[-1]) <= ARRIVED
+    return (
+        bool(chunk.path.stop_after[-1]) and float(chunk.piece_s[-1] - chunk.phase_s[-1]) <= ARRIVED
+    )
 
 
 def _abort(board: PulseSink) -> None:

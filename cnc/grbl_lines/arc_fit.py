@@ -1,4 +1,6 @@
-"""The fewest moves along a strand: lines and arcs within the tolerance, by the kernel of the same name."""
+"""The fewest moves along a strand: lines and arcs within the tolerance, by the kernel of the same
+name.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,11 @@ from cnc.kernels.grbl_lines.arc_fit import STRAIGHT, fewest
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A line to ``end``, or an arc if there is one. first: the interval of the strand where it begins.
+    """A line to ``end``, or an arc if there is one. first: the interval of the strand where it
+    begins.
 
-    speed: the highest planned along it, feed: the programmed one (NaN: traverse), mm/s. line: source line of what it ends in.
-    rests: the motion rests behind it.
+    speed: the highest planned along it, feed: the programmed one (NaN: traverse), mm/s. line:
+    source line of what it ends in. rests: the motion rests behind it.
     """
 
     end: Point
@@ -31,11 +34,24 @@ class Move:
 
 
 def moves(strand: Strand, tolerance: float, chord: float, room: Room) -> Iterator[Move]:
-    """Moves from the start of the strand to its end; ``chord`` is by how much the board's own chords may be off an arc, mm."""
+    """Moves from the start of the strand to its end; ``chord`` is by how much the board's own
+    chords may be off an arc, mm.
+    """
     k = len(strand)
     end, plane, arc = np.empty(k, np.int64), np.empty(k, np.int64), np.empty((k, 3))
     may_turn = (strand.arc == NO_ARC) & ~np.isnan(strand.feed)
-    count = fewest(strand.points, strand.cuts(), may_turn, tolerance, chord, room.low, room.high, end, plane, arc)
+    count = fewest(
+        strand.points,
+        strand.cuts(),
+        may_turn,
+        tolerance,
+        chord,
+        room.low,
+        room.high,
+        end,
+        plane,
+        arc,
+    )
     end, plane, arc = end[:count], plane[:count], arc[:count]
     first = np.concatenate(([0], end[:-1]))
     columns = (
@@ -49,7 +65,9 @@ def moves(strand: Strand, tolerance: float, chord: float, room: Room) -> Iterato
         plane.tolist(),
         arc.tolist(),
     )
-    for (x, y, z), begin, speed, feed, line, rests, true, kind, (cx, cy, sweep) in zip(*columns, strict=True):
+    for (x, y, z), begin, speed, feed, line, rests, true, kind, (cx, cy, sweep) in zip(
+        *columns, strict=True
+    ):
         if true != NO_ARC:
             turned: PlaneArc | None = strand.arcs[true]
         else:

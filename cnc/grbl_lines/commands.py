@@ -1,7 +1,9 @@
-"""Blocks that don't move, as GRBL 1.1 says them; what it can't do is a GcodeError at the block's line.
+"""Blocks that don't move, as GRBL 1.1 says them; what it can't do is a GcodeError at the block's
+line.
 
-Of the codes that GRBL knows these are G4, M0 to M5, M7 where it was built with mist, M8 and M9 (GRBL 1.1 wiki, "Supported G-codes"). A tool
-change becomes a pause with a message. What changes offsets (G10, G43.1, G92) never comes here: positions are those of the machine.
+Of the codes that GRBL knows these are G4, M0 to M5, M7 where it was built with mist, M8 and M9
+(GRBL 1.1 wiki, "Supported G-codes"). A tool change becomes a pause with a message. What changes
+offsets (G10, G43.1, G92) never comes here: positions are those of the machine.
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ from cnc.model.blocks import (
 from cnc.model.diagnostics import Diagnostic, GcodeError
 
 LONGEST_DWELL = 3000.0
-"""s: GRBL counts a dwell in steps of 50 ms by 16 bits, 3276 s at most (``delay_sec`` of nuts_bolts.c)."""
+"""s: GRBL counts a dwell in steps of 50 ms by 16 bits, 3276 s at most (``delay_sec`` of
+nuts_bolts.c).
+"""
 
 
 class Commands:
@@ -50,7 +54,9 @@ class Commands:
         self.moved = False
 
     def lines(self, block: Block) -> Iterator[str]:
-        """Lines for a block that is neither motion nor a probe; GcodeError for what the board can't do."""
+        """Lines for a block that is neither motion nor a probe; GcodeError for what the board can't
+        do.
+        """
         match block:
             case Message(text=text):
                 yield from message_lines(text)
@@ -66,7 +72,13 @@ class Commands:
                     yield "M5"
                 yield f"M0 (MSG, put in tool {tool}, then resume)"
             case Stop(optional=optional, pallet=pallet):
-                yield "M1" if optional else "M0 (MSG, change the pallet, then resume)" if pallet else "M0"
+                yield (
+                    "M1"
+                    if optional
+                    else "M0 (MSG, change the pallet, then resume)"
+                    if pallet
+                    else "M0"
+                )
             case End():
                 self._spindle, self._coolant = "off", (False, False)
                 yield "M2"
@@ -74,13 +86,21 @@ class Commands:
                 yield self._own(block, text)
             case SpindleSync(pitch=pitch):
                 if pitch:
-                    raise refused(block, "motion that follows the spindle (G33, G76)", "use a board with an encoder")
+                    raise refused(
+                        block,
+                        "motion that follows the spindle (G33, G76)",
+                        "use a board with an encoder",
+                    )
             case Abort() | Tool() | Overrides() | PathMode() | Held():
                 pass
             case Orient():
                 raise refused(block, "M19, to orient the spindle")
             case DigitalOutput() | AnalogOutput():
-                raise refused(block, "outputs (M62 to M68)", "use coolant (M8) or spindle (S) for what they switch")
+                raise refused(
+                    block,
+                    "outputs (M62 to M68)",
+                    "use coolant (M8) or spindle (S) for what they switch",
+                )
             case WaitInput():
                 raise refused(block, "M66, to read an input")
             case _:
@@ -88,7 +108,9 @@ class Commands:
 
     def _turn(self, block: Spindle) -> Iterator[str]:
         if block.surface_speed:
-            raise refused(block, "constant surface speed (G96)", "program the spindle speed with G97")
+            raise refused(
+                block, "constant surface speed (G96)", "program the spindle speed with G97"
+            )
         if block.state == "off":
             if self._spindle != "off":
                 yield "M5"
@@ -115,11 +137,24 @@ class Commands:
         """A command of the board's own."""
         said = text.replace(" ", "").upper()
         if said.startswith("$J") or (said.startswith("$H") and self.moved):
-            hint = "home before the program; move with G0" if said.startswith("$H") else "move with G0 or G1"
+            hint = (
+                "home before the program; move with G0"
+                if said.startswith("$H")
+                else "move with G0 or G1"
+            )
             message = f"after {text} the board is elsewhere than the program"
-            raise GcodeError(Diagnostic("board-command-moves", message, block.file, block.line, hint=hint))
+            raise GcodeError(
+                Diagnostic("board-command-moves", message, block.file, block.line, hint=hint)
+            )
         if not text.isascii() or any(c in text for c in "?!~") or len(text) > LONGEST:
-            raise GcodeError(Diagnostic("board-command", f"{text[:LONGEST]} can't be sent as a line", block.file, block.line))
+            raise GcodeError(
+                Diagnostic(
+                    "board-command",
+                    f"{text[:LONGEST]} can't be sent as a line",
+                    block.file,
+                    block.line,
+                )
+            )
         return text
 
 
@@ -132,7 +167,9 @@ def _dwell(seconds: float) -> Iterator[str]:
 
 def refused(block: Block, what: str, hint: str = "") -> GcodeError:
     """The error for a block that GRBL has no words for."""
-    return GcodeError(Diagnostic("not-on-board", f"a GRBL board has no {what}", block.file, block.line, hint=hint))
+    return GcodeError(
+        Diagnostic("not-on-board", f"a GRBL board has no {what}", block.file, block.line, hint=hint)
+    )
 
 
 def probe_word(probe: Probe) -> str:

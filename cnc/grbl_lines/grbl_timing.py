@@ -1,8 +1,10 @@
-r"""How long a GRBL board takes for a program: a model of its planner, from the lines that it is sent and its own settings.
+r"""How long a GRBL board takes for a program: a model of its planner, from the lines that it is
+sent and its own settings.
 
-GRBL makes blocks of constant acceleration of every straight move and of each chord of an arc, and looks ahead over as many as it holds
-(15 on an Uno). Where two blocks meet it passes as fast as along a circle that touches both and is ``$11`` away from the corner (Jeon,
-"Improving Grbl: Cornering Algorithm", 2011; gnea/grbl wiki, "Grbl v1.1 Configuration", $11):
+GRBL makes blocks of constant acceleration of every straight move and of each chord of an arc, and
+looks ahead over as many as it holds (15 on an Uno). Where two blocks meet it passes as fast as
+along a circle that touches both and is ``$11`` away from the corner (Jeon, "Improving Grbl:
+Cornering Algorithm", 2011; gnea/grbl wiki, "Grbl v1.1 Configuration", $11):
 
        v |   ,----.                      v_j^2 = a $11 sin(theta/2) / (1 - sin(theta/2)),   theta: the angle between the two, pi if straight
          |  /      \   ,--.
@@ -10,11 +12,12 @@ GRBL makes blocks of constant acceleration of every straight move and of each ch
          |/                 \            forward:  v_(k+1)^2 <= v_k^2 + 2 a d
          +-------------------+---- t     between:  up to the feed, with the acceleration a that the axes allow in that direction
 
-Both passes are sums and minima of whole arrays: backward in as many steps as blocks are known ahead; forward, with S the sum of 2 a d so
-far, v_k^2 = S_k + min over j <= k of (bound_j - S_j).
+Both passes are sums and minima of whole arrays: backward in as many steps as blocks are known
+ahead; forward, with S the sum of 2 a d so far, v_k^2 = S_k + min over j <= k of (bound_j - S_j).
 
-Everything else waits until the motion has come to rest (GRBL synchronises for M codes, dwells, probes and what is written to EEPROM).
-Operators turn overrides: times are kept for a few of them, and those between follow, because a time is about a + b / override.
+Everything else waits until the motion has come to rest (GRBL synchronises for M codes, dwells,
+probes and what is written to EEPROM). Operators turn overrides: times are kept for a few of them,
+and those between follow, because a time is about a + b / override.
 """
 
 from __future__ import annotations
@@ -53,8 +56,8 @@ LINES_ABOUT = 2
 class BoardLimits:
     """What the board keeps to.
 
-    Of x, y, z: rates mm/s ($110 to $112), accelerations mm/s^2 ($120 to $122). junction_deviation mm ($11), arc_tolerance mm ($12), blocks
-    that it holds.
+    Of x, y, z: rates mm/s ($110 to $112), accelerations mm/s^2 ($120 to $122). junction_deviation
+    mm ($11), arc_tolerance mm ($12), blocks that it holds.
     """
 
     rates: tuple[float, float, float]
@@ -74,17 +77,31 @@ class BoardLimits:
 
     @classmethod
     def of_board(cls, machine: Machine, settings: Mapping[int, float]) -> BoardLimits:
-        """As the board tells them by ``$$`` (number and value of each); what it doesn't tell is the machine file's."""
+        """As the board tells them by ``$$`` (number and value of each); what it doesn't tell is the
+        machine file's.
+        """
         own = cls.of_machine(machine)
-        x, y, z = (per_second(settings[110 + k]) if settings.get(110 + k) else own.rates[k] for k in range(3))
+        x, y, z = (
+            per_second(settings[110 + k]) if settings.get(110 + k) else own.rates[k]
+            for k in range(3)
+        )
         a, b, c = (settings.get(120 + k) or own.accelerations[k] for k in range(3))
-        return cls((x, y, z), (a, b, c), settings.get(11, own.junction_deviation), settings.get(12) or own.arc_tolerance)
+        return cls(
+            (x, y, z),
+            (a, b, c),
+            settings.get(11, own.junction_deviation),
+            settings.get(12) or own.arc_tolerance,
+        )
 
 
 class BoardTime:
-    """Adds up the time of lines, as they are sent one after the other. ``start``: where the board stands, x y z in mm as in the lines."""
+    """Adds up the time of lines, as they are sent one after the other. ``start``: where the board
+    stands, x y z in mm as in the lines.
+    """
 
-    def __init__(self, limits: BoardLimits, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+    def __init__(
+        self, limits: BoardLimits, start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> None:
         self._limits = limits
         self._at = list(start)
         self._motion, self._plane, self._feed = "G0", 0, 0.0
@@ -102,26 +119,38 @@ class BoardTime:
 
     @property
     def seconds(self) -> float:
-        """Of all the lines at 100 %, until the board has come to rest behind the last; ask after :meth:`end`."""
+        """Of all the lines at 100 %, until the board has come to rest behind the last; ask after
+        :meth:`end`.
+        """
         return float(self._total[FEEDS.index(1.0)])
 
     def end(self) -> None:
         """There are no more lines."""
         self._flush(rests=True)
 
-    def remaining(self, lines: int, feed_override: float = 100.0, rapid_override: float = 100.0) -> float:
-        """Seconds that are left when so many of the lines have been carried out, at overrides in per cent; ask after :meth:`end`."""
+    def remaining(
+        self, lines: int, feed_override: float = 100.0, rapid_override: float = 100.0
+    ) -> float:
+        """Seconds that are left when so many of the lines have been carried out, at overrides in
+        per cent; ask after :meth:`end`.
+        """
         k = max(bisect_right(self._marks, lines, key=lambda mark: mark[0]) - 1, 0)
         number, done = self._marks[k]
         if k + 1 < len(self._marks):
             following, then = self._marks[k + 1]
-            done = done + (then - done) * min(max((lines - number) / (following - number), 0.0), 1.0)
+            done = done + (then - done) * min(
+                max((lines - number) / (following - number), 0.0), 1.0
+            )
         left = np.maximum(self._total - (done if lines < self._lines else self._total), 0.0)
         usual = float(left[FEEDS.index(1.0)])
         slower = 1.0 / np.array(FEEDS)[::-1]
-        by_feed = float(np.interp(100.0 / max(feed_override, 1.0), slower, left[: len(FEEDS)][::-1]))
+        by_feed = float(
+            np.interp(100.0 / max(feed_override, 1.0), slower, left[: len(FEEDS)][::-1])
+        )
         rapids = np.append(left[len(FEEDS) :], usual)
-        by_rapid = float(np.interp(100.0 / max(rapid_override, 1.0), 1.0 / np.array(RAPIDS)[::-1], rapids[::-1]))
+        by_rapid = float(
+            np.interp(100.0 / max(rapid_override, 1.0), 1.0 / np.array(RAPIDS)[::-1], rapids[::-1])
+        )
         return max(by_feed + by_rapid - usual, 0.0)
 
     def add(self, line: GcodeLine) -> None:
@@ -167,7 +196,9 @@ class BoardTime:
         self._owners += [self._lines] * len(points)
         self._at = end
 
-    def _chords(self, given: Mapping[str, float], end: list[float]) -> list[tuple[float, float, float]]:
+    def _chords(
+        self, given: Mapping[str, float], end: list[float]
+    ) -> list[tuple[float, float, float]]:
         """The points that the board makes of an arc."""
         i, j, across = PLANE_COLUMNS[self._plane]
         begin = self._at
@@ -193,7 +224,9 @@ class BoardTime:
         return [(a, b, c) for a, b, c in rows.tolist()]
 
     def _flush(self, *, rests: bool) -> None:
-        """Add up the blocks so far: all of them if the board rests behind them, else those behind which it knows enough others."""
+        """Add up the blocks so far: all of them if the board rests behind them, else those behind
+        which it knows enough others.
+        """
         points = np.array(self._points)
         steps = np.diff(points, axis=0)
         lengths = np.linalg.norm(steps, axis=1)
@@ -208,7 +241,13 @@ class BoardTime:
             junction = self._junctions(joined)
             if self._before is None:
                 junction = np.concatenate(([0.0], junction))
-            times = np.stack([self._times(k, units, lengths, feeds, junction, done) for k in range(len(self._cases))], axis=1)
+            times = np.stack(
+                [
+                    self._times(k, units, lengths, feeds, junction, done)
+                    for k in range(len(self._cases))
+                ],
+                axis=1,
+            )
             self._mark(owners[:done], times)
         if rests:
             self._points, self._feeds, self._owners = [points[-1].tolist()], [], []
@@ -217,10 +256,16 @@ class BoardTime:
         elif done:
             # positions of what stays: all points from the end of the last that is done
             behind = int(np.flatnonzero(real)[done - 1]) + 1
-            self._points, self._feeds, self._owners = self._points[behind:], self._feeds[behind:], self._owners[behind:]
+            self._points, self._feeds, self._owners = (
+                self._points[behind:],
+                self._feeds[behind:],
+                self._owners[behind:],
+            )
             self._before = units[done - 1]
 
-    def _times(self, case: int, units: Floats, lengths: Floats, feeds: Floats, junction: Floats, done: int) -> Floats:
+    def _times(
+        self, case: int, units: Floats, lengths: Floats, feeds: Floats, junction: Floats, done: int
+    ) -> Floats:
         """Seconds of each of the first ``done`` blocks, at one pair of overrides."""
         feed, rapid = self._cases[case]
         limits = self._limits
@@ -229,7 +274,9 @@ class BoardTime:
         pull = (np.array(limits.accelerations) / directions).min(axis=1)
         nominal = np.where(np.isnan(feeds), fastest * rapid, np.minimum(feeds * feed, fastest))
         nominal = np.maximum(nominal, 1e-3)
-        before = np.concatenate(([nominal[0] if self._before is None else self._nominal_before[case]], nominal[:-1]))
+        before = np.concatenate(
+            ([nominal[0] if self._before is None else self._nominal_before[case]], nominal[:-1])
+        )
         most = np.minimum(junction, np.minimum(nominal, before) ** 2)
         gain = 2.0 * pull * lengths
         # what of the speed can be lost until the end of what is known
@@ -287,8 +334,9 @@ class BoardTime:
 class Countdown:
     """What is left of a program that a board is carrying out.
 
-    Which line the board is on is known, but not how far along it is, and the report is as old as the time between two: the clock goes on
-    between what is left behind that line and the next, and what was left before it, unless the motion is held.
+    Which line the board is on is known, but not how far along it is, and the report is as old as
+    the time between two: the clock goes on between what is left behind that line and the next, and
+    what was left before it, unless the motion is held.
     """
 
     def __init__(self, time: BoardTime) -> None:
@@ -297,8 +345,18 @@ class Countdown:
         self._left = time.remaining(0)
         self._at: float | None = None
 
-    def left(self, now: float, done: int, *, held: bool, feed_override: float = 100.0, rapid_override: float = 100.0) -> float:
-        """Seconds that are left at ``now`` (s), when the board has carried out so many lines; overrides in per cent."""
+    def left(
+        self,
+        now: float,
+        done: int,
+        *,
+        held: bool,
+        feed_override: float = 100.0,
+        rapid_override: float = 100.0,
+    ) -> float:
+        """Seconds that are left at ``now`` (s), when the board has carried out so many lines;
+        overrides in per cent.
+        """
         overrides = feed_override, rapid_override
         most = self._time.remaining(done, *overrides)
         if overrides != self._overrides:
@@ -308,5 +366,7 @@ class Countdown:
         if self._at is not None and not held:
             self._left -= now - self._at
         self._at = now
-        self._left = min(max(self._left, self._time.remaining(done + LINES_ABOUT, *overrides)), most)
+        self._left = min(
+            max(self._left, self._time.remaining(done + LINES_ABOUT, *overrides)), most
+        )
         return self._left

@@ -1,10 +1,12 @@
-"""A program as lines for a board that plans for itself: to a file (``--lines``), and how long a board takes for them.
+"""A program as lines for a board that plans for itself: to a file (``--lines``), and how long a
+board takes for them.
 
     blocks ──► smooth path ──► plan ──► Translator ──► lines ──► file
                                                          `─────► BoardTime
 
-The plan is one of its own: pulses follow the path exactly, lines may deviate by the tolerance, and the board takes corners by itself. What
-a board has no words for ends the translation with a GcodeError at its line, before anything has moved.
+The plan is one of its own: pulses follow the path exactly, lines may deviate by the tolerance, and
+the board takes corners by itself. What a board has no words for ends the translation with a
+GcodeError at its line, before anything has moved.
 """
 
 from __future__ import annotations
@@ -32,8 +34,8 @@ FIRST_ORIGIN = 5221
 class LineProgram:
     """How a program is made lines for any machine of a kind.
 
-    start (axes,): where the machine stands before, mm. parameters: with which the program is read; the lines are relative to their G54.
-    box: lowest and highest coordinate that each axis comes to.
+    start (axes,): where the machine stands before, mm. parameters: with which the program is read;
+    the lines are relative to their G54. box: lowest and highest coordinate that each axis comes to.
     """
 
     machine: Machine
@@ -44,9 +46,15 @@ class LineProgram:
     def lines(self, blocks: Iterable[Block]) -> Iterator[GcodeLine]:
         """The lines of a whole program."""
         machine = self.machine
-        moving = "".join(letter for letter in LETTERS.lower() if letter in self.box and self.box[letter][0] < self.box[letter][1])
+        moving = "".join(
+            letter
+            for letter in LETTERS.lower()
+            if letter in self.box and self.box[letter][0] < self.box[letter][1]
+        )
         translator = Translator(machine, work_offset=self.work_offset, moving=moving)
-        path = smooth_path(blocks, axes=machine.axis_names, start=self.start, tolerance=translator.tolerance)
+        path = smooth_path(
+            blocks, axes=machine.axis_names, start=self.start, tolerance=translator.tolerance
+        )
         for item in LookAhead(machine, judged=False).plan(path):
             yield from translator.lines(item)
         yield from translator.end()
@@ -54,12 +62,18 @@ class LineProgram:
     @property
     def work_offset(self) -> list[float]:
         """The origin of G54, x y z in mm."""
-        return [self.parameters.get(FIRST_ORIGIN + AXIS_LETTERS.index(letter), 0.0) for letter in LETTERS.lower()]
+        return [
+            self.parameters.get(FIRST_ORIGIN + AXIS_LETTERS.index(letter), 0.0)
+            for letter in LETTERS.lower()
+        ]
 
     def write(self, blocks: Iterable[Block], write: Callable[[str], None] | None) -> BoardTime:
         """Write the lines, if there is somewhere to write them; the time that they take a board."""
         places = dict(zip(self.machine.axis_names, self.start.tolist(), strict=True))
-        x, y, z = (places.get(letter, 0.0) - offset for letter, offset in zip(LETTERS.lower(), self.work_offset, strict=True))
+        x, y, z = (
+            places.get(letter, 0.0) - offset
+            for letter, offset in zip(LETTERS.lower(), self.work_offset, strict=True)
+        )
         clock = BoardTime(BoardLimits.of_machine(self.machine), (x, y, z))
         for line in self.lines(blocks):
             clock.add(line)

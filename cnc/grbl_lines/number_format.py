@@ -1,8 +1,10 @@
-"""Words and lines as GRBL 1.1 reads them: numbers with the digits they need, and no word that says what the board knows already.
+"""Words and lines as GRBL 1.1 reads them: numbers with the digits they need, and no word that says
+what the board knows already.
 
-GRBL keeps of a number what fits a 32-bit float (about 7 digits), takes lines of at most 80 characters, and picks the characters ``?``
-``!`` ``~`` and every byte from 0x80 on out of the stream wherever they stand, in a comment too: they are orders (GRBL 1.1 wiki,
-Interface, "Real-Time Commands"). Text of the program's must not contain any.
+GRBL keeps of a number what fits a 32-bit float (about 7 digits), takes lines of at most 80
+characters, and picks the characters ``?`` ``!`` ``~`` and every byte from 0x80 on out of the stream
+wherever they stand, in a comment too: they are orders (GRBL 1.1 wiki, Interface, "Real-Time
+Commands"). Text of the program's must not contain any.
 """
 
 from __future__ import annotations
@@ -11,13 +13,17 @@ import math
 from collections.abc import Iterator
 
 LONGEST = 79
-"""Characters of a line without its end: GRBL's line buffer holds 80 with the end of the string (``LINE_BUFFER_SIZE``)."""
+"""Characters of a line without its end: GRBL's line buffer holds 80 with the end of the string
+(``LINE_BUFFER_SIZE``).
+"""
 
 LETTERS = "XYZ"
 PLANE_WORDS = ("G17", "G18", "G19")
 """By the number of the plane: XY, ZX, YZ."""
 PLANE_COLUMNS = ((0, 1, 2), (2, 0, 1), (1, 2, 0))
-"""First and second axis of each plane, and the one across it; counter-clockwise turns the first towards the second."""
+"""First and second axis of each plane, and the one across it; counter-clockwise turns the first
+towards the second.
+"""
 CENTER_LETTERS = "IJK"
 
 FEED_STEP = 0.05
@@ -42,7 +48,11 @@ def feed_word(per_minute: float) -> str:
 
 def plain(text: str) -> str:
     """Text of the program's without what the board would take for an order."""
-    return "".join(c if " " <= c <= "\x7e" else " " if c.isspace() else "." for c in text).translate(_TAKEN_OUT).strip()
+    return (
+        "".join(c if " " <= c <= "\x7e" else " " if c.isspace() else "." for c in text)
+        .translate(_TAKEN_OUT)
+        .strip()
+    )
 
 
 def message_lines(text: str) -> Iterator[str]:

@@ -1,11 +1,12 @@
-r"""A stretch of plan as a strand: dense points of the path, and between each two what the line there has to say.
+r"""A stretch of plan as a strand: dense points of the path, and between each two what the line
+there has to say.
 
                      cut            cut      A point is a cut where lines must meet exactly: at corners, at rests, between traverse
     ...o..o..o..o..o..O-------------O~~~     and feed, where the programmed feed changes, and at both ends of a true arc, which is one
             curve         arc                interval whatever its length. All other points may be passed within the tolerance.
 
-Curves are sampled so densely that chords between the points deviate by a small part of the tolerance. The planned speed of an interval is
-the highest of the plan there.
+Curves are sampled so densely that chords between the points deviate by a small part of the
+tolerance. The planned speed of an interval is the highest of the plan there.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ Flags = NDArray[np.bool_]
 ROUND = 1e-9
 """mm; what is left of a piece by rounding when the plan has passed it."""
 CORNER_COSINE = math.cos(math.radians(30.0))
-"""A sharper turn is a corner: the lines meet there, as where the path floor smooths (:mod:`cnc.path.fit`)."""
+"""A sharper turn is a corner: the lines meet there, as where the path floor smooths
+(:mod:`cnc.path.fit`).
+"""
 NO_ARC = -1
 FEWEST, MOST = 4, 4096
 """Chords of a curve."""
@@ -38,7 +41,8 @@ PLANE_OF_COLUMNS = {columns[:2]: plane for plane, columns in enumerate(PLANE_COL
 
 @dataclass(frozen=True, slots=True)
 class PlaneArc:
-    """An arc or helix: number of its plane, centre in it, and signed sweep in rad, counter-clockwise positive.
+    """An arc or helix: number of its plane, centre in it, and signed sweep in rad,
+    counter-clockwise positive.
 
     fitted: whether it stands for a stretch of path within the tolerance; else it is the path.
     """
@@ -53,8 +57,9 @@ class PlaneArc:
 class Strand:
     """Points of the path and what lies between them.
 
-    points (k + 1, 3) mm of x y z (0 for an axis that the machine lacks); rest (k + 1,): the motion rests there. Of each interval (k,):
-    planned speed and programmed feed mm/s (NaN: traverse), source line, index of its true arc in ``arcs`` or NO_ARC.
+    points (k + 1, 3) mm of x y z (0 for an axis that the machine lacks); rest (k + 1,): the motion
+    rests there. Of each interval (k,): planned speed and programmed feed mm/s (NaN: traverse),
+    source line, index of its true arc in ``arcs`` or NO_ARC.
     """
 
     points: Floats
@@ -70,7 +75,14 @@ class Strand:
 
     def behind(self, first: int) -> Strand:
         """The intervals from ``first`` on."""
-        return replace(self, **{field.name: getattr(self, field.name)[first:] for field in fields(self) if field.name != "arcs"})
+        return replace(
+            self,
+            **{
+                field.name: getattr(self, field.name)[first:]
+                for field in fields(self)
+                if field.name != "arcs"
+            },
+        )
 
     @staticmethod
     def joined(before: Strand, after: Strand) -> Strand:
@@ -94,7 +106,10 @@ class Strand:
         cut[0] = cut[-1] = True
         steps = np.diff(self.points, axis=0)
         lengths = np.linalg.norm(steps, axis=1)
-        turned = np.einsum("ij,ij->i", steps[1:], steps[:-1]) < CORNER_COSINE * lengths[1:] * lengths[:-1]
+        turned = (
+            np.einsum("ij,ij->i", steps[1:], steps[:-1])
+            < CORNER_COSINE * lengths[1:] * lengths[:-1]
+        )
         true = self.arc != NO_ARC
         feed = np.nan_to_num(self.feed, nan=-1.0)
         cut[1:-1] |= turned | true[1:] | true[:-1] | (feed[1:] != feed[:-1])
@@ -104,8 +119,9 @@ class Strand:
 class Strands:
     """Makes strands of the plan, piece by piece: each when the plan has passed its end.
 
-    A plan comes in slices that may end inside a piece; what is known of its speeds by then is kept. dense: mm, by how much chords between
-    the points may deviate from the path. An arc is a true one if it has one radius and keeps in the ``room``.
+    A plan comes in slices that may end inside a piece; what is known of its speeds by then is kept.
+    dense: mm, by how much chords between the points may deviate from the path. An arc is a true one
+    if it has one radius and keeps in the ``room``.
     """
 
     def __init__(self, axes: tuple[str, ...], dense: float, room: Room) -> None:
@@ -121,7 +137,10 @@ class Strands:
         ends = plan.piece_s[1:]
         first = 0
         if self._nodes is not None:
-            nodes_s, nodes_v = np.concatenate((self._nodes[0], nodes_s)), np.concatenate((self._nodes[1], nodes_v))
+            nodes_s, nodes_v = (
+                np.concatenate((self._nodes[0], nodes_s)),
+                np.concatenate((self._nodes[1], nodes_v)),
+            )
         else:
             first = int(np.searchsorted(ends, plan.phase_s[0] + ROUND, side="right"))
         last = int(np.searchsorted(ends, plan.phase_s[-1] + ROUND, side="right"))
@@ -130,13 +149,27 @@ class Strands:
         if plan.phase_s[-1] > open_s + ROUND:
             behind = slice(max(int(np.searchsorted(nodes_s, open_s)) - 1, 0), None)
             self._nodes = nodes_s[behind] - open_s, nodes_v[behind]
-        return self._strand(plan.path, plan.piece_s, first, last, nodes_s, nodes_v) if last > first else None
+        return (
+            self._strand(plan.path, plan.piece_s, first, last, nodes_s, nodes_v)
+            if last > first
+            else None
+        )
 
-    def _strand(self, path: PathChunk, piece_s: Floats, first: int, last: int, nodes_s: Floats, nodes_v: Floats) -> Strand:
+    def _strand(
+        self,
+        path: PathChunk,
+        piece_s: Floats,
+        first: int,
+        last: int,
+        nodes_s: Floats,
+        nodes_v: Floats,
+    ) -> Strand:
         """Pieces [first, last): runs of lines at once, the others one by one."""
         self._check_axes(path, slice(first, last))
         kinds = path.kind[first:last]
-        borders = (np.flatnonzero((kinds[1:] != kinds[:-1]) | (kinds[1:] != LINE)) + 1 + first).tolist()
+        borders = (
+            np.flatnonzero((kinds[1:] != kinds[:-1]) | (kinds[1:] != LINE)) + 1 + first
+        ).tolist()
         n = len(path.axes)
         head = int(path.at[first]) + START
         points = [self._xyz(path.data[head : head + n][None])]
@@ -172,7 +205,8 @@ class Strands:
         return Strand(
             points=self._room.inside(np.concatenate(points)),
             rest=rest,
-            speed=highest(nodes_s, nodes_v, np.concatenate(places)) * np.maximum(factor[1:], factor[:-1]),
+            speed=highest(nodes_s, nodes_v, np.concatenate(places))
+            * np.maximum(factor[1:], factor[:-1]),
             feed=path.feed[each],
             line=path.line[each],
             arc=np.repeat(np.array(arc), counts),
@@ -185,7 +219,9 @@ class Strands:
         return self._xyz(path.data[at : at + 2 * n].reshape(2, n))
 
     def _curve(self, path: PathChunk, k: int) -> tuple[Floats, Floats, Floats]:
-        """Points (k, 3) behind the start of a curve, the share of its length where each lies, how much faster than the plan it is there."""
+        """Points (k, 3) behind the start of a curve, the share of its length where each lies, how
+        much faster than the plan it is there.
+        """
         kind, at, data = int(path.kind[k]), int(path.at[k]), path.data
         n = len(path.axes)
         body = at + START + 2 * n
@@ -218,7 +254,9 @@ class Strands:
         if path.kind[k] != ARC:
             return None
         start = int(path.at[k]) + START
-        i, j, radius, growth, sweep, _, ex, ey = path.data[start + 2 * len(path.axes) :][:8].tolist()
+        i, j, radius, growth, sweep, _, ex, ey = path.data[start + 2 * len(path.axes) :][
+            :8
+        ].tolist()
         columns = self._columns.index(int(i)), self._columns.index(int(j))
         if abs(growth) > self._dense or columns not in PLANE_OF_COLUMNS:
             return None
@@ -244,11 +282,21 @@ class Strands:
             if len(moves):
                 line = int(path.line[run][moves[0]])
                 message = f"a GRBL board moves X, Y and Z; this moves {path.axes[column].upper()}"
-                raise GcodeError(Diagnostic("axis-not-on-board", message, path.file, line, hint="take the axis out, or use another board"))
+                raise GcodeError(
+                    Diagnostic(
+                        "axis-not-on-board",
+                        message,
+                        path.file,
+                        line,
+                        hint="take the axis out, or use another board",
+                    )
+                )
 
 
 def span_points(data: Floats, body: int, n: int, u: Floats) -> Floats:
-    """Positions (k, n) of a span's record, measured from its start point, at parts ``u`` (k,) of its parameter: the sums of Bernstein."""
+    """Positions (k, n) of a span's record, measured from its start point, at parts ``u`` (k,) of
+    its parameter: the sums of Bernstein.
+    """
     p = int(data[body])
     rows = data[body + SPAN_BODY : body + SPAN_BODY + (n + 1) * (p + 1)].reshape(n + 1, p + 1)
     basis = np.stack([math.comb(p, j) * u**j * (1.0 - u) ** (p - j) for j in range(p + 1)])
@@ -258,7 +306,9 @@ def span_points(data: Floats, body: int, n: int, u: Floats) -> Floats:
 
 
 def speed_nodes(plan: PlanChunk) -> tuple[Floats, Floats]:
-    """Arc lengths and speeds along the plan, dense enough to find the highest speed of a stretch: quarters of each phase, its peak."""
+    """Arc lengths and speeds along the plan, dense enough to find the highest speed of a stretch:
+    quarters of each phase, its peak.
+    """
     t = np.diff(plan.phase_t)
     v, a, j, s = plan.phase_v[:-1], plan.phase_a[:-1], plan.phase_j, plan.phase_s[:-1]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -278,6 +328,8 @@ def highest(nodes_s: Floats, nodes_v: Floats, s: Floats) -> Floats:
     end = np.searchsorted(nodes_s, s[1:], side="left")
     inside = end > begin
     if inside.any():
-        peaks = np.maximum.reduceat(np.append(nodes_v, 0.0), np.stack((begin[inside], end[inside]), axis=1).ravel())[::2]
+        peaks = np.maximum.reduceat(
+            np.append(nodes_v, 0.0), np.stack((begin[inside], end[inside]), axis=1).ravel()
+        )[::2]
         top[inside] = np.maximum(top[inside], peaks)
     return top

@@ -1,6 +1,7 @@
 r"""The path of a program for a board that plans for itself.
 
-Such a board takes corners by itself (GRBL by its junction deviation $11), and what it is sent may deviate by the tolerance anyway. So
+Such a board takes corners by itself (GRBL by its junction deviation $11), and what it is sent may
+deviate by the tolerance anyway. So
 
     runs of short moves     are made a smooth curve within SMOOTHING of the tolerance, whatever the program says of G61 or G64: a
                             plan that follows the chords of a CAM program exactly would have to slow down at each of them
@@ -26,18 +27,31 @@ from cnc.path.chunk import PathChunk
 Floats = NDArray[np.float64]
 
 SMOOTHING = 0.15
-"""Part of the tolerance that smoothing takes. With less the planned motion is markedly slower, with more there are more lines."""
+"""Part of the tolerance that smoothing takes. With less the planned motion is markedly slower, with
+more there are more lines.
+"""
 LONG = 5.0
-"""mm. Moves from here on are no part of a curve: at 2000 mm/min and 250 mm/s^2 a machine stops and starts again in as much."""
+"""mm. Moves from here on are no part of a curve: at 2000 mm/min and 250 mm/s^2 a machine stops and
+starts again in as much.
+"""
 FEWEST = 3
 """Short moves that make a run."""
 
 
 def smooth_path(
-    blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, tolerance: float, accuracy: float = 1e-12
+    blocks: Iterable[Block],
+    *,
+    axes: tuple[str, ...],
+    start: Floats,
+    tolerance: float,
+    accuracy: float = 1e-12,
 ) -> Iterator[PathChunk | Block]:
-    """The path of ``blocks`` from ``start`` (axes,), of which lines may be off by ``tolerance`` mm; see :func:`cnc.path.build.build`."""
-    for item in build(_smoothing(blocks, start, SMOOTHING * tolerance), axes=axes, start=start, accuracy=accuracy):
+    """The path of ``blocks`` from ``start`` (axes,), of which lines may be off by ``tolerance`` mm;
+    see :func:`cnc.path.build.build`.
+    """
+    for item in build(
+        _smoothing(blocks, start, SMOOTHING * tolerance), axes=axes, start=start, accuracy=accuracy
+    ):
         if isinstance(item, PathChunk):
             # corners are the board's
             item = replace(item, tolerance=np.zeros_like(item.tolerance))
@@ -70,7 +84,13 @@ def _runs(block: Polyline, position: Floats, tolerance: float) -> Iterator[Block
     for first, last in pairwise(borders):
         run = slice(first, last)
         line = int(block.lines[first])
-        part = replace(block, line=line, points=block.points[run], feeds=block.feeds[run], lines=block.lines[run])
+        part = replace(
+            block,
+            line=line,
+            points=block.points[run],
+            feeds=block.feeds[run],
+            lines=block.lines[run],
+        )
         if short[first] and last - first >= FEWEST:
             yield PathMode(block.file, line, "blend", tolerance)
             yield part

@@ -1,1 +1,3 @@
-"""Compiled numerics: scalars and arrays in, a status out, nothing raised. The shells above validate and raise."""
+"""Compiled numerics: scalars and arrays in, a status out, nothing raised. The shells above validate
+and raise.
+"""

@@ -13,7 +13,17 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cnc.machine.locate import locate
-from cnc.machine.models import AXIS_LETTERS, Axis, Board, Homing, HomingOrder, Machine, PathLimits, Program, Stock
+from cnc.machine.models import (
+    AXIS_LETTERS,
+    Axis,
+    Board,
+    Homing,
+    HomingOrder,
+    Machine,
+    PathLimits,
+    Program,
+    Stock,
+)
 from cnc.model.diagnostics import Diagnostic, MachineFileError
 
 DEFAULT = "default"
@@ -59,7 +69,9 @@ _SECTIONS: dict[str, type[BaseModel]] = {
 
 
 def shipped_folder() -> Traversable:
-    """Folder of the shipped machine files: in an installed package (a zip file too), beside it in a checkout."""
+    """Folder of the shipped machine files: in an installed package (a zip file too), beside it in a
+    checkout.
+    """
     package = resources.files("cnc")
     inside = package / "config"
     return inside if inside.is_dir() else Path(str(package)).parent / "config"
@@ -72,9 +84,11 @@ def shipped() -> dict[str, Traversable]:
 
 
 def load_machine(path: Path | str | None = None) -> Machine:
-    """The machine of a TOML file, of a shipped name such as ``paper-nurbs``, or the shipped default for None.
+    """The machine of a TOML file, of a shipped name such as ``paper-nurbs``, or the shipped default
+    for None.
 
-    :raises MachineFileError: the file can't be read, is no TOML, or describes no machine; the message names file, key and line.
+    :raises MachineFileError: the file can't be read, is no TOML, or describes no machine; the
+    message names file, key and line.
     """
     file = _resolve(path)
     text = _read(file)
@@ -141,7 +155,12 @@ def _toml_error(file: Traversable, text: str, message: str) -> MachineFileError:
 
 
 def _error(
-    file: Traversable, text: str, key: tuple[str, ...], message: str, hint: str = "", code: str = "machine-file"
+    file: Traversable,
+    text: str,
+    key: tuple[str, ...],
+    message: str,
+    hint: str = "",
+    code: str = "machine-file",
 ) -> MachineFileError:
     place = locate(text, key)
     return MachineFileError(
@@ -158,10 +177,15 @@ def _error(
     )
 
 
-def _plain(file: Traversable, text: str, error: ValidationError, table: tuple[str, ...] = ()) -> MachineFileError:
-    """The first of pydantic's errors in plain words, unknown keys first: a misspelt key is also a missing one."""
+def _plain(
+    file: Traversable, text: str, error: ValidationError, table: tuple[str, ...] = ()
+) -> MachineFileError:
+    """The first of pydantic's errors in plain words, unknown keys first: a misspelt key is also a
+    missing one.
+    """
     found = sorted(error.errors(include_url=False), key=lambda e: not _is_unknown_key(e))[0]
-    # pydantic adds places of its own behind the key (an index, "[key]"); only the keys of the file are shown.
+    # pydantic adds places of its own behind the key (an index, "[key]"); only the keys of the file
+    # are shown.
     key = table + tuple(part for part in found["loc"] if isinstance(part, str) and part != "[key]")
     if _is_unknown_key(found):
         return _unknown_key(file, text, key)
@@ -195,7 +219,13 @@ def _unknown_key(file: Traversable, text: str, key: tuple[str, ...]) -> MachineF
     if len(key) == 1:
         known = ["machine", *(field for field in Machine.model_fields if field != "name")]
     elif key[0] == "axes":
-        known = list(Homing.model_fields) if len(key) > 3 else list(Axis.model_fields) if len(key) > 2 else list(AXIS_LETTERS)
+        known = (
+            list(Homing.model_fields)
+            if len(key) > 3
+            else list(Axis.model_fields)
+            if len(key) > 2
+            else list(AXIS_LETTERS)
+        )
     else:
         known = list(_SECTIONS[key[0]].model_fields)
     close = difflib.get_close_matches(key[-1].lower(), known, n=1, cutoff=0.6)

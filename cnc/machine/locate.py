@@ -1,7 +1,8 @@
-"""Where a key stands in a TOML file: the parser of the standard library doesn't tell, and a message should point at the line.
+"""Where a key stands in a TOML file: the parser of the standard library doesn't tell, and a message
+should point at the line.
 
-Only a guide for messages: it reads tables, dotted and quoted keys, arrays over several lines and the first level of inline tables, and
-gives the nearest enclosing place for anything it can't find.
+Only a guide for messages: it reads tables, dotted and quoted keys, arrays over several lines and
+the first level of inline tables, and gives the nearest enclosing place for anything it can't find.
 """
 
 from __future__ import annotations
@@ -49,7 +50,9 @@ def places(text: str) -> dict[tuple[str, ...], Place]:
         if heading := _TABLE.match(line):
             table = _parts(heading[1])
             for depth in range(1, len(table) + 1):
-                found.setdefault(table[:depth], Place(number, heading.start(1) + 1, len(heading[1]), line))
+                found.setdefault(
+                    table[:depth], Place(number, heading.start(1) + 1, len(heading[1]), line)
+                )
         elif pair := _PAIR.match(line):
             key = table + _parts(pair[1])
             for depth in range(len(table) + 1, len(key) + 1):
@@ -57,7 +60,10 @@ def places(text: str) -> dict[tuple[str, ...], Place]:
             value = line[pair.end() :]
             if value.lstrip().startswith("{"):
                 for inner in _INLINE_PAIR.finditer(line, pair.end()):
-                    found.setdefault(key + _parts(inner[1]), Place(number, inner.start(1) + 1, len(inner[1]), line))
+                    found.setdefault(
+                        key + _parts(inner[1]),
+                        Place(number, inner.start(1) + 1, len(inner[1]), line),
+                    )
             open_brackets = _depth(value)
     return found
 

@@ -1,7 +1,9 @@
-"""What a machine is: axes, limits of the path, board, and how its programs are to be read. Frozen; an unknown key is an error.
+"""What a machine is: axes, limits of the path, board, and how its programs are to be read. Frozen;
+an unknown key is an error.
 
-Lengths are mm (degrees for rotary axes), times s. A limit that is absent is not a limit: a machine with ``max_acceleration`` on its axes
-need not have one on its path, and the other way round, but one of the two has to bound every axis.
+Lengths are mm (degrees for rotary axes), times s. A limit that is absent is not a limit: a machine
+with ``max_acceleration`` on its axes need not have one on its path, and the other way round, but
+one of the two has to bound every axis.
 """
 
 from __future__ import annotations
@@ -50,9 +52,10 @@ class _Section(BaseModel):
 class Homing(_Section):
     """How an axis finds its limit switch.
 
-    ``end``: of the travel, at which the switch is; None for the high one of Z and the low one of the others. ``seek`` and ``latch`` mm/s:
-    the speeds of looking for it and of finding its place. ``pull_off`` mm: how far off the switch the axis rests in the end.
-    ``position``: machine coordinate of that place, mm; None for the travel's end.
+    ``end``: of the travel, at which the switch is; None for the high one of Z and the low one of
+    the others. ``seek`` and ``latch`` mm/s: the speeds of looking for it and of finding its place.
+    ``pull_off`` mm: how far off the switch the axis rests in the end. ``position``: machine
+    coordinate of that place, mm; None for the travel's end.
     """
 
     end: Literal["low", "high"] | None = None
@@ -65,9 +68,10 @@ class Homing(_Section):
 class Axis(_Section):
     """One axis.
 
-    ``steps_per_mm`` steps/mm (its inverse is the basic length unit, BLU); ``max_velocity`` mm/s; ``max_acceleration`` mm/s^2 and
-    ``max_jerk`` mm/s^3, None where the path alone limits them; ``travel`` lowest and highest machine coordinate, None without soft
-    limits; ``invert`` turns the direction pin; ``homing`` how it finds its place, None where the file does not say.
+    ``steps_per_mm`` steps/mm (its inverse is the basic length unit, BLU); ``max_velocity`` mm/s;
+    ``max_acceleration`` mm/s^2 and ``max_jerk`` mm/s^3, None where the path alone limits them;
+    ``travel`` lowest and highest machine coordinate, None without soft limits; ``invert`` turns the
+    direction pin; ``homing`` how it finds its place, None where the file does not say.
     """
 
     steps_per_mm: Positive
@@ -87,10 +91,12 @@ class Axis(_Section):
 class PathLimits(_Section):
     """Limits along the path, and the accuracy that is asked for.
 
-    ``max_feed`` mm/s; ``max_tangential_acceleration`` and ``max_normal_acceleration`` mm/s^2 and ``max_jerk`` mm/s^3 (tangential), None
-    where the axes alone limit them; ``chord_error`` mm, between the path and the straight line over one ``period`` s; ``tolerance`` mm,
-    of corners and smoothing under G64 without P (0: exact path); ``step_deviation``, relative: by how much the straight line over one
-    period may be shorter than the path there, None where it may by what the other limits leave.
+    ``max_feed`` mm/s; ``max_tangential_acceleration`` and ``max_normal_acceleration`` mm/s^2 and
+    ``max_jerk`` mm/s^3 (tangential), None where the axes alone limit them; ``chord_error`` mm,
+    between the path and the straight line over one ``period`` s; ``tolerance`` mm, of corners and
+    smoothing under G64 without P (0: exact path); ``step_deviation``, relative: by how much the
+    straight line over one period may be shorter than the path there, None where it may by what the
+    other limits leave.
     """
 
     max_feed: Positive = 500.0
@@ -110,12 +116,15 @@ PulseTime = Annotated[FiniteFloat, Field(gt=0, le=60e-6)]
 
 
 class Board(_Section):
-    """What takes the motion. ``max_step_rate`` steps/s is the fastest that one axis can be stepped at.
+    """What takes the motion. ``max_step_rate`` steps/s is the fastest that one axis can be stepped
+    at.
 
-    The others are for the stepper board; boards that run GRBL have them as settings. ``max_spindle_rpm``: the speed at which a spindle
-    driven by PWM turns with the output always on (D11). ``normally_closed``: inputs whose switch is closed until it is pressed, so that a
-    wire that breaks counts as pressed, too (limits: GRBL's $5 = 1, probe: $6 = 1). ``invert_enable``: the drivers are on while D8 is high
-    ($4 = 1). ``step_pulse`` s, how long a step pin stays high ($0), and low after that; ``direction_setup`` s, from a direction to a step.
+    The others are for the stepper board; boards that run GRBL have them as settings.
+    ``max_spindle_rpm``: the speed at which a spindle driven by PWM turns with the output always on
+    (D11). ``normally_closed``: inputs whose switch is closed until it is pressed, so that a wire
+    that breaks counts as pressed, too (limits: GRBL's $5 = 1, probe: $6 = 1). ``invert_enable``:
+    the drivers are on while D8 is high ($4 = 1). ``step_pulse`` s, how long a step pin stays high
+    ($0), and low after that; ``direction_setup`` s, from a direction to a step.
     """
 
     kind: Annotated[str, Field(min_length=1)] = "loopback"
@@ -130,10 +139,12 @@ class Board(_Section):
 
 
 class Program(_Section):
-    """How programs are read: dialect, limits, and the files that belong to the machine (relative to the machine file).
+    """How programs are read: dialect, limits, and the files that belong to the machine (relative to
+    the machine file).
 
-    ``tool_table`` and ``parameters`` are written back after a run that changed them; ``subroutines`` are folders that are searched after
-    the program's own. ``max_repeated_lines`` is how many lines loops and calls may execute again, ``max_call_depth`` how deep calls may be
+    ``tool_table`` and ``parameters`` are written back after a run that changed them;
+    ``subroutines`` are folders that are searched after the program's own. ``max_repeated_lines`` is
+    how many lines loops and calls may execute again, ``max_call_depth`` how deep calls may be
     nested: what goes beyond is taken for a program without end.
     """
 
@@ -153,7 +164,9 @@ class Program(_Section):
 
 
 class HomingOrder(_Section):
-    """Which axes look for their switches, one after the other: ``order``, None for Z first and then the others as the file has them."""
+    """Which axes look for their switches, one after the other: ``order``, None for Z first and then
+    the others as the file has them.
+    """
 
     order: Annotated[tuple[AxisLetter, ...], BeforeValidator(_tuple)] | None = None
 
@@ -167,7 +180,9 @@ class Stock(_Section):
 
 
 class Machine(_Section):
-    """A machine; ``axes`` in the order of the file, which is the order of the columns of every position."""
+    """A machine; ``axes`` in the order of the file, which is the order of the columns of every
+    position.
+    """
 
     name: str = "machine"
     axes: Annotated[dict[AxisLetter, Axis], Field(min_length=1)]
@@ -180,7 +195,9 @@ class Machine(_Section):
     @property
     def homes(self) -> bool:
         """Whether the file says that the machine has switches to find its place by."""
-        return self.homing is not None or any(axis.homing is not None for axis in self.axes.values())
+        return self.homing is not None or any(
+            axis.homing is not None for axis in self.axes.values()
+        )
 
     @property
     def axis_names(self) -> tuple[str, ...]:
@@ -188,7 +205,9 @@ class Machine(_Section):
         return tuple(self.axes)
 
     def faults(self) -> Iterator[tuple[tuple[str, ...], str, str]]:
-        """What is wrong between the keys, each with its place, a message and a hint; nothing for a machine that can run."""
+        """What is wrong between the keys, each with its place, a message and a hint; nothing for a
+        machine that can run.
+        """
         for letter, axis in self.axes.items():
             if axis.step_rate > self.board.max_step_rate * (1 + 1e-12):
                 yield (
@@ -198,7 +217,8 @@ class Machine(_Section):
                     f"lower it to {self.board.max_step_rate / axis.steps_per_mm:g}, or raise board.max_step_rate if the board can do it",
                 )
             if axis.max_acceleration is None and (
-                self.path.max_tangential_acceleration is None or self.path.max_normal_acceleration is None
+                self.path.max_tangential_acceleration is None
+                or self.path.max_normal_acceleration is None
             ):
                 yield (
                     ("axes", letter, "max_acceleration"),
@@ -213,11 +233,23 @@ class Machine(_Section):
                 )
         for letter, axis in self.axes.items():
             place = None if axis.homing is None else axis.homing.position
-            if place is not None and axis.travel is not None and not axis.travel[0] <= place <= axis.travel[1]:
+            if (
+                place is not None
+                and axis.travel is not None
+                and not axis.travel[0] <= place <= axis.travel[1]
+            ):
                 ends = f"{axis.travel[0]:g} to {axis.travel[1]:g} mm"
-                yield ("axes", letter, "homing", "position"), f"{place:g} lies outside the travel, {ends}", "the axis rests there"
+                yield (
+                    ("axes", letter, "homing", "position"),
+                    f"{place:g} lies outside the travel, {ends}",
+                    "the axis rests there",
+                )
         for letter in (self.homing.order or ()) if self.homing is not None else ():
             if letter not in self.axes:
-                yield ("homing", "order"), f"the machine has no axis {letter}", f"its axes are {', '.join(self.axes)}"
+                yield (
+                    ("homing", "order"),
+                    f"the machine has no axis {letter}",
+                    f"its axes are {', '.join(self.axes)}",
+                )
         if self.stock is not None and not {"x", "y", "z"} <= self.axes.keys():
             yield ("stock",), "the machine has not the axes x, y and z", "take the table out"

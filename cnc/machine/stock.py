@@ -29,5 +29,7 @@ def _stock(text: str) -> Stock:
             return Stock.model_validate(named)
         except ValidationError:
             pass
-    hint = "give lowest and highest machine coordinate of each axis in mm, such as X0:100,Y0:60,Z-12:0"
+    hint = (
+        "give lowest and highest machine coordinate of each axis in mm, such as X0:100,Y0:60,Z-12:0"
+    )
     raise UsageError(Diagnostic("stock-malformed", f"{text!r} is no box", hint=hint))

@@ -1,10 +1,12 @@
 """Canonical blocks: what a program means, whatever dialect it was written in.
 
-Positions are machine coordinates in mm (degrees for rotary axes), after units, offsets and plane; feeds are mm/s. Axis arrays have one
-column an axis of the machine, in the machine's order. The text floor makes these blocks, the path floor turns the moving ones into curves,
-and the executor carries out the rest.
+Positions are machine coordinates in mm (degrees for rotary axes), after units, offsets and plane;
+feeds are mm/s. Axis arrays have one column an axis of the machine, in the machine's order. The text
+floor makes these blocks, the path floor turns the moving ones into curves, and the executor carries
+out the rest.
 
-A finishing program is a million short moves, so straight moves travel in runs: one :class:`Polyline` holds arrays.
+A finishing program is a million short moves, so straight moves travel in runs: one
+:class:`Polyline` holds arrays.
 """
 
 from __future__ import annotations
@@ -37,8 +39,8 @@ class Block:
 class Polyline(Block):
     """A run of straight moves from the current position.
 
-    points (n, axes): end point of each move. feeds (n,) mm/s; NaN marks a traverse (G0), which goes as fast as the axes allow.
-    lines (n,): source line of each move. ``line`` is that of the first.
+    points (n, axes): end point of each move. feeds (n,) mm/s; NaN marks a traverse (G0), which goes
+    as fast as the axes allow. lines (n,): source line of each move. ``line`` is that of the first.
     """
 
     points: NDArray[np.float64]
@@ -50,9 +52,9 @@ class Polyline(Block):
 class ArcFeed(Block):
     """A circular or helical move in a plane.
 
-    ``center`` (first, second plane axis), ``end`` (axes,), ``radius`` at the start, ``turns`` signed full turns, counter-clockwise
-    positive. The end may lie off the circle by the dialect's arc tolerance: the radius then changes evenly along the arc, so that both end
-    points are exact.
+    ``center`` (first, second plane axis), ``end`` (axes,), ``radius`` at the start, ``turns``
+    signed full turns, counter-clockwise positive. The end may lie off the circle by the dialect's
+    arc tolerance: the radius then changes evenly along the arc, so that both end points are exact.
     """
 
     plane: Plane
@@ -65,7 +67,8 @@ class ArcFeed(Block):
 
 @dataclass(frozen=True, slots=True)
 class NurbsFeed(Block):
-    """A NURBS move: degree, knots (points + degree + 1,), control points (points, axes), weights (points,).
+    """A NURBS move: degree, knots (points + degree + 1,), control points (points, axes), weights
+    (points,).
 
     The first control point is the position where the block starts.
     """
@@ -79,14 +82,18 @@ class NurbsFeed(Block):
 
 @dataclass(frozen=True, slots=True)
 class Called(Block):
-    """Where the main program goes into a call at this line (``inside``), or is back from it; only who asks for these sees them."""
+    """Where the main program goes into a call at this line (``inside``), or is back from it; only
+    who asks for these sees them.
+    """
 
     inside: bool
 
 
 @dataclass(frozen=True, slots=True)
 class PathMode(Block):
-    """G61.1 (exact-stop), G61 (exact-path) or G64 (blend) from here on; ``tolerance`` in mm for blend (0: the machine's own)."""
+    """G61.1 (exact-stop), G61 (exact-path) or G64 (blend) from here on; ``tolerance`` in mm for
+    blend (0: the machine's own).
+    """
 
     control: PathControl
     tolerance: float = 0.0
@@ -99,7 +106,9 @@ class Dwell(Block):
 
 @dataclass(frozen=True, slots=True)
 class Spindle(Block):
-    """``rpm`` of the spindle; under constant surface speed (G96) the most that is allowed (0: no limit), ``surface_speed`` being mm/s."""
+    """``rpm`` of the spindle; under constant surface speed (G96) the most that is allowed (0: no
+    limit), ``surface_speed`` being mm/s.
+    """
 
     state: Literal["cw", "ccw", "off"]
     rpm: float
@@ -108,7 +117,9 @@ class Spindle(Block):
 
 @dataclass(frozen=True, slots=True)
 class Orient(Block):
-    """M19: turn the spindle to ``angle`` degrees by the way named and hold it there; ``timeout`` s for that, 0 for none."""
+    """M19: turn the spindle to ``angle`` degrees by the way named and hold it there; ``timeout`` s
+    for that, 0 for none.
+    """
 
     angle: float
     direction: Literal["shortest", "cw", "ccw"] = "shortest"
@@ -130,7 +141,9 @@ class Coolant(Block):
 
 @dataclass(frozen=True, slots=True)
 class Tool(Block):
-    """Tool change (M6) to ``number``; without ``change`` (M61) that tool is in the spindle already."""
+    """Tool change (M6) to ``number``; without ``change`` (M61) that tool is in the spindle
+    already.
+    """
 
     number: int
     change: bool = True
@@ -185,7 +198,9 @@ class DigitalOutput(Block):
 
 @dataclass(frozen=True, slots=True)
 class AnalogOutput(Block):
-    """M67, M68: set an output to ``value``; ``with_motion`` at the start of the next move, else at once."""
+    """M67, M68: set an output to ``value``; ``with_motion`` at the start of the next move, else at
+    once.
+    """
 
     number: int
     value: float
@@ -193,7 +208,9 @@ class AnalogOutput(Block):
 
 
 class Answer:
-    """What the board found out when it carried a block out: None until then, and in a run without a board."""
+    """What the board found out when it carried a block out: None until then, and in a run without a
+    board.
+    """
 
     __slots__ = ("values",)
 
@@ -206,7 +223,9 @@ WaitMode = Literal["immediate", "rise", "fall", "high", "low"]
 
 @dataclass(frozen=True, slots=True)
 class WaitInput(Block):
-    """M66: read an input, or wait until it does what ``mode`` says, at most ``timeout`` s. The answer: its value, or -1 after the time."""
+    """M66: read an input, or wait until it does what ``mode`` says, at most ``timeout`` s. The
+    answer: its value, or -1 after the time.
+    """
 
     number: int
     analog: bool
@@ -216,15 +235,19 @@ class WaitInput(Block):
 
     @property
     def expected(self) -> tuple[float, ...]:
-        """The answer where nobody is there to ask: what is waited for comes, what is only looked at is off."""
+        """The answer where nobody is there to ask: what is waited for comes, what is only looked at
+        is off.
+        """
         return (1.0 if self.mode in ("rise", "high") else 0.0,)
 
 
 @dataclass(frozen=True, slots=True)
 class Probe(Block):
-    """G38: a straight move to ``end`` (axes,) at ``feed`` that stops when the probe makes contact, or loses it if not ``towards``.
+    """G38: a straight move to ``end`` (axes,) at ``feed`` that stops when the probe makes contact,
+    or loses it if not ``towards``.
 
-    ``must``: it is an error to arrive without that. The answer is 1 for a contact and 0 for none, then the position (axes,) of it.
+    ``must``: it is an error to arrive without that. The answer is 1 for a contact and 0 for none,
+    then the position (axes,) of it.
     """
 
     end: NDArray[np.float64]
@@ -241,20 +264,26 @@ class Probe(Block):
 
 @dataclass(frozen=True, slots=True)
 class SwitchMove(Probe):
-    """Not of a program: a move that ends when the limit switch of column ``switch`` closes, or opens if not ``towards``."""
+    """Not of a program: a move that ends when the limit switch of column ``switch`` closes, or
+    opens if not ``towards``.
+    """
 
     switch: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class BoardCommand(Block):
-    """A line for the board alone, such as GRBL's ``$H``: passed on as it stands, and refused where the board doesn't know it."""
+    """A line for the board alone, such as GRBL's ``$H``: passed on as it stands, and refused where
+    the board doesn't know it.
+    """
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Held(Block):
-    """Not of a program: the motion rests here, on its way to the end of ``line``, until the operator resumes it. ``why``: what for."""
+    """Not of a program: the motion rests here, on its way to the end of ``line``, until the
+    operator resumes it. ``why``: what for.
+    """
 
     why: str = ""

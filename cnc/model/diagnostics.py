@@ -1,7 +1,7 @@
 """Diagnostics: what is wrong, where, and what to do.
 
-Every fault that a user can cause or meet is a :class:`Diagnostic`; the exceptions below carry one each and name the exit code that the
-command line ends with. No other exception may reach a user.
+Every fault that a user can cause or meet is a :class:`Diagnostic`; the exceptions below carry one
+each and name the exit code that the command line ends with. No other exception may reach a user.
 
     trident.nc:4:12: arc-radius-mismatch: the end point is 1.5 mm off the circle
       G2 X10 Y0 I5 J1.5
@@ -31,8 +31,9 @@ EXIT_STOPPED = 130
 class Diagnostic:
     """One finding.
 
-    ``line`` and ``column`` count from 1; 0 means that the finding has no such place. ``length`` is the number of characters that the caret
-    underlines, ``text`` the source line, ``hint`` what to do.
+    ``line`` and ``column`` count from 1; 0 means that the finding has no such place. ``length`` is
+    the number of characters that the caret underlines, ``text`` the source line, ``hint`` what to
+    do.
     """
 
     code: str
@@ -55,9 +56,13 @@ class Diagnostic:
         return ":".join(parts)
 
     def render(self) -> str:
-        """The message as a user sees it: place, code, text, then the source line with a caret, then the hint."""
+        """The message as a user sees it: place, code, text, then the source line with a caret, then
+        the hint.
+        """
         place = self.place()
-        lines = [f"{place}: {self.code}: {self.message}" if place else f"{self.code}: {self.message}"]
+        lines = [
+            f"{place}: {self.code}: {self.message}" if place else f"{self.code}: {self.message}"
+        ]
         if self.text:
             # Of a long line only what stands about the place.
             first = max(0, self.column - SHOWN // 2) if len(self.text) > SHOWN else 0
@@ -81,10 +86,14 @@ class CncError(Exception):
         self.diagnostic = diagnostic
 
     def __reduce__(self) -> tuple[type[CncError], tuple[Diagnostic]]:
-        """A fault goes from one process to another with its diagnostic, not with the text of it alone."""
+        """A fault goes from one process to another with its diagnostic, not with the text of it
+        alone.
+        """
         return type(self), (self.diagnostic,)
 
-    def at(self, *, file: str | None = None, line: int | None = None, text: str | None = None) -> CncError:
+    def at(
+        self, *, file: str | None = None, line: int | None = None, text: str | None = None
+    ) -> CncError:
         """The same fault, its place filled in by a caller that knows it."""
         known = self.diagnostic
         return type(self)(

@@ -1,8 +1,9 @@
 """Writing ``.npz`` files larger than memory.
 
-``numpy.savez`` wants whole arrays; a trace or a pulse file grows with the program. Here the rows of each array go to an unnamed temporary
-file as they come, and closing assembles them into an ordinary archive that ``numpy.load`` reads without pickle. The same data make the
-same bytes: entries are stored in the order of their first mention, uncompressed, with a fixed date.
+``numpy.savez`` wants whole arrays; a trace or a pulse file grows with the program. Here the rows of
+each array go to an unnamed temporary file as they come, and closing assembles them into an ordinary
+archive that ``numpy.load`` reads without pickle. The same data make the same bytes: entries are
+stored in the order of their first mention, uncompressed, with a fixed date.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ COPY_BYTES = 1 << 20
 
 
 class _Growing:
-    """One array on its way: what its rows look like, how many there are, and the file that they wait in."""
+    """One array on its way: what its rows look like, how many there are, and the file that they
+    wait in.
+    """
 
     def __init__(self, folder: Path, first: NDArray[Any]) -> None:
         self.dtype = first.dtype
@@ -36,13 +39,16 @@ class _Growing:
 
     def add(self, name: str, rows: NDArray[Any]) -> None:
         if rows.dtype != self.dtype or rows.shape[1:] != self.tail:
-            raise ValueError(f"{name}: rows of {rows.dtype} {rows.shape[1:]} after rows of {self.dtype} {self.tail}")
+            raise ValueError(
+                f"{name}: rows of {rows.dtype} {rows.shape[1:]} after rows of {self.dtype} {self.tail}"
+            )
         self.file.write(np.ascontiguousarray(rows).data if rows.size else b"")
         self.rows += len(rows)
 
 
 class NpzWriter:
-    """An archive at ``path``, replaced as a whole on :meth:`close`; leaving a ``with`` block by an exception leaves the old file alone.
+    """An archive at ``path``, replaced as a whole on :meth:`close`; leaving a ``with`` block by an
+    exception leaves the old file alone.
 
     Memory use does not depend on the number of rows. OSError where the folder can't be written.
     """
@@ -51,10 +57,14 @@ class NpzWriter:
         self.path = Path(path)
         self._entries: dict[str, _Growing | NDArray[Any]] = {}
         self._closed = False
-        tempfile.TemporaryFile(dir=self.path.parent).close()  # better to fail before the work than after it
+        tempfile.TemporaryFile(
+            dir=self.path.parent
+        ).close()  # better to fail before the work than after it
 
     def append(self, name: str, rows: NDArray[Any]) -> None:
-        """Add ``rows`` (k, ...) to the array ``name``; k may be 0, which settles type and shape. ValueError if these differ from before."""
+        """Add ``rows`` (k, ...) to the array ``name``; k may be 0, which settles type and shape.
+        ValueError if these differ from before.
+        """
         entry = self._entries.get(name)
         if entry is None:
             if rows.dtype.hasobject or rows.ndim == 0:
@@ -102,7 +112,12 @@ class NpzWriter:
     def __enter__(self) -> NpzWriter:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         if kind is None:
             self.close()
         else:
@@ -113,9 +128,18 @@ def _write_entry(member: IO[bytes], entry: _Growing | NDArray[Any]) -> None:
     """One array in numpy's own format, version 1.0."""
     if isinstance(entry, _Growing):
         shape: tuple[int, ...] = (entry.rows, *entry.tail)
-        header = {"descr": npy_format.dtype_to_descr(entry.dtype), "fortran_order": False, "shape": shape}
+        header = {
+            "descr": npy_format.dtype_to_descr(entry.dtype),
+            "fortran_order": False,
+            "shape": shape,
+        }
         npy_format.write_array_header_1_0(member, header)
         entry.file.seek(0)
         shutil.copyfileobj(entry.file, member, COPY_BYTES)
     else:
-        npy_format.write_array(member, np.ascontiguousarray(entry) if entry.ndim else entry, version=(1, 0), allow_pickle=False)
+        npy_format.write_array(
+            member,
+            np.ascontiguousarray(entry) if entry.ndim else entry,
+            version=(1, 0),
+            allow_pickle=False,
+        )

@@ -11,17 +11,23 @@ LEAST_OVERRIDE, LARGEST_OVERRIDE = 1.0, 200.0
 
 
 class HomingStopped(Exception):
-    """The operator has stopped a machine on its way home: it rests, and the axis that was under way does not know where."""
+    """The operator has stopped a machine on its way home: it rests, and the axis that was under way
+    does not know where.
+    """
 
     def __init__(self) -> None:
-        super().__init__("stopped by the operator; the axis that was under way does not know where it stands")
+        super().__init__(
+            "stopped by the operator; the axis that was under way does not know where it stands"
+        )
 
 
 class Control:
-    """The operator's wishes, which take effect at the end of what has been handed to the board: a slice of motion later at most.
+    """The operator's wishes, which take effect at the end of what has been handed to the board: a
+    slice of motion later at most.
 
-    Any thread may call, and a signal handler: wishes are single stores, and who waits is woken by a queue that may be entered anew.
-    feed_override: per cent of the programmed feeds, 1 to 200; never more than the machine's limits allow, and traverses are not scaled.
+    Any thread may call, and a signal handler: wishes are single stores, and who waits is woken by a
+    queue that may be entered anew. feed_override: per cent of the programmed feeds, 1 to 200; never
+    more than the machine's limits allow, and traverses are not scaled.
     """
 
     def __init__(self, feed_override: float = 100.0) -> None:
@@ -50,7 +56,11 @@ class Control:
         if not LEAST_OVERRIDE <= percent <= LARGEST_OVERRIDE:
             limits = f"{LEAST_OVERRIDE:g} to {LARGEST_OVERRIDE:g}"
             raise UsageError(
-                Diagnostic("feed-override", f"a feed override of {percent:g} %", hint=f"give {limits}, per cent of the programmed feeds")
+                Diagnostic(
+                    "feed-override",
+                    f"a feed override of {percent:g} %",
+                    hint=f"give {limits}, per cent of the programmed feeds",
+                )
             )
         self._feed_override = percent
         self._news.put(None)

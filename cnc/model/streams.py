@@ -1,4 +1,6 @@
-"""What drivers accept. Everything carries the source line, so that a fault on the board can name it."""
+"""What drivers accept. Everything carries the source line, so that a fault on the board can name
+it.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +14,8 @@ from numpy.typing import NDArray
 class PulseChunk:
     """Grid moves, one a row, in the order in which they happen.
 
-    time_ns int64 (n,): since the start of the program, non-decreasing. step int8 (n, axes): -1, 0 or +1; axes that step together share a
-    row and no row is all zero. line int32 (n,).
+    time_ns int64 (n,): since the start of the program, non-decreasing. step int8 (n, axes): -1, 0
+    or +1; axes that step together share a row and no row is all zero. line int32 (n,).
     """
 
     time_ns: NDArray[np.int64]
@@ -25,8 +27,9 @@ class PulseChunk:
 class SampleChunk:
     """Positions at a fixed period: row k of the program is at ``(first + k) * period`` seconds.
 
-    position (n, axes) mm; s, feed, accel, jerk (n,): path length from the start of the program and its derivatives (tangential);
-    step_deviation (n,): relative difference between the step made and the step commanded; line int32 (n,).
+    position (n, axes) mm; s, feed, accel, jerk (n,): path length from the start of the program and
+    its derivatives (tangential); step_deviation (n,): relative difference between the step made and
+    the step commanded; line int32 (n,).
     """
 
     first: int

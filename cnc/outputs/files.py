@@ -1,4 +1,5 @@
-"""The public files: blocks, trace, pulses, summary. Each writer takes what comes and keeps nothing: memory does not grow with the program.
+"""The public files: blocks, trace, pulses, summary. Each writer takes what comes and keeps nothing:
+memory does not grow with the program.
 
 Names, units and meanings are documented in the README and held by ``tests/report``.
 """
@@ -51,7 +52,9 @@ class PulseWriter(Output, Protocol):
 
 
 def trace_writer(name: str, machine: Machine) -> TraceWriter:
-    """A trace in the format that the suffix names: .npz or .csv (``-``: csv). UsageError ``output-format`` for another."""
+    """A trace in the format that the suffix names: .npz or .csv (``-``: csv). UsageError
+    ``output-format`` for another.
+    """
     if name == STANDARD_OUTPUT or Path(name).suffix.lower() == ".csv":
         return CsvTrace(name, machine.axis_names)
     if Path(name).suffix.lower() == ".npz":
@@ -60,7 +63,9 @@ def trace_writer(name: str, machine: Machine) -> TraceWriter:
 
 
 def pulse_writer(name: str, machine: Machine, origin_steps: NDArray[np.int64]) -> PulseWriter:
-    """Pulses in the format that the suffix names: .npz or .vcd (``-``: vcd). UsageError ``output-format`` for another."""
+    """Pulses in the format that the suffix names: .npz or .vcd (``-``: vcd). UsageError
+    ``output-format`` for another.
+    """
     if name == STANDARD_OUTPUT or Path(name).suffix.lower() == ".vcd":
         return VcdPulses(name, machine)
     if Path(name).suffix.lower() == ".npz":
@@ -72,7 +77,10 @@ def check_formats(trace: str | None, pulses: str | None, lines: str | None = Non
     """Refuse a suffix that no writer knows, before any work is done."""
     if trace not in (None, STANDARD_OUTPUT) and Path(trace).suffix.lower() not in (".npz", ".csv"):
         raise _unknown_format("trace", trace, ".npz or .csv")
-    if pulses not in (None, STANDARD_OUTPUT) and Path(pulses).suffix.lower() not in (".npz", ".vcd"):
+    if pulses not in (None, STANDARD_OUTPUT) and Path(pulses).suffix.lower() not in (
+        ".npz",
+        ".vcd",
+    ):
         raise _unknown_format("pulses", pulses, ".npz or .vcd")
     if lines not in (None, STANDARD_OUTPUT) and Path(lines).suffix.lower() not in (".nc", ".gcode"):
         raise _unknown_format("lines", lines, ".nc or .gcode")
@@ -80,12 +88,18 @@ def check_formats(trace: str | None, pulses: str | None, lines: str | None = Non
 
 def _unknown_format(what: str, name: str, known: str) -> UsageError:
     return UsageError(
-        Diagnostic("output-format", f"--{what} {name}: the suffix tells the format", hint=f"name a file that ends in {known}")
+        Diagnostic(
+            "output-format",
+            f"--{what} {name}: the suffix tells the format",
+            hint=f"name a file that ends in {known}",
+        )
     )
 
 
 class JsonLines:
-    """Canonical blocks, one JSON object a line. Those of a subroutine in another file than ``program`` name their ``file``."""
+    """Canonical blocks, one JSON object a line. Those of a subroutine in another file than
+    ``program`` name their ``file``.
+    """
 
     def __init__(self, name: str, axes: Sequence[str], program: str) -> None:
         self.axes = tuple(axes)
@@ -95,7 +109,12 @@ class JsonLines:
     def write(self, block: canon.Block) -> None:
         """Add a block; a run of moves becomes one object a move."""
         place = {} if block.file == self._program else {"file": block.file}
-        self._target.write("".join(json.dumps(each | place, allow_nan=False) + "\n" for each in block_objects(block, self.axes)))
+        self._target.write(
+            "".join(
+                json.dumps(each | place, allow_nan=False) + "\n"
+                for each in block_objects(block, self.axes)
+            )
+        )
 
     def passed(self, blocks: Iterable[canon.Block]) -> Iterator[canon.Block]:
         """The same blocks, each written as it goes by."""
@@ -115,7 +134,9 @@ class JsonLines:
 def block_objects(block: canon.Block, axes: Sequence[str]) -> Iterator[dict[str, Any]]:
     """A canonical block as objects of the public schema."""
     if isinstance(block, canon.Polyline):
-        for line, end, feed in zip(block.lines.tolist(), block.points.tolist(), block.feeds.tolist(), strict=True):
+        for line, end, feed in zip(
+            block.lines.tolist(), block.points.tolist(), block.feeds.tolist(), strict=True
+        ):
             traverse = math.isnan(feed)
             yield {
                 "line": line,
@@ -125,7 +146,11 @@ def block_objects(block: canon.Block, axes: Sequence[str]) -> Iterator[dict[str,
             }
         return
     kind, fields = _FIELDS[type(block)]
-    yield {"line": block.line, "kind": kind(block) if callable(kind) else kind, **fields(block, axes)}
+    yield {
+        "line": block.line,
+        "kind": kind(block) if callable(kind) else kind,
+        **fields(block, axes),
+    }
 
 
 def _arc(block: canon.ArcFeed, axes: Sequence[str]) -> dict[str, Any]:
@@ -156,37 +181,80 @@ def _spindle(block: canon.Spindle, _: Sequence[str]) -> dict[str, Any]:
 
 
 def _overrides(block: canon.Overrides, _: Sequence[str]) -> dict[str, Any]:
-    return {"feed": block.feed, "spindle": block.spindle, "adaptive_feed": block.adaptive_feed, "feed_stop": block.feed_stop}
+    return {
+        "feed": block.feed,
+        "spindle": block.spindle,
+        "adaptive_feed": block.adaptive_feed,
+        "feed_stop": block.feed_stop,
+    }
 
 
 def _wait(block: canon.WaitInput, _: Sequence[str]) -> dict[str, Any]:
-    return {"number": block.number, "input": "analog" if block.analog else "digital", "mode": block.mode, "timeout": block.timeout}
+    return {
+        "number": block.number,
+        "input": "analog" if block.analog else "digital",
+        "mode": block.mode,
+        "timeout": block.timeout,
+    }
 
 
 def _probe(block: canon.Probe, axes: Sequence[str]) -> dict[str, Any]:
     end = dict(zip(axes, block.end.tolist(), strict=True))
-    return {"end": end, "feed": per_minute(block.feed), "towards": block.towards, "must": block.must}
+    return {
+        "end": end,
+        "feed": per_minute(block.feed),
+        "towards": block.towards,
+        "must": block.must,
+    }
 
 
-_FIELDS: dict[type[canon.Block], tuple[str | Callable[[Any], str], Callable[[Any, Sequence[str]], dict[str, Any]]]] = {
+_FIELDS: dict[
+    type[canon.Block],
+    tuple[str | Callable[[Any], str], Callable[[Any, Sequence[str]], dict[str, Any]]],
+] = {
     canon.ArcFeed: ("arc", _arc),
     canon.NurbsFeed: ("nurbs", _nurbs),
-    canon.PathMode: ("path-mode", lambda block, _: {"control": block.control, "tolerance": block.tolerance}),
+    canon.PathMode: (
+        "path-mode",
+        lambda block, _: {"control": block.control, "tolerance": block.tolerance},
+    ),
     canon.Dwell: ("dwell", lambda block, _: {"seconds": block.seconds}),
     canon.Spindle: ("spindle", _spindle),
-    canon.Orient: ("orient", lambda block, _: {"angle": block.angle, "direction": block.direction, "timeout": block.timeout}),
+    canon.Orient: (
+        "orient",
+        lambda block, _: {
+            "angle": block.angle,
+            "direction": block.direction,
+            "timeout": block.timeout,
+        },
+    ),
     canon.SpindleSync: ("spindle-sync", lambda block, _: {"pitch": block.pitch}),
     canon.Coolant: ("coolant", lambda block, _: {"mist": block.mist, "flood": block.flood}),
-    canon.Tool: (lambda block: "tool" if block.change else "tool-in-spindle", lambda block, _: {"number": block.number}),
-    canon.Stop: (lambda block: "optional-stop" if block.optional else "pallet-stop" if block.pallet else "stop", lambda block, _: {}),
+    canon.Tool: (
+        lambda block: "tool" if block.change else "tool-in-spindle",
+        lambda block, _: {"number": block.number},
+    ),
+    canon.Stop: (
+        lambda block: (
+            "optional-stop" if block.optional else "pallet-stop" if block.pallet else "stop"
+        ),
+        lambda block, _: {},
+    ),
     canon.End: ("end", lambda block, _: {}),
     canon.Abort: ("abort", lambda block, _: {}),
     canon.Message: ("message", lambda block, _: {"text": block.text}),
     canon.Overrides: ("overrides", _overrides),
-    canon.DigitalOutput: ("digital-output", lambda block, _: {"number": block.number, "on": block.on, "with_motion": block.with_motion}),
+    canon.DigitalOutput: (
+        "digital-output",
+        lambda block, _: {"number": block.number, "on": block.on, "with_motion": block.with_motion},
+    ),
     canon.AnalogOutput: (
         "analog-output",
-        lambda block, _: {"number": block.number, "value": block.value, "with_motion": block.with_motion},
+        lambda block, _: {
+            "number": block.number,
+            "value": block.value,
+            "with_motion": block.with_motion,
+        },
     ),
     canon.WaitInput: ("wait-input", _wait),
     canon.Probe: ("probe", _probe),
@@ -195,7 +263,9 @@ _FIELDS: dict[type[canon.Block], tuple[str | Callable[[Any], str], Callable[[Any
 
 
 class NpzTrace:
-    """Samples as arrays: ``t``, ``position``, ``s``, ``feed``, ``accel``, ``jerk``, ``line``; scalars ``period``, ``axes``."""
+    """Samples as arrays: ``t``, ``position``, ``s``, ``feed``, ``accel``, ``jerk``, ``line``;
+    scalars ``period``, ``axes``.
+    """
 
     def __init__(self, name: str, machine: Machine) -> None:
         self._target = NpzTarget(name)
@@ -224,7 +294,9 @@ class NpzTrace:
 
 
 class CsvTrace:
-    """Samples as text: t, one column an axis, s, feed, accel, jerk, line; every float with as many digits as it has."""
+    """Samples as text: t, one column an axis, s, feed, accel, jerk, line; every float with as many
+    digits as it has.
+    """
 
     def __init__(self, name: str, axes: Sequence[str]) -> None:
         self._target = TextTarget(name)
@@ -232,7 +304,15 @@ class CsvTrace:
 
     def write(self, chunk: SampleChunk) -> None:
         """Add rows."""
-        columns = [sample_times(chunk), *chunk.position.T, chunk.s, chunk.feed, chunk.accel, chunk.jerk, chunk.line]
+        columns = [
+            sample_times(chunk),
+            *chunk.position.T,
+            chunk.s,
+            chunk.feed,
+            chunk.accel,
+            chunk.jerk,
+            chunk.line,
+        ]
         rows = zip(*(column.tolist() for column in columns), strict=True)
         self._target.write("".join(",".join(map(repr, row)) + "\n" for row in rows))
 
@@ -251,7 +331,9 @@ def sample_times(chunk: SampleChunk) -> NDArray[np.float64]:
 
 
 class NpzPulses:
-    """Grid moves as arrays: ``time_ns``, ``step``, ``line``; scalars ``axes``, ``steps_per_mm``, ``origin_steps``."""
+    """Grid moves as arrays: ``time_ns``, ``step``, ``line``; scalars ``axes``, ``steps_per_mm``,
+    ``origin_steps``.
+    """
 
     def __init__(self, name: str, machine: Machine, origin_steps: NDArray[np.int64]) -> None:
         self._target = NpzTarget(name)
@@ -260,7 +342,9 @@ class NpzPulses:
         writer.append("step", np.empty((0, len(machine.axes)), np.int8))
         writer.append("line", np.empty(0, np.int32))
         writer.scalar("axes", list(machine.axis_names))
-        writer.scalar("steps_per_mm", np.array([axis.steps_per_mm for axis in machine.axes.values()]))
+        writer.scalar(
+            "steps_per_mm", np.array([axis.steps_per_mm for axis in machine.axes.values()])
+        )
         writer.scalar("origin_steps", np.asarray(origin_steps, dtype=np.int64))
 
     def write(self, chunk: PulseChunk) -> None:
@@ -278,10 +362,12 @@ class NpzPulses:
 
 
 class VcdPulses:
-    """Grid moves as a value change dump (IEEE 1364): for each axis a step and a direction wire, and the source line as a number.
+    """Grid moves as a value change dump (IEEE 1364): for each axis a step and a direction wire, and
+    the source line as a number.
 
-    A pulse is 1 us high, less where the board's step rate would not let it fall before the axis's next. The direction wire is high for
-    positive steps and changes with the pulse that it belongs to.
+    A pulse is 1 us high, less where the board's step rate would not let it fall before the axis's
+    next. The direction wire is high for positive steps and changes with the pulse that it belongs
+    to.
     """
 
     def __init__(self, name: str, machine: Machine) -> None:
@@ -294,8 +380,12 @@ class VcdPulses:
         self._target = TextTarget(name)
         self._target.write("$timescale 1 ns $end\n$scope module machine $end\n")
         for index, axis in enumerate(self._axes):
-            self._target.write(f"$var wire 1 s{index} {axis}_step $end\n$var wire 1 d{index} {axis}_dir $end\n")
-        self._target.write("$var integer 32 l line $end\n$upscope $end\n$enddefinitions $end\n#0\n$dumpvars\n")
+            self._target.write(
+                f"$var wire 1 s{index} {axis}_step $end\n$var wire 1 d{index} {axis}_dir $end\n"
+            )
+        self._target.write(
+            "$var integer 32 l line $end\n$upscope $end\n$enddefinitions $end\n#0\n$dumpvars\n"
+        )
         for index in range(len(self._axes)):
             self._target.write(f"0s{index}\n0d{index}\n")
         self._target.write("b0 l\n$end\n")
@@ -304,7 +394,9 @@ class VcdPulses:
     def write(self, chunk: PulseChunk) -> None:
         """Add rows."""
         out: list[str] = []
-        for time, steps, line in zip(chunk.time_ns.tolist(), chunk.step.tolist(), chunk.line.tolist(), strict=True):
+        for time, steps, line in zip(
+            chunk.time_ns.tolist(), chunk.step.tolist(), chunk.line.tolist(), strict=True
+        ):
             self._fall(time, out)
             self._at(time, out)
             if line != self._line:
@@ -332,7 +424,9 @@ class VcdPulses:
         self._target.discard()
 
     def _fall(self, until: int, out: list[str]) -> None:
-        """End the pulses that are over at ``until``; all are equally long, so they end in the order in which they began."""
+        """End the pulses that are over at ``until``; all are equally long, so they end in the order
+        in which they began.
+        """
         over = 0
         for time, change in self._falls:
             if time > until:
@@ -350,7 +444,12 @@ class VcdPulses:
 
 def write_json(name: str, summary: Report | Sequence[Report]) -> None:
     """The summary of a program, or a list of them."""
-    write_object(name, summary.as_json() if isinstance(summary, Report) else [report.as_json() for report in summary])
+    write_object(
+        name,
+        summary.as_json()
+        if isinstance(summary, Report)
+        else [report.as_json() for report in summary],
+    )
 
 
 def write_object(name: str, shown: Any) -> None:

@@ -1,7 +1,8 @@
-"""Findings of many programs in the forms that other tools read: SARIF, JUnit, GitHub's workflow commands.
+"""Findings of many programs in the forms that other tools read: SARIF, JUnit, GitHub's workflow
+commands.
 
-Sources: OASIS, "Static Analysis Results Interchange Format (SARIF) Version 2.1.0"; the JUnit XML that GitLab and Jenkins document; GitHub,
-"Workflow commands for GitHub Actions".
+Sources: OASIS, "Static Analysis Results Interchange Format (SARIF) Version 2.1.0"; the JUnit XML
+that GitLab and Jenkins document; GitHub, "Workflow commands for GitHub Actions".
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ from cnc.outputs.targets import STANDARD_OUTPUT, TextTarget
 from cnc.report.result import Report
 
 Format = Literal["sarif", "junit", "github"]
-SARIF_SCHEMA = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
+SARIF_SCHEMA = (
+    "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
+)
 
 
 def write_format(form: Format, reports: Sequence[Report]) -> None:
@@ -32,28 +35,43 @@ def write_format(form: Format, reports: Sequence[Report]) -> None:
 
 
 def sarif(reports: Sequence[Report]) -> str:
-    """A SARIF log of one run. Columns count characters; a program that was not checked to its end is told by its error."""
+    """A SARIF log of one run. Columns count characters; a program that was not checked to its end
+    is told by its error.
+    """
     codes: dict[str, int] = {}
-    results = [_result(finding, codes) | state for report in reports for finding, state in _with_states(report)]
+    results = [
+        _result(finding, codes) | state
+        for report in reports
+        for finding, state in _with_states(report)
+    ]
     driver = {"name": "cncrun", "version": __version__, "rules": [{"id": code} for code in codes]}
     exit_code = max((report.exit_code for report in reports), default=0)
     run = {
         "tool": {"driver": driver},
         "columnKind": "unicodeCodePoints",
         "invocations": [{"executionSuccessful": exit_code <= EXIT_REJECTED, "exitCode": exit_code}],
-        "artifacts": [{"location": {"uri": _uri(name)}} for name in dict.fromkeys(report.program for report in reports)],
+        "artifacts": [
+            {"location": {"uri": _uri(name)}}
+            for name in dict.fromkeys(report.program for report in reports)
+        ],
         "results": results,
     }
     return json.dumps({"$schema": SARIF_SCHEMA, "version": "2.1.0", "runs": [run]}, indent=2) + "\n"
 
 
 def _with_states(report: Report) -> Iterator[tuple[Diagnostic, dict[str, str]]]:
-    """The findings, and beside an earlier check what SARIF calls their baseline state; those that are gone, too."""
+    """The findings, and beside an earlier check what SARIF calls their baseline state; those that
+    are gone, too.
+    """
     changes = report.changes
     if changes is None:
         yield from ((finding, {}) for finding in report.findings)
         return
-    for state, findings in ("new", changes.new), ("unchanged", changes.kept), ("absent", changes.gone):
+    for state, findings in (
+        ("new", changes.new),
+        ("unchanged", changes.kept),
+        ("absent", changes.gone),
+    ):
         yield from ((finding, {"baselineState": state}) for finding in findings)
 
 
@@ -76,7 +94,10 @@ def _result(finding: Diagnostic, codes: dict[str, int]) -> dict[str, Any]:
 def _region(finding: Diagnostic) -> dict[str, Any]:
     region: dict[str, Any] = {"startLine": finding.line}
     if finding.column:
-        region |= {"startColumn": finding.column, "endColumn": finding.column + max(1, finding.length)}
+        region |= {
+            "startColumn": finding.column,
+            "endColumn": finding.column + max(1, finding.length),
+        }
     if finding.text:
         region["snippet"] = {"text": finding.text}
     return region
@@ -93,12 +114,18 @@ def _uri(name: str) -> str:
 
 
 def junit(reports: Sequence[Report]) -> str:
-    """A JUnit test suite: a test case a program, which fails by its errors; warnings are its output."""
+    """A JUnit test suite: a test case a program, which fails by its errors; warnings are its
+    output.
+    """
     suite = ElementTree.Element("testsuite", name="cncrun check")
     failures = errors = 0
     for report in reports:
         case = ElementTree.SubElement(
-            suite, "testcase", classname="cncrun", name=_clean(report.program), time=f"{report.timing.total_s:.3f}"
+            suite,
+            "testcase",
+            classname="cncrun",
+            name=_clean(report.program),
+            time=f"{report.timing.total_s:.3f}",
         )
         faults = report.counting_faults
         if faults:
@@ -108,27 +135,49 @@ def junit(reports: Sequence[Report]) -> str:
             told = [_clean(fault.diagnostic.render()) for fault in faults]
             if report.hidden_faults:
                 told.append(f"{report.hidden_faults} more places outside the travel are not shown")
-            wrong = ElementTree.SubElement(case, "failure" if rejected else "error", type=first.code, message=_clean(first.message))
+            wrong = ElementTree.SubElement(
+                case,
+                "failure" if rejected else "error",
+                type=first.code,
+                message=_clean(first.message),
+            )
             wrong.text = "\n".join(told)
         warnings = [each for each in report.counting if each.severity != "error"]
         if warnings:
-            ElementTree.SubElement(case, "system-out").text = _clean("\n".join(each.render() for each in warnings))
-    for key, value in ("tests", len(reports)), ("failures", failures), ("errors", errors), ("skipped", 0):
+            ElementTree.SubElement(case, "system-out").text = _clean(
+                "\n".join(each.render() for each in warnings)
+            )
+    for key, value in (
+        ("tests", len(reports)),
+        ("failures", failures),
+        ("errors", errors),
+        ("skipped", 0),
+    ):
         suite.set(key, str(value))
     suite.set("time", f"{sum(report.timing.total_s for report in reports):.3f}")
     suites = ElementTree.Element("testsuites")
     suites.append(suite)
     ElementTree.indent(suites)
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(suites, encoding="unicode") + "\n"
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        + ElementTree.tostring(suites, encoding="unicode")
+        + "\n"
+    )
 
 
 def _clean(text: str) -> str:
     """Text that XML 1.0 can hold: no control characters, no halves of characters."""
-    return re.sub("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\N{REPLACEMENT CHARACTER}", text)
+    return re.sub(
+        "[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]",
+        "\N{REPLACEMENT CHARACTER}",
+        text,
+    )
 
 
 def github(reports: Sequence[Report]) -> str:
-    """A workflow command a finding that counts: GitHub shows it at its line in the changes. Of each severity it shows ten a step."""
+    """A workflow command a finding that counts: GitHub shows it at its line in the changes. Of each
+    severity it shows ten a step.
+    """
     return "".join(_command(finding) for report in reports for finding in report.counting)
 
 
@@ -137,7 +186,10 @@ def _command(finding: Diagnostic) -> str:
     if finding.file and finding.line:
         places += [("line", finding.line), ("endLine", finding.line)]
         if finding.column:
-            places += [("col", finding.column), ("endColumn", finding.column + max(1, finding.length))]
+            places += [
+                ("col", finding.column),
+                ("endColumn", finding.column + max(1, finding.length)),
+            ]
     places.append(("title", finding.code))
     level = "notice" if finding.severity == "note" else finding.severity
     message = f"{finding.message}\nhelp: {finding.hint}" if finding.hint else finding.message
@@ -152,4 +204,8 @@ def _escaped(text: str, more: Iterable[str] = ()) -> str:
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-_WRITERS: dict[Format, Callable[[Sequence[Report]], str]] = {"sarif": sarif, "junit": junit, "github": github}
+_WRITERS: dict[Format, Callable[[Sequence[Report]], str]] = {
+    "sarif": sarif,
+    "junit": junit,
+    "github": github,
+}

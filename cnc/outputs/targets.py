@@ -1,4 +1,6 @@
-"""Where output goes: a file that appears whole or not at all, a device or pipe, or standard output."""
+"""Where output goes: a file that appears whole or not at all, a device or pipe, or standard
+output.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +24,19 @@ def can_not_write(path: object, error: OSError) -> UsageError:
     """The fault of an output that can't be written."""
     return UsageError(
         Diagnostic(
-            "can-not-write", f"{path} can't be written: {error.strerror or error}", hint="name a file in a folder that you can write to"
+            "can-not-write",
+            f"{path} can't be written: {error.strerror or error}",
+            hint="name a file in a folder that you can write to",
         )
     )
 
 
 class FileTarget(Generic[AnyStr]):
-    """Text or bytes on their way to ``name``: an ordinary file is replaced as a whole on :meth:`close`.
+    """Text or bytes on their way to ``name``: an ordinary file is replaced as a whole on
+    :meth:`close`.
 
-    What is no ordinary file (a device, a pipe) is written to directly. Raises UsageError ``can-not-write``.
+    What is no ordinary file (a device, a pipe) is written to directly. Raises UsageError
+    ``can-not-write``.
     """
 
     def __init__(self, name: str) -> None:
@@ -43,7 +49,9 @@ class FileTarget(Generic[AnyStr]):
             elif Path(name).exists() and not Path(name).is_file():
                 self._stream = self._opened(name)
             else:
-                handle, draft = tempfile.mkstemp(prefix=Path(name).name + ".", suffix=".part", dir=Path(name).parent)
+                handle, draft = tempfile.mkstemp(
+                    prefix=Path(name).name + ".", suffix=".part", dir=Path(name).parent
+                )
                 self._draft = Path(draft)
                 self._stream = self._opened(handle)
         except OSError as error:
@@ -111,7 +119,9 @@ class BytesTarget(FileTarget[bytes]):
 
 
 class NpzTarget:
-    """An archive on its way to ``name``; as :class:`TextTarget`, and a device or pipe gets the finished bytes at the end."""
+    """An archive on its way to ``name``; as :class:`TextTarget`, and a device or pipe gets the
+    finished bytes at the end.
+    """
 
     def __init__(self, name: str) -> None:
         self.name = name

@@ -1,1 +1,3 @@
-"""The three papers that the interpolators come from, their experiments run again: published value beside ours."""
+"""The three papers that the interpolators come from, their experiments run again: published value
+beside ours.
+"""

@@ -1,10 +1,11 @@
-"""A page of tables and figures: what the experiments of a paper give, and how that is written to a folder.
+"""A page of tables and figures: what the experiments of a paper give, and how that is written to a
+folder.
 
     papers.md           the sections one after the other, tables as Markdown, figures as links
     NAME.png            one file a figure
 
-matplotlib draws the figures. It comes with the extra ``view`` and is imported when it is needed, as late as possible: the tables alone do
-without it.
+matplotlib draws the figures. It comes with the extra ``view`` and is imported when it is needed, as
+late as possible: the tables alone do without it.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ DOTS_PER_INCH = 120
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows under columns; cells that are numbers are written with six digits, integers whole. note: below the table."""
+    """Rows under columns; cells that are numbers are written with six digits, integers whole. note:
+    below the table.
+    """
 
     title: str
     columns: Sequence[str]
@@ -37,7 +40,9 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A picture NAME.png of ``size`` (width, height) inches; ``draw`` gets the empty figure and adds the axes that it needs."""
+    """A picture NAME.png of ``size`` (width, height) inches; ``draw`` gets the empty figure and
+    adds the axes that it needs.
+    """
 
     name: str
     title: str
@@ -56,12 +61,18 @@ class Section:
 
 
 def prepared(folder: Path) -> Path:
-    """The folder, made if need be, before any work is done. UsageError if it can't be or nothing can draw."""
+    """The folder, made if need be, before any work is done. UsageError if it can't be or nothing
+    can draw.
+    """
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError:
         hint = "pip install 'cnc[view]', or pip install matplotlib"
-        raise UsageError(Diagnostic("drawing-missing", "the figures need matplotlib, which is not installed", hint=hint)) from None
+        raise UsageError(
+            Diagnostic(
+                "drawing-missing", "the figures need matplotlib, which is not installed", hint=hint
+            )
+        ) from None
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -70,7 +81,9 @@ def prepared(folder: Path) -> Path:
 
 
 def write(sections: Iterable[Section], folder: Path) -> Path:
-    """Page and pictures into an existing folder; returns the page's file. UsageError ``can-not-write``."""
+    """Page and pictures into an existing folder; returns the page's file. UsageError
+    ``can-not-write``.
+    """
     page = folder / PAGE
     try:
         parts = ["# The papers' experiments"]
@@ -88,14 +101,19 @@ def markdown(section: Section) -> str:
     """The section as Markdown, its figures as links."""
     parts = [f"## {section.title}", section.text]
     parts += [_table(table) for table in section.tables]
-    parts += [f"![{figure.title}]({figure.name}.png)\n\n{figure.title}" for figure in section.figures]
+    parts += [
+        f"![{figure.title}]({figure.name}.png)\n\n{figure.title}" for figure in section.figures
+    ]
     return "\n\n".join(parts)
 
 
 def _table(table: Table) -> str:
     rows = [[_cell(cell) for cell in row] for row in (table.columns, *table.rows)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |" for row in rows]
+    lines = [
+        "| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |"
+        for row in rows
+    ]
     lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
     text = f"**{table.title}**\n\n" + "\n".join(lines)
     return f"{text}\n\n{table.note}" if table.note else text

@@ -13,9 +13,19 @@ from cnc.path.records import Floats, Records, arc_records
 
 
 class Arc(RecordCurve):
-    """From ``start`` to ``end`` (n,) about ``center`` (first and second axis of the plane), ``turns`` counter-clockwise positive."""
+    """From ``start`` to ``end`` (n,) about ``center`` (first and second axis of the plane),
+    ``turns`` counter-clockwise positive.
+    """
 
-    def __init__(self, axes: tuple[str, ...], start: Floats, end: Floats, plane: Plane, center: tuple[float, float], turns: float) -> None:
+    def __init__(
+        self,
+        axes: tuple[str, ...],
+        start: Floats,
+        end: Floats,
+        plane: Plane,
+        center: tuple[float, float],
+        turns: float,
+    ) -> None:
         super().__init__(axes)
         self.start = np.array(start, np.float64)
         self.end = np.array(end, np.float64)
@@ -27,9 +37,20 @@ class Arc(RecordCurve):
         """One record a turn."""
         first, second = PLANE_AXES[self.plane]
         plane = self.axes.index(first), self.axes.index(second)
-        yield from arc_records(self.start, self.end, plane, self.center, self.turns, self._classes, accuracy)
+        yield from arc_records(
+            self.start, self.end, plane, self.center, self.turns, self._classes, accuracy
+        )
 
     def subsegment(self, ua: float, ub: float) -> Self:
-        """The part from ua to ub, its parameter starting at 0 again: the angle runs evenly with u, so the turns are a part of it."""
+        """The part from ua to ub, its parameter starting at 0 again: the angle runs evenly with u,
+        so the turns are a part of it.
+        """
         u0, u1 = self.u_range
-        return type(self)(self.axes, self.eval(ua), self.eval(ub), self.plane, self.center, self.turns * (ub - ua) / (u1 - u0))
+        return type(self)(
+            self.axes,
+            self.eval(ua),
+            self.eval(ub),
+            self.plane,
+            self.center,
+            self.turns * (ub - ua) / (u1 - u0),
+        )

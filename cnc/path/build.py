@@ -1,14 +1,16 @@
-"""Canonical blocks to a path, as a stream: moving blocks become :class:`PathChunk`, the others pass through in their order.
+"""Canonical blocks to a path, as a stream: moving blocks become :class:`PathChunk`, the others pass
+through in their order.
 
     blocks  ──►  records of the pieces, gathered to about a chunk  ──►  held until it is known whether the motion
                                                                        must rest at their end  ──►  chunks and blocks
 
-Motion rests at the end of the stream, before every block that isn't motion (but a message), under exact stop (G61.1) at the end of
-every block and every straight move, and at both ends of a probing move. Under G64 each joint of two pieces is given the tolerance in
-effect, or the smaller one where it changes there. PathMode ends here: nothing below asks for it.
+Motion rests at the end of the stream, before every block that isn't motion (but a message), under
+exact stop (G61.1) at the end of every block and every straight move, and at both ends of a probing
+move. Under G64 each joint of two pieces is given the tolerance in effect, or the smaller one where
+it changes there. PathMode ends here: nothing below asks for it.
 
-A probe passes through, then its move, and no block is read behind it before somebody asks for more: by then the board has answered, and
-the path goes on from where contact was.
+A probe passes through, then its move, and no block is read behind it before somebody asks for more:
+by then the board has answered, and the path goes on from where contact was.
 """
 
 from __future__ import annotations
@@ -19,19 +21,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.curve import START
-from cnc.model.blocks import PLANE_AXES, ArcFeed, Block, Message, NurbsFeed, PathMode, Polyline, Probe
+from cnc.model.blocks import (
+    PLANE_AXES,
+    ArcFeed,
+    Block,
+    Message,
+    NurbsFeed,
+    PathMode,
+    Polyline,
+    Probe,
+)
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.path.chunk import PathChunk
 from cnc.path.fit import LEAST_TOLERANCE, Fitter, Pieces
-from cnc.path.records import Floats, Records, arc_records, axis_classes, line_records, moving, spline_records
+from cnc.path.records import (
+    Floats,
+    Records,
+    arc_records,
+    axis_classes,
+    line_records,
+    moving,
+    spline_records,
+)
 
 MOST_PIECES = 4096
 MOST_NUMBERS = 1 << 18
 """A chunk is closed when it has this many pieces or this many numbers in its records."""
 ENOUGH = 64
-"""Under G64 a chunk is closed with the block when it has this many pieces: they may stand for thousands of moves."""
+"""Under G64 a chunk is closed with the block when it has this many pieces: they may stand for
+thousands of moves.
+"""
 JOIN = 1e-6
-"""mm. A NURBS whose first control point is this near to the position is moved there; farther off is an error."""
+"""mm. A NURBS whose first control point is this near to the position is moved there; farther off is
+an error.
+"""
 
 
 class _Gatherer:
@@ -48,9 +71,27 @@ class _Gatherer:
         self.pieces = 0
         self.numbers = 0
 
-    def add(self, records: Records, feeds: Floats, lines: NDArray[np.int32], stops: NDArray[np.bool_], tolerance: float) -> None:
+    def add(
+        self,
+        records: Records,
+        feeds: Floats,
+        lines: NDArray[np.int32],
+        stops: NDArray[np.bool_],
+        tolerance: float,
+    ) -> None:
         kind = np.full(len(records.at), records.kind)
-        self.put(Pieces(kind, records.at, records.data, records.length, feeds, lines, np.where(stops, 0.0, tolerance)), stops)
+        self.put(
+            Pieces(
+                kind,
+                records.at,
+                records.data,
+                records.length,
+                feeds,
+                lines,
+                np.where(stops, 0.0, tolerance),
+            ),
+            stops,
+        )
 
     def put(self, pieces: Pieces, stops: NDArray[np.bool_]) -> None:
         self.parts.append(pieces)
@@ -69,7 +110,9 @@ class _Gatherer:
             axes=self.axes,
             file=self.file,
             kind=np.concatenate([part.kind for part in parts]),
-            at=np.concatenate([part.at + offset for part, offset in zip(parts, offsets, strict=True)]),
+            at=np.concatenate(
+                [part.at + offset for part, offset in zip(parts, offsets, strict=True)]
+            ),
             data=np.concatenate([part.data for part in parts]),
             length=np.concatenate([part.length for part in parts]),
             feed=np.concatenate([part.feed for part in parts]),
@@ -82,13 +125,18 @@ class _Gatherer:
 
 
 def build(
-    blocks: Iterable[Block], *, axes: tuple[str, ...], start: Floats, accuracy: float = 1e-12, tolerance: float = 0.0
+    blocks: Iterable[Block],
+    *,
+    axes: tuple[str, ...],
+    start: Floats,
+    accuracy: float = 1e-12,
+    tolerance: float = 0.0,
 ) -> Iterator[PathChunk | Block]:
     """Yield the path of ``blocks`` in chunks, and the blocks that don't move, in order.
 
-    axes: names, one a column; start (n,): position before the first block, mm; accuracy: largest error of arc length and its inverse, mm;
-    tolerance: that of G64 without P, mm.
-    Raises GcodeError (``not-finite``, ``nurbs-not-continuous``, ``nurbs-start``) at the block's line.
+    axes: names, one a column; start (n,): position before the first block, mm; accuracy: largest
+    error of arc length and its inverse, mm; tolerance: that of G64 without P, mm. Raises GcodeError
+    (``not-finite``, ``nurbs-not-continuous``, ``nurbs-start``) at the block's line.
     """
     classes = axis_classes(axes)
     position = np.array(start, np.float64)
@@ -136,7 +184,13 @@ def build(
 
     def limit_last(allowed: float) -> None:
         """Let the joint behind the last piece so far have no more than this."""
-        last = gatherer.parts[-1].tolerance if gatherer.pieces else held[0].tolerance if held and isinstance(held[0], PathChunk) else None
+        last = (
+            gatherer.parts[-1].tolerance
+            if gatherer.pieces
+            else held[0].tolerance
+            if held and isinstance(held[0], PathChunk)
+            else None
+        )
         if last is not None:
             last[-1] = min(last[-1], allowed)
 
@@ -154,7 +208,9 @@ def build(
                     yield from hold()
                 continue
             yield from end_chain()
-            for records, feeds, lines, stops in _pieces(block, position, axes, classes, accuracy, exact_stop):
+            for records, feeds, lines, stops in _pieces(
+                block, position, axes, classes, accuracy, exact_stop
+            ):
                 gatherer.add(records, feeds, lines, stops, allowed)
                 if gatherer.full():
                     yield from hold()
@@ -169,7 +225,9 @@ def build(
             yield from rest()
             yield block
             gatherer.file = block.file
-            for records, feeds, lines, stops in _pieces(_probing(block), position, axes, classes, accuracy, True):
+            for records, feeds, lines, stops in _pieces(
+                _probing(block), position, axes, classes, accuracy, True
+            ):
                 gatherer.add(records, feeds, lines, stops, 0.0)
             yield from rest()
             if block.answer.values is not None:
@@ -188,7 +246,13 @@ def build(
 
 def _probing(probe: Probe) -> Polyline:
     """The move of a probe."""
-    return Polyline(probe.file, probe.line, probe.end[None], np.array([probe.feed]), np.array([probe.line], np.int32))
+    return Polyline(
+        probe.file,
+        probe.line,
+        probe.end[None],
+        np.array([probe.feed]),
+        np.array([probe.line], np.int32),
+    )
 
 
 def _pieces(
@@ -207,11 +271,18 @@ def _pieces(
             here[:] = moves[-1]
         return
     if isinstance(block, ArcFeed):
-        _check_finite(block, block.end, np.array([*block.center, block.radius, block.turns]), np.array(block.feed))
+        _check_finite(
+            block,
+            block.end,
+            np.array([*block.center, block.radius, block.turns]),
+            np.array(block.feed),
+        )
         first_axis, second_axis = PLANE_AXES[block.plane]
         plane = axes.index(first_axis), axes.index(second_axis)
         end = np.array(block.end, np.float64)
-        runs = arc_records(position.copy(), end, plane, block.center, block.turns, classes, accuracy)
+        runs = arc_records(
+            position.copy(), end, plane, block.center, block.turns, classes, accuracy
+        )
     else:
         _check_finite(block, block.knots, block.control_points, block.weights, np.array(block.feed))
         points = _joined(block, position)
@@ -227,7 +298,9 @@ def _pieces(
 
 
 def _moves(block: Polyline, position: Floats) -> Iterator[tuple[Floats, Floats, NDArray[np.int32]]]:
-    """Ends, feeds and lines of the moves that have a length, MOST_PIECES at a time; ``position`` is moved along."""
+    """Ends, feeds and lines of the moves that have a length, MOST_PIECES at a time; ``position`` is
+    moved along.
+    """
     _check_polyline(block)
     for first in range(0, len(block.points), MOST_PIECES):
         part = slice(first, first + MOST_PIECES)
@@ -240,7 +313,9 @@ def _moves(block: Polyline, position: Floats) -> Iterator[tuple[Floats, Floats, 
             yield points, feeds.astype(np.float64), lines.astype(np.int32)
 
 
-def _spread(block: ArcFeed | NurbsFeed, records: Records, stop: bool) -> tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_]]:
+def _spread(
+    block: ArcFeed | NurbsFeed, records: Records, stop: bool
+) -> tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_]]:
     """The block's feed and line for each of its pieces, and a stop after the last if it has one."""
     count = len(records.at)
     stops = np.zeros(count, np.bool_)
@@ -255,11 +330,21 @@ def _end_of(records: Records, n: int) -> Floats:
 
 
 def _error(block: Block, code: str, message: str, hint: str, line: int | None = None) -> GcodeError:
-    return GcodeError(Diagnostic(code, message, file=block.file, line=block.line if line is None else line, hint=hint))
+    return GcodeError(
+        Diagnostic(
+            code, message, file=block.file, line=block.line if line is None else line, hint=hint
+        )
+    )
 
 
 def _not_finite(block: Block, line: int) -> GcodeError:
-    return _error(block, "not-finite", "a coordinate or feed of this move is not a finite number", "check the values it computes", line)
+    return _error(
+        block,
+        "not-finite",
+        "a coordinate or feed of this move is not a finite number",
+        "check the values it computes",
+        line,
+    )
 
 
 def _check_finite(block: Block, *arrays: Floats) -> None:
@@ -276,7 +361,9 @@ def _check_polyline(block: Polyline) -> None:
 
 
 def _joined(block: NurbsFeed, position: Floats) -> Floats:
-    """The control points, the first of them on ``position``; an error if the curve doesn't start there or jumps inside."""
+    """The control points, the first of them on ``position``; an error if the curve doesn't start
+    there or jumps inside.
+    """
     points = np.array(block.control_points, np.float64)
     gap = float(np.abs(points[0] - position).max())
     if gap > JOIN:
@@ -290,9 +377,12 @@ def _joined(block: NurbsFeed, position: Floats) -> Floats:
     order = block.degree + 1
     inner = slice(1, len(block.knots) - 1)
     if len(block.knots) > 2 * order:
-        values, firsts, counts = np.unique(block.knots[inner], return_index=True, return_counts=True)
+        values, firsts, counts = np.unique(
+            block.knots[inner], return_index=True, return_counts=True
+        )
         for value, first, count in zip(values, firsts + 1, counts, strict=True):
-            # order equal knots: the curve ends at the control point before them and starts anew at the last one that they leave over
+            # order equal knots: the curve ends at the control point before them and starts anew at
+            # the last one that they leave over
             if count >= order and block.knots[0] < value < block.knots[-1]:
                 jump = float(np.abs(points[first + count - order] - points[first - 1]).max())
                 if jump > JOIN:

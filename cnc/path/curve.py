@@ -1,8 +1,10 @@
 """The Curve protocol, and curves made of piece records.
 
-A curve r(u) runs through the machine's axes over u in [u0, u1]. The verbs are those of kurbo's ParamCurve: evaluate, differentiate,
-measure, bound, cut out. The shells :class:`~cnc.path.line.Line`, :class:`~cnc.path.arc.Arc` and :class:`~cnc.path.nurbs.Nurbs` make the
-same records as the builder of paths and ask the same kernels, one point at a time; work on many points belongs in a kernel.
+A curve r(u) runs through the machine's axes over u in [u0, u1]. The verbs are those of kurbo's
+ParamCurve: evaluate, differentiate, measure, bound, cut out. The shells
+:class:`~cnc.path.line.Line`, :class:`~cnc.path.arc.Arc` and :class:`~cnc.path.nurbs.Nurbs` make the
+same records as the builder of paths and ask the same kernels, one point at a time; work on many
+points belongs in a kernel.
 """
 
 from __future__ import annotations
@@ -41,7 +43,9 @@ class Curve(Protocol):
         ...
 
     def curvature(self, u: float) -> float:
-        """1 / radius in 1/mm, over the metric axes; infinite where the direction turns on the spot."""
+        """1 / radius in 1/mm, over the metric axes; infinite where the direction turns on the
+        spot.
+        """
         ...
 
     def arclen(self, ua: float, ub: float, accuracy: float = ACCURACY) -> float:
@@ -89,13 +93,20 @@ class RecordCurve(ABC):
 
     def _pieces(self, accuracy: float = ACCURACY) -> _Pieces:
         if self._made is None or self._made.accuracy > accuracy:
-            shape = [(records.kind, records.data, int(at)) for records in self.records(accuracy) for at in records.at]
+            shape = [
+                (records.kind, records.data, int(at))
+                for records in self.records(accuracy)
+                for at in records.at
+            ]
             if not shape:
                 raise ValueError("the curve has no length")
             ranges = [kernels.curve_range(*piece) for piece in shape]
             lengths = [float(data[at + kernels.LENGTH]) for _, data, at in shape]
             self._made = _Pieces(
-                accuracy, shape, [float(a) for a, _ in ranges] + [float(ranges[-1][1])], [0.0, *(float(s) for s in np.cumsum(lengths))]
+                accuracy,
+                shape,
+                [float(a) for a, _ in ranges] + [float(ranges[-1][1])],
+                [0.0, *(float(s) for s in np.cumsum(lengths))],
             )
         return self._made
 
@@ -132,7 +143,9 @@ class RecordCurve(ABC):
         out = np.empty((4, len(self.axes)))
         if kernels.curve_eval_s(kind, data, at, float(u), out):
             return float("inf")
-        metric = data[at + kernels.METRIC : at + kernels.METRIC + int(data[at + kernels.METRICS])].astype(np.int64)
+        metric = data[
+            at + kernels.METRIC : at + kernels.METRIC + int(data[at + kernels.METRICS])
+        ].astype(np.int64)
         return float(np.linalg.norm(out[2, metric]))
 
     def arclen(self, ua: float, ub: float, accuracy: float = ACCURACY) -> float:
@@ -154,10 +167,14 @@ class RecordCurve(ABC):
         return float(kernels.curve_inv_arclen(*pieces.shape[k], float(s - pieces.s[k])))
 
     def bounding_box(self) -> tuple[Floats, Floats]:
-        """Smallest and largest coordinates (n,), (n,): exact, with the bulges between the end points."""
+        """Smallest and largest coordinates (n,), (n,): exact, with the bulges between the end
+        points.
+        """
         boxes = []
         for kind, data, at in self._pieces().shape:
             low, high = np.empty((1, len(self.axes))), np.empty((1, len(self.axes)))
             kernels.piece_boxes(np.array([kind]), np.array([at]), data, low, high)
             boxes.append((low[0], high[0]))
-        return np.min([low for low, _ in boxes], axis=0), np.max([high for _, high in boxes], axis=0)
+        return np.min([low for low, _ in boxes], axis=0), np.max(
+            [high for _, high in boxes], axis=0
+        )

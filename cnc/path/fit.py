@@ -1,10 +1,12 @@
-"""Straight moves under G64 on their way to records: chains of them become a smooth spline within the tolerance.
+"""Straight moves under G64 on their way to records: chains of them become a smooth spline within
+the tolerance.
 
     moves ──► chains: feed moves that the same axes measure ──► windows ──► spline (cnc.kernels.path.fit) ──► records (cnc.kernels.path.fit_records)
 
-A chain is fitted in windows of some thousand moves. Of what a window yields, the last spans may still change with the moves to come; they
-are fitted again in the next one, which begins with position, slope and second derivative where the spans that were handed out end. So the
-spline is C2 throughout whatever comes.
+A chain is fitted in windows of some thousand moves. Of what a window yields, the last spans may
+still change with the moves to come; they are fitted again in the next one, which begins with
+position, slope and second derivative where the spans that were handed out end. So the spline is C2
+throughout whatever comes.
 """
 
 from __future__ import annotations
@@ -35,7 +37,9 @@ ROOM = 1 << 18
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Pieces that follow each other: kind, place in data, length, feed, line, and tolerance of the joint behind, of each."""
+    """Pieces that follow each other: kind, place in data, length, feed, line, and tolerance of the
+    joint behind, of each.
+    """
 
     kind: Ints
     at: Ints
@@ -47,7 +51,9 @@ class Pieces:
 
 
 class Fitter:
-    """Fits the moves that it is given in order, all with one tolerance; ``position`` (n,) is where they have got."""
+    """Fits the moves that it is given in order, all with one tolerance; ``position`` (n,) is where
+    they have got.
+    """
 
     def __init__(self, classes: Ints, tolerance: float, accuracy: float, position: Floats) -> None:
         self._classes = classes
@@ -79,7 +85,9 @@ class Fitter:
                 records = line_records(ends[first], points[run], self._classes)
                 kind = np.full(last - first, records.kind)
                 allowed = np.full(last - first, self._tolerance)
-                yield Pieces(kind, records.at, records.data, records.length, feeds[run], lines[run], allowed)
+                yield Pieces(
+                    kind, records.at, records.data, records.length, feeds[run], lines[run], allowed
+                )
                 self._begin(points[last - 1], -1)
             else:
                 self._points.append(points[run])
@@ -95,8 +103,14 @@ class Fitter:
             yield from self._fit(open_end=False)
 
     def _fit(self, *, open_end: bool) -> Iterator[Pieces]:
-        """Hand out the spans of the chain that nothing to come will change; all of them if it ends here."""
-        x, feeds, lines = np.concatenate(self._points), np.concatenate(self._feeds), np.concatenate(self._lines)
+        """Hand out the spans of the chain that nothing to come will change; all of them if it ends
+        here.
+        """
+        x, feeds, lines = (
+            np.concatenate(self._points),
+            np.concatenate(self._feeds),
+            np.concatenate(self._lines),
+        )
         metric = np.flatnonzero(self._classes == self._class)
         metrics = self._classes == self._class
         corner = np.empty(len(x), np.bool_)
@@ -104,12 +118,20 @@ class Fitter:
         corner[0] = self._at_corner
         along = np.empty(len(x))
         knots, p, bezier = refined(
-            first_knots(x, metric, corner, self._tolerance, along), x, along, metric, metrics, self._tolerance, self._state
+            first_knots(x, metric, corner, self._tolerance, along),
+            x,
+            along,
+            metric,
+            metrics,
+            self._tolerance,
+            self._state,
         )
         spans = last = len(knots) - 1
         if open_end:
             size = np.diff(knots[:, T])
-            safe = knots[-1, T] - knots[1:, T] >= np.maximum(2.0 * size, 2.0 * REACH * self._tolerance)
+            safe = knots[-1, T] - knots[1:, T] >= np.maximum(
+                2.0 * size, 2.0 * REACH * self._tolerance
+            )
             safe[max(spans - SPANS_OPEN, 0) :] = False
             last = int(np.argmin(safe))
             if last == 0 and self._moves >= 4 * WINDOW:
@@ -121,7 +143,11 @@ class Fitter:
         most = len(knots) + len(x)
         while span < last:
             data = np.empty(room)
-            kind, at, line = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most, np.int64)
+            kind, at, line = (
+                np.empty(most, np.int64),
+                np.empty(most, np.int64),
+                np.empty(most, np.int64),
+            )
             length, feed = np.empty(most), np.empty(most)
             joint = np.empty(most, np.bool_)
             following, pieces, used = write_pieces(
@@ -135,7 +161,15 @@ class Fitter:
             if pieces:
                 some = slice(pieces)
                 allowed = np.where(joint[some], self._tolerance, 0.0)
-                yield Pieces(kind[some], at[some], data[:used].copy(), length[some], feed[some], line[some].astype(np.int32), allowed)
+                yield Pieces(
+                    kind[some],
+                    at[some],
+                    data[:used].copy(),
+                    length[some],
+                    feed[some],
+                    line[some].astype(np.int32),
+                    allowed,
+                )
         if last == spans:
             self._begin(x[-1], self._class)
             return
@@ -149,7 +183,9 @@ class Fitter:
         self._state = np.full((3, x.shape[1]), math.nan)
         if not self._at_corner:
             h, b = knots[last, T] - knots[last - 1, T], bezier[last - 1]
-            self._state = np.stack((b[3], 3.0 * (b[3] - b[2]) / h, 6.0 * (b[3] - 2.0 * b[2] + b[1]) / (h * h)))
+            self._state = np.stack(
+                (b[3], 3.0 * (b[3] - b[2]) / h, 6.0 * (b[3] - 2.0 * b[2] + b[1]) / (h * h))
+            )
 
     def _here(self) -> Floats:
         """Where the motion is that was handed out."""

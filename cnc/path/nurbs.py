@@ -1,4 +1,6 @@
-"""NURBS: the Curve protocol over span records (equation 1 of Hui, Wei, Gao 2013: degree, knots, control points, weights)."""
+"""NURBS: the Curve protocol over span records (equation 1 of Hui, Wei, Gao 2013: degree, knots,
+control points, weights).
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,14 @@ from cnc.path.records import Floats, Records, spline_records
 class Nurbs(RecordCurve):
     """Knots (points + degree + 1,), control points (m, n), weights (m,) > 0, of degree 1 to 9."""
 
-    def __init__(self, axes: tuple[str, ...], degree: int, knots: Floats, control_points: Floats, weights: Floats) -> None:
+    def __init__(
+        self,
+        axes: tuple[str, ...],
+        degree: int,
+        knots: Floats,
+        control_points: Floats,
+        weights: Floats,
+    ) -> None:
         super().__init__(axes)
         self.degree = degree
         self.knots = np.array(knots, np.float64)
@@ -25,10 +34,14 @@ class Nurbs(RecordCurve):
 
     def records(self, accuracy: float) -> Iterable[Records]:
         """One record a span, two where it has a cusp."""
-        yield from spline_records(self.degree, self.knots, self.control_points, self.weights, self._classes, accuracy)
+        yield from spline_records(
+            self.degree, self.knots, self.control_points, self.weights, self._classes, accuracy
+        )
 
     def subsegment(self, ua: float, ub: float) -> Self:
-        """The part from ua to ub with the same parameter, as a NURBS of Bezier spans (degree 3 at least)."""
+        """The part from ua to ub with the same parameter, as a NURBS of Bezier spans (degree 3 at
+        least).
+        """
         n = len(self.axes)
         knots: list[float] = []
         rows: list[Floats] = []
@@ -53,4 +66,10 @@ class Nurbs(RecordCurve):
         knots.extend([min(ub, self.u_range[1])] * (degree + 1))
         # the end of a span is the start of the next: one point for both
         homogeneous = np.concatenate([rows[0]] + [row[1:] for row in rows[1:]])
-        return type(self)(self.axes, degree, np.array(knots), homogeneous[:, 1:] / homogeneous[:, :1], homogeneous[:, 0])
+        return type(self)(
+            self.axes,
+            degree,
+            np.array(knots),
+            homogeneous[:, 1:] / homogeneous[:, :1],
+            homogeneous[:, 0],
+        )

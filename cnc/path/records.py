@@ -1,7 +1,7 @@
 """Records of pieces, as :mod:`cnc.kernels.path.curve` reads them, from end points, arcs and NURBS.
 
-A :class:`Records` is a run of pieces that follow each other; the streaming builder and the shells of the Curve protocol both make theirs
-here.
+A :class:`Records` is a run of pieces that follow each other; the streaming builder and the shells
+of the Curve protocol both make theirs here.
 """
 
 from __future__ import annotations
@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 
 from cnc.kernels.path import curve
 from cnc.kernels.path.arclength import MAX_ROWS, measure
-from cnc.kernels.path.bspline import MAX_CUTS, NEGLIGIBLE, NOTICEABLE, RECORD_ROOM, ROOM_PER_AXIS, nurbs_records
+from cnc.kernels.path.bspline import (
+    MAX_CUTS,
+    NEGLIGIBLE,
+    NOTICEABLE,
+    RECORD_ROOM,
+    ROOM_PER_AXIS,
+    nurbs_records,
+)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -43,7 +50,9 @@ def axis_classes(axes: tuple[str, ...]) -> Ints:
 
 @lru_cache(maxsize=16)
 def _metric_columns(classes: bytes) -> Floats:
-    """Row k: the head entries (count, columns) of a record measured over class k, shape (3, 4); ``classes`` as the bytes of the array."""
+    """Row k: the head entries (count, columns) of a record measured over class k, shape (3, 4);
+    ``classes`` as the bytes of the array.
+    """
     rows = np.full((3, 4), -1.0)
     for k in range(3):
         columns = np.flatnonzero(np.frombuffer(classes, np.int64) == k)
@@ -54,7 +63,9 @@ def _metric_columns(classes: bytes) -> Floats:
 
 
 def moving(start: Floats, points: Floats) -> NDArray[np.bool_]:
-    """Which of the moves start -> points[0] -> points[1] .. (m, n) count: those that end farther than NEGLIGIBLE from the last that did."""
+    """Which of the moves start -> points[0] -> points[1] .. (m, n) count: those that end farther
+    than NEGLIGIBLE from the last that did.
+    """
     steps = np.abs(np.diff(points, axis=0, prepend=start[None])).max(axis=1, initial=0.0)
     keep: NDArray[np.bool_] = steps > NEGLIGIBLE
     # a step of exactly nothing can be left out on its own; the tiny ones add up
@@ -90,7 +101,9 @@ def move_classes(steps: Floats, classes: Ints) -> Ints:
 
 
 def line_records(start: Floats, points: Floats, classes: Ints) -> Records:
-    """Straight moves start (n,) -> points[0] -> .. (m, n), each longer than NEGLIGIBLE (see :func:`moving`)."""
+    """Straight moves start (n,) -> points[0] -> .. (m, n), each longer than NEGLIGIBLE (see
+    :func:`moving`).
+    """
     m, n = points.shape
     ends = np.concatenate((start[None], points))
     lengths, which = _lengths(np.diff(ends, axis=0), classes)
@@ -116,10 +129,12 @@ def arc_records(
     classes: Ints,
     accuracy: float,
 ) -> Iterator[Records]:
-    """An arc, helix or spiral from start to end (n,) about ``center`` in the plane of two columns, ``turns`` counter-clockwise.
+    """An arc, helix or spiral from start to end (n,) about ``center`` in the plane of two columns,
+    ``turns`` counter-clockwise.
 
-    The angle follows from the end points, ``turns`` gives the number of whole turns: so the end is met whatever its rounding. An arc of
-    more than a turn becomes one piece a turn, with the parameter running on.
+    The angle follows from the end points, ``turns`` gives the number of whole turns: so the end is
+    met whatever its rounding. An arc of more than a turn becomes one piece a turn, with the
+    parameter running on.
     """
     i, j = plane
     x0, y0 = float(start[i]) - center[0], float(start[j]) - center[1]
@@ -143,7 +158,9 @@ def arc_records(
     whole = max(1, math.ceil(abs(turns) - 1e-9))
     moved = end - start
     moved[i] = moved[j] = 0.0
-    others = math.hypot(*(float(distance) for distance, k in zip(moved, classes, strict=True) if k == 0))
+    others = math.hypot(
+        *(float(distance) for distance, k in zip(moved, classes, strict=True) if k == 0)
+    )
     extent = math.hypot(sweep * 0.5 * (r0 + r1), others) / whole
     metrics = _metric_columns(classes.tobytes())[0]
     n = len(start)
@@ -174,11 +191,24 @@ def arc_records(
         data[: curve.START] = (n, piece * extent, (piece + 1) * extent, extent, *metrics, 0.0)
         data[curve.START : curve.START + n] = here
         data[curve.START + n : curve.START + 2 * n] = there
-        data[size - curve.ARC_BODY : size] = (i, j, radius, growth, swept, theta + turned, px, py, open_x, open_y)
+        data[size - curve.ARC_BODY : size] = (
+            i,
+            j,
+            radius,
+            growth,
+            swept,
+            theta + turned,
+            px,
+            py,
+            open_x,
+            open_y,
+        )
         if grown:
             size = measure(curve.ARC, data, 0, size, accuracy, np.empty((4, n)))
             data = data[:size].copy()
-        yield Records(curve.ARC, np.zeros(1, np.int64), data, data[curve.LENGTH : curve.LENGTH + 1].copy())
+        yield Records(
+            curve.ARC, np.zeros(1, np.int64), data, data[curve.LENGTH : curve.LENGTH + 1].copy()
+        )
         here = there
 
 
@@ -192,16 +222,26 @@ def spline_records(
     *,
     most: int = 1024,
 ) -> Iterator[Records]:
-    """The spans of a NURBS, in runs of at most ``most`` pieces: knots (m + degree + 1,), points (m, n), weights (m,) > 0."""
+    """The spans of a NURBS, in runs of at most ``most`` pieces: knots (m + degree + 1,), points (m,
+    n), weights (m,) > 0.
+    """
     n = points.shape[1]
-    knots, points, weights = (np.ascontiguousarray(array, np.float64) for array in (knots, points, weights))
+    knots, points, weights = (
+        np.ascontiguousarray(array, np.float64) for array in (knots, points, weights)
+    )
     position = points[0].copy()
     most = max(most, MAX_CUTS + 1)
-    data = np.empty((MAX_CUTS + 1) * (RECORD_ROOM + n * ROOM_PER_AXIS) + 512 * min(most, len(points)))
+    data = np.empty(
+        (MAX_CUTS + 1) * (RECORD_ROOM + n * ROOM_PER_AXIS) + 512 * min(most, len(points))
+    )
     at = np.empty(most, np.int64)
     length = np.empty(most)
     span = degree
     while span < len(points):
-        span, pieces, used = nurbs_records(degree, knots, points, weights, classes, span, position, accuracy, data, 0, at, length)
+        span, pieces, used = nurbs_records(
+            degree, knots, points, weights, classes, span, position, accuracy, data, 0, at, length
+        )
         if pieces:
-            yield Records(curve.SPAN, at[:pieces].copy(), data[:used].copy(), length[:pieces].copy())
+            yield Records(
+                curve.SPAN, at[:pieces].copy(), data[:used].copy(), length[:pieces].copy()
+            )

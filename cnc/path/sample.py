@@ -1,4 +1,6 @@
-"""Points along a path, as near to each other as is asked for, for whatever looks at its shape and not at its motion."""
+"""Points along a path, as near to each other as is asked for, for whatever looks at its shape and
+not at its motion.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +14,15 @@ from cnc.path.records import Floats
 Ints = NDArray[np.int64]
 
 
-def points_along(chunk: PathChunk, spacing: float | Floats, pieces: Ints | None = None) -> tuple[Floats, Ints]:
-    """Points (k, n) of a chunk, or of some of its pieces, and the index (k,) of the piece that each lies on.
+def points_along(
+    chunk: PathChunk, spacing: float | Floats, pieces: Ints | None = None
+) -> tuple[Floats, Ints]:
+    """Points (k, n) of a chunk, or of some of its pieces, and the index (k,) of the piece that each
+    lies on.
 
-    Of each piece the parts' ends, at most ``spacing`` (mm of arc length, one or (m,) of each piece; along an arc or a span about that)
-    apart, and its own end; not its start, which is the end of the piece before.
+    Of each piece the parts' ends, at most ``spacing`` (mm of arc length, one or (m,) of each piece;
+    along an arc or a span about that) apart, and its own end; not its start, which is the end of
+    the piece before.
     """
     chosen = np.arange(len(chunk)) if pieces is None else pieces
     n = len(chunk.axes)

@@ -1,4 +1,6 @@
-"""The audit: every finished plan is looked at again, by other means than it was made with, before it is handed on."""
+"""The audit: every finished plan is looked at again, by other means than it was made with, before
+it is handed on.
+"""
 
 from __future__ import annotations
 
@@ -26,17 +28,22 @@ from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
 
 TOLERANCE = 1e-3
-"""How far a value may lie above its limit, relative: what sampling and rounding can show of a legal plan."""
+"""How far a value may lie above its limit, relative: what sampling and rounding can show of a legal
+plan.
+"""
 
 POSITION = 1e-12
-"""mm; the accuracy of the arc lengths that the path comes with, and so of a position at an instant."""
+"""mm; the accuracy of the arc lengths that the path comes with, and so of a position at an
+instant.
+"""
 
 
 class Audit:
     """Checks plans in the order in which they run and keeps the largest values seen.
 
-    feed mm/s, accel mm/s^2, jerk mm/s^3 along the path; normal_accel mm/s^2; chord_error mm; step_deviation (relative); axis_velocity,
-    axis_acceleration, axis_jerk (axes,). ``violations`` counts the plans that broke each limit: a legal run has none.
+    feed mm/s, accel mm/s^2, jerk mm/s^3 along the path; normal_accel mm/s^2; chord_error mm;
+    step_deviation (relative); axis_velocity, axis_acceleration, axis_jerk (axes,). ``violations``
+    counts the plans that broke each limit: a legal run has none.
     """
 
     def __init__(self, limits: Limits, *, judges: bool = True) -> None:
@@ -45,7 +52,11 @@ class Audit:
         n = len(limits.axis_velocity)
         self.violations: dict[str, int] = {}
         along = np.full(ENTRIES, inf)
-        along[ACCEL], along[JERK], along[OVERSPEED] = limits.tangential_acceleration, limits.tangential_jerk, 1.0
+        along[ACCEL], along[JERK], along[OVERSPEED] = (
+            limits.tangential_acceleration,
+            limits.tangential_jerk,
+            1.0,
+        )
         along[NORMAL_ACCEL], along[CHORD_ERROR], along[STEP_DEVIATION] = (
             limits.normal_acceleration,
             limits.chord_error,
@@ -53,9 +64,12 @@ class Audit:
         )
         axes = np.stack((limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk))
         self._limits = np.concatenate((along, axes.reshape(-1)))
-        # A difference of order k of positions, each known to POSITION, is off by up to 2^k times that.
+        # A difference of order k of positions, each known to POSITION, is off by up to 2^k times
+        # that.
         order = np.arange(1, 4)
-        self._unsure = np.concatenate((np.zeros(ENTRIES), np.repeat(2.0**order * POSITION / limits.period**order, n)))
+        self._unsure = np.concatenate(
+            (np.zeros(ENTRIES), np.repeat(2.0**order * POSITION / limits.period**order, n))
+        )
         # The maxima of all plans, and those of the legal ones: a plan is compared with the latter.
         self._largest = np.zeros(len(self._limits))
         self._legal = np.zeros(len(self._limits))
@@ -113,7 +127,9 @@ class Audit:
         return float(self._largest[STEP_DEVIATION])
 
     def jump(self) -> None:
-        """The machine stands where no plan has ended (a probe made contact): the next plan begins there, at rest."""
+        """The machine stands where no plan has ended (a probe made contact): the next plan begins
+        there, at rest.
+        """
         self._known = 0
 
     def passed(self, plans: Iterable[PlanChunk]) -> Iterator[PlanChunk]:
@@ -138,7 +154,8 @@ class Audit:
             raise MotionLimitError(
                 Diagnostic(
                     "plan-illegal",
-                    f"the planned motion of lines {first} to {last} breaks a limit: " + "; ".join(text for _, text in broken),
+                    f"the planned motion of lines {first} to {last} breaks a limit: "
+                    + "; ".join(text for _, text in broken),
                     chunk.path.file,
                     first,
                     hint="nothing of it was sent to the board; please report the program and the machine file",
@@ -149,8 +166,22 @@ class Audit:
         """Compare each phase's end with the start of the next."""
         path, gaps = chunk.path, np.full(5, -inf)
         s, v, a = chunk.phase_s, chunk.phase_v, chunk.phase_a
-        continuity(path.kind, path.at, path.data, chunk.piece_s, chunk.phase_t, s, v, a, chunk.phase_j, gaps)
-        highest, strongest = max(self.limits.max_feed, float(v.max())), max(1.0, float(a.max()), -float(a.min()))
+        continuity(
+            path.kind,
+            path.at,
+            path.data,
+            chunk.piece_s,
+            chunk.phase_t,
+            s,
+            v,
+            a,
+            chunk.phase_j,
+            gaps,
+        )
+        highest, strongest = (
+            max(self.limits.max_feed, float(v.max())),
+            max(1.0, float(a.max()), -float(a.min())),
+        )
         allowed = (1e-9 + 1e-12 * float(s[-1]), 1e-9 * highest, 1e-6 * strongest, 0.0, 1e-9)
         names = ("position", "speed", "acceleration", "time", "standing still")
         return [
@@ -162,11 +193,30 @@ class Audit:
     def _values(self, chunk: PlanChunk) -> list[tuple[str, str]]:
         """Raise the maxima to those of the plan, and compare them with the limits."""
         limits, path = self.limits, chunk.path
-        phases = (chunk.piece_s, chunk.phase_t, chunk.phase_s, chunk.phase_v, chunk.phase_a, chunk.phase_j)
+        phases = (
+            chunk.piece_s,
+            chunk.phase_t,
+            chunk.phase_s,
+            chunk.phase_v,
+            chunk.phase_a,
+            chunk.phase_j,
+        )
         values = self._legal.copy()
         largest, axes = values[:ENTRIES], values[ENTRIES:].reshape(3, -1)
-        audit_phases(path.kind, path.at, path.data, limits.feeds(path), *phases, limits.period, largest, axes[0], axes[1], axes[2])
-        # Between the plans the machine stands where this one begins: three instants of that are as good as a long dwell.
+        audit_phases(
+            path.kind,
+            path.at,
+            path.data,
+            limits.feeds(path),
+            *phases,
+            limits.period,
+            largest,
+            axes[0],
+            axes[1],
+            axes[2],
+        )
+        # Between the plans the machine stands where this one begins: three instants of that are as
+        # good as a long dwell.
         standing = ceil(chunk.t0 / limits.period) - 3
         if standing > self._index:
             self._index, self._known = standing, 0
@@ -181,5 +231,10 @@ class Audit:
             self._legal = values
             return []
         names = ["", "accel", "jerk", "normal_accel", "chord_error", "step_deviation", "feed"]
-        names += [f"{name}_{axis}" for name in ("velocity", "acceleration", "jerk") for axis in path.axes]
-        return [(names[k], f"{names[k]} reaches {sure[k]:g}, the limit is {self._limits[k]:g}") for k in np.flatnonzero(broken).tolist()]
+        names += [
+            f"{name}_{axis}" for name in ("velocity", "acceleration", "jerk") for axis in path.axes
+        ]
+        return [
+            (names[k], f"{names[k]} reaches {sure[k]:g}, the limit is {self._limits[k]:g}")
+            for k in np.flatnonzero(broken).tolist()
+        ]

@@ -1,8 +1,9 @@
 r"""Corners under a tolerance, before and behind the window; the kernels of the same name tell how.
 
-Before it the way round each corner is chosen and blends are put into the path (:class:`Rounding`). Behind it, on finished plans, the ramps
-at a stop on a corner overlap (:class:`Overlaps`). A plan may end anywhere: what the next one could still change is held back, the last
-phase before a stop and the first behind it.
+Before it the way round each corner is chosen and blends are put into the path (:class:`Rounding`).
+Behind it, on finished plans, the ramps at a stop on a corner overlap (:class:`Overlaps`). A plan
+may end anywhere: what the next one could still change is held back, the last phase before a stop
+and the first behind it.
 
         v |``\            ,--
           |   \         ,'
@@ -38,7 +39,9 @@ BLENDS_ROOM = 1 << 16
 """Numbers of room for blends to begin with."""
 
 SAME = 1e-9
-"""s: plans follow each other without a rest where the clock says no more than this (clocks are sums of floats)."""
+"""s: plans follow each other without a rest where the clock says no more than this (clocks are sums
+of floats).
+"""
 
 
 class Rounding:
@@ -52,7 +55,9 @@ class Rounding:
         self._taken = 0.0
 
     def rounded(self, stream: Iterable[PathChunk | Block]) -> Iterator[PathChunk | Block]:
-        """One chunk behind the stream, as long as the motion goes on: a blend may reach into the next."""
+        """One chunk behind the stream, as long as the motion goes on: a blend may reach into the
+        next.
+        """
         held: PathChunk | None = None
         for item in stream:
             if not isinstance(item, PathChunk):
@@ -76,11 +81,20 @@ class Rounding:
         if not taken and not path.tolerance.any():
             return path
         limits, own = self._limits, len(path)
-        kind, at, data, length, feed, bound = path.kind, path.at, path.data, path.length, path.feed, limits.feeds(path)
+        kind, at, data, length, feed, bound = (
+            path.kind,
+            path.at,
+            path.data,
+            path.length,
+            path.feed,
+            limits.feeds(path),
+        )
         if following is not None:
             first = slice(0, 1)
             start = int(following.at[0])
-            record = following.data[start : record_end(int(following.kind[0]), following.data, start)]
+            record = following.data[
+                start : record_end(int(following.kind[0]), following.data, start)
+            ]
             kind = np.append(kind, following.kind[first])
             at = np.append(at, len(data))
             data = np.append(data, record)
@@ -92,7 +106,11 @@ class Rounding:
         while True:
             out_kind, out_at = np.empty((2, most), np.int64)
             out_length, out_feed, out_tolerance = np.empty((3, most))
-            out_line, out_stop, out_data = np.empty(most, np.int32), np.empty(most, np.bool_), np.empty(room)
+            out_line, out_stop, out_data = (
+                np.empty(most, np.int32),
+                np.empty(most, np.bool_),
+                np.empty(room),
+            )
             count, numbers, self._taken = round_corners(
                 own, kind, at, data, length, bound, feed, path.line, path.stop_after, path.tolerance, taken,
                 limits.rules, limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk, ACCURACY,
@@ -108,7 +126,9 @@ class Rounding:
 
 
 class Overlaps:
-    """Takes plans in the order in which they run and hands them on with the corners cut; all that comes after happens earlier."""
+    """Takes plans in the order in which they run and hands them on with the corners cut; all that
+    comes after happens earlier.
+    """
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
@@ -120,7 +140,9 @@ class Overlaps:
         """Hand on what nothing can change any more."""
         for plan in plans:
             held = self._held
-            if held is not None and (plan.t0 > held.t0 + held.duration + SAME or plan.path.file != held.path.file):
+            if held is not None and (
+                plan.t0 > held.t0 + held.duration + SAME or plan.path.file != held.path.file
+            ):
                 yield from self.flush()
                 held = None
             if held is None and not plan.path.tolerance.any():
@@ -142,7 +164,11 @@ class Overlaps:
 
     def _moved(self, plan: PlanChunk) -> PlanChunk:
         """The plan at its own time."""
-        return replace(plan, t0=plan.t0 - self._earlier, s0=plan.s0 - self._shorter) if self._earlier else plan
+        return (
+            replace(plan, t0=plan.t0 - self._earlier, s0=plan.s0 - self._shorter)
+            if self._earlier
+            else plan
+        )
 
     def _overlapped(self, plan: PlanChunk) -> PlanChunk:
         """The plan with its stops on corners cut short."""
@@ -172,7 +198,13 @@ class Overlaps:
             if count >= 0:
                 break
             # Neighbours have made an overshoot impossible: rare, and then none is made.
-            t0, s0, v0, a0, j0 = plan.phase_t, plan.phase_s, plan.phase_v, plan.phase_a, plan.phase_j
+            t0, s0, v0, a0, j0 = (
+                plan.phase_t,
+                plan.phase_s,
+                plan.phase_v,
+                plan.phase_a,
+                plan.phase_j,
+            )
             past[:] = 0.0
         cut = self._moved(plan)
         if count:
@@ -196,18 +228,29 @@ class Overlaps:
 
 
 def _undecided(plan: PlanChunk) -> int:
-    """The phase from which on the plan may still change: the last one on its way to rest on a corner, and what follows such a rest."""
+    """The phase from which on the plan may still change: the last one on its way to rest on a
+    corner, and what follows such a rest.
+    """
     last = len(plan.phase_j) - 1
     path = plan.path
     if path.kind[-1] != LINE:
         return last + 1
     v, a, j = plan.phase_v, plan.phase_a, plan.phase_j
-    if last > 0 and v[last] == 0.0 and a[last] == 0.0 and j[last - 1] > 0.0 and len(path) > 1 and path.tolerance[-2] > 0.0:
+    if (
+        last > 0
+        and v[last] == 0.0
+        and a[last] == 0.0
+        and j[last - 1] > 0.0
+        and len(path) > 1
+        and path.tolerance[-2] > 0.0
+    ):
         return last - 1
     if not path.tolerance[-1] > 0.0 or j[last] <= 0.0 or a[last] >= 0.0:
         return last + 1
     to_rest = -a[-1] / j[last]
-    comes_to_rest = to_rest >= -REST and abs(v[-1] - 0.5 * j[last] * to_rest**2) <= REST * max(float(v[last]), 1.0)
+    comes_to_rest = to_rest >= -REST and abs(v[-1] - 0.5 * j[last] * to_rest**2) <= REST * max(
+        float(v[last]), 1.0
+    )
     return last if comes_to_rest else last + 1
 
 
@@ -237,14 +280,20 @@ def _part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
 
 
 def _joined(before: PlanChunk, after: PlanChunk) -> PlanChunk:
-    """Two plans that follow each other as one; a phase or a piece that goes on from one to the other is one."""
+    """Two plans that follow each other as one; a phase or a piece that goes on from one to the
+    other is one.
+    """
     a, b = before.path, after.path
     pieces = slice(0, len(a) - 1 if after.phase_s[0] > REST else len(a))
     data, at = _records(a)
     more, at_more = _records(b)
     s = after.s0 - before.s0
     t = after.t0 - before.t0
-    same = before.phase_j[-1] == after.phase_j[0] and abs(before.phase_a[-1] - after.phase_a[0]) <= REST and after.phase_v[0] > 0.0
+    same = (
+        before.phase_j[-1] == after.phase_j[0]
+        and abs(before.phase_a[-1] - after.phase_a[0]) <= REST
+        and after.phase_v[0] > 0.0
+    )
     phases = slice(0, len(before.phase_j) - 1 if same else len(before.phase_j))
     rest = slice(1 if same else 0, None)
     return PlanChunk(
@@ -273,5 +322,8 @@ def _joined(before: PlanChunk, after: PlanChunk) -> PlanChunk:
 def _records(path: PathChunk) -> tuple[Floats, NDArray[np.int64]]:
     """The records of these pieces alone, and where in them each begins."""
     lowest = int(path.at.min())
-    end = max(record_end(int(path.kind[k]), path.data, int(path.at[k])) for k in {len(path) - 1, int(np.argmax(path.at))})
+    end = max(
+        record_end(int(path.kind[k]), path.data, int(path.at[k]))
+        for k in {len(path) - 1, int(np.argmax(path.at))}
+    )
     return path.data[lowest:end], path.at - lowest

@@ -1,7 +1,8 @@
-"""The limits of a machine as the planner's kernels take them, and the bounds that they put on a stretch of path.
+"""The limits of a machine as the planner's kernels take them, and the bounds that they put on a
+stretch of path.
 
-Two modes, either or both: along the path (tangential acceleration and jerk, normal acceleration) and for each axis (acceleration, jerk).
-A limit that the machine file leaves out is infinite.
+Two modes, either or both: along the path (tangential acceleration and jerk, normal acceleration)
+and for each axis (acceleration, jerk). A limit that the machine file leaves out is infinite.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ Floats = NDArray[np.float64]
 class Limits:
     """Limits in mm, s (degrees for rotary axes); axis arrays have one entry an axis of the machine.
 
-    feed_factor: the operator's override of programmed feeds; 0 while the motion is held. slowing_from: mm/s; motion that is being slowed
-    may be this fast where its feed is lower.
+    feed_factor: the operator's override of programmed feeds; 0 while the motion is held.
+    slowing_from: mm/s; motion that is being slowed may be this fast where its feed is lower.
     """
 
     max_feed: float
@@ -46,14 +47,23 @@ class Limits:
         """The limits in a machine's configuration."""
 
         def each(name: str) -> Floats:
-            return np.array([inf if getattr(axis, name) is None else getattr(axis, name) for axis in machine.axes.values()])
+            return np.array(
+                [
+                    inf if getattr(axis, name) is None else getattr(axis, name)
+                    for axis in machine.axes.values()
+                ]
+            )
 
         path = machine.path
         return cls(
             max_feed=path.max_feed,
-            tangential_acceleration=inf if path.max_tangential_acceleration is None else path.max_tangential_acceleration,
+            tangential_acceleration=inf
+            if path.max_tangential_acceleration is None
+            else path.max_tangential_acceleration,
             tangential_jerk=inf if path.max_jerk is None else path.max_jerk,
-            normal_acceleration=inf if path.max_normal_acceleration is None else path.max_normal_acceleration,
+            normal_acceleration=inf
+            if path.max_normal_acceleration is None
+            else path.max_normal_acceleration,
             chord_error=path.chord_error,
             period=path.period,
             step_deviation=inf if path.step_deviation is None else path.step_deviation,
@@ -82,15 +92,22 @@ class Limits:
         return bool(np.isfinite(self.axis_acceleration).any() or np.isfinite(self.axis_jerk).any())
 
     def feeds(self, path: PathChunk) -> Floats:
-        """The largest feed that each piece may have: programmed, times the override, and within the machine's.
+        """The largest feed that each piece may have: programmed, times the override, and within the
+        machine's.
 
         A traverse is limited by the axes alone: infinite, but for motion that is coming to rest.
         """
-        feeds = np.minimum(np.maximum(path.feed * self.feed_factor, self.slowing_from), self.max_feed)
-        return np.where(np.isnan(path.feed), inf if self.feed_factor > 0.0 else self.slowing_from, feeds)
+        feeds = np.minimum(
+            np.maximum(path.feed * self.feed_factor, self.slowing_from), self.max_feed
+        )
+        return np.where(
+            np.isnan(path.feed), inf if self.feed_factor > 0.0 else self.slowing_from, feeds
+        )
 
     def stopping_distance(self, v: float, *, any_direction: bool = False) -> float:
-        """The least length within which motion comes to rest from ``v`` on a straight path: in the best direction, or in any."""
+        """The least length within which motion comes to rest from ``v`` on a straight path: in the
+        best direction, or in any.
+        """
         size = np.min if any_direction else np.linalg.norm
         a = min(self.tangential_acceleration, float(size(self.axis_acceleration)))
         j = min(self.tangential_jerk, float(size(self.axis_jerk)))
@@ -99,7 +116,9 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Junction:
-    """How the path goes on from one chunk to the next: the speed to cross at, and whether it must be constant about the junction."""
+    """How the path goes on from one chunk to the next: the speed to cross at, and whether it must
+    be constant about the junction.
+    """
 
     speed: float
     flat: bool
@@ -112,10 +131,11 @@ STANDSTILL = Junction(0.0, True)
 class Intervals:
     """A stretch of path as intervals with constant bounds.
 
-    end (n,): arc length where each ends, from the start of the chunk. speed (n,): leaves room to change speed in any direction; top (n,):
-    no motion is faster. accel, jerk (n, LEVELS): bounds at falling levels of speed. flat (n,): crossed at constant speed; a stop is a flat
-    interval of no length at speed 0. sampled (n, 2): arc lengths between which ``samples`` (n, SAMPLES, 3, axes) holds the path's
-    first three derivatives, evenly spaced.
+    end (n,): arc length where each ends, from the start of the chunk. speed (n,): leaves room to
+    change speed in any direction; top (n,): no motion is faster. accel, jerk (n, LEVELS): bounds at
+    falling levels of speed. flat (n,): crossed at constant speed; a stop is a flat interval of no
+    length at speed 0. sampled (n, 2): arc lengths between which ``samples`` (n, SAMPLES, 3, axes)
+    holds the path's first three derivatives, evenly spaced.
     """
 
     end: Floats
@@ -131,7 +151,9 @@ class Intervals:
         return len(self.end)
 
     def between(self, start: float, stop: float) -> Intervals:
-        """The intervals from ``start`` to ``stop``, the last one cut there; a stop at ``stop`` is one of them, one at ``start`` isn't."""
+        """The intervals from ``start`` to ``stop``, the last one cut there; a stop at ``stop`` is
+        one of them, one at ``start`` isn't.
+        """
         first = int(np.searchsorted(self.end, start, side="right"))
         last = int(np.searchsorted(self.end, stop, side="right"))
         cut = last < len(self) and (last == 0 or self.end[last - 1] < stop) and last >= first
@@ -146,7 +168,9 @@ class Intervals:
             *(
                 np.concatenate(
                     [
-                        getattr(part, field.name) + base if field.name in places else getattr(part, field.name)
+                        getattr(part, field.name) + base
+                        if field.name in places
+                        else getattr(part, field.name)
                         for part, base in zip(parts, bases, strict=True)
                     ]
                 )

@@ -1,4 +1,5 @@
-"""Look-ahead: a stream of path in, a stream of plans out, in one pass and with a window of bounded length.
+"""Look-ahead: a stream of path in, a stream of plans out, in one pass and with a window of bounded
+length.
 
 path ──► corners: blends ──► Window: plans ahead, hands out slices ──► corners: overlaps ──► audit ──► plans
                                 ^
@@ -24,11 +25,13 @@ from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
 class LookAhead:
     """Plans a stream of path at a machine's limits.
 
-    control: what the operator wants; it is looked at between slices of ``slice_s`` seconds.
-    Without one all goes as programmed, in long slices. stops_known: stopping distances that the window holds when it is planned.
+    control: what the operator wants; it is looked at between slices of ``slice_s`` seconds. Without
+    one all goes as programmed, in long slices. stops_known: stopping distances that the window
+    holds when it is planned.
 
-    Every plan has passed :attr:`audit`, which keeps the largest values seen. judged: whether a plan that breaks a limit is a fault; it is
-    none where the speeds alone are wanted, because the board plans for itself.
+    Every plan has passed :attr:`audit`, which keeps the largest values seen. judged: whether a plan
+    that breaks a limit is a fault; it is none where the speeds alone are wanted, because the board
+    plans for itself.
     """
 
     def __init__(
@@ -48,14 +51,18 @@ class LookAhead:
         self._control = control
         self._slice_s = LONG if control is None else slice_s
         self._finished: deque[PlanChunk] = deque()
-        self._allowed = Overrides("", 0, feed=True, spindle=True, adaptive_feed=False, feed_stop=True)
+        self._allowed = Overrides(
+            "", 0, feed=True, spindle=True, adaptive_feed=False, feed_stop=True
+        )
         self._follows_spindle = False
 
     def plan(self, stream: Iterable[PathChunk | Block]) -> Iterator[PlanChunk | Block]:
-        """Yield plans for the path; blocks that aren't motion pass through in order, the motion before them at rest.
+        """Yield plans for the path; blocks that aren't motion pass through in order, the motion
+        before them at rest.
 
-        A stretch of path that ends at rest is planned to its end before more of the stream is asked for: what follows a probe isn't known
-        before it has been made. Where the operator holds the motion, :class:`Held` comes again and again until it goes on.
+        A stretch of path that ends at rest is planned to its end before more of the stream is asked
+        for: what follows a probe isn't known before it has been made. Where the operator holds the
+        motion, :class:`Held` comes again and again until it goes on.
 
         Raises:
             MotionLimitError: ``plan-illegal`` where a plan breaks a limit; it is not handed on.
@@ -93,7 +100,9 @@ class LookAhead:
             yield from self._motion_to_rest(pending, previous)
 
     def ramp_down(self) -> Iterator[PlanChunk]:
-        """Come to rest on the path, soon after the last plan that was handed out; nothing can be planned after that."""
+        """Come to rest on the path, soon after the last plan that was handed out; nothing can be
+        planned after that.
+        """
         yield from self._taken()
         window = self._window
         if window.moving:
@@ -103,7 +112,9 @@ class LookAhead:
         self._finish_at_rest()
         yield from self._taken()
 
-    def _motion_to_rest(self, last: PathChunk, previous: PathChunk | None) -> Iterator[PlanChunk | Block]:
+    def _motion_to_rest(
+        self, last: PathChunk, previous: PathChunk | None
+    ) -> Iterator[PlanChunk | Block]:
         """The last chunk before a rest of the path."""
         self._window.add(last, previous, None)
         yield from self._motion()
@@ -127,15 +138,17 @@ class LookAhead:
                 yield from self._taken()
                 yield Held(*window.place)
                 continue
-            # Round a corner that is gone round before a hold: no further than its ramp belongs to it.
+            # Round a corner that is gone round before a hold: no further than its ramp belongs to
+            # it.
             self._finish(window.take(0.0 if factor == 0.0 and not window.moving else self._slice_s))
             yield from self._taken()
 
     def _wanted(self) -> float:
-        """The factor of the programmed feeds that the operator wants and the program allows; 0 for a hold.
+        """The factor of the programmed feeds that the operator wants and the program allows; 0 for
+        a hold.
 
-        As LinuxCNC has it, motion that follows the spindle is neither held nor overridden, M49 and M50 P0 leave the feeds as programmed,
-        and M53 P0 takes no hold.
+        As LinuxCNC has it, motion that follows the spindle is neither held nor overridden, M49 and
+        M50 P0 leave the feeds as programmed, and M53 P0 takes no hold.
         """
         control = self._control
         if control is None or self._follows_spindle:

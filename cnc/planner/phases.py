@@ -1,4 +1,6 @@
-"""Plans of a window as arrays of phases: rows of duration, arc length, speed, acceleration and jerk at the start of each."""
+"""Plans of a window as arrays of phases: rows of duration, arc length, speed, acceleration and jerk
+at the start of each.
+"""
 
 from __future__ import annotations
 
@@ -30,12 +32,16 @@ INSTANT = 1e-7
 NO_PHASES: Floats = np.empty((0, 5))
 
 
-def plan_to_rest(start: float, known: Intervals, v_start: float, limits: Limits, lead: Floats = NO_PHASES) -> tuple[int, Floats]:
-    """Plan from ``start``, where the motion has speed ``v_start``, to rest at the end of ``known``: the kernel's status and the phases.
+def plan_to_rest(
+    start: float, known: Intervals, v_start: float, limits: Limits, lead: Floats = NO_PHASES
+) -> tuple[int, Floats]:
+    """Plan from ``start``, where the motion has speed ``v_start``, to rest at the end of ``known``:
+    the kernel's status and the phases.
 
-    lead: phases that lead to the start, over the first of the intervals known, and become part of the plan.
-    Where limits for each axis bind on a curve, the plan is refined. From a speed that the refinement has led to, or where the lead isn't
-    legal, a plan may have to begin with one that only nearly keeps to the limits.
+    lead: phases that lead to the start, over the first of the intervals known, and become part of
+    the plan. Where limits for each axis bind on a curve, the plan is refined. From a speed that the
+    refinement has led to, or where the lead isn't legal, a plan may have to begin with one that
+    only nearly keeps to the limits.
     """
     whole = known
     if len(lead):
@@ -43,7 +49,9 @@ def plan_to_rest(start: float, known: Intervals, v_start: float, limits: Limits,
     status, phases = _planned(start, known, v_start)
     rough = status == START_TOO_FAST
     if not limits.per_axis or not (rough or status == PLANNED):
-        return (START_TOO_FAST if rises_above(lead, whole) else status), np.concatenate((lead, phases))
+        return (START_TOO_FAST if rises_above(lead, whole) else status), np.concatenate(
+            (lead, phases)
+        )
     if rough:
         freer = replace(
             known,
@@ -65,23 +73,32 @@ def _planned(start: float, known: Intervals, v_start: float) -> tuple[int, Float
     """A plan from bounds that are constant on each interval."""
     phases = np.empty((8 * len(known) + 16, 5))
     bound_s = np.concatenate(([start], known.end))
-    status, written = plan_window(bound_s, known.speed, known.accel, known.jerk, known.flat, v_start, phases)
+    status, written = plan_window(
+        bound_s, known.speed, known.accel, known.jerk, known.flat, v_start, phases
+    )
     phases = phases[:written]
     return status, phases[phases[:, DURATION] > 0.0]
 
 
 def rises_above(phases: Floats, known: Intervals) -> bool:
-    """Whether the speed at the end of a phase is above the bounds of the intervals that the phase touches."""
+    """Whether the speed at the end of a phase is above the bounds of the intervals that the phase
+    touches.
+    """
     if not len(phases):
         return False
     s, v = np.append(phases[1:, S], end_of(phases)[0]), np.append(phases[1:, V], end_of(phases)[1])
     first = np.searchsorted(known.end, phases[:, S], side="right")
     last = np.minimum(np.searchsorted(known.end, s, side="left"), len(known) - 1)
-    return any(v[k] > known.speed[first[k] : last[k] + 1].min(initial=np.inf) * (1.0 + TOUCHING) for k in range(len(phases)))
+    return any(
+        v[k] > known.speed[first[k] : last[k] + 1].min(initial=np.inf) * (1.0 + TOUCHING)
+        for k in range(len(phases))
+    )
 
 
 def first_steady(phases: Floats) -> int:
-    """Number of phases up to the first point without acceleration after the start (or all: at rest)."""
+    """Number of phases up to the first point without acceleration after the start (or all: at
+    rest).
+    """
     steady = np.flatnonzero(phases[1:, A] == 0.0)
     return int(steady[0]) + 1 if len(steady) else len(phases)
 
@@ -93,11 +110,15 @@ def first_rest(phases: Floats) -> int:
 
 
 def last_bound(phases: Floats, known: Intervals) -> float:
-    """Arc length of the last place, from the plan's start on, where it is as fast as the path allows: behind it the coming rest shows."""
+    """Arc length of the last place, from the plan's start on, where it is as fast as the path
+    allows: behind it the coming rest shows.
+    """
     place, v = phases[:, S], phases[:, V] * (1.0 + TOUCHING)
     before = np.minimum(np.searchsorted(known.end, place, side="left"), len(known) - 1)
     after = np.minimum(np.searchsorted(known.end, place, side="right"), len(known) - 1)
-    touching = np.flatnonzero((phases[:, A] == 0.0) & (v >= np.minimum(known.speed[before], known.speed[after])))
+    touching = np.flatnonzero(
+        (phases[:, A] == 0.0) & (v >= np.minimum(known.speed[before], known.speed[after]))
+    )
     if not len(touching):
         return float(place[0])
     k = int(touching[-1])
@@ -106,7 +127,8 @@ def last_bound(phases: Floats, known: Intervals) -> float:
 
 
 def cut_steady(phases: Floats, limit: float) -> tuple[Floats, int]:
-    """The phases, and how many of them lead to the last point without acceleration at or before arc length ``limit``.
+    """The phases, and how many of them lead to the last point without acceleration at or before arc
+    length ``limit``.
 
     A cruise that passes ``limit`` is cut there.
     """
@@ -122,12 +144,20 @@ def cut_steady(phases: Floats, limit: float) -> tuple[Floats, int]:
 
 
 def cut_inside(phases: Floats, k: int, t: float) -> tuple[Floats, Floats]:
-    """Phases up to ``t`` seconds into phase ``k`` and those after it; the array itself becomes the latter."""
+    """Phases up to ``t`` seconds into phase ``k`` and those after it; the array itself becomes the
+    latter.
+    """
     head = phases[: k + 1].copy()
     head[k, DURATION] = t
     s, v, a, j = head[k, S:].tolist()
     left = float(phases[k, DURATION]) - t
-    phases[k] = (left, s + t * (v + t * (0.5 * a + t * j / 6.0)), v + t * (a + 0.5 * t * j), a + t * j, j)
+    phases[k] = (
+        left,
+        s + t * (v + t * (0.5 * a + t * j / 6.0)),
+        v + t * (a + 0.5 * t * j),
+        a + t * j,
+        j,
+    )
     return head, phases[k:]
 
 
@@ -146,9 +176,11 @@ def cut_at_length(phases: Floats, s: float) -> tuple[Floats, Floats]:
 
 
 def slice_end(phases: Floats, seconds: float, length: float) -> tuple[int, float]:
-    """Where a slice ends that takes at least ``seconds`` and covers at least ``length``: whole phases, and seconds of the one after them.
+    """Where a slice ends that takes at least ``seconds`` and covers at least ``length``: whole
+    phases, and seconds of the one after them.
 
-    The first phase out of rest and the last one into it are left whole: with them moves may be overlapped at a corner.
+    The first phase out of rest and the last one into it are left whole: with them moves may be
+    overlapped at a corner.
     """
     rows = 64
     while True:
@@ -174,7 +206,9 @@ def slice_end(phases: Floats, seconds: float, length: float) -> tuple[int, float
 
 
 def release(phases: Floats) -> Floats | None:
-    """The phase that lets go of the acceleration (> 0) at the start of ``phases``, at the jerk at which their ramp does so in the end."""
+    """The phase that lets go of the acceleration (> 0) at the start of ``phases``, at the jerk at
+    which their ramp does so in the end.
+    """
     falling = np.flatnonzero(phases[:, J] < 0.0)
     if not len(falling):
         return None

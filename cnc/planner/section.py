@@ -21,15 +21,25 @@ class Stretch:
 
     def bounds(self, limits: Limits) -> Intervals:
         """Its intervals, from its start."""
-        before = STANDSTILL if self.previous is None else junction_between(self.previous, self.path, limits)
-        after = STANDSTILL if self.following is None else junction_between(self.path, self.following, limits)
+        before = (
+            STANDSTILL
+            if self.previous is None
+            else junction_between(self.previous, self.path, limits)
+        )
+        after = (
+            STANDSTILL
+            if self.following is None
+            else junction_between(self.path, self.following, limits)
+        )
         return intervals(self.path, limits, before, after)
 
 
 class Section:
-    """A stretch in the window. base: the window's arc length at its start; travelled: the path length before it.
+    """A stretch in the window. base: the window's arc length at its start; travelled: the path
+    length before it.
 
-    last_stop, last_open: where it stops last, and where motion in it may come to rest last (-inf: nowhere); top: its largest speed bound.
+    last_stop, last_open: where it stops last, and where motion in it may come to rest last (-inf:
+    nowhere); top: its largest speed bound.
     """
 
     def __init__(self, stretch: Stretch, limits: Limits, base: float, travelled: float) -> None:

@@ -1,4 +1,6 @@
-"""Plan to samples: the position at every period, for controllers that close their loops at a fixed rate and for the trace file."""
+"""Plan to samples: the position at every period, for controllers that close their loops at a fixed
+rate and for the trace file.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,17 @@ from cnc.pulses.arrays import kernel_arrays
 ROWS = 16384
 """Most rows in a chunk of samples."""
 GAP = 1e-9
-"""s: a chunk that begins this much after the last one's end follows it without a rest (clocks are sums of floats)."""
+"""s: a chunk that begins this much after the last one's end follows it without a rest (clocks are
+sums of floats).
+"""
 
 
 class Sampled:
     """Turns a plan, chunk by chunk, into rows at the times k * period, k = 0, 1, 2...
 
-    period s. start (axes,) mm: where the path begins. Where nothing moves (a dwell, the end) rows are at rest. The corrector goes to
-    rounding, so ``step_deviation`` of a row is the bend of the path within one period: the step along it against the chord.
+    period s. start (axes,) mm: where the path begins. Where nothing moves (a dwell, the end) rows
+    are at rest. The corrector goes to rounding, so ``step_deviation`` of a row is the bend of the
+    path within one period: the step along it against the chord.
     """
 
     def __init__(self, period: float, start: ArrayLike) -> None:
@@ -36,7 +41,9 @@ class Sampled:
         self._floats = np.zeros(kernel.FLOATS)
 
     def samples(self, chunk: PlanChunk) -> Iterator[SampleChunk]:
-        """The rows up to the end of a stretch of the plan, without the one that may fall on its end; stretches must come in order."""
+        """The rows up to the end of a stretch of the plan, without the one that may fall on its
+        end; stretches must come in order.
+        """
         yield from self._rest(self._count_before(chunk.t0 - GAP))
         arrays = kernel_arrays(chunk)
         place = np.zeros(3, dtype=np.int64)
@@ -80,7 +87,9 @@ class Sampled:
             out = self._empty(min(end - self._next, ROWS))
             for column in (out.feed, out.accel, out.jerk, out.step_deviation):
                 column[:] = 0.0
-            out.step_deviation[0] = kernel.deviation(float(self._floats[kernel.CHORD]), self._s - float(self._floats[kernel.S]))
+            out.step_deviation[0] = kernel.deviation(
+                float(self._floats[kernel.CHORD]), self._s - float(self._floats[kernel.S])
+            )
             self._floats[kernel.CHORD] = 0.0
             self._floats[kernel.S] = self._s
             out.position[:] = self._vertex
@@ -93,4 +102,14 @@ class Sampled:
         """Outputs of ``rows`` rows, to be filled."""
         position = np.empty((rows, len(self._vertex)))
         s, feed, accel, jerk, step_deviation = np.empty((5, rows))
-        return SampleChunk(self._next, self.period, position, s, feed, accel, jerk, step_deviation, np.empty(rows, dtype=np.int32))
+        return SampleChunk(
+            self._next,
+            self.period,
+            position,
+            s,
+            feed,
+            accel,
+            jerk,
+            step_deviation,
+            np.empty(rows, dtype=np.int32),
+        )

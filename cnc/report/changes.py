@@ -12,9 +12,10 @@ from cnc.model.diagnostics import Diagnostic
 class Changes:
     """One program, then and now.
 
-    new, kept, gone: findings by whether they were there then, and are now. figures: what both times have a number for and is not the
-    same, (then, now) by name: ``duration_s``, ``path_length_mm``. box: extent of each axis that has another, (then, now), None where it did
-    not move. known: whether the program was checked then; if not, every finding is new.
+    new, kept, gone: findings by whether they were there then, and are now. figures: what both times
+    have a number for and is not the same, (then, now) by name: ``duration_s``, ``path_length_mm``.
+    box: extent of each axis that has another, (then, now), None where it did not move. known:
+    whether the program was checked then; if not, every finding is new.
     """
 
     known: bool
@@ -51,9 +52,18 @@ class Changes:
             ends = [" .. ".join(map(position, each)) if each else "none" for each in pair]
             shown.append(f"{axis.upper()}: {ends[0]} -> {ends[1]}")
         for word, findings in ("new", self.new), ("gone", self.gone):
-            shown += [f"{word}: {each.severity} {each.line or '-'}: {each.code}: {each.message}" for each in findings]
+            shown += [
+                f"{word}: {each.severity} {each.line or '-'}: {each.code}: {each.message}"
+                for each in findings
+            ]
         return shown
 
 
 def _place_and_code(found: Diagnostic) -> dict[str, Any]:
-    return {"code": found.code, "message": found.message, "file": found.file, "line": found.line, "severity": found.severity}
+    return {
+        "code": found.code,
+        "message": found.message,
+        "file": found.file,
+        "line": found.line,
+        "severity": found.severity,
+    }

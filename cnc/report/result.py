@@ -1,4 +1,6 @@
-"""What is known of a program after it was checked or run: the numbers behind the summary and the JSON file."""
+"""What is known of a program after it was checked or run: the numbers behind the summary and the
+JSON file.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +28,12 @@ UNITS = {
 
 @dataclass(slots=True)
 class Extremes:
-    """Largest values along the path, or the limits of them; None where nothing was measured, or nothing limits.
+    """Largest values along the path, or the limits of them; None where nothing was measured, or
+    nothing limits.
 
-    feed mm/s, accel (tangential) and normal_accel mm/s^2, jerk (tangential) mm/s^3, chord_error mm, step_deviation relative; ``axes``:
-    velocity mm/s, acceleration mm/s^2, jerk mm/s^3 of each axis by its name.
+    feed mm/s, accel (tangential) and normal_accel mm/s^2, jerk (tangential) mm/s^3, chord_error mm,
+    step_deviation relative; ``axes``: velocity mm/s, acceleration mm/s^2, jerk mm/s^3 of each axis
+    by its name.
     """
 
     feed: float | None = None
@@ -52,7 +56,11 @@ class Extremes:
             chord_error=path.chord_error,
             step_deviation=path.step_deviation,
             axes={
-                letter: {"velocity": axis.max_velocity, "acceleration": axis.max_acceleration, "jerk": axis.max_jerk}
+                letter: {
+                    "velocity": axis.max_velocity,
+                    "acceleration": axis.max_acceleration,
+                    "jerk": axis.max_jerk,
+                }
                 for letter, axis in machine.axes.items()
             },
         )
@@ -64,7 +72,9 @@ class Extremes:
 
 @dataclass(slots=True)
 class Timing:
-    """Seconds of computing: reading the program (once), planning, interpolating, and all in all (with checking and writing)."""
+    """Seconds of computing: reading the program (once), planning, interpolating, and all in all
+    (with checking and writing).
+    """
 
     parse_s: float = 0.0
     plan_s: float = 0.0
@@ -76,12 +86,14 @@ class Timing:
 class Report:
     """A program, checked or run.
 
-    ``faults`` are the errors that ended it, in order; ``warnings`` did not; ``hidden_`` ones are counted only. lines: of the program as
-    read. blocks: canonical blocks, each move of a run of lines counted. duration_s: machine time, dwells included. bounding_box: mm by
-    axis, of the whole path. end_position: mm by axis. steps: by axis, both directions together. pulse_error_blu: largest distance of a grid
-    point from the path, in BLU. stopped_at_line: where the operator stopped the run, None if nobody did. resume_line: where to go on
-    with a run that did not come to its end, None where that is not known. changes: since an earlier check, None where there is nothing to
-    compare with.
+    ``faults`` are the errors that ended it, in order; ``warnings`` did not; ``hidden_`` ones are
+    counted only. lines: of the program as read. blocks: canonical blocks, each move of a run of
+    lines counted. duration_s: machine time, dwells included. bounding_box: mm by axis, of the whole
+    path. end_position: mm by axis. steps: by axis, both directions together. pulse_error_blu:
+    largest distance of a grid point from the path, in BLU. stopped_at_line: where the operator
+    stopped the run, None if nobody did. resume_line: where to go on with a run that did not come to
+    its end, None where that is not known. changes: since an earlier check, None where there is
+    nothing to compare with.
     """
 
     program: str
@@ -110,7 +122,10 @@ class Report:
 
     def __post_init__(self) -> None:
         """Every limit has a count of violations from the start."""
-        names = [*LIMIT_NAMES, *(f"{name}_{axis}" for axis in self.machine.axes for name in AXIS_LIMIT_NAMES)]
+        names = [
+            *LIMIT_NAMES,
+            *(f"{name}_{axis}" for axis in self.machine.axes for name in AXIS_LIMIT_NAMES),
+        ]
         self.violations = dict.fromkeys(names, 0) | self.violations
 
     @property
@@ -120,9 +135,13 @@ class Report:
 
     @property
     def exit_code(self) -> int:
-        """What a command line ends with for this report: beside an earlier check, new faults alone count."""
+        """What a command line ends with for this report: beside an earlier check, new faults alone
+        count.
+        """
         codes = [fault.exit_code for fault in self.counting_faults]
-        return next((code for code in codes if code != EXIT_REJECTED), EXIT_REJECTED) if codes else 0
+        return (
+            next((code for code in codes if code != EXIT_REJECTED), EXIT_REJECTED) if codes else 0
+        )
 
     @property
     def findings(self) -> list[Diagnostic]:
@@ -167,7 +186,12 @@ class Report:
             "steps": self.steps,
             "pulse_error_blu": self.pulse_error_blu,
             "stopped_at_line": self.stopped_at_line,
-            "timing": {"parse_s": timing.parse_s, "plan_s": timing.plan_s, "interpolate_s": timing.interpolate_s, "total_s": total},
+            "timing": {
+                "parse_s": timing.parse_s,
+                "plan_s": timing.plan_s,
+                "interpolate_s": timing.interpolate_s,
+                "total_s": total,
+            },
             "lines_per_s": self.lines / total if total else 0.0,
             "steps_per_s": sum(self.steps.values()) / total if total else 0.0,
             **({} if self.changes is None else {"changes": self.changes.as_json()}),

@@ -56,31 +56,45 @@ def verdict(report: Report) -> str:
     if not report.ok:
         count = len(report.faults) + report.hidden_faults
         return f"{count} error{'s' if count > 1 else ''}"
-    done = "checked, nothing moved" if report.board is None else f"run on the board '{report.board}'"
+    done = (
+        "checked, nothing moved" if report.board is None else f"run on the board '{report.board}'"
+    )
     return f"ok, {done}"
 
 
 def one_line(report: Report) -> str:
     """A report in one line, for a list of many programs."""
-    result = f"ok, {clock(report.duration_s)}, {number(report.path_length_mm)} mm" if report.ok else verdict(report)
+    result = (
+        f"ok, {clock(report.duration_s)}, {number(report.path_length_mm)} mm"
+        if report.ok
+        else verdict(report)
+    )
     return f"{report.program}: {result}"
 
 
 def print_summary(report: Report, console: Console, *, verbose: bool = False) -> None:
-    """Print a report as tables; ``verbose`` adds each axis's dynamics and where the computing time went."""
+    """Print a report as tables; ``verbose`` adds each axis's dynamics and where the computing time
+    went.
+    """
     from rich.markup import escape
     from rich.table import Table
 
     facts = Table.grid(padding=(0, 2))
     facts.add_column(style="bold", no_wrap=True)
     facts.add_column(overflow="fold")
-    facts.add_row("program", f"{escape(report.program)}  ({spaced(report.lines)} lines, {spaced(report.blocks)} blocks)")
+    facts.add_row(
+        "program",
+        f"{escape(report.program)}  ({spaced(report.lines)} lines, {spaced(report.blocks)} blocks)",
+    )
     facts.add_row("machine", escape(report.machine.name))
     facts.add_row("result", ("[green]" if report.ok else "[red]") + escape(verdict(report)))
     facts.add_row("time", clock(report.duration_s))
     facts.add_row("path length", f"{number(report.path_length_mm)} mm")
     if report.pulse_error_blu is not None:
-        facts.add_row("grid", f"{spaced(report.pulse_rows)} grid moves, at most {report.pulse_error_blu:.4f} BLU from the path")
+        facts.add_row(
+            "grid",
+            f"{spaced(report.pulse_rows)} grid moves, at most {report.pulse_error_blu:.4f} BLU from the path",
+        )
     broken = ", ".join(f"{name} {count}" for name, count in report.violations.items() if count)
     facts.add_row("violations", broken or "none")
     console.print(facts)
@@ -110,28 +124,46 @@ def _axes(report: Report, verbose: bool) -> RenderableType:
         row += [position(report.end_position[letter]) if letter in report.end_position else "-"]
         row += [spaced(report.steps[letter]) if letter in report.steps else "-"]
         if verbose:
-            largest, limits = report.largest.axes.get(letter, {}), report.limits.axes.get(letter, {})
-            row += [f"{number(largest.get(name))} ({number(limits.get(name))})" for name in AXIS_LIMIT_NAMES]
+            largest, limits = (
+                report.largest.axes.get(letter, {}),
+                report.limits.axes.get(letter, {}),
+            )
+            row += [
+                f"{number(largest.get(name))} ({number(limits.get(name))})"
+                for name in AXIS_LIMIT_NAMES
+            ]
         table.add_row(*row)
     return table
 
 
 def _limits(report: Report) -> RenderableType:
-    """Largest values along the path against what is allowed, and the axis that came nearest to a limit of its own."""
+    """Largest values along the path against what is allowed, and the axis that came nearest to a
+    limit of its own.
+    """
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
     for name in ("along the path", "largest", "limit", "", "used"):
-        table.add_column(name, justify="left" if name in ("along the path", "") else "right", no_wrap=True)
+        table.add_column(
+            name, justify="left" if name in ("along the path", "") else "right", no_wrap=True
+        )
     for name in LIMIT_NAMES:
         largest, limit = getattr(report.largest, name), getattr(report.limits, name)
         if largest is not None:
-            table.add_row(_TITLES[name], number(largest), number(limit), UNITS[name], _share(largest, limit))
+            table.add_row(
+                _TITLES[name], number(largest), number(limit), UNITS[name], _share(largest, limit)
+            )
     for name in AXIS_LIMIT_NAMES:
         nearest = _nearest(report.largest, report.limits, name)
         if nearest is not None:
             letter, largest, limit = nearest
-            table.add_row(f"{name} of {letter.upper()}", number(largest), number(limit), UNITS[name], _share(largest, limit))
+            table.add_row(
+                f"{name} of {letter.upper()}",
+                number(largest),
+                number(limit),
+                UNITS[name],
+                _share(largest, limit),
+            )
     return table
 
 
@@ -144,6 +176,7 @@ def _nearest(largest: Extremes, limits: Extremes, name: str) -> tuple[str, float
     found = [
         (value / limit, letter, value, limit)
         for letter, values in largest.axes.items()
-        if (value := values.get(name)) is not None and (limit := limits.axes.get(letter, {}).get(name))
+        if (value := values.get(name)) is not None
+        and (limit := limits.axes.get(letter, {}).get(name))
     ]
     return max(found)[1:] if found else None

@@ -1,4 +1,6 @@
-"""Programs for boards that plan for themselves: such a board knows its own offsets and travel, and the program is read with those."""
+"""Programs for boards that plan for themselves: such a board knows its own offsets and travel, and
+the program is read with those.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,17 @@ from cnc.model.blocks import AXIS_LETTERS, Block, Stop, Tool
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.streams import GcodeLine
 
-FIRST = {"G28": 5161, "G30": 5181, "G92": 5211, "G54": 5221, "G55": 5241, "G56": 5261, "G57": 5281, "G58": 5301, "G59": 5321}
+FIRST = {
+    "G28": 5161,
+    "G30": 5181,
+    "G92": 5211,
+    "G54": 5221,
+    "G55": 5241,
+    "G56": 5261,
+    "G57": 5281,
+    "G58": 5301,
+    "G59": 5321,
+}
 """Number of the parameter that holds the X of each place (LinuxCNC, "Numbered Parameters")."""
 SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
 G92_IN_EFFECT, CURRENT_SYSTEM = 5210, 5220
@@ -22,7 +34,9 @@ CHANGED = 0.0005
 
 
 def adopted(board: LineSink, machine: Machine) -> dict[int, float]:
-    """Parameters of the places that the board remembers: with these a program means what it meant if the board read it itself."""
+    """Parameters of the places that the board remembers: with these a program means what it meant
+    if the board read it itself.
+    """
     values = {CURRENT_SYSTEM: 1.0, G92_IN_EFFECT: 1.0}
     for name, place in board.places.items():
         for letter, value in zip(machine.axes, place, strict=True):
@@ -30,22 +44,42 @@ def adopted(board: LineSink, machine: Machine) -> dict[int, float]:
     return values
 
 
-def to_remember(board: LineSink, machine: Machine, values: Mapping[int, float]) -> Iterator[GcodeLine]:
+def to_remember(
+    board: LineSink, machine: Machine, values: Mapping[int, float]
+) -> Iterator[GcodeLine]:
     """Lines by which a board keeps the coordinate systems that a program has set (G10)."""
     letters = [letter for letter in machine.axes if letter in "xyz"]
     for number, name in enumerate(SYSTEMS, start=1):
         place = dict(zip(machine.axes, board.places.get(name, ()), strict=False))
-        new = {letter: values.get(FIRST[name] + AXIS_LETTERS.index(letter), 0.0) for letter in letters}
-        changed = [letter for letter in letters if letter in place and abs(new[letter] - place[letter]) > CHANGED]
+        new = {
+            letter: values.get(FIRST[name] + AXIS_LETTERS.index(letter), 0.0) for letter in letters
+        }
+        changed = [
+            letter
+            for letter in letters
+            if letter in place and abs(new[letter] - place[letter]) > CHANGED
+        ]
         if changed:
-            yield GcodeLine(" ".join((f"G10 L2 P{number}", *(f"{letter.upper()}{new[letter]:.3f}" for letter in changed))), 0)
+            yield GcodeLine(
+                " ".join(
+                    (
+                        f"G10 L2 P{number}",
+                        *(f"{letter.upper()}{new[letter]:.3f}" for letter in changed),
+                    )
+                ),
+                0,
+            )
 
 
 def translator(board: LineSink, machine: Machine) -> Translator:
-    """What makes lines for this board. BoardError ``board-axes`` where it has not the axes that lines need."""
+    """What makes lines for this board. BoardError ``board-axes`` where it has not the axes that
+    lines need.
+    """
     offsets = dict(zip(machine.axes, board.work_offset, strict=True))
     if not offsets:
-        raise board_error("board-axes", "the board tells no offsets", hint="is it GRBL 1.1 or grblHAL?")
+        raise board_error(
+            "board-axes", "the board tells no offsets", hint="is it GRBL 1.1 or grblHAL?"
+        )
     work_offset = [offsets.get(letter, 0.0) for letter in ("x", "y", "z")]
     settings = board.settings
     return Translator(
@@ -66,7 +100,9 @@ def clock(board: LineSink, machine: Machine) -> BoardTime:
 
 
 def waits(block: Block) -> str:
-    """Why a machine waits at a block until the operator goes on; empty where it does not. As in GRBL, M1 is no stop."""
+    """Why a machine waits at a block until the operator goes on; empty where it does not. As in
+    GRBL, M1 is no stop.
+    """
     if isinstance(block, Tool) and block.change:
         return f"put in tool {block.number}"
     if isinstance(block, Stop) and not block.optional:
@@ -76,6 +112,8 @@ def waits(block: Block) -> str:
 
 def needs_operator(block: Block) -> GcodeError:
     """The fault of a block that waits, where there is nobody."""
-    hint = "run it in a terminal, where the space bar goes on, or with --yes, which goes on by itself"
+    hint = (
+        "run it in a terminal, where the space bar goes on, or with --yes, which goes on by itself"
+    )
     message = f"{waits(block)}, and there is no terminal to go on from"
     return GcodeError(Diagnostic("needs-operator", message, block.file, block.line, hint=hint))

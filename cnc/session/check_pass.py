@@ -1,4 +1,6 @@
-"""The first pass: the program is read to its end and its path compared with the machine's travel; nothing moves."""
+"""The first pass: the program is read to its end and its path compared with the machine's travel;
+nothing moves.
+"""
 
 from __future__ import annotations
 
@@ -18,25 +20,36 @@ from cnc.session.stopwatch import Stopwatch
 MOST_FAULTS = 20
 """Soft-limit faults that are kept; the rest are counted."""
 KEPT_NUMBERS = 8_000_000
-"""Numbers of path data (64 MB) that are kept between the passes: a finishing program of a million lines. A longer one is read twice."""
+"""Numbers of path data (64 MB) that are kept between the passes: a finishing program of a million
+lines. A longer one is read twice.
+"""
 
 
 class FirstPass:
     """Fills the report: lines, blocks, faults, length, box, end.
 
-    hints: the findings that end nothing, None if nobody wants them. asks: whether what a board answers decides how the program goes on.
+    hints: the findings that end nothing, None if nobody wants them. asks: whether what a board
+    answers decides how the program goes on.
     """
 
-    def __init__(self, reading: Reading, report: Report, lookout: Lookout, abilities: Abilities) -> None:
+    def __init__(
+        self, reading: Reading, report: Report, lookout: Lookout, abilities: Abilities
+    ) -> None:
         self.watch_reading, self.watch_path = Stopwatch(), Stopwatch()
         self.hints = Hints(reading.machine, reading.start) if report.board is None else None
         self.asks = False
-        self._reading, self._report, self._lookout, self._abilities = reading, report, lookout, abilities
+        self._reading, self._report, self._lookout, self._abilities = (
+            reading,
+            report,
+            lookout,
+            abilities,
+        )
 
     def carry_out(self, shown: JsonLines | None, *, keep: bool) -> list[PathChunk | Block] | None:
         """Read, and write the blocks to ``shown``.
 
-        The path if it is to be kept, is not too long, and the next reading can't differ; None where it has to be read again.
+        The path if it is to be kept, is not too long, and the next reading can't differ; None where
+        it has to be read again.
         """
         reading, report, hints = self._reading, self._report, self.hints
         survey, room = Survey(reading.machine), KEPT_NUMBERS if keep else -1
@@ -80,7 +93,10 @@ class FirstPass:
         for block in blocks:
             report.blocks += 1
             if block.file == report.program:
-                lookout.last_line = max(lookout.last_line, int(block.lines[-1]) if isinstance(block, Polyline) else block.line)
+                lookout.last_line = max(
+                    lookout.last_line,
+                    int(block.lines[-1]) if isinstance(block, Polyline) else block.line,
+                )
             if isinstance(block, Polyline):
                 report.blocks += len(block.points) - 1
                 end = block.points[-1]

@@ -1,11 +1,14 @@
-"""How far a run has come, kept on disk beside the program while it runs: after a fault the next one goes on there (``--from-line``).
+"""How far a run has come, kept on disk beside the program while it runs: after a fault the next one
+goes on there (``--from-line``).
 
-    PROGRAM.checkpoint, JSON: `program`, `sha256` of its text, `line`, `position` {axis: mm}, `machine`, `board`; `ended`: "" while the run
-    is under way (or its computer has died), else the code of the fault, "stopped" by the operator, or "broken off"
+    PROGRAM.checkpoint, JSON: `program`, `sha256` of its text, `line`, `position` {axis: mm},
+    `machine`, `board`; `ended`: "" while the run is under way (or its computer has died), else the
+    code of the fault, "stopped" by the operator, or "broken off"
 
-The line is one that the motion has come to: what lies before it has been done. It is enough: units, plane, offsets, feed, tool, spindle
-and coolant there are found by reading the program again, whose text is known by its hash (:mod:`cnc.session.resume`). Writing is left to a thread,
-for a slow disk must not keep moves from the board; a draft that replaces the file is never seen half written.
+The line is one that the motion has come to: what lies before it has been done. It is enough: units,
+plane, offsets, feed, tool, spindle and coolant there are found by reading the program again, whose
+text is known by its hash (:mod:`cnc.session.resume`). Writing is left to a thread, for a slow disk
+must not keep moves from the board; a draft that replaces the file is never seen half written.
 """
 
 from __future__ import annotations
@@ -40,7 +43,9 @@ class Checkpoint:
 
     @classmethod
     def read(cls, program: str) -> Checkpoint | None:
-        """That of the last run of a program that did not come to its end; None if there is none, or none that can be understood."""
+        """That of the last run of a program that did not come to its end; None if there is none, or
+        none that can be understood.
+        """
         try:
             found = json.loads(Path(program + SUFFIX).read_text(encoding="utf-8"))
             known = cls(**found)
@@ -56,7 +61,9 @@ def digest(text: Path) -> str:
 
 
 class Recorder:
-    """Keeps the checkpoint of one run. ``first``: what is known of it from the beginning; axes: names of the position's numbers."""
+    """Keeps the checkpoint of one run. ``first``: what is known of it from the beginning; axes:
+    names of the position's numbers.
+    """
 
     def __init__(self, first: Checkpoint, axes: tuple[str, ...]) -> None:
         self.latest = first
@@ -70,20 +77,33 @@ class Recorder:
 
     def note(self, progress: Progress) -> None:
         """How far the run is. A line of another file than the program's is not one to begin at."""
-        position = self.latest.position if progress.position is None else dict(zip(self._axes, progress.position, strict=False))
+        position = (
+            self.latest.position
+            if progress.position is None
+            else dict(zip(self._axes, progress.position, strict=False))
+        )
         self._inside = progress.file in ("", self.latest.program)
         line = progress.at if progress.at > 0 and self._inside else self.latest.line
         self.latest = replace(self.latest, line=line, position=position)
 
-    def end(self, ended: str, line: int | None, position: Mapping[str, float], place_to_begin: Callable[[int], int]) -> int:
+    def end(
+        self,
+        ended: str,
+        line: int | None,
+        position: Mapping[str, float],
+        place_to_begin: Callable[[int], int],
+    ) -> int:
         """The run did not come to its end: the line to go on at, 0 if it never came to one.
 
-        line: that it has come to, where that is known better. place_to_begin: the line of the main program that stands for one.
+        line: that it has come to, where that is known better. place_to_begin: the line of the main
+        program that stands for one.
         """
         self._close()
         line = line if line and self._inside else self.latest.line
         line = place_to_begin(line) if line else 0
-        self.latest = replace(self.latest, ended=ended, line=line, position=dict(position) or self.latest.position)
+        self.latest = replace(
+            self.latest, ended=ended, line=line, position=dict(position) or self.latest.position
+        )
         if self.latest.line:
             self._write(lasting=True)
         return self.latest.line

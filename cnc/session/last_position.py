@@ -1,12 +1,14 @@
-"""The machine position at which the last run on a board ended, kept on disk from one run to the next.
+"""The machine position at which the last run on a board ended, kept on disk from one run to the
+next.
 
-A GRBL board counts its steps from wherever it was when it started, and says nothing of a restart in its reports. So what it reports is
-compared with where the last run left it.
+A GRBL board counts its steps from wherever it was when it started, and says nothing of a restart in
+its reports. So what it reports is compared with where the last run left it.
 
     STATE/positions/BOARD.json: `board`, `position` {axis: mm}, `ended`, `lost`
 
-STATE is ``XDG_STATE_HOME/cnc`` (``~/.local/state/cnc``), on Windows ``LOCALAPPDATA/cnc``. `ended` is "" while a run is under way (or its
-computer has died), then "end", "stopped", or the code of a fault. `lost`: whether the position can't be relied on.
+STATE is ``XDG_STATE_HOME/cnc`` (``~/.local/state/cnc``), on Windows ``LOCALAPPDATA/cnc``. `ended`
+is "" while a run is under way (or its computer has died), then "end", "stopped", or the code of a
+fault. `lost`: whether the position can't be relied on.
 """
 
 from __future__ import annotations
@@ -43,7 +45,9 @@ class LastPosition:
 
     @classmethod
     def read(cls, board: str) -> LastPosition | None:
-        """That of a board by its identity; None if there is none, or none that can be understood."""
+        """That of a board by its identity; None if there is none, or none that can be
+        understood.
+        """
         try:
             known = cls(**json.loads(_file(board).read_text(encoding="utf-8")))
             numbers = [float(value) for value in known.position.values()]
@@ -52,7 +56,9 @@ class LastPosition:
         return known if numbers else None
 
     def write(self) -> None:
-        """Replace what was kept of this board. A folder that can't be written to is no reason to stop a machine."""
+        """Replace what was kept of this board. A folder that can't be written to is no reason to
+        stop a machine.
+        """
         file = _file(self.board)
         with contextlib.suppress(OSError):
             file.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,6 @@
-"""Who looks on while a program is under way: told how far it is and what was found, and able to stop it."""
+"""Who looks on while a program is under way: told how far it is and what was found, and able to
+stop it.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +22,19 @@ Pauses = Literal["wait", "refuse", "skip"]
 """What becomes of M0 and M6: the operator is waited for, or the program is refused, or goes on."""
 
 MOST_WARNINGS = 100
-"""Warnings and notes of one code that are told and kept; the rest are counted, so that many of one hide none of another."""
+"""Warnings and notes of one code that are told and kept; the rest are counted, so that many of one
+hide none of another.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Watch:
     """Who is told what while it happens.
 
-    on_progress(stage, done, total): lines of the program; total is None in the first pass. on_warning: findings that end nothing.
-    on_compiling: before the first run ever, which takes longer. on_sent: how far the board is. on_beginning: what will be done to begin in
-    the middle of a program; False ends the run before anything has moved.
+    on_progress(stage, done, total): lines of the program; total is None in the first pass.
+    on_warning: findings that end nothing. on_compiling: before the first run ever, which takes
+    longer. on_sent: how far the board is. on_beginning: what will be done to begin in the middle of
+    a program; False ends the run before anything has moved.
     """
 
     on_progress: Callable[[Stage, int, int | None], None] | None = None
@@ -46,10 +51,13 @@ class Stopped(Exception):
 class Lookout:
     """Stands between a job and those who watch it.
 
-    last_line: the last line of the program that does anything, once it is known. recorder: what keeps how far a run has come.
+    last_line: the last line of the program that does anything, once it is known. recorder: what
+    keeps how far a run has come.
     """
 
-    def __init__(self, watch: Watch, control: Control, selection: Selection, report: Report) -> None:
+    def __init__(
+        self, watch: Watch, control: Control, selection: Selection, report: Report
+    ) -> None:
         self.watch = watch
         self.control = control
         self.last_line = 0
@@ -64,7 +72,11 @@ class Lookout:
 
     def running(self, item: PlanChunk | Block) -> None:
         """The second pass has come to an item. Raises Stopped."""
-        self._look_up("running", int(item.path.line[-1]) if isinstance(item, PlanChunk) else item.line, self.last_line)
+        self._look_up(
+            "running",
+            int(item.path.line[-1]) if isinstance(item, PlanChunk) else item.line,
+            self.last_line,
+        )
 
     def _look_up(self, stage: Stage, line: int, total: int | None) -> None:
         if self.control.stopped:
@@ -83,7 +95,10 @@ class Lookout:
 
     def warn(self, diagnostic: Diagnostic) -> None:
         """Tell and keep a warning once for its place, however often a loop comes by."""
-        report, place = self._report, (diagnostic.code, diagnostic.file, diagnostic.line, diagnostic.column)
+        report, place = (
+            self._report,
+            (diagnostic.code, diagnostic.file, diagnostic.line, diagnostic.column),
+        )
         if place in self._warned or not self._selection.wants(diagnostic):
             return
         if sum(each.code == diagnostic.code for each in report.warnings) >= MOST_WARNINGS:

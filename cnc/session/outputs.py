@@ -11,7 +11,9 @@ from cnc.view.writer import check_picture
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """Files to write, ``-`` for standard output, None for none. Formats: see :mod:`cnc.outputs.files`, :mod:`cnc.view.writer`."""
+    """Files to write, ``-`` for standard output, None for none. Formats: see
+    :mod:`cnc.outputs.files`, :mod:`cnc.view.writer`.
+    """
 
     blocks: str | None = None
     trace: str | None = None

@@ -1,4 +1,6 @@
-"""Reading a program, as often as need be: text to canonical blocks, with what the machine remembers."""
+"""Reading a program, as often as need be: text to canonical blocks, with what the machine
+remembers.
+"""
 
 from __future__ import annotations
 
@@ -29,17 +31,25 @@ State = tuple[Parameters, ToolTable]
 
 
 def start_position(machine: Machine) -> Floats:
-    """Where a program is taken to begin, (axes,) mm: machine zero, or the nearest point of the travel to it."""
-    return np.array([0.0 if axis.travel is None else min(max(0.0, axis.travel[0]), axis.travel[1]) for axis in machine.axes.values()])
+    """Where a program is taken to begin, (axes,) mm: machine zero, or the nearest point of the
+    travel to it.
+    """
+    return np.array(
+        [
+            0.0 if axis.travel is None else min(max(0.0, axis.travel[0]), axis.travel[1])
+            for axis in machine.axes.values()
+        ]
+    )
 
 
 @dataclass(slots=True)
 class Reading:
     """A program and all that its meaning depends on.
 
-    name: as it is shown. path: where the text is. start (axes,): where the machine stands, mm. on_line: called with the number of lines
-    carried out, by every reading. beginning: where to begin, None for the first line. state: what the latest reading has made of the
-    parameters and tools.
+    name: as it is shown. path: where the text is. start (axes,): where the machine stands, mm.
+    on_line: called with the number of lines carried out, by every reading. beginning: where to
+    begin, None for the first line. state: what the latest reading has made of the parameters and
+    tools.
     """
 
     name: str
@@ -52,11 +62,22 @@ class Reading:
     beginning: Beginning | None = None
     state: State | None = None
 
-    def blocks(self, warn: Callable[[Diagnostic], None] | None = None, on_line: Callable[[int], None] | None = None) -> Iterator[Block]:
+    def blocks(
+        self,
+        warn: Callable[[Diagnostic], None] | None = None,
+        on_line: Callable[[int], None] | None = None,
+    ) -> Iterator[Block]:
         """The canonical blocks; ``on_line`` in place of the usual one."""
         self.state = self._remembered(self.dialect)
         marked = self.beginning is not None
-        blocks = self._interpreted(self.dialect, Text.of_file(self.path, self.name), self.state, warn, on_line, mark_calls=marked)
+        blocks = self._interpreted(
+            self.dialect,
+            Text.of_file(self.path, self.name),
+            self.state,
+            warn,
+            on_line,
+            mark_calls=marked,
+        )
         return blocks if self.beginning is None else self.beginning.passed(blocks, self.start)
 
     def under(self, dialect: str, text: Text) -> Iterator[Block]:
@@ -65,7 +86,12 @@ class Reading:
 
     def route(self, blocks: Iterable[Block]) -> Iterator[PathChunk | Block]:
         """The path of these blocks."""
-        return build(blocks, axes=self.machine.axis_names, start=self.start, tolerance=self.machine.path.tolerance)
+        return build(
+            blocks,
+            axes=self.machine.axis_names,
+            start=self.start,
+            tolerance=self.machine.path.tolerance,
+        )
 
     def begin_at(self, line: int | None) -> None:
         """Where to begin, if not at the first line. UsageError, GcodeError where that can't be."""
@@ -77,19 +103,27 @@ class Reading:
 
         def read(start: Floats) -> Iterator[Block]:
             text = Text.of_file(self.path, self.name)
-            return self._interpreted(self.dialect, text, self._remembered(self.dialect), start=start, mark_calls=True)
+            return self._interpreted(
+                self.dialect, text, self._remembered(self.dialect), start=start, mark_calls=True
+            )
 
         beginning.check(read, self.start)
         self.beginning = beginning
 
     def place_to_begin(self, line: int) -> int:
-        """The line of the main program for a line to go on at: where it calls the subprogram that this lies in, or the line itself."""
+        """The line of the main program for a line to go on at: where it calls the subprogram that
+        this lies in, or the line itself.
+        """
         text = Text.of_file(self.path, self.name)
-        blocks = self._interpreted(self.dialect, text, self._remembered(self.dialect), mark_calls=True)
+        blocks = self._interpreted(
+            self.dialect, text, self._remembered(self.dialect), mark_calls=True
+        )
         return line_of_call(blocks, self.name, line) or line
 
     def _remembered(self, dialect: str) -> State:
-        return self.memory.parameters(macro=dialects.load(dialect).flavour == "macro-b"), self.memory.tools()
+        return self.memory.parameters(
+            macro=dialects.load(dialect).flavour == "macro-b"
+        ), self.memory.tools()
 
     def _interpreted(
         self,

@@ -1,4 +1,6 @@
-"""What a board can do for a program, and the faults of blocks that ask for more: one table for all boards."""
+"""What a board can do for a program, and the faults of blocks that ask for more: one table for all
+boards.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,18 @@ from dataclasses import dataclass
 from cnc.boards.protocols import ACTIONS, Action, Capabilities, Foreseeable, LineSink, PulseSink
 from cnc.boards.registry import board_factory
 from cnc.machine.models import Machine
-from cnc.model.blocks import AnalogOutput, Block, BoardCommand, Coolant, DigitalOutput, Orient, Probe, Spindle, SpindleSync, WaitInput
+from cnc.model.blocks import (
+    AnalogOutput,
+    Block,
+    BoardCommand,
+    Coolant,
+    DigitalOutput,
+    Orient,
+    Probe,
+    Spindle,
+    SpindleSync,
+    WaitInput,
+)
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 from cnc.session.board_offsets import needs_operator, waits
 
@@ -47,8 +60,9 @@ def wanted(block: Block) -> Iterator[Action]:
 class Abilities:
     """Of the board of a job, or without one of the board that the machine file names.
 
-    board: its name. real: there is one. senses: probes, inputs and the turning spindle; probes: those at least. lines: it takes lines.
-    actions: what it can do between moves. moves: a machine moves by it. attended: whether somebody is there to go on after M0 and M6.
+    board: its name. real: there is one. senses: probes, inputs and the turning spindle; probes:
+    those at least. lines: it takes lines. actions: what it can do between moves. moves: a machine
+    moves by it. attended: whether somebody is there to go on after M0 and M6.
     """
 
     board: str
@@ -61,25 +75,55 @@ class Abilities:
     attended: bool
 
     @classmethod
-    def of(cls, board: PulseSink | LineSink | None, name: str | None, machine: Machine, attended: bool) -> Abilities:
+    def of(
+        cls, board: PulseSink | LineSink | None, name: str | None, machine: Machine, attended: bool
+    ) -> Abilities:
         """Of a board, or of none."""
         known = machine.board.kind if name is None else name
         can = _foreseen(machine) if board is None else board.capabilities
         if can is None:
             return cls(known, False, True, True, known in LINE_BOARDS, ACTIONS, False, attended)
-        return cls(known, board is not None, can.senses, can.probes, can.lines, can.actions, can.lines or can.slice_s > 0.0, attended)
+        return cls(
+            known,
+            board is not None,
+            can.senses,
+            can.probes,
+            can.lines,
+            can.actions,
+            can.lines or can.slice_s > 0.0,
+            attended,
+        )
 
     def check(self, block: Block) -> None:
         """GcodeError for a block that this board can't carry out."""
         if isinstance(block, BoardCommand):
             if not self.lines:
-                message, hint = f"{block.text} is for a GRBL board", "take it out, or name a machine file whose board.kind is grbl"
-                raise GcodeError(Diagnostic("board-command", message, block.file, block.line, hint=hint))
+                message, hint = (
+                    f"{block.text} is for a GRBL board",
+                    "take it out, or name a machine file whose board.kind is grbl",
+                )
+                raise GcodeError(
+                    Diagnostic("board-command", message, block.file, block.line, hint=hint)
+                )
         elif isinstance(block, Probe | WaitInput | SpindleSync):
             if not self.senses and not (self.probes and isinstance(block, Probe)):
-                what = "the spindle's turning" if isinstance(block, SpindleSync) else "a probe" if isinstance(block, Probe) else "an input"
+                what = (
+                    "the spindle's turning"
+                    if isinstance(block, SpindleSync)
+                    else "a probe"
+                    if isinstance(block, Probe)
+                    else "an input"
+                )
                 message = f"the board {self.board!r} does not feel {what}"
-                raise GcodeError(Diagnostic("board-senseless", message, block.file, block.line, hint="run it on a board that does"))
+                raise GcodeError(
+                    Diagnostic(
+                        "board-senseless",
+                        message,
+                        block.file,
+                        block.line,
+                        hint="run it on a board that does",
+                    )
+                )
         elif self.real and self.moves and not self.attended and waits(block):
             raise needs_operator(block)
         else:
@@ -87,11 +131,15 @@ class Abilities:
                 if action not in self.actions:
                     message = f"the board {self.board!r} has no {WORDS[action]}"
                     hint = "take it out, or run it on a board that has"
-                    raise GcodeError(Diagnostic("not-on-board", message, block.file, block.line, hint=hint))
+                    raise GcodeError(
+                        Diagnostic("not-on-board", message, block.file, block.line, hint=hint)
+                    )
 
 
 def _foreseen(machine: Machine) -> Capabilities | None:
-    """What the board of the machine file will be able to do, as far as its driver knows without one."""
+    """What the board of the machine file will be able to do, as far as its driver knows without
+    one.
+    """
     try:
         factory = board_factory(machine.board.kind)
     except UsageError:

@@ -1,7 +1,9 @@
-"""Beginning in the middle of a program (``--from-line``): its state is restored first, at a safe height.
+"""Beginning in the middle of a program (``--from-line``): its state is restored first, at a safe
+height.
 
-The program is read from its first line, so units, plane, distance mode, offsets, feed and parameters are what they would be; what moves
-before line N is left out. What is carried out instead:
+The program is read from its first line, so units, plane, distance mode, offsets, feed and
+parameters are what they would be; what moves before line N is left out. What is carried out
+instead:
 
         2 ─────────────► 3         1  up from where the machine stands
         │                │         2  across, at the height
@@ -10,8 +12,9 @@ before line N is left out. What is carried out instead:
 
 The height is the highest that the program itself comes to, or the machine stands at.
 
-Line N is one of the main program, reached for the first time: of a loop the first time round, and a call is part of the line that it stands
-at. A line of a subprogram is no place to begin: which of its calls is meant nobody knows.
+Line N is one of the main program, reached for the first time: of a loop the first time round, and a
+call is part of the line that it stands at. A line of a subprogram is no place to begin: which of
+its calls is meant nobody knows.
 """
 
 from __future__ import annotations
@@ -59,8 +62,9 @@ SAME = 1e-6
 class State:
     """What the lines before have left.
 
-    position (axes,); touched: whether each axis was moved; highest: the highest position of each; z: column of the Z axis, None without
-    one; feed: mm/s; plunge: mm/s of the last feed move that went down; tool; settings: what else is in effect.
+    position (axes,); touched: whether each axis was moved; highest: the highest position of each;
+    z: column of the Z axis, None without one; feed: mm/s; plunge: mm/s of the last feed move that
+    went down; tool; settings: what else is in effect.
     """
 
     position: Floats
@@ -75,7 +79,9 @@ class State:
     settings: dict[tuple[str, int], Block] = field(default_factory=dict)
 
     def note(self, block: Block) -> None:
-        """A block that is left out. GcodeError ``from-line-unknown`` for one whose outcome nobody knows."""
+        """A block that is left out. GcodeError ``from-line-unknown`` for one whose outcome nobody
+        knows.
+        """
         if isinstance(block, Polyline):
             self._fed(block)
             self._moved(block.points[-1], block.points)
@@ -97,7 +103,11 @@ class State:
             self.settings["SpindleSync", 0] = block
         elif isinstance(block, Probe | WaitInput):
             what = "a probe" if isinstance(block, Probe) else "an input"
-            raise _refused(block, f"what follows depends on {what} here, whose answer is not known", "begin at or before this line")
+            raise _refused(
+                block,
+                f"what follows depends on {what} here, whose answer is not known",
+                "begin at or before this line",
+            )
 
     def _moved(self, end: Floats, points: Floats) -> None:
         self.touched |= (np.abs(points - self.position) > SAME).any(axis=0)
@@ -125,7 +135,8 @@ def _refused(block: Block, message: str, hint: str) -> GcodeError:
 
 
 def line_of_call(blocks: Iterable[Block], file: str, line: int) -> int:
-    """Where a program calls the subprogram that a line lies in for the first time; 0 for a line of the main program.
+    """Where a program calls the subprogram that a line lies in for the first time; 0 for a line of
+    the main program.
 
     blocks: of the program, with its calls.
     """
@@ -147,13 +158,16 @@ def line_of_call(blocks: Iterable[Block], file: str, line: int) -> int:
 class Beginning:
     """Where to begin, and how to get there.
 
-    line: the source line, from 1. file: the program. axes: names of the columns. top: highest machine coordinate of the Z axis, None
-    without travel. ``story`` says what will be done, once the program has been read that far.
+    line: the source line, from 1. file: the program. axes: names of the columns. top: highest
+    machine coordinate of the Z axis, None without travel. ``story`` says what will be done, once
+    the program has been read that far.
     """
 
     def __init__(self, line: int, file: str, axes: tuple[str, ...], top: float | None) -> None:
         if line < 1:
-            raise UsageError(Diagnostic("from-line", f"there is no line {line}", hint="lines count from 1"))
+            raise UsageError(
+                Diagnostic("from-line", f"there is no line {line}", hint="lines count from 1")
+            )
         self.line = line
         self.file = file
         self.story: tuple[str, ...] = ()
@@ -162,7 +176,8 @@ class Beginning:
         self._top = math.inf if top is None else top
 
     def check(self, read: Callable[[Floats], Iterable[Block]], start: Floats) -> None:
-        """UsageError, GcodeError where it can't be told what line N means: it is not there, or depends on where the machine stood.
+        """UsageError, GcodeError where it can't be told what line N means: it is not there, or
+        depends on where the machine stood.
 
         read: the blocks of the program for a machine that stands somewhere.
         """
@@ -175,26 +190,46 @@ class Beginning:
             # such as an arc from where the machine stands
             second = moved
         differ = np.abs(first.position - second) > SAME
-        unknown = [letter for letter, differs, touched in zip(self._letters, differ, first.touched, strict=True) if differs and touched]
+        unknown = [
+            letter
+            for letter, differs, touched in zip(self._letters, differ, first.touched, strict=True)
+            if differs and touched
+        ]
         if unknown:
             message = f"where {unknown[0]} is at line {self.line} depends on where the machine stood when the program began"
-            hint = "begin at the first line, or let the program say absolute positions before this one"
-            raise GcodeError(Diagnostic("from-line-unknown", message, self.file, self.line, hint=hint))
+            hint = (
+                "begin at the first line, or let the program say absolute positions before this one"
+            )
+            raise GcodeError(
+                Diagnostic("from-line-unknown", message, self.file, self.line, hint=hint)
+            )
 
     def _refuse_subprogram(self, blocks: Iterable[Block]) -> None:
-        """GcodeError if line N lies between the lines of a subprogram's motion, and is none of the main program's."""
+        """GcodeError if line N lies between the lines of a subprogram's motion, and is none of the
+        main program's.
+        """
         found = line_of_call(blocks, self.file, self.line)
         if found:
             message = f"line {self.line} is one of a subprogram, called at line {found}"
             hint = f"begin at line {found}, or at another of its calls"
-            raise GcodeError(Diagnostic("from-line-unknown", message, self.file, self.line, hint=hint))
+            raise GcodeError(
+                Diagnostic("from-line-unknown", message, self.file, self.line, hint=hint)
+            )
 
     def _before(self, blocks: Iterable[Block], start: Floats) -> State:
         """The state before line N."""
         state = State.at(start, self._z)
         if next(self._rest(blocks, state), None) is None:
             hint = "name a line of the program that moves, or one before it"
-            raise UsageError(Diagnostic("from-line", f"nothing is done at or after line {self.line}", self.file, self.line, hint=hint))
+            raise UsageError(
+                Diagnostic(
+                    "from-line",
+                    f"nothing is done at or after line {self.line}",
+                    self.file,
+                    self.line,
+                    hint=hint,
+                )
+            )
         return state
 
     def passed(self, blocks: Iterable[Block], start: Floats) -> Iterator[Block]:
@@ -204,7 +239,9 @@ class Beginning:
         first = next(rest, None)
         if first is None:
             return
-        feed = next((each for each in (state.plunge, state.feed) if not math.isnan(each)), _feed_of(first))
+        feed = next(
+            (each for each in (state.plunge, state.feed) if not math.isnan(each)), _feed_of(first)
+        )
         yield from self._approach(state, start, feed, first.line)
         yield first
         yield from rest
@@ -219,7 +256,13 @@ class Beginning:
             if begun:
                 yield block
                 continue
-            here, later = self._split(block) if not call else (block, None) if call < self.line else (None, block)
+            here, later = (
+                self._split(block)
+                if not call
+                else (block, None)
+                if call < self.line
+                else (None, block)
+            )
             if here is not None:
                 state.note(here)
             if later is not None and not isinstance(later, End):
@@ -239,7 +282,13 @@ class Beginning:
         if k == 0:
             return None, block
         head = replace(block, points=block.points[:k], feeds=block.feeds[:k], lines=block.lines[:k])
-        tail = replace(block, line=int(block.lines[k]), points=block.points[k:], feeds=block.feeds[k:], lines=block.lines[k:])
+        tail = replace(
+            block,
+            line=int(block.lines[k]),
+            points=block.points[k:],
+            feeds=block.feeds[k:],
+            lines=block.lines[k:],
+        )
         return head, tail
 
     def _approach(self, state: State, start: Floats, feed: float, line: int) -> Iterator[Block]:
@@ -249,7 +298,9 @@ class Beginning:
         sync = state.settings.pop(("SpindleSync", 0), None)
         if isinstance(sync, SpindleSync) and sync.pitch:
             message = f"at line {self.line} the motion follows the spindle"
-            raise GcodeError(Diagnostic("from-line-unknown", message, file, line, hint="begin before the thread"))
+            raise GcodeError(
+                Diagnostic("from-line-unknown", message, file, line, hint="begin before the thread")
+            )
         story = [f"from line {self.line}:"]
         across = target.copy()
         if z is not None and away:
@@ -263,27 +314,54 @@ class Beginning:
                 story.append(f"lift Z to {height:.3f}")
         if away:
             yield self._traverse(across, line)
-            story.append("go to " + " ".join(f"{letter}{value:.3f}" for letter, value in zip(self._letters, across, strict=True)))
+            story.append(
+                "go to "
+                + " ".join(
+                    f"{letter}{value:.3f}"
+                    for letter, value in zip(self._letters, across, strict=True)
+                )
+            )
         yield from state.settings.values()
         if state.tool is not None:
             story.append(f"tool {state.tool} is taken to be in the spindle")
         if state.spindle is not None and state.spindle.state != "off":
             yield replace(state.spindle, line=line)
             yield Dwell(file, line, SPIN_UP)
-            story.append(f"start the spindle {state.spindle.state} with {state.spindle.rpm:g} rpm and wait {SPIN_UP:g} s")
+            story.append(
+                f"start the spindle {state.spindle.state} with {state.spindle.rpm:g} rpm and wait {SPIN_UP:g} s"
+            )
         if state.coolant is not None and (state.coolant.mist or state.coolant.flood):
             yield replace(state.coolant, line=line)
-            story.append(" and ".join(name for name, on in (("mist", state.coolant.mist), ("flood", state.coolant.flood)) if on) + " on")
+            story.append(
+                " and ".join(
+                    name
+                    for name, on in (("mist", state.coolant.mist), ("flood", state.coolant.flood))
+                    if on
+                )
+                + " on"
+            )
         if z is not None and across[z] > target[z] + SAME:
             if math.isnan(feed):
                 message = f"no feed is known at line {self.line} to go down with"
-                raise GcodeError(Diagnostic("from-line-unknown", message, file, line, hint="begin at a line before that has F"))
-            yield Polyline(file, line, target[None, :].copy(), np.array([feed]), np.array([line], np.int32))
+                raise GcodeError(
+                    Diagnostic(
+                        "from-line-unknown",
+                        message,
+                        file,
+                        line,
+                        hint="begin at a line before that has F",
+                    )
+                )
+            yield Polyline(
+                file, line, target[None, :].copy(), np.array([feed]), np.array([line], np.int32)
+            )
             story.append(f"go down to Z{target[z]:.3f} with F{per_minute(feed):g}")
         self.story = (*story, f"go on with line {line}")
 
     def _traverse(self, end: Floats, line: int) -> Polyline:
-        return Polyline(self.file, line, end[None, :].copy(), np.array([math.nan]), np.array([line], np.int32))
+        return Polyline(
+            self.file, line, end[None, :].copy(), np.array([math.nan]), np.array([line], np.int32)
+        )
 
 
 def _feed_of(block: Block) -> float:

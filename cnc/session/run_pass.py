@@ -1,4 +1,6 @@
-"""The second pass: the path is planned, made into pulses or lines, and sent to a board or only looked at."""
+"""The second pass: the path is planned, made into pulses or lines, and sent to a board or only
+looked at.
+"""
 
 from __future__ import annotations
 
@@ -38,15 +40,18 @@ from cnc.view.writer import picture_writer
 Items = Iterable[PlanChunk | Block]
 
 KEPT_CHARACTERS = 64_000_000
-"""Of lines that are made before the first is sent: two million of them. A longer program is translated once more on the way."""
+"""Of lines that are made before the first is sent: two million of them. A longer program is
+translated once more on the way.
+"""
 
 
 class SecondPass:
     """Fills the report: duration, largest values, steps, and where the board stands in the end.
 
-    sampled: sample the motion, too. pauses: what becomes of M0 and M6 on a board. operated: whether somebody can wish for anything.
-    asks: whether what the board answers decides how the program goes on. on_plan: is shown the plan. ``board_time``: how long a board that
-    plans for itself takes, as computed before it begins.
+    sampled: sample the motion, too. pauses: what becomes of M0 and M6 on a board. operated: whether
+    somebody can wish for anything. asks: whether what the board answers decides how the program
+    goes on. on_plan: is shown the plan. ``board_time``: how long a board that plans for itself
+    takes, as computed before it begins.
     """
 
     def __init__(
@@ -64,10 +69,25 @@ class SecondPass:
         asks: bool,
         on_plan: Callable[[PlanChunk], None] | None,
     ) -> None:
-        self.watch_reading, self.watch_planning, self.watch_interpolating = Stopwatch(), Stopwatch(), Stopwatch()
-        self._reading, self._report, self._lookout, self._outputs, self._files = reading, report, lookout, outputs, files
+        self.watch_reading, self.watch_planning, self.watch_interpolating = (
+            Stopwatch(),
+            Stopwatch(),
+            Stopwatch(),
+        )
+        self._reading, self._report, self._lookout, self._outputs, self._files = (
+            reading,
+            report,
+            lookout,
+            outputs,
+            files,
+        )
         self._machine, self._control = reading.machine, lookout.control
-        self._algorithm, self._sampled, self._pauses, self._operated = algorithm, sampled, pauses, operated
+        self._algorithm, self._sampled, self._pauses, self._operated = (
+            algorithm,
+            sampled,
+            pauses,
+            operated,
+        )
         self._asks, self._on_plan = asks, on_plan
         self.board_time: BoardTime | None = None
         self._step_deviation = 0.0
@@ -75,20 +95,33 @@ class SecondPass:
         self._schedule: tuple[NDArray[np.int64], NDArray[np.float64], float] | None = None
 
     def carry_out(
-        self, board: PulseSink | LineSink | None, kept: Iterable[PathChunk | Block] | None, begin: Callable[[], None] | None = None
+        self,
+        board: PulseSink | LineSink | None,
+        kept: Iterable[PathChunk | Block] | None,
+        begin: Callable[[], None] | None = None,
     ) -> None:
-        """Move, or only look. kept: the path, None to read it again. begin: called when all is known and nothing has moved."""
+        """Move, or only look. kept: the path, None to read it again. begin: called when all is
+        known and nothing has moved.
+        """
         self._begin = begin
         if isinstance(board, LineSink):
             self._stream(board)
             return
         report, machine = self._report, self._machine
         steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
-        fastest = machine.board.max_step_rate if board is None else min(machine.board.max_step_rate, board.capabilities.max_step_rate)
-        interpolator = ReferencePulse(steps_per_mm, self._reading.start, 1e9 / fastest, algorithm=self._algorithm)
+        fastest = (
+            machine.board.max_step_rate
+            if board is None
+            else min(machine.board.max_step_rate, board.capabilities.max_step_rate)
+        )
+        interpolator = ReferencePulse(
+            steps_per_mm, self._reading.start, 1e9 / fastest, algorithm=self._algorithm
+        )
         on_pulses = None
         if self._outputs.pulses is not None:
-            on_pulses = self._files.opened(pulse_writer(self._outputs.pulses, machine, interpolator.origin_steps)).write
+            on_pulses = self._files.opened(
+                pulse_writer(self._outputs.pulses, machine, interpolator.origin_steps)
+            ).write
         if isinstance(board, Burdened):
             self._rehearse(board.burden(), fastest, kept)
         path = kept if kept is not None else self._read_again(smooth=False)
@@ -118,17 +151,29 @@ class SecondPass:
         largest.normal_accel, largest.chord_error = audit.normal_accel, audit.chord_error
         largest.step_deviation = self._step_deviation if self._sampled else audit.step_deviation
         each = zip(
-            self._machine.axes, audit.axis_velocity.tolist(), audit.axis_acceleration.tolist(), audit.axis_jerk.tolist(), strict=True
+            self._machine.axes,
+            audit.axis_velocity.tolist(),
+            audit.axis_acceleration.tolist(),
+            audit.axis_jerk.tolist(),
+            strict=True,
         )
-        largest.axes = {axis: {"velocity": v, "acceleration": a, "jerk": j} for axis, v, a, j in each}
+        largest.axes = {
+            axis: {"velocity": v, "acceleration": a, "jerk": j} for axis, v, a, j in each
+        }
         self._report.violations.update(audit.violations)
 
     def _read_again(self, *, smooth: bool) -> Iterator[PathChunk | Block]:
-        """The path once more, ``smooth`` for lines: by what probes and inputs answer it may go where the first pass did not."""
+        """The path once more, ``smooth`` for lines: by what probes and inputs answer it may go
+        where the first pass did not.
+        """
         reading, machine = self._reading, self._machine
         blocks, tolerance = self.watch_reading.inside(reading.blocks()), machine.path.tolerance
         survey = Survey(machine, tolerance if smooth else ROUNDING)
-        path = smooth_path(blocks, axes=machine.axis_names, start=reading.start, tolerance=tolerance) if smooth else reading.route(blocks)
+        path = (
+            smooth_path(blocks, axes=machine.axis_names, start=reading.start, tolerance=tolerance)
+            if smooth
+            else reading.route(blocks)
+        )
         for item in path:
             if isinstance(item, PathChunk):
                 for fault in survey.add(item):
@@ -141,7 +186,11 @@ class SecondPass:
         """Follow the machine's clock, and draw what goes by."""
         report, drawn = self._report, None
         if self._outputs.picture is not None:
-            drawn = self._files.opened(picture_writer(self._outputs.picture, report, self._reading.path, self._reading.start))
+            drawn = self._files.opened(
+                picture_writer(
+                    self._outputs.picture, report, self._reading.path, self._reading.start
+                )
+            )
         for item in planned:
             if isinstance(item, PlanChunk):
                 report.duration_s = item.t0 + item.duration
@@ -156,7 +205,11 @@ class SecondPass:
     def _traced(self, planned: Items) -> Iterator[PlanChunk | Block]:
         """Sample every stretch of the plan as it goes by, and write the trace."""
         sampler = Sampled(self._machine.path.period, self._reading.start)
-        trace = None if self._outputs.trace is None else self._files.opened(trace_writer(self._outputs.trace, self._machine))
+        trace = (
+            None
+            if self._outputs.trace is None
+            else self._files.opened(trace_writer(self._outputs.trace, self._machine))
+        )
         for item in planned:
             if isinstance(item, PlanChunk):
                 self._note_samples(sampler.samples(item), trace)
@@ -166,16 +219,27 @@ class SecondPass:
     def _note_samples(self, chunks: Iterable[SampleChunk], trace: TraceWriter | None) -> None:
         for chunk in self.watch_interpolating.inside(chunks):
             if len(chunk.step_deviation):
-                self._step_deviation = max(self._step_deviation, float(np.abs(chunk.step_deviation).max()))
+                self._step_deviation = max(
+                    self._step_deviation, float(np.abs(chunk.step_deviation).max())
+                )
             if trace is not None:
                 trace.write(chunk)
 
-    def _rehearse(self, burden: Burden, fastest: float, kept: Iterable[PathChunk | Block] | None) -> None:
-        """The whole motion before any of it: whether the board can play it, and how long it takes. MotionLimitError."""
+    def _rehearse(
+        self, burden: Burden, fastest: float, kept: Iterable[PathChunk | Block] | None
+    ) -> None:
+        """The whole motion before any of it: whether the board can play it, and how long it takes.
+        MotionLimitError.
+        """
         machine, lookout, start = self._machine, self._lookout, self._reading.start
         path = kept if kept is not None else self._read_again(smooth=False)
         pulses = TimedPulses(
-            ReferencePulse([axis.steps_per_mm for axis in machine.axes.values()], start, 1e9 / fastest, algorithm=self._algorithm),
+            ReferencePulse(
+                [axis.steps_per_mm for axis in machine.axes.values()],
+                start,
+                1e9 / fastest,
+                algorithm=self._algorithm,
+            ),
             self.watch_interpolating,
         )
         rows, at, made, until = [0], [0.0], 0, 0.0
@@ -188,7 +252,11 @@ class SecondPass:
                     made += len(chunk.step)
                 rows.append(made)
                 at.append(item.t0 + item.duration)
-            until = item.t0 + item.duration if isinstance(item, PlanChunk) else until + getattr(item, "seconds", 0.0)
+            until = (
+                item.t0 + item.duration
+                if isinstance(item, PlanChunk)
+                else until + getattr(item, "seconds", 0.0)
+            )
         self._schedule = np.array(rows), np.array(at), until
 
     def _left(self, progress: Progress) -> Progress:
@@ -196,10 +264,20 @@ class SecondPass:
         if self._schedule is None:
             return progress
         rows, at, until = self._schedule
-        left = (until - float(np.interp(progress.rows, rows, at))) * 100.0 / self._control.feed_override
+        left = (
+            (until - float(np.interp(progress.rows, rows, at)))
+            * 100.0
+            / self._control.feed_override
+        )
         return replace(progress, left=max(left, 0.0) + (progress.ahead or 0.0))
 
-    def _look(self, planned: Items, pulses: TimedPulses, on_pulses: Callable[[PulseChunk], None] | None, burden: Burden | None) -> None:
+    def _look(
+        self,
+        planned: Items,
+        pulses: TimedPulses,
+        on_pulses: Callable[[PulseChunk], None] | None,
+        burden: Burden | None,
+    ) -> None:
         """Without a board: make the pulses, count and write them."""
         report = self._report
         steps = np.zeros(len(self._machine.axes), np.int64)
@@ -231,7 +309,9 @@ class SecondPass:
         board: PulseSink,
         ahead: LookAhead,
     ) -> None:
-        """With a board: the executor sends, and comes to rest on the path when the operator wishes."""
+        """With a board: the executor sends, and comes to rest on the path when the operator
+        wishes.
+        """
         report = self._report
 
         def tell(progress: Progress) -> None:
@@ -243,7 +323,13 @@ class SecondPass:
         tell(Progress(0.0, 0, 0))
         try:
             outcome = execute(
-                planned, board, pulses, on_pulses=on_pulses, on_progress=tell, control=self._control, ramp_down=ahead.ramp_down
+                planned,
+                board,
+                pulses,
+                on_pulses=on_pulses,
+                on_progress=tell,
+                control=self._control,
+                ramp_down=ahead.ramp_down,
             )
         except BoardError:
             self._stands_at(board.position_steps)
@@ -258,15 +344,24 @@ class SecondPass:
     def _stands_at(self, grid: NDArray[np.int64]) -> None:
         """The program did not come to its end: where the board says it is."""
         axes = self._machine.axes.items()
-        self._report.end_position = {letter: steps / axis.steps_per_mm for (letter, axis), steps in zip(axes, grid.tolist(), strict=True)}
+        self._report.end_position = {
+            letter: steps / axis.steps_per_mm
+            for (letter, axis), steps in zip(axes, grid.tolist(), strict=True)
+        }
 
     def _stream(self, board: LineSink) -> None:
-        """With a board that plans for itself: lines, and the operator's wishes as the board knows them.
+        """With a board that plans for itself: lines, and the operator's wishes as the board knows
+        them.
 
-        All lines are made before the first is sent, so that nothing moves if one of them can't be: kept, unless answers are still missing
-        or they are too many.
+        All lines are made before the first is sent, so that nothing moves if one of them can't be:
+        kept, unless answers are still missing or they are too many.
         """
-        report, machine, control, tell = self._report, self._machine, self._control, self._lookout.tell
+        report, machine, control, tell = (
+            self._report,
+            self._machine,
+            self._control,
+            self._lookout.tell,
+        )
         self.board_time = clock(board, machine)
         kept = self._made(self._steps(board, shown=not self._asks), self.board_time)
         countdown = Countdown(self.board_time)
@@ -280,7 +375,9 @@ class SecondPass:
             # The board follows the operator's feed override; those of traverses are its own.
             feed, rapid = control.feed_override, board.rapid_override
             rests = progress.held or not progress.rows
-            left = countdown.left(board.now(), done, held=rests, feed_override=feed, rapid_override=rapid)
+            left = countdown.left(
+                board.now(), done, held=rests, feed_override=feed, rapid_override=rapid
+            )
             tell(replace(progress, left=left))
 
         if self._begin is not None:
@@ -288,7 +385,9 @@ class SecondPass:
         on_progress(Progress(0.0, 0, 0))
         try:
             program = self._steps(board, shown=self._asks) if kept is None else kept
-            outcome = stream(program, board, control=control, on_progress=on_progress, afterwards=afterwards)
+            outcome = stream(
+                program, board, control=control, on_progress=on_progress, afterwards=afterwards
+            )
         except BoardError:
             report.end_position = dict(zip(machine.axes, board.position, strict=False))
             raise
@@ -298,10 +397,14 @@ class SecondPass:
             report.end_position = dict(zip(machine.axes, outcome.position, strict=False))
 
     def _steps(self, board: LineSink, *, shown: bool) -> Iterator[Step]:
-        """The program as lines; ``shown``: its plan is the one that the report and the pictures are made from."""
+        """The program as lines; ``shown``: its plan is the one that the report and the pictures are
+        made from.
+        """
         ahead = LookAhead(self._machine, judged=False)
         path = self._read_again(smooth=True)
-        planned = self._planned(ahead, path) if shown else self.watch_planning.inside(ahead.plan(path))
+        planned = (
+            self._planned(ahead, path) if shown else self.watch_planning.inside(ahead.plan(path))
+        )
         if self._pauses == "skip":
             planned = (item for item in planned if isinstance(item, PlanChunk) or not waits(item))
         try:

@@ -1,4 +1,6 @@
-"""What a machine remembers from one program to the next: the parameters and the tool table of its machine file."""
+"""What a machine remembers from one program to the next: the parameters and the tool table of its
+machine file.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from cnc.machine.models import Machine
 class Memory:
     """Parameters and tools as they are before a program, for as many readings of it as need be.
 
-    Raises MachineFileError or UsageError for files that can't be read. A parameter file that does not exist yet is an empty one.
+    Raises MachineFileError or UsageError for files that can't be read. A parameter file that does
+    not exist yet is an empty one.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -44,6 +47,8 @@ class Memory:
 
 
 def folders(program: Path | None, machine: Machine) -> Sequence[Path]:
-    """Where subroutines in files are looked for: beside the program (None: it has no place), then where the machine file says."""
+    """Where subroutines in files are looked for: beside the program (None: it has no place), then
+    where the machine file says.
+    """
     own = [] if program is None else [program.absolute().parent]
     return [*own, *machine.program.subroutines]

@@ -42,7 +42,9 @@ from cnc.session.standing import Standing
 
 
 class Job:
-    """Fills ``report`` as it goes; see :func:`cnc.api.run` for the arguments. UsageError ``output-format`` for an unknown suffix."""
+    """Fills ``report`` as it goes; see :func:`cnc.api.run` for the arguments. UsageError
+    ``output-format`` for an unknown suffix.
+    """
 
     def __init__(
         self,
@@ -69,7 +71,13 @@ class Job:
         self._outputs, self._files = outputs, OpenOutputs()
         self._lookout = Lookout(watch, control or Control(), selection or Selection(), self.report)
         self._reading = Reading(
-            name, Path(name), machine, dialect or machine.program.dialect, start_position(machine), Memory(machine), self._lookout.checking
+            name,
+            Path(name),
+            machine,
+            dialect or machine.program.dialect,
+            start_position(machine),
+            Memory(machine),
+            self._lookout.checking,
         )
         self._sampled = sampled or outputs.trace is not None
         self._operated = control is not None
@@ -88,8 +96,12 @@ class Job:
         """The canonical blocks of the program, read as in the first pass."""
         return self._reading.blocks()
 
-    def carry_out(self, board: PulseSink | LineSink | None = None, board_name: str | None = None) -> Report:
-        """Both passes, the second on ``board`` or on none; what goes wrong with program or board ends up in the report."""
+    def carry_out(
+        self, board: PulseSink | LineSink | None = None, board_name: str | None = None
+    ) -> Report:
+        """Both passes, the second on ``board`` or on none; what goes wrong with program or board
+        ends up in the report.
+        """
         ensure_compiled(self._lookout.watch.on_compiling)
         report, reading, began = self.report, self._reading, perf_counter()
         report.board = board_name
@@ -105,7 +117,12 @@ class Job:
                     report.faults.append(error)
                 if self._portable and report.stopped_at_line is None:
                     report.faults += portability(
-                        reading.path, report.program, reading.under, reading.dialect, self._portable, report.faults
+                        reading.path,
+                        report.program,
+                        reading.under,
+                        reading.dialect,
+                        self._portable,
+                        report.faults,
                     )
                 report.faults = with_texts(report.faults, {report.program: reading.path})
         except Stopped:
@@ -119,36 +136,65 @@ class Job:
         """The board's own travel, offsets and position: the program is read with them."""
         if self._outputs.pulses is not None:
             hint = "leave --pulses out, or check the program without the board"
-            raise UsageError(Diagnostic("no-pulses", "a board that plans for itself is sent lines, not pulses", hint=hint))
+            raise UsageError(
+                Diagnostic(
+                    "no-pulses",
+                    "a board that plans for itself is sent lines, not pulses",
+                    hint=hint,
+                )
+            )
         reading = self._reading
         reading.machine = board.fitted(reading.machine)
         reading.start = np.array(board.position)
         reading.memory.adopt(adopted(board, reading.machine))
 
     def _locate(self, board: Located) -> None:
-        """Where the program begins: where the board knows that it stands, or will when it has come home."""
+        """Where the program begins: where the board knows that it stands, or will when it has come
+        home.
+        """
         reading, machine = self._reading, self._reading.machine
         standing = board.standing_steps
-        ways = ways_home(machine, (), len(board.switches)) if self._home and isinstance(board, Switched) else ()
+        ways = (
+            ways_home(machine, (), len(board.switches))
+            if self._home and isinstance(board, Switched)
+            else ()
+        )
         steps = rest_steps(machine, ways, standing, reading.start)
         reading.start = steps / np.array([axis.steps_per_mm for axis in machine.axes.values()])
         coming = {way.letter for way in ways}
-        lost = [letter for letter, known in zip(machine.axes, standing, strict=True) if known is None and letter not in coming]
+        lost = [
+            letter
+            for letter, known in zip(machine.axes, standing, strict=True)
+            if known is None and letter not in coming
+        ]
         if lost and not ways:
             names = " ".join(letter.upper() for letter in lost)
-            what = f"the board does not know where {names} {'stands' if len(lost) == 1 else 'stand'}"
+            what = (
+                f"the board does not know where {names} {'stands' if len(lost) == 1 else 'stand'}"
+            )
             if machine.homes:
                 why = "it was reset or switched off, or a limit switch or the e-stop has stopped it at once"
-                hint = "let it find out first: --home does that before the program, cncrun home alone"
+                hint = (
+                    "let it find out first: --home does that before the program, cncrun home alone"
+                )
                 raise BoardError(Diagnostic("not-homed", f"{what}: {why}", hint=hint))
-            places = " ".join(f"{letter.upper()}{place:g}" for letter, place in zip(machine.axes, reading.start.tolist(), strict=True))
+            places = " ".join(
+                f"{letter.upper()}{place:g}"
+                for letter, place in zip(machine.axes, reading.start.tolist(), strict=True)
+            )
             message = f"{what}; the program begins as if the machine stood at {places}"
             hint = "on a machine with limit switches --home finds out, or cncrun home"
-            self._lookout.warn(Diagnostic("position-assumed", message, hint=hint, severity="warning"))
+            self._lookout.warn(
+                Diagnostic("position-assumed", message, hint=hint, severity="warning")
+            )
 
     def _compare_position(self, board: LineSink) -> None:
-        """BoardError ``position-lost`` where the machine does not stand where the last run left it."""
-        self._standing = Standing(board, self._reading.machine, self._last_run, trusted=self._trust_position)
+        """BoardError ``position-lost`` where the machine does not stand where the last run left
+        it.
+        """
+        self._standing = Standing(
+            board, self._reading.machine, self._last_run, trusted=self._trust_position
+        )
         # What is left out by --from-line homes nothing.
         self._standing.check(() if self._from_line is not None else self._reading.blocks())
 
@@ -164,7 +210,9 @@ class Job:
         first = FirstPass(reading, report, lookout, abilities)
         shown = None
         if self._outputs.blocks is not None:
-            shown = self._files.opened(JsonLines(self._outputs.blocks, reading.machine.axis_names, report.program))
+            shown = self._files.opened(
+                JsonLines(self._outputs.blocks, reading.machine.axis_names, report.program)
+            )
         try:
             # Lines come from a path of their own, which is not the one that is surveyed.
             kept = first.carry_out(shown, keep=not isinstance(board, LineSink))
@@ -201,7 +249,9 @@ class Job:
             self._over(error.diagnostic.code if isinstance(error, CncError) else "broken off", {})
             raise
         finally:
-            report.timing.plan_s += max(0.0, second.watch_planning.seconds - second.watch_reading.seconds)
+            report.timing.plan_s += max(
+                0.0, second.watch_planning.seconds - second.watch_reading.seconds
+            )
             report.timing.interpolate_s = second.watch_interpolating.seconds
         exact = report.stopped_at_line if isinstance(board, PulseSink) else None
         self._over("" if report.stopped_at_line is None else "stopped", report.end_position, exact)
@@ -216,20 +266,39 @@ class Job:
                 reading.memory.keep(*reading.state)
 
     def _attended(self, board: PulseSink | LineSink | None) -> bool:
-        """Whether a pause does not end the program: a board that plans for itself waits, and somebody has to tell it to go on."""
-        return self._pauses == "skip" or (self._pauses == "wait" and (self._operated or not isinstance(board, LineSink)))
+        """Whether a pause does not end the program: a board that plans for itself waits, and
+        somebody has to tell it to go on.
+        """
+        return self._pauses == "skip" or (
+            self._pauses == "wait" and (self._operated or not isinstance(board, LineSink))
+        )
 
     def _begin(self, board: PulseSink | LineSink | None, abilities: Abilities) -> None:
-        """The motion begins: the machine comes home, if it is to, and a record is kept from there. Raises HomingStopped."""
+        """The motion begins: the machine comes home, if it is to, and a record is kept from there.
+        Raises HomingStopped.
+        """
         lookout, reading = self._lookout, self._reading
         if board is None:
             return
         if self._home:
-            home(board, reading.machine, (), reading.start, control=lookout.control, on_progress=lookout.tell)
+            home(
+                board,
+                reading.machine,
+                (),
+                reading.start,
+                control=lookout.control,
+                on_progress=lookout.tell,
+            )
         if self._standing is not None:
             self._standing.begin()
-        if self._hash and (abilities.moves or isinstance(board, Loopback)) and not (isinstance(board, LineSink) and board.check_only):
-            first = Checkpoint(self.report.program, self._hash, reading.machine.name, abilities.board)
+        if (
+            self._hash
+            and (abilities.moves or isinstance(board, Loopback))
+            and not (isinstance(board, LineSink) and board.check_only)
+        ):
+            first = Checkpoint(
+                self.report.program, self._hash, reading.machine.name, abilities.board
+            )
             lookout.recorder = Recorder(first, reading.machine.axis_names)
 
     def _recall(self, abilities: Abilities) -> None:
@@ -242,15 +311,28 @@ class Job:
         if last is None:
             return
         same, line = last.sha256 == self._hash, self._from_line
-        if line is not None and same and (last.machine, last.board) == (reading.machine.name, abilities.board):
+        if (
+            line is not None
+            and same
+            and (last.machine, last.board) == (reading.machine.name, abilities.board)
+        ):
             self._last_run = last
         if line is not None and not same:
             message = f"the program has changed since the run that came to its line {last.line}: line {line} may be another one now"
-            self._lookout.warn(Diagnostic("checkpoint-differs", message, hint="look up in the program where to begin", severity="warning"))
+            self._lookout.warn(
+                Diagnostic(
+                    "checkpoint-differs",
+                    message,
+                    hint="look up in the program where to begin",
+                    severity="warning",
+                )
+            )
         elif line is not None and line > last.line:
             message = f"the last run came to line {last.line}: what lies between it and line {line} is left out"
             hint = f"--from-line {last.line} leaves out nothing"
-            self._lookout.warn(Diagnostic("checkpoint-before", message, hint=hint, severity="warning"))
+            self._lookout.warn(
+                Diagnostic("checkpoint-before", message, hint=hint, severity="warning")
+            )
         elif line is None and same:
             message = f"the last run of this program came to line {last.line} and not to its end"
             hint = f"--from-line {last.line} goes on there; this run begins anew"
@@ -260,11 +342,15 @@ class Job:
         """The run is over; ``ended``: why, if that was not the end of the program."""
         recorder, self._lookout.recorder = self._lookout.recorder, None
         if self._standing is not None:
-            self._standing.end(ended or "end", None if recorder is None else recorder.latest.position)
+            self._standing.end(
+                ended or "end", None if recorder is None else recorder.latest.position
+            )
         if recorder is None:
             return
         if ended:
-            self.report.resume_line = recorder.end(ended, line, position, self._place_to_begin) or None
+            self.report.resume_line = (
+                recorder.end(ended, line, position, self._place_to_begin) or None
+            )
         else:
             recorder.done()
 
@@ -280,7 +366,11 @@ class Job:
         found, line = error.diagnostic, self.report.resume_line
         if line is None:
             return error
-        hint = f"{found.hint}; then go on with --from-line {line}" if found.hint else f"go on with --from-line {line}"
+        hint = (
+            f"{found.hint}; then go on with --from-line {line}"
+            if found.hint
+            else f"go on with --from-line {line}"
+        )
         return type(error)(replace(found, hint=hint))
 
     def _confirm_beginning(self) -> None:
@@ -289,16 +379,31 @@ class Job:
         if beginning is not None and ask is not None and not ask(beginning.story):
             raise Stopped
 
-    def _translate(self, board: PulseSink | LineSink | None, abilities: Abilities) -> BoardTime | None:
-        """The program as lines for any board, where they are asked for: how long a board takes for them, if it takes lines."""
+    def _translate(
+        self, board: PulseSink | LineSink | None, abilities: Abilities
+    ) -> BoardTime | None:
+        """The program as lines for any board, where they are asked for: how long a board takes for
+        them, if it takes lines.
+        """
         if self._outputs.lines is None and (board is not None or not abilities.lines):
             return None
         reading = self._reading
-        target = None if self._outputs.lines is None else self._files.opened(TextTarget(self._outputs.lines))
-        program = LineProgram(reading.machine, reading.start, reading.memory.parameters(macro=False).values, self.report.bounding_box)
+        target = (
+            None
+            if self._outputs.lines is None
+            else self._files.opened(TextTarget(self._outputs.lines))
+        )
+        program = LineProgram(
+            reading.machine,
+            reading.start,
+            reading.memory.parameters(macro=False).values,
+            self.report.bounding_box,
+        )
         return program.write(reading.blocks(), None if target is None else target.write)
 
     def _hint(self, findings: Iterable[Diagnostic]) -> None:
         """Tell findings that were made without the source line at hand."""
-        for found in with_texts([GcodeError(finding) for finding in findings], {self.report.program: self._reading.path}):
+        for found in with_texts(
+            [GcodeError(finding) for finding in findings], {self.report.program: self._reading.path}
+        ):
             self._lookout.warn(found.diagnostic)

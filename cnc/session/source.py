@@ -20,7 +20,9 @@ STANDARD_INPUT = "-"
 STANDARD_INPUT_NAME = "<stdin>"
 """How messages call it."""
 COPIED_BYTES = 4_000_000
-"""A file longer than this is copied before it is read twice, so that what was checked is what runs."""
+"""A file longer than this is copied before it is read twice, so that what was checked is what
+runs.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +47,11 @@ def shown_name(program: Source) -> str:
 
 @contextmanager
 def readable(program: Source) -> Iterator[Path]:
-    """A file that can be read twice and does not change meanwhile: short ones are kept in memory between the passes, others are copied.
+    """A file that can be read twice and does not change meanwhile: short ones are kept in memory
+    between the passes, others are copied.
 
-    Standard input (``-``), pipes and long files are copied to the system's temporary folder. UsageError ``no-such-file``, ``is-a-folder``,
-    ``can-not-read``.
+    Standard input (``-``), pipes and long files are copied to the system's temporary folder.
+    UsageError ``no-such-file``, ``is-a-folder``, ``can-not-read``.
     """
     path = Path(str(program))
     with ExitStack() as stack:
@@ -58,14 +61,28 @@ def readable(program: Source) -> Iterator[Path]:
             elif str(program) == STANDARD_INPUT:
                 path = _copy(sys.stdin.buffer, stack)
             elif path.is_dir():
-                raise UsageError(Diagnostic("is-a-folder", f"{program} is a folder", hint="name a program; cncrun check takes folders"))
+                raise UsageError(
+                    Diagnostic(
+                        "is-a-folder",
+                        f"{program} is a folder",
+                        hint="name a program; cncrun check takes folders",
+                    )
+                )
             elif not path.is_file() or path.stat().st_size > COPIED_BYTES:
                 path = _copy(stack.enter_context(path.open("rb")), stack)
         except FileNotFoundError as error:
-            raise UsageError(Diagnostic("no-such-file", f"there is no file {program}", hint="check the name and the folder")) from error
+            raise UsageError(
+                Diagnostic(
+                    "no-such-file",
+                    f"there is no file {program}",
+                    hint="check the name and the folder",
+                )
+            ) from error
         except (OSError, ValueError) as error:
             reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-            raise UsageError(Diagnostic("can-not-read", f"{program} can't be read: {reason}")) from error
+            raise UsageError(
+                Diagnostic("can-not-read", f"{program} can't be read: {reason}")
+            ) from error
         yield path
 
 
@@ -78,7 +95,8 @@ def _copy(source: IO[bytes], stack: ExitStack) -> Path:
 
 
 def with_texts(faults: Sequence[CncError], paths: Mapping[str, Path]) -> list[CncError]:
-    """The same faults; those that name a line and don't show it get its text, and a column: that of the axis they speak of, if any.
+    """The same faults; those that name a line and don't show it get its text, and a column: that of
+    the axis they speak of, if any.
 
     ``paths``: the files that go by another name; the others are found by their own.
     """
@@ -100,7 +118,19 @@ def _with_text(fault: CncError, text: str) -> CncError:
     code = re.sub(r"\([^()]*\)|;.*", lambda comment: " " * len(comment[0]), text)
     if found.text or not code.strip():
         return fault
-    letter = found.message[0] if found.code == "soft-limit" else "F" if found.code == "feed-unreachable" else ""
-    word = (letter and re.search(rf"{letter}\s*[-+]?[\d.]+", code, re.IGNORECASE)) or re.search(r"\S(?:.*\S)?", code)
-    column, length = (word.start() + 1, len(word[0])) if word and not found.column else (found.column, found.length)
+    letter = (
+        found.message[0]
+        if found.code == "soft-limit"
+        else "F"
+        if found.code == "feed-unreachable"
+        else ""
+    )
+    word = (letter and re.search(rf"{letter}\s*[-+]?[\d.]+", code, re.IGNORECASE)) or re.search(
+        r"\S(?:.*\S)?", code
+    )
+    column, length = (
+        (word.start() + 1, len(word[0]))
+        if word and not found.column
+        else (found.column, found.length)
+    )
     return type(fault)(replace(found, text=text, column=column, length=length))

@@ -1,7 +1,9 @@
-"""Where a GRBL board's machine stands: whether its report agrees with where the last run ended, and what is kept for the next run.
+"""Where a GRBL board's machine stands: whether its report agrees with where the last run ended, and
+what is kept for the next run.
 
-A board that has restarted counts from zero wherever the tool is, and another sender may have moved the machine. A program that began there
-would cut displaced, so it is refused (``position-lost``) until it homes the machine first, or the operator confirms the board's report.
+A board that has restarted counts from zero wherever the tool is, and another sender may have moved
+the machine. A program that began there would cut displaced, so it is refused (``position-lost``)
+until it homes the machine first, or the operator confirms the board's report.
 """
 
 from __future__ import annotations
@@ -27,9 +29,13 @@ UNSEEN = frozenset({"port-lost", "board-silent", "board-restarted"})
 
 
 class Standing:
-    """Of one run. machine: names the axes. checkpoint: of the run that is gone on with, None for none. trusted: the operator confirms."""
+    """Of one run. machine: names the axes. checkpoint: of the run that is gone on with, None for
+    none. trusted: the operator confirms.
+    """
 
-    def __init__(self, board: LineSink, machine: Machine, checkpoint: Checkpoint | None, *, trusted: bool) -> None:
+    def __init__(
+        self, board: LineSink, machine: Machine, checkpoint: Checkpoint | None, *, trusted: bool
+    ) -> None:
         self._board, self._axes, self._trusted = board, tuple(machine.axes), trusted
         self._identity = None if board.check_only else board.identity
         self._last = None if self._identity is None else self._expected(self._identity, checkpoint)
@@ -38,9 +44,15 @@ class Standing:
         self._begun = False
 
     def check(self, blocks: Iterable[Block]) -> None:
-        """Compare. BoardError ``position-lost`` for a program (its ``blocks``) that does not home the machine before it moves."""
+        """Compare. BoardError ``position-lost`` for a program (its ``blocks``) that does not home
+        the machine before it moves.
+        """
         last = self._last
-        if self._trusted or last is None or not (last.lost or self._board.restarted or self._differs(last.position)):
+        if (
+            self._trusted
+            or last is None
+            or not (last.lost or self._board.restarted or self._differs(last.position))
+        ):
             return
         self._disagrees = True
         self.homes_at(homing_line(blocks))
@@ -57,29 +69,43 @@ class Standing:
         """The machine is about to move: what was kept is not true any more."""
         if self._identity is not None:
             self._begun = True
-            kept = self._last.position if self._doubtful and self._last is not None else self._position()
+            kept = (
+                self._last.position
+                if self._doubtful and self._last is not None
+                else self._position()
+            )
             LastPosition(self._identity, kept, lost=self._doubtful).write()
 
     def end(self, ended: str, seen: Mapping[str, float] | None) -> None:
-        """The run is over. ended: "end", "stopped" or the code of a fault. seen: the last position reported before a fault."""
+        """The run is over. ended: "end", "stopped" or the code of a fault. seen: the last position
+        reported before a fault.
+        """
         if self._identity is None or not self._begun:
             return
         self._begun = False
-        homed = not self._doubtful or ended == "end" or self._board.confirmed_line > self._homing_line
+        homed = (
+            not self._doubtful or ended == "end" or self._board.confirmed_line > self._homing_line
+        )
         if not homed and self._last is not None:
             # A board that refuses $H has not moved.
-            replace(self._last, lost=self._last.lost or self._disagrees or ended != "board-error").write()
+            replace(
+                self._last, lost=self._last.lost or self._disagrees or ended != "board-error"
+            ).write()
         elif ended in UNSEEN:
             LastPosition(self._identity, seen or self._position(), ended, lost=True).write()
         else:
             LastPosition(self._identity, self._position(), ended).write()
 
     def _expected(self, identity: str, checkpoint: Checkpoint | None) -> LastPosition | None:
-        """Where the machine should stand: where the last run on the board ended; of one that has no end, by its checkpoint."""
+        """Where the machine should stand: where the last run on the board ended; of one that has no
+        end, by its checkpoint.
+        """
         last = LastPosition.read(identity)
         if checkpoint is None or not checkpoint.position or (last is not None and last.ended):
             return last
-        return LastPosition(identity, checkpoint.position, checkpoint.ended, lost=last is not None and last.lost)
+        return LastPosition(
+            identity, checkpoint.position, checkpoint.ended, lost=last is not None and last.lost
+        )
 
     def _position(self) -> dict[str, float]:
         return dict(zip(self._axes, self._board.position, strict=False))
@@ -87,21 +113,36 @@ class Standing:
     def _differs(self, expected: Mapping[str, float]) -> bool:
         """Whether an axis stands more than a step from where it should."""
         each = zip(self._axes, self._board.position, self._board.resolution, strict=False)
-        return any(letter in expected and abs(here - expected[letter]) > max(step, ROUNDING) for letter, here, step in each)
+        return any(
+            letter in expected and abs(here - expected[letter]) > max(step, ROUNDING)
+            for letter, here, step in each
+        )
 
     def _lost(self, last: LastPosition) -> Diagnostic:
         here, there = _words(self._position()), _words(last.position)
         restarted = "has restarted and " if self._board.restarted else ""
-        how = {"": "was under way at", "end": "ended at", "stopped": "was stopped at"}.get(last.ended, f"ended ({last.ended}) at")
+        how = {"": "was under way at", "end": "ended at", "stopped": "was stopped at"}.get(
+            last.ended, f"ended ({last.ended}) at"
+        )
         message = f"the board {restarted}reports that the machine stands at {here}; the last run {how} {there}"
         trust = "if the position that the board reports is right, confirm it with --trust-position"
         if self._board.settings.get(HOMING_CYCLE):
-            return Diagnostic("position-lost", message, hint=f"home the machine with cncrun home; {trust}")
-        return Diagnostic("position-lost", message, hint=f"this board does not home ($22=0): look where the tool stands; {trust}")
+            return Diagnostic(
+                "position-lost", message, hint=f"home the machine with cncrun home; {trust}"
+            )
+        return Diagnostic(
+            "position-lost",
+            message,
+            hint=f"this board does not home ($22=0): look where the tool stands; {trust}",
+        )
 
 
-def home_by_board(board: LineSink, machine: Machine, axes: Sequence[str], control: Control) -> dict[str, float]:
-    """Let a GRBL board home the machine, and keep where each axis then stands, mm. Raises as :func:`cnc.executor.homing.home_by_board`."""
+def home_by_board(
+    board: LineSink, machine: Machine, axes: Sequence[str], control: Control
+) -> dict[str, float]:
+    """Let a GRBL board home the machine, and keep where each axis then stands, mm. Raises as
+    :func:`cnc.executor.homing.home_by_board`.
+    """
     standing = Standing(board, machine, None, trusted=False)
     standing.homes_at(homing.HOME_LINE)
     standing.begin()

@@ -1,4 +1,6 @@
-"""Where the time of a run goes: watches around the stages, each of which draws its input through the one before."""
+"""Where the time of a run goes: watches around the stages, each of which draws its input through
+the one before.
+"""
 
 from __future__ import annotations
 

@@ -8,7 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.curve import SPAN
-from cnc.kernels.view.thinning import AT_END, ENTERED, FOLLOWED, MARK, PHASE, PIECE, STAGE, A, J, T, V, follow
+from cnc.kernels.view.thinning import (
+    AT_END,
+    ENTERED,
+    FOLLOWED,
+    MARK,
+    PHASE,
+    PIECE,
+    STAGE,
+    A,
+    J,
+    T,
+    V,
+    follow,
+)
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Dwell
 from cnc.planner.plan import PlanChunk
@@ -22,7 +35,9 @@ DRAWN_AXES = ("x", "y", "z")
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """How much of a motion is kept: strokes of the path, rows of the curves, rows of source lines."""
+    """How much of a motion is kept: strokes of the path, rows of the curves, rows of source
+    lines.
+    """
 
     strokes: int
     curves: int
@@ -31,7 +46,9 @@ class Sizes:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """What there is to draw. ``moves``: so many changes of the source line, or fewer, share a row of ``origins``."""
+    """What there is to draw. ``moves``: so many changes of the source line, or fewer, share a row
+    of ``origins``.
+    """
 
     strokes: Strokes
     curves: Curves
@@ -44,10 +61,16 @@ class Picture:
 class Collector:
     """``add`` what the planner yields, in order; then ``picture``."""
 
-    def __init__(self, machine: Machine, sizes: Sizes, program: str, start: NDArray[np.float64]) -> None:
-        """The program's name comes first of the files; ``start`` (axes,) is where it begins, in mm."""
+    def __init__(
+        self, machine: Machine, sizes: Sizes, program: str, start: NDArray[np.float64]
+    ) -> None:
+        """The program's name comes first of the files; ``start`` (axes,) is where it begins, in
+        mm.
+        """
         names = machine.axis_names
-        self._columns = np.array([names.index(axis) if axis in names else -1 for axis in DRAWN_AXES])
+        self._columns = np.array(
+            [names.index(axis) if axis in names else -1 for axis in DRAWN_AXES]
+        )
         self._start = np.array([start[column] if column >= 0 else 0.0 for column in self._columns])
         self._strokes = StrokeTable(sizes.strokes)
         self._curves = CurveTable(sizes.curves)
@@ -62,7 +85,9 @@ class Collector:
             self._follow(item)
             self._clock = item.t0 + item.duration
         elif isinstance(item, Dwell):
-            self._origins.add(np.array([self._clock]), np.array([item.line]), item.file, np.array([False]))
+            self._origins.add(
+                np.array([self._clock]), np.array([item.line]), item.file, np.array([False])
+            )
             self._clock += item.seconds
 
     def picture(self) -> Picture:
@@ -77,7 +102,18 @@ class Collector:
         rapid = np.isnan(chunk.path.feed)
         place, now = np.zeros(3, np.int64), np.zeros(1)
         while place[STAGE] != AT_END:
-            count = follow(*arrays[:4], *arrays[5:], chunk.t0, chunk.s0, rapid, self._columns, self._strokes.fine, place, now, self._out)
+            count = follow(
+                *arrays[:4],
+                *arrays[5:],
+                chunk.t0,
+                chunk.s0,
+                rapid,
+                self._columns,
+                self._strokes.fine,
+                place,
+                now,
+                self._out,
+            )
             points = self._out[:count]
             self._strokes.add(points)
             marks = points[:, MARK].astype(np.int64)
@@ -89,12 +125,18 @@ class Collector:
 
 def stock_box(machine: Machine) -> list[list[float]] | None:
     """Least and greatest x, y and z of the raw part; None without one."""
-    return None if machine.stock is None else [list(getattr(machine.stock, axis)) for axis in DRAWN_AXES]
+    return (
+        None
+        if machine.stock is None
+        else [list(getattr(machine.stock, axis)) for axis in DRAWN_AXES]
+    )
 
 
 def travel_box(machine: Machine) -> list[list[float]] | None:
     """Least and greatest position of x, y and z; None where one of them has no limits."""
-    axes: dict[str, tuple[float, float] | None] = {letter: axis.travel for letter, axis in machine.axes.items() if letter in DRAWN_AXES}
+    axes: dict[str, tuple[float, float] | None] = {
+        letter: axis.travel for letter, axis in machine.axes.items() if letter in DRAWN_AXES
+    }
     if not axes or None in axes.values():
         return None
     return [list(axes.get(letter) or (0.0, 0.0)) for letter in DRAWN_AXES]

@@ -33,7 +33,11 @@ YAW, PITCH = 0.6, 0.55
 LIGHT = (-0.48, 0.6, 0.64)
 """Where the light comes from: right, up, towards the viewer."""
 RAPID, TRAVEL, STOCK, INK = "#9aa3ab", "#b4bcc4", "#b08968", "#222a31"
-CURVES = (("feed", "feed", "#1f7a8c"), ("accel", "acceleration", "#3d5a80"), ("jerk", "jerk", "#7d5ba6"))
+CURVES = (
+    ("feed", "feed", "#1f7a8c"),
+    ("accel", "acceleration", "#3d5a80"),
+    ("jerk", "jerk", "#7d5ba6"),
+)
 STRAIGHT = 0.9998
 """Cosine of the angle between strokes that go straight on."""
 FAR = 2.5
@@ -47,13 +51,22 @@ def draw(picture: Picture, report: Report, kind: Literal["png", "svg"]) -> bytes
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    look: Any = {"font.size": 9, "axes.grid": True, "grid.alpha": 0.3, "lines.linewidth": 1.0, "svg.hashsalt": "cnc", "text.color": INK}
+    look: Any = {
+        "font.size": 9,
+        "axes.grid": True,
+        "grid.alpha": 0.3,
+        "lines.linewidth": 1.0,
+        "svg.hashsalt": "cnc",
+        "text.color": INK,
+    }
     with rc_context(look), warnings.catch_warnings():
         # A name may have letters that the font lacks: they become boxes.
         warnings.filterwarnings("ignore", message="Glyph")
         figure = Figure(figsize=INCHES, dpi=DOTS_PER_INCH, layout="constrained")
         name = "".join(letter if letter.isprintable() else "·" for letter in report.program)
-        figure.suptitle(f"{name} · {picture.duration:.6g} s · {report.machine.name}", parse_math=False)
+        figure.suptitle(
+            f"{name} · {picture.duration:.6g} s · {report.machine.name}", parse_math=False
+        )
         grid = figure.add_gridspec(4, 1, height_ratios=(4.2, 1, 1, 1))
         place = figure.add_subplot(grid[0])
         turn = _path(place, picture, report.machine)
@@ -110,9 +123,13 @@ def _path(axes: Axes, picture: Picture, machine: Machine) -> Floats:
     shades = colours(strokes.feed[feeding] / most)
     shades[:, :3] *= (0.7 + 0.3 * np.sqrt(np.maximum(1.0 - towards * towards, 0.0)))[:, None]
     dashed = [(line @ turn.T)[:, :2] for line in traverses(strokes)]
-    axes.add_collection(LineCollection(dashed, colors=RAPID, linestyles=(0, (4, 3)), linewidths=1.0))
+    axes.add_collection(
+        LineCollection(dashed, colors=RAPID, linestyles=(0, (4, 3)), linewidths=1.0)
+    )
     segments = np.stack((seen[feeding, :2], seen[feeding + 1, :2]), axis=1)
-    axes.add_collection(LineCollection(list(segments), colors=shades, linewidths=1.4, capstyle="round"))
+    axes.add_collection(
+        LineCollection(list(segments), colors=shades, linewidths=1.4, capstyle="round")
+    )
     stock = [np.concatenate(_edges(box)) @ turn.T for box in [stock_box(machine)] if box]
     whole = np.concatenate((seen, *stock))
     low, high = whole[:, :2].min(axis=0), whole[:, :2].max(axis=0)
@@ -134,7 +151,9 @@ def _path(axes: Axes, picture: Picture, machine: Machine) -> Floats:
 
 
 def traverses(strokes: Strokes) -> list[Floats]:
-    """Straight traverses, (2, 3) each. Those over the same line are one: dashes over dashes would fill the gaps."""
+    """Straight traverses, (2, 3) each. Those over the same line are one: dashes over dashes would
+    fill the gaps.
+    """
     position = strokes.position
     step = np.diff(position, axis=0)
     length = np.linalg.norm(step, axis=1)
@@ -154,9 +173,13 @@ def traverses(strokes: Strokes) -> list[Floats]:
         along *= np.sign(along[np.argmax(np.abs(along) > 0.5 * np.abs(along).max())])
         foot = start - (start @ along) * along
         # Shifted, so that round values are not on the edge of a cell.
-        key = tuple(np.rint(np.concatenate((100.0 * along, 10.0 * foot)) + 0.137).astype(int).tolist())
+        key = tuple(
+            np.rint(np.concatenate((100.0 * along, 10.0 * foot)) + 0.137).astype(int).tolist()
+        )
         lines.setdefault(key, (along, foot))
-        spans.setdefault(key, []).append((min(start @ along, end @ along), max(start @ along, end @ along)))
+        spans.setdefault(key, []).append(
+            (min(start @ along, end @ along), max(start @ along, end @ along))
+        )
     out = []
     for key, (along, foot) in lines.items():
         low, high = (np.array(ends) for ends in zip(*sorted(spans[key]), strict=True))
@@ -170,7 +193,11 @@ def traverses(strokes: Strokes) -> list[Floats]:
 def _edges(box: list[list[float]]) -> list[Floats]:
     """The twelve edges of a box, (2, 3) each."""
     corners = np.array(list(itertools.product(*box)))
-    return [np.stack((a, b)) for a, b in itertools.combinations(corners, 2) if np.count_nonzero(a != b) == 1]
+    return [
+        np.stack((a, b))
+        for a, b in itertools.combinations(corners, 2)
+        if np.count_nonzero(a != b) == 1
+    ]
 
 
 def _scale(axes: Axes, turn: Floats) -> None:
@@ -178,25 +205,40 @@ def _scale(axes: Axes, turn: Floats) -> None:
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     size = 0.07 * min(right - left, top - bottom)
     x, y = left + 2.0 * size, bottom + 1.5 * size
-    for number, (axis, colour) in enumerate(zip(DRAWN_AXES, ("#c0504d", "#5a9a5a", "#4f81bd"), strict=True)):
+    for number, (axis, colour) in enumerate(
+        zip(DRAWN_AXES, ("#c0504d", "#5a9a5a", "#4f81bd"), strict=True)
+    ):
         dx, dy = size * turn[0, number], size * turn[1, number]
         axes.plot([x, x + dx], [y, y + dy], color=colour, linewidth=1.5)
-        axes.text(x + 1.35 * dx, y + 1.35 * dy, axis.upper(), color=colour, ha="center", va="center")
+        axes.text(
+            x + 1.35 * dx, y + 1.35 * dy, axis.upper(), color=colour, ha="center", va="center"
+        )
     length = 10.0 ** math.floor(math.log10(3.0 * size))
     axes.plot([x + 2.0 * size, x + 2.0 * size + length], [y, y], color=INK, linewidth=1.5)
-    axes.text(x + 2.0 * size + 0.5 * length, y + 0.25 * size, f"{length:g} mm", ha="center", va="bottom")
+    axes.text(
+        x + 2.0 * size + 0.5 * length, y + 0.25 * size, f"{length:g} mm", ha="center", va="bottom"
+    )
 
 
 def _curve(axes: Axes, curves: Curves, row: int, colour: str) -> None:
     """Feed, acceleration or jerk: as it is, or between its least and greatest values."""
     if curves.within:
         axes.fill_between(
-            curves.t, np.append(curves.low[row], 0.0), np.append(curves.high[row], 0.0), step="post", color=colour, linewidth=0.6
+            curves.t,
+            np.append(curves.low[row], 0.0),
+            np.append(curves.high[row], 0.0),
+            step="post",
+            color=colour,
+            linewidth=0.6,
         )
         return
     v, a, j = curves.start
     span = np.diff(curves.t)
     part = np.linspace(0.0, 1.0, 9) if row == 0 else np.array([0.0, 1.0])
     h = part * span[:, None]
-    value = (v[:, None] + h * (a[:, None] + 0.5 * h * j[:, None]), a[:, None] + h * j[:, None], j[:, None] + 0.0 * h)[row]
+    value = (
+        v[:, None] + h * (a[:, None] + 0.5 * h * j[:, None]),
+        a[:, None] + h * j[:, None],
+        j[:, None] + 0.0 * h,
+    )[row]
     axes.plot((curves.t[:-1, None] + h).ravel(), value.ravel(), color=colour)

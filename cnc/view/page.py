@@ -1,8 +1,9 @@
 """The picture as one HTML page that needs nothing else: no network, no other file.
 
-What comes from the program (its text, its name, its comments in findings) is deflated and written in base 64, the letters of which can't
-end an element or begin one; the page's script turns it into text nodes and numbers. The page's policy lets no script run but that one, by
-its hash, and nothing be fetched from anywhere.
+What comes from the program (its text, its name, its comments in findings) is deflated and written
+in base 64, the letters of which can't end an element or begin one; the page's script turns it into
+text nodes and numbers. The page's policy lets no script run but that one, by its hash, and nothing
+be fetched from anywhere.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ from cnc.view.collect import DRAWN_AXES, Picture, Sizes, stock_box, travel_box
 from cnc.view.tables import FINEST, tolerance_shown
 
 SIZES = Sizes(strokes=1 << 19, curves=1 << 17, origins=1 << 20)
-"""What a page holds of a motion: some 20 MB, which browsers open in seconds and turn without a hitch."""
+"""What a page holds of a motion: some 20 MB, which browsers open in seconds and turn without a
+hitch.
+"""
 QUANTUM = FINEST / 4
 """mm: positions are whole multiples of it, unless the path is too long for 32 bits."""
 TEXT_MOST = 1 << 28
@@ -39,12 +42,12 @@ PIECE = 3 << 18
 """Bytes that are read and written at a time, a multiple of three."""
 
 
-def write_page(target: TextTarget, picture: Picture, report: Report, texts: Iterable[tuple[str, Path]]) -> None:
+def write_page(
+    target: TextTarget, picture: Picture, report: Report, texts: Iterable[tuple[str, Path]]
+) -> None:
     """The page; ``texts`` are the programs by name, in the order of ``picture.files``."""
     style, script = _asset("page.css"), "".join(_asset(name) for name in SCRIPTS)
-    policy = (
-        f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; base-uri 'none'; form-action 'none'; img-src 'none'"
-    )
+    policy = f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; base-uri 'none'; form-action 'none'; img-src 'none'"
     page = _asset("page.html").replace("{{policy}}", policy).replace("{{style}}", style)
     before, _, after = page.partition("<!--data-->\n")
     target.write(before)
@@ -58,7 +61,9 @@ def write_page(target: TextTarget, picture: Picture, report: Report, texts: Iter
                 notes.append(f"only the first {TEXT_MOST >> 20} MB of {name} are shown")
             _element(target, f"text-{index}", _pieces(path))
         except OSError as error:
-            raise UsageError(Diagnostic("unreadable-file", f"can't read {name}: {error.strerror}", file=name)) from None
+            raise UsageError(
+                Diagnostic("unreadable-file", f"can't read {name}: {error.strerror}", file=name)
+            ) from None
     about["note"] = ", ".join(notes)
     _element(target, "about", [json.dumps(about, allow_nan=False).encode()])
     target.write(after.replace("{{script}}", script))
@@ -115,7 +120,11 @@ def _about(picture: Picture, report: Report) -> dict[str, Any]:
         "exact": picture.curves.within == 0.0,
         "files": picture.files,
         "findings": [
-            [picture.files.index(each.file), each.line, f"{each.severity}: {each.code}: {each.message}"[: 4 * SHOWN]]
+            [
+                picture.files.index(each.file),
+                each.line,
+                f"{each.severity}: {each.code}: {each.message}"[: 4 * SHOWN],
+            ]
             for each in report.findings
             if each.file in picture.files and each.line
         ],
@@ -130,7 +139,9 @@ def _accuracy(picture: Picture) -> str:
         "strokes), and on the screen within half a pixel of that; coarser while it turns, where that would take too long."
     ]
     if curves.within:
-        parts.append(f"The curves show the least and the greatest values within {tolerance_shown(1e3 * curves.within)} ms.")
+        parts.append(
+            f"The curves show the least and the greatest values within {tolerance_shown(1e3 * curves.within)} ms."
+        )
     else:
         parts.append("The curves are those of the plan, phase by phase.")
     if picture.moves > 1:
@@ -157,7 +168,10 @@ def _columns(picture: Picture, about: dict[str, Any]) -> Iterator[tuple[str, NDA
     yield "origin-t", _integers(np.rint(origins.t / tick))
     yield "origin-first", _integers(origins.first)
     # As a rule there is nothing but zeros in these.
-    for name, values in (("origin-more", origins.last - origins.first), ("origin-file", origins.file)):
+    for name, values in (
+        ("origin-more", origins.last - origins.first),
+        ("origin-file", origins.file),
+    ):
         if values.any():
             yield name, _integers(values)
 
@@ -168,7 +182,9 @@ def _step(values: NDArray[np.float64]) -> float:
 
 
 def _integers(values: ArrayLike) -> NDArray[np.uint8]:
-    """Whole numbers of 32 bits: differences, zigzag (the sign last), the lowest bytes of all first. They are small, so they pack well."""
+    """Whole numbers of 32 bits: differences, zigzag (the sign last), the lowest bytes of all first.
+    They are small, so they pack well.
+    """
     whole = np.asarray(values).astype(np.int64)
     steps = np.diff(whole, prepend=0).astype(np.uint32).view(np.int32)
     zigzag = ((steps << 1) ^ (steps >> 31)).view(np.uint32)
@@ -177,4 +193,6 @@ def _integers(values: ArrayLike) -> NDArray[np.uint8]:
 
 def _floats(values: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Floats of 32 bits, the lowest bytes of all first."""
-    return np.ascontiguousarray(np.ascontiguousarray(values, dtype="<f4").view(np.uint8).reshape(-1, 4).T)
+    return np.ascontiguousarray(
+        np.ascontiguousarray(values, dtype="<f4").view(np.uint8).reshape(-1, 4).T
+    )

@@ -1,4 +1,6 @@
-"""The picture as one of the files that are written along the way: in the format that its suffix names."""
+"""The picture as one of the files that are written along the way: in the format that its suffix
+names.
+"""
 
 from __future__ import annotations
 
@@ -33,21 +35,37 @@ class PictureWriter(Protocol):
 
 
 def check_picture(name: str) -> None:
-    """UsageError ``output-format`` for a suffix that can't be drawn, ``drawing-missing`` where nothing is installed that draws it."""
+    """UsageError ``output-format`` for a suffix that can't be drawn, ``drawing-missing`` where
+    nothing is installed that draws it.
+    """
     suffix = Path(name).suffix.lower()
     if suffix not in SUFFIXES:
         hint = "name it out.html, or out.png or out.svg for a picture that stands still"
-        raise UsageError(Diagnostic("output-format", f"the picture is a .html, .png or .svg file, not {name}", hint=hint))
+        raise UsageError(
+            Diagnostic(
+                "output-format", f"the picture is a .html, .png or .svg file, not {name}", hint=hint
+            )
+        )
     if suffix != ".html":
         try:
             import matplotlib.figure  # noqa: F401
         except ImportError:
             hint = "pip install 'cnc[view]', or pip install matplotlib; out.html needs nothing"
-            raise UsageError(Diagnostic("drawing-missing", f"{suffix} needs matplotlib, which is not installed", hint=hint)) from None
+            raise UsageError(
+                Diagnostic(
+                    "drawing-missing",
+                    f"{suffix} needs matplotlib, which is not installed",
+                    hint=hint,
+                )
+            ) from None
 
 
-def picture_writer(name: str, report: Report, text: Path, start: NDArray[np.float64]) -> PictureWriter:
-    """A picture of the program that ``report`` is on; ``text`` is the file with its text, ``start`` (axes,) mm where it begins."""
+def picture_writer(
+    name: str, report: Report, text: Path, start: NDArray[np.float64]
+) -> PictureWriter:
+    """A picture of the program that ``report`` is on; ``text`` is the file with its text, ``start``
+    (axes,) mm where it begins.
+    """
     if Path(name).suffix.lower() == ".html":
         return PageWriter(name, report, text, start)
     return FigureWriter(name, report, start)
@@ -65,7 +83,10 @@ class PageWriter:
     def close(self) -> None:
         """Finish the file and put it in place."""
         picture = self._collector.picture()
-        texts = [(file, self._text if number == 0 else Path(file)) for number, file in enumerate(picture.files)]
+        texts = [
+            (file, self._text if number == 0 else Path(file))
+            for number, file in enumerate(picture.files)
+        ]
         page.write_page(self._target, picture, self._report, texts)
         self._target.close()
 

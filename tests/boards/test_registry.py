@@ -40,9 +40,20 @@ def test_an_unknown_board_lists_the_known_ones() -> None:
 
 
 def test_boards_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
-    points = [EntryPoint("mine", "collections:OrderedDict", registry.GROUP), EntryPoint("gone", "no_such_package.x:Y", registry.GROUP)]
+    points = [
+        EntryPoint("mine", "collections:OrderedDict", registry.GROUP),
+        EntryPoint("gone", "no_such_package.x:Y", registry.GROUP),
+    ]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)
-    assert registry.board_names() == ("file", "gone", "grbl", "grbl-sim", "loopback", "mine", "stepper")
+    assert registry.board_names() == (
+        "file",
+        "gone",
+        "grbl",
+        "grbl-sim",
+        "loopback",
+        "mine",
+        "stepper",
+    )
     assert registry.board_factory("mine").__name__ == "OrderedDict"  # type: ignore[attr-defined]
     with pytest.raises(UsageError) as caught:
         registry.board_factory("gone")
@@ -52,7 +63,12 @@ def test_boards_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_drivers_load_when_asked_for() -> None:
     code = "import sys; from cnc.boards.discovery import registry; registry.board_names(); print('cnc.boards.discovery.loopback' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "False"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.strip()
+        == "False"
+    )
 
 
 def test_loopback_from_a_machine() -> None:

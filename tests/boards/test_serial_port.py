@@ -1,4 +1,6 @@
-"""Ports: bytes go both ways over a pseudo-terminal and a socket, and whatever is wrong with a port is said in our words."""
+"""Ports: bytes go both ways over a pseudo-terminal and a socket, and whatever is wrong with a port
+is said in our words.
+"""
 
 from __future__ import annotations
 
@@ -150,13 +152,22 @@ def test_nobody_listens() -> None:
         (OSError(errno.EPERM, "Operation not permitted"), "port-not-permitted"),
         (OSError(errno.EIO, "Input/output error"), "port-not-usable"),
         (
-            OSError("could not open port 'COM9': FileNotFoundError(2, 'The system cannot find the file specified.', None, 2)"),
+            OSError(
+                "could not open port 'COM9': FileNotFoundError(2, 'The system cannot find the file specified.', None, 2)"
+            ),
             "no-such-port",
         ),
-        (OSError("could not open port 'COM3': PermissionError(13, 'Access is denied.', None, 5)"), "port-taken"),
+        (
+            OSError(
+                "could not open port 'COM3': PermissionError(13, 'Access is denied.', None, 5)"
+            ),
+            "port-taken",
+        ),
     ],
 )
-def test_what_the_system_says_in_our_words(error: OSError, code: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_system_says_in_our_words(
+    error: OSError, code: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise error
 
@@ -164,8 +175,12 @@ def test_what_the_system_says_in_our_words(error: OSError, code: str, monkeypatc
     fails("/dev/ttyUSB0", code)
 
 
-def test_the_hint_names_the_ports_that_are_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(serial_port, "found_ports", lambda: [serial_port.FoundPort("/dev/ttyACM0", "Arduino Uno")])
+def test_the_hint_names_the_ports_that_are_there(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(
+        serial_port, "found_ports", lambda: [serial_port.FoundPort("/dev/ttyACM0", "Arduino Uno")]
+    )
     with pytest.raises(BoardError) as caught:
         open_port(str(tmp_path / "none"), 115200)
     assert "/dev/ttyACM0" in caught.value.diagnostic.hint

@@ -1,4 +1,6 @@
-"""A check beside an earlier one: what changed, what is new, and that new findings alone decide how it ends."""
+"""A check beside an earlier one: what changed, what is new, and that new findings alone decide how
+it ends.
+"""
 
 import json
 from collections import Counter
@@ -28,7 +30,13 @@ def hint(line: int, code: str = "spindle-off", message: str = "off") -> Diagnost
 
 def report(*findings: Diagnostic, name: str = "p.nc", **figures) -> Report:
     faults = [GcodeError(each) for each in findings if each.severity == "error"]
-    return Report(name, MACHINE, faults=faults, warnings=[each for each in findings if each.severity != "error"], **figures)
+    return Report(
+        name,
+        MACHINE,
+        faults=faults,
+        warnings=[each for each in findings if each.severity != "error"],
+        **figures,
+    )
 
 
 @pytest.fixture
@@ -37,7 +45,11 @@ def beside(tmp_path):
 
     def look(then: Report | list[Report], now: Report):
         file = tmp_path / "old.json"
-        file.write_text(json.dumps([each.as_json() for each in then] if isinstance(then, list) else then.as_json()))
+        file.write_text(
+            json.dumps(
+                [each.as_json() for each in then] if isinstance(then, list) else then.as_json()
+            )
+        )
         now.changes = Baseline(str(file)).changes(now)
         return now.changes
 
@@ -101,18 +113,39 @@ def test_no_finding_is_lost_and_none_pairs_twice(tmp_path_factory, then, now):
 def test_time_and_extent(beside):
     box = {"x": (0.0, 10.0), "y": (0.0, 1.0)}
     then = report(duration_s=10.0, path_length_mm=100.0, bounding_box=box)
-    assert beside(then, report(duration_s=10.0 + 1e-9, path_length_mm=100.0, bounding_box=dict(box))).lines() == []
-    changes = beside(then, report(duration_s=12.5, path_length_mm=100.0, bounding_box={"x": (-1.0, 10.0), "z": (0.0, 0.5)}))
-    assert changes.lines() == ["time: 10.000 s -> 12.500 s (+25.0 %)", "X: 0 .. 10 -> -1 .. 10", "Y: 0 .. 1 -> none", "Z: none -> 0 .. 0.5"]
+    assert (
+        beside(
+            then, report(duration_s=10.0 + 1e-9, path_length_mm=100.0, bounding_box=dict(box))
+        ).lines()
+        == []
+    )
+    changes = beside(
+        then,
+        report(
+            duration_s=12.5, path_length_mm=100.0, bounding_box={"x": (-1.0, 10.0), "z": (0.0, 0.5)}
+        ),
+    )
+    assert changes.lines() == [
+        "time: 10.000 s -> 12.500 s (+25.0 %)",
+        "X: 0 .. 10 -> -1 .. 10",
+        "Y: 0 .. 1 -> none",
+        "Z: none -> 0 .. 0.5",
+    ]
     assert changes.as_json() == {
         "known": True,
         "new": [],
         "gone": [],
         "duration_s": [10.0, 12.5],
-        "bounding_box": {"x": [[0.0, 10.0], [-1.0, 10.0]], "y": [[0.0, 1.0], None], "z": [None, [0.0, 0.5]]},
+        "bounding_box": {
+            "x": [[0.0, 10.0], [-1.0, 10.0]],
+            "y": [[0.0, 1.0], None],
+            "z": [None, [0.0, 0.5]],
+        },
     }
     # a program that was rejected has no time to compare
-    assert beside(then, report(limit(3))).lines() == ["new: error 3: soft-limit: X would reach 500 mm"]
+    assert beside(then, report(limit(3))).lines() == [
+        "new: error 3: soft-limit: X would reach 500 mm"
+    ]
 
 
 def test_programs_are_found_by_their_files(beside, tmp_path, monkeypatch):
@@ -122,7 +155,9 @@ def test_programs_are_found_by_their_files(beside, tmp_path, monkeypatch):
     assert beside(then, report(limit(3), name="q.nc")).known
     other = beside(then, report(limit(3), name="b/p.nc"))
     assert (other.known, len(other.new), other.lines()) == (False, 1, ["not in the baseline"])
-    assert Baseline(str(tmp_path / "old.json")).missing([report(name="a/p.nc")]) == [str(tmp_path / "q.nc")]
+    assert Baseline(str(tmp_path / "old.json")).missing([report(name="a/p.nc")]) == [
+        str(tmp_path / "q.nc")
+    ]
 
 
 def test_new_faults_alone_count(beside):
@@ -138,14 +173,22 @@ def test_formats_show_what_is_new(beside):
     now = report(limit(3), limit(4, "Y would reach 1 mm"), hint(5))
     beside(report(limit(3), hint(8, "dwell-long")), now)
     results = json.loads(sarif([now]))["runs"][0]["results"]
-    states = {(each["ruleId"], each["locations"][0]["physicalLocation"]["region"]["startLine"]): each["baselineState"] for each in results}
+    states = {
+        (each["ruleId"], each["locations"][0]["physicalLocation"]["region"]["startLine"]): each[
+            "baselineState"
+        ]
+        for each in results
+    }
     assert states == {
         ("soft-limit", 3): "unchanged",
         ("soft-limit", 4): "new",
         ("spindle-off", 5): "new",
         ("dwell-long", 8): "absent",
     }
-    assert [line.partition(" ")[0] for line in github([now]).splitlines()] == ["::error", "::warning"]
+    assert [line.partition(" ")[0] for line in github([now]).splitlines()] == [
+        "::error",
+        "::warning",
+    ]
     text = junit([now])
     assert "Y would reach" in text
     assert "X would reach" not in text
@@ -153,7 +196,9 @@ def test_formats_show_what_is_new(beside):
     assert (github([now]), "failure" in junit([now]).replace("failures", "")) == ("", False)
 
 
-@pytest.mark.parametrize("text", ["", "{", "3", "[3]", "{}", '{"program": "p.nc"}', "[" * 100_000, "\x00", "null"])
+@pytest.mark.parametrize(
+    "text", ["", "{", "3", "[3]", "{}", '{"program": "p.nc"}', "[" * 100_000, "\x00", "null"]
+)
 def test_a_baseline_that_is_none(tmp_path, text, capfd):
     file = tmp_path / "old.json"
     file.write_text(text)
@@ -186,11 +231,18 @@ def test_the_command_line(tmp_path, capfd, monkeypatch):
     assert "a.nc, since the baseline:\n  new: error 4: soft-limit: X would reach 9999 mm" in out
     assert err.startswith("a.nc:4:4: soft-limit")
     assert "b.nc:" not in err
-    assert [each["changes"]["known"] for each in json.loads((tmp_path / "new.js").read_text())] == [True, True]
+    assert [each["changes"]["known"] for each in json.loads((tmp_path / "new.js").read_text())] == [
+        True,
+        True,
+    ]
     write("a.nc", "S9 M3\nM5\nG1 X20 F600\n")
     assert carry_out("a.nc", "--baseline", "old.js", "--fail-on", "warning")[0] == 1
     code, out, err = carry_out("a.nc", "--baseline", "old.js")
-    assert (code, "X: 0 .. 10 -> 0 .. 20" in out, "b.nc: in the baseline, not checked now" in out) == (0, True, True)
+    assert (
+        code,
+        "X: 0 .. 10 -> 0 .. 20" in out,
+        "b.nc: in the baseline, not checked now" in out,
+    ) == (0, True, True)
     assert carry_out("a.nc", "--baseline", "nowhere.js")[0] == 2
     assert carry_out("a.nc", "--baseline", "old.js", "--json", "old.js")[0] == 2
     # without a baseline there is nothing to say about changes

@@ -1,4 +1,6 @@
-"""Soft limits of whole curves: a bulge between two points inside the travel is a fault at its line, one that just fits is none."""
+"""Soft limits of whole curves: a bulge between two points inside the travel is a fault at its line,
+one that just fits is none.
+"""
 
 import math
 
@@ -13,10 +15,14 @@ CLOSE = 1e-3
 """mm that a curve may stay away from, or go beyond, a limit."""
 
 
-def cubic(points: list[tuple[float, float]], weights: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)) -> np.ndarray:
+def cubic(
+    points: list[tuple[float, float]], weights: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
+) -> np.ndarray:
     """A rational Bezier cubic by its definition, densely: (n, 2)."""
     t = np.linspace(0.0, 1.0, 200_001)[:, None]
-    basis = np.concatenate([math.comb(3, k) * t**k * (1.0 - t) ** (3 - k) for k in range(4)], axis=1) * np.array(weights)
+    basis = np.concatenate(
+        [math.comb(3, k) * t**k * (1.0 - t) ** (3 - k) for k in range(4)], axis=1
+    ) * np.array(weights)
     return basis @ np.array(points) / basis.sum(axis=1, keepdims=True)
 
 
@@ -24,7 +30,8 @@ CUBIC = cubic([(50.0, 50.0), (52.0, 71.0), (80.0, 64.0), (90.0, 50.0)])
 WEIGHTED = cubic([(50.0, 50.0), (50.0, 80.0), (90.0, 80.0), (90.0, 50.0)], (1.0, 2.0, 3.0, 1.0))
 
 CURVES = [
-    # start, line, axis, the farthest coordinate of the curve in that axis, whether it is the largest
+    # start, line, axis, the farthest coordinate of the curve in that axis, whether it is the
+    # largest
     ((50, 50, 0), "G2 X90 Y50 I20 F600", "y", 70.0, True),
     ((50, 50, 0), "G3 X90 Y50 I20 F600", "y", 30.0, False),
     ((50, 50, 0), "G2 X70 Y70 I20 J0 F600", "y", 70.0, True),  # a quarter that ends there
@@ -37,15 +44,28 @@ CURVES = [
     ((50, 50, 0), "G2 X50 Y50 P3 I15 F600", "x", 80.0, True),  # three turns
     ((50, 50, 0), "G5 I2 J21 P-10 Q14 X90 Y50 F600", "y", CUBIC[:, 1].max(), True),
     ((50, 50, 0), "G5 I2 J-21 P-10 Q-14 X90 Y50 F600", "y", 100.0 - CUBIC[:, 1].max(), False),
-    ((50, 50, 0), "G5.1 I20 J30 X90 Y50 F600", "y", 65.0, True),  # a parabola: half of the way to its control point
-    ((50, 50, 0), "G5.2 P1 L4 F600\nX50 Y80 P2\nX90 Y80 P3\nX90 Y50 P1\nG5.3", "y", WEIGHTED[:, 1].max(), True),
+    (
+        (50, 50, 0),
+        "G5.1 I20 J30 X90 Y50 F600",
+        "y",
+        65.0,
+        True,
+    ),  # a parabola: half of the way to its control point
+    (
+        (50, 50, 0),
+        "G5.2 P1 L4 F600\nX50 Y80 P2\nX90 Y80 P3\nX90 Y50 P1\nG5.3",
+        "y",
+        WEIGHTED[:, 1].max(),
+        True,
+    ),
 ]
 
 
 def farthest(line: str, given: float | None) -> float:
     if given is not None:
         return float(given)
-    # the arc about the centre that lies to the left of a chord from (50, 50) to (36, 68), on its far side
+    # the arc about the centre that lies to the left of a chord from (50, 50) to (36, 68), on its
+    # far side
     dx, dy, r = -14.0, 18.0, 25.0
     chord = math.hypot(dx, dy)
     off = math.sqrt(r * r - chord * chord / 4.0)
@@ -61,7 +81,9 @@ def test_a_bulge_counts(tmp_path, start, line, axis, reached, up):
     for beyond in (-CLOSE, CLOSE):
         least, most = (-1000.0, limit - beyond) if up else (limit + beyond, 1000.0)
         axes = {
-            letter: each.model_copy(update={"travel": (least, most) if letter == axis else (-1000.0, 1000.0)})
+            letter: each.model_copy(
+                update={"travel": (least, most) if letter == axis else (-1000.0, 1000.0)}
+            )
             for letter, each in MACHINE.axes.items()
         }
         report = check(file, MACHINE.model_copy(update={"axes": axes}))

@@ -1,4 +1,6 @@
-"""Findings that end nothing: each where it belongs, told once, and not where nothing is odd; which of them are shown."""
+"""Findings that end nothing: each where it belongs, told once, and not where nothing is odd; which
+of them are shown.
+"""
 
 import ast
 import json
@@ -50,7 +52,10 @@ SHORT = ("move-below-step", 2, "note")
         ("G1 X5 F600\nG1 X6\nS900 M3\nG1 X9\nM5\nM2", [SPINDLE]),
         ("G2 X9 I4.5 F600\nS900 M4\nG1 X5\nM5\nM2", [SPINDLE]),
         ("G5.2 X1 Y1 L3 F600\nX2 Y2\nX3 Y0\nG5.3\nM3 S9\nM2", [SPINDLE]),
-        ("S900 M3\nM5\nG0 X3\nG1 X5 F600\nM3\nM5\nG1 X6\nG1 X7\nM2", [("spindle-off", 5, "warning"), ("spindle-off", 8, "warning")]),
+        (
+            "S900 M3\nM5\nG0 X3\nG1 X5 F600\nM3\nM5\nG1 X6\nG1 X7\nM2",
+            [("spindle-off", 5, "warning"), ("spindle-off", 8, "warning")],
+        ),
         # the default machine goes 6000 mm/min, its Z 3000
         ("G1 X50 F6000\nG1 Z-5 F3000\nG0 X0\nM2", []),
         ("G1 X50 F6001\nG1 X0\nM2", [FEED]),
@@ -80,7 +85,10 @@ def test_what_is_true_of_many_moves_is_told_once(tmp_path):
     file = tmp_path / "p.nc"
     file.write_text(HEAD + "F12000\n" + "G1 X50\nG1 X0\n" * 30 + "M2\n")
     (finding,) = check(file).warnings
-    assert finding.message == "a feed of 12000 mm/min is 2 times what the machine reaches; 60 moves are slower than programmed"
+    assert (
+        finding.message
+        == "a feed of 12000 mm/min is 2 times what the machine reaches; 60 moves are slower than programmed"
+    )
     assert (finding.line, finding.text) == (3, "G1 X50")
     file.write_text(HEAD + "G1 X5 F8000 Z0\nM2\n")
     (finding,) = check(file).warnings
@@ -100,15 +108,23 @@ def test_a_loop_and_a_subroutine_are_told_at_their_lines(found):
 
 def test_a_board_that_steps_too_slowly():
     machine = load_machine("default")
-    slow = machine.model_copy(update={"board": machine.board.model_copy(update={"max_step_rate": 10_000.0})})
+    slow = machine.model_copy(
+        update={"board": machine.board.model_copy(update={"max_step_rate": 10_000.0})}
+    )
     for velocity, wanted in (50.0, []), (50.001, ["step-rate"]):
-        report = Report("p.nc", slow, largest=Extremes(axes={"x": {"velocity": velocity}, "y": {"velocity": None}}))
+        report = Report(
+            "p.nc",
+            slow,
+            largest=Extremes(axes={"x": {"velocity": velocity}, "y": {"velocity": None}}),
+        )
         assert [each.code for each in step_rate(report)] == wanted
 
 
 def test_a_board_that_steps_too_slowly_is_found(found):
     machine = load_machine("default")
-    slow = machine.model_copy(update={"board": machine.board.model_copy(update={"max_step_rate": 10_000.0})})
+    slow = machine.model_copy(
+        update={"board": machine.board.model_copy(update={"max_step_rate": 10_000.0})}
+    )
     assert found("G1 X50 F6000\nM2", slow) == [("step-rate", 0, "warning")]
 
 
@@ -123,7 +139,11 @@ def test_the_shipped_programs_have_none_that_is_not_meant(name):
     text = (ROOT / "programs" / name).read_text()
     if len(text) < 100_000:
         machine = "paper-nurbs" if name.startswith("trident") else None
-        assert [each.code for each in check(ROOT / "programs" / name, machine).warnings if each.code in HINTS] == []
+        assert [
+            each.code
+            for each in check(ROOT / "programs" / name, machine).warnings
+            if each.code in HINTS
+        ] == []
 
 
 def test_codes_are_selected_and_ignored(found):
@@ -131,7 +151,10 @@ def test_codes_are_selected_and_ignored(found):
     assert found(text) == [SPINDLE, FEED]
     assert found(text, selection=Selection(select=frozenset({"feed-unreachable"}))) == [FEED]
     assert found(text, selection=Selection(ignore=frozenset({"feed-unreachable"}))) == [SPINDLE]
-    assert found(text, selection=Selection(frozenset({"spindle-off"}), frozenset({"spindle-off"}))) == []
+    assert (
+        found(text, selection=Selection(frozenset({"spindle-off"}), frozenset({"spindle-off"})))
+        == []
+    )
     error = Diagnostic("soft-limit", "out", text="G0 X999 (cnc: ignore soft-limit)")
     assert Selection(frozenset({"spindle-off"})).wants(error)
 
@@ -155,14 +178,24 @@ def test_a_code_that_there_is_not_is_a_fault(capfd, code, hint):
 
 
 def test_every_warning_and_note_of_the_code_can_be_selected_and_no_other():
-    """Codes of ``caution`` calls and of diagnostics with a severity of their own, as they stand in the source."""
+    """Codes of ``caution`` calls and of diagnostics with a severity of their own, as they stand in
+    the source.
+    """
     found = set()
     for file in (ROOT / "cnc").rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call):
                 name = getattr(node.func, "attr", getattr(node.func, "id", ""))
-                given = [each.value for each in node.args if isinstance(each, ast.Constant) and isinstance(each.value, str)]
-                lesser = [each.value.value for each in node.keywords if each.arg == "severity" and isinstance(each.value, ast.Constant)]
+                given = [
+                    each.value
+                    for each in node.args
+                    if isinstance(each, ast.Constant) and isinstance(each.value, str)
+                ]
+                lesser = [
+                    each.value.value
+                    for each in node.keywords
+                    if each.arg == "severity" and isinstance(each.value, ast.Constant)
+                ]
                 if name in ("caution", "_tell") or lesser in (["warning"], ["note"]):
                     found |= set(given[:1])
     assert found == set(LESSER)
@@ -172,7 +205,14 @@ def test_every_warning_and_note_of_the_code_can_be_selected_and_no_other():
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_a_comment_that_ignores_what_there_is_not(tmp_path, end):
     file = tmp_path / "p.nc"
-    lines = ["G21 G90 (\xfc)", "G0 X1", "G0 X5 (cnc: ignore spindle-off, spindel-off)", "; cnc: ignore Dwell-Long what", "G0 X0", "M2"]
+    lines = [
+        "G21 G90 (\xfc)",
+        "G0 X1",
+        "G0 X5 (cnc: ignore spindle-off, spindel-off)",
+        "; cnc: ignore Dwell-Long what",
+        "G0 X0",
+        "M2",
+    ]
     file.write_bytes(end.join(lines).encode("latin-1"))
     found = check(file).warnings
     assert [(each.code, each.line, each.column, each.length) for each in found] == [
@@ -185,7 +225,9 @@ def test_a_comment_that_ignores_what_there_is_not(tmp_path, end):
 def test_comments_far_into_a_long_program(tmp_path, monkeypatch):
     monkeypatch.setattr(selection, "READ", 64)
     file = tmp_path / "p.nc"
-    file.write_text("G0 X1\n" * 100 + "(cnc: ignore a-b)\n" + "G0 X1\n" * 100 + "G0 X2 ; cnc: ignore c-d")
+    file.write_text(
+        "G0 X1\n" * 100 + "(cnc: ignore a-b)\n" + "G0 X1\n" * 100 + "G0 X2 ; cnc: ignore c-d"
+    )
     assert [(each.line, each.column) for each in unknown_codes(file, "p")] == [(101, 14), (202, 21)]
 
 
@@ -212,7 +254,9 @@ DRIFTING = ("arc-radius-drift", 3, "note")
     ],
 )
 def test_arcs_that_do_not_close(found, arc, wanted):
-    assert [each for each in found(f"G0 X10\n{arc} F600\nM2") if each[0].startswith("arc-")] == wanted
+    assert [
+        each for each in found(f"G0 X10\n{arc} F600\nM2") if each[0].startswith("arc-")
+    ] == wanted
 
 
 def test_arcs_that_drift_are_told_once(tmp_path):
@@ -220,7 +264,10 @@ def test_arcs_that_drift_are_told_once(tmp_path):
     file.write_text(HEAD + "G2 X10.003 I5 F600\nG2 X20.01 I5\nG2 X20.01 I5\nM2\n")
     (finding,) = check(file).warnings
     assert finding.line == 2
-    assert finding.message == "the radius changes by up to 0.007 mm between the arc's ends; 2 arcs are cut as a spiral"
+    assert (
+        finding.message
+        == "the radius changes by up to 0.007 mm between the arc's ends; 2 arcs are cut as a spiral"
+    )
 
 
 @pytest.mark.parametrize(
@@ -254,10 +301,30 @@ def test_the_command_line_selects_ignores_and_fails_on(tmp_path, capfd):
     assert codes("--fail-on", "warning")[0] == codes("--fail-on", "note")[0] == 1
     assert codes("--ignore", "spindle-off", "--fail-on", "warning") == (0, ["feed-unreachable"])
     assert codes("--ignore", "spindle-off,feed-unreachable", "--fail-on", "note") == (0, [])
-    assert codes("--select", "spindle-off", "--select", "dwell-long", "--fail-on", "note") == (1, ["spindle-off"])
+    assert codes("--select", "spindle-off", "--select", "dwell-long", "--fail-on", "note") == (
+        1,
+        ["spindle-off"],
+    )
     assert cli.exit_code(["check", str(file), "--quiet", "--fail-on", "warning"]) == 1
-    assert capfd.readouterr().err.startswith(f"{file}:2:1: spindle-off: a feed move with the spindle off\n  G1 X5 F9000\n  ^")
-    assert cli.exit_code(["check", str(file), str(file) + "x", "--jobs", "1", "--ignore", "spindle-off", "--fail-on", "note"]) == 2
+    assert capfd.readouterr().err.startswith(
+        f"{file}:2:1: spindle-off: a feed move with the spindle off\n  G1 X5 F9000\n  ^"
+    )
+    assert (
+        cli.exit_code(
+            [
+                "check",
+                str(file),
+                str(file) + "x",
+                "--jobs",
+                "1",
+                "--ignore",
+                "spindle-off",
+                "--fail-on",
+                "note",
+            ]
+        )
+        == 2
+    )
     err = capfd.readouterr().err
     assert "note: " in err
     assert "spindle-off" not in err

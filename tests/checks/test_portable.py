@@ -18,7 +18,9 @@ def found(tmp_path):
     def look(text: str, *others: str, dialect: str = "auto") -> list[tuple[str, int, str]]:
         file = tmp_path / "p.nc"
         file.write_text(HEAD + text)
-        faults = [fault.diagnostic for fault in check(file, dialect=dialect, portable=others).faults]
+        faults = [
+            fault.diagnostic for fault in check(file, dialect=dialect, portable=others).faults
+        ]
         assert {fault.severity for fault in faults} <= {"error"}
         return [(fault.code, fault.line, fault.message) for fault in faults]
 
@@ -37,12 +39,34 @@ def found(tmp_path):
             ("grbl",),
             [("not-portable", 3, "G64"), ("not-portable", 5, "G81"), ("not-portable", 6, "M6")],
         ),
-        ("#<a> = 5\nG1 X#<a> F600\nM30", ("linuxcnc", "grbl"), [("not-portable", 3, "grbl"), ("not-portable", 4, "grbl")]),
+        (
+            "#<a> = 5\nG1 X#<a> F600\nM30",
+            ("linuxcnc", "grbl"),
+            [("not-portable", 3, "grbl"), ("not-portable", 4, "grbl")],
+        ),
         ("G1 X10 F600", ("linuxcnc",), [("not-portable", 3, "linuxcnc")]),  # no end of the program
         # read differently
-        ("G4 P1500\nM30", ("fanuc",), [("reads-differently", 3, "dwell, seconds 1.5 in fanuc, 1500 in auto")]),
-        ("G20 F10\nG1 X1\nM30", ("linuxcnc",), [("reads-differently", 4, "a feed of 10 mm/min in linuxcnc, 254 mm/min in auto")]),
-        ("G61\nG1 X10 F600\nM30", ("fanuc",), [("reads-differently", 3, "path mode, control exact-stop in fanuc, exact-path in auto")]),
+        (
+            "G4 P1500\nM30",
+            ("fanuc",),
+            [("reads-differently", 3, "dwell, seconds 1.5 in fanuc, 1500 in auto")],
+        ),
+        (
+            "G20 F10\nG1 X1\nM30",
+            ("linuxcnc",),
+            [("reads-differently", 4, "a feed of 10 mm/min in linuxcnc, 254 mm/min in auto")],
+        ),
+        (
+            "G61\nG1 X10 F600\nM30",
+            ("fanuc",),
+            [
+                (
+                    "reads-differently",
+                    3,
+                    "path mode, control exact-stop in fanuc, exact-path in auto",
+                )
+            ],
+        ),
     ],
 )
 def test_what_other_dialects_make_of_a_program(found, text, others, wanted):
@@ -53,10 +77,15 @@ def test_what_other_dialects_make_of_a_program(found, text, others, wanted):
 
 
 def test_where_the_ways_part_no_more_is_told(found):
-    """Without a code at its beginning GRBL moves by G0, where LinuxCNC's program has no motion code; FANUC's G98 stays at R."""
+    """Without a code at its beginning GRBL moves by G0, where LinuxCNC's program has no motion
+    code; FANUC's G98 stays at R.
+    """
     (only,) = found("G0 Z9\nG81 Z-1 R1 F100\nG0 X9\nG0 X10\nM30", "linuxcnc")
     assert only[:2] == ("reads-differently", 4)
-    assert "a rapid move to (5, 5, 1) in line 4 in linuxcnc, a rapid move to (5, 5, 9) in line 4 in auto" in only[2]
+    assert (
+        "a rapid move to (5, 5, 1) in line 4 in linuxcnc, a rapid move to (5, 5, 9) in line 4 in auto"
+        in only[2]
+    )
 
 
 def test_what_is_wrong_everywhere_is_told_once(found):
@@ -66,7 +95,10 @@ def test_what_is_wrong_everywhere_is_told_once(found):
 
 
 def test_limits_are_told_beside(found):
-    assert [(code, line) for code, line, _ in found("G0 X5000\nG4 P1500\nM30", "fanuc")] == [("soft-limit", 3), ("reads-differently", 4)]
+    assert [(code, line) for code, line, _ in found("G0 X5000\nG4 P1500\nM30", "fanuc")] == [
+        ("soft-limit", 3),
+        ("reads-differently", 4),
+    ]
 
 
 def test_a_dialect_that_there_is_not(tmp_path):
@@ -83,7 +115,10 @@ def test_the_command_line(tmp_path, capfd):
         (str(tmp_path / "a.nc"), ["--portable", "grbl", "--portable", "fanuc"]),
         (str(tmp_path), ["--portable", "grbl,fanuc"]),
     ):
-        assert cli.exit_code(["check", named, *options, "--jobs", "1", "--format", "json", "--quiet"]) == 1
+        assert (
+            cli.exit_code(["check", named, *options, "--jobs", "1", "--format", "json", "--quiet"])
+            == 1
+        )
         out = json.loads(capfd.readouterr().out)
         for report in out if isinstance(out, list) else [out]:
             found = [(each["code"], each["line"]) for each in report["errors"]]

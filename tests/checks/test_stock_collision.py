@@ -1,4 +1,6 @@
-"""Rapid moves into the stock: what is in it and has not been cut is told, what a feed move has been through is not."""
+"""Rapid moves into the stock: what is in it and has not been cut is told, what a feed move has been
+through is not.
+"""
 
 import numpy as np
 import pytest
@@ -74,20 +76,30 @@ def test_the_finding_says_where_and_how_deep(tmp_path):
 
 
 @given(
-    st.lists(st.tuples(st.floats(0, 70), st.floats(0, 60), st.floats(-19, 5), st.booleans()), min_size=1, max_size=12),
+    st.lists(
+        st.tuples(st.floats(0, 70), st.floats(0, 60), st.floats(-19, 5), st.booleans()),
+        min_size=1,
+        max_size=12,
+    ),
 )
 def test_going_the_same_way_again_enters_nothing(tmp_path_factory, moves):
-    """Whatever way feed moves went, rapid moves along it are free; those before it are told if a point of theirs is well inside."""
+    """Whatever way feed moves went, rapid moves along it are free; those before it are told if a
+    point of theirs is well inside.
+    """
     way = [(round(x, 2), round(y, 2), round(z, 2)) for x, y, z, _ in moves]
     body = "G0 X0 Y0\n"
     feeds = "".join(f"G1 X{x} Y{y} Z{z}\n" for x, y, z in way)
     again = "".join(f"G0 X{x} Y{y} Z{z}\n" for x, y, z in reversed(way))
     file = tmp_path_factory.mktemp("way") / "p.nc"
     file.write_text(HEAD + body + feeds + again + "M2\n")
-    assert [each.line for each in check(file, MACHINE).warnings if each.code == "rapid-into-stock"] == []
+    assert [
+        each.line for each in check(file, MACHINE).warnings if each.code == "rapid-into-stock"
+    ] == []
     file.write_text(HEAD + body + feeds.replace("G1", "G0") + "M2\n")
     inside = any(10.5 < x < 59.5 and 10.5 < y < 49.5 and z < -0.5 for x, y, z in way)
-    assert any(each.code == "rapid-into-stock" for each in check(file, MACHINE).warnings) or not inside
+    assert (
+        any(each.code == "rapid-into-stock" for each in check(file, MACHINE).warnings) or not inside
+    )
 
 
 def test_points_along_a_path_lie_on_it():
@@ -102,14 +114,25 @@ def test_points_along_a_path_lie_on_it():
     assert owner.tolist() == [0] * 10 + [1] * int(np.ceil(np.hypot(5.0 * np.pi, 2.0) / 0.5))
     assert points[:10] == pytest.approx(np.linspace(0.1, 1.0, 10)[:, None] * [4.0, 3.0, 0.0])
     angle = np.linspace(0.0, np.pi, len(points) - 9)[1:]
-    circle = np.stack((4.0 + 5.0 * np.sin(angle), 8.0 - 5.0 * np.cos(angle), 2.0 * angle / np.pi), axis=1)
+    circle = np.stack(
+        (4.0 + 5.0 * np.sin(angle), 8.0 - 5.0 * np.cos(angle), 2.0 * angle / np.pi), axis=1
+    )
     assert points[10:] == pytest.approx(circle, abs=1e-9)
     assert points_along(chunk, 0.5, np.array([1]))[0].tolist() == points[10:].tolist()
 
 
 def test_a_box_in_words():
     assert MACHINE.stock == Stock(x=(10, 60), y=(10, 50), z=(-20, 0))
-    for text in "", "X0:1", "X0:1,Y0:1", "X0:1,Y0:1,Z1:0", "X0:1,Y0:1,Z0:1,X0:1", "X0:1,Y0:1,A0:1", "X0:1;Y0:1,Z0:1", "X0:1,Y0:1,Znan:1":
+    for text in (
+        "",
+        "X0:1",
+        "X0:1,Y0:1",
+        "X0:1,Y0:1,Z1:0",
+        "X0:1,Y0:1,Z0:1,X0:1",
+        "X0:1,Y0:1,A0:1",
+        "X0:1;Y0:1,Z0:1",
+        "X0:1,Y0:1,Znan:1",
+    ):
         with pytest.raises(UsageError, match="stock-malformed"):
             with_stock(load_machine("default"), text)
 
@@ -124,9 +147,18 @@ def test_a_machine_file_may_have_the_stock(tmp_path):
     assert load_machine(file).stock == Stock(x=(0, 1), y=(0, 2), z=(-3, 0))
     for text, message in [
         (axes + "[stock]\nx = [0, 1]\ny = [0, 2]\n", "stock.z: is missing"),
-        (axes + "[stock]\nx = [0, 1]\ny = [0, 2]\nz = [0, -3]\n", "stock.z: must be [lowest, highest]"),
-        (axes + "[stock]\nx = [0, 1]\ny = [0, 2]\nz = [0, 3]\na = [0, 1]\n", "stock.a: there is no such key"),
-        (axes[: axes.index("[axes.z]")] + "[stock]\nx = [0, 1]\ny = [0, 2]\nz = [-3, 0]\n", "stock: the machine has not the axes"),
+        (
+            axes + "[stock]\nx = [0, 1]\ny = [0, 2]\nz = [0, -3]\n",
+            "stock.z: must be [lowest, highest]",
+        ),
+        (
+            axes + "[stock]\nx = [0, 1]\ny = [0, 2]\nz = [0, 3]\na = [0, 1]\n",
+            "stock.a: there is no such key",
+        ),
+        (
+            axes[: axes.index("[axes.z]")] + "[stock]\nx = [0, 1]\ny = [0, 2]\nz = [-3, 0]\n",
+            "stock: the machine has not the axes",
+        ),
     ]:
         file.write_text(text)
         with pytest.raises(MachineFileError) as raised:
@@ -139,7 +171,13 @@ def test_the_command_line_names_the_stock(tmp_path, capfd):
         (tmp_path / f"{name}.nc").write_text(HEAD + "G0 X30 Y30\nG0 Z-1\nM2\n")
     one, both = str(tmp_path / "a.nc"), str(tmp_path)
     for named in one, both:
-        assert cli.exit_code(["check", named, "--jobs", "1", "--stock", STOCK, "--fail-on", "warning"]) == 1
-        assert "rapid-into-stock: a rapid move enters the stock at X30 Y30 Z-0." in capfd.readouterr().err
+        assert (
+            cli.exit_code(["check", named, "--jobs", "1", "--stock", STOCK, "--fail-on", "warning"])
+            == 1
+        )
+        assert (
+            "rapid-into-stock: a rapid move enters the stock at X30 Y30 Z-0."
+            in capfd.readouterr().err
+        )
         assert cli.exit_code(["check", named, "--jobs", "1", "--fail-on", "warning"]) == 0
     assert cli.exit_code(["check", one, "--stock", "a lot"]) == 2

@@ -1,4 +1,6 @@
-"""What others put into their pipelines, run as they run it: the pre-commit hook, the GitHub Action, GitLab's job of the README."""
+"""What others put into their pipelines, run as they run it: the pre-commit hook, the GitHub Action,
+GitLab's job of the README.
+"""
 
 import os
 import re
@@ -39,8 +41,18 @@ def shop(tmp_path):
     (folder / "parts" / "old" / "GOOD.NGC").write_text(GOOD)
     (folder / "readme.txt").write_text("G2 no program\n")
 
-    def carry_out(*command: str, check: bool = False, **more: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(command, cwd=folder, env=environment | more, capture_output=True, text=True, check=check, timeout=1700)
+    def carry_out(
+        *command: str, check: bool = False, **more: str
+    ) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            command,
+            cwd=folder,
+            env=environment | more,
+            capture_output=True,
+            text=True,
+            check=check,
+            timeout=1700,
+        )
 
     carry_out.folder = folder
     return carry_out
@@ -52,12 +64,20 @@ def hook(**changed: str) -> dict:
 
 
 def test_the_hook_file_is_what_pre_commit_takes(shop):
-    done = shop(sys.executable, "-m", "pre_commit", "validate-manifest", str(ROOT / ".pre-commit-hooks.yaml"))
+    done = shop(
+        sys.executable,
+        "-m",
+        "pre_commit",
+        "validate-manifest",
+        str(ROOT / ".pre-commit-hooks.yaml"),
+    )
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_the_hook_checks_programs_and_nothing_else(shop):
-    """pre-commit runs its entry on the files it names; what it installs in an environment of its own is here already."""
+    """pre-commit runs its entry on the files it names; what it installs in an environment of its
+    own is here already.
+    """
     config = {"repos": [{"repo": "local", "hooks": [hook(language="system")]}]}
     (shop.folder / ".pre-commit-config.yaml").write_text(yaml.safe_dump(config))
     shop("git", "init", "-q", check=True)
@@ -82,18 +102,31 @@ def test_the_hook_takes_the_files_that_a_folder_is_searched_for():
 
 
 @pytest.mark.timeout(1800)
-@pytest.mark.skipif(not soaking(), reason="installs everything anew, and compiles the kernels there")
+@pytest.mark.skipif(
+    not soaking(), reason="installs everything anew, and compiles the kernels there"
+)
 def test_the_hook_is_installed_by_pre_commit_itself(shop):
     (shop.folder / "parts" / "bad.nc").write_text(BAD)
     shop("git", "init", "-q", check=True)
     shop("git", "add", ".", check=True)
-    done = shop(sys.executable, "-m", "pre_commit", "try-repo", str(ROOT), "cncrun-check", "--all-files", PYTHONPATH="")
+    done = shop(
+        sys.executable,
+        "-m",
+        "pre_commit",
+        "try-repo",
+        str(ROOT),
+        "cncrun-check",
+        "--all-files",
+        PYTHONPATH="",
+    )
     assert done.returncode == 1
     assert "parts/bad.nc:3:11: arc-radius-mismatch" in done.stdout
 
 
 def action(shop, name: str, **inputs: str) -> subprocess.CompletedProcess[str]:
-    """A step of the action, as GitHub's runner carries it out: inputs in the place of their expressions, and bash as it calls it."""
+    """A step of the action, as GitHub's runner carries it out: inputs in the place of their
+    expressions, and bash as it calls it.
+    """
     described = yaml.safe_load((ROOT / "action.yml").read_text())
     assert described["runs"]["using"] == "composite"
     (step,) = [each for each in described["runs"]["steps"] if each.get("name") == name]
@@ -115,9 +148,20 @@ def test_the_action_annotates(shop):
     (shop.folder / "parts" / "bad.nc").write_text(BAD)
     done = action(shop, "Check")
     assert done.returncode == 1
-    assert done.stdout.startswith("::error file=parts/bad.nc,line=3,endLine=3,col=11,endColumn=13,title=arc-radius-mismatch::")
+    assert done.stdout.startswith(
+        "::error file=parts/bad.nc,line=3,endLine=3,col=11,endColumn=13,title=arc-radius-mismatch::"
+    )
     assert action(shop, "Check", programs="parts/**/*.NGC parts/good.nc").returncode == 0
-    assert action(shop, "Check", programs="parts/old", machine="grbl-uno", arguments="--fail-on note --portable grbl").returncode == 0
+    assert (
+        action(
+            shop,
+            "Check",
+            programs="parts/old",
+            machine="grbl-uno",
+            arguments="--fail-on note --portable grbl",
+        ).returncode
+        == 0
+    )
     assert action(shop, "Check", programs="$(touch hacked) parts/good.nc").returncode == 2
     assert not (shop.folder / "hacked").exists()
 
@@ -159,5 +203,7 @@ def test_the_readmes_other_snippets_are_what_is_there():
     (used,) = yaml.safe_load(text)["repos"][0]["hooks"]
     assert used["id"] == hook()["id"]
     (text,) = re.findall(r"```yaml\n# \.github/workflows/gcode\.yml\n(.*?)```", readme, re.DOTALL)
-    (step,) = [each for each in yaml.safe_load(text)["jobs"]["gcode"]["steps"] if "/cnc@" in each["uses"]]
+    (step,) = [
+        each for each in yaml.safe_load(text)["jobs"]["gcode"]["steps"] if "/cnc@" in each["uses"]
+    ]
     assert step["with"].keys() <= yaml.safe_load((ROOT / "action.yml").read_text())["inputs"].keys()

@@ -1,4 +1,6 @@
-"""Many programs at once: the same findings on any number of processes, in order, whatever one of them holds or does to its process."""
+"""Many programs at once: the same findings on any number of processes, in order, whatever one of
+them holds or does to its process.
+"""
 
 import io
 import json
@@ -49,8 +51,12 @@ BROKEN = [
 
 
 def write_folder(folder: Path, count: int, longest: int) -> dict[str, str]:
-    """``count`` programs of every sort, one of ``longest`` lines, and what is to be found in each ("": nothing)."""
-    kinds: list[tuple[str, bytes]] = [(code, f"G21 G90 G94\n{line}\nM2\n".encode()) for code, line in BROKEN]
+    """``count`` programs of every sort, one of ``longest`` lines, and what is to be found in each
+    ("": nothing).
+    """
+    kinds: list[tuple[str, bytes]] = [
+        (code, f"G21 G90 G94\n{line}\nM2\n".encode()) for code, line in BROKEN
+    ]
     long = b"".join(b"G1 X%d.%03d Y%d\n" % (n % 300, n % 1000, n % 200) for n in range(longest))
     kinds += [
         ("", GOOD),
@@ -89,7 +95,12 @@ def cncrun(capfd):
 def lasting(reports: str) -> list[dict]:
     """What does not depend on the clock of this computer."""
     return [
-        {key: value for key, value in each.items() if key not in ("timing", "lines_per_s", "steps_per_s")} for each in json.loads(reports)
+        {
+            key: value
+            for key, value in each.items()
+            if key not in ("timing", "lines_per_s", "steps_per_s")
+        }
+        for each in json.loads(reports)
     ]
 
 
@@ -98,7 +109,12 @@ def test_the_same_findings_on_one_core_and_two(cncrun, tmp_path):
     found = [cncrun("check", *wanted, "--jobs", jobs, "--format", "json") for jobs in ("1", "2")]
     one, two = (lasting(out) for _, out, _ in found)
     assert one == two
-    codes = {each["program"]: ([error["code"] for error in each["errors"] if error["severity"] == "error"] or [""])[0] for each in one}
+    codes = {
+        each["program"]: (
+            [error["code"] for error in each["errors"] if error["severity"] == "error"] or [""]
+        )[0]
+        for each in one
+    }
     assert {name: code for name, code in codes.items() if code != wanted[name]} == {}
     assert list(codes) == list(wanted)
     assert [code for code, _, _ in found] == [2, 2]  # a file that is not there
@@ -107,12 +123,18 @@ def test_the_same_findings_on_one_core_and_two(cncrun, tmp_path):
 
 
 def test_each_ends_with_its_exit_code(cncrun, tmp_path):
-    """0 for a good one, 1 for a broken one, 2 for one that is not there; on 1 and 2 the last message is its fault, and says where."""
+    """0 for a good one, 1 for a broken one, 2 for one that is not there; on 1 and 2 the last
+    message is its fault, and says where.
+    """
     wanted = write_folder(tmp_path / "shop", len(BROKEN) + 9, 1000)
     for name, code in wanted.items():
         ended, out, err = cncrun("check", name, "--quiet")
         assert (ended, out) == (2 if code == "no-such-file" else int(bool(code)), ""), name
-        faults = [line for line in err.splitlines() if re.match(r"\S.*?: (warning|note): ", line) is None and not line.startswith(" ")]
+        faults = [
+            line
+            for line in err.splitlines()
+            if re.match(r"\S.*?: (warning|note): ", line) is None and not line.startswith(" ")
+        ]
         assert (f" {code}: " in f" {faults[-1]}") if code else not err, (name, err)
         assert "Traceback" not in err
 
@@ -131,8 +153,15 @@ def spoilt(self):
     return perform(self)
 task.Task.perform = spoilt
 """
-    monkeypatch.setattr(pool, "START", pool.START.replace("from cnc.batch.worker", f"exec({spoilt!r}); from cnc.batch.worker"))
-    names = [tmp_path / f"{number}-{kind}.nc" for number, kind in enumerate(["good", "deadly", "good", "flaky", "good"])]
+    monkeypatch.setattr(
+        pool,
+        "START",
+        pool.START.replace("from cnc.batch.worker", f"exec({spoilt!r}); from cnc.batch.worker"),
+    )
+    names = [
+        tmp_path / f"{number}-{kind}.nc"
+        for number, kind in enumerate(["good", "deadly", "good", "flaky", "good"])
+    ]
     for name in names:
         name.write_bytes(GOOD)
     reports = list(check_many(names, jobs=2))
@@ -140,17 +169,25 @@ task.Task.perform = spoilt
     assert [report.ok for report in reports] == [True, False, True, True, True]
     (fault,) = reports[1].faults
     assert fault.diagnostic.code == "worker-died"
-    assert fault.diagnostic.message.startswith("the process that checked it was ended by signal 9 (")
+    assert fault.diagnostic.message.startswith(
+        "the process that checked it was ended by signal 9 ("
+    )
     assert reports[1].exit_code == 1
 
 
 def test_a_fault_of_ours_is_told_and_stops_nothing(tmp_path, monkeypatch):
     broken = "import cnc.session.program_reader\ndef interpret(text, **_): raise RuntimeError('oh')\ncnc.session.program_reader.interpret = interpret"
-    monkeypatch.setattr(pool, "START", pool.START.replace("from cnc.batch.worker", f"exec({broken!r}); from cnc.batch.worker"))
+    monkeypatch.setattr(
+        pool,
+        "START",
+        pool.START.replace("from cnc.batch.worker", f"exec({broken!r}); from cnc.batch.worker"),
+    )
     for name in "ab":
         (tmp_path / f"{name}.nc").write_bytes(GOOD)
     reports = list(check_many([tmp_path / "a.nc", tmp_path / "b.nc"], jobs=1))
-    assert [report.faults[0].diagnostic.message for report in reports] == ["cncrun failed: RuntimeError: oh"] * 2
+    assert [report.faults[0].diagnostic.message for report in reports] == [
+        "cncrun failed: RuntimeError: oh"
+    ] * 2
     assert [report.exit_code for report in reports] == [1, 1]
 
 
@@ -180,8 +217,16 @@ def test_what_is_wrong_with_every_program_is_raised_once(tmp_path, cncrun):
 
 def test_options_reach_the_workers(tmp_path):
     (tmp_path / "a.nc").write_bytes(b"G21 G90\nG1 X50 F600\nM2\n")
-    (found,) = check_many([tmp_path / "a.nc"], "paper-nurbs", dialect="grbl", feed_override=50, interpolator="sampled")
-    alone = check(tmp_path / "a.nc", "paper-nurbs", dialect="grbl", control=Control(50), interpolator="sampled")
+    (found,) = check_many(
+        [tmp_path / "a.nc"], "paper-nurbs", dialect="grbl", feed_override=50, interpolator="sampled"
+    )
+    alone = check(
+        tmp_path / "a.nc",
+        "paper-nurbs",
+        dialect="grbl",
+        control=Control(50),
+        interpolator="sampled",
+    )
     assert lasting(json.dumps([found.as_json()])) == lasting(json.dumps([alone.as_json()]))
     assert found.duration_s == pytest.approx(10.0, rel=0.05)
 
@@ -218,7 +263,9 @@ def command(*arguments: str) -> list[str]:
 
 def test_standard_input_may_be_one_of_many(tmp_path):
     (tmp_path / "a.nc").write_bytes(GOOD)
-    done = subprocess.run(command(str(tmp_path / "a.nc"), "-"), cwd=ROOT, input=GOOD, capture_output=True, check=False)
+    done = subprocess.run(
+        command(str(tmp_path / "a.nc"), "-"), cwd=ROOT, input=GOOD, capture_output=True, check=False
+    )
     assert (done.returncode, done.stderr) == (0, b"")
     assert [line.split(b": ")[1][:2] for line in done.stdout.splitlines()] == [b"ok", b"ok"]
 
@@ -228,7 +275,9 @@ def test_a_name_that_is_no_text(tmp_path):
     for name in b"a.nc", b"caf\xe9.nc":
         (tmp_path / os.fsdecode(name)).write_bytes(GOOD)
     for form in "text", "github":
-        done = subprocess.run(command(str(tmp_path), "--format", form), cwd=ROOT, capture_output=True, check=False)
+        done = subprocess.run(
+            command(str(tmp_path), "--format", form), cwd=ROOT, capture_output=True, check=False
+        )
         assert (done.returncode, b"Traceback" in done.stderr) == (0, False), form
 
 
@@ -237,13 +286,23 @@ def test_modules_beside_the_programs_are_not_imported(tmp_path):
         (tmp_path / f"{name}.nc").write_bytes(GOOD)
     (tmp_path / "numpy.py").write_text("raise SystemExit('imported')\n")
     code = f"import sys; sys.path[0] = {str(ROOT)!r}; from cnc.cli import main; main()"
-    done = subprocess.run([sys.executable, "-c", code, "check", "."], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code, "check", "."],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (done.returncode, done.stdout.count(": ok, ")) == (0, 2), done.stderr
 
 
 def children(process: int) -> list[int]:
     """Processes that any of its threads started."""
-    return [int(each) for listed in Path(f"/proc/{process}/task").glob("*/children") for each in listed.read_text().split()]
+    return [
+        int(each)
+        for listed in Path(f"/proc/{process}/task").glob("*/children")
+        for each in listed.read_text().split()
+    ]
 
 
 def alive(process: int) -> bool:
@@ -257,8 +316,15 @@ def alive(process: int) -> bool:
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_no_process_outlives_the_one_that_wants_to_know(tmp_path, how):
     for number in range(50):  # a second each, or more
-        (tmp_path / f"{number}.nc").write_bytes(b"#1 = 0\no1 while [#1 LT 1000000]\n#1 = [#1 + 1]\no1 endwhile\nM2\n")
-    with subprocess.Popen(command(str(tmp_path), "--jobs", "2"), cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        (tmp_path / f"{number}.nc").write_bytes(
+            b"#1 = 0\no1 while [#1 LT 1000000]\n#1 = [#1 + 1]\no1 endwhile\nM2\n"
+        )
+    with subprocess.Popen(
+        command(str(tmp_path), "--jobs", "2"),
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
         workers = []
         while len(workers) < 2:
             assert process.poll() is None
@@ -268,7 +334,10 @@ def test_no_process_outlives_the_one_that_wants_to_know(tmp_path, how):
         process.send_signal(how)
         assert process.wait(20) == (130 if how != signal.SIGKILL else -9)
         if how != signal.SIGKILL:
-            assert process.stderr.read().decode().splitlines()[-1] == "stopped by the operator; nothing has moved"
+            assert (
+                process.stderr.read().decode().splitlines()[-1]
+                == "stopped by the operator; nothing has moved"
+            )
     until = time.monotonic() + 20
     while any(alive(worker) for worker in workers):
         assert time.monotonic() < until
@@ -291,12 +360,15 @@ def test_a_bar_counts_programs_on_a_terminal_only(monkeypatch):
 
 
 def test_the_algorithm_reaches_every_worker(tmp_path: Path) -> None:
-    """A line of slope 1/2: as many rows as steps of the one axis by half steps, as many as steps of both by comparing point by point."""
+    """A line of slope 1/2: as many rows as steps of the one axis by half steps, as many as steps of
+    both by comparing point by point.
+    """
     programs = []
     for number in range(2):
         programs.append(str(tmp_path / f"{number}.nc"))
         Path(programs[-1]).write_text("G21 G90 G1 X1 Y0.5 F600\nM2\n")
     rows = {
-        each: [report.pulse_rows for report in check_many(programs, algorithm=each, jobs=1)] for each in ("half-step", "point-by-point")
+        each: [report.pulse_rows for report in check_many(programs, algorithm=each, jobs=1)]
+        for each in ("half-step", "point-by-point")
     }
     assert rows == {"half-step": [200, 200], "point-by-point": [300, 300]}

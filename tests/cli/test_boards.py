@@ -45,8 +45,12 @@ def loaded(text: str, folder: Path) -> Machine:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
-def test_what_is_printed_is_a_machine_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    with PtyServer(GrblBox(settings={number: float(value) for number, value in SETTINGS.items()}), 4.0) as server:
+def test_what_is_printed_is_a_machine_file(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    with PtyServer(
+        GrblBox(settings={number: float(value) for number, value in SETTINGS.items()}), 4.0
+    ) as server:
         assert exit_code(["boards", server.name]) == 0
     text = capsys.readouterr().out
     assert "GRBL 1.1h" in text
@@ -68,13 +72,19 @@ def test_settings_that_are_missing_make_no_file() -> None:
 
 
 def test_a_name_can_not_break_the_file(tmp_path: Path) -> None:
-    info = BoardInfo('1.1h"\n[axes', hal=True, settings={number: str(value) for number, value in SETTINGS.items()})
+    info = BoardInfo(
+        '1.1h"\n[axes',
+        hal=True,
+        settings={number: str(value) for number, value in SETTINGS.items()},
+    )
     machine = loaded("\n".join(machine_file('C:\\x"', info, 9600)), tmp_path)
     assert machine.board.port == 'C:\\x"'
     assert machine.board.baud == 9600
 
 
-def test_a_port_without_a_board_is_named_and_the_code_says_so(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_a_port_without_a_board_is_named_and_the_code_says_so(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     assert exit_code(["boards", str(tmp_path / "ttyUSB0")]) == 3
     shown = capsys.readouterr()
     assert shown.out.splitlines()[1].startswith("# there is no port")
@@ -109,8 +119,14 @@ BOARD = Welcome(VERSION, 3, 500, 1020, 36, StepperState.IDLE, True)
     [
         (Found("/dev/ttyS0", "n/a"), ""),
         (Found("/dev/ttyUSB0", "", stepper=BOARD, baud=1_000_000), "its position is known"),
-        (Found("/dev/ttyUSB0", "", stepper=Welcome(VERSION, 4, 500, 1020, 40), baud=500_000), "4 axes (X Y Z A)"),
-        (Found("/dev/ttyUSB0", "", stepper=Welcome(VERSION + 1), baud=1_000_000), "make flash PORT=/dev/ttyUSB0"),
+        (
+            Found("/dev/ttyUSB0", "", stepper=Welcome(VERSION, 4, 500, 1020, 40), baud=500_000),
+            "4 axes (X Y Z A)",
+        ),
+        (
+            Found("/dev/ttyUSB0", "", stepper=Welcome(VERSION + 1), baud=1_000_000),
+            "make flash PORT=/dev/ttyUSB0",
+        ),
     ],
 )
 def test_every_line_of_another_port_is_a_remark(found: Found, said: str) -> None:
@@ -143,7 +159,9 @@ class Recorded:
 
 
 def test_nothing_is_said_that_could_move_an_unknown_device(monkeypatch: pytest.MonkeyPatch) -> None:
-    """GRBL's questions and its reset, then a hello without a line end and without a real-time command."""
+    """GRBL's questions and its reset, then a hello without a line end and without a real-time
+    command.
+    """
     port, clock = Recorded(), 0.0
 
     class Clock:

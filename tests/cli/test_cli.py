@@ -46,7 +46,9 @@ def cncrun(capfd):
 
 
 def last_message(err: str, code: str) -> str:
-    """The diagnostic at the end: its first line names the code, and nothing follows but the source line, the caret and the help."""
+    """The diagnostic at the end: its first line names the code, and nothing follows but the source
+    line, the caret and the help.
+    """
     lines = err.rstrip("\n").split("\n")
     first = max(number for number, line in enumerate(lines) if f"{code}: " in line)
     assert all(line.startswith("  ") for line in lines[first + 1 :])
@@ -83,7 +85,8 @@ def test_a_fault_of_the_program_is_1_with_place_caret_and_help(cncrun, program):
 
 def test_outside_the_travel_is_1_before_anything_moves(cncrun, program, monkeypatch):
     monkeypatch.setattr(api, "open_board", lambda *_, **__: Loopback(3, fail_after=0))
-    # Both end points are inside; the arc's bulge is not. A move that would fail the board comes first.
+    # Both end points are inside; the arc's bulge is not. A move that would fail the board comes
+    # first.
     file = program("G21 G90\nG1 X10 Y300 F600\nG2 X60 Y300 (Y 325) I25 J0\nM2\n")
     code, _, err = cncrun(file)
     assert code == 1
@@ -93,13 +96,21 @@ def test_outside_the_travel_is_1_before_anything_moves(cncrun, program, monkeypa
 
 
 def test_a_move_to_the_very_limit_is_no_fault(cncrun, program):
-    assert cncrun(program("G21 G90 G1 X410 Y310 F6000\nG1 X-10 Y-10\nM2\n"), "--quiet") == (0, "", "")
+    assert cncrun(program("G21 G90 G1 X410 Y310 F6000\nG1 X-10 Y-10\nM2\n"), "--quiet") == (
+        0,
+        "",
+        "",
+    )
     assert cncrun(program("G21 G90 G1 X410.001 F6000\nM2\n"), "--quiet")[0] == 1
 
 
 def test_a_spindle_that_would_drive_the_tool_too_fast(cncrun, program):
-    """Z goes 50 mm/s: 1 mm a turn at 3000 turns a minute, and no more; without the spindle a feed is only lowered."""
-    assert cncrun("check", program("G21 S3000 M3\nG33 Z-5 K1\nG1 Z0 F60000\nM2\n"), "--quiet")[0] == 0
+    """Z goes 50 mm/s: 1 mm a turn at 3000 turns a minute, and no more; without the spindle a feed
+    is only lowered.
+    """
+    assert (
+        cncrun("check", program("G21 S3000 M3\nG33 Z-5 K1\nG1 Z0 F60000\nM2\n"), "--quiet")[0] == 0
+    )
     file = program("G21 S3000 M3\nG33 Z-5 K1.01\nM2\n")
     code, _, err = cncrun("check", file, "--quiet")
     assert code == 1
@@ -174,7 +185,10 @@ def test_a_bad_machine_file_is_2(cncrun, program):
     machine = program("[axes.x]\nsteps_per_mm = -1\nmax_velocity = 5\n", "m.toml")
     code, _, err = cncrun(program(GOOD), "--machine", machine)
     assert code == 2
-    assert last_message(err, "machine-file") == f"{machine}:2:1: machine-file: axes.x.steps_per_mm: must be greater than 0, not -1"
+    assert (
+        last_message(err, "machine-file")
+        == f"{machine}:2:1: machine-file: axes.x.steps_per_mm: must be greater than 0, not -1"
+    )
 
 
 def test_an_error_of_ours_is_no_traceback_unless_asked_for(cncrun, program, monkeypatch):
@@ -192,20 +206,33 @@ def test_an_error_of_ours_is_no_traceback_unless_asked_for(cncrun, program, monk
 
 def test_every_output(cncrun, program, tmp_path):
     names = {
-        kind: str(tmp_path / name) for kind, name in [("blocks", "b.jsonl"), ("trace", "t.npz"), ("pulses", "p.npz"), ("json", "s.json")]
+        kind: str(tmp_path / name)
+        for kind, name in [
+            ("blocks", "b.jsonl"),
+            ("trace", "t.npz"),
+            ("pulses", "p.npz"),
+            ("json", "s.json"),
+        ]
     }
     options = [word for kind, name in names.items() for word in (f"--{kind}", name)]
     for command in ([], ["check"]):
         assert cncrun(*command, program(GOOD), "--quiet", *options) == (0, "", "")
         blocks = [json.loads(line) for line in Path(names["blocks"]).read_text().splitlines()]
-        assert [(block["line"], block["kind"]) for block in blocks] == [(2, "traverse"), (3, "line"), (4, "arc"), (5, "end")]
+        assert [(block["line"], block["kind"]) for block in blocks] == [
+            (2, "traverse"),
+            (3, "line"),
+            (4, "arc"),
+            (5, "end"),
+        ]
         summary = json.loads(Path(names["json"]).read_text())
         with np.load(names["trace"]) as trace, np.load(names["pulses"]) as pulses:
             assert trace["position"][-1] == pytest.approx([20, 5, 0], abs=1e-9)
             assert trace["t"][-2] <= summary["duration_s"] <= trace["t"][-1]
             assert trace["s"][-1] == pytest.approx(summary["path_length_mm"], abs=1e-9)
             made = np.abs(pulses["step"].astype(int)).sum(axis=0)
-            assert dict(zip(pulses["axes"].tolist(), made.tolist(), strict=True)) == summary["steps"]
+            assert (
+                dict(zip(pulses["axes"].tolist(), made.tolist(), strict=True)) == summary["steps"]
+            )
             end = pulses["origin_steps"] + pulses["step"].sum(axis=0)
             assert (end / pulses["steps_per_mm"]).tolist() == [20.0, 5.0, 0.0]
         assert (summary["lines"], summary["blocks"], summary["errors"]) == (5, 4, [])
@@ -228,7 +255,12 @@ def test_a_hyphen_is_standard_output_and_the_summary_moves_over(cncrun, program)
     assert json.loads(out)["program"].endswith("p.nc")
     assert "path length" in err
     _, out, _ = cncrun(program(GOOD), "--blocks", "-")
-    assert [json.loads(line)["kind"] for line in out.splitlines()] == ["traverse", "line", "arc", "end"]
+    assert [json.loads(line)["kind"] for line in out.splitlines()] == [
+        "traverse",
+        "line",
+        "arc",
+        "end",
+    ]
 
 
 @pytest.mark.parametrize("command", [("-",), ("check", "-")])
@@ -244,7 +276,9 @@ def test_a_faulty_program_writes_its_errors_and_nothing_else(cncrun, program, tm
     target = tmp_path / "out"
     target.mkdir()
     names = {"blocks": "b.jsonl", "trace": "t.npz", "pulses": "p.vcd", "json": "s.json"}
-    code, _, _ = cncrun(file, *[word for kind, name in names.items() for word in (f"--{kind}", str(target / name))])
+    code, _, _ = cncrun(
+        file, *[word for kind, name in names.items() for word in (f"--{kind}", str(target / name))]
+    )
     assert code == 1
     assert os.listdir(target) == ["s.json"]
     (error,) = json.loads((target / "s.json").read_text())["errors"]
@@ -283,7 +317,9 @@ def test_one_program_as_json(cncrun, program):
 
 
 def test_a_shipped_machine_by_name(cncrun, program):
-    _, out, _ = cncrun("check", program(GOOD), "--machine", "paper-nurbs", "--format", "json", "--quiet")
+    _, out, _ = cncrun(
+        "check", program(GOOD), "--machine", "paper-nurbs", "--format", "json", "--quiet"
+    )
     assert json.loads(out)["machine"] == "paper, NURBS"
 
 
@@ -292,7 +328,9 @@ def test_a_feed_override(cncrun, program):
     seconds = {}
     for command in (), ("check",):
         for percent in ("50", "100", "200"):
-            code, out, _ = cncrun(*command, file, "--feed-override", percent, "--json", "-", "--quiet")
+            code, out, _ = cncrun(
+                *command, file, "--feed-override", percent, "--json", "-", "--quiet"
+            )
             assert code == 0
             seconds[command, percent] = json.loads(out)["duration_s"]
         assert seconds[command, "50"] == pytest.approx(2 * seconds[command, "100"], rel=0.05)
@@ -334,26 +372,36 @@ def test_the_operator_stops_a_run(cncrun, program, monkeypatch):
 def test_the_operator_stops_before_anything_moves(program):
     """Reading from a pipe that never ends."""
     command = [sys.executable, "-m", "cnc.cli", "-"]
-    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        command, cwd=ROOT, stdin=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
         assert process.stdin
         assert process.stderr
-        process.stdin.write(b"G21\n" * 100_000)  # more than a pipe holds: it is being read once this returns
+        process.stdin.write(
+            b"G21\n" * 100_000
+        )  # more than a pipe holds: it is being read once this returns
         process.stdin.flush()
         process.send_signal(signal.SIGINT)
         try:
             process.wait(15)
         except subprocess.TimeoutExpired:
-            # Python sees a signal that comes in the instant before a read blocks after that read: press again, as anyone would.
+            # Python sees a signal that comes in the instant before a read blocks after that read:
+            # press again, as anyone would.
             process.send_signal(signal.SIGINT)
         assert process.wait(15) == 130
-        assert process.stderr.read().decode().splitlines()[-1] == "stopped by the operator; nothing has moved"
+        assert (
+            process.stderr.read().decode().splitlines()[-1]
+            == "stopped by the operator; nothing has moved"
+        )
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a shell with pipes")
 def test_whoever_reads_our_output_may_go_away(program):
     file = program("G21 G90 F6000\n" + "G1 X100\nG1 X0\n" * 5000 + "M2\n")
     command = [sys.executable, "-m", "cnc.cli", "check", file, "--blocks", "-"]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
         assert process.stdout
         assert process.stderr
         process.stdout.readline()
@@ -369,7 +417,14 @@ def test_help_imports_nothing_that_takes_long(arguments):
         "slow = {'numba', 'lark', 'numpy', 'pydantic', 'llvmlite', 'scipy'} & set(sys.modules);"
         "print(slow, file=sys.stderr); sys.exit(code or len(slow))"
     )
-    done = subprocess.run([sys.executable, "-c", code, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout
 
@@ -398,4 +453,8 @@ def test_the_command_line_knows_the_dialects_of_the_machine_file():
 
 @pytest.mark.parametrize("name", sorted(shipped()))
 def test_every_shipped_machine_checks_a_small_program(cncrun, program, name):
-    assert cncrun("check", program(GOOD), "--machine", name, "--quiet", "--dialect", "auto") == (0, "", "")
+    assert cncrun("check", program(GOOD), "--machine", name, "--quiet", "--dialect", "auto") == (
+        0,
+        "",
+        "",
+    )

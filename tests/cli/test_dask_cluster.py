@@ -1,4 +1,6 @@
-"""Programs on a Dask cluster: the same output as at home, whatever becomes of a worker in the middle of it."""
+"""Programs on a Dask cluster: the same output as at home, whatever becomes of a worker in the
+middle of it.
+"""
 
 import json
 import os
@@ -25,7 +27,10 @@ SLOW = "#1 = 0\no1 while [#1 LT 100000]\n#1 = [#1 + 1]\no1 endwhile\nM2\n"
 def lasting(reports: str) -> list[dict]:
     """What does not depend on the clock of a computer."""
     clocks = ("timing", "lines_per_s", "steps_per_s")
-    return [{key: value for key, value in each.items() if key not in clocks} for each in json.loads(reports)]
+    return [
+        {key: value for key, value in each.items() if key not in clocks}
+        for each in json.loads(reports)
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +38,13 @@ def cluster():
     """Address of a scheduler, and processes of its workers."""
     command = [sys.executable, str(Path(__file__).parent / "farm_cluster.py")]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment) as process:
+    with subprocess.Popen(
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=environment,
+    ) as process:
         try:
             address, *workers = process.stdout.readline().decode().split()
             yield address, [int(each) for each in workers]
@@ -45,7 +56,9 @@ def cluster():
                 process.kill()
 
 
-def test_a_worker_that_dies_loses_nothing_and_doubles_nothing(cluster, tmp_path, capfd, monkeypatch):
+def test_a_worker_that_dies_loses_nothing_and_doubles_nothing(
+    cluster, tmp_path, capfd, monkeypatch
+):
     address, workers = cluster
     kinds = {"good": GOOD, "slow": SLOW, "bad": "G2 X5\n", "sub": "o<part> call\nM2\n"}
     for number in range(16):
@@ -78,7 +91,19 @@ def test_a_worker_that_dies_loses_nothing_and_doubles_nothing(cluster, tmp_path,
 def test_one_program_and_what_is_wrong_with_every_one(cluster, tmp_path, capfd):
     address, _ = cluster
     (tmp_path / "a.nc").write_text(GOOD)
-    assert cli.exit_code(["check", str(tmp_path / "a.nc"), "--scheduler", address, "--json", str(tmp_path / "a.json")]) == 0
+    assert (
+        cli.exit_code(
+            [
+                "check",
+                str(tmp_path / "a.nc"),
+                "--scheduler",
+                address,
+                "--json",
+                str(tmp_path / "a.json"),
+            ]
+        )
+        == 0
+    )
     assert "path length" in capfd.readouterr().out
     assert json.loads((tmp_path / "a.json").read_text())["ok"]
     with pytest.raises(UsageError, match="unknown-dialect"):

@@ -76,8 +76,12 @@ def test_keys_are_read_at_a_terminal_and_it_is_left_as_it_was(terminal: int) -> 
         until(control, "stopped")
 
 
-@pytest.mark.parametrize(("key", "agreed"), [(b"y", True), (b"Y", True), (b"n", False), (b"q", False), (b" ", False)])
-def test_a_question_is_answered_by_a_key(terminal: int, capsys: pytest.CaptureFixture[str], key: bytes, agreed: bool) -> None:
+@pytest.mark.parametrize(
+    ("key", "agreed"), [(b"y", True), (b"Y", True), (b"n", False), (b"q", False), (b" ", False)]
+)
+def test_a_question_is_answered_by_a_key(
+    terminal: int, capsys: pytest.CaptureFixture[str], key: bytes, agreed: bool
+) -> None:
     control = Control()
     with Keys(control) as keys:
         later = threading.Timer(0.1, os.write, (terminal, key))
@@ -89,7 +93,9 @@ def test_a_question_is_answered_by_a_key(terminal: int, capsys: pytest.CaptureFi
     assert not control.held
 
 
-def test_without_a_terminal_there_are_no_keys_and_nobody_to_ask(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_terminal_there_are_no_keys_and_nobody_to_ask(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("q"))
     control = Control()
     with Keys(control) as keys:

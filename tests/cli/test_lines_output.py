@@ -21,7 +21,11 @@ MILL = load_machine(None)
 
 def points(program: Path, machine: Machine, dialect: str = "auto") -> np.ndarray:
     """Points of the motion as programmed, in machine coordinates."""
-    blocks = (block for block in parse(program, machine, dialect=dialect) if not isinstance(block, PathMode))
+    blocks = (
+        block
+        for block in parse(program, machine, dialect=dialect)
+        if not isinstance(block, PathMode)
+    )
     path = build(blocks, axes=machine.axis_names, start=start_position(machine))
     return np.concatenate([path_points(chunk) for chunk in path if isinstance(chunk, PathChunk)])
 
@@ -33,11 +37,15 @@ def translated(program: Path, machine: Machine, folder: Path) -> Path:
     return lines
 
 
-@pytest.mark.parametrize("file", [file.name for file in sorted(PROGRAMS.glob("*.nc")) if file.stem != "turned-thread"])
+@pytest.mark.parametrize(
+    "file", [file.name for file in sorted(PROGRAMS.glob("*.nc")) if file.stem != "turned-thread"]
+)
 def test_shipped_programs_are_the_same_motion_when_check_reads_their_lines(file, tmp_path):
     lines = translated(PROGRAMS / file, MILL, tmp_path)
     assert check(lines, MILL, dialect="grbl").ok
-    assert deviation(points(PROGRAMS / file, MILL), points(lines, MILL, "grbl")) <= MILL.path.tolerance
+    assert (
+        deviation(points(PROGRAMS / file, MILL), points(lines, MILL, "grbl")) <= MILL.path.tolerance
+    )
 
 
 def test_lines_are_relative_to_the_part(tmp_path):
@@ -45,7 +53,9 @@ def test_lines_are_relative_to_the_part(tmp_path):
     parameters.write_text("5220 1\n5221 30.5\n5222 12.25\n5223 -7\n")
     machine = MILL.model_copy(update={"program": Program(parameters=parameters)})
     program = tmp_path / "part.nc"
-    program.write_text("G21 G90 G17\nG0 Z5\nG0 X1 Y1\nG1 Z-1 F100\nG2 X5 Y5 I4 J0\nG55 G1 X40 Y20\nM2\n")
+    program.write_text(
+        "G21 G90 G17\nG0 Z5\nG0 X1 Y1\nG1 Z-1 F100\nG2 X5 Y5 I4 J0\nG55 G1 X40 Y20\nM2\n"
+    )
     lines = translated(program, machine, tmp_path)
     assert lines.read_text().splitlines()[1:4] == ["G0 Z5", "X1 Y1", "G1 Z-1 F100"]
     assert deviation(points(program, machine), points(lines, machine, "grbl")) <= 1e-4
@@ -82,7 +92,9 @@ def test_a_check_for_a_grbl_machine_says_so_too(tmp_path):
     program = tmp_path / "output.nc"
     program.write_text("G21 G90\nG1 X1 F100\nM62 P1\nG1 X2\nM2\n")
     report = check(program, load_machine("grbl-uno"), dialect="linuxcnc")
-    assert [(fault.diagnostic.code, fault.diagnostic.line) for fault in report.faults] == [("not-on-board", 3)]
+    assert [(fault.diagnostic.code, fault.diagnostic.line) for fault in report.faults] == [
+        ("not-on-board", 3)
+    ]
 
 
 def test_standard_output_is_the_program_alone(tmp_path, capsys):

@@ -1,4 +1,6 @@
-"""Two programs side by side: the largest distance between their ways, where it is, and how long each takes."""
+"""Two programs side by side: the largest distance between their ways, where it is, and how long
+each takes.
+"""
 
 import io
 import json
@@ -48,7 +50,12 @@ SQUARE = "G1 X40\nG1 Y40\nG1 X0\nG1 Y0"
         (SQUARE, SQUARE, 0.0, None),
         (SQUARE, "(a comment)\nN10 x40. f1200\ny 40\n g1 x0 y40\n\ny0", 0.0, None),
         (SQUARE, "G91 G1 X40\nG1 Y40\nG1 X-40\nG1 Y-40", 0.0, None),
-        (SQUARE, "G1 X20\nG1 X40\nG1 Y10\nG1 Y40\nG1 X0\nG1 Y0", 0.0, None),  # points in between change nothing
+        (
+            SQUARE,
+            "G1 X20\nG1 X40\nG1 Y10\nG1 Y40\nG1 X0\nG1 Y0",
+            0.0,
+            None,
+        ),  # points in between change nothing
         (SQUARE, SQUARE + "\nF100", 0.0, None),
         ("", "", 0.0, None),
         ("M3 S9", "G4 P1", 0.0, None),
@@ -102,11 +109,16 @@ def test_a_pass_more_is_found_where_it_is(beside):
 
 @given(st.integers(0, 30), st.floats(0.01, 3.0), st.integers(0, 2))
 def test_one_point_that_moved(tmp_path_factory, index, far, axis):
-    """Of a spiral of straight moves one point is somewhere else: that is the distance, and that is the line."""
+    """Of a spiral of straight moves one point is somewhere else: that is the distance, and that is
+    the line.
+    """
     folder = tmp_path_factory.mktemp("moved")
     points = [[k + 10.0 + 5.0 * math.cos(k), 20.0 + 5.0 * math.sin(k), 0.1 * k] for k in range(31)]
     for name in "a.nc", "b.nc":
-        lines = [" ".join(f"{letter}{value:.6f}" for letter, value in zip("XYZ", point, strict=True)) for point in points]
+        lines = [
+            " ".join(f"{letter}{value:.6f}" for letter, value in zip("XYZ", point, strict=True))
+            for point in points
+        ]
         (folder / name).write_text(HEAD + "G1 " + "\n".join(lines) + "\nM2\n")
         points[index][axis] += far
     found = compare(folder / "a.nc", folder / "b.nc", MACHINE, None)
@@ -120,12 +132,19 @@ def way(points: np.ndarray) -> Track:
     return Track(points, count, 0 * count, ("",))
 
 
-WAYS = st.lists(st.tuples(*[st.integers(-5, 5).map(float)] * 2), min_size=1, max_size=12).map(lambda each: np.array([(0.0, 0.0), *each]))
+WAYS = st.lists(st.tuples(*[st.integers(-5, 5).map(float)] * 2), min_size=1, max_size=12).map(
+    lambda each: np.array([(0.0, 0.0), *each])
+)
 
 
 def hausdorff(a: np.ndarray, b: np.ndarray) -> float:
-    """Between points that lie densely on both, without order: the least that any distance of ways can be."""
-    dense = [np.concatenate([np.linspace(p, q, 60) for p, q in pairwise(each)] or [each]) for each in (a, b)]
+    """Between points that lie densely on both, without order: the least that any distance of ways
+    can be.
+    """
+    dense = [
+        np.concatenate([np.linspace(p, q, 60) for p, q in pairwise(each)] or [each])
+        for each in (a, b)
+    ]
     apart = np.linalg.norm(dense[0][:, None] - dense[1][None], axis=2)
     return float(max(apart.min(axis=1).max(), apart.min(axis=0).max()))
 
@@ -141,7 +160,9 @@ def test_ways_without_order_are_no_farther_apart(a, b):
 
 @given(WAYS, WAYS)
 def test_what_is_not_in_a_hunk_is_common(a, b):
-    """The points outside of the hunks are the same ones, in order; each hunk begins where both are."""
+    """The points outside of the hunks are the same ones, in order; each hunk begins where both
+    are.
+    """
     i = j = 0
     for hunk in hunks(a, b):
         assert hunk.a0 - i == hunk.b0 - j >= 0
@@ -156,7 +177,9 @@ def test_large_ways_are_cut_and_measured_in_parts():
     """No point in common but the first: another sampling of one curve, with a bulge in it."""
     t = np.linspace(0.0, 60.0, 5 * LARGE), np.linspace(0.0, 60.0, 4 * LARGE + 7)
     curves = [np.stack((each * np.cos(each), each * np.sin(each)), axis=1) for each in t]
-    assert farthest(way(curves[0]), way(curves[1])).distance < 2e-2  # chords of 1.2 mm on the outermost turn, radius 60: about 3 um
+    assert (
+        farthest(way(curves[0]), way(curves[1])).distance < 2e-2
+    )  # chords of 1.2 mm on the outermost turn, radius 60: about 3 um
     curves[1][2000] *= 1.01
     found = farthest(way(curves[0]), way(curves[1]))
     assert found.distance == pytest.approx(0.01 * t[1][2000], rel=0.1)
@@ -176,9 +199,17 @@ def test_a_track_is_the_way_that_is_gone(name):
     track = recorder.track()
     starts, steps = track.points[:-1], np.diff(track.points, axis=0)
     for point in np.concatenate(samples)[:: 1 + len(np.concatenate(samples)) // 400]:
-        share = np.clip(((point - starts) * steps).sum(axis=1) / np.maximum((steps * steps).sum(axis=1), 1e-300), 0.0, 1.0)
+        share = np.clip(
+            ((point - starts) * steps).sum(axis=1)
+            / np.maximum((steps * steps).sum(axis=1), 1e-300),
+            0.0,
+            1.0,
+        )
         assert np.linalg.norm(starts + share[:, None] * steps - point, axis=1).min() < 1e-3
-    assert np.linalg.norm(steps, axis=1).sum() > 0.999 * np.linalg.norm(np.diff(np.concatenate(samples), axis=0), axis=1).sum()
+    assert (
+        np.linalg.norm(steps, axis=1).sum()
+        > 0.999 * np.linalg.norm(np.diff(np.concatenate(samples), axis=0), axis=1).sum()
+    )
 
 
 def test_the_command_line(tmp_path, capfd, monkeypatch):

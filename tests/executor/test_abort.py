@@ -1,4 +1,6 @@
-"""``(ABORT, text)``: the moves before it are made, the machine rests there, and the run ends with the fault."""
+"""``(ABORT, text)``: the moves before it are made, the machine rests there, and the run ends with
+the fault.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ ABORT = 7
 
 
 class Feeling(Loopback):
-    """A board whose probe answers as told; what it plays is kept, and how often it has been waited for."""
+    """A board whose probe answers as told; what it plays is kept, and how often it has been waited
+    for.
+    """
 
     def __init__(self, contact: float, fault: bool = False) -> None:
         super().__init__(3)
@@ -61,13 +65,18 @@ def written(program: Path, text: str) -> Path:
     return program
 
 
-def test_an_abort_that_is_known_beforehand_moves_nothing(program: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_abort_that_is_known_beforehand_moves_nothing(
+    program: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     written(program, "G21 G90\nG0 X5\n(ABORT, the vice is missing)\nM2\n")
     pulses = program.with_suffix(".npz")
     for words in (["check", str(program)], [str(program), "--pulses", str(pulses)]):
         assert cli.exit_code(words) == 1
         err = capfd.readouterr().err.splitlines()
-        assert err[-4] == f"{program}:3:1: program-abort: the program aborts itself: the vice is missing"
+        assert (
+            err[-4]
+            == f"{program}:3:1: program-abort: the program aborts itself: the vice is missing"
+        )
         assert err[-3:-1] == ["  (ABORT, the vice is missing)", "  ^" + "~" * 27]
         assert not pulses.exists()
     board = Loopback(3)
@@ -75,7 +84,9 @@ def test_an_abort_that_is_known_beforehand_moves_nothing(program: Path, capfd: p
     assert not board.rows
 
 
-def test_an_abort_in_a_branch_that_is_not_taken(program: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_abort_in_a_branch_that_is_not_taken(
+    program: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     written(program, "G21 G90\no1 if [0]\n(ABORT, never)\no1 else\nG0 X5\no1 endif\nM2\n")
     for words in (["check", str(program)], [str(program)]):
         assert cli.exit_code(words) == 0
@@ -101,11 +112,16 @@ def test_the_same_program_runs_to_its_end_by_another_answer(program: Path) -> No
     assert board.position_steps[0] == 9 * MILL.axes["x"].steps_per_mm
 
 
-def test_a_check_knows_no_answer_and_warns(program: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_check_knows_no_answer_and_warns(
+    program: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     """What a check assumes, contact, would abort; what stands behind it is checked all the same."""
     written(program, PROBED.format(1))
     assert cli.exit_code(["check", str(program)]) == 0
-    assert f"warning: {program}:{ABORT}:1: abort-possible: the program may abort itself: contact 1" in capfd.readouterr().err
+    assert (
+        f"warning: {program}:{ABORT}:1: abort-possible: the program may abort itself: contact 1"
+        in capfd.readouterr().err
+    )
     assert check(program).end_position["x"] == 9.0
     assert run(program, board=Feeling(0.0)).ok
     program.write_text(program.read_text().replace("X9", "X9999"))

@@ -1,4 +1,6 @@
-"""The operator and the board: holds, overrides and stops at machine times; the same pulses in the end; the time of the plan."""
+"""The operator and the board: holds, overrides and stops at machine times; the same pulses in the
+end; the time of the plan.
+"""
 
 from __future__ import annotations
 
@@ -61,8 +63,12 @@ def program(tmp_path: Path) -> Path:
     return file
 
 
-def scripted(program: Path, *script: tuple[float, Callable[[Control], None]]) -> tuple[Report, Timed, list[Progress]]:
-    """Run with an operator who acts at machine times, and resumes as soon as the machine has come to rest."""
+def scripted(
+    program: Path, *script: tuple[float, Callable[[Control], None]]
+) -> tuple[Report, Timed, list[Progress]]:
+    """Run with an operator who acts at machine times, and resumes as soon as the machine has come
+    to rest.
+    """
     control, board, told, left = Control(), Timed(), [], list(script)
 
     def on_sent(sent: Progress) -> None:
@@ -72,7 +78,11 @@ def scripted(program: Path, *script: tuple[float, Callable[[Control], None]]) ->
         while left and sent.time >= left[0][0]:
             left.pop(0)[1](control)
 
-    return run(program, mill(), board=board, control=control, watch=Watch(on_sent=on_sent)), board, told
+    return (
+        run(program, mill(), board=board, control=control, watch=Watch(on_sent=on_sent)),
+        board,
+        told,
+    )
 
 
 def test_the_same_steps_after_holds_and_overrides(program):
@@ -125,7 +135,9 @@ def test_a_stop_during_a_hold_is_an_operator_stop(program):
 
 
 def test_whoever_holds_waits_without_turning_in_circles(program):
-    """From another thread: nothing is asked of the board, nor of the operator, until the operator goes on."""
+    """From another thread: nothing is asked of the board, nor of the operator, until the operator
+    goes on.
+    """
     control, board, resting, told = Control(), Timed(), threading.Event(), []
 
     def on_sent(sent: Progress) -> None:
@@ -135,7 +147,11 @@ def test_whoever_holds_waits_without_turning_in_circles(program):
         elif sent.time > 0.5 and not resting.is_set():
             control.hold()
 
-    worker = threading.Thread(target=lambda: run(program, mill(), board=board, control=control, watch=Watch(on_sent=on_sent)))
+    worker = threading.Thread(
+        target=lambda: run(
+            program, mill(), board=board, control=control, watch=Watch(on_sent=on_sent)
+        )
+    )
     worker.start()
     assert resting.wait(60)
     count, rows = len(told), board.rows
@@ -163,7 +179,8 @@ def test_duration_is_what_the_board_plays(program):
     report, board, told = scripted(program)
     dwells = [block for _, block in board.commands if isinstance(block, Dwell)]
     assert sum(dwell.seconds for dwell in dwells) == 0.25
-    # The last step of a ramp to rest comes shortly before its end: half a BLU before it at a jerk of 40000 mm/s^3.
+    # The last step of a ramp to rest comes shortly before its end: half a BLU before it at a jerk
+    # of 40000 mm/s^3.
     assert 0.0 <= report.duration_s - board.last_s <= (6 * 0.01 / 40000) ** (1 / 3)
     assert told[-1].time == pytest.approx(report.duration_s, abs=1e-9)
     assert check(program, mill()).duration_s == pytest.approx(report.duration_s, rel=1e-9)
@@ -183,7 +200,9 @@ def test_an_override_changes_the_time_of_what_is_not_a_traverse(program, percent
 
 
 def test_traverses_go_at_the_limits_of_the_axes_along_their_line(tmp_path):
-    """G0 along a line at which X binds in speed and Y in acceleration and jerk; the machine's largest feed does not matter."""
+    """G0 along a line at which X binds in speed and Y in acceleration and jerk; the machine's
+    largest feed does not matter.
+    """
     fast = Axis(steps_per_mm=10.0, max_velocity=300.0, max_acceleration=5000.0, max_jerk=200000.0)
     heavy = Axis(steps_per_mm=10.0, max_velocity=400.0, max_acceleration=1000.0, max_jerk=20000.0)
     machine = Machine(axes={"x": fast, "y": heavy}, path=PathLimits(max_feed=20.0))
@@ -193,6 +212,9 @@ def test_traverses_go_at_the_limits_of_the_axes_along_their_line(tmp_path):
         length = float(np.hypot(x, y))
         cx, cy = x / length, y / length
         with np.errstate(divide="ignore"):
-            v, a, j = (min(np.divide(p, cx), np.divide(q, cy)) for p, q in ((300.0, 400.0), (5000.0, 1000.0), (200000.0, 20000.0)))
+            v, a, j = (
+                min(np.divide(p, cx), np.divide(q, cy))
+                for p, q in ((300.0, 400.0), (5000.0, 1000.0), (200000.0, 20000.0))
+            )
         expected = length / v + v / a + a / j
         assert check(file, machine).duration_s == pytest.approx(expected, rel=1e-3)

@@ -1,4 +1,6 @@
-"""The executor: order, times of commands, stops and faults, on boards that note what they are sent."""
+"""The executor: order, times of commands, stops and faults, on boards that note what they are
+sent.
+"""
 
 from __future__ import annotations
 
@@ -29,10 +31,29 @@ def stretch(line: int, t0: float, seconds: float = 1.0, speed_at_end: float = 0.
     """A stretch of a plan of which only times, line and end speed matter here."""
     one = np.ones(1)
     path = PathChunk(
-        ("x",), FILE, one.astype(np.int8), one.astype(np.int64), one, one, one, np.array([line], np.int32), one.astype(np.bool_), 0 * one
+        ("x",),
+        FILE,
+        one.astype(np.int8),
+        one.astype(np.int64),
+        one,
+        one,
+        one,
+        np.array([line], np.int32),
+        one.astype(np.bool_),
+        0 * one,
     )
     ends = np.array([0.0, 1.0])
-    return PlanChunk(path, ends, t0, 0.0, ends * seconds, ends, np.array([0.0, speed_at_end]), np.zeros(2), np.zeros(1))
+    return PlanChunk(
+        path,
+        ends,
+        t0,
+        0.0,
+        ends * seconds,
+        ends,
+        np.array([0.0, speed_at_end]),
+        np.zeros(2),
+        np.zeros(1),
+    )
 
 
 class Ticker:
@@ -45,7 +66,9 @@ class Ticker:
     def pulses(self, chunk: PlanChunk) -> Iterator[PulseChunk]:
         line = chunk.path.line.repeat(2)
         for part in (0.0, 0.5):
-            time = np.rint((chunk.t0 + (part + np.array([0.1, 0.3])) * chunk.duration) * 1e9).astype(np.int64)
+            time = np.rint(
+                (chunk.t0 + (part + np.array([0.1, 0.3])) * chunk.duration) * 1e9
+            ).astype(np.int64)
             self.position_steps += 2
             yield PulseChunk(time, np.ones((2, 1), dtype=np.int8), line)
 
@@ -56,7 +79,9 @@ class Ticker:
         self.position_steps = grid.copy()
 
 
-def go(*items: PlanChunk | Block, board: Loopback | None = None, **options: Any) -> tuple[Outcome, Loopback]:
+def go(
+    *items: PlanChunk | Block, board: Loopback | None = None, **options: Any
+) -> tuple[Outcome, Loopback]:
     used = Loopback(1) if board is None else board
     return execute(iter(items), used, Ticker(), **options), used
 
@@ -65,7 +90,15 @@ def test_everything_in_order() -> None:
     shown: list[PulseChunk] = []
     told: list[Progress] = []
     spindle, dwell, end = Spindle(FILE, 1, "cw", 100.0), Dwell(FILE, 3, 0.5), End(FILE, 5)
-    outcome, board = go(spindle, stretch(2, 0.0), dwell, stretch(4, 1.5), end, on_pulses=shown.append, on_progress=told.append)
+    outcome, board = go(
+        spindle,
+        stretch(2, 0.0),
+        dwell,
+        stretch(4, 1.5),
+        end,
+        on_pulses=shown.append,
+        on_progress=told.append,
+    )
     assert outcome.finished
     assert outcome.stopped_at_line is None
     assert outcome.duration == 2.5
@@ -140,7 +173,13 @@ class TestStop:
         def never() -> list[PlanChunk]:
             raise AssertionError
 
-        outcome, _ = go(stretch(2, 0.0), stretch(3, 1.0), control=control, on_pulses=lambda _: control.stop(), ramp_down=never)
+        outcome, _ = go(
+            stretch(2, 0.0),
+            stretch(3, 1.0),
+            control=control,
+            on_pulses=lambda _: control.stop(),
+            ramp_down=never,
+        )
         assert outcome.stopped_at_line == 2
         assert outcome.rows == 4
 
@@ -211,7 +250,9 @@ def test_any_other_exception_aborts_too(fault: BaseException) -> None:
 
 
 class Touching(Loopback):
-    """A board whose probe makes contact at a height of the third axis: pulses below are not played."""
+    """A board whose probe makes contact at a height of the third axis: pulses below are not
+    played.
+    """
 
     def __init__(self, height: int | None) -> None:
         super().__init__(3)
@@ -237,7 +278,13 @@ class Touching(Loopback):
 def probing(board: Touching, must: bool = True) -> Outcome:
     """A probe down to -1 mm, then a traverse back up to 0 by way of what the probe found."""
     mill = Machine(
-        name="mill", axes={letter: Axis(steps_per_mm=100.0, max_velocity=50.0, max_acceleration=500.0, max_jerk=5000.0) for letter in "xyz"}
+        name="mill",
+        axes={
+            letter: Axis(
+                steps_per_mm=100.0, max_velocity=50.0, max_acceleration=500.0, max_jerk=5000.0
+            )
+            for letter in "xyz"
+        },
     )
     found = Probe(FILE, 2, np.array([0.0, 0.0, -1.0]), 10.0, True, must)
 
@@ -245,7 +292,9 @@ def probing(board: Touching, must: bool = True) -> Outcome:
         yield found
         assert found.answer.values is not None
         x = found.answer.values[3]
-        yield Polyline(FILE, 3, np.array([[x, 0.0, 0.0]]), np.array([np.nan]), np.array([3], np.int32))
+        yield Polyline(
+            FILE, 3, np.array([[x, 0.0, 0.0]]), np.array([np.nan]), np.array([3], np.int32)
+        )
 
     path = build(blocks(), axes=("x", "y", "z"), start=np.zeros(3))
     return execute(LookAhead(mill).plan(path), board, ReferencePulse([100.0] * 3, np.zeros(3)))
@@ -272,7 +321,9 @@ def test_a_probe_that_may_find_nothing() -> None:
 
 
 def test_a_stop_at_any_moment_comes_to_rest_on_the_path() -> None:
-    """With the real planner: nothing is left out between the last stretch sent and the ramp, wherever the stop falls."""
+    """With the real planner: nothing is left out between the last stretch sent and the ramp,
+    wherever the stop falls.
+    """
     axis = Axis(steps_per_mm=100.0, max_velocity=100.0, max_acceleration=1500.0, max_jerk=40000.0)
     machine = Machine(axes={"x": axis}, path=PathLimits(max_feed=100.0))
     ends = np.arange(1, 4001)[:, None] * 0.05
@@ -283,13 +334,20 @@ def test_a_stop_at_any_moment_comes_to_rest_on_the_path() -> None:
         interpolator = ReferencePulse([100.0], [0.0], 1e9 / 200_000)
         chunks: list[PulseChunk] = []
 
-        def look(pulses: PulseChunk, chunks: list[PulseChunk] = chunks, control: Control = control, sent: int = sent) -> None:
+        def look(
+            pulses: PulseChunk,
+            chunks: list[PulseChunk] = chunks,
+            control: Control = control,
+            sent: int = sent,
+        ) -> None:
             chunks.append(pulses)
             if len(chunks) == sent:
                 control.stop()
 
         plans = ahead.plan(build([moves], axes=("x",), start=np.zeros(1)))
-        outcome = execute(plans, board, interpolator, on_pulses=look, control=control, ramp_down=ahead.ramp_down)
+        outcome = execute(
+            plans, board, interpolator, on_pulses=look, control=control, ramp_down=ahead.ramp_down
+        )
         assert outcome.stopped_at_line is not None
         times = np.concatenate([chunk.time_ns for chunk in chunks])
         assert np.diff(times).min() > 0.99e9 / (100.0 * 100.0)

@@ -1,4 +1,6 @@
-"""Homing against the firmware in the simulator: the switches close and open where the pins have brought the axes."""
+"""Homing against the firmware in the simulator: the switches close and open where the pins have
+brought the axes.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,12 @@ from cnc.cli import exit_code
 from cnc.executor.homing import LATCHES, STUCK, Way, ways_home
 from cnc.machine.models import Axis, Homing, HomingOrder, Machine
 from cnc.model.diagnostics import BoardError, CncError, UsageError
-from tests.support.boards.stepper_simulator import DIRECTION_PINS, STEP_PINS, Simulator, SimulatorPort
+from tests.support.boards.stepper_simulator import (
+    DIRECTION_PINS,
+    STEP_PINS,
+    Simulator,
+    SimulatorPort,
+)
 from tests.support.soak import share
 
 SWITCH_PINS = {"x": 9, "y": 10, "z": 12}
@@ -24,7 +31,14 @@ QUICK = Homing(seek=20.0, latch=2.0, pull_off=0.5)
 
 
 def axis(travel: tuple[float, float], homing: Homing | None = QUICK, **changes: object) -> Axis:
-    known = Axis(steps_per_mm=STEPS_PER_MM, max_velocity=40.0, max_acceleration=400.0, max_jerk=15_000.0, travel=travel, homing=homing)
+    known = Axis(
+        steps_per_mm=STEPS_PER_MM,
+        max_velocity=40.0,
+        max_acceleration=400.0,
+        max_jerk=15_000.0,
+        travel=travel,
+        homing=homing,
+    )
     return known.model_copy(update=changes)
 
 
@@ -34,9 +48,11 @@ def small(**changes: object) -> Machine:
 
 
 class Bench:
-    """The chip, its axes' places as its pins have led them (steps, 0 where the bench began), and the switches that these close.
+    """The chip, its axes' places as its pins have led them (steps, 0 where the bench began), and
+    the switches that these close.
 
-    switches: by the axis's letter the places, in steps, from which to which its switch is closed; pins are set every 0.5 ms.
+    switches: by the axis's letter the places, in steps, from which to which its switch is closed;
+    pins are set every 0.5 ms.
     """
 
     def __init__(self, **switches: tuple[float, float]) -> None:
@@ -65,7 +81,9 @@ class Bench:
 
     def set(self) -> None:
         for letter, (low, high) in self.switches.items():
-            self.simulator.set_pin(SWITCH_PINS[letter], 0 if low <= self.place["xyz".index(letter)] <= high else 1)
+            self.simulator.set_pin(
+                SWITCH_PINS[letter], 0 if low <= self.place["xyz".index(letter)] <= high else 1
+            )
 
     def driver(self, machine: Machine) -> Stepper:
         return Stepper(self.port, machine, "the simulator", clock=self.port)
@@ -105,7 +123,8 @@ def rows(bench: Bench) -> np.ndarray:
 def test_every_axis_ends_off_its_switch_and_knows_where_it_is(bench: Bench) -> None:
     machine = small()
     assert bench.home(machine) == {"x": 0.0, "y": -2.0, "z": 1.0}
-    # a switch that closes at -300 has done so in the first move at or behind it: from there 50 steps back
+    # a switch that closes at -300 has done so in the first move at or behind it: from there 50
+    # steps back
     for place, closed in zip(bench.place, (-300 + 50, -410 + 50, 150 - 50), strict=False):
         assert abs(place - closed) <= 1
     assert bench.standing(machine) == (0, -200, 100)
@@ -117,7 +136,10 @@ def test_every_axis_ends_off_its_switch_and_knows_where_it_is(bench: Bench) -> N
 
 def test_the_order_and_the_ends_are_the_machines_own(bench: Bench) -> None:
     up = QUICK.model_copy(update={"end": "high", "position": 7.0})
-    machine = small(axes={"x": axis((0.0, 8.0), up), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))}, homing=HomingOrder(order=("y", "x")))
+    machine = small(
+        axes={"x": axis((0.0, 8.0), up), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))},
+        homing=HomingOrder(order=("y", "x")),
+    )
     bench.switches = {**EVERYWHERE, "x": (300, INF)}
     assert bench.home(machine) == {"x": 7.0, "y": -2.0, "z": None}
     made = rows(bench)
@@ -129,7 +151,9 @@ def test_the_order_and_the_ends_are_the_machines_own(bench: Bench) -> None:
 
 @pytest.mark.parametrize("invert", [False, True])
 def test_an_axis_alone(bench: Bench, invert: bool) -> None:
-    machine = small(axes={"x": axis((0.0, 8.0), invert=invert), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))})
+    machine = small(
+        axes={"x": axis((0.0, 8.0), invert=invert), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))}
+    )
     bench.switches = {"x": (300, INF) if invert else (-INF, -300)}
     assert bench.home(machine, "x") == {"x": 0.0, "y": None, "z": None}
     assert abs(bench.place[0]) in (249, 250, 251)
@@ -158,7 +182,9 @@ def test_a_switch_that_is_closed_at_first_is_backed_off(bench: Bench) -> None:
     ],
     ids=["never closes", "never opens", "opens again under way", "no other axis moves"],
 )
-def test_a_switch_that_does_not_do_its_part(bench: Bench, switches: dict[str, tuple[float, float]], farthest: dict[str, int]) -> None:
+def test_a_switch_that_does_not_do_its_part(
+    bench: Bench, switches: dict[str, tuple[float, float]], farthest: dict[str, int]
+) -> None:
     bench.switches = switches
     machine = small()
     if switches.get("z", (0, 0))[0] == 150:
@@ -212,7 +238,9 @@ def test_the_limit_of_another_axis_is_an_alarm(bench: Bench) -> None:
     assert caught.value.diagnostic.code == "board-limit"
     assert "switch of Y" in caught.value.diagnostic.message
     assert -104 <= bench.place[0] <= -100
-    assert bench.standing(small()) == (None, None, None), "motors that are stopped at once may lose steps"
+    assert bench.standing(small()) == (None, None, None), (
+        "motors that are stopped at once may lose steps"
+    )
 
 
 def test_the_operator_stops_it(bench: Bench) -> None:
@@ -250,10 +278,14 @@ def test_a_reset_on_the_way_leaves_nothing_known(bench: Bench) -> None:
 @pytest.mark.parametrize("place", share([*range(-950, 950, 25)], [-950, 950]))
 @pytest.mark.parametrize(("seek", "end"), share([(20.0, "low"), (60.0, "high")], [(60.0, "high")]))
 def test_from_wherever_it_stands(place: int, seek: float, end: str) -> None:
-    """Within the travel of the axis, and before its switch or behind; with a latch speed of half a step a look at the pins: to the step."""
+    """Within the travel of the axis, and before its switch or behind; with a latch speed of half a
+    step a look at the pins: to the step.
+    """
     towards = 1 if end == "high" else -1
     way = Homing(end=end, seek=seek, latch=2.0, pull_off=1.0)  # type: ignore[arg-type]
-    machine = small(axes={"x": axis((0.0, 10.0), way), "y": axis((0.0, 1.0)), "z": axis((0.0, 1.0))})
+    machine = small(
+        axes={"x": axis((0.0, 10.0), way), "y": axis((0.0, 1.0)), "z": axis((0.0, 1.0))}
+    )
     bench = Bench(x=(place, INF) if towards > 0 else (-INF, place))
     try:
         assert bench.home(machine, "x")["x"] == (10.0 if towards > 0 else 0.0)
@@ -263,7 +295,9 @@ def test_from_wherever_it_stands(place: int, seek: float, end: str) -> None:
 
 
 def test_the_motion_is_within_the_machines_limits(bench: Bench) -> None:
-    """Up to the switch: from rest, and to rest again at a pull-off, no faster than asked for, no more abruptly than the axis may."""
+    """Up to the switch: from rest, and to rest again at a pull-off, no faster than asked for, no
+    more abruptly than the axis may.
+    """
     machine = small()
     bench.switches = {"z": (550, INF)}
     bench.home(machine, "z")
@@ -271,7 +305,8 @@ def test_the_motion_is_within_the_machines_limits(bench: Bench) -> None:
     t = cycles / 16e6
     gaps = np.diff(t)[:549]
     assert gaps.min() >= 1 / (20.0 * STEPS_PER_MM) - 1e-5
-    # 20 mm/s with 400 mm/s^2 and 15000 mm/s^3 takes 0.05 + 0.0267 s and half as much of 20 mm: the first mm at least half of that
+    # 20 mm/s with 400 mm/s^2 and 15000 mm/s^3 takes 0.05 + 0.0267 s and half as much of 20 mm: the
+    # first mm at least half of that
     assert t[100] - t[0] > 0.05
 
 
@@ -295,7 +330,10 @@ def test_a_machine_that_homes_runs_nothing_before(bench: Bench, tmp_path: Path) 
     assert refused.exit_code == 3
     assert not len(rows(bench))
     assert ran(bench, machine, tmp_path, home=True).ok
-    assert [abs(place - to) <= 1 for place, to in zip(bench.place, (-250 + 200, -360 + 200, 0), strict=False)] == [True] * 3
+    assert [
+        abs(place - to) <= 1
+        for place, to in zip(bench.place, (-250 + 200, -360 + 200, 0), strict=False)
+    ] == [True] * 3
     assert ran(bench, machine, tmp_path).ok, "the board still knows"
     bench.simulator.reset()
     assert not ran(bench, machine, tmp_path).ok
@@ -310,8 +348,15 @@ def test_a_faulty_program_is_not_homed_for(bench: Bench, tmp_path: Path) -> None
     assert not len(rows(bench))
 
 
-def test_a_machine_without_switches_says_what_it_takes_for_granted(bench: Bench, tmp_path: Path) -> None:
-    machine = small(axes={letter: each.model_copy(update={"homing": None}) for letter, each in small().axes.items()})
+def test_a_machine_without_switches_says_what_it_takes_for_granted(
+    bench: Bench, tmp_path: Path
+) -> None:
+    machine = small(
+        axes={
+            letter: each.model_copy(update={"homing": None})
+            for letter, each in small().axes.items()
+        }
+    )
     assert not machine.homes
     first, second = ran(bench, machine, tmp_path), ran(bench, machine, tmp_path)
     assert first.ok and second.ok
@@ -320,13 +365,20 @@ def test_a_machine_without_switches_says_what_it_takes_for_granted(bench: Bench,
     assert not second.warnings
 
 
-def test_the_command(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(
+    bench: Bench,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     monkeypatch.setattr("cnc.api.open_board", lambda machine, **_: bench.driver(machine))
     file = tmp_path / "m.toml"
     axis_text = "steps_per_mm = 100\nmax_velocity = 40\nmax_acceleration = 400\nmax_jerk = 15000\n"
     axis_text += "homing = { seek = 40, latch = 5, pull_off = 0.5 }\n"
     travels = {"x": "[0, 8]", "y": "[-2, 6]", "z": "[-5, 1]"}
-    axes = "".join(f"[axes.{letter}]\n{axis_text}travel = {travel}\n" for letter, travel in travels.items())
+    axes = "".join(
+        f"[axes.{letter}]\n{axis_text}travel = {travel}\n" for letter, travel in travels.items()
+    )
     file.write_text(axes + '[board]\nkind = "stepper"\n[homing]\norder = ["z", "y", "x"]\n')
     assert exit_code(["home", "--machine", str(file), "y", "x"]) == 0
     shown = capsys.readouterr().out
@@ -346,7 +398,11 @@ def test_the_command(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     [
         (small(), ("w",), "unknown-axis"),
         (small(axes={**small().axes, "a": axis((0.0, 1.0))}), ("a",), "no-switch"),
-        (small(axes={"x": axis((0.0, 1.0)).model_copy(update={"travel": None})}), (), "homing-travel"),
+        (
+            small(axes={"x": axis((0.0, 1.0)).model_copy(update={"travel": None})}),
+            (),
+            "homing-travel",
+        ),
     ],
 )
 def test_what_can_not_be_homed(machine: Machine, axes: tuple[str, ...], code: str) -> None:
@@ -365,8 +421,16 @@ def test_what_the_machine_file_leaves_out() -> None:
     """Z first, upwards; then the others in their order, downwards; as slow as GRBL."""
     machine = small(axes={letter: axis((-10.0, 20.0), None) for letter in "xyz"})
     ways = ways_home(machine)
-    assert [(way.letter, way.towards, way.rest) for way in ways] == [("z", 1, 20.0), ("x", -1, -10.0), ("y", -1, -10.0)]
+    assert [(way.letter, way.towards, way.rest) for way in ways] == [
+        ("z", 1, 20.0),
+        ("x", -1, -10.0),
+        ("y", -1, -10.0),
+    ]
     assert [way.longest for way in ways] == [32.0] * 3
-    assert (ways[0].settings.seek, ways[0].settings.latch, ways[0].settings.pull_off) == (8.0, 0.5, 1.0)
+    assert (ways[0].settings.seek, ways[0].settings.latch, ways[0].settings.pull_off) == (
+        8.0,
+        0.5,
+        1.0,
+    )
     assert isinstance(ways[0], Way)
     assert LATCHES * 1.0 < STUCK * 1.0

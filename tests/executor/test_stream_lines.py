@@ -1,4 +1,6 @@
-"""Programs on a board that plans for itself: the board in the box goes where the program says, and faults and wishes end in reports."""
+"""Programs on a board that plans for itself: the board in the box goes where the program says, and
+faults and wishes end in reports.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,11 @@ def ran(box: GrblBox, tmp_path: Path, text: str, **arguments: object) -> Report:
 
 
 def test_a_program_goes_where_it_says(box: GrblBox, tmp_path: Path) -> None:
-    report = ran(box, tmp_path, "G21 G90\nG0 Z5\nM3 S1000\nG1 Z-1 F300\nG2 X10 Y0 I5 J0 F900\nG1 Y20\nG0 Z5\nM5\nM30\n")
+    report = ran(
+        box,
+        tmp_path,
+        "G21 G90\nG0 Z5\nM3 S1000\nG1 Z-1 F300\nG2 X10 Y0 I5 J0 F900\nG1 Y20\nG0 Z5\nM5\nM30\n",
+    )
     assert report.ok, report.faults
     assert box.position == pytest.approx((10.0, 20.0, 5.0), abs=0.002)
     assert box.lost == 0
@@ -89,7 +95,9 @@ def test_a_fault_of_the_link_names_file_and_line(box: GrblBox, tmp_path: Path) -
     assert found.text.startswith("G1 X")
 
 
-def test_a_board_that_ends_elsewhere_than_the_program_is_found_out(box: GrblBox, tmp_path: Path) -> None:
+def test_a_board_that_ends_elsewhere_than_the_program_is_found_out(
+    box: GrblBox, tmp_path: Path
+) -> None:
     text = "G1 X20.05 F600\n"
     assert ran(box, tmp_path, text).ok
     asked = box.core.receiver.received - 80
@@ -114,7 +122,13 @@ def test_a_stop_is_reported_with_the_position(box: GrblBox, tmp_path: Path) -> N
         if progress.position is not None and progress.position[0] > 10.0:
             control.stop()
 
-    report = ran(box, tmp_path, "G1 X20 F600\n" + "Y0.1\nY0\n" * 30, control=control, watch=Watch(on_sent=watch))
+    report = ran(
+        box,
+        tmp_path,
+        "G1 X20 F600\n" + "Y0.1\nY0\n" * 30,
+        control=control,
+        watch=Watch(on_sent=watch),
+    )
     assert report.ok
     assert report.stopped_at_line is not None
     assert report.end_position["x"] == pytest.approx(box.position[0], abs=0.002)
@@ -132,7 +146,9 @@ def test_pauses_wait_for_the_operator_or_are_refused_or_left_out(tmp_path: Path)
             control.resume()
 
     waited, refused, left_out = GrblBox(), GrblBox(), GrblBox()
-    assert ran(waited, tmp_path, text, control=control, watch=Watch(on_sent=go_on), dialect="linuxcnc").ok
+    assert ran(
+        waited, tmp_path, text, control=control, watch=Watch(on_sent=go_on), dialect="linuxcnc"
+    ).ok
     assert len(holds) == 2
     report = ran(refused, tmp_path, text, pauses="refuse", dialect="linuxcnc")
     assert [fault.diagnostic.code for fault in report.faults] == ["needs-operator"]

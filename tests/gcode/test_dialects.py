@@ -35,7 +35,11 @@ def test_what_is_refused_by_name_is_spoken_nowhere() -> None:
     spoken = [dialects.load(name) for name in dialects.NAMES]
     known = tomllib.loads(files(dialects).joinpath("known.toml").read_text(encoding="utf-8"))
     for kind, unit in (("g", 10), ("m", 1)):
-        assert not {code for code in known[kind] if any(round(float(code) * unit) in getattr(each, kind) for each in spoken)}
+        assert not {
+            code
+            for code in known[kind]
+            if any(round(float(code) * unit) in getattr(each, kind) for each in spoken)
+        }
 
 
 @pytest.mark.parametrize("name", FULL)
@@ -58,10 +62,30 @@ def test_an_unknown_dialect() -> None:
 @pytest.mark.parametrize(
     ("dialect", "source", "code", "words"),
     [
-        ("grbl", "G06.2 P3 K0", "code-not-in-dialect", "G06.2 is not in the grbl dialect use --dialect fanuc or paper"),
-        ("linuxcnc", "G6.2 K3 U0", "code-not-in-dialect", "G6.2 is not in the linuxcnc dialect use --dialect fanuc or paper"),
-        ("grbl", "G61.1", "code-not-in-dialect", "G61.1 is not in the grbl dialect use --dialect linuxcnc or paper"),
-        ("grbl", "G64", "code-not-in-dialect", "G64 is not in the grbl dialect use --dialect linuxcnc or fanuc or paper"),
+        (
+            "grbl",
+            "G06.2 P3 K0",
+            "code-not-in-dialect",
+            "G06.2 is not in the grbl dialect use --dialect fanuc or paper",
+        ),
+        (
+            "linuxcnc",
+            "G6.2 K3 U0",
+            "code-not-in-dialect",
+            "G6.2 is not in the linuxcnc dialect use --dialect fanuc or paper",
+        ),
+        (
+            "grbl",
+            "G61.1",
+            "code-not-in-dialect",
+            "G61.1 is not in the grbl dialect use --dialect linuxcnc or paper",
+        ),
+        (
+            "grbl",
+            "G64",
+            "code-not-in-dialect",
+            "G64 is not in the grbl dialect use --dialect linuxcnc or fanuc or paper",
+        ),
         ("grbl", "T1 M6", "code-not-in-dialect", "M6 is not in the grbl dialect"),
         ("fanuc", "G92.2", "code-not-in-dialect", "G92.2 is not in the fanuc dialect"),
         ("grbl", "G43 H1", "code-not-in-dialect", "G43 is not in the grbl dialect"),
@@ -69,7 +93,12 @@ def test_an_unknown_dialect() -> None:
         ("fanuc", "G38.2 Z-1", "code-not-in-dialect", "use --dialect linuxcnc or grbl"),
         ("grbl", "G81 Z-1 R1", "code-not-in-dialect", "use --dialect linuxcnc or fanuc"),
         ("auto", "G87 Z-1 R1", "code-not-supported", "G87 (back boring cycle) is not supported"),
-        ("grbl", "M98 P1", "code-not-in-dialect", "M98 is not in the grbl dialect use --dialect linuxcnc or fanuc or paper"),
+        (
+            "grbl",
+            "M98 P1",
+            "code-not-in-dialect",
+            "M98 is not in the grbl dialect use --dialect linuxcnc or fanuc or paper",
+        ),
         ("auto", "G123", "code-unknown", "G123 is unknown"),
         ("auto", "M1000", "code-unknown", "M1000 is unknown"),
         ("auto", "G591", "code-unknown", "G591 is unknown did you mean G59.1 or G59?"),
@@ -108,7 +137,13 @@ def test_grbl_has_six_systems_and_three_axes_and_no_turns() -> None:
 
 
 def test_fanuc_dwells_in_milliseconds_or_by_x() -> None:
-    means("G4 P500\nG04 X1.5\nG1 F60\nG4 X2", ("dwell", 0.5), ("dwell", 1.5), ("dwell", 2.0), dialect="fanuc")
+    means(
+        "G4 P500\nG04 X1.5\nG1 F60\nG4 X2",
+        ("dwell", 0.5),
+        ("dwell", 1.5),
+        ("dwell", 2.0),
+        dialect="fanuc",
+    )
     assert refused("G4 X1 P1", dialect="fanuc").code == "word-wanted-twice"
     assert refused("G4 X1 G1 F60", dialect="fanuc").code == "word-wanted-twice"
 
@@ -120,7 +155,11 @@ def test_fanuc_g61_stops_exactly() -> None:
 
 def test_fanuc_g10_adds_under_g91() -> None:
     means("G10 L2 P1 X10\nG91 G10 L2 P1 X5\nG90 G0 X0", ("rapid", 15.0, 0.0, 0.0), dialect="fanuc")
-    means("%\nG10 L2 P1 X10\nG91 G10 L2 P1 X5\nG90 G0 X0\n%", ("rapid", 5.0, 0.0, 0.0), dialect="linuxcnc")
+    means(
+        "%\nG10 L2 P1 X10\nG91 G10 L2 P1 X5\nG90 G0 X0\n%",
+        ("rapid", 5.0, 0.0, 0.0),
+        dialect="linuxcnc",
+    )
 
 
 @pytest.mark.parametrize("dialect", ["linuxcnc", "fanuc"])

@@ -5,7 +5,14 @@ from pathlib import Path
 from tests.support.soak import check_without_compiler
 
 FOLDER = Path(__file__).parent
-FILES = [FOLDER / name for name in ("syntax/test_scanner.py", "syntax/test_source_text.py", "program/test_plain_lines.py")]
+FILES = [
+    FOLDER / name
+    for name in (
+        "syntax/test_scanner.py",
+        "syntax/test_source_text.py",
+        "program/test_plain_lines.py",
+    )
+]
 LEFT_OUT = "not words_of_the_grammar and not fast_lane_gives"
 
 

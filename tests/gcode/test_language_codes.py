@@ -1,4 +1,6 @@
-"""Every code with blocks worked out by hand. Default machine: x y z; feeds in the expected rows are mm/min."""
+"""Every code with blocks worked out by hand. Default machine: x y z; feeds in the expected rows are
+mm/min.
+"""
 
 from __future__ import annotations
 
@@ -160,7 +162,11 @@ def test_rotary_axes_turn_in_degrees_whatever_the_units() -> None:
 
 def test_feed_counts_degrees_only_where_no_linear_axis_moves() -> None:
     source = "G20\nG1 A90 F10\nX1 A0\nX2"
-    expected = [("line", 0, 0, 0, 90, 10), ("line", INCH, 0, 0, 0, 254), ("line", 2 * INCH, 0, 0, 0, 254)]
+    expected = [
+        ("line", 0, 0, 0, 90, 10),
+        ("line", INCH, 0, 0, 0, 254),
+        ("line", 2 * INCH, 0, 0, 0, 254),
+    ]
     means(source, *expected, axes=XYZA)
 
 
@@ -176,7 +182,11 @@ def test_inverse_time_measures_the_leading_axes(words: str, length: float) -> No
 
 def test_other_axes_move_along_with_an_arc() -> None:
     axes = ("x", "y", "z", "a", "u")
-    means("G2 X10 I5 A90 U3 F60", ("arc", "XY", 5.0, 0.0, 10.0, 0.0, 0.0, 90.0, 3.0, 5.0, -0.5, 60.0), axes=axes)
+    means(
+        "G2 X10 I5 A90 U3 F60",
+        ("arc", "XY", 5.0, 0.0, 10.0, 0.0, 0.0, 90.0, 3.0, 5.0, -0.5, 60.0),
+        axes=axes,
+    )
 
 
 def test_u_v_w_are_axes_and_k_an_offset_outside_a_nurbs() -> None:
@@ -189,11 +199,21 @@ def test_axes_come_in_the_order_of_the_machine() -> None:
 
 
 def test_the_start_position_is_the_machines() -> None:
-    means("G91 G0 X1\nG90 Y0", ("rapid", 11.0, 20.0, 30.0), ("rapid", 11.0, 0.0, 30.0), start=np.array([10.0, 20.0, 30.0]))
+    means(
+        "G91 G0 X1\nG90 Y0",
+        ("rapid", 11.0, 20.0, 30.0),
+        ("rapid", 11.0, 0.0, 30.0),
+        start=np.array([10.0, 20.0, 30.0]),
+    )
 
 
 def test_block_delete_skips_the_line_unread() -> None:
-    means("G0 X1\n /G0 X2 [\nY1", ("rapid", 1.0, 0.0, 0.0), ("rapid", 1.0, 1.0, 0.0), block_delete=True)
+    means(
+        "G0 X1\n /G0 X2 [\nY1",
+        ("rapid", 1.0, 0.0, 0.0),
+        ("rapid", 1.0, 1.0, 0.0),
+        block_delete=True,
+    )
 
 
 def test_numbers_are_those_of_float() -> None:
@@ -202,7 +222,9 @@ def test_numbers_are_those_of_float() -> None:
 
 
 def test_a_whole_circle_by_rounding() -> None:
-    """Ten steps of 0.1 do not make 1.0 exactly: the arc back to 'the same point' is a circle all the same."""
+    """Ten steps of 0.1 do not make 1.0 exactly: the arc back to 'the same point' is a circle all
+    the same.
+    """
     blocks = run("G91 G0 X.1\n" + "X.1\n" * 9 + "G90 G2 X1 I5 F60")
     assert blocks[1].turns == -1.0  # type: ignore[attr-defined]
 
@@ -213,25 +235,44 @@ def test_where_linuxcnc_is_the_dialect_f_is_read_before_the_units_change() -> No
 
 def test_odd_but_legal_lines_are_warned_about() -> None:
     warned: list[tuple[str, int, int, str]] = []
-    run("M3\nG20 F10\nG1 X1\nM2", dialect="linuxcnc", warn=lambda d: warned.append((d.code, d.line, d.column, d.severity)))
-    assert warned == [("spindle-speed-missing", 1, 1, "warning"), ("feed-before-units", 2, 5, "warning")]
+    run(
+        "M3\nG20 F10\nG1 X1\nM2",
+        dialect="linuxcnc",
+        warn=lambda d: warned.append((d.code, d.line, d.column, d.severity)),
+    )
+    assert warned == [
+        ("spindle-speed-missing", 1, 1, "warning"),
+        ("feed-before-units", 2, 5, "warning"),
+    ]
 
 
-@pytest.mark.parametrize("comment", ["(LOG, a)", "(logopen, a.txt)", "(LOGCLOSE)", "(probeopen a.txt)", "(PROBECLOSE)", "(py, a)"])
+@pytest.mark.parametrize(
+    "comment",
+    ["(LOG, a)", "(logopen, a.txt)", "(LOGCLOSE)", "(probeopen a.txt)", "(PROBECLOSE)", "(py, a)"],
+)
 def test_comments_that_would_do_something_elsewhere_are_warned_about(comment: str) -> None:
     warned: list[tuple[str, int, int]] = []
-    run(f"G0 X1\nG0 X2 {comment}\n(logarithm)\nM2", warn=lambda d: warned.append((d.code, d.line, d.column)))
+    run(
+        f"G0 X1\nG0 X2 {comment}\n(logarithm)\nM2",
+        warn=lambda d: warned.append((d.code, d.line, d.column)),
+    )
     assert warned == [("comment-not-active", 2, 7)]
 
 
 @pytest.mark.parametrize("dialect", ["grbl", "fanuc"])
 def test_an_abort_is_a_comment_where_the_control_has_none(dialect: str) -> None:
     warned: list[tuple[str, int, int, str]] = []
-    run("G0 X1.\nX2. (Abort, a)\nM30", dialect=dialect, warn=lambda d: warned.append((d.code, d.line, d.column, d.hint)))
+    run(
+        "G0 X1.\nX2. (Abort, a)\nM30",
+        dialect=dialect,
+        warn=lambda d: warned.append((d.code, d.line, d.column, d.hint)),
+    )
     assert warned == [("comment-not-active", 2, 5, "it stops the program on LinuxCNC only")]
 
 
-@pytest.mark.parametrize(("line", "warned"), [("G4 P500", True), ("G4 P500.", False), ("G4 P99", False)])
+@pytest.mark.parametrize(
+    ("line", "warned"), [("G4 P500", True), ("G4 P500.", False), ("G4 P99", False)]
+)
 def test_a_dwell_that_may_be_meant_in_milliseconds_is_warned_about(line: str, warned: bool) -> None:
     found: list[tuple[str, int, int]] = []
     run(f"G0 X1\n{line}\nM2", warn=lambda d: found.append((d.code, d.line, d.column)))

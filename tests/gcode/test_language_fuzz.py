@@ -13,7 +13,14 @@ import pytest
 
 from cnc.gcode.program import interpreter
 from cnc.model.diagnostics import Diagnostic
-from tests.support.gcode.fuzz_checks import Tally, check, check_seeds, every_word_matters, limited, plainly_said
+from tests.support.gcode.fuzz_checks import (
+    Tally,
+    check,
+    check_seeds,
+    every_word_matters,
+    limited,
+    plainly_said,
+)
 from tests.support.gcode.fuzzing import Author, Program
 from tests.support.soak import share, soaking
 
@@ -28,7 +35,9 @@ def _share(number: int) -> Tally:
 
 @pytest.mark.timeout(7200)
 def test_random_programs(capsys: pytest.CaptureFixture[str]) -> None:
-    """A million of them in the soak, over all processors; a process that raises names the seed of its program."""
+    """A million of them in the soak, over all processors; a process that raises names the seed of
+    its program.
+    """
     tally = Tally()
     began = time.perf_counter()
     if soaking():
@@ -39,7 +48,9 @@ def test_random_programs(capsys: pytest.CaptureFixture[str]) -> None:
         tally.add(check_seeds(0, 3_000))
     rate = tally.programs / (time.perf_counter() - began)
     with capsys.disabled():
-        sys.stdout.write(f"\n{tally.programs} programs, {rate:.0f}/s; {tally.accepted} accepted, {tally.words} words changed; ")
+        sys.stdout.write(
+            f"\n{tally.programs} programs, {rate:.0f}/s; {tally.accepted} accepted, {tally.words} words changed; "
+        )
         sys.stdout.write(f"{len(tally.codes)} kinds of error\n")
     assert tally.accepted > tally.programs * 0.05, "a fuzz that only meets errors tests little"
     assert tally.words > tally.programs * 0.02
@@ -49,7 +60,9 @@ def test_random_bytes() -> None:
     rng = random.Random(7)
     for _ in range(share(20_000, 500)):
         below = [rng.choice([127, 0x250, 0xD800]) for _ in range(rng.randint(1, 60))]
-        text = "".join(chr(rng.randrange(32, limit)) for limit in below) + rng.choice(["", "\0", "\x1a", "\x7f"])
+        text = "".join(chr(rng.randrange(32, limit)) for limit in below) + rng.choice(
+            ["", "\0", "\x1a", "\x7f"]
+        )
         check(Program((text,), XYZ, rng.choice(["auto", "grbl", "fanuc"])))
 
 
@@ -84,7 +97,17 @@ def test_a_hang_would_be_noticed() -> None:
         hang()
 
 
-@pytest.mark.parametrize("message", ["unexpected Token", "got None", "X is nan", "expected __ANON_1", "KeyError", "at 0x7f: object at"])
+@pytest.mark.parametrize(
+    "message",
+    [
+        "unexpected Token",
+        "got None",
+        "X is nan",
+        "expected __ANON_1",
+        "KeyError",
+        "at 0x7f: object at",
+    ],
+)
 def test_words_from_inside_would_be_noticed(message: str) -> None:
     found = Diagnostic("some-code", "a message in plain words", "test.nc", 1, 1, 1, "G0")
     plainly_said(found, ("G0",))

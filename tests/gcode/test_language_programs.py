@@ -15,12 +15,18 @@ from cnc.model import blocks as canon
 from tests.support.gcode.gcode_cases import run
 from tests.support.paths import GCODE
 
-TOOLS = (ToolEntry(1, 1, {"X": 0.5, "Z": 40.0}, 6.0), ToolEntry(2, 2, {"Z": 100.0}), ToolEntry(3, 3, {}, 4.0))
+TOOLS = (
+    ToolEntry(1, 1, {"X": 0.5, "Z": 40.0}, 6.0),
+    ToolEntry(2, 2, {"Z": 100.0}),
+    ToolEntry(3, 3, {}, 4.0),
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A program of the file: line of its ``==``, codes or words that it is there for, dialects (none: all that have its codes)."""
+    """A program of the file: line of its ``==``, codes or words that it is there for, dialects
+    (none: all that have its codes).
+    """
 
     line: int
     codes: tuple[str, ...]
@@ -43,11 +49,19 @@ def _codes(name: str) -> set[str]:
 def _cases() -> Iterator[Case]:
     text = (GCODE / "language.txt").read_text(encoding="utf-8")
     for found in re.finditer(
-        r"^== (?P<codes>[^\[\n]+)(\[(?P<dialects>.*)\])?\n(?P<source>(?s:.*?))\n--\n(?P<blocks>(?s:.*?))\n(\n|\Z)", text, re.M
+        r"^== (?P<codes>[^\[\n]+)(\[(?P<dialects>.*)\])?\n(?P<source>(?s:.*?))\n--\n(?P<blocks>(?s:.*?))\n(\n|\Z)",
+        text,
+        re.M,
     ):
         line = text.count("\n", 0, found.start()) + 1
         codes = tuple(re.sub(r"(?<=[GM])0(?=\d)", "", code) for code in found["codes"].split())
-        yield Case(line, codes, tuple((found["dialects"] or "").split()), found["source"], tuple(found["blocks"].split("\n")))
+        yield Case(
+            line,
+            codes,
+            tuple((found["dialects"] or "").split()),
+            found["source"],
+            tuple(found["blocks"].split("\n")),
+        )
 
 
 CASES = list(_cases())
@@ -70,16 +84,26 @@ def written(block: canon.Block) -> list[str]:
     """A block as the file writes it; of a Polyline one line a move. Feeds in mm/min."""
     match block:
         case canon.Polyline():
-            ends = [(_numbers(end), feed * 60) for end, feed in zip(block.points.tolist(), block.feeds.tolist(), strict=True)]
-            return [f"rapid {end}" if math.isnan(feed) else f"line {end} F{_number(feed)}" for end, feed in ends]
+            ends = [
+                (_numbers(end), feed * 60)
+                for end, feed in zip(block.points.tolist(), block.feeds.tolist(), strict=True)
+            ]
+            return [
+                f"rapid {end}" if math.isnan(feed) else f"line {end} F{_number(feed)}"
+                for end, feed in ends
+            ]
         case canon.ArcFeed():
             center, end = _numbers(block.center), _numbers(block.end.tolist())
             turns = f"r{_number(block.radius)} turns {_number(block.turns)}"
-            return [f"arc {block.plane} about {center} {turns} to {end} F{_number(block.feed * 60)}"]
+            return [
+                f"arc {block.plane} about {center} {turns} to {end} F{_number(block.feed * 60)}"
+            ]
         case canon.NurbsFeed():
             points = " ".join(_numbers(point, ",") for point in block.control_points.tolist())
             knots, weights = _numbers(block.knots.tolist()), _numbers(block.weights.tolist())
-            return [f"nurbs degree {block.degree} knots {knots} points {points} weights {weights} F{_number(block.feed * 60)}"]
+            return [
+                f"nurbs degree {block.degree} knots {knots} points {points} weights {weights} F{_number(block.feed * 60)}"
+            ]
         case canon.PathMode():
             return [f"path {block.control} {_number(block.tolerance)}"]
         case canon.Dwell():
@@ -102,13 +126,24 @@ def written(block: canon.Block) -> list[str]:
         case canon.End():
             return ["end"]
         case canon.Overrides():
-            return ["overrides " + " ".join(map(_switch, (block.feed, block.spindle, block.adaptive_feed, block.feed_stop)))]
+            return [
+                "overrides "
+                + " ".join(
+                    map(_switch, (block.feed, block.spindle, block.adaptive_feed, block.feed_stop))
+                )
+            ]
         case canon.DigitalOutput():
-            return [f"output {block.number} {_switch(block.on)}" + " with-motion" * block.with_motion]
+            return [
+                f"output {block.number} {_switch(block.on)}" + " with-motion" * block.with_motion
+            ]
         case canon.AnalogOutput():
-            return [f"analog {block.number} {_number(block.value)}" + " with-motion" * block.with_motion]
+            return [
+                f"analog {block.number} {_number(block.value)}" + " with-motion" * block.with_motion
+            ]
         case canon.WaitInput():
-            return [f"wait {'analog' if block.analog else 'digital'} {block.number} {block.mode} {_number(block.timeout)}"]
+            return [
+                f"wait {'analog' if block.analog else 'digital'} {block.number} {block.mode} {_number(block.timeout)}"
+            ]
         case canon.Message():
             return [f"message {block.text}"]
         case canon.BoardCommand():
@@ -120,7 +155,11 @@ def written(block: canon.Block) -> list[str]:
             raise AssertionError(block)
 
 
-@pytest.mark.parametrize(("case", "dialect"), RUNS, ids=[f"{case.line}-{'-'.join(case.codes)}-{name}" for case, name in RUNS])
+@pytest.mark.parametrize(
+    ("case", "dialect"),
+    RUNS,
+    ids=[f"{case.line}-{'-'.join(case.codes)}-{name}" for case, name in RUNS],
+)
 def test_the_program_has_its_blocks(case: Case, dialect: str) -> None:
     source = case.source if re.search(r"^(M2|M30)$", case.source, re.M) else f"%\n{case.source}\n%"
     blocks = run(source, dialect=dialect, tools=ToolTable(TOOLS), folders=[GCODE / "subroutines"])
@@ -136,7 +175,10 @@ def test_no_code_is_forgotten(dialect: str) -> None:
 
 def test_the_programs_have_the_codes_that_they_are_there_for() -> None:
     for case in CASES:
-        found = {re.sub(r"^([GM])0+(?=\d)", r"\1", code) for code in re.findall(r"[GM]\d+(?:\.\d)?", case.source)}
+        found = {
+            re.sub(r"^([GM])0+(?=\d)", r"\1", code)
+            for code in re.findall(r"[GM]\d+(?:\.\d)?", case.source)
+        }
         codes = {code for code in case.codes if re.match(r"[GM]\d", code)}
         assert not codes or codes & found, case
         assert case.in_dialects(), case

@@ -1,4 +1,6 @@
-"""What must not matter, doesn't: spacing, case, order of words, units, distance mode, and how a curve is written."""
+"""What must not matter, doesn't: spacing, case, order of words, units, distance mode, and how a
+curve is written.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +34,15 @@ def test_spacing_and_case_do_not_matter(data: st.DataObject, letter: str, digits
     ]  # fmt: skip
 
 
-@given(st.data(), st.text("0123456789", min_size=1, max_size=25), st.text("0123456789", max_size=25), st.sampled_from(["", "+", "-"]))
-def test_a_number_is_what_float_makes_of_its_digits(data: st.DataObject, whole: str, fraction: str, sign: str) -> None:
+@given(
+    st.data(),
+    st.text("0123456789", min_size=1, max_size=25),
+    st.text("0123456789", max_size=25),
+    st.sampled_from(["", "+", "-"]),
+)
+def test_a_number_is_what_float_makes_of_its_digits(
+    data: st.DataObject, whole: str, fraction: str, sign: str
+) -> None:
     digits = sign + whole[-9:] + "." + fraction
     (word,) = parse_line(data.draw(spaced("X" + digits))).words
     assert word.number == float(digits)
@@ -49,7 +58,27 @@ def test_a_word_knows_its_column(data: st.DataObject) -> None:
     assert ["".join(part.split()).upper() for part in spelled] == [word.written for word in words]
 
 
-@given(st.permutations(["G1", "X10", "Y2", "F60", "S100", "M3", "T2", "M6", "M8", "G91", "G55", "G61", "M0", "(msg,a)", "G18"]))
+@given(
+    st.permutations(
+        [
+            "G1",
+            "X10",
+            "Y2",
+            "F60",
+            "S100",
+            "M3",
+            "T2",
+            "M6",
+            "M8",
+            "G91",
+            "G55",
+            "G61",
+            "M0",
+            "(msg,a)",
+            "G18",
+        ]
+    )
+)
 def test_the_order_of_words_does_not_matter(words: list[str]) -> None:
     usual = "G1 X10 Y2 F60 S100 M3 T2 M6 M8 G91 G55 G61 M0 (msg,a) G18"
     assert list(rows(run(" ".join(words)))) == list(rows(run(usual)))
@@ -67,7 +96,11 @@ moves = st.lists(
 
 def program(path: list[tuple], *, inch: bool = False, incremental: bool = False) -> str:  # type: ignore[type-arg]
     """The same moves in another writing. Arcs are full turns of a helix, or R arcs that reach."""
-    lines = ["G20" if inch else "G21", "G91" if incremental else "G90", f"F{600 / 25.4:.12f}" if inch else "F600"]
+    lines = [
+        "G20" if inch else "G21",
+        "G91" if incremental else "G90",
+        f"F{600 / 25.4:.12f}" if inch else "F600",
+    ]
     here = [0, 0, 0]
 
     def number(value: object) -> str:
@@ -76,11 +109,19 @@ def program(path: list[tuple], *, inch: bool = False, incremental: bool = False)
     for code, x, y, third in path:
         if code in ("G0", "G1"):
             end = [x, y, third]
-            words = zip("XYZ", [b - a for a, b in zip(here, end, strict=True)] if incremental else end, strict=True)
-            lines.append(code + " " + " ".join(f"{letter}{number(value)}" for letter, value in words))
+            words = zip(
+                "XYZ",
+                [b - a for a, b in zip(here, end, strict=True)] if incremental else end,
+                strict=True,
+            )
+            lines.append(
+                code + " " + " ".join(f"{letter}{number(value)}" for letter, value in words)
+            )
         else:
             end = [here[0], here[1], x]
-            lines.append(f"{code} Z{number(x - here[2] if incremental else x)} I{number(third)} J{number(y)} P2")
+            lines.append(
+                f"{code} Z{number(x - here[2] if incremental else x)} I{number(third)} J{number(y)} P2"
+            )
         here = end
     return "\n".join(lines)
 
@@ -100,7 +141,9 @@ def test_increments_mean_the_same(path: list[tuple]) -> None:  # type: ignore[ty
 @settings(max_examples=60)
 @given(moves, SMALL, SMALL)
 def test_an_offset_shifts_everything(path: list[tuple], x: object, y: object) -> None:  # type: ignore[type-arg]
-    """The moves in a system with an origin at (x, y) are those of the plain system from a start at (-x, -y), shifted."""
+    """The moves in a system with an origin at (x, y) are those of the plain system from a start at
+    (-x, -y), shifted.
+    """
     import numpy as np
 
     origin = np.array([float(x), float(y), 0.0])  # type: ignore[arg-type]
@@ -115,15 +158,29 @@ def test_an_offset_shifts_everything(path: list[tuple], x: object, y: object) ->
 @given(st.integers(1, 9), st.data())
 def test_both_forms_of_a_nurbs_make_the_same_block(degree: int, data: st.DataObject) -> None:
     count = data.draw(st.integers(degree + 1, degree + 6))
-    points = [(0, 0), *data.draw(st.lists(st.tuples(SMALL, SMALL), min_size=count - 1, max_size=count - 1))]
+    points = [
+        (0, 0),
+        *data.draw(st.lists(st.tuples(SMALL, SMALL), min_size=count - 1, max_size=count - 1)),
+    ]
     weights = data.draw(st.lists(st.decimals("0.001", 9, places=3), min_size=count, max_size=count))
     spare = count - degree - 1
-    inner = sorted(data.draw(st.lists(st.decimals("0.001", "0.999", places=3), min_size=spare, max_size=spare, unique=True)))
+    inner = sorted(
+        data.draw(
+            st.lists(
+                st.decimals("0.001", "0.999", places=3), min_size=spare, max_size=spare, unique=True
+            )
+        )
+    )
     knots = [0] * (degree + 1) + inner + [1] * (degree + 1)
 
     def write(head: str, knot: str, weight: str) -> str:
-        lines = [f"{knot}{u} X{x} Y{y} {weight}{w}" for u, (x, y), w in zip(knots, points, weights, strict=False)]
-        return "\n".join([f"{head} {lines[0]} F60", *lines[1:], *(f"{knot}{u}" for u in knots[count:])])
+        lines = [
+            f"{knot}{u} X{x} Y{y} {weight}{w}"
+            for u, (x, y), w in zip(knots, points, weights, strict=False)
+        ]
+        return "\n".join(
+            [f"{head} {lines[0]} F60", *lines[1:], *(f"{knot}{u}" for u in knots[count:])]
+        )
 
     paper = list(rows(run(write(f"G6.2 K{degree}", "U", "W"))))
     fanuc = list(rows(run(write(f"G06.2 P{degree + 1}", "K", "R"))))

@@ -41,8 +41,17 @@ def test_no_name_is_the_default():
 def test_paper_machine_has_the_limits_of_the_paper():
     machine = load_machine("paper-nurbs")
     path = machine.path
-    assert (path.max_feed, path.max_tangential_acceleration, path.max_normal_acceleration) == (300, 2400, 4903.325)
-    assert (path.max_jerk, path.chord_error, path.step_deviation, path.period) == (48000, 0.001, 0.001, 0.001)
+    assert (path.max_feed, path.max_tangential_acceleration, path.max_normal_acceleration) == (
+        300,
+        2400,
+        4903.325,
+    )
+    assert (path.max_jerk, path.chord_error, path.step_deviation, path.period) == (
+        48000,
+        0.001,
+        0.001,
+        0.001,
+    )
     for axis in machine.axes.values():
         assert axis.steps_per_mm == 1000
         assert axis.max_acceleration is None
@@ -61,13 +70,17 @@ def test_everything_but_the_axes_has_a_default(tmp_path):
 
 
 def test_columns_are_in_the_order_of_the_file(tmp_path):
-    machine = load(tmp_path, AXES.replace("axes.x", "axes.z") + AXES + AXES.replace("axes.x", "axes.a"))
+    machine = load(
+        tmp_path, AXES.replace("axes.x", "axes.z") + AXES + AXES.replace("axes.x", "axes.a")
+    )
     assert machine.axis_names == ("z", "x", "a")
 
 
 def test_utf8_with_byte_order_mark_and_windows_line_ends(tmp_path):
     file = tmp_path / "m.toml"
-    file.write_bytes(b"\xef\xbb\xbf" + ("[machine]\nname = 'Fräse'\n" + AXES).replace("\n", "\r\n").encode())
+    file.write_bytes(
+        b"\xef\xbb\xbf" + ("[machine]\nname = 'Fräse'\n" + AXES).replace("\n", "\r\n").encode()
+    )
     assert load_machine(file).name == "Fräse"
 
 
@@ -87,17 +100,52 @@ def test_a_machine_is_frozen():
 @pytest.mark.parametrize(
     ("text", "line", "column", "words"),
     [
-        (AXES.replace("= 100\n", "= 0\n"), 2, 1, "axes.x.steps_per_mm: must be greater than 0, not 0"),
-        (AXES.replace("= 50\n", "= -50\n"), 3, 1, "axes.x.max_velocity: must be greater than 0, not -50"),
-        (AXES.replace("= 50\n", "= inf\n"), 3, 1, "axes.x.max_velocity: must be a finite number, not inf"),
-        (AXES.replace("= 50\n", "= nan\n"), 3, 1, "axes.x.max_velocity: must be a finite number, not nan"),
-        (AXES.replace("= 50\n", "= true\n"), 3, 1, "axes.x.max_velocity: must be a number, not true"),
-        (AXES.replace("= 50\n", '= "fast"\n'), 3, 1, 'axes.x.max_velocity: must be a number, not "fast"'),
+        (
+            AXES.replace("= 100\n", "= 0\n"),
+            2,
+            1,
+            "axes.x.steps_per_mm: must be greater than 0, not 0",
+        ),
+        (
+            AXES.replace("= 50\n", "= -50\n"),
+            3,
+            1,
+            "axes.x.max_velocity: must be greater than 0, not -50",
+        ),
+        (
+            AXES.replace("= 50\n", "= inf\n"),
+            3,
+            1,
+            "axes.x.max_velocity: must be a finite number, not inf",
+        ),
+        (
+            AXES.replace("= 50\n", "= nan\n"),
+            3,
+            1,
+            "axes.x.max_velocity: must be a finite number, not nan",
+        ),
+        (
+            AXES.replace("= 50\n", "= true\n"),
+            3,
+            1,
+            "axes.x.max_velocity: must be a number, not true",
+        ),
+        (
+            AXES.replace("= 50\n", '= "fast"\n'),
+            3,
+            1,
+            'axes.x.max_velocity: must be a number, not "fast"',
+        ),
         (AXES.replace("max_velocity = 50\n", ""), 1, 2, "axes.x.max_velocity: is missing"),
         (AXES.replace("[0, 100]", "[100, 0]"), 6, 1, "axes.x.travel: must be [lowest, highest]"),
         (AXES.replace("[0, 100]", "[0]"), 6, 1, "axes.x.travel: must be [lowest, highest]"),
         (AXES.replace("[0, 100]", "[0, 1, 2]"), 6, 1, "axes.x.travel: must have at most 2 values"),
-        (AXES.replace("[0, 100]", '[0, "far"]'), 6, 1, 'axes.x.travel: must be a number, not "far"'),
+        (
+            AXES.replace("[0, 100]", '[0, "far"]'),
+            6,
+            1,
+            'axes.x.travel: must be a number, not "far"',
+        ),
         (AXES.replace("[0, 100]", "100"), 6, 1, "axes.x.travel: must be a list, not 100"),
         (AXES + 'invert = "no"\n', 7, 1, 'axes.x.invert: must be true or false, not "no"'),
         ("[machine]\nname = 3\n" + AXES, 2, 1, "machine.name: must be text in quotes, not 3"),
@@ -110,10 +158,30 @@ def test_a_machine_is_frozen():
         (AXES + "[board]\nbaud = 9600.5\n", 8, 1, "board.baud: must be a whole number, not 9600.5"),
         (AXES + "[board]\nkind = ''\n", 8, 1, 'board.kind: must not be empty, not ""'),
         (AXES + "[program]\ndialect = 'heidenhain'\n", 8, 1, "program.dialect: must be one of"),
-        (AXES + "[program]\ntool_table = 4\n", 8, 1, "program.tool_table: must be the name of a file in quotes, not 4"),
-        (AXES + "[program]\nsubroutines = ['nowhere']\n", 8, 1, "program.subroutines: there is no "),
-        (AXES.replace("= 50\n", "= 2001\n"), 3, 1, "axes.x.max_velocity: 2001 mm/s at 100 steps/mm is 200100 steps/s"),
-        (AXES.replace("max_acceleration = 500\n", ""), 1, 2, "axes.x.max_acceleration: nothing limits the acceleration"),
+        (
+            AXES + "[program]\ntool_table = 4\n",
+            8,
+            1,
+            "program.tool_table: must be the name of a file in quotes, not 4",
+        ),
+        (
+            AXES + "[program]\nsubroutines = ['nowhere']\n",
+            8,
+            1,
+            "program.subroutines: there is no ",
+        ),
+        (
+            AXES.replace("= 50\n", "= 2001\n"),
+            3,
+            1,
+            "axes.x.max_velocity: 2001 mm/s at 100 steps/mm is 200100 steps/s",
+        ),
+        (
+            AXES.replace("max_acceleration = 500\n", ""),
+            1,
+            2,
+            "axes.x.max_acceleration: nothing limits the acceleration",
+        ),
         (AXES.replace("max_jerk = 9000\n", ""), 1, 2, "axes.x.max_jerk: nothing limits the jerk"),
     ],
 )
@@ -126,13 +194,25 @@ def test_a_wrong_value_is_named(tmp_path, text, line, column, words):
 @pytest.mark.parametrize(
     ("text", "line", "column", "key", "hint"),
     [
-        (AXES.replace("max_velocity", "max_velocty"), 3, 1, "axes.x.max_velocty", "did you mean max_velocity?"),
+        (
+            AXES.replace("max_velocity", "max_velocty"),
+            3,
+            1,
+            "axes.x.max_velocty",
+            "did you mean max_velocity?",
+        ),
         (AXES.replace("axes.x", "axes.q"), 1, 2, "axes.q", "known here: x, y, z, a, b, c, u, v, w"),
         (AXES.replace("axes.x", "axes.X"), 1, 2, "axes.X", "did you mean x?"),
         (AXES + "[borad]\n", 7, 2, "borad", "did you mean board?"),
         (AXES + "[path]\nmax_fed = 3\n", 8, 1, "path.max_fed", "did you mean max_feed?"),
         (AXES + "[path]\nzzz = 3\n", 8, 1, "path.zzz", "known here: max_feed, "),
-        ("path = { max_feed = 3, perod = 1 }\n" + AXES, 1, 24, "path.perod", "did you mean period?"),
+        (
+            "path = { max_feed = 3, perod = 1 }\n" + AXES,
+            1,
+            24,
+            "path.perod",
+            "did you mean period?",
+        ),
         ("board.prot = 'x'\n" + AXES, 1, 1, "board.prot", "did you mean port?"),
         ("[machine]\nnam = 'x'\n" + AXES, 2, 1, "machine.nam", "did you mean name?"),
         ("name = 'x'\n" + AXES, 1, 1, "name", "the name belongs in [machine]"),
@@ -147,7 +227,12 @@ def test_an_unknown_key_is_named_with_what_was_meant(tmp_path, text, line, colum
 
 def test_a_syntax_error_points_at_its_line(tmp_path):
     found = fault(tmp_path, AXES.replace("= 50\n", "= = 50\n"))
-    assert (found.code, found.line, found.column, found.text) == ("machine-file-syntax", 3, 16, "max_velocity = = 50")
+    assert (found.code, found.line, found.column, found.text) == (
+        "machine-file-syntax",
+        3,
+        16,
+        "max_velocity = = 50",
+    )
     assert fault(tmp_path, AXES + 'x = "').line == 7
 
 
@@ -170,7 +255,9 @@ def test_what_is_no_text_is_named(tmp_path):
 
 def test_path_limits_can_stand_in_for_those_of_the_axes(tmp_path):
     bare = AXES.replace("max_acceleration = 500\nmax_jerk = 9000\n", "")
-    limits = "[path]\nmax_tangential_acceleration = 10\nmax_normal_acceleration = 10\nmax_jerk = 10\n"
+    limits = (
+        "[path]\nmax_tangential_acceleration = 10\nmax_normal_acceleration = 10\nmax_jerk = 10\n"
+    )
     assert load(tmp_path, bare + limits).path.max_jerk == 10
     # A tangential limit alone would leave curves unbounded.
     found = fault(tmp_path, bare + limits.replace("max_normal_acceleration = 10\n", ""))

@@ -47,16 +47,33 @@ def objects(block) -> list[dict]:
 def samples(first: int, count: int) -> SampleChunk:
     k = np.arange(first, first + count, dtype=np.float64)
     return SampleChunk(
-        first, 0.001, np.stack([k / 3, k / 7, k * 0], axis=1), k / 11, k / 13, k / 17, k / 19, k * 0, np.full(count, 4, np.int32)
+        first,
+        0.001,
+        np.stack([k / 3, k / 7, k * 0], axis=1),
+        k / 11,
+        k / 13,
+        k / 17,
+        k / 19,
+        k * 0,
+        np.full(count, 4, np.int32),
     )
 
 
 def pulses(times, steps, line=3) -> PulseChunk:
-    return PulseChunk(np.array(times, np.int64), np.array(steps, np.int8).reshape(-1, 3), np.full(len(times), line, np.int32))
+    return PulseChunk(
+        np.array(times, np.int64),
+        np.array(steps, np.int8).reshape(-1, 3),
+        np.full(len(times), line, np.int32),
+    )
 
 
 def test_a_run_of_moves_is_one_object_a_move_with_feeds_a_minute():
-    block = Polyline(*AT, np.array([[1.0, 2, 3], [4, 5, 6]]), np.array([np.nan, 20.0]), np.array([7, 9], np.int32))
+    block = Polyline(
+        *AT,
+        np.array([[1.0, 2, 3], [4, 5, 6]]),
+        np.array([np.nan, 20.0]),
+        np.array([7, 9], np.int32),
+    )
     assert objects(block) == [
         {"line": 7, "kind": "traverse", "end": {"x": 1.0, "y": 2.0, "z": 3.0}, "feed": None},
         {"line": 9, "kind": "line", "end": {"x": 4.0, "y": 5.0, "z": 6.0}, "feed": 1200.0},
@@ -80,7 +97,14 @@ def test_an_arc_names_the_axes_of_its_centre():
 
 
 def test_a_nurbs_has_everything_to_draw_it_again():
-    block = NurbsFeed(*AT, 1, np.array([0.0, 0, 1, 1]), np.array([[0.0, 0, 0], [1, 2, 3]]), np.array([1.0, 2.0]), 5.0)
+    block = NurbsFeed(
+        *AT,
+        1,
+        np.array([0.0, 0, 1, 1]),
+        np.array([[0.0, 0, 0], [1, 2, 3]]),
+        np.array([1.0, 2.0]),
+        5.0,
+    )
     assert objects(block) == [
         {
             "line": 7,
@@ -98,7 +122,10 @@ def test_a_nurbs_has_everything_to_draw_it_again():
 @pytest.mark.parametrize(
     ("block", "fields"),
     [
-        (PathMode(*AT, "blend", 0.02), {"kind": "path-mode", "control": "blend", "tolerance": 0.02}),
+        (
+            PathMode(*AT, "blend", 0.02),
+            {"kind": "path-mode", "control": "blend", "tolerance": 0.02},
+        ),
         (Dwell(*AT, 1.5), {"kind": "dwell", "seconds": 1.5}),
         (Spindle(*AT, "ccw", 900.0), {"kind": "spindle", "state": "ccw", "rpm": 900.0}),
         (Coolant(*AT, True, False), {"kind": "coolant", "mist": True, "flood": False}),
@@ -107,22 +134,46 @@ def test_a_nurbs_has_everything_to_draw_it_again():
         (Stop(*AT, optional=True), {"kind": "optional-stop"}),
         (Stop(*AT, pallet=True), {"kind": "pallet-stop"}),
         (Tool(*AT, 12, change=False), {"kind": "tool-in-spindle", "number": 12}),
-        (Spindle(*AT, "cw", 2000.0, 1500.0), {"kind": "spindle", "state": "cw", "rpm": 2000.0, "surface_speed": 90_000.0}),
-        (Orient(*AT, 90.0, "ccw", 2.0), {"kind": "orient", "angle": 90.0, "direction": "ccw", "timeout": 2.0}),
+        (
+            Spindle(*AT, "cw", 2000.0, 1500.0),
+            {"kind": "spindle", "state": "cw", "rpm": 2000.0, "surface_speed": 90_000.0},
+        ),
+        (
+            Orient(*AT, 90.0, "ccw", 2.0),
+            {"kind": "orient", "angle": 90.0, "direction": "ccw", "timeout": 2.0},
+        ),
         (SpindleSync(*AT, 1.5), {"kind": "spindle-sync", "pitch": 1.5}),
         (
             Overrides(*AT, feed=True, spindle=False, adaptive_feed=False, feed_stop=True),
-            {"kind": "overrides", "feed": True, "spindle": False, "adaptive_feed": False, "feed_stop": True},
+            {
+                "kind": "overrides",
+                "feed": True,
+                "spindle": False,
+                "adaptive_feed": False,
+                "feed_stop": True,
+            },
         ),
-        (DigitalOutput(*AT, 3, True, False), {"kind": "digital-output", "number": 3, "on": True, "with_motion": False}),
-        (AnalogOutput(*AT, 3, 0.5, True), {"kind": "analog-output", "number": 3, "value": 0.5, "with_motion": True}),
+        (
+            DigitalOutput(*AT, 3, True, False),
+            {"kind": "digital-output", "number": 3, "on": True, "with_motion": False},
+        ),
+        (
+            AnalogOutput(*AT, 3, 0.5, True),
+            {"kind": "analog-output", "number": 3, "value": 0.5, "with_motion": True},
+        ),
         (
             WaitInput(*AT, 2, False, "high", 5.0),
             {"kind": "wait-input", "number": 2, "input": "digital", "mode": "high", "timeout": 5.0},
         ),
         (
             Probe(*AT, np.array([1.0, 2.0, 3.0]), 5.0, towards=True, must=False),
-            {"kind": "probe", "end": {"x": 1.0, "y": 2.0, "z": 3.0}, "feed": 300.0, "towards": True, "must": False},
+            {
+                "kind": "probe",
+                "end": {"x": 1.0, "y": 2.0, "z": 3.0},
+                "feed": 300.0,
+                "towards": True,
+                "must": False,
+            },
         ),
         (BoardCommand(*AT, "$H"), {"kind": "board-command", "text": "$H"}),
         (End(*AT), {"kind": "end"}),
@@ -143,7 +194,11 @@ def test_blocks_are_one_object_a_line(tmp_path):
     assert not file.exists()
     writer.close()
     found = [json.loads(line) for line in file.read_text().splitlines()]
-    assert [(each["line"], each.get("file")) for each in found] == [(7, None), (8, None), (2, "subs/other.ngc")]
+    assert [(each["line"], each.get("file")) for each in found] == [
+        (7, None),
+        (8, None),
+        (2, "subs/other.ngc"),
+    ]
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".csv"])
@@ -156,16 +211,35 @@ def test_a_trace_keeps_every_bit(tmp_path, suffix):
     k = np.arange(8.0)
     if suffix == ".npz":
         with np.load(file) as found:
-            assert set(found) == {"t", "position", "s", "feed", "accel", "jerk", "line", "period", "axes"}
+            assert set(found) == {
+                "t",
+                "position",
+                "s",
+                "feed",
+                "accel",
+                "jerk",
+                "line",
+                "period",
+                "axes",
+            }
             assert found["period"] == MACHINE.path.period
             assert found["axes"].tolist() == list(AXES)
             assert found["line"].dtype == np.int32
-            columns = [found["t"], *found["position"].T, found["s"], found["feed"], found["accel"], found["jerk"]]
+            columns = [
+                found["t"],
+                *found["position"].T,
+                found["s"],
+                found["feed"],
+                found["accel"],
+                found["jerk"],
+            ]
             assert all(column.dtype == np.float64 for column in columns)
     else:
         assert file.read_text().splitlines()[0] == "t,x,y,z,s,feed,accel,jerk,line"
         columns = list(np.loadtxt(file, delimiter=",", skiprows=1).T[:-1])
-    for column, expected in zip(columns, (k * 0.001, k / 3, k / 7, k * 0, k / 11, k / 13, k / 17, k / 19), strict=True):
+    for column, expected in zip(
+        columns, (k * 0.001, k / 3, k / 7, k * 0, k / 11, k / 13, k / 17, k / 19), strict=True
+    ):
         assert np.array_equal(column, expected)
 
 
@@ -196,7 +270,10 @@ def test_pulses_as_arrays(tmp_path):
 
 def read_vcd(text: str) -> tuple[dict[str, str], list[tuple[int, str, str]]]:
     """Names by identifier, and (time, identifier, value) of every change after the initial dump."""
-    names = {match[2]: match[3] for match in re.finditer(r"\$var (?:wire 1|integer (32)) (\S+) (\S+) \$end", text)}
+    names = {
+        match[2]: match[3]
+        for match in re.finditer(r"\$var (?:wire 1|integer (32)) (\S+) (\S+) \$end", text)
+    }
     changes, time = [], 0
     for line in text.split("$end\n")[-1].splitlines():
         if line.startswith("#"):
@@ -216,7 +293,15 @@ def test_pulses_for_a_logic_analyser(tmp_path):
     writer.write(pulses([9000, 9000], [[1, 0, 0], [0, 0, 1]], line=4))
     writer.close()
     names, changes = read_vcd(file.read_text())
-    assert names == {"s0": "x_step", "d0": "x_dir", "s1": "y_step", "d1": "y_dir", "s2": "z_step", "d2": "z_dir", "l": "line"}
+    assert names == {
+        "s0": "x_step",
+        "d0": "x_dir",
+        "s1": "y_step",
+        "d1": "y_dir",
+        "s2": "z_step",
+        "d2": "z_dir",
+        "l": "line",
+    }
     assert changes == [
         (5000, "l", "11"),
         (5000, "d0", "1"),
@@ -235,14 +320,22 @@ def test_pulses_for_a_logic_analyser(tmp_path):
 
 def test_a_pulse_falls_before_the_next_at_the_board_s_highest_rate(tmp_path):
     board = MACHINE.board.model_copy(update={"max_step_rate": 2e6})
-    writer = pulse_writer(str(tmp_path / "p.vcd"), MACHINE.model_copy(update={"board": board}), np.zeros(3, np.int64))
+    writer = pulse_writer(
+        str(tmp_path / "p.vcd"), MACHINE.model_copy(update={"board": board}), np.zeros(3, np.int64)
+    )
     writer.write(pulses([500, 1000], [[1, 0, 0], [1, 0, 0]]))
     writer.close()
-    edges = [(time, value) for time, name, value in read_vcd((tmp_path / "p.vcd").read_text())[1] if name == "s0"]
+    edges = [
+        (time, value)
+        for time, name, value in read_vcd((tmp_path / "p.vcd").read_text())[1]
+        if name == "s0"
+    ]
     assert edges == [(500, "1"), (750, "0"), (1000, "1"), (1250, "0")]
 
 
-@pytest.mark.parametrize(("trace", "made"), [("t.txt", None), ("trace", None), (None, "p.csv"), (None, "p")])
+@pytest.mark.parametrize(
+    ("trace", "made"), [("t.txt", None), ("trace", None), (None, "p.csv"), (None, "p")]
+)
 def test_an_unknown_suffix_is_refused(trace, made):
     with pytest.raises(UsageError, match="output-format"):
         check_formats(trace, made)

@@ -1,4 +1,6 @@
-"""Findings as SARIF, JUnit and GitHub's workflow commands: what the formats demand, whatever programs and messages hold."""
+"""Findings as SARIF, JUnit and GitHub's workflow commands: what the formats demand, whatever
+programs and messages hold.
+"""
 
 import json
 import re
@@ -15,8 +17,14 @@ from cnc.outputs.formats import github, junit, sarif
 from cnc.report.result import Report, Timing
 
 MACHINE = load_machine("default")
-AWKWARD = st.text(st.characters(exclude_categories=()), max_size=30)  # every code point, halves of characters too
-NAMES = st.binary(min_size=1, max_size=20).filter(lambda name: b"\0" not in name).map(lambda name: name.decode("utf-8", "surrogateescape"))
+AWKWARD = st.text(
+    st.characters(exclude_categories=()), max_size=30
+)  # every code point, halves of characters too
+NAMES = (
+    st.binary(min_size=1, max_size=20)
+    .filter(lambda name: b"\0" not in name)
+    .map(lambda name: name.decode("utf-8", "surrogateescape"))
+)
 DIAGNOSTICS = st.builds(
     Diagnostic,
     st.sampled_from(["arc-radius-mismatch", "soft-limit", "word-unused"]),
@@ -30,42 +38,83 @@ DIAGNOSTICS = st.builds(
     st.sampled_from(["error", "warning", "note"]),
 )
 REPORTS = st.builds(
-    lambda program, faults, warnings, kind: Report(program, MACHINE, faults=[kind(fault) for fault in faults], warnings=warnings),
+    lambda program, faults, warnings, kind: Report(
+        program, MACHINE, faults=[kind(fault) for fault in faults], warnings=warnings
+    ),
     NAMES,
     st.lists(DIAGNOSTICS, max_size=3),
     st.lists(DIAGNOSTICS, max_size=3),
     st.sampled_from([GcodeError, UsageError, CncError]),
 )
-FAULT = Diagnostic("arc-radius-mismatch", "1.5 mm off, or 50% of it", "shop/a b,c:d.nc", 4, 12, 4, "G2 X10 Y0 I5 J1.5", "give I\nand J")
-WARNING = Diagnostic("spindle-speed-missing", "M3 without S", "shop/a b,c:d.nc", 9, severity="warning")
+FAULT = Diagnostic(
+    "arc-radius-mismatch",
+    "1.5 mm off, or 50% of it",
+    "shop/a b,c:d.nc",
+    4,
+    12,
+    4,
+    "G2 X10 Y0 I5 J1.5",
+    "give I\nand J",
+)
+WARNING = Diagnostic(
+    "spindle-speed-missing", "M3 without S", "shop/a b,c:d.nc", 9, severity="warning"
+)
 
 
-def report(name: str = "shop/a b,c:d.nc", faults: tuple[CncError, ...] = (GcodeError(FAULT),), **more) -> Report:
-    return Report(name, MACHINE, faults=list(faults), warnings=[WARNING], timing=Timing(total_s=0.25), **more)
+def report(
+    name: str = "shop/a b,c:d.nc", faults: tuple[CncError, ...] = (GcodeError(FAULT),), **more
+) -> Report:
+    return Report(
+        name, MACHINE, faults=list(faults), warnings=[WARNING], timing=Timing(total_s=0.25), **more
+    )
 
 
-# -- SARIF -------------------------------------------------------------------------------------------------------------------------------
+# -- SARIF
+# -------------------------------------------------------------------------------------------------------------------------------
 
 OBJECTS = {
     "log": ({"version", "runs"}, {"$schema": str, "version": str, "runs": ["run"]}),
     "run": (
         {"tool"},
-        {"tool": "tool", "invocations": ["invocation"], "artifacts": ["artifact"], "results": ["result"], "columnKind": str},
+        {
+            "tool": "tool",
+            "invocations": ["invocation"],
+            "artifacts": ["artifact"],
+            "results": ["result"],
+            "columnKind": str,
+        },
     ),
     "tool": ({"driver"}, {"driver": "component"}),
     "component": ({"name"}, {"name": str, "version": str, "rules": ["rule"]}),
     "rule": ({"id"}, {"id": str}),
     "invocation": ({"executionSuccessful"}, {"executionSuccessful": bool, "exitCode": int}),
     "artifact": (set(), {"location": "artifactLocation"}),
-    "result": ({"message"}, {"ruleId": str, "ruleIndex": int, "level": str, "message": "message", "locations": ["location"]}),
+    "result": (
+        {"message"},
+        {
+            "ruleId": str,
+            "ruleIndex": int,
+            "level": str,
+            "message": "message",
+            "locations": ["location"],
+        },
+    ),
     "message": ({"text"}, {"text": str}),
     "location": (set(), {"physicalLocation": "physicalLocation"}),
-    "physicalLocation": ({"artifactLocation"}, {"artifactLocation": "artifactLocation", "region": "region"}),
+    "physicalLocation": (
+        {"artifactLocation"},
+        {"artifactLocation": "artifactLocation", "region": "region"},
+    ),
     "artifactLocation": (set(), {"uri": str}),
-    "region": ({"startLine"}, {"startLine": int, "startColumn": int, "endColumn": int, "snippet": "content"}),
+    "region": (
+        {"startLine"},
+        {"startLine": int, "startColumn": int, "endColumn": int, "snippet": "content"},
+    ),
     "content": (set(), {"text": str}),
 }
-"""The part of the SARIF 2.1.0 schema that is used: of each object the required properties, and the allowed ones with their types."""
+"""The part of the SARIF 2.1.0 schema that is used: of each object the required properties, and the
+allowed ones with their types.
+"""
 URI_REFERENCE = re.compile(r"(file://)?(%[0-9A-F]{2}|[A-Za-z0-9._~/-])*")
 
 
@@ -119,27 +168,40 @@ def test_sarif_tells_place_rule_level_and_help():
     assert first["message"]["text"] == "1.5 mm off, or 50% of it\nhelp: give I\nand J"
     place = first["locations"][0]["physicalLocation"]
     assert place["artifactLocation"]["uri"] == "shop/a%20b%2Cc%3Ad.nc"
-    assert place["region"] == {"startLine": 4, "startColumn": 12, "endColumn": 16, "snippet": {"text": "G2 X10 Y0 I5 J1.5"}}
+    assert place["region"] == {
+        "startLine": 4,
+        "startColumn": 12,
+        "endColumn": 16,
+        "snippet": {"text": "G2 X10 Y0 I5 J1.5"},
+    }
     assert warning["level"] == "warning"
     assert warning["locations"][0]["physicalLocation"]["region"] == {"startLine": 9}
-    assert [each["location"]["uri"] for each in run["artifacts"]] == ["shop/a%20b%2Cc%3Ad.nc", "good.nc"]
+    assert [each["location"]["uri"] for each in run["artifacts"]] == [
+        "shop/a%20b%2Cc%3Ad.nc",
+        "good.nc",
+    ]
     assert run["invocations"] == [{"executionSuccessful": True, "exitCode": 1}]
 
 
 def test_sarif_of_a_program_that_could_not_be_read_was_no_successful_run():
-    run = check_sarif(sarif([report(faults=(UsageError(Diagnostic("no-such-file", "there is no file x.nc")),))]))
+    run = check_sarif(
+        sarif([report(faults=(UsageError(Diagnostic("no-such-file", "there is no file x.nc")),))])
+    )
     assert run["invocations"] == [{"executionSuccessful": False, "exitCode": 2}]
     assert "locations" not in run["results"][0]
 
 
-@pytest.mark.parametrize(("name", "uri"), [("/srv/a b.nc", "file:///srv/a%20b.nc"), ("caf\udce9.nc", "caf%E9.nc")])
+@pytest.mark.parametrize(
+    ("name", "uri"), [("/srv/a b.nc", "file:///srv/a%20b.nc"), ("caf\udce9.nc", "caf%E9.nc")]
+)
 def test_sarif_names_files_by_their_bytes(name, uri):
     run = check_sarif(sarif([report(name, ())]))
     assert run["artifacts"][0]["location"]["uri"] == uri
     assert unquote_to_bytes(uri).endswith(name.encode("utf-8", "surrogateescape"))
 
 
-# -- JUnit -------------------------------------------------------------------------------------------------------------------------------
+# -- JUnit
+# -------------------------------------------------------------------------------------------------------------------------------
 
 
 @given(st.lists(REPORTS, max_size=3))
@@ -149,7 +211,9 @@ def test_junit_is_xml_with_a_case_a_program(reports):
     assert len(suite.findall("testcase")) == int(suite.get("tests")) == len(reports)
     assert len(suite.findall("testcase/failure")) == int(suite.get("failures"))
     assert len(suite.findall("testcase/error")) == int(suite.get("errors"))
-    assert int(suite.get("failures")) + int(suite.get("errors")) == sum(not each.ok for each in reports)
+    assert int(suite.get("failures")) + int(suite.get("errors")) == sum(
+        not each.ok for each in reports
+    )
 
 
 def test_junit_shows_all_of_a_program():
@@ -169,11 +233,14 @@ def test_junit_shows_all_of_a_program():
     assert good.find("failure") is good.find("error") is None
 
 
-# -- GitHub ------------------------------------------------------------------------------------------------------------------------------
+# -- GitHub
+# ------------------------------------------------------------------------------------------------------------------------------
 
 
 def read_command(line: str) -> tuple[str, dict[str, str], str]:
-    """A workflow command as GitHub's runner reads it: split at the first ``::`` after the properties, then unescaped."""
+    """A workflow command as GitHub's runner reads it: split at the first ``::`` after the
+    properties, then unescaped.
+    """
     found = re.fullmatch(r"::(\w+)(?: ([^:]*))?::(.*)", line)
     properties = dict(each.split("=", 1) for each in found[2].split(","))
 
@@ -182,7 +249,11 @@ def read_command(line: str) -> tuple[str, dict[str, str], str]:
             text = text.replace(f"%{ord(each):02X}", each)
         return text
 
-    return found[1], {key: plain(value, ":", ",") for key, value in properties.items()}, plain(found[3])
+    return (
+        found[1],
+        {key: plain(value, ":", ",") for key, value in properties.items()},
+        plain(found[3]),
+    )
 
 
 @given(st.lists(REPORTS, max_size=3))
@@ -205,4 +276,6 @@ def test_github_tells_the_place():
         "::error file=shop/a b%2Cc%3Ad.nc,line=4,endLine=4,col=12,endColumn=16,title=arc-radius-mismatch::"
         "1.5 mm off, or 50%25 of it%0Ahelp: give I%0Aand J"
     )
-    assert second.startswith("::warning file=shop/a b%2Cc%3Ad.nc,line=9,endLine=9,title=spindle-speed-missing::")
+    assert second.startswith(
+        "::warning file=shop/a b%2Cc%3Ad.nc,line=9,endLine=9,title=spindle-speed-missing::"
+    )

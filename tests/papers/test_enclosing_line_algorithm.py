@@ -27,12 +27,16 @@ from tests.support.soak import share
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Rows = Callable[..., tuple[int, float, float]]
-BOTH = pytest.mark.parametrize("generator", [enclosing_line_rows, kiritsis_rows], ids=["enclosing-line", "kiritsis"])
+BOTH = pytest.mark.parametrize(
+    "generator", [enclosing_line_rows, kiritsis_rows], ids=["enclosing-line", "kiritsis"]
+)
 
 
 @dataclass
 class Walk:
-    """What a generator made of a path: the rows, their path coordinates, the grid points before and after each, its own largest error."""
+    """What a generator made of a path: the rows, their path coordinates, the grid points before and
+    after each, its own largest error.
+    """
 
     step: NDArray[np.int8]
     reach: Floats
@@ -40,7 +44,15 @@ class Walk:
     error: float
 
 
-def walk(generator: Rows, path: PathChunk, start: ArrayLike, scale: Floats, *, room: int = 4096, parts: int = 1) -> Walk:
+def walk(
+    generator: Rows,
+    path: PathChunk,
+    start: ArrayLike,
+    scale: Floats,
+    *,
+    room: int = 4096,
+    parts: int = 1,
+) -> Walk:
     """All rows of a path, with buffers of ``room`` rows, each piece gone in ``parts``."""
     grid = np.rint(np.asarray(start) * scale).astype(np.int64)
     first = grid.copy()
@@ -48,12 +60,16 @@ def walk(generator: Rows, path: PathChunk, start: ArrayLike, scale: Floats, *, r
     reach = np.zeros(room)
     steps, places = [np.empty((0, len(grid)), np.int8)], [np.empty(0)]
     error = s0 = 0.0
-    for kind, at, length in zip(path.kind.tolist(), path.at.tolist(), path.length.tolist(), strict=True):
+    for kind, at, length in zip(
+        path.kind.tolist(), path.at.tolist(), path.length.tolist(), strict=True
+    ):
         u, u1 = curve_range(kind, path.data, at)
         state = np.zeros(32)
         for upto in np.linspace(u, u1, parts + 1)[1:]:
             while u < upto:
-                rows, u, off = generator(kind, path.data, at, u, float(upto), s0, scale, grid, state, 0, step, reach)
+                rows, u, off = generator(
+                    kind, path.data, at, u, float(upto), s0, scale, grid, state, 0, step, reach
+                )
                 error = max(error, off)
                 steps.append(step[:rows].copy())
                 places.append(reach[:rows].copy())
@@ -63,10 +79,17 @@ def walk(generator: Rows, path: PathChunk, start: ArrayLike, scale: Floats, *, r
     places.append(reach[:rows].copy())
     whole = np.concatenate(steps)
     np.testing.assert_array_equal(first + whole.sum(axis=0, dtype=np.int64), grid)
-    return Walk(whole, np.concatenate(places), first + np.cumsum(np.vstack((0 * first, whole)), axis=0, dtype=np.int64), max(error, off))
+    return Walk(
+        whole,
+        np.concatenate(places),
+        first + np.cumsum(np.vstack((0 * first, whole)), axis=0, dtype=np.int64),
+        max(error, off),
+    )
 
 
-def check(generator: Rows, blocks: Sequence[Block], start: ArrayLike, steps_per_mm: ArrayLike, **how: int) -> Walk:
+def check(
+    generator: Rows, blocks: Sequence[Block], start: ArrayLike, steps_per_mm: ArrayLike, **how: int
+) -> Walk:
     """What holds for every row, by the records; for some of them by the oracle, too."""
     origin = np.asarray(start, dtype=np.float64)
     scale = np.array(np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), origin.shape))
@@ -84,7 +107,9 @@ def check(generator: Rows, blocks: Sequence[Block], start: ArrayLike, steps_per_
     for place, point in zip(rows.reach, rows.grid[1:], strict=True):
         piece = min(int(np.searchsorted(before, place, side="right")) - 1, len(path) - 1)
         kind, at = int(path.kind[piece]), int(path.at[piece])
-        curve_eval(kind, path.data, at, curve_inv_arclen(kind, path.data, at, place - before[piece]), here)
+        curve_eval(
+            kind, path.data, at, curve_inv_arclen(kind, path.data, at, place - before[piece]), here
+        )
         worst = max(worst, float(np.abs(here[0] * scale - point).max()))
     assert worst <= 0.5 + 1e-8 * scale.max() + 1e-7
     by_oracle(rows, segments, scale)
@@ -102,8 +127,11 @@ def by_oracle(rows: Walk, segments: Sequence[Segment], scale: Floats) -> None:
         assert off <= 0.5 + 1e-6 * max(1.0, scale.max() / 100.0)
 
 
-def by_squares(segments: Sequence[Segment], scale: Floats, grid: Ints, dense: int) -> tuple[Ints, bool]:
-    """The rule again, on points of the path and bisection between them: the curve leaves the square, the offset there is rounded.
+def by_squares(
+    segments: Sequence[Segment], scale: Floats, grid: Ints, dense: int
+) -> tuple[Ints, bool]:
+    """The rule again, on points of the path and bisection between them: the curve leaves the
+    square, the offset there is rounded.
 
     Stops, and says so, where rounding would decide which neighbour is taken.
     """
@@ -138,7 +166,9 @@ def by_squares(segments: Sequence[Segment], scale: Floats, grid: Ints, dense: in
     return np.array(found).reshape(-1, len(grid)), True
 
 
-def check_squares(blocks: Sequence[Block], start: ArrayLike, steps_per_mm: ArrayLike, dense: int) -> None:
+def check_squares(
+    blocks: Sequence[Block], start: ArrayLike, steps_per_mm: ArrayLike, dense: int
+) -> None:
     """The enclosing line's rows are those of :func:`by_squares`, if the path is one piece."""
     origin = np.asarray(start, dtype=np.float64)
     scale = np.array(np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), origin.shape))
@@ -150,7 +180,9 @@ def check_squares(blocks: Sequence[Block], start: ArrayLike, steps_per_mm: Array
     assert not through or len(expected) == len(rows.step)
 
 
-def nurbs(rng: np.random.Generator, axes: int, degree: int, points: int, heaviest: float) -> NurbsFeed:
+def nurbs(
+    rng: np.random.Generator, axes: int, degree: int, points: int, heaviest: float
+) -> NurbsFeed:
     """Random control points in [-1, 1], weights from 1 / heaviest to heaviest."""
     inner = np.sort(rng.uniform(0.02, 0.98, points - degree - 1))
     knots = np.concatenate((np.zeros(degree + 1), inner, np.ones(degree + 1)))
@@ -163,7 +195,9 @@ def nurbs(rng: np.random.Generator, axes: int, degree: int, points: int, heavies
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=share(400, 12))
 def test_random_curves(generator: Rows, seed: int) -> None:
-    """Degree 1 to 5, up to 40 control points, weights 0.1 to 10, two to five axes, BLU from 1e-4 to 1 mm."""
+    """Degree 1 to 5, up to 40 control points, weights 0.1 to 10, two to five axes, BLU from 1e-4 to
+    1 mm.
+    """
     rng = np.random.default_rng(seed)
     degree = int(rng.integers(1, 6))
     axes = int(rng.choice([2, 2, 3, 4, 5]))
@@ -176,12 +210,16 @@ def test_random_curves(generator: Rows, seed: int) -> None:
 @BOTH
 @pytest.mark.parametrize("seed", range(share(60, 3)))
 def test_against_geomdl(generator: Rows, seed: int) -> None:
-    """Every grid point has a point of the curve within half a BLU in each axis, and every point of the curve a grid point within one."""
+    """Every grid point has a point of the curve within half a BLU in each axis, and every point of
+    the curve a grid point within one.
+    """
     rng = np.random.default_rng(seed)
     degree, axes = int(rng.integers(1, 6)), int(rng.integers(2, 4))
     block = nurbs(rng, axes, degree, int(rng.integers(degree + 1, 12)), 10.0)
     scale = rng.uniform(10.0, 30.0, axes)
-    rows = walk(generator, path_of([block], block.control_points[0]), block.control_points[0], scale)
+    rows = walk(
+        generator, path_of([block], block.control_points[0]), block.control_points[0], scale
+    )
     curve = NURBS.Curve()
     curve.degree = degree
     curve.ctrlpts = block.control_points.tolist()
@@ -198,7 +236,9 @@ def test_against_geomdl(generator: Rows, seed: int) -> None:
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=share(400, 20))
 def test_arcs_and_lines_of_any_size(generator: Rows, seed: int) -> None:
-    """From 1 um to 1 m, BLU from 1e-4 to 1 mm, ends on and off the grid and between its points, the BLU another for each axis."""
+    """From 1 um to 1 m, BLU from 1e-4 to 1 mm, ends on and off the grid and between its points, the
+    BLU another for each axis.
+    """
     rng = np.random.default_rng(seed)
     size = 10.0 ** rng.uniform(-3.0, 3.0)
     blu = min(max(size / 10.0 ** rng.uniform(-1.0, share(3.5, 2.5)), 1e-4), 1.0)
@@ -210,7 +250,19 @@ def test_arcs_and_lines_of_any_size(generator: Rows, seed: int) -> None:
         start, center, end = (np.round(2.0 * p / blu) * 0.5 * blu for p in (start, center, end))
     if rng.random() < 0.5 and np.hypot(*(start - center)[:2]) > 1e-3 * size:
         turns = float(rng.choice([1.0, -1.0, 0.25, rng.uniform(-1.5, 1.5)]))
-        check(generator, [arc(start, (float(center[0]), float(center[1])), turns, rise=float(end[-1]) * (axes > 2))], start, scale)
+        check(
+            generator,
+            [
+                arc(
+                    start,
+                    (float(center[0]), float(center[1])),
+                    turns,
+                    rise=float(end[-1]) * (axes > 2),
+                )
+            ],
+            start,
+            scale,
+        )
     elif np.abs(end - start).max() > 1e-6:
         check(generator, [polyline([end, center])], start, scale)
 
@@ -240,7 +292,12 @@ def test_helix_spiral_and_lines(generator: Rows) -> None:
     start = np.array([1.0, 0.0, 0.0])
     check(generator, [arc(start, (0.0, 0.0), 1.25, rise=0.333)], start, 50.0)
     spiral = ArcFeed(FILE, 1, "XY", (0.0, 0.0), np.array([0.0, 1.2, 0.1]), 1.0, 0.25, 10.0)
-    check(generator, [spiral, polyline([[0.3, -0.2, 0.5], [0.3, -0.2, 0.9], [0.7, 0.2, 0.5]])], start, [100.0, 70.0, 130.0])
+    check(
+        generator,
+        [spiral, polyline([[0.3, -0.2, 0.5], [0.3, -0.2, 0.9], [0.7, 0.2, 0.5]])],
+        start,
+        [100.0, 70.0, 130.0],
+    )
 
 
 def test_a_line_steps_with_its_longest_axis() -> None:
@@ -250,10 +307,14 @@ def test_a_line_steps_with_its_longest_axis() -> None:
 
 
 def test_the_circle_of_the_paper() -> None:
-    """1 mm, BLU 0.001 mm: 8 cos(45 degrees) steps a BLU of radius, what the octants' longer axes have together, and none half a BLU off."""
+    """1 mm, BLU 0.001 mm: 8 cos(45 degrees) steps a BLU of radius, what the octants' longer axes
+    have together, and none half a BLU off.
+    """
     start = np.array([1.0, 0.0])
     for generator in (enclosing_line_rows, kiritsis_rows):
-        rows = walk(generator, path_of([arc(start, (0.0, 0.0), 1.0)], start), start, np.full(2, 1000.0))
+        rows = walk(
+            generator, path_of([arc(start, (0.0, 0.0), 1.0)], start), start, np.full(2, 1000.0)
+        )
         assert len(rows.step) == pytest.approx(8 * math.sqrt(0.5) * 1000, abs=2)
         assert 0.48 < rows.error <= 0.5
         radii = np.hypot(*rows.grid.T)
@@ -262,7 +323,9 @@ def test_the_circle_of_the_paper() -> None:
 
 
 def test_as_printed() -> None:
-    """What the paper's procedure does at BLU 0.001 mm, and why it needs mending at 1 mm: a null step and more than half a BLU."""
+    """What the paper's procedure does at BLU 0.001 mm, and why it needs mending at 1 mm: a null
+    step and more than half a BLU.
+    """
     polynomial = fitted(*BARE["polynomial"])
     circle = path_of([arc([1.0, 0.0], (0.0, 0.0), 1.0)], [1.0, 0.0])
     for curve, rows, error in ((circle, 5656, 0.4999), (polynomial, 16185, 0.499999)):
@@ -279,7 +342,9 @@ def test_as_printed() -> None:
 
 @pytest.mark.parametrize("radius", [10.0, 100.0, 1000.0])
 def test_windows_stay_wide_however_far_from_the_origin(radius: float) -> None:
-    """What rounding leaves of a million BLU must not be taken for the polynomial's error, which narrower windows would mend."""
+    """What rounding leaves of a million BLU must not be taken for the polynomial's error, which
+    narrower windows would mend.
+    """
     path = path_of([arc([radius, 0.0], (0.0, 0.0), 1.0)], [radius, 0.0])
     kind, at, data = int(path.kind[0]), int(path.at[0]), path.data
     u, u1 = curve_range(kind, data, at)
@@ -289,7 +354,9 @@ def test_windows_stay_wide_however_far_from_the_origin(radius: float) -> None:
     width = u1 - u
     windows = 0
     while u < u1:
-        u, width, by_table = next_window(kind, data, at, u, u1, width, np.full(2, 1e4), ra, rb, rc, lengths, poly)
+        u, width, by_table = next_window(
+            kind, data, at, u, u1, width, np.full(2, 1e4), ra, rb, rc, lengths, poly
+        )
         assert not by_table
         ra, rb = rb, ra
         lengths[0] = lengths[1]
@@ -301,20 +368,54 @@ def test_windows_stay_wide_however_far_from_the_origin(radius: float) -> None:
 def test_turning_inside_the_square(generator: Rows) -> None:
     """Waves a fraction of a BLU high, and hairpins narrower than the square."""
     for height in (0.3, 0.49, 0.51, 0.7, 0.99, 1.01, 1.4):
-        points = np.array([[0.0, 0.0], [1.0, height], [2.0, -height], [3.0, height], [4.0, -height], [5.0, height], [6.0, 0.0]])
+        points = np.array(
+            [
+                [0.0, 0.0],
+                [1.0, height],
+                [2.0, -height],
+                [3.0, height],
+                [4.0, -height],
+                [5.0, height],
+                [6.0, 0.0],
+            ]
+        )
         knots = np.concatenate((np.zeros(4), [0.25, 0.5, 0.75], np.ones(4)))
         check(generator, [NurbsFeed(FILE, 1, 3, knots, points, np.ones(7), 1.0)], [0.0, 0.0], 1.0)
-        check(generator, [NurbsFeed(FILE, 1, 3, knots, points[:, ::-1] + 0.37, np.ones(7), 1.0)], [0.37, 0.37], [1.0, 2.0])
+        check(
+            generator,
+            [NurbsFeed(FILE, 1, 3, knots, points[:, ::-1] + 0.37, np.ones(7), 1.0)],
+            [0.37, 0.37],
+            [1.0, 2.0],
+        )
         hairpin = np.array([[0.2, 0.1], [9.0, 0.1 + height], [9.0, 0.1 - height], [0.3, 0.4]])
-        check(generator, [NurbsFeed(FILE, 1, 3, np.repeat([0.0, 1.0], 4), hairpin, np.ones(4), 1.0)], hairpin[0], 1.0)
+        check(
+            generator,
+            [NurbsFeed(FILE, 1, 3, np.repeat([0.0, 1.0], 4), hairpin, np.ones(4), 1.0)],
+            hairpin[0],
+            1.0,
+        )
 
 
 @BOTH
 def test_cusps_and_repeated_control_points(generator: Rows) -> None:
     knots = np.repeat([0.0, 1.0], 4)
-    for points in ([[0.0, 0], [1, 1], [0, 1], [1, 0]], [[0.0, 0], [0, 0], [1, 1], [2, 0]], [[0.0, 0], [1, 1], [2, 0], [2, 0]]):
-        check(generator, [NurbsFeed(FILE, 1, 3, knots, np.array(points), np.ones(4), 1.0)], points[0], 50.0)
-        check(generator, [NurbsFeed(FILE, 1, 3, knots, np.array(points), np.ones(4), 1.0)], points[0], [1.0, 3.0])
+    for points in (
+        [[0.0, 0], [1, 1], [0, 1], [1, 0]],
+        [[0.0, 0], [0, 0], [1, 1], [2, 0]],
+        [[0.0, 0], [1, 1], [2, 0], [2, 0]],
+    ):
+        check(
+            generator,
+            [NurbsFeed(FILE, 1, 3, knots, np.array(points), np.ones(4), 1.0)],
+            points[0],
+            50.0,
+        )
+        check(
+            generator,
+            [NurbsFeed(FILE, 1, 3, knots, np.array(points), np.ones(4), 1.0)],
+            points[0],
+            [1.0, 3.0],
+        )
 
 
 @BOTH
@@ -327,13 +428,20 @@ def test_off_the_grid_and_closed(generator: Rows) -> None:
     for size in (0.005, 0.0049, 0.0051, 0.015, 0.0151):
         rows = check(generator, [arc([size, 0.0], (0.0, 0.0), 1.0)], [size, 0.0], 100.0)
         assert (np.abs(rows.grid[-1] - rows.grid[0]) <= (1 if size in (0.005, 0.015) else 0)).all()
-    assert not len(check(generator, [arc([0.0049, 0.0], (0.0, 0.0), 1.0)], [0.0049, 0.0], 100.0).step)
+    assert not len(
+        check(generator, [arc([0.0049, 0.0], (0.0, 0.0), 1.0)], [0.0049, 0.0], 100.0).step
+    )
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-13, -1e-13])
 @BOTH
 def test_an_axis_on_a_half_grid_line_is_quiet(generator: Rows, noise: float) -> None:
-    rows = check(generator, [polyline([[0.1 * k, 0.005 + noise * (-1) ** k] for k in range(1, 9)])], [0.0, 0.005], 100.0)
+    rows = check(
+        generator,
+        [polyline([[0.1 * k, 0.005 + noise * (-1) ** k] for k in range(1, 9)])],
+        [0.0, 0.005],
+        100.0,
+    )
     assert not rows.step[:, 1].any()
     rows = check(generator, [arc([0.0, 0.0, 0.005], (1.0, 0.0), 0.75)], [0.0, 0.0, 0.005], 100.0)
     assert not rows.step[:, 2].any()
@@ -346,7 +454,9 @@ def test_buffers_and_parts(generator: Rows) -> None:
     whole = check(generator, blocks, [10.0, 10.0], [20.0, 31.0])
     for room in (1, 7, len(whole.step)):
         again = check(generator, blocks, [10.0, 10.0], [20.0, 31.0], room=room)
-        if generator is enclosing_line_rows:  # where a normal's foot is taken to be hangs on where Newton's step began
+        if (
+            generator is enclosing_line_rows
+        ):  # where a normal's foot is taken to be hangs on where Newton's step began
             np.testing.assert_array_equal(again.step, whole.step)
             assert np.abs(again.reach - whole.reach).max() <= 1e-8
     check(generator, blocks, [10.0, 10.0], [20.0, 31.0], parts=37)
@@ -371,7 +481,9 @@ BARE: dict[str, tuple[Callable[[float], list[float]], Callable[[float], list[flo
 @pytest.mark.parametrize("algorithm", Algorithm)
 @pytest.mark.parametrize("name", BARE)
 def test_bare_curves(name: str, algorithm: Algorithm) -> None:
-    """Curves given by two functions: each grid point half a BLU from them where it is due, and the curve in the square until the next."""
+    """Curves given by two functions: each grid point half a BLU from them where it is due, and the
+    curve in the square until the next.
+    """
     position, derivative, u0, u1 = BARE[name]
     curve = fitted(position, derivative, u0, u1)
     scale = np.array([70.0, 50.0, 90.0])[: len(curve.axes)]
@@ -384,7 +496,10 @@ def test_bare_curves(name: str, algorithm: Algorithm) -> None:
     if algorithm is Algorithm.ENCLOSING_LINE:
         dense = np.linspace(u0, u1, 20001)
         held = steps.grid[np.searchsorted(steps.u, dense)]
-        assert np.abs(np.array([position(u) for u in dense.tolist()]) * scale - held).max() <= 1.0 + 1e-5
+        assert (
+            np.abs(np.array([position(u) for u in dense.tolist()]) * scale - held).max()
+            <= 1.0 + 1e-5
+        )
 
 
 def test_a_fitted_curve_is_the_curve() -> None:

@@ -1,4 +1,6 @@
-"""Half-step deviation: half a BLU at every row, right counts and ends, against paths evaluated another way."""
+"""Half-step deviation: half a BLU at every row, right counts and ends, against paths evaluated
+another way.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,12 @@ class Run:
     @property
     def points(self) -> Ints:
         """Grid points, the first one included."""
-        return self.origin + np.concatenate((np.zeros((1, len(self.origin)), np.int64), np.cumsum(self.step, axis=0, dtype=np.int64)))
+        return self.origin + np.concatenate(
+            (
+                np.zeros((1, len(self.origin)), np.int64),
+                np.cumsum(self.step, axis=0, dtype=np.int64),
+            )
+        )
 
 
 def run(
@@ -52,7 +59,9 @@ def run(
     origin: Ints | None = None,
     rows_of: Callable[..., Any] = half_step_rows,
 ) -> Run:
-    """The rows of the blocks, in buffers of ``room`` rows, each piece done in parts that end at ``cuts`` (of 1)."""
+    """The rows of the blocks, in buffers of ``room`` rows, each piece done in parts that end at
+    ``cuts`` (of 1).
+    """
     path = path_of(blocks, start)
     scales = np.broadcast_to(np.asarray(scale, np.float64), (len(path.axes),)).copy()
     grid = np.rint(np.asarray(start) * scales).astype(np.int64) if origin is None else origin.copy()
@@ -66,7 +75,20 @@ def run(
         for part in (*sorted(cuts), 1.0):
             upto = u1 if part == 1.0 else u0 + part * (u1 - u0)
             while u < upto:
-                rows, u, off = rows_of(int(kind), path.data, int(at), u, upto, s0, scales, grid, np.zeros(32), 0, step, reach)
+                rows, u, off = rows_of(
+                    int(kind),
+                    path.data,
+                    int(at),
+                    u,
+                    upto,
+                    s0,
+                    scales,
+                    grid,
+                    np.zeros(32),
+                    0,
+                    step,
+                    reach,
+                )
                 assert u == upto or rows == room
                 error = max(error, off)
                 steps.append(step[:rows].copy())
@@ -83,9 +105,14 @@ def run(
 
 
 def check(
-    blocks: Sequence[Block], start: ArrayLike, scale: ArrayLike, rows_of: Callable[..., Any] = half_step_rows, lag: float = 1.5
+    blocks: Sequence[Block],
+    start: ArrayLike,
+    scale: ArrayLike,
+    rows_of: Callable[..., Any] = half_step_rows,
+    lag: float = 1.5,
 ) -> Run:
-    """What holds for every path: at each row half a BLU in each axis, between the rows at most ``lag``, so that no row is missing.
+    """What holds for every path: at each row half a BLU in each axis, between the rows at most
+    ``lag``, so that no row is missing.
 
     Half-step deviation: the leader is a step behind before its row, the others half of one more.
     """
@@ -100,7 +127,9 @@ def check(
     s0, first = 0.0, 0
     segments = segments_of(blocks, origin)
     # lines are pieces, an arc is one a turn
-    for segment, last in zip(segments, rows.done if len(segments) > 1 else rows.done[-1:], strict=True):
+    for segment, last in zip(
+        segments, rows.done if len(segments) > 1 else rows.done[-1:], strict=True
+    ):
         length = segment.length(1.0)
         w = _places(segment.length, (rows.reach[first:last] - s0), length)
         assert (w <= 1.0 + 1e-9).all() and (w >= -1e-9).all()
@@ -135,7 +164,9 @@ EXPONENT = st.floats(-3.0, 3.0)
 
 
 def scales_for(draw: st.DrawFn, axes: int, size: float, most: float) -> Floats:
-    """Steps per mm from 1 to 10 000 (BLU 1 mm to 1e-4 mm), so that ``size`` mm are at most ``most`` steps."""
+    """Steps per mm from 1 to 10 000 (BLU 1 mm to 1e-4 mm), so that ``size`` mm are at most ``most``
+    steps.
+    """
     high = min(10_000.0, most / size)
     low = min(1.0, high)
     exponents = [draw(st.floats(math.log10(low), math.log10(high))) for _ in range(axes)]
@@ -166,14 +197,17 @@ def test_lines(case: tuple[list[Polyline], Floats, Floats]) -> None:
     ends = np.vstack((start, blocks[0].points))
     rows = check(blocks, start, scale)
     travel = np.abs(np.diff(ends * scale, axis=0)).max(axis=1)
-    # where a line's ends are off the grid a row is needed before the first and after the last that the leader makes
+    # where a line's ends are off the grid a row is needed before the first and after the last that
+    # the leader makes
     axes = len(start)
     assert len(rows.step) <= (np.floor(travel + 1.0) + 1 + axes).sum()
 
 
 @st.composite
 def arcs(draw: st.DrawFn) -> tuple[list[ArcFeed], Floats, Floats]:
-    """Arcs both ways, of up to more than two turns; helices; spirals; centre, radius and ends off the grid."""
+    """Arcs both ways, of up to more than two turns; helices; spirals; centre, radius and ends off
+    the grid.
+    """
     axes = draw(st.integers(2, 4))
     radius = 10.0 ** draw(EXPONENT)
     scale = scales_for(draw, axes, radius, 400.0)
@@ -204,15 +238,29 @@ def test_arcs(case: tuple[list[ArcFeed], Floats, Floats]) -> None:
     check(*case)
 
 
-@given(st.floats(1.0, 3.0), st.floats(3.0, 4.0), st.floats(0.0, 2 * math.pi), st.sampled_from([1, -1]), st.sampled_from([0.0, 1e-7]))
+@given(
+    st.floats(1.0, 3.0),
+    st.floats(3.0, 4.0),
+    st.floats(0.0, 2 * math.pi),
+    st.sampled_from([1, -1]),
+    st.sampled_from([0.0, 1e-7]),
+)
 @settings(max_examples=share(300, 15), deadline=None)
-def test_arcs_of_ten_million_steps_radius(size: float, fine: float, angle: float, way: int, growth: float) -> None:
-    """10 mm to 1 m at BLU of 1 to 0.1 um, a few thousand rows of them; half a BLU in spite of the size."""
+def test_arcs_of_ten_million_steps_radius(
+    size: float, fine: float, angle: float, way: int, growth: float
+) -> None:
+    """10 mm to 1 m at BLU of 1 to 0.1 um, a few thousand rows of them; half a BLU in spite of the
+    size.
+    """
     radius, scale = 10.0**size, round(10.0**fine, 3)
     start = np.array([radius * math.cos(angle), radius * math.sin(angle), 0.3])
     block = arc(start, (0.0, 0.0), way * min(600.0 / (radius * scale), 1.0), rise=0.01)
     end = block.end * [1.0 + growth, 1.0 + growth, 1.0]
-    check([ArcFeed(FILE, 1, "XY", (0.0, 0.0), end, radius, block.turns, 10.0)], start, [scale, 0.7 * scale, scale])
+    check(
+        [ArcFeed(FILE, 1, "XY", (0.0, 0.0), end, radius, block.turns, 10.0)],
+        start,
+        [scale, 0.7 * scale, scale],
+    )
 
 
 def circle(radius: float, turns: float = 1.0) -> tuple[list[ArcFeed], Floats]:
@@ -225,13 +273,18 @@ def test_the_circle_of_the_paper(turns: float) -> None:
     rows = check(*circle(10.0, turns), 1.0)
     radii = np.hypot(*rows.points.T)
     assert len(rows.step) == 56
-    assert (radii.min(), radii.max()) == (pytest.approx(9.849, abs=1e-3), pytest.approx(10.440, abs=1e-3))
+    assert (radii.min(), radii.max()) == (
+        pytest.approx(9.849, abs=1e-3),
+        pytest.approx(10.440, abs=1e-3),
+    )
     assert rows.points[-1].tolist() == [10, 0]
 
 
 @pytest.mark.parametrize("radius", [1, 2, 3, 5, 7, 12, 29, 50, *range(100, 400, share(7, 60))])
 def test_integer_circles(radius: int) -> None:
-    """The paper's recursion, in integers, and the rows of an arc: the same points but where the faster axis changes, none far off."""
+    """The paper's recursion, in integers, and the rows of an arc: the same points but where the
+    faster axis changes, none far off.
+    """
     steps = np.empty((8 * radius + 8, 2), np.int8)
     for turn in (1, -1):
         count = circle_by_half_steps(radius, turn, steps)
@@ -262,7 +315,9 @@ def test_the_octants_of_the_recursion() -> None:
 @given(st.integers(-40, 40), st.integers(-40, 40))
 @settings(max_examples=share(500, 60), deadline=None)
 def test_integer_lines(xe: int, ye: int) -> None:
-    """The paper's line, step by step, from equation 1: the smaller |F| of the two candidates, the longer axis alone on a tie."""
+    """The paper's line, step by step, from equation 1: the smaller |F| of the two candidates, the
+    longer axis alone on a tie.
+    """
     if xe == 0 and ye == 0:
         return
     rows = run([polyline([[float(xe), float(ye)]])], [0.0, 0.0], 1.0)
@@ -305,7 +360,9 @@ def test_ties_are_quiet(noise: float) -> None:
 
 @given(st.one_of(lines(), arcs()), st.integers(1, 9), st.lists(st.floats(0.01, 0.99), max_size=6))
 @settings(max_examples=share(600, 60), deadline=None)
-def test_the_same_rows_in_any_buffers_and_parts(case: tuple[list[Block], Floats, Floats], room: int, cuts: list[float]) -> None:
+def test_the_same_rows_in_any_buffers_and_parts(
+    case: tuple[list[Block], Floats, Floats], room: int, cuts: list[float]
+) -> None:
     blocks, start, scale = case
     radius = getattr(blocks[0], "radius", math.inf)
     # where a circle is a few steps round, whether it needs one more may depend on where it is cut
@@ -358,7 +415,10 @@ def test_point_by_point_as_the_paper_has_it(turn: int) -> None:
         walked = np.array([10, 0]) + np.cumsum(steps[:count], axis=0, dtype=np.int64)
         assert count == 80 and walked[-1].tolist() == [10, 0]
         radii = np.hypot(*walked.T)
-        assert (radii.min(), radii.max()) == (pytest.approx(low, abs=1e-3), pytest.approx(high, abs=1e-3))
+        assert (radii.min(), radii.max()) == (
+            pytest.approx(low, abs=1e-3),
+            pytest.approx(high, abs=1e-3),
+        )
     moved = run(*circle(10.0, float(turn)), 1.0, rows_of=point_by_point_rows)
     assert len(moved.step) == 80
 

@@ -1,4 +1,6 @@
-"""The sampled interpolator of the paper on bare curves: its equations by a second implementation, and what it holds on random curves."""
+"""The sampled interpolator of the paper on bare curves: its equations by a second implementation,
+and what it holds on random curves.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ class Rational:
     """A NURBS as SciPy evaluates it: a B-spline of homogeneous points."""
 
     def __init__(self, block: NurbsFeed) -> None:
-        homogeneous = np.column_stack([block.weights, block.control_points * block.weights[:, None]])
+        homogeneous = np.column_stack(
+            [block.weights, block.control_points * block.weights[:, None]]
+        )
         self.spline = BSpline(block.knots, homogeneous, block.degree)
         self.end = float(block.knots[-1])
 
@@ -53,7 +57,9 @@ def off_chord(p: Floats, q: Floats, m: Floats) -> float:
 
 
 def by_the_equations(curve: Rational) -> tuple[list[float], list[float], list[float]]:
-    """u, speed and chord error of the adaptive step alone: equations 3 to 8 as they are mended, and the S-curve."""
+    """u, speed and chord error of the adaptive step alone: equations 3 to 8 as they are mended, and
+    the S-curve.
+    """
     u, v, h = [0.0], [0.0], [0.0]
     owed = 0.0
     while u[-1] < curve.end:
@@ -79,7 +85,11 @@ def by_the_equations(curve: Rational) -> tuple[list[float], list[float], list[fl
             chord = float(np.linalg.norm(q - p))
         u.append(guess)
         h.append(off_chord(p, q, curve((u[-2] + guess) / 2)))
-        v.append(feed if step == wanted and guess < curve.end else min(chord if guess == curve.end else step, feed * T) / T)
+        v.append(
+            feed
+            if step == wanted and guess < curve.end
+            else min(chord if guess == curve.end else step, feed * T) / T
+        )
         owed = step - chord
     return u, v, h
 
@@ -95,7 +105,9 @@ def test_the_adaptive_step_is_what_the_equations_say() -> None:
 
 
 def holds(samples: Samples, curve: Rational, stops: bool = True) -> None:
-    """On the curve to its very end, no step past what was asked for, within the limits of speed and acceleration."""
+    """On the curve to its very end, no step past what was asked for, within the limits of speed and
+    acceleration.
+    """
     assert samples.u[0] == 0.0 and samples.u[-1] == curve.end
     assert (np.diff(samples.u) > 0.0).all()
     np.testing.assert_allclose(samples.position, curve(samples.u), rtol=0, atol=1e-9)
@@ -121,7 +133,15 @@ def curves(draw: st.DrawFn) -> NurbsFeed:
     points = np.cumsum(rng.uniform(-20.0, 20.0, (count, dimension)), axis=0)
     inner = np.sort(rng.uniform(0.05, 0.95, count - degree - 1))
     weights = 10.0 ** rng.uniform(-1.0, 1.0, count)
-    return NurbsFeed(FILE, 1, degree, np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)]), points, weights, 100.0)
+    return NurbsFeed(
+        FILE,
+        1,
+        degree,
+        np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)]),
+        points,
+        weights,
+        100.0,
+    )
 
 
 @settings(max_examples=share(400, 30))
@@ -152,7 +172,9 @@ def test_a_straight_line_is_run_by_the_s_curve() -> None:
     assert np.abs(jerk[: top - 1]).max() <= J * (1 + 1e-6)
     # V/2 (V/A + A/J) to get there, V^2 / 2A back: going back knows nothing of the jerk
     assert samples.position[top, 0] == pytest.approx(F / 2 * (F / A + A / J), abs=2 * F * T)
-    assert 60.0 - samples.position[np.flatnonzero(samples.feed > F - 2 * A * T)[-1], 0] == pytest.approx(F * F / (2 * A), abs=2 * F * T)
+    assert 60.0 - samples.position[
+        np.flatnonzero(samples.feed > F - 2 * A * T)[-1], 0
+    ] == pytest.approx(F * F / (2 * A), abs=2 * F * T)
 
 
 def test_a_circle_is_run_at_the_speed_of_its_normal_acceleration() -> None:
@@ -161,7 +183,9 @@ def test_a_circle_is_run_at_the_speed_of_its_normal_acceleration() -> None:
     samples = interpolate(path_of([arc(start, (0.0, 0.0), 0.75)], start), limits)
     middle = samples.feed[5:-2]
     assert middle == pytest.approx(np.full(len(middle), np.sqrt(A_N * 5.0)), rel=1e-3)
-    assert samples.chord_error[5:-2] == pytest.approx(np.full(len(middle), A_N * T * T / 8), rel=3e-3)
+    assert samples.chord_error[5:-2] == pytest.approx(
+        np.full(len(middle), A_N * T * T / 8), rel=3e-3
+    )
 
 
 def test_pieces_over_which_the_parameter_does_not_run_on_are_refused() -> None:

@@ -10,7 +10,12 @@ from cnc.papers import contents, page
 from cnc.papers.page import Figure, Section, Table
 
 PNG = b"\x89PNG\r\n\x1a\n"
-TABLE = Table("Steps", ("curve", "published", "ours"), [("circle", "5 655", 5656), ("a|b", "", 0.1234567)], "A note.")
+TABLE = Table(
+    "Steps",
+    ("curve", "published", "ours"),
+    [("circle", "5 655", 5656), ("a|b", "", 0.1234567)],
+    "A note.",
+)
 
 
 def drawing(canvas):

@@ -25,13 +25,21 @@ def test_operations(section: Section) -> None:
     assert [row[1:] for row in section.tables[0].rows] == [["36, 15, 12"] * 2, ["5, 2, 0"] * 2]
 
 
-@pytest.mark.parametrize(("number", "rows", "error", "ratio"), [(1, 5655, 0.4999, 2.94), (2, 16185, 0.499999, 2.57)])
-def test_circle_and_polynomial(section: Section, number: int, rows: int, error: float, ratio: float) -> None:
-    """The same digits as the paper's procedure gives, and ours beside it; times are a ratio of one run."""
+@pytest.mark.parametrize(
+    ("number", "rows", "error", "ratio"), [(1, 5655, 0.4999, 2.94), (2, 16185, 0.499999, 2.57)]
+)
+def test_circle_and_polynomial(
+    section: Section, number: int, rows: int, error: float, ratio: float
+) -> None:
+    """The same digits as the paper's procedure gives, and ours beside it; times are a ratio of one
+    run.
+    """
     table = section.tables[number]
     assert numbers(table, "iterations, as printed") == [pytest.approx(rows, abs=1)] * 2
     assert numbers(table, "ours", 2) == [pytest.approx(rows, abs=2)] * 2
-    assert numbers(table, "as printed")[1] == pytest.approx(error, abs=2e-6 if number == 2 else 1e-4)
+    assert numbers(table, "as printed")[1] == pytest.approx(
+        error, abs=2e-6 if number == 2 else 1e-4
+    )
     assert max(numbers(table, "as printed") + numbers(table, "ours")) <= 0.5
     assert float(str(table.rows[-1][5])) > 0.7 * ratio  # the machine may be busy
 
@@ -40,8 +48,13 @@ def test_further(section: Section) -> None:
     table = section.tables[3]
     ours = [row for row in table.rows if "printed" not in str(row[1])]
     assert len(ours) == 10
-    assert all(row[4] == 0 and float(str(row[5])) <= 0.5 + 1e-6 and float(str(row[6])) <= 0.5 for row in ours)
-    assert any(row[4] == 1 and float(str(row[5])) == pytest.approx(0.534, abs=1e-3) for row in table.rows)
+    assert all(
+        row[4] == 0 and float(str(row[5])) <= 0.5 + 1e-6 and float(str(row[6])) <= 0.5
+        for row in ours
+    )
+    assert any(
+        row[4] == 1 and float(str(row[5])) == pytest.approx(0.534, abs=1e-3) for row in table.rows
+    )
 
 
 def test_the_page(section: Section, tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
-"""Section 4 of Shu et al. (2019): published values beside those of the page, and the shells that walk them."""
+"""Section 4 of Shu et al. (2019): published values beside those of the page, and the shells that
+walk them.
+"""
 
 import numpy as np
 import pytest
@@ -26,7 +28,9 @@ def test_no_radius_is_worse(section):
     assert max(float(cell) for cell in rows["half-step"][2:4]) == pytest.approx(0.49896, abs=1e-5)
     for name, row in rows.items():
         assert max(float(cell) for cell in row[2:4]) <= (0.5 if name == "half-step" else 1.0)
-        assert row[4] == pytest.approx((4 * np.sqrt(2) if name == "half-step" else 8) * paper.LARGE, rel=1e-4)
+        assert row[4] == pytest.approx(
+            (4 * np.sqrt(2) if name == "half-step" else 8) * paper.LARGE, rel=1e-4
+        )
 
 
 def test_the_octants_are_those_of_figure_6(section):

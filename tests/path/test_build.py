@@ -27,21 +27,39 @@ def built(*blocks, start=ORIGIN):
 
 
 def stops(items):
-    return [list(item.stop_after) if isinstance(item, PathChunk) else type(item).__name__ for item in items]
+    return [
+        list(item.stop_after) if isinstance(item, PathChunk) else type(item).__name__
+        for item in items
+    ]
 
 
 def test_one_chunk_of_everything():
     spline = random_nurbs(np.random.default_rng(1), 3, 6)
     spline.control_points[0] = [0.0, 10, 0]
-    chunk = whole([lines([[10, 0, 0]], np.nan), arc([0, 10, 0], (0, 0), 0.25), spline, lines([[1, 1, 1]], 5.0, line=8)], ORIGIN)
+    chunk = whole(
+        [
+            lines([[10, 0, 0]], np.nan),
+            arc([0, 10, 0], (0, 0), 0.25),
+            spline,
+            lines([[1, 1, 1]], 5.0, line=8),
+        ],
+        ORIGIN,
+    )
     assert list(chunk.kind) == [LINE, ARC, SPAN, SPAN, SPAN, LINE]
     assert list(chunk.line) == [1, 3, 7, 7, 7, 8]
     assert np.isnan(chunk.feed[0]) and list(chunk.feed[1:]) == [10, 10, 10, 10, 5]
     assert list(chunk.stop_after) == [False] * 5 + [True]
     assert chunk.axes == XYZ and chunk.file == "part.nc"
-    assert chunk.line.dtype == np.int32 and chunk.stop_after.dtype == np.bool_ and chunk.kind.dtype == chunk.at.dtype == np.int64
+    assert (
+        chunk.line.dtype == np.int32
+        and chunk.stop_after.dtype == np.bool_
+        and chunk.kind.dtype == chunk.at.dtype == np.int64
+    )
     for k in range(len(chunk) - 1):
-        assert np.array_equal(evaluate(chunk, k, ends(chunk, k)[1])[0], evaluate(chunk, k + 1, ends(chunk, k + 1)[0])[0])
+        assert np.array_equal(
+            evaluate(chunk, k, ends(chunk, k)[1])[0],
+            evaluate(chunk, k + 1, ends(chunk, k + 1)[0])[0],
+        )
 
 
 @pytest.mark.parametrize(
@@ -50,14 +68,30 @@ def test_one_chunk_of_everything():
         ([lines([[1, 0, 0], [2, 0, 0]])], [[False, True]]),
         ([lines([[1, 0, 0]]), DWELL, lines([[2, 0, 0]])], [[True], "Dwell", [True]]),
         ([lines([[1, 0, 0]]), MESSAGE, lines([[2, 0, 0]])], [[False], "Message", [True]]),
-        ([lines([[1, 0, 0]]), MESSAGE, DWELL, lines([[2, 0, 0]])], [[True], "Message", "Dwell", [True]]),
+        (
+            [lines([[1, 0, 0]]), MESSAGE, DWELL, lines([[2, 0, 0]])],
+            [[True], "Message", "Dwell", [True]],
+        ),
         ([lines([[1, 0, 0]]), MESSAGE, MESSAGE], [[True], "Message", "Message"]),
         ([MESSAGE, lines([[1, 0, 0]]), EXACT_PATH, lines([[2, 0, 0]])], ["Message", [False, True]]),
-        ([EXACT_STOP, lines([[1, 0, 0], [2, 0, 0]]), EXACT_PATH, lines([[3, 0, 0], [4, 0, 0]])], [[True, True, False, True]]),
-        ([EXACT_STOP, arc([20, 0, 0], (10, 0), 1.5), EXACT_PATH, lines([[3, 0, 0]])], [[False, True, True]]),
+        (
+            [EXACT_STOP, lines([[1, 0, 0], [2, 0, 0]]), EXACT_PATH, lines([[3, 0, 0], [4, 0, 0]])],
+            [[True, True, False, True]],
+        ),
+        (
+            [EXACT_STOP, arc([20, 0, 0], (10, 0), 1.5), EXACT_PATH, lines([[3, 0, 0]])],
+            [[False, True, True]],
+        ),
         ([DWELL, DWELL], ["Dwell", "Dwell"]),
         ([lines([[1, 0, 0]]), lines([[1, 0, 0]]), DWELL], [[True], "Dwell"]),
-        ([lines([[1, 0, 0]]), PathMode("part.nc", 2, "blend", 0.1), Spindle("part.nc", 3, "cw", 100.0)], [[True], "Spindle"]),
+        (
+            [
+                lines([[1, 0, 0]]),
+                PathMode("part.nc", 2, "blend", 0.1),
+                Spindle("part.nc", 3, "cw", 100.0),
+            ],
+            [[True], "Spindle"],
+        ),
         ([], []),
     ],
 )
@@ -105,13 +139,37 @@ def blend(tolerance=0.0):
         ([blend(), lines([[1, 0, 0], [1, 1, 0]])], [0.02, 0]),
         ([blend(0.1), lines([[1, 0, 0]]), EXACT_PATH, lines([[1, 1, 0]])], [0, 0]),
         ([lines([[1, 0, 0]]), blend(0.1), lines([[1, 1, 0], [0, 1, 0]])], [0, 0.1, 0]),
-        ([blend(0.1), lines([[1, 0, 0]]), blend(0.05), lines([[1, 1, 0]]), blend(0.2), lines([[0, 1, 0]])], [0.05, 0.05, 0]),
+        (
+            [
+                blend(0.1),
+                lines([[1, 0, 0]]),
+                blend(0.05),
+                lines([[1, 1, 0]]),
+                blend(0.2),
+                lines([[0, 1, 0]]),
+            ],
+            [0.05, 0.05, 0],
+        ),
         ([blend(0.1), lines([[1, 0, 0]]), EXACT_STOP, lines([[1, 1, 0]])], [0, 0]),
-        ([blend(0.1), lines([[1, 0, 0], [1, 1, 0]]), DWELL, lines([[0, 1, 0], [0, 0, 0]])], [0.1, 0, 0.1, 0]),
+        (
+            [blend(0.1), lines([[1, 0, 0], [1, 1, 0]]), DWELL, lines([[0, 1, 0], [0, 0, 0]])],
+            [0.1, 0, 0.1, 0],
+        ),
         ([blend(0.1), lines([[1, 0, 0]]), MESSAGE, lines([[1, 1, 0]])], [0.1, 0]),
         ([blend(0.1), lines([[1, 0, 0]]), MESSAGE, blend(0.05), lines([[1, 1, 0]])], [0.05, 0]),
-        ([blend(0.1), lines([[1, 0, 0]]), probe([1, 1, 0]), lines([[0, 1, 0], [0, 0, 0]])], [0, 0, 0.1, 0]),
-        ([blend(0.1), arc([0, 2, 0], (0, 1), 0.5), lines([[-1, 2, 0]], np.nan), lines([[-1, 3, 0]])], [0.1, 0.1, 0]),
+        (
+            [blend(0.1), lines([[1, 0, 0]]), probe([1, 1, 0]), lines([[0, 1, 0], [0, 0, 0]])],
+            [0, 0, 0.1, 0],
+        ),
+        (
+            [
+                blend(0.1),
+                arc([0, 2, 0], (0, 1), 0.5),
+                lines([[-1, 2, 0]], np.nan),
+                lines([[-1, 3, 0]]),
+            ],
+            [0.1, 0.1, 0],
+        ),
     ],
 )
 def test_tolerance_of_joints(blocks, expected):
@@ -166,7 +224,9 @@ def test_a_chunk_leaves_before_the_stream_ends():
 
 
 def test_moves_of_no_length_vanish():
-    items = built(EXACT_STOP, lines([[0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1e-12, 0], [2, 0, 0], [2, 0, 0]]))
+    items = built(
+        EXACT_STOP, lines([[0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1e-12, 0], [2, 0, 0], [2, 0, 0]])
+    )
     assert [len(item) for item in items] == [2]
     assert list(items[0].line) == [2, 5]
     assert np.array_equal(evaluate(items[0], 1, ends(items[0], 1)[0])[0], [1, 0, 0])
@@ -176,7 +236,9 @@ def test_moves_of_no_length_vanish():
 def test_tiny_moves_add_up():
     """3000 moves of 0.4 picometres: each vanishes, their sum doesn't."""
     items = built(lines(np.outer(np.arange(1, 3001) * 4e-10, [1, 0, 0])))
-    assert evaluate(items[-1], len(items[-1]) - 1, ends(items[-1], len(items[-1]) - 1)[1])[0][0] == pytest.approx(1.2e-6, abs=1e-9)
+    assert evaluate(items[-1], len(items[-1]) - 1, ends(items[-1], len(items[-1]) - 1)[1])[0][
+        0
+    ] == pytest.approx(1.2e-6, abs=1e-9)
     assert sum(c.length.sum() for c in items) == pytest.approx(1.2e-6, abs=1e-9)
     assert all((c.length > 1e-9).all() for c in items)
 
@@ -195,7 +257,9 @@ def test_an_arc_without_a_radius_is_a_line():
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_not_finite(bad):
     spline = random_nurbs(np.random.default_rng(1), 2, 4)
-    broken = NurbsFeed("part.nc", 7, 2, spline.knots, spline.control_points, np.array([1, bad, 1, 1.0]), 1.0)
+    broken = NurbsFeed(
+        "part.nc", 7, 2, spline.knots, spline.control_points, np.array([1, bad, 1, 1.0]), 1.0
+    )
     for block, line in [
         (lines([[0, 0, 1], [0, bad, 0], [0, 0, 2]], line=4), 5),
         (lines([[0, 0, 1], [0, 0, 2]], [1.0, -np.inf], line=4), 5),
@@ -215,7 +279,9 @@ def test_a_nurbs_must_not_jump():
     knots = np.array([0, 0, 0, 1, 1, 1, 2, 2, 2.0])
     with pytest.raises(GcodeError) as error:
         built(NurbsFeed("part.nc", 7, 2, knots, points, np.ones(6), 1.0))
-    assert error.value.diagnostic.code == "nurbs-not-continuous" and error.value.diagnostic.line == 7
+    assert (
+        error.value.diagnostic.code == "nurbs-not-continuous" and error.value.diagnostic.line == 7
+    )
     assert "3 mm" in error.value.diagnostic.message
     points[3] = points[2]
     chunk = whole([NurbsFeed("part.nc", 7, 2, knots, points, np.ones(6), 1.0)], ORIGIN)
@@ -233,7 +299,9 @@ def test_a_nurbs_starts_where_the_motion_is():
 
 
 def test_speed_and_memory_of_a_finishing_program():
-    """Memory does not grow with the program, and a move takes about a tenth of a microsecond (ten times that are allowed here)."""
+    """Memory does not grow with the program, and a move takes about a tenth of a microsecond (ten
+    times that are allowed here).
+    """
 
     def program(count):
         rng = np.random.default_rng(1)
@@ -241,12 +309,22 @@ def test_speed_and_memory_of_a_finishing_program():
         for first in range(0, count, MOST_PIECES):
             points = at + rng.normal(scale=0.1, size=(MOST_PIECES, 3)).cumsum(axis=0)
             at = points[-1]
-            yield Polyline("part.nc", first, points, np.full(MOST_PIECES, 25.0), np.arange(first, first + MOST_PIECES, dtype=np.int32))
+            yield Polyline(
+                "part.nc",
+                first,
+                points,
+                np.full(MOST_PIECES, 25.0),
+                np.arange(first, first + MOST_PIECES, dtype=np.int32),
+            )
         yield End("part.nc", count)
 
     count = share(4_000_000, 400_000)
     begin = time.process_time()
-    pieces = sum(len(item) for item in build(program(count), axes=XYZ, start=ORIGIN) if isinstance(item, PathChunk))
+    pieces = sum(
+        len(item)
+        for item in build(program(count), axes=XYZ, start=ORIGIN)
+        if isinstance(item, PathChunk)
+    )
     assert pieces >= count
     assert time.process_time() - begin < 1e-6 * pieces + 0.5
     tracemalloc.start()

@@ -1,4 +1,6 @@
-"""Fitted chains: both distances by a second look, ends, smoothness, feeds, streaming, memory, speed, and what is left exact."""
+"""Fitted chains: both distances by a second look, ends, smoothness, feeds, streaming, memory,
+speed, and what is left exact.
+"""
 
 import time
 import tracemalloc
@@ -29,7 +31,10 @@ def fitted(points, feeds=25.0, tolerance=EPS, axes=XYZ, run=4096):
     points = np.asarray(points, float)
     feeds = np.broadcast_to(np.asarray(feeds, float), len(points) - 1)
     blocks = [blend(tolerance)]
-    blocks += [lines(points[1 + k : 1 + k + run], feeds[k : k + run], 1 + k) for k in range(0, len(points) - 1, run)]
+    blocks += [
+        lines(points[1 + k : 1 + k + run], feeds[k : k + run], 1 + k)
+        for k in range(0, len(points) - 1, run)
+    ]
     return list(build(blocks, axes=axes, start=points[0]))
 
 
@@ -56,23 +61,39 @@ def distances(points, polygon):
     for first in range(0, len(points), 256):
         p = points[first : first + 256, None]
         x = np.clip(((p - a) * along).sum(axis=2) / squared, 0.0, 1.0)
-        best[first : first + 256] = np.linalg.norm(p - (a + x[..., None] * along), axis=2).min(axis=1)
+        best[first : first + 256] = np.linalg.norm(p - (a + x[..., None] * along), axis=2).min(
+            axis=1
+        )
     return best
 
 
 def assert_within(chunks, points, tolerance):
-    """Both distances over x y z. Between samples the spline is off its chord by its sagitta: a part of the tolerance is left for it."""
+    """Both distances over x y z. Between samples the spline is off its chord by its sagitta: a part
+    of the tolerance is left for it.
+    """
     curve, _, _ = sampled(chunks)
     points = np.asarray(points)[:, :3]
-    inside = points[:-1, None] + np.linspace(0, 1, 5)[None, :, None] * np.diff(points, axis=0)[:, None]
-    assert distances(curve[:, :3], points).max() <= tolerance * (1 + 1e-9) + 1e-12 * np.abs(points).max()
-    assert distances(inside.reshape(-1, 3), curve[:, :3]).max() <= 1.02 * tolerance + 1e-12 * np.abs(points).max()
+    inside = (
+        points[:-1, None] + np.linspace(0, 1, 5)[None, :, None] * np.diff(points, axis=0)[:, None]
+    )
+    assert (
+        distances(curve[:, :3], points).max()
+        <= tolerance * (1 + 1e-9) + 1e-12 * np.abs(points).max()
+    )
+    assert (
+        distances(inside.reshape(-1, 3), curve[:, :3]).max()
+        <= 1.02 * tolerance + 1e-12 * np.abs(points).max()
+    )
 
 
 def assert_sound(chunks):
     """Without a gap, smooth where no joint is a corner, and finite."""
     for chunk in chunks:
-        assert np.isfinite(chunk.data).all() and (chunk.length > 0).all() and np.isfinite(chunk.length).all()
+        assert (
+            np.isfinite(chunk.data).all()
+            and (chunk.length > 0).all()
+            and np.isfinite(chunk.length).all()
+        )
     everything = pieces(chunks)
     for (a, i), (b, j) in pairwise(everything):
         left, right = evaluate(a, i, ends(a, i)[1])[0], evaluate(b, j, ends(b, j)[0])[0]
@@ -83,7 +104,10 @@ def assert_sound(chunks):
             assert faults == more == 0
             size = min(a.length[i], b.length[j])
             assert np.abs(left[1] - right[1]).max() <= 1e-6
-            assert np.abs(left[2] - right[2]).max() * size <= 1e-6 + 1e-12 / size + 1e-5 * np.abs(left[2]).max() * size
+            assert (
+                np.abs(left[2] - right[2]).max() * size
+                <= 1e-6 + 1e-12 / size + 1e-5 * np.abs(left[2]).max() * size
+            )
 
 
 def circle(radius, chord, digits=4, turns=1.0):
@@ -100,10 +124,15 @@ def terrain(rows=5, length=60.0, step=0.15, over=1.0, digits=3, uneven=False):
             x = np.cumsum(rng.uniform(0.02, 0.5, int(length / 0.26)))
             x *= length / x[-1]
         a = np.linspace(-np.pi / 2, np.pi / 2, max(3, int(np.pi * radius / step)))[1:-1]
-        x, y = np.append(x, length + radius * np.cos(a)), np.append(0 * x, radius + radius * np.sin(a)) + row * over
+        x, y = (
+            np.append(x, length + radius * np.cos(a)),
+            np.append(0 * x, radius + radius * np.sin(a)) + row * over,
+        )
         parts.append(np.column_stack((x if row % 2 == 0 else length - x, y)))
     x, y = np.concatenate(parts).T
-    return np.round(np.column_stack((x, y, 3 * np.sin(x / 7 + 0.3 * np.sin(y / 5)) * np.cos(y / 9))), digits)
+    return np.round(
+        np.column_stack((x, y, 3 * np.sin(x / 7 + 0.3 * np.sin(y / 5)) * np.cos(y / 9))), digits
+    )
 
 
 @pytest.mark.parametrize(
@@ -125,7 +154,9 @@ def test_a_span_covers_many_moves(points, least):
     assert (len(points) - 1) / sum(len(chunk) for chunk in chunks) >= least
     assert_sound(chunks)
     assert_within(chunks, points, EPS)
-    assert sum(chunk.length.sum() for chunk in chunks) == pytest.approx(np.linalg.norm(np.diff(points, axis=0), axis=1).sum(), rel=5e-3)
+    assert sum(chunk.length.sum() for chunk in chunks) == pytest.approx(
+        np.linalg.norm(np.diff(points, axis=0), axis=1).sum(), rel=5e-3
+    )
 
 
 @pytest.mark.parametrize("step", [0.05, 0.15, 1.0, 5.0, 100.0])
@@ -162,15 +193,28 @@ def test_lines_beside_an_arc_stay_lines(radius):
 
 def test_corners_are_kept():
     square = np.array([[0, 0], [20, 0], [20, 20], [0, 20], [0, 0]])
-    points = np.vstack([a + np.outer(np.arange(0, 1, 0.01), b - a) for a, b in pairwise(square)] + [square[-1:]])
+    points = np.vstack(
+        [a + np.outer(np.arange(0, 1, 0.01), b - a) for a, b in pairwise(square)] + [square[-1:]]
+    )
     (chunk,) = fitted(np.column_stack((points, 0 * points[:, 0])))
     assert list(chunk.kind) == [LINE] * 4 and list(chunk.tolerance) == [EPS, EPS, EPS, 0]
-    assert [tuple(evaluate(chunk, k, ends(chunk, k)[1])[0][:2]) for k in range(4)] == [(20, 0), (20, 20), (0, 20), (0, 0)]
+    assert [tuple(evaluate(chunk, k, ends(chunk, k)[1])[0][:2]) for k in range(4)] == [
+        (20, 0),
+        (20, 20),
+        (0, 20),
+        (0, 0),
+    ]
 
 
 def test_beside_a_corner_the_path_is_straight_as_far_as_a_blend_needs():
     bow = circle(20, 0.4, turns=0.25)
-    points = np.vstack((bow, bow[-1] + (bow[-2] - bow[-1]) @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]] * np.arange(1, 60)[:, None]))
+    points = np.vstack(
+        (
+            bow,
+            bow[-1]
+            + (bow[-2] - bow[-1]) @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]] * np.arange(1, 60)[:, None],
+        )
+    )
     chunks = fitted(points)
     everything = pieces(chunks)
     (corner,) = [k for k, (chunk, i) in enumerate(everything) if chunk.tolerance[i] > 0]
@@ -182,7 +226,9 @@ def test_beside_a_corner_the_path_is_straight_as_far_as_a_blend_needs():
 
 @pytest.mark.parametrize("digits", [1, 2, 3])
 def test_moves_no_longer_than_their_rounding(digits):
-    """Steps of the size of the last digit turn by up to 90 degrees; a spline within the tolerance doesn't see that."""
+    """Steps of the size of the last digit turn by up to 90 degrees; a spline within the tolerance
+    doesn't see that.
+    """
     radius = 400 * 10.0**-digits
     points = circle(radius, 0.7 * 10.0**-digits, digits, 0.5)
     points = points[np.append(True, np.abs(np.diff(points, axis=0)).max(axis=1) > 0)]
@@ -194,7 +240,9 @@ def test_moves_no_longer_than_their_rounding(digits):
 
 
 def random_points(rng, count, axes):
-    """Walks with everything that must not break the fit: noise, repeated points, spikes, loops, reversals, leaps, specks."""
+    """Walks with everything that must not break the fit: noise, repeated points, spikes, loops,
+    reversals, leaps, specks.
+    """
     points = [rng.uniform(-50, 50, axes)]
     heading = rng.normal(size=axes)
     while len(points) < count:
@@ -203,14 +251,18 @@ def random_points(rng, count, axes):
         heading /= np.linalg.norm(heading)
         match rng.integers(0, 9):
             case 0 | 1 | 2:
-                turn = np.linalg.qr(np.eye(axes) + rng.normal(size=(axes, axes)) * 10 ** rng.uniform(-3, -0.5))[0]
+                turn = np.linalg.qr(
+                    np.eye(axes) + rng.normal(size=(axes, axes)) * 10 ** rng.uniform(-3, -0.5)
+                )[0]
                 turn *= np.sign(np.diag(turn))
                 for _ in range(many):
                     heading = turn @ heading
                     points.append(points[-1] + size * rng.uniform(0.1, 1.0) * heading)
             case 3:
                 points += list(
-                    here + size * np.outer(np.arange(1, many + 1), heading) + rng.normal(size=(many, axes)) * 10 ** rng.uniform(-6, -2)
+                    here
+                    + size * np.outer(np.arange(1, many + 1), heading)
+                    + rng.normal(size=(many, axes)) * 10 ** rng.uniform(-6, -2)
                 )
             case 4:
                 points += [here] * many
@@ -227,7 +279,12 @@ def random_points(rng, count, axes):
 
 
 @settings(max_examples=share(3000, 40), deadline=None)
-@given(seed=st.integers(0, 2**31), count=st.integers(2, 250), axes=st.integers(1, 3), tolerance=st.floats(-3.5, -1))
+@given(
+    seed=st.integers(0, 2**31),
+    count=st.integers(2, 250),
+    axes=st.integers(1, 3),
+    tolerance=st.floats(-3.5, -1),
+)
 def test_random_chains(seed, count, axes, tolerance):
     rng = np.random.default_rng(seed)
     points, tolerance = random_points(rng, count, axes), 10**tolerance
@@ -242,15 +299,23 @@ def test_random_chains(seed, count, axes, tolerance):
     curve, _, _ = sampled(chunks)
     curve = np.column_stack((curve, np.zeros((len(curve), 3 - axes))))
     slack = 1e-12 * np.abs(points).max() + 2e-9
-    inside = padded[:-1, None] + np.linspace(0, 1, 4)[None, :, None] * np.diff(padded, axis=0)[:, None]
+    inside = (
+        padded[:-1, None] + np.linspace(0, 1, 4)[None, :, None] * np.diff(padded, axis=0)[:, None]
+    )
     assert distances(curve, padded).max() <= tolerance * (1 + 1e-9) + slack
     assert distances(inside.reshape(-1, 3), curve).max() <= 1.02 * tolerance + slack
     assert np.array_equal(evaluate(*everything[0], ends(*everything[0])[0])[0], points[0])
-    assert evaluate(*everything[-1], ends(*everything[-1])[1])[0] == pytest.approx(points[-1], abs=1.1e-9)
+    assert evaluate(*everything[-1], ends(*everything[-1])[1])[0] == pytest.approx(
+        points[-1], abs=1.1e-9
+    )
 
 
 @settings(max_examples=share(500, 12), deadline=None)
-@given(seed=st.integers(0, 2**31), count=st.integers(2, 150), axes=st.sampled_from([("x", "a"), ("x", "y", "z", "b", "c"), ALL, ("a",)]))
+@given(
+    seed=st.integers(0, 2**31),
+    count=st.integers(2, 150),
+    axes=st.sampled_from([("x", "a"), ("x", "y", "z", "b", "c"), ALL, ("a",)]),
+)
 def test_other_axes_follow_within_the_tolerance(seed, count, axes):
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.02, 0.3, count))
@@ -264,16 +329,29 @@ def test_other_axes_follow_within_the_tolerance(seed, count, axes):
     if not chunks:
         return
     curve, _, _ = sampled(chunks)
-    linear, others = [k for k, axis in enumerate(axes) if axis in "xyz"], [k for k, axis in enumerate(axes) if axis not in "xyz"]
+    linear, others = (
+        [k for k, axis in enumerate(axes) if axis in "xyz"],
+        [k for k, axis in enumerate(axes) if axis not in "xyz"],
+    )
 
     def apart(p, polygon):
-        """The larger of the distance over x y z and that of each other axis, from points of the polygon dense enough."""
+        """The larger of the distance over x y z and that of each other axis, from points of the
+        polygon dense enough.
+        """
         count = 2 + int(np.abs(np.diff(polygon, axis=0)).max() / (0.2 * EPS))
-        dense = (polygon[:-1, None] + np.linspace(0, 1, count)[None, :, None] * np.diff(polygon, axis=0)[:, None]).reshape(-1, len(axes))
+        dense = (
+            polygon[:-1, None]
+            + np.linspace(0, 1, count)[None, :, None] * np.diff(polygon, axis=0)[:, None]
+        ).reshape(-1, len(axes))
         worst = 0.0
         for row in p:
             gap = np.abs(dense - row)
-            worst = max(worst, np.maximum(np.linalg.norm(gap[:, linear], axis=1), gap[:, others].max(axis=1, initial=0.0)).min())
+            worst = max(
+                worst,
+                np.maximum(
+                    np.linalg.norm(gap[:, linear], axis=1), gap[:, others].max(axis=1, initial=0.0)
+                ).min(),
+            )
         return worst
 
     assert apart(curve[:: max(1, len(curve) // 60)], points) <= 1.1 * EPS
@@ -294,7 +372,10 @@ def test_each_stretch_has_its_own_feed():
     middle = 0.5 * (points[:-1] + points[1:])
     for p, feed in list(zip(curve, found, strict=True))[::7]:
         # the programmed feeds within reach of the point: near a vertex that of either side
-        near = np.linalg.norm(middle - p, axis=1) <= 0.5 * np.linalg.norm(np.diff(points, axis=0), axis=1) + 2 * EPS
+        near = (
+            np.linalg.norm(middle - p, axis=1)
+            <= 0.5 * np.linalg.norm(np.diff(points, axis=0), axis=1) + 2 * EPS
+        )
         assert feed in feeds[near]
     assert found[0] == feeds[0] and found[-1] == feeds[-1]
 
@@ -354,7 +435,15 @@ def test_windows_go_on_smoothly():
     assert sum((chunk.tolerance > 0).sum() for chunk in chunks) == 0
 
 
-@pytest.mark.parametrize("mode", [[], [PathMode("part.nc", 1, "exact-path")], [PathMode("part.nc", 1, "exact-stop")], [blend(0.0)]])
+@pytest.mark.parametrize(
+    "mode",
+    [
+        [],
+        [PathMode("part.nc", 1, "exact-path")],
+        [PathMode("part.nc", 1, "exact-stop")],
+        [blend(0.0)],
+    ],
+)
 def test_without_a_tolerance_the_path_is_exact(mode):
     points = circle(5, 0.15)
     (chunk,) = build([*mode, lines(points[1:])], axes=XYZ, start=points[0])
@@ -365,7 +454,11 @@ def test_what_ends_a_chain():
     points = circle(5, 0.15)
     half = len(points) // 2
     first, second = lines(points[1:half]), lines(points[half:])
-    for between, stops in [([Dwell("part.nc", 5, 0.1)], 2), ([Message("part.nc", 5, "on")], 1), ([blend(0.02)], 1)]:
+    for between, stops in [
+        ([Dwell("part.nc", 5, 0.1)], 2),
+        ([Message("part.nc", 5, "on")], 1),
+        ([blend(0.02)], 1),
+    ]:
         items = list(build([blend(), first, *between, second], axes=XYZ, start=points[0]))
         chunks = [item for item in items if isinstance(item, PathChunk)]
         assert sum(chunk.stop_after.sum() for chunk in chunks) == stops
@@ -375,9 +468,18 @@ def test_what_ends_a_chain():
     feeds[half] = np.nan
     chunks = fitted(points, feeds)
     ((chunk, k),) = [(chunk, k) for chunk, k in pieces(chunks) if np.isnan(chunk.feed[k])]
-    assert chunk.kind[k] == LINE and np.array_equal(evaluate(chunk, k, ends(chunk, k)[0])[0], points[half])
+    assert chunk.kind[k] == LINE and np.array_equal(
+        evaluate(chunk, k, ends(chunk, k)[0])[0], points[half]
+    )
     (chunk,) = build(
-        [blend(), first, arc(points[half - 1] + [0, 1, 0], points[half - 1][:2] + [0, 0.5], 0.5), second], axes=XYZ, start=points[0]
+        [
+            blend(),
+            first,
+            arc(points[half - 1] + [0, 1, 0], points[half - 1][:2] + [0, 0.5], 0.5),
+            second,
+        ],
+        axes=XYZ,
+        start=points[0],
     )
     assert ARC in chunk.kind
 
@@ -387,7 +489,8 @@ def test_speed():
     points = terrain(rows=share(150, 20))
     feeds, line = np.full(len(points) - 1, 25.0), np.arange(1, len(points), dtype=np.int32)
     blocks = [
-        Polyline("part.nc", 1, points[1 + k : 4097 + k], feeds[k : k + 4096], line[k : k + 4096]) for k in range(0, len(points), 4096)
+        Polyline("part.nc", 1, points[1 + k : 4097 + k], feeds[k : k + 4096], line[k : k + 4096])
+        for k in range(0, len(points), 4096)
     ]
     took = []
     for _ in range(3):

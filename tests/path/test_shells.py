@@ -42,7 +42,9 @@ def test_protocol(curve):
             slope = (before(u + h) - before(u - h)) / (2 * h)
             assert slope == pytest.approx(curve.deriv(u, order), rel=1e-3, abs=1e-3)
         r1, r2 = curve.deriv(u), curve.deriv(u, 2)
-        assert curve.curvature(u) == pytest.approx(np.linalg.norm(np.cross(r1, r2)) / np.linalg.norm(r1) ** 3, rel=1e-9, abs=1e-12)
+        assert curve.curvature(u) == pytest.approx(
+            np.linalg.norm(np.cross(r1, r2)) / np.linalg.norm(r1) ** 3, rel=1e-9, abs=1e-12
+        )
         s = curve.arclen(u0, u)
         assert curve.inv_arclen(s) == pytest.approx(u, abs=1e-8)
         assert curve.inv_arclen(s, 1e-12) == pytest.approx(u, abs=1e-11)
@@ -74,9 +76,17 @@ def test_a_whole_subsegment_is_the_same_nurbs():
 def test_values():
     line, arc = CURVES[0], CURVES[1]
     assert line.arclen(0.0, 5.0) == 5.0 and line.curvature(2.0) == 0.0
-    assert arc.curvature(3.0) == pytest.approx(10 * (5 * math.pi) ** 2 / ((50 * math.pi) ** 2 + 36), rel=1e-12)
+    assert arc.curvature(3.0) == pytest.approx(
+        10 * (5 * math.pi) ** 2 / ((50 * math.pi) ** 2 + 36), rel=1e-12
+    )
     assert arc.bounding_box()[0] == pytest.approx([-10, -10, 0])
-    cusp = Nurbs(XYZ, 3, np.repeat([0.0, 1.0], 4), np.array([[0, 0, 0], [10, 10, 0], [0, 10, 0], [10.0, 0, 0]]), np.ones(4))
+    cusp = Nurbs(
+        XYZ,
+        3,
+        np.repeat([0.0, 1.0], 4),
+        np.array([[0, 0, 0], [10, 10, 0], [0, 10, 0], [10.0, 0, 0]]),
+        np.ones(4),
+    )
     assert cusp.curvature(0.5) == math.inf
     with pytest.raises(ValueError):
         line.deriv(0.0, 4)

@@ -6,10 +6,27 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cnc.kernels.path.curve import MAX_TURNING_POINTS, SPAN, TABLE, curve_inv_arclen, curve_turning_points
+from cnc.kernels.path.curve import (
+    MAX_TURNING_POINTS,
+    SPAN,
+    TABLE,
+    curve_inv_arclen,
+    curve_turning_points,
+)
 from cnc.model.blocks import NurbsFeed
 from cnc.path.bounds import bounding_box
-from tests.support.path.path_cases import arc, dense, ends, evaluate, evaluate_s, lines, nurbs_chunk, piece, random_nurbs, whole
+from tests.support.path.path_cases import (
+    arc,
+    dense,
+    ends,
+    evaluate,
+    evaluate_s,
+    lines,
+    nurbs_chunk,
+    piece,
+    random_nurbs,
+    whole,
+)
 from tests.support.soak import share
 
 
@@ -22,7 +39,15 @@ def bezier(points, weights=None):
     points = np.array(points, float)
     degree = len(points) - 1
     knots = np.repeat([0.0, 1.0], degree + 1)
-    return NurbsFeed("part.nc", 2, degree, knots, points, np.ones(degree + 1) if weights is None else np.array(weights, float), 10.0)
+    return NurbsFeed(
+        "part.nc",
+        2,
+        degree,
+        knots,
+        points,
+        np.ones(degree + 1) if weights is None else np.array(weights, float),
+        10.0,
+    )
 
 
 def check_turning(chunk, k, axis):
@@ -37,7 +62,8 @@ def check_turning(chunk, k, axis):
     seen = int(np.sum(told[1:] != told[:-1]))
     assert len(at) >= seen
     if len(told) == len(signs):
-        # Two turning points within one sampling step cancel out in the samples; one can hide only where slopes are too small to tell.
+        # Two turning points within one sampling step cancel out in the samples; one can hide only
+        # where slopes are too small to tell.
         assert (len(at) - seen) % 2 == 0
     edges = np.concatenate(([u0], at, [u1]))
     for n, (a, b) in enumerate(pairwise(edges)):
@@ -64,22 +90,30 @@ def test_turning_points_of_arcs(turns, mismatch):
         angle = begin + 2 * math.pi * turns
         start = [10 * math.cos(begin), 10 * math.sin(begin), 0.0]
         radius = 10 + mismatch
-        chunk = whole([arc([radius * math.cos(angle), radius * math.sin(angle), 1.0], (0, 0), turns)], start)
+        chunk = whole(
+            [arc([radius * math.cos(angle), radius * math.sin(angle), 1.0], (0, 0), turns)], start
+        )
         for k in range(len(chunk)):
             for axis in range(3):
                 check_turning(chunk, k, axis)
 
 
 def test_turning_points_of_a_circle_are_its_quadrants():
-    chunk = whole([arc([math.cos(0.3), math.sin(0.3), 0.0], (0, 0), 1.0)], [math.cos(0.3), math.sin(0.3), 0.0])
+    chunk = whole(
+        [arc([math.cos(0.3), math.sin(0.3), 0.0], (0, 0), 1.0)], [math.cos(0.3), math.sin(0.3), 0.0]
+    )
     assert turning(chunk, 0, 0) == pytest.approx([math.pi - 0.3, 2 * math.pi - 0.3], abs=1e-14)
-    assert turning(chunk, 0, 1) == pytest.approx([math.pi / 2 - 0.3, 1.5 * math.pi - 0.3], abs=1e-14)
+    assert turning(chunk, 0, 1) == pytest.approx(
+        [math.pi / 2 - 0.3, 1.5 * math.pi - 0.3], abs=1e-14
+    )
     from_quadrant = whole([arc([1.0, 0.0, 0.0], (0, 0), 1.0)], [1.0, 0.0, 0.0])
     assert turning(from_quadrant, 0, 0) == pytest.approx([math.pi], abs=1e-14)
 
 
 def test_a_double_root_is_no_turning_point():
-    """x' = 3 (1 - 2t)^2 touches zero; with a little more pull back it crosses zero twice, with less not at all."""
+    """x' = 3 (1 - 2t)^2 touches zero; with a little more pull back it crosses zero twice, with less
+    not at all.
+    """
     for pull, count in ((1.0, 0), (1.001, 2), (0.999, 0)):
         chunk = nurbs_chunk(bezier([[0, 0, 0], [1, 5, 0], [1 - pull, 9, 0], [2 - pull, 20, 0]]))
         assert len(chunk) == 1
@@ -99,9 +133,13 @@ def test_boxes_against_dense_sampling(weights):
         assert low.shape == high.shape == (len(chunk), 3)
         for k in range(len(chunk)):
             points = dense(chunk, k, 1001)
-            assert np.all(points.min(axis=0) >= low[k] - 1e-12) and np.all(points.max(axis=0) <= high[k] + 1e-12)
+            assert np.all(points.min(axis=0) >= low[k] - 1e-12) and np.all(
+                points.max(axis=0) <= high[k] + 1e-12
+            )
             step = np.abs(np.diff(points, axis=0)).max()
-            assert np.all(points.min(axis=0) - low[k] <= step) and np.all(high[k] - points.max(axis=0) <= step)
+            assert np.all(points.min(axis=0) - low[k] <= step) and np.all(
+                high[k] - points.max(axis=0) <= step
+            )
 
 
 def test_box_of_a_bulge():
@@ -138,11 +176,16 @@ def test_a_cusp_is_cut(weights):
 
 def test_a_rational_cusp_in_a_span_of_many():
     """The same cusp under projective weights, in the middle of a NURBS."""
-    points = np.array([[0, 0, 0], [10, 10, 0], [0, 10, 0], [10, 0, 0], [15, -3, 0], [20, 4, 0], [22, 4, 0]], float)
+    points = np.array(
+        [[0, 0, 0], [10, 10, 0], [0, 10, 0], [10, 0, 0], [15, -3, 0], [20, 4, 0], [22, 4, 0]], float
+    )
     knots = np.array([0, 0, 0, 0, 1, 1, 1, 2, 2, 2, 2.0])
-    chunk = nurbs_chunk(NurbsFeed("part.nc", 2, 3, knots, points, np.array([1, 3, 9, 27, 27, 27, 27.0]), 10.0))
+    chunk = nurbs_chunk(
+        NurbsFeed("part.nc", 2, 3, knots, points, np.array([1, 3, 9, 27, 27, 27, 27.0]), 10.0)
+    )
     assert len(chunk) == 3
-    # with weights 1, 3, 9, 27 the parameter 3 t / (1 + 2 t) runs through the polynomial curve: the cusp is where that is 1/2
+    # with weights 1, 3, 9, 27 the parameter 3 t / (1 + 2 t) runs through the polynomial curve: the
+    # cusp is where that is 1/2
     assert ends(chunk, 0)[1] == pytest.approx(0.25, abs=1e-7)
     assert evaluate_s(chunk, 0, ends(chunk, 0)[1])[0] == 1
 
@@ -185,13 +228,17 @@ def test_repeated_control_points_at_the_ends(repeats):
 
 @pytest.mark.parametrize("degree", [2, 3, 5, 9])
 def test_a_line_from_a_standstill(degree):
-    """All control points but the last are one: s = L t^degree, so the inverse is known; no row of the table may be wasted on the start."""
+    """All control points but the last are one: s = L t^degree, so the inverse is known; no row of
+    the table may be wasted on the start.
+    """
     block = bezier([[-4.0, 42.0, 0.0]] * degree + [[-57.0, -95.0, 0.0]])
     chunk = nurbs_chunk(block)
     length = math.hypot(53, 137)
     assert chunk.length[0] == pytest.approx(length, rel=1e-14)
     for s in np.linspace(0, length, 200):
-        assert length * curve_inv_arclen(*piece(chunk, 0), s) ** degree == pytest.approx(s, abs=1e-9)
+        assert length * curve_inv_arclen(*piece(chunk, 0), s) ** degree == pytest.approx(
+            s, abs=1e-9
+        )
     table = chunk.at[0] + int(chunk.data[chunk.at[0] + TABLE])
     assert chunk.data[table] < 300
 

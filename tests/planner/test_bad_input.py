@@ -1,6 +1,8 @@
-"""Input that is hard or bad: planned legally or refused with a code, never a number that is none, never a hang.
+"""Input that is hard or bad: planned legally or refused with a code, never a number that is none,
+never a hang.
 
-A kernel that hangs cannot be interrupted: the programs run in a process of their own, which is given up after LONGEST seconds.
+A kernel that hangs cannot be interrupted: the programs run in a process of their own, which is
+given up after LONGEST seconds.
 """
 
 import math
@@ -27,13 +29,21 @@ REFUSALS = {
 """Programs that are refused, and by which code; all others are planned."""
 
 
-def nurbs(degree: int, knots: list[float], points: list[tuple[float, ...]], feed: float = 6000, weights: list[float] | None = None) -> str:
+def nurbs(
+    degree: int,
+    knots: list[float],
+    points: list[tuple[float, ...]],
+    feed: float = 6000,
+    weights: list[float] | None = None,
+) -> str:
     """A NURBS in the words of the paper, its first point at zero."""
     rows = []
     for k, knot in enumerate(knots):
         words = [f"U{knot:.9f}"]
         if k < len(points):
-            words += [f"{letter}{value:.13f}" for letter, value in zip("XYZ", points[k], strict=False)]
+            words += [
+                f"{letter}{value:.13f}" for letter, value in zip("XYZ", points[k], strict=False)
+            ]
             words.append(f"W{weights[k] if weights else 1:.6f}")
         rows.append(" ".join(words))
     return f"G06.2 K{degree} {rows[0]} F{feed:.6f}\n" + "\n".join(rows[1:])
@@ -41,7 +51,10 @@ def nurbs(degree: int, knots: list[float], points: list[tuple[float, ...]], feed
 
 def moves(points: list[tuple[float, ...]] | np.ndarray, feed: float = 3000, digits: int = 6) -> str:
     """Straight moves."""
-    rows = (" ".join(f"{letter}{value:.{digits}f}" for letter, value in zip("XYZ", point, strict=False)) for point in points)
+    rows = (
+        " ".join(f"{letter}{value:.{digits}f}" for letter, value in zip("XYZ", point, strict=False))
+        for point in points
+    )
     return f"G1 F{feed:.6f}\n" + "\n".join(rows)
 
 
@@ -57,25 +70,50 @@ SPIKES = [(0.1 * k, 3.0 if k % 20 == 10 else 0.0) for k in range(1, 100)]
 PROGRAMS = {
     "a cusp": nurbs(3, clamped(3), [(0, 0), (10, 10), (0, 10), (10, 0)]),
     "a cusp in space": nurbs(3, clamped(3), [(0, 0, 0), (10, 10, 5), (0, 10, 5), (10, 0, 0)]),
-    **{f"a cusp but for {off:g}": nurbs(3, clamped(3), [(0, 0), (10, 10), (off, 10), (10, 0)]) for off in 10.0 ** -np.arange(1, 13)},
-    "a cusp crossed at speed": moves([(-1, -1)]) + "\nG0 X0 Y0\n" + nurbs(3, clamped(3), [(0, 0), (10, 10), (0, 10), (10, 0)], 60000),
+    **{
+        f"a cusp but for {off:g}": nurbs(3, clamped(3), [(0, 0), (10, 10), (off, 10), (10, 0)])
+        for off in 10.0 ** -np.arange(1, 13)
+    },
+    "a cusp crossed at speed": moves([(-1, -1)])
+    + "\nG0 X0 Y0\n"
+    + nurbs(3, clamped(3), [(0, 0), (10, 10), (0, 10), (10, 0)], 60000),
     "a straight spline that turns back": nurbs(2, clamped(2), [(0, 0), (10, 0), (2, 0)]),
     "a spline that is a point": nurbs(3, clamped(3), [(0, 0)] * 4) + "\nG1 X1",
-    "control points thrice at the ends": nurbs(3, clamped(3, 0.5), [(0, 0), (0, 0), (0, 0), (10, 5), (10, 5)]),
-    "control points thrice inside": nurbs(3, clamped(3, 0.25, 0.5, 0.75), [(0, 0), (5, 5), (5, 5), (5, 5), (9, 0), (12, 3), (15, 0)]),
-    "knots thrice inside: a corner": nurbs(3, clamped(3, 0.5, 0.5, 0.5), [(0, 0), (2, 4), (4, 4), (6, 0), (8, 4), (10, 4), (12, 0)]),
-    "knots twice inside": nurbs(3, clamped(3, 0.5, 0.5), [(0, 0), (2, 4), (4, 4), (6, 0), (8, 4), (10, 4)]),
-    "knots inside as often as the order": nurbs(2, clamped(2, 0.5, 0.5, 0.5), [(0, 0), (2, 4), (4, 0), (4, 0), (6, 4), (8, 0)]),
-    "a jump inside": nurbs(2, clamped(2, 0.5, 0.5, 0.5), [(0, 0), (2, 4), (4, 0), (5, 0), (6, 4), (8, 0)]),
-    "knots very close": nurbs(3, clamped(3, 0.5, 0.500000001), [(0, 0), (2, 4), (4, -4), (6, 4), (8, -4), (10, 0)]),
-    "weights a million apart": nurbs(3, clamped(3), [(0, 0), (3, 8), (7, -8), (10, 0)], weights=[1, 1e6, 1e-6, 1]),
+    "control points thrice at the ends": nurbs(
+        3, clamped(3, 0.5), [(0, 0), (0, 0), (0, 0), (10, 5), (10, 5)]
+    ),
+    "control points thrice inside": nurbs(
+        3, clamped(3, 0.25, 0.5, 0.75), [(0, 0), (5, 5), (5, 5), (5, 5), (9, 0), (12, 3), (15, 0)]
+    ),
+    "knots thrice inside: a corner": nurbs(
+        3, clamped(3, 0.5, 0.5, 0.5), [(0, 0), (2, 4), (4, 4), (6, 0), (8, 4), (10, 4), (12, 0)]
+    ),
+    "knots twice inside": nurbs(
+        3, clamped(3, 0.5, 0.5), [(0, 0), (2, 4), (4, 4), (6, 0), (8, 4), (10, 4)]
+    ),
+    "knots inside as often as the order": nurbs(
+        2, clamped(2, 0.5, 0.5, 0.5), [(0, 0), (2, 4), (4, 0), (4, 0), (6, 4), (8, 0)]
+    ),
+    "a jump inside": nurbs(
+        2, clamped(2, 0.5, 0.5, 0.5), [(0, 0), (2, 4), (4, 0), (5, 0), (6, 4), (8, 0)]
+    ),
+    "knots very close": nurbs(
+        3, clamped(3, 0.5, 0.500000001), [(0, 0), (2, 4), (4, -4), (6, 4), (8, -4), (10, 0)]
+    ),
+    "weights a million apart": nurbs(
+        3, clamped(3), [(0, 0), (3, 8), (7, -8), (10, 0)], weights=[1, 1e6, 1e-6, 1]
+    ),
     "degree 9": nurbs(9, clamped(9), [(float(k), float(k % 2) * 4) for k in range(10)]),
-    "a curve of a micrometre": nurbs(3, clamped(3), [(0, 0), (3e-4, 1e-3), (7e-4, -1e-3), (1e-3, 0)]),
+    "a curve of a micrometre": nurbs(
+        3, clamped(3), [(0, 0), (3e-4, 1e-3), (7e-4, -1e-3), (1e-3, 0)]
+    ),
     "no length": moves([(0, 0), (5, 0), (5, 0), (5, 0), (5, 5), (5, 5)]),
     "nothing but no length": moves([(0, 0)] * 5) + "\nG2 X0 Y0 I0 J1 F600",
     "repeated points in a chain": moves(np.repeat(LOOP, 3, axis=0)),
     "below a step": moves([(k * 1e-5, 0) for k in range(1, 2000)]),
-    "below a step, turning": moves([(2e-4 * math.sin(k / 30), 2e-4 * math.cos(k / 30) - 2e-4) for k in range(1, 500)]),
+    "below a step, turning": moves(
+        [(2e-4 * math.sin(k / 30), 2e-4 * math.cos(k / 30) - 2e-4) for k in range(1, 500)]
+    ),
     "a saw of rounding": moves([(0.1 * k, (k % 2) * 1e-6) for k in range(1, 300)]),
     "a saw of a step": moves([(0.1 * k, (k % 2) * 0.005) for k in range(1, 300)]),
     "there and back": moves([(5, 0), (0, 0), (5, 0), (0, 0)]),
@@ -84,14 +122,18 @@ PROGRAMS = {
     "a closed loop": moves(LOOP),
     "a loop gone round thrice": moves(np.tile(LOOP, (3, 1))),
     "spikes": moves(SPIKES),
-    "a long line and short ones": moves([(100, 0), (100.001, 0), (100.001, 0.001), (200, 0.001), (200, 0.002)]),
+    "a long line and short ones": moves(
+        [(100, 0), (100.001, 0), (100.001, 0.001), (200, 0.001), (200, 0.002)]
+    ),
     "feed of 1e-6 mm/s": moves([(1e-6, 0)], 6e-5),
     "feed of 1e-6 mm/s on a curve": "G2 X0.000002 Y0 I0.000001 J0 F0.00006",
     "feed of 1e-6": moves([(1e-9, 0)], 1e-6) + "\nG1 X0.000001 F0.000001",
     "feed of 1e-6 on a curve": "G1 X0.00001 F0.01\nG2 X0.00001 Y0.00002 I0 J0.00001 F0.000001",
     "feed of 1e6": moves([(10, 0), (10, 10), (0, 10)], 1e6) + "\nG2 X0 Y0 I0 J-5 F1000000",
     "feeds that alternate": "\n".join(f"G1 X{k} F{(1, 30000)[k % 2]}" for k in range(1, 4)),
-    "feeds that alternate in a chain": "\n".join(f"G1 X{0.1 * k:.1f} Y{0.01 * (k % 3):.2f} F{(600, 30000)[k % 2]}" for k in range(1, 200)),
+    "feeds that alternate in a chain": "\n".join(
+        f"G1 X{0.1 * k:.1f} Y{0.01 * (k % 3):.2f} F{(600, 30000)[k % 2]}" for k in range(1, 200)
+    ),
     "a circle of 1 um": "G2 X0 Y0 I0.0005 J0 F600",
     "an arc of 1 um": "G2 X0.001 Y0 R0.0007 F600",
     "a circle of 10 nm": "G2 X0 Y0 I0.000005 J0 F600",
@@ -117,7 +159,9 @@ def mill(
     slow: tuple[float, float, float] = (1.0, 1.0, 1.0),
     **path: float,
 ) -> Machine:
-    """Limits along the path (tangential, normal, jerk), of each axis (acceleration, jerk) times the axis's part of them, or both."""
+    """Limits along the path (tangential, normal, jerk), of each axis (acceleration, jerk) times the
+    axis's part of them, or both.
+    """
     axes = {
         letter: Axis(
             steps_per_mm=100.0,
@@ -128,7 +172,13 @@ def mill(
         for letter, part in zip("xyz", slow, strict=True)
     }
     a, normal, jerk = along or (None, None, None)
-    limits = PathLimits(max_feed=500.0, max_tangential_acceleration=a, max_normal_acceleration=normal, max_jerk=jerk, **path)
+    limits = PathLimits(
+        max_feed=500.0,
+        max_tangential_acceleration=a,
+        max_normal_acceleration=normal,
+        max_jerk=jerk,
+        **path,
+    )
     return Machine(axes=axes, path=limits, board=Board(max_step_rate=1e9))
 
 
@@ -159,16 +209,41 @@ SOME = (
     "below a step",
 )
 
-ALL = [(program, prefix, machine) for program in PROGRAMS for prefix in ("exact", "G64") for machine in EVERYWHERE]
-ALL += [(program, prefix, "axes") for program in SOME for prefix in PREFIXES if prefix not in ("exact", "G64")]
-ALL += [(program, prefix, machine) for program in SOME for prefix in ("exact", "G64") for machine in UNUSUAL]
-QUICK = [(program, ("exact", "G64")[k % 2], EVERYWHERE[k % 3]) for k, program in enumerate(PROGRAMS)]
-QUICK += [(SOME[k % len(SOME)], ("G64", "exact")[k % 2], machine) for k, machine in enumerate(UNUSUAL)]
-QUICK += [("spikes", "G64", "axes that differ"), ("a star", "tolerance 10", "axes"), ("a star", "exact stop", "axes")]
+ALL = [
+    (program, prefix, machine)
+    for program in PROGRAMS
+    for prefix in ("exact", "G64")
+    for machine in EVERYWHERE
+]
+ALL += [
+    (program, prefix, "axes")
+    for program in SOME
+    for prefix in PREFIXES
+    if prefix not in ("exact", "G64")
+]
+ALL += [
+    (program, prefix, machine)
+    for program in SOME
+    for prefix in ("exact", "G64")
+    for machine in UNUSUAL
+]
+QUICK = [
+    (program, ("exact", "G64")[k % 2], EVERYWHERE[k % 3]) for k, program in enumerate(PROGRAMS)
+]
+QUICK += [
+    (SOME[k % len(SOME)], ("G64", "exact")[k % 2], machine) for k, machine in enumerate(UNUSUAL)
+]
+QUICK += [
+    ("spikes", "G64", "axes that differ"),
+    ("a star", "tolerance 10", "axes"),
+    ("a star", "exact stop", "axes"),
+]
 
 
 class Elsewhere:
-    """A process that checks programs; one that takes too long is ended, and the next begins in a new one."""
+    """A process that checks programs; one that takes too long is ended, and the next begins in a
+    new one.
+    """
 
     def __init__(self) -> None:
         self.pool = None
@@ -191,16 +266,23 @@ class Elsewhere:
 
 @pytest.fixture(scope="module")
 def elsewhere(tmp_path_factory) -> Iterator[Elsewhere]:
-    # Here, so that nothing is left to compile there: a process that is ended in the midst of that would leave another one to do it.
+    # Here, so that nothing is left to compile there: a process that is ended in the midst of that
+    # would leave another one to do it.
     examine("G1 X1 F600\nM2\n", MACHINES["both"], tmp_path_factory.mktemp("first"))
     process = Elsewhere()
     yield process
     process.end()
 
 
-@pytest.mark.parametrize(("program", "prefix", "machine"), share(ALL, QUICK), ids=lambda part: part.replace(" ", "_"))
+@pytest.mark.parametrize(
+    ("program", "prefix", "machine"), share(ALL, QUICK), ids=lambda part: part.replace(" ", "_")
+)
 def test_hard_input_is_planned_legally_or_refused(program, prefix, machine, elsewhere, tmp_path):
-    found = elsewhere.examine(f"G21 G90 G94 G17\n{PREFIXES[prefix]}\n{PROGRAMS[program]}\nM2\n", MACHINES[machine], tmp_path)
+    found = elsewhere.examine(
+        f"G21 G90 G94 G17\n{PREFIXES[prefix]}\n{PROGRAMS[program]}\nM2\n",
+        MACHINES[machine],
+        tmp_path,
+    )
     assert found.refused == REFUSALS.get(program, ""), found.wrong
     if not found.refused:
         assert not found.wrong
@@ -208,10 +290,14 @@ def test_hard_input_is_planned_legally_or_refused(program, prefix, machine, else
 
 
 def test_a_sharp_bend_takes_no_longer_than_a_cusp(elsewhere, tmp_path):
-    """However sharp: its parts are looked at on the scale of its radius, and below that it is a stop."""
+    """However sharp: its parts are looked at on the scale of its radius, and below that it is a
+    stop.
+    """
     for machine in EVERYWHERE:
         cusp, *nearly = (
-            elsewhere.examine(f"G21 G90 G94 G17\nG61\n{PROGRAMS[name]}\nM2\n", MACHINES[machine], tmp_path).duration
+            elsewhere.examine(
+                f"G21 G90 G94 G17\nG61\n{PROGRAMS[name]}\nM2\n", MACHINES[machine], tmp_path
+            ).duration
             for name in PROGRAMS
             if name == "a cusp" or name.startswith("a cusp but for")
         )

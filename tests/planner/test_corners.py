@@ -1,4 +1,6 @@
-"""Corners under a tolerance: as fast as theory says, legal by differences of positions, within the tolerance both ways, pulses complete."""
+"""Corners under a tolerance: as fast as theory says, legal by differences of positions, within the
+tolerance both ways, pulses complete.
+"""
 
 import math
 from dataclasses import replace
@@ -45,7 +47,9 @@ def duration(chunks):
 
 
 def distances(points, corners):
-    """Of each point from the polygon of the corners, and of each corner from the polygon of the points."""
+    """Of each point from the polygon of the corners, and of each corner from the polygon of the
+    points.
+    """
 
     def to_polygon(p, polygon):
         a, b = polygon[:-1], polygon[1:]
@@ -64,21 +68,38 @@ def assert_legal(chunks, mill, periods):
     limits = Limits.of(mill)
     for period in periods:
         points = sampled(chunks, period)
-        for order, bound in ((1, limits.axis_velocity), (2, limits.axis_acceleration), (3, limits.axis_jerk)):
+        for order, bound in (
+            (1, limits.axis_velocity),
+            (2, limits.axis_acceleration),
+            (3, limits.axis_jerk),
+        ):
             seen = np.abs(np.diff(points, order, axis=0)).max(axis=0, initial=0.0) / period**order
-            assert (seen <= bound * 1.001 + 2**order * 1e-11 / period**order).all(), (period, order, seen, bound)
+            assert (seen <= bound * 1.001 + 2**order * 1e-11 / period**order).all(), (
+                period,
+                order,
+                seen,
+                bound,
+            )
         # along the path: differences of the lengths of steps
         speed = np.linalg.norm(np.diff(points, axis=0), axis=1) / period
         assert speed.max(initial=0.0) <= limits.max_feed * 1.001
 
 
 def test_one_corner_takes_the_time_of_theory():
-    # Rest to rest in 10 mm without a cruise takes 4 (D / 2J)^(1/3) a leg; a turn by 120 degrees saves (24 eps / (J sin 60))^(1/3). The
-    # machine's axes are such that both legs have the same jerk.
+    # Rest to rest in 10 mm without a cruise takes 4 (D / 2J)^(1/3) a leg; a turn by 120 degrees
+    # saves (24 eps / (J sin 60))^(1/3). The machine's axes are such that both legs have the same
+    # jerk.
     jerk = 48000.0 * USED
-    axes = {"x": (2400.0, 48000.0), "y": (2400.0 * math.sqrt(0.75), 48000.0 * math.sqrt(0.75)), "z": (1.0, 1.0)}
+    axes = {
+        "x": (2400.0, 48000.0),
+        "y": (2400.0 * math.sqrt(0.75), 48000.0 * math.sqrt(0.75)),
+        "z": (1.0, 1.0),
+    }
     mill = Machine(
-        axes={name: Axis(steps_per_mm=100.0, max_velocity=400.0, max_acceleration=a, max_jerk=j) for name, (a, j) in axes.items()},
+        axes={
+            name: Axis(steps_per_mm=100.0, max_velocity=400.0, max_acceleration=a, max_jerk=j)
+            for name, (a, j) in axes.items()
+        },
         path=PathLimits(max_feed=300.0),
     )
     points = [(10, 0, 0), (5, 10 * math.sqrt(0.75), 0)]
@@ -94,12 +115,18 @@ def test_one_corner_takes_the_time_of_theory():
 
 
 def overshooting(length, jerk, e):
-    """Phases from rest to rest of jerks +J, -J, +J, -J, the last for a time e, without a limit of acceleration: durations."""
+    """Phases from rest to rest of jerks +J, -J, +J, -J, the last for a time e, without a limit of
+    acceleration: durations.
+    """
 
     def states(times):
         s = v = a = 0.0
         for dt, j in zip(times, (jerk, -jerk, jerk, -jerk), strict=True):
-            s, v, a = s + dt * (v + dt * (a / 2 + dt * j / 6)), v + dt * (a + dt * j / 2), a + dt * j
+            s, v, a = (
+                s + dt * (v + dt * (a / 2 + dt * j / 6)),
+                v + dt * (a + dt * j / 2),
+                a + dt * j,
+            )
         return s, v
 
     def times(t1):
@@ -110,12 +137,18 @@ def overshooting(length, jerk, e):
 
 
 def test_ramps_of_different_axes_overshoot_the_corner():
-    # By hand: the overshoot that just stays within the tolerance, and the time at which both ramps are eps / sqrt 2 from the corner.
+    # By hand: the overshoot that just stays within the tolerance, and the time at which both ramps
+    # are eps / sqrt 2 from the corner.
     jerk, eps = 48000.0 * USED, 0.01
     r = 1 + math.sqrt(2)
     e = (0.999 * eps / (1.943 * jerk)) ** (1 / 3)
     assert r**3 / 6 - r**2 / 2 - r / 2 - 1 / 6 == pytest.approx(-1.943, abs=1e-3)
-    left = brentq(lambda x: jerk * (x**3 / 6 - e * x**2 / 2 - e * e * x / 2 - e**3 / 6) - eps / math.sqrt(2), 2 * e, 0.1, xtol=1e-16)
+    left = brentq(
+        lambda x: jerk * (x**3 / 6 - e * x**2 / 2 - e * e * x / 2 - e**3 / 6) - eps / math.sqrt(2),
+        2 * e,
+        0.1,
+        xtol=1e-16,
+    )
     expected = 2 * sum(overshooting(10.0, jerk, e)) - 2 * (left + e)
     chunks, ahead = planned(SQUARE, eps)
     assert not ahead.audit.violations
@@ -135,7 +168,9 @@ def test_unequal_jerks_keep_the_corner_within_the_tolerance(ratio):
     j1, j2 = 48000.0, 48000.0 / ratio
     unlimited = np.full(6, math.inf)
     unlimited[4] = 1e-3
-    tau = overlap_time(u, sine, sine, j1, j2, 1.0, 1.0, 1e3, 1e3, 0.02, unlimited, np.full(2, math.inf))
+    tau = overlap_time(
+        u, sine, sine, j1, j2, 1.0, 1.0, 1e3, 1e3, 0.02, unlimited, np.full(2, math.inf)
+    )
     x = np.linspace(0.0, 1.0, 100_001)[:, None]
     motion = tau**3 / 6 * (-j1 * (1 - x) ** 3 * u[0] + j2 * x**3 * u[1])
     nearest = np.linalg.norm(motion, axis=1).min()
@@ -145,7 +180,10 @@ def test_unequal_jerks_keep_the_corner_within_the_tolerance(ratio):
 
 def test_jerks_that_would_add_up_in_an_axis_are_a_stop():
     # Both legs use all of x: at 45 degrees the axes' jerks are in the same sense.
-    straight, cut = planned([(10, 10, 0), (20, 0, 0)], 0.0), planned([(10, 10, 0), (20, 0, 0)], 0.01)
+    straight, cut = (
+        planned([(10, 10, 0), (20, 0, 0)], 0.0),
+        planned([(10, 10, 0), (20, 0, 0)], 0.01),
+    )
     assert not cut[1].audit.violations
     assert duration(cut[0]) <= duration(straight[0])
 
@@ -163,7 +201,11 @@ def random_chain(rng):
             heading[rng.integers(2 if flat else 3)] = rng.choice((-1, 1))
         else:
             across -= across @ heading * heading
-            turn = rng.uniform(0, math.pi) if rng.random() < 0.7 else rng.choice((math.pi / 2, math.pi / 4, math.pi))
+            turn = (
+                rng.uniform(0, math.pi)
+                if rng.random() < 0.7
+                else rng.choice((math.pi / 2, math.pi / 4, math.pi))
+            )
             heading = math.cos(turn) * heading + math.sin(turn) * across / np.linalg.norm(across)
         here = here + heading * size * 10 ** rng.uniform(-1, 0.3)
         points.append(here)
@@ -172,7 +214,9 @@ def random_chain(rng):
 
 def random_mill(rng):
     both = rng.random() < 0.3
-    axis = (10 ** rng.uniform(2, 4), 10 ** rng.uniform(3.5, 6)) if both or rng.random() < 0.7 else None
+    axis = (
+        (10 ** rng.uniform(2, 4), 10 ** rng.uniform(3.5, 6)) if both or rng.random() < 0.7 else None
+    )
     along = both or axis is None
     return machine(
         axis=axis,
@@ -191,7 +235,8 @@ def test_random_chains(seed):
     stops, _ = planned(points, 0.0, mill, feed)
     chunks, ahead = planned(points, tolerance, mill, feed)
     assert not ahead.audit.violations
-    # turns of less than 30 degrees are a smooth curve, which may take longer than a stop; more so where moves are as short as the tolerance
+    # turns of less than 30 degrees are a smooth curve, which may take longer than a stop; more so
+    # where moves are as short as the tolerance
     moves = np.linalg.norm(np.diff(points, axis=0, prepend=np.zeros((1, 3))), axis=1)
     assert duration(chunks) <= duration(stops) * (1.1 if moves.min() > 10.0 * tolerance else 1.5)
     assert_legal(chunks, mill, (1e-3,))
@@ -200,13 +245,19 @@ def test_random_chains(seed):
     off, missed = distances(fine, corners)
     assert off.max() <= tolerance * (1 + 1e-6)
     # the chord of two samples cuts what lies between
-    assert missed.max() <= tolerance * 1.001 + (np.diff(fine, axis=0) ** 2).sum(axis=1).max() / (8 * tolerance)
+    assert missed.max() <= tolerance * 1.001 + (np.diff(fine, axis=0) ** 2).sum(axis=1).max() / (
+        8 * tolerance
+    )
     assert fine[-1] == pytest.approx(points[-1], abs=1e-3)
     # the path length is that of the motion
-    assert chunks[-1].s0 + chunks[-1].phase_s[-1] == pytest.approx(np.linalg.norm(np.diff(fine, axis=0), axis=1).sum(), rel=1e-3)
+    assert chunks[-1].s0 + chunks[-1].phase_s[-1] == pytest.approx(
+        np.linalg.norm(np.diff(fine, axis=0), axis=1).sum(), rel=1e-3
+    )
 
     interpolator = ReferencePulse([100.0] * 3, np.zeros(3))
-    pulses = [part for chunk in chunks for part in interpolator.pulses(chunk)] + list(interpolator.settle())
+    pulses = [part for chunk in chunks for part in interpolator.pulses(chunk)] + list(
+        interpolator.settle()
+    )
     made = sum((part.step.sum(axis=0, dtype=np.int64) for part in pulses), np.zeros(3, np.int64))
     assert made.tolist() == np.rint(points[-1] * 100.0).astype(int).tolist()
     assert interpolator.error_blu <= 0.5 + 1e-6
@@ -216,9 +267,18 @@ def test_random_chains(seed):
 @given(seed=st.integers(0, 2**31))
 def test_plans_may_be_cut_anywhere(seed):
     rng = np.random.default_rng(seed)
-    stops, ahead = planned([(10, 0, 0), (5, 9, 0), (0, 0, 0), (0, -4, 9)], 0.0, feed=10 ** rng.uniform(1, 2.5))
-    stops = [replace(chunk, path=replace(chunk.path, tolerance=np.full(len(chunk.path), 0.01))) for chunk in stops]
-    slices = [part for chunk in stops for part in cut(chunk, rng.uniform(0, chunk.duration, int(rng.integers(1, 12))))]
+    stops, ahead = planned(
+        [(10, 0, 0), (5, 9, 0), (0, 0, 0), (0, -4, 9)], 0.0, feed=10 ** rng.uniform(1, 2.5)
+    )
+    stops = [
+        replace(chunk, path=replace(chunk.path, tolerance=np.full(len(chunk.path), 0.01)))
+        for chunk in stops
+    ]
+    slices = [
+        part
+        for chunk in stops
+        for part in cut(chunk, rng.uniform(0, chunk.duration, int(rng.integers(1, 12))))
+    ]
 
     def after(plans):
         overlaps = Overlaps(ahead.limits)
@@ -239,7 +299,8 @@ def test_columns_of_the_trace_follow_from_the_positions():
         sampler = Sampled(1e-4, np.zeros(3))
         rows = [part for chunk in chunks for part in sampler.samples(chunk)]
         position, s, feed, accel, jerk = (
-            np.concatenate([getattr(part, name) for part in rows]) for name in ("position", "s", "feed", "accel", "jerk")
+            np.concatenate([getattr(part, name) for part in rows])
+            for name in ("position", "s", "feed", "accel", "jerk")
         )
         near = np.flatnonzero(np.hypot(position[:, 0] - 10.0, position[:, 1]) < 0.05)[2:-2]
         step = np.linalg.norm(np.diff(position, axis=0), axis=1)
@@ -256,17 +317,27 @@ def test_columns_of_the_trace_follow_from_the_positions():
 
 
 def test_motion_in_common_belongs_to_the_faster_move():
-    # Feed moves into a traverse of far more jerk and out of it: no sample of the feed moves' lines is faster than their feed.
+    # Feed moves into a traverse of far more jerk and out of it: no sample of the feed moves' lines
+    # is faster than their feed.
     axes = {"x": (2400.0, 5000.0), "y": (8000.0, 500_000.0), "z": (1.0, 1.0)}
     mill = Machine(
-        axes={name: Axis(steps_per_mm=100.0, max_velocity=400.0, max_acceleration=a, max_jerk=j) for name, (a, j) in axes.items()},
+        axes={
+            name: Axis(steps_per_mm=100.0, max_velocity=400.0, max_acceleration=a, max_jerk=j)
+            for name, (a, j) in axes.items()
+        },
         path=PathLimits(max_feed=300.0),
     )
     moves = replace(lines([*SQUARE, (0, 10, 0)], 5.0), feeds=np.array([5.0, np.nan, 5.0]))
-    plans = list(LookAhead(mill).plan(build([PathMode("t.nc", 1, "blend", 0.01), moves], axes=AXES, start=np.zeros(3))))
+    plans = list(
+        LookAhead(mill).plan(
+            build([PathMode("t.nc", 1, "blend", 0.01), moves], axes=AXES, start=np.zeros(3))
+        )
+    )
     sampler = Sampled(1e-4, np.zeros(3))
     rows = [part for plan in plans if isinstance(plan, PlanChunk) for part in sampler.samples(plan)]
-    line, feed = (np.concatenate([getattr(part, name) for part in rows]) for name in ("line", "feed"))
+    line, feed = (
+        np.concatenate([getattr(part, name) for part in rows]) for name in ("line", "feed")
+    )
     assert feed[line != 2].max() <= 5.0 * (1 + 1e-9)
     assert (np.diff(line) >= 0).all()
 
@@ -308,9 +379,14 @@ def test_holds_and_overrides_about_corners(seed):
                 control.override(float(10 ** rng.uniform(0.5, 2.3)))
     assert not ahead.audit.violations
     assert_legal(chunks, mill, (1e-3,))
-    off, _ = distances(sampled(chunks, max(1e-3, duration(chunks) / 20_000)), np.concatenate((np.zeros((1, 3)), points)))
+    off, _ = distances(
+        sampled(chunks, max(1e-3, duration(chunks) / 20_000)),
+        np.concatenate((np.zeros((1, 3)), points)),
+    )
     assert off.max() <= tolerance * (1 + 1e-6)
     interpolator = ReferencePulse([100.0] * 3, np.zeros(3))
-    pulses = [part for chunk in chunks for part in interpolator.pulses(chunk)] + list(interpolator.settle())
+    pulses = [part for chunk in chunks for part in interpolator.pulses(chunk)] + list(
+        interpolator.settle()
+    )
     made = sum((part.step.sum(axis=0, dtype=np.int64) for part in pulses), np.zeros(3, np.int64))
     assert made.tolist() == np.rint(points[-1] * 100.0).astype(int).tolist()

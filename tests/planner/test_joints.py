@@ -1,6 +1,8 @@
-"""All pairs and triples of moves, joints and path modes at random feeds on random machines: planned, and legal by differences.
+"""All pairs and triples of moves, joints and path modes at random feeds on random machines:
+planned, and legal by differences.
 
-Every run takes a new seed. A failure names it: ``CNC_SEED=... pytest tests/planner/test_joints.py`` runs the same programs again.
+Every run takes a new seed. A failure names it: ``CNC_SEED=... pytest tests/planner/test_joints.py``
+runs the same programs again.
 """
 
 import os
@@ -38,7 +40,9 @@ def test_moves_that_follow_each_other_are_planned_and_legal(first, tmp_path):
     for number in range(first, first + TOGETHER):
         # In every run other shapes, too.
         text, machine = joint_program(number if share(True, False) else SEED + number, SEED)
-        assert not examine(text, machine, tmp_path).wrong, f"CNC_SEED={SEED}, program {number}:\n{text}\n{machine!r}"
+        assert not examine(text, machine, tmp_path).wrong, (
+            f"CNC_SEED={SEED}, program {number}:\n{text}\n{machine!r}"
+        )
 
 
 def test_programs_have_every_shape_and_mode():

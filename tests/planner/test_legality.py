@@ -1,4 +1,6 @@
-"""Text to trace, judged from outside: the table of figures, every shipped program, random programs on random machines."""
+"""Text to trace, judged from outside: the table of figures, every shipped program, random programs
+on random machines.
+"""
 
 import numpy as np
 import pytest
@@ -26,7 +28,11 @@ def test_the_table_is_legal(case: Case, period: float, tmp_path):
 
 
 @pytest.mark.parametrize("period", [1e-3, share(1e-4, 1e-3)])
-@pytest.mark.parametrize("program", [file for file in PROGRAMS if file.name not in share(set(), LONG)], ids=lambda file: file.name)
+@pytest.mark.parametrize(
+    "program",
+    [file for file in PROGRAMS if file.name not in share(set(), LONG)],
+    ids=lambda file: file.name,
+)
 def test_shipped_programs_are_legal(program, period, tmp_path):
     found = examine(program.read_text(), with_period(load_machine("default"), period), tmp_path)
     assert not found.wrong
@@ -42,7 +48,19 @@ def test_random_programs_on_random_machines_are_legal(first, tmp_path):
 
 def test_random_programs_have_every_kind_of_move_and_mode():
     text = "".join(random_job(seed)[0] for seed in range(40))
-    for code in ("G0 ", "G1 ", "G2 ", "G3 ", "G06.2 ", "G61\n", "G61.1\n", "G64\n", "G64 P0\n", "G64 P0.", "G4 "):
+    for code in (
+        "G0 ",
+        "G1 ",
+        "G2 ",
+        "G3 ",
+        "G06.2 ",
+        "G61\n",
+        "G61.1\n",
+        "G64\n",
+        "G64 P0\n",
+        "G64 P0.",
+        "G4 ",
+    ):
         assert code in text
 
 
@@ -64,21 +82,32 @@ def test_the_judge_sees_each_limit_that_is_broken(limit, tmp_path):
     where, name, value = STRICTER[limit]
     mill = machine()
     part = {name: value}
-    axes = {letter: axis.model_copy(update=part if (where, letter) == ("axis", "x") else {}) for letter, axis in mill.axes.items()}
-    stricter = Machine(axes=axes, path=mill.path.model_copy(update=part if where == "path" else {}), board=mill.board)
+    axes = {
+        letter: axis.model_copy(update=part if (where, letter) == ("axis", "x") else {})
+        for letter, axis in mill.axes.items()
+    }
+    stricter = Machine(
+        axes=axes,
+        path=mill.path.model_copy(update=part if where == "path" else {}),
+        board=mill.board,
+    )
     found = examine("G21 G90 G61\nG2 X0 Y0 I5 J0 F9000\nM2\n", mill, tmp_path, judged_by=stricter)
     assert [wrong.split(" is ")[0] for wrong in found.wrong] == [limit]
 
 
 WRONG = {
     "mm from the path": lambda rows: rows["position"].__setitem__((60, 2), 2e-6),
-    "passes line": lambda rows: rows.update({name: np.delete(rows[name], range(100, 160), axis=0) for name in ("position", "s", "line")}),
+    "passes line": lambda rows: rows.update(
+        {name: np.delete(rows[name], range(100, 160), axis=0) for name in ("position", "s", "line")}
+    ),
     "end point": lambda rows: rows["position"].__setitem__((-1, 0), 1e-8),
     "numbers that are none": lambda rows: rows["jerk"].__setitem__(5, np.nan),
     "a period apart": lambda rows: rows["t"].__setitem__(5, 0.0051),
     "longer than the path length": lambda rows: rows["s"].__imul__(0.999),
     "jerk of": lambda rows: rows["position"].__setitem__((60, 2), 2e-5),
-    "the trace ends": lambda rows: rows.update({name: rows[name][:-3] for name in ("t", "position", "s", "line")}),
+    "the trace ends": lambda rows: rows.update(
+        {name: rows[name][:-3] for name in ("t", "position", "s", "line")}
+    ),
 }
 
 
@@ -90,7 +119,13 @@ def test_the_judge_sees_a_trace_that_was_changed(wrong, tmp_path):
     rows = dict(np.load(tmp_path / "trace.npz"))
     WRONG[wrong](rows)
     np.savez(tmp_path / "changed.npz", **rows)
-    again = judge(tmp_path / "blocks.jsonl", tmp_path / "changed.npz", tmp_path / "pulses.npz", mill, found.duration)
+    again = judge(
+        tmp_path / "blocks.jsonl",
+        tmp_path / "changed.npz",
+        tmp_path / "pulses.npz",
+        mill,
+        found.duration,
+    )
     assert any(wrong in each for each in again.wrong)
 
 
@@ -98,6 +133,15 @@ def test_the_judge_sees_a_last_pulse_that_is_missing(tmp_path):
     mill = machine()
     found = examine("G21 G90 G61\nG1 X10 F6000\nM2\n", mill, tmp_path)
     pulses = dict(np.load(tmp_path / "pulses.npz"))
-    np.savez(tmp_path / "changed.npz", **{**pulses, **{name: pulses[name][:-1] for name in ("time_ns", "step", "line")}})
-    again = judge(tmp_path / "blocks.jsonl", tmp_path / "trace.npz", tmp_path / "changed.npz", mill, found.duration)
+    np.savez(
+        tmp_path / "changed.npz",
+        **{**pulses, **{name: pulses[name][:-1] for name in ("time_ns", "step", "line")}},
+    )
+    again = judge(
+        tmp_path / "blocks.jsonl",
+        tmp_path / "trace.npz",
+        tmp_path / "changed.npz",
+        mill,
+        found.duration,
+    )
     assert any("last pulse" in each for each in again.wrong)

@@ -1,4 +1,6 @@
-"""Plans of whole paths: legal by differences of positions, continuous, streaming, and stopping where they must and only there."""
+"""Plans of whole paths: legal by differences of positions, continuous, streaming, and stopping
+where they must and only there.
+"""
 
 import math
 
@@ -15,7 +17,15 @@ from cnc.path.build import build
 from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from tests.support.planner.motions import arc, lines, machine, nurbs, path_of, random_blocks, sampled
+from tests.support.planner.motions import (
+    arc,
+    lines,
+    machine,
+    nurbs,
+    path_of,
+    random_blocks,
+    sampled,
+)
 from tests.support.soak import share
 
 TRIDENT = [(10, 0, 0), (20, 20, 0), (12, 8, 0), (10, 20, 0), (8, 8, 0), (0, 20, 0), (10, 0, 0)]
@@ -36,7 +46,9 @@ def speeds_at(chunks, s):
             for k in range(len(chunk.phase_j)):
                 if chunk.phase_s[k] - 1e-9 <= local <= chunk.phase_s[k + 1] + 1e-9:
                     dt = t * (chunk.phase_t[k + 1] - chunk.phase_t[k])
-                    here = chunk.phase_s[k] + dt * (chunk.phase_v[k] + dt * (chunk.phase_a[k] / 2 + dt * chunk.phase_j[k] / 6))
+                    here = chunk.phase_s[k] + dt * (
+                        chunk.phase_v[k] + dt * (chunk.phase_a[k] / 2 + dt * chunk.phase_j[k] / 6)
+                    )
                     v = chunk.phase_v[k] + dt * (chunk.phase_a[k] + dt * chunk.phase_j[k] / 2)
                     return float(v[np.argmin(np.abs(here - local))])
     raise AssertionError(f"no plan at {s}")
@@ -77,8 +89,13 @@ def test_random_paths_are_legal_by_differences_of_positions(seed):
     assert chunks[-1].s0 + chunks[-1].piece_s[-1] == pytest.approx(sum_of_lengths(chunks), rel=1e-9)
     points = sampled(chunks, period)
     limits = Limits.of(mill)
-    # Rounding and the accuracy of the arc length (1e-9 mm) show in differences; 0.1 % is what legality allows.
-    for order, bound in ((1, limits.axis_velocity), (2, limits.axis_acceleration), (3, limits.axis_jerk)):
+    # Rounding and the accuracy of the arc length (1e-9 mm) show in differences; 0.1 % is what
+    # legality allows.
+    for order, bound in (
+        (1, limits.axis_velocity),
+        (2, limits.axis_acceleration),
+        (3, limits.axis_jerk),
+    ):
         seen = np.abs(np.diff(points, order, axis=0)).max(axis=0, initial=0.0) / period**order
         assert (seen <= bound * 1.001 + 2**order * 2e-9 / period**order).all(), (order, seen, bound)
 
@@ -137,7 +154,9 @@ def test_exact_stop_stops_at_every_end():
     chunks, _, _ = planned(blocks)
     assert speeds_at(chunks, 20.0) == pytest.approx(0.0, abs=1e-6)
     one, _, _ = planned([lines([(20, 0, 0)])])
-    assert sum(c.duration for c in chunks) == pytest.approx(2 * sum(c.duration for c in one), rel=1e-9)
+    assert sum(c.duration for c in chunks) == pytest.approx(
+        2 * sum(c.duration for c in one), rel=1e-9
+    )
 
 
 def test_other_blocks_come_in_order_with_the_motion_before_them_at_rest():
@@ -156,7 +175,11 @@ def test_what_ends_at_rest_is_planned_before_more_is_read():
     def stream():
         for number in range(3):
             read.append(number)
-            yield from build([lines([[20.0 * (number + 1), 0, 0]])], axes=("x", "y", "z"), start=np.array([20.0 * number, 0, 0]))
+            yield from build(
+                [lines([[20.0 * (number + 1), 0, 0]])],
+                axes=("x", "y", "z"),
+                start=np.array([20.0 * number, 0, 0]),
+            )
 
     made = LookAhead(mill).plan(stream())
     for number in range(3):
@@ -177,7 +200,9 @@ def test_chains_cut_into_pieces_take_as_long_as_the_whole():
 
 
 def test_the_window_streams():
-    """The first plan comes long before the last of the path is read, and nothing is lost by planning in windows."""
+    """The first plan comes long before the last of the path is read, and nothing is lost by
+    planning in windows.
+    """
     taken = 0
 
     def path():
@@ -186,7 +211,10 @@ def test_the_window_streams():
             taken += 1
             turn = 0.2 * np.sin(np.linspace(k, k + 1, 200))
             yield lines(
-                np.cumsum(np.stack((np.cos(turn), np.sin(turn), 0 * turn), axis=1) * 0.1, axis=0) + [20.0 * k, 0, 0], 80.0, 200 * k + 1
+                np.cumsum(np.stack((np.cos(turn), np.sin(turn), 0 * turn), axis=1) * 0.1, axis=0)
+                + [20.0 * k, 0, 0],
+                80.0,
+                200 * k + 1,
             )
 
     ahead = LookAhead(machine())
@@ -210,17 +238,26 @@ def test_a_path_longer_than_the_window_is_planned_to_its_end(count):
 
 
 def test_a_short_dwell_is_standing_still():
-    # Less than a period and not on the grid of instants: differences of positions must not take it for motion.
+    # Less than a period and not on the grid of instants: differences of positions must not take it
+    # for motion.
     mill = machine(axis=(2000.0, 2000.0), period=0.002)
     for dwell in (0.0003, 0.0009, 0.0021, 0.0049, 0.02):
-        _, _, audit = planned([lines([(1, 0, 0)]), Dwell("t.nc", 2, dwell), lines([(0, 0, 0)], first=3)], mill)
+        _, _, audit = planned(
+            [lines([(1, 0, 0)]), Dwell("t.nc", 2, dwell), lines([(0, 0, 0)], first=3)], mill
+        )
         assert audit.axis_jerk[0] <= 2000.0
 
 
 def test_curvature_that_hides_between_samples_is_seen():
     # A nearly sharp bend in the middle of a long, otherwise straight span.
     for width in (1.0, 0.1, 0.01, 0.001):
-        points = [(0, 0, 0), (10, 0, 0), (10 + width, width, 0), (10, 2 * width, 0), (0, 2 * width, 0)]
+        points = [
+            (0, 0, 0),
+            (10, 0, 0),
+            (10 + width, width, 0),
+            (10, 2 * width, 0),
+            (0, 2 * width, 0),
+        ]
         for degree in (2, 3, 4):
             _, _, audit = planned([nurbs(points, degree=degree, feed=100.0)], machine(normal=500.0))
             assert audit.normal_accel <= 500.0
@@ -240,7 +277,10 @@ def test_ramp_down_ends_at_rest_soon():
     chunks += list(ahead.ramp_down())
     assert_joined(chunks)
     v = 200.0
-    assert chunks[-1].s0 + chunks[-1].phase_s[-1] - moving_at <= 1.2 * (v / 2 * (v / 2400 + 2400 / 48000)) + v * 0.001
+    assert (
+        chunks[-1].s0 + chunks[-1].phase_s[-1] - moving_at
+        <= 1.2 * (v / 2 * (v / 2400 + 2400 / 48000)) + v * 0.001
+    )
 
 
 def test_an_illegal_plan_is_not_handed_on():
@@ -272,12 +312,21 @@ def test_an_illegal_plan_is_not_handed_on():
         pytest.param([lines([(10, 0, 0), (10, 10, 0)], 1e6)], id="a feed beyond every machine"),
         pytest.param([arc((0, 0, 0), (5e-4, 0), 1.0)], id="a circle of 1 um"),
         pytest.param([arc((0, 0, 0), (0, 5e5), 0.01)], id="a circle of 1 km"),
-        pytest.param([lines([(k * 1e-5, 0, 0) for k in range(1, 200)])], id="pieces far below a step"),
-        pytest.param([lines([(k, (k % 2) * 1e-7, 0) for k in range(1, 50)])], id="a saw of rounding errors"),
+        pytest.param(
+            [lines([(k * 1e-5, 0, 0) for k in range(1, 200)])], id="pieces far below a step"
+        ),
+        pytest.param(
+            [lines([(k, (k % 2) * 1e-7, 0) for k in range(1, 50)])], id="a saw of rounding errors"
+        ),
         pytest.param([lines([(5, 0, 0), (0, 0, 0), (5, 0, 0)])], id="there and back"),
         pytest.param([nurbs([(0, 0, 0), (10, 10, 0), (0, 10, 0), (10, 0, 0)])], id="a cusp"),
-        pytest.param([nurbs([(0, 0, 0), (0, 0, 0), (5, 5, 0), (9, 0, 0), (9, 0, 0)])], id="double end points"),
-        pytest.param([nurbs([(0, 0, 0), (5, 5, 0), (5, 5, 0), (5, 5, 0), (9, 0, 0), (12, 3, 0)])], id="a corner made of three points"),
+        pytest.param(
+            [nurbs([(0, 0, 0), (0, 0, 0), (5, 5, 0), (9, 0, 0), (9, 0, 0)])], id="double end points"
+        ),
+        pytest.param(
+            [nurbs([(0, 0, 0), (5, 5, 0), (5, 5, 0), (5, 5, 0), (9, 0, 0), (12, 3, 0)])],
+            id="a corner made of three points",
+        ),
     ],
 )
 @pytest.mark.parametrize("axis", [None, (2400.0, 48000.0), (5e3, 1e7)])
@@ -292,10 +341,14 @@ def test_axes_may_differ_a_thousand_times():
     slow = Axis(steps_per_mm=100.0, max_velocity=0.5, max_acceleration=2.0, max_jerk=50.0)
     fast = Axis(steps_per_mm=100.0, max_velocity=500.0, max_acceleration=2000.0, max_jerk=50000.0)
     mill = Machine(axes={"x": fast, "y": fast, "z": slow})
-    blocks = [lines([(50, 0, 0), (100, 0, 1), (50, 50, 1)], math.nan), arc((50, 50, 1), (40, 50), 1.0, rise=-1.0)]
+    blocks = [
+        lines([(50, 0, 0), (100, 0, 1), (50, 50, 1)], math.nan),
+        arc((50, 50, 1), (40, 50), 1.0, rise=-1.0),
+    ]
     chunks, _, audit = planned(blocks, mill)
     assert_joined(chunks)
     assert not audit.violations
-    # Along X alone nothing slows the fast axis; where the slow one moves along, it is the one that binds.
+    # Along X alone nothing slows the fast axis; where the slow one moves along, it is the one that
+    # binds.
     assert audit.axis_velocity[0] > 250.0
     assert audit.axis_velocity[2] == pytest.approx(0.5, rel=0.01)

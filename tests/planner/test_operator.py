@@ -1,4 +1,6 @@
-"""Hold, resume and override while the motion runs: legal, on the path, soon, and at no feed that was not asked for."""
+"""Hold, resume and override while the motion runs: legal, on the path, soon, and at no feed that
+was not asked for.
+"""
 
 import math
 from collections.abc import Callable
@@ -24,9 +26,12 @@ from tests.support.soak import share
 Plans = list[PlanChunk]
 
 
-def driven(blocks: list[Block], mill, watch: Callable[[Control, Plans, bool], None]) -> tuple[Plans, list[int]]:
-    """Plans under an operator who looks at what was handed out after every slice, and at every hold. Returns also how many plans came
-    before each hold."""
+def driven(
+    blocks: list[Block], mill, watch: Callable[[Control, Plans, bool], None]
+) -> tuple[Plans, list[int]]:
+    """Plans under an operator who looks at what was handed out after every slice, and at every
+    hold. Returns also how many plans came before each hold.
+    """
     control, chunks, holds = Control(), [], []
     ahead = LookAhead(mill, control)
     for item in ahead.plan(path_of(blocks)):
@@ -57,11 +62,21 @@ def assert_legal_by_positions(chunks: Plans, mill) -> None:
     limits, period = Limits.of(mill), mill.path.period
     sampler = Sampled(period, np.zeros(3))
     end = chunks[-1].t0 + chunks[-1].duration
-    rows = [part.position for chunk in chunks for part in sampler.samples(chunk)] + [part.position for part in sampler.finish(end)]
+    rows = [part.position for chunk in chunks for part in sampler.samples(chunk)] + [
+        part.position for part in sampler.finish(end)
+    ]
     points = np.concatenate(rows)
-    for order, bound in ((1, limits.axis_velocity), (2, limits.axis_acceleration), (3, limits.axis_jerk)):
+    for order, bound in (
+        (1, limits.axis_velocity),
+        (2, limits.axis_acceleration),
+        (3, limits.axis_jerk),
+    ):
         seen = np.abs(np.diff(points, order, axis=0)).max(axis=0, initial=0.0) / period**order
-        assert (seen <= bound * 1.001 + 2**order * 2e-12 / period**order).all(), (order, seen, bound)
+        assert (seen <= bound * 1.001 + 2**order * 2e-12 / period**order).all(), (
+            order,
+            seen,
+            bound,
+        )
 
 
 def random_machine(rng):
@@ -78,19 +93,27 @@ def random_machine(rng):
 def speeds(chunk: PlanChunk) -> np.ndarray:
     """Speed at points throughout the phases."""
     t = np.diff(chunk.phase_t)[:, None] * np.linspace(0.0, 1.0, 9)
-    return (chunk.phase_v[:-1, None] + t * (chunk.phase_a[:-1, None] + t * chunk.phase_j[:, None] / 2)).ravel()
+    return (
+        chunk.phase_v[:-1, None] + t * (chunk.phase_a[:-1, None] + t * chunk.phase_j[:, None] / 2)
+    ).ravel()
 
 
 @settings(max_examples=share(500, 25))
 @given(seed=st.integers(0, 2**31))
 def test_random_schedules_on_random_paths_and_machines(seed):
     rng = np.random.default_rng(seed)
-    mill, blocks = random_machine(rng), [block for block in random_blocks(rng, 4) if type(block).__name__ != "Dwell"]
+    mill, blocks = (
+        random_machine(rng),
+        [block for block in random_blocks(rng, 4) if type(block).__name__ != "Dwell"],
+    )
     plain = [item for item in LookAhead(mill).plan(path_of(blocks)) if isinstance(item, PlanChunk)]
     if not plain:
         return
     whole = plain[-1].t0 + plain[-1].duration
-    wishes = sorted((rng.uniform(0.0, 1.2 * whole), float(rng.choice((0, 0, 1, 10, 30, 70, 100, 150, 200)))) for _ in range(6))
+    wishes = sorted(
+        (rng.uniform(0.0, 1.2 * whole), float(rng.choice((0, 0, 1, 10, 30, 70, 100, 150, 200))))
+        for _ in range(6)
+    )
 
     def operator(control: Control, chunks: Plans, held: bool) -> None:
         if held:
@@ -102,7 +125,9 @@ def test_random_schedules_on_random_paths_and_machines(seed):
 
     chunks, _ = driven(blocks, mill, operator)
     assert_on_the_path(chunks)
-    assert chunks[-1].s0 + chunks[-1].phase_s[-1] == pytest.approx(plain[-1].s0 + plain[-1].phase_s[-1], rel=1e-12)
+    assert chunks[-1].s0 + chunks[-1].phase_s[-1] == pytest.approx(
+        plain[-1].s0 + plain[-1].phase_s[-1], rel=1e-12
+    )
     assert_legal_by_positions(chunks, mill)
 
 
@@ -116,7 +141,13 @@ def ramp(v0: float, v1: float) -> tuple[float, float]:
     return t, t * (v0 + v1) / 2
 
 
-@pytest.mark.parametrize("blocks", [[lines([(400, 0, 0)], FEED)], [lines([(x, 0, 0) for x in np.linspace(0.15, 400, 2667)], FEED)]])
+@pytest.mark.parametrize(
+    "blocks",
+    [
+        [lines([(400, 0, 0)], FEED)],
+        [lines([(x, 0, 0) for x in np.linspace(0.15, 400, 2667)], FEED)],
+    ],
+)
 @pytest.mark.parametrize("at", [0.02, 0.05, 0.1, 0.3, 2.0])
 def test_a_hold_comes_to_rest_as_soon_as_theory_has_it(blocks, at):
     asked = []
@@ -144,23 +175,45 @@ def test_a_hold_comes_to_rest_as_soon_as_theory_has_it(blocks, at):
     # From rest it goes on as from any start.
     rest_of_it = ramp(FEED, 0.0)
     left = 400.0 - (chunks[holds[0] - 1].s0 + float(chunks[holds[0] - 1].phase_s[-1]))
-    assert sum(c.duration for c in chunks[holds[0] :]) == pytest.approx(2 * rest_of_it[0] + (left - 2 * rest_of_it[1]) / FEED, rel=1e-4)
+    assert sum(c.duration for c in chunks[holds[0] :]) == pytest.approx(
+        2 * rest_of_it[0] + (left - 2 * rest_of_it[1]) / FEED, rel=1e-4
+    )
 
 
 @pytest.mark.parametrize("percent", [1.0, 25.0, 70.0, 100.0, 130.0, 200.0])
 def test_an_override_from_the_start_is_another_feed(percent):
     control = Control(percent)
-    blocks = [lines([(30, 0, 0)], FEED), arc((30, 0, 0), (30, 10), 0.75, FEED), lines([(60, 60, 0)], math.nan)]
-    slower = [lines([(30, 0, 0)], FEED * percent / 100), arc((30, 0, 0), (30, 10), 0.75, FEED * percent / 100), blocks[2]]
-    seen = [item for item in LookAhead(machine(), control).plan(path_of(blocks)) if isinstance(item, PlanChunk)]
-    programmed = [item for item in LookAhead(machine()).plan(path_of(slower)) if isinstance(item, PlanChunk)]
-    assert seen[-1].t0 + seen[-1].duration == pytest.approx(programmed[-1].t0 + programmed[-1].duration, rel=1e-9)
+    blocks = [
+        lines([(30, 0, 0)], FEED),
+        arc((30, 0, 0), (30, 10), 0.75, FEED),
+        lines([(60, 60, 0)], math.nan),
+    ]
+    slower = [
+        lines([(30, 0, 0)], FEED * percent / 100),
+        arc((30, 0, 0), (30, 10), 0.75, FEED * percent / 100),
+        blocks[2],
+    ]
+    seen = [
+        item
+        for item in LookAhead(machine(), control).plan(path_of(blocks))
+        if isinstance(item, PlanChunk)
+    ]
+    programmed = [
+        item for item in LookAhead(machine()).plan(path_of(slower)) if isinstance(item, PlanChunk)
+    ]
+    assert seen[-1].t0 + seen[-1].duration == pytest.approx(
+        programmed[-1].t0 + programmed[-1].duration, rel=1e-9
+    )
 
 
-@pytest.mark.parametrize(("before", "after"), [(100, 50), (50, 100), (100, 1), (1, 200), (200, 100), (100, 99)])
+@pytest.mark.parametrize(
+    ("before", "after"), [(100, 50), (50, 100), (100, 1), (1, 200), (200, 100), (100, 99)]
+)
 def test_an_override_takes_effect_at_once(before, after):
     control, chunks, changed = Control(before), [], 0
-    for item in LookAhead(machine(), control).plan(path_of([lines([(x, 0, 0) for x in range(1, 200)], FEED)])):
+    for item in LookAhead(machine(), control).plan(
+        path_of([lines([(x, 0, 0) for x in range(1, 200)], FEED)])
+    ):
         chunks.append(item)
         if not changed and item.s0 + item.phase_s[-1] >= 30.0:
             changed = len(chunks)
@@ -168,16 +221,21 @@ def test_an_override_takes_effect_at_once(before, after):
     assert_on_the_path(chunks)
     start = chunks[changed].t0
     reached = next(
-        chunk.t0 + chunk.phase_t[np.argmax(np.isclose(chunk.phase_v, FEED * after / 100, rtol=1e-6))]
+        chunk.t0
+        + chunk.phase_t[np.argmax(np.isclose(chunk.phase_v, FEED * after / 100, rtol=1e-6))]
         for chunk in chunks[changed:]
         if np.isclose(chunk.phase_v, FEED * after / 100, rtol=1e-6).any()
     )
     assert reached - start <= 1.05 * ramp(FEED * before / 100, FEED * after / 100)[0] + 1e-4
-    assert max(float(chunk.phase_v.max()) for chunk in chunks if chunk.t0 > reached) <= FEED * after / 100 * (1 + 1e-6)
+    assert max(
+        float(chunk.phase_v.max()) for chunk in chunks if chunk.t0 > reached
+    ) <= FEED * after / 100 * (1 + 1e-6)
 
 
 def test_no_feed_but_the_one_asked_for():
-    """Speeds lie below the programmed feed times the factor but while the motion is slowed, and then no higher than it was."""
+    """Speeds lie below the programmed feed times the factor but while the motion is slowed, and
+    then no higher than it was.
+    """
     rng = np.random.default_rng(5)
     state = {"factor": 1.0, "highest": 0.0, "slowing": 0.0}
     longest = ramp(2 * FEED, 0.0)[0]
@@ -195,11 +253,15 @@ def test_no_feed_but_the_one_asked_for():
         if rng.random() < 0.2:
             state["factor"] = float(rng.choice((0.05, 0.3, 0.7, 1.0, 1.5, 2.0)))
             # Letting go of the acceleration raises the speed a little.
-            state["highest"] = float(chunk.phase_v[-1]) + max(float(chunk.phase_a[-1]), 0.0) ** 2 / (2 * 0.99 * J)
+            state["highest"] = float(chunk.phase_v[-1]) + max(
+                float(chunk.phase_a[-1]), 0.0
+            ) ** 2 / (2 * 0.99 * J)
             state["slowing"] = 0.0
             control.override(100 * state["factor"])
 
-    chunks, _ = driven([lines([(x, 0, 0) for x in np.arange(1, 4000) * 0.2], FEED)], machine(), operator)
+    chunks, _ = driven(
+        [lines([(x, 0, 0) for x in np.arange(1, 4000) * 0.2], FEED)], machine(), operator
+    )
     assert_on_the_path(chunks)
     assert max(float(chunk.phase_v.max()) for chunk in chunks) > 1.9 * FEED
 
@@ -219,7 +281,11 @@ def test_traverses_are_held_but_not_scaled():
 
     chunks, holds = driven(blocks, machine(), operator)
     assert len(holds) == 1
-    slow = sum(item.duration for item in LookAhead(machine(), Control(10.0)).plan(path_of(blocks)) if isinstance(item, PlanChunk))
+    slow = sum(
+        item.duration
+        for item in LookAhead(machine(), Control(10.0)).plan(path_of(blocks))
+        if isinstance(item, PlanChunk)
+    )
     assert slow == pytest.approx(one, rel=1e-9)
     assert sum(c.duration for c in chunks) > one
 
@@ -229,7 +295,9 @@ def test_what_the_program_does_not_allow():
     plain = [lines([(100, 0, 0)], FEED)]
     seconds = sum(c.duration for c in driven(plain, machine(), lambda *_: None)[0])
     fixed = Overrides("t.nc", 1, feed=False, spindle=True, adaptive_feed=False, feed_stop=True)
-    unstoppable = Overrides("t.nc", 1, feed=True, spindle=True, adaptive_feed=False, feed_stop=False)
+    unstoppable = Overrides(
+        "t.nc", 1, feed=True, spindle=True, adaptive_feed=False, feed_stop=False
+    )
 
     def slower(control: Control, chunks: Plans, held: bool) -> None:
         control.override(10.0)
@@ -254,8 +322,12 @@ def test_what_the_program_does_not_allow():
             assert holds or sum(c.duration for c in chunks) > 2 * seconds
 
 
-def grid_moves(blocks: list[Block], mill: Machine, moment: float = math.inf) -> tuple[np.ndarray, float, float]:
-    """All grid moves of a program that is held from ``moment`` on; when it was told, and when it rested: at the hold, or in the end."""
+def grid_moves(
+    blocks: list[Block], mill: Machine, moment: float = math.inf
+) -> tuple[np.ndarray, float, float]:
+    """All grid moves of a program that is held from ``moment`` on; when it was told, and when it
+    rested: at the hold, or in the end.
+    """
     control, told, rested = Control(), math.inf, math.inf
     interpolator = ReferencePulse(np.full(3, 100.0), np.zeros(3), 1.0)
     moves, end = [], 0.0
@@ -275,14 +347,21 @@ def grid_moves(blocks: list[Block], mill: Machine, moment: float = math.inf) -> 
 
 @pytest.mark.parametrize("seed", range(share(40, 6)))
 def test_a_hold_near_corners_leaves_the_way_round_them_as_it_is(seed):
-    """The grid moves are those of the run that is not held, in their order; it rests when it can, or one corner later."""
+    """The grid moves are those of the run that is not held, in their order; it rests when it can,
+    or one corner later.
+    """
     rng = np.random.default_rng(seed)
     mill = machine(axis=(400.0, 15000.0), tangential=None, normal=None, jerk=None, max_feed=40.0)
-    along = np.eye(3)[rng.permutation(np.arange(7) % 3)] * rng.uniform(1.5, 8.0, (7, 1)) * rng.choice((-1.0, 1.0), (7, 1))
+    along = (
+        np.eye(3)[rng.permutation(np.arange(7) % 3)]
+        * rng.uniform(1.5, 8.0, (7, 1))
+        * rng.choice((-1.0, 1.0), (7, 1))
+    )
     corners = np.cumsum(along, axis=0)
     blocks: list[Block] = [PathMode("t.nc", 1, "blend", 0.01), lines(corners, 40.0)]
     unbroken, _, duration = grid_moves(blocks, mill)
-    # From speeding up to the highest speed and down to rest; then the first phase of a ramp, which is let go of and braked.
+    # From speeding up to the highest speed and down to rest; then the first phase of a ramp, which
+    # is let go of and braked.
     slowest_stop = 40.0 / 400.0 + 2.0 * 400.0 / 15000.0
     corner = 4.0 * 400.0 / 15000.0
     for moment in rng.uniform(0.0, duration, 20):
@@ -301,7 +380,9 @@ def test_a_hold_before_the_first_move_keeps_it_from_moving():
     assert isinstance(next(made), Held)
     control.resume()
     chunks = list(made)
-    assert max(float(chunk.phase_v.max()) for chunk in chunks if isinstance(chunk, PlanChunk)) == pytest.approx(50.0, rel=1e-6)
+    assert max(
+        float(chunk.phase_v.max()) for chunk in chunks if isinstance(chunk, PlanChunk)
+    ) == pytest.approx(50.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("percent", [0.0, 0.99, 200.1, math.nan, math.inf, -100.0])

@@ -17,7 +17,9 @@ END = np.array([1.0, 3.0, 3.0, 4.0])  # the third is a stop
 
 
 @pytest.mark.parametrize("start", range(5))
-@pytest.mark.parametrize(("s", "interval"), [(-1.0, 0), (0.0, 0), (1.0, 1), (2.9, 1), (3.0, 3), (4.0, 3), (4.1, 3)])
+@pytest.mark.parametrize(
+    ("s", "interval"), [(-1.0, 0), (0.0, 0), (1.0, 1), (2.9, 1), (3.0, 3), (4.0, 3), (4.1, 3)]
+)
 def test_interval_at_is_one_of_the_intervals_wherever_the_search_begins(s, interval, start):
     assert interval_at(s, start, END) == interval
 
@@ -54,7 +56,9 @@ def test_the_path_at_a_stop_is_the_path_at_its_end():
     (path,) = path_of([arc((0, 0, 0), (10, 0), -0.25)])
     known = intervals(path, Limits.of(machine(axis=(2400.0, 48000.0))), STANDSTILL, STANDSTILL)
     assert known.flat[-1] and known.speed[-1] == 0.0
-    assert known.samples[-1] == pytest.approx(np.broadcast_to(known.samples[-2, -1], known.samples[-1].shape), abs=1e-12)
+    assert known.samples[-1] == pytest.approx(
+        np.broadcast_to(known.samples[-2, -1], known.samples[-1].shape), abs=1e-12
+    )
     assert known.samples[-1, 0, 0] == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)
 
 
@@ -67,9 +71,19 @@ CHAIN = [
 def test_where_derivatives_vary_much_intervals_are_cut_for_the_speed_that_the_refinement_leads_to():
     axes = {
         letter: Axis(steps_per_mm=160.0, max_velocity=v, max_acceleration=a, max_jerk=j)
-        for letter, v, a, j in (("x", 11.1, 2744.6, 53368.0), ("y", 16.7, 2868.6, 196577.0), ("z", 63.4, 386.8, 22151.0))
+        for letter, v, a, j in (
+            ("x", 11.1, 2744.6, 53368.0),
+            ("y", 16.7, 2868.6, 196577.0),
+            ("z", 63.4, 386.8, 22151.0),
+        )
     }
     mill = Machine(axes=axes, path=PathLimits(max_feed=23.0))
     ahead = LookAhead(mill)
-    list(ahead.plan(build([PathMode("", 1, "blend", 0.01), lines(CHAIN, 86.6)], axes=AXES, start=np.zeros(3))))
+    list(
+        ahead.plan(
+            build(
+                [PathMode("", 1, "blend", 0.01), lines(CHAIN, 86.6)], axes=AXES, start=np.zeros(3)
+            )
+        )
+    )
     assert not ahead.audit.violations

@@ -1,4 +1,6 @@
-"""Programs that are held, resumed and overridden while they run, judged from their traces as undisturbed ones are."""
+"""Programs that are held, resumed and overridden while they run, judged from their traces as
+undisturbed ones are.
+"""
 
 from pathlib import Path
 
@@ -16,8 +18,12 @@ HOLD = 0.0
 FACTORS = (HOLD, HOLD, 0.01, 0.1, 0.3, 0.7, 1.0, 1.5, 2.0)
 
 
-def scheduled(program: Path, machine: Machine, wishes: list[tuple[float, float]], folder: Path) -> tuple[Report, Findings, int]:
-    """Run with wishes (machine time, factor of the feed); what the judge says, and how often the motion was held."""
+def scheduled(
+    program: Path, machine: Machine, wishes: list[tuple[float, float]], folder: Path
+) -> tuple[Report, Findings, int]:
+    """Run with wishes (machine time, factor of the feed); what the judge says, and how often the
+    motion was held.
+    """
     control, left, holds = Control(), list(wishes), 0
     since, factors = [0.0], [1.0]
 
@@ -36,14 +42,26 @@ def scheduled(program: Path, machine: Machine, wishes: list[tuple[float, float]]
                 since.append(sent.time)
                 factors.append(factor)
 
-    files = {name: str(folder / f"{name}.{'jsonl' if name == 'blocks' else 'npz'}") for name in ("blocks", "trace", "pulses")}
-    report = run(program, machine, control=control, outputs=Outputs(**files), watch=Watch(on_sent=on_sent))
+    files = {
+        name: str(folder / f"{name}.{'jsonl' if name == 'blocks' else 'npz'}")
+        for name in ("blocks", "trace", "pulses")
+    }
+    report = run(
+        program, machine, control=control, outputs=Outputs(**files), watch=Watch(on_sent=on_sent)
+    )
     report.raise_if_faulty()
     override = (np.array(since), np.array(factors))
-    return report, judge(*(Path(file) for file in files.values()), machine, report.duration_s, override), holds
+    return (
+        report,
+        judge(*(Path(file) for file in files.values()), machine, report.duration_s, override),
+        holds,
+    )
 
 
-@pytest.mark.parametrize("seeds", [(63, 81, 159, 190), *(range(first, first + 20) for first in range(0, share(500, 20), 20))])
+@pytest.mark.parametrize(
+    "seeds",
+    [(63, 81, 159, 190), *(range(first, first + 20) for first in range(0, share(500, 20), 20))],
+)
 def test_random_programs_under_random_schedules_are_legal(seeds, tmp_path):
     held = 0
     for seed in seeds:
@@ -57,7 +75,8 @@ def test_random_programs_under_random_schedules_are_legal(seeds, tmp_path):
         report, found, holds = scheduled(program, machine, wishes, tmp_path)
         assert not found.wrong, (seed, wishes)
         assert report.end_position == plain.end_position
-        # Where a ramp may run past a corner by less than the tolerance, a step there and back is one more or less.
+        # Where a ramp may run past a corner by less than the tolerance, a step there and back is
+        # one more or less.
         if "G64" not in text.replace("G64 P0\n", ""):
             assert report.steps == plain.steps, (seed, wishes)
         held += holds

@@ -65,8 +65,12 @@ def test_profiles_are_legal_continuous_and_end_where_they_should(v0, v1, distanc
     phases = profile(v0, v1, distance, cap, accel, jerk)
     dt, s, v, a, j = phases.T
     scale = 1e-9 * (cap + accel)
-    assert (dt >= 0).all() and (np.abs(j) <= jerk).all() and (np.abs(a) <= accel * (1 + 1e-12)).all()
-    assert np.append(s[1:], distance) == pytest.approx(s + dt * (v + dt * (a / 2 + dt * j / 6)), abs=1e-9 * (1 + distance))
+    assert (
+        (dt >= 0).all() and (np.abs(j) <= jerk).all() and (np.abs(a) <= accel * (1 + 1e-12)).all()
+    )
+    assert np.append(s[1:], distance) == pytest.approx(
+        s + dt * (v + dt * (a / 2 + dt * j / 6)), abs=1e-9 * (1 + distance)
+    )
     assert np.append(v[1:], v1) == pytest.approx(v + dt * (a + dt * j / 2), abs=scale)
     assert np.append(a[1:], 0.0) == pytest.approx(a + dt * j, abs=1e-6 * (1 + accel))
     assert (v <= cap * (1 + 1e-9)).all()
@@ -83,11 +87,18 @@ def test_profiles_take_as_long_as_ruckig_with_the_same_ends(v0, v1, distance, ac
     if ramp_distance(v0, v1, accel, jerk) > distance * 0.98:
         return
     ours = profile(v0, v1, distance, 250.0, accel, jerk)[:, 0].sum()
-    # ruckig may slow down below both ends or keep acceleration where its targets differ: never faster here by more than its own tolerance.
+    # ruckig may slow down below both ends or keep acceleration where its targets differ: never
+    # faster here by more than its own tolerance.
     assert ours == pytest.approx(ruckig_time(v0, v1, distance, 250.0, accel, jerk), rel=1e-6)
 
 
-@given(v0=st.floats(0.0, 100.0), change=st.floats(1.0, 300.0), part=st.floats(0.0, 1.0), accel=accels, jerk=jerks)
+@given(
+    v0=st.floats(0.0, 100.0),
+    change=st.floats(1.0, 300.0),
+    part=st.floats(0.0, 1.0),
+    accel=accels,
+    jerk=jerks,
+)
 def test_distance_to_a_speed_agrees_with_integration(v0, change, part, accel, jerk):
     v1 = v0 + change
     target = v0 + part * change
@@ -98,16 +109,33 @@ def test_distance_to_a_speed_agrees_with_integration(v0, change, part, accel, je
         end = v + dt * (a + dt * j / 2)
         if target <= end * (1 + 1e-15):
             roots = np.roots([j / 2, a, v - target]) if j else np.array([(target - v) / a])
-            t = min((abs(r.real) for r in roots if -1e-9 * ramp_time(v0, v1, accel, jerk) <= r.real <= dt * (1 + 1e-9)), default=dt)
+            t = min(
+                (
+                    abs(r.real)
+                    for r in roots
+                    if -1e-9 * ramp_time(v0, v1, accel, jerk) <= r.real <= dt * (1 + 1e-9)
+                ),
+                default=dt,
+            )
             reached = s + t * (v + t * (a / 2 + t * j / 6))
             break
     expected = ramp_distance(v0, v1, accel, jerk) if reached is None else reached
-    assert ramp_distance_to_speed(v0, v1, accel, jerk, target) == pytest.approx(expected, rel=1e-5, abs=1e-6)
+    assert ramp_distance_to_speed(v0, v1, accel, jerk, target) == pytest.approx(
+        expected, rel=1e-5, abs=1e-6
+    )
 
 
-@given(v=speeds, accel=st.floats(0.0, 1e4), jerk=st.floats(-1e5, 1e5), duration=st.floats(1e-4, 1.0), part=st.floats(0.0, 1.0))
+@given(
+    v=speeds,
+    accel=st.floats(0.0, 1e4),
+    jerk=st.floats(-1e5, 1e5),
+    duration=st.floats(1e-4, 1.0),
+    part=st.floats(0.0, 1.0),
+)
 def test_phase_time_inverts_a_phase(v, accel, jerk, duration, part):
-    if v + duration * (accel + duration * jerk / 2) < 0 or (jerk < 0 and -accel / jerk < duration and v - accel**2 / (2 * jerk) < 0):
+    if v + duration * (accel + duration * jerk / 2) < 0 or (
+        jerk < 0 and -accel / jerk < duration and v - accel**2 / (2 * jerk) < 0
+    ):
         return
 
     def s(t):

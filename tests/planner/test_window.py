@@ -1,4 +1,6 @@
-"""Plans over intervals with constant bounds: legal everywhere, continuous, at rest at the end, and no slower than they need be."""
+"""Plans over intervals with constant bounds: legal everywhere, continuous, at rest at the end, and
+no slower than they need be.
+"""
 
 import numpy as np
 import pytest
@@ -19,7 +21,9 @@ def plan(lengths, speeds, flat=None, v_start=0.0, accel=A, jerk=J):
     jerks = np.broadcast_to(np.reshape(jerk, (-1, 1)), (n, LEVELS)).copy()
     phases = np.empty((8 * n + 16, 5))
     flags = np.zeros(n, bool) if flat is None else np.asarray(flat, bool)
-    status, count = plan_window(bound_s, np.asarray(speeds, float), accels, jerks, flags, v_start, phases)
+    status, count = plan_window(
+        bound_s, np.asarray(speeds, float), accels, jerks, flags, v_start, phases
+    )
     phases = phases[:count]
     return status, bound_s, phases[phases[:, 0] > 0]
 
@@ -39,9 +43,15 @@ def assert_legal(bound_s, speeds, phases, accel, jerk, v_start=0.0):
         # At a boundary the bounds of both sides count for neither: allow the rounding of its place.
         left = np.clip(np.searchsorted(bound_s, here - 1e-9, side="right") - 1, 0, n - 1)
         right = np.clip(np.searchsorted(bound_s, here + 1e-9, side="right") - 1, 0, n - 1)
-        assert (v[k] + t * (a[k] + t * j[k] / 2) <= np.maximum(speeds[left], speeds[right]) * (1 + 1e-6) + 1e-6).all()
+        assert (
+            v[k] + t * (a[k] + t * j[k] / 2)
+            <= np.maximum(speeds[left], speeds[right]) * (1 + 1e-6) + 1e-6
+        ).all()
         inside = slice(1, -1)
-        assert (np.abs(a[k] + t[inside] * j[k]) <= np.maximum(accel[left], accel[right])[inside] * (1 + 1e-9)).all()
+        assert (
+            np.abs(a[k] + t[inside] * j[k])
+            <= np.maximum(accel[left], accel[right])[inside] * (1 + 1e-9)
+        ).all()
         assert (abs(j[k]) <= np.maximum(jerk[left], jerk[right])[inside] * (1 + 1e-9)).all()
 
 
@@ -96,7 +106,8 @@ def test_intervals_of_one_bound_cost_no_time():
 
 
 def test_a_valley_is_crossed_at_its_own_speed_with_full_ramps_on_both_sides():
-    # From rest to 200, down to 50 for 1 mm, up to 200 and to rest: every part has a time of its own.
+    # From rest to 200, down to 50 for 1 mm, up to 200 and to rest: every part has a time of its
+    # own.
     _, _, phases = plan([60.0, 1.0, 60.0], [200.0, 50.0, 200.0])
 
     def ramp(v0, v1):
@@ -115,7 +126,9 @@ def test_slower_motion_may_use_more_acceleration():
     accel = (2400 * (1 - 0.97 * levels**2))[None]
     jerk = np.full((1, LEVELS), J)
     phases = np.empty((24, 5))
-    status, count = plan_window(bound_s, np.array([150.0]), accel, jerk, np.array([False]), 0.0, phases)
+    status, count = plan_window(
+        bound_s, np.array([150.0]), accel, jerk, np.array([False]), 0.0, phases
+    )
     assert status == PLANNED
     fastest = phases[:count, 0].sum()
     for m in range(LEVELS):

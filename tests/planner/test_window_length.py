@@ -1,4 +1,6 @@
-"""The window: how long it is hardly shows in the time, its memory is bounded, and each stretch of path is planned about twice."""
+"""The window: how long it is hardly shows in the time, its memory is bounded, and each stretch of
+path is planned about twice.
+"""
 
 import tracemalloc
 
@@ -17,7 +19,12 @@ from tests.support.planner.motions import arc, lines, machine, nurbs, path_of
 def chain(rng: np.random.Generator) -> list[Block]:
     """A finishing pass: 6000 moves that turn a little."""
     turn = 0.4 * np.sin(np.arange(6000) * 0.02) + rng.normal(0, 1e-4, 6000)
-    return [lines(np.cumsum(0.15 * np.stack((np.cos(turn), np.sin(turn), 0 * turn), axis=1), axis=0), 120.0)]
+    return [
+        lines(
+            np.cumsum(0.15 * np.stack((np.cos(turn), np.sin(turn), 0 * turn), axis=1), axis=0),
+            120.0,
+        )
+    ]
 
 
 def straight(_: np.random.Generator) -> list[Block]:
@@ -46,13 +53,19 @@ def splines(rng: np.random.Generator) -> list[Block]:
 
 
 def seconds(blocks, mill, stops_known) -> float:
-    chunks = [item for item in LookAhead(mill, stops_known=stops_known).plan(path_of(blocks)) if isinstance(item, PlanChunk)]
+    chunks = [
+        item
+        for item in LookAhead(mill, stops_known=stops_known).plan(path_of(blocks))
+        if isinstance(item, PlanChunk)
+    ]
     return chunks[-1].t0 + chunks[-1].duration
 
 
 @pytest.mark.parametrize("make", [chain, straight, arcs, splines])
 @pytest.mark.parametrize("axis", [None, (2400.0, 48000.0)])
-def test_a_window_ten_times_longer_changes_the_time_by_less_than_a_hundredth(make, axis, monkeypatch):
+def test_a_window_ten_times_longer_changes_the_time_by_less_than_a_hundredth(
+    make, axis, monkeypatch
+):
     # Chunks of few pieces, so that the window is as short as it may be.
     monkeypatch.setattr("cnc.path.build.MOST_PIECES", 32)
     blocks, mill = make(np.random.default_rng(3)), machine(axis=axis)
@@ -107,4 +120,6 @@ def test_slices_are_short_when_somebody_may_want_to_change_the_motion():
     sliced = list(LookAhead(machine(), Control()).plan(path_of(blocks)))
     assert len(plain) < 5
     assert max(chunk.duration for chunk in sliced) <= 0.151
-    assert sum(chunk.duration for chunk in sliced) == pytest.approx(sum(chunk.duration for chunk in plain), rel=1e-12)
+    assert sum(chunk.duration for chunk in sliced) == pytest.approx(
+        sum(chunk.duration for chunk in plain), rel=1e-12
+    )

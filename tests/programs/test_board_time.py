@@ -1,4 +1,6 @@
-"""The time that a GRBL board takes: by the theory of its planner, and by the board in the box, which was written apart from this."""
+"""The time that a GRBL board takes: by the theory of its planner, and by the board in the box,
+which was written apart from this.
+"""
 
 import math
 from collections import deque
@@ -71,7 +73,9 @@ def test_a_right_angle_is_passed_at_the_speed_of_its_junction_deviation():
 
 
 def test_no_faster_than_can_be_stopped_within_the_blocks_that_it_holds():
-    """Of very short moves in a line the top speed is that from which 15 of them are enough to stop."""
+    """Of very short moves in a line the top speed is that from which 15 of them are enough to
+    stop.
+    """
     texts = [f"G1 X{0.01 * k:.2f} F3000" for k in range(1, 2001)]
     top = math.sqrt(2.0 * 200.0 * 15 * 0.01)
     assert seconds(texts) == pytest.approx(20.0 / top, rel=0.05)
@@ -81,13 +85,24 @@ def lines_of(program: Path | str, machine: Machine) -> list[str]:
     """A program's lines, without those at which somebody has to do something."""
     blocks = parse(program, machine, dialect="auto")
     translator = Translator(machine)
-    path = smooth_path(blocks, axes=machine.axis_names, start=start_position(machine), tolerance=translator.tolerance)
+    path = smooth_path(
+        blocks,
+        axes=machine.axis_names,
+        start=start_position(machine),
+        tolerance=translator.tolerance,
+    )
     lines = [line for item in LookAhead(machine).plan(path) for line in translator.lines(item)]
-    return [line.text for line in (*lines, *translator.end()) if not line.text.startswith(("M0", "M1", "M2", "("))]
+    return [
+        line.text
+        for line in (*lines, *translator.end())
+        if not line.text.startswith(("M0", "M1", "M2", "("))
+    ]
 
 
 def box_seconds(texts: Iterable[str], machine: Machine) -> float:
-    """How long the board in the box moves, when its ring of 128 bytes is kept as full as it may be."""
+    """How long the board in the box moves, when its ring of 128 bytes is kept as full as it may
+    be.
+    """
     box = GrblBox(settings=settings_of(machine) | {20: 0.0})
     port = BoxPort(box, boot_time=0.0)
     while port.read(0.5):
@@ -109,10 +124,14 @@ def box_seconds(texts: Iterable[str], machine: Machine) -> float:
     return box.now - begin
 
 
-@pytest.mark.parametrize("file", ["pocket", "trident", "finishing", "engraving", "bezier", "thread-mill", "drilling"])
+@pytest.mark.parametrize(
+    "file", ["pocket", "trident", "finishing", "engraving", "bezier", "thread-mill", "drilling"]
+)
 def test_shipped_programs_take_as_long_as_on_the_board_in_the_box(file):
     texts = lines_of(PROGRAMS / f"{file}.nc", MILL)
-    assert seconds(texts, BoardLimits.of_machine(MILL)) == pytest.approx(box_seconds(texts, MILL), rel=0.05, abs=0.02)
+    assert seconds(texts, BoardLimits.of_machine(MILL)) == pytest.approx(
+        box_seconds(texts, MILL), rel=0.05, abs=0.02
+    )
 
 
 @settings(max_examples=share(200, 10))
@@ -121,7 +140,9 @@ def test_random_programs_take_as_long_as_on_the_board_in_the_box(seed, tmp_path_
     program = tmp_path_factory.mktemp("random") / "p.nc"
     program.write_text(random_program(seed))
     texts = lines_of(program, MILL)
-    assert seconds(texts, BoardLimits.of_machine(MILL)) == pytest.approx(box_seconds(texts, MILL), rel=0.05, abs=0.03)
+    assert seconds(texts, BoardLimits.of_machine(MILL)) == pytest.approx(
+        box_seconds(texts, MILL), rel=0.05, abs=0.03
+    )
 
 
 def test_batches_make_no_difference(monkeypatch):
@@ -141,7 +162,10 @@ def clock_of(texts: list[str], limits: BoardLimits) -> BoardTime:
 
 def slowed(texts: list[str], feed: float) -> list[str]:
     """The lines with every F times a factor."""
-    return [" ".join(f"F{float(w[1:]) * feed:.6f}" if w[0] == "F" else w for w in text.split()) for text in texts]
+    return [
+        " ".join(f"F{float(w[1:]) * feed:.6f}" if w[0] == "F" else w for w in text.split())
+        for text in texts
+    ]
 
 
 @pytest.mark.parametrize("percent", [10, 30, 50, 80, 100, 140, 200])
@@ -160,11 +184,15 @@ def test_rapid_overrides_slow_the_traverses_alone():
     clock = clock_of(["G0 X100", "G1 X0 F1200"], LIMITS)
     feed = ramp(100.0, 20.0, 200.0)
     for percent in (25.0, 50.0, 100.0):
-        assert clock.remaining(0, 100.0, percent) == pytest.approx(ramp(100.0, 0.5 * percent, 200.0) + feed)
+        assert clock.remaining(0, 100.0, percent) == pytest.approx(
+            ramp(100.0, 0.5 * percent, 200.0) + feed
+        )
 
 
 def test_lines_that_take_no_time_take_none_of_what_is_left():
-    clock = clock_of(["G21 G90 G94 G17 G54", "(MSG, on)", "G0 X100", "M8", "G4 P5", "G1 X0 F1200"], LIMITS)
+    clock = clock_of(
+        ["G21 G90 G94 G17 G54", "(MSG, on)", "G0 X100", "M8", "G4 P5", "G1 X0 F1200"], LIMITS
+    )
     there, back = ramp(100.0, 50.0, 200.0), ramp(100.0, 20.0, 200.0)
     expected = [there + 5.0 + back] * 3 + [5.0 + back] * 2 + [back, 0.0]
     assert [clock.remaining(k) for k in range(7)] == pytest.approx(expected)
@@ -187,8 +215,11 @@ def test_a_countdown_follows_the_lines_done_and_the_clock_between():
     assert count.left(160.0, 0, held=True) == pytest.approx(whole - 3.0)
     assert count.left(161.0, 0, held=False) == pytest.approx(whole - 4.0)
     # half as fast: what is left takes twice as long
-    assert count.left(161.0, 0, held=False, feed_override=50.0) == pytest.approx(2.0 * (whole - 4.0), rel=0.02)
-    # the board is known to have carried out the fourth line; or to be no farther than two lines behind the fourth
+    assert count.left(161.0, 0, held=False, feed_override=50.0) == pytest.approx(
+        2.0 * (whole - 4.0), rel=0.02
+    )
+    # the board is known to have carried out the fourth line; or to be no farther than two lines
+    # behind the fourth
     assert count.left(162.0, 4, held=False) == pytest.approx(clock.remaining(4))
     assert count.left(1000.0, 4, held=False) == 0.0
     assert count.left(1001.0, 6, held=False) == 0.0
@@ -197,5 +228,9 @@ def test_a_countdown_follows_the_lines_done_and_the_clock_between():
 def test_the_settings_of_the_board_count_more_than_the_machine_file():
     limits = BoardLimits.of_board(MILL, {110: 600.0, 120: 100.0, 11: 0.02})
     assert limits.rates == (10.0, MILL.axes["y"].max_velocity, MILL.axes["z"].max_velocity)
-    assert limits.accelerations == (100.0, MILL.axes["y"].max_acceleration, MILL.axes["z"].max_acceleration)
+    assert limits.accelerations == (
+        100.0,
+        MILL.axes["y"].max_acceleration,
+        MILL.axes["z"].max_acceleration,
+    )
     assert (limits.junction_deviation, limits.arc_tolerance) == (0.02, 0.002)

@@ -1,4 +1,6 @@
-"""The estimate is what is played: a program on the loopback board takes as long as the check said, to a period."""
+"""The estimate is what is played: a program on the loopback board takes as long as the check said,
+to a period.
+"""
 
 from pathlib import Path
 
@@ -28,9 +30,13 @@ class Clock(Loopback):
 
 
 def rest(machine: Machine) -> float:
-    """Seconds that the way of a step to rest takes, twice: a jerk J goes it in the cube root of 6 / J from or to rest."""
+    """Seconds that the way of a step to rest takes, twice: a jerk J goes it in the cube root of 6 /
+    J from or to rest.
+    """
     return max(
-        2.0 * (6.0 / axis.steps_per_mm / (axis.max_jerk or machine.path.max_jerk or np.inf)) ** (1.0 / 3.0)
+        2.0
+        * (6.0 / axis.steps_per_mm / (axis.max_jerk or machine.path.max_jerk or np.inf))
+        ** (1.0 / 3.0)
         for axis in machine.axes.values()
     )
 
@@ -56,7 +62,13 @@ def held(program: Path, machine: Machine) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "machine"), [("trident", "paper-nurbs"), ("drilling", "default"), ("bezier", "default"), ("engraving", "default")]
+    ("name", "machine"),
+    [
+        ("trident", "paper-nurbs"),
+        ("drilling", "default"),
+        ("bezier", "default"),
+        ("engraving", "default"),
+    ],
 )
 def test_a_shipped_program_takes_as_long_as_estimated(name, machine):
     held(ROOT / "programs" / f"{name}.nc", load_machine(machine))

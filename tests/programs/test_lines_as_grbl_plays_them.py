@@ -1,4 +1,6 @@
-"""Programs of known geometry as lines, played as GRBL plays them: the same motion, in the same order, in the travel and without errors."""
+"""Programs of known geometry as lines, played as GRBL plays them: the same motion, in the same
+order, in the travel and without errors.
+"""
 
 import math
 
@@ -18,7 +20,15 @@ from cnc.machine.models import Machine
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
-from tests.support.boards.grbl_replay import PLANES, Refused, leash_of, parted_at, read_number, replayed, same_motion
+from tests.support.boards.grbl_replay import (
+    PLANES,
+    Refused,
+    leash_of,
+    parted_at,
+    read_number,
+    replayed,
+    same_motion,
+)
 from tests.support.deviation import path_points
 from tests.support.programs.geometry_programs import Geometry, geometry
 from tests.support.soak import share
@@ -29,16 +39,23 @@ FLOATS = 1e-4
 
 
 def with_travel(machine: Machine, spans: list[tuple[float, float] | None]) -> Machine:
-    axes = {letter: axis.model_copy(update={"travel": span}) for (letter, axis), span in zip(machine.axes.items(), spans, strict=True)}
+    axes = {
+        letter: axis.model_copy(update={"travel": span})
+        for (letter, axis), span in zip(machine.axes.items(), spans, strict=True)
+    }
     return machine.model_copy(update={"axes": axes})
 
 
 ANYWHERE = with_travel(ROUTER, [None] * 3)
 
 
-def lines_of(program: list[str], machine: Machine, tolerance: float = 0.01, **options: object) -> list[str]:
+def lines_of(
+    program: list[str], machine: Machine, tolerance: float = 0.01, **options: object
+) -> list[str]:
     start = start_position(machine)
-    blocks = interpret(Text.of_lines(program, "p.nc"), axes=machine.axis_names, start=start, dialect="auto")
+    blocks = interpret(
+        Text.of_lines(program, "p.nc"), axes=machine.axis_names, start=start, dialect="auto"
+    )
     translator = Translator(machine, tolerance, **options)  # type: ignore[arg-type]
     path = smooth_path(blocks, axes=machine.axis_names, start=start, tolerance=translator.tolerance)
     lines = [line for item in LookAhead(machine).plan(path) for line in translator.lines(item)]
@@ -47,7 +64,9 @@ def lines_of(program: list[str], machine: Machine, tolerance: float = 0.01, **op
 
 def compare(truth: np.ndarray, texts: list[str], leash: float, **board: object) -> None:
     played = np.array(replayed(texts, **board).points)
-    assert same_motion(truth, played, leash), f"{leash_of(truth, played)} mm apart at {parted_at(truth, played, leash)}"
+    assert same_motion(truth, played, leash), (
+        f"{leash_of(truth, played)} mm apart at {parted_at(truth, played, leash)}"
+    )
 
 
 OFFSETS = st.tuples(*[st.floats(-300, 300).map(lambda x: round(x, 3))] * 3)
@@ -62,17 +81,32 @@ OFFSETS = st.tuples(*[st.floats(-300, 300).map(lambda x: round(x, 3))] * 3)
 )
 def test_random_programs_are_played_as_the_same_motion(seed, offset, tolerance, arc_tolerance):
     made = geometry(seed)
-    texts = lines_of(made.lines, ANYWHERE, tolerance, work_offset=offset, arc_tolerance=arc_tolerance)
-    compare(np.concatenate(made.points), texts, tolerance + FLOATS, offset=offset, arc_tolerance=arc_tolerance)
+    texts = lines_of(
+        made.lines, ANYWHERE, tolerance, work_offset=offset, arc_tolerance=arc_tolerance
+    )
+    compare(
+        np.concatenate(made.points),
+        texts,
+        tolerance + FLOATS,
+        offset=offset,
+        arc_tolerance=arc_tolerance,
+    )
 
 
 @settings(max_examples=share(500, 12))
-@given(seed=st.integers(0, 10**6), offset=OFFSETS, error=st.tuples(*[st.floats(-4.9e-4, 4.9e-4)] * 3))
+@given(
+    seed=st.integers(0, 10**6), offset=OFFSETS, error=st.tuples(*[st.floats(-4.9e-4, 4.9e-4)] * 3)
+)
 def test_what_is_sent_never_leaves_the_travel_that_the_program_keeps_to(seed, offset, error):
-    """The travel ends where the program's path does, and the board's offset is one that it tells with three decimals."""
+    """The travel ends where the program's path does, and the board's offset is one that it tells
+    with three decimals.
+    """
     made = geometry(seed)
     truth = np.concatenate(made.points)
-    spans = [(float(low), float(max(high, low + 0.01))) for low, high in zip(truth.min(axis=0), truth.max(axis=0), strict=True)]
+    spans = [
+        (float(low), float(max(high, low + 0.01)))
+        for low, high in zip(truth.min(axis=0), truth.max(axis=0), strict=True)
+    ]
     machine = with_travel(ROUTER, [(low - 1e-9, high + 1e-9) for low, high in spans])
     texts = lines_of(made.lines, machine, work_offset=offset, margin=MARGIN)
     real = tuple(told + off for told, off in zip(offset, error, strict=True))
@@ -87,10 +121,20 @@ def test_sums_of_floats_along_a_helix_far_from_zero_stay_small(seed):
 
 def test_a_circle_that_touches_the_end_of_the_travel_is_said_without_an_alarm():
     machine = with_travel(ROUTER, [(-100.0, 0.0), (-100.0, 0.0), (-50.0, 0.0)])
-    program = ["G21 G90 G17", "G0 X-20 Y-10", "G2 I10 F900", "G0 Z-1 X-3", "G1 X0 Y-5", "G53 G0 Z0", "M2"]
+    program = [
+        "G21 G90 G17",
+        "G0 X-20 Y-10",
+        "G2 I10 F900",
+        "G0 Z-1 X-3",
+        "G1 X0 Y-5",
+        "G53 G0 Z0",
+        "M2",
+    ]
     turn = np.linspace(math.pi, -math.pi, 2000)
     circle = np.column_stack((-10 + 10 * np.cos(turn), -10 + 10 * np.sin(turn), np.zeros(2000)))
-    truth = np.concatenate(([[0, 0, 0], [-20, -10, 0]], circle, [[-3, -10, -1], [0, -5, -1], [0, -5, 0]]))
+    truth = np.concatenate(
+        ([[0, 0, 0], [-20, -10, 0]], circle, [[-3, -10, -1], [0, -5, -1], [0, -5, 0]])
+    )
     offset = (-33.334, -20.0, -12.001)
     real = (-33.33352, -19.9996, -12.00055)
     texts = lines_of(program, machine, work_offset=offset, margin=MARGIN)
@@ -98,7 +142,15 @@ def test_a_circle_that_touches_the_end_of_the_travel_is_said_without_an_alarm():
 
 
 @pytest.mark.parametrize(
-    ("text", "value"), [("1.5", 1.5), ("-0.0625", -0.0625), (".5", 0.5), ("-12", -12.0), ("123.45678", 123.45678), ("0", 0.0)]
+    ("text", "value"),
+    [
+        ("1.5", 1.5),
+        ("-0.0625", -0.0625),
+        (".5", 0.5),
+        ("-12", -12.0),
+        ("123.45678", 123.45678),
+        ("0", 0.0),
+    ],
 )
 def test_the_judge_reads_numbers(text, value):
     assert read_number(text) == pytest.approx(value, rel=3e-7)
@@ -106,7 +158,15 @@ def test_the_judge_reads_numbers(text, value):
 
 def test_the_judge_refuses_what_grbl_does():
     begun = ["G21 G90", "G1 X10 F100"]
-    for line in ["G2 X20 I4", "G2 I5", "G2 X20", "G1 Y5 I3", "G1 X1 X2", "X" + "1" * 79, "G2 X20 K5"]:
+    for line in [
+        "G2 X20 I4",
+        "G2 I5",
+        "G2 X20",
+        "G1 Y5 I3",
+        "G1 X1 X2",
+        "X" + "1" * 79,
+        "G2 X20 K5",
+    ]:
         with pytest.raises(Refused):
             replayed([*begun, line])
     with pytest.raises(Refused, match="ALARM:2"):
@@ -114,12 +174,16 @@ def test_the_judge_refuses_what_grbl_does():
 
 
 def test_the_judge_sees_another_order():
-    """There, back and there again is not the same as there, although no point is far from the other way."""
+    """There, back and there again is not the same as there, although no point is far from the other
+    way.
+    """
     there = np.array([[0.0, 0, 0], [10, 0, 0]])
     again = np.array([[0.0, 0, 0], [6, 0, 0], [4, 0, 0], [10, 0, 0]])
     assert leash_of(there, again) == pytest.approx(1.0, abs=1e-3)
     assert leash_of(there, there[::-1]) == math.inf or leash_of(there, there[::-1]) >= 10.0 - 1e-3
-    circle = np.column_stack((np.cos(np.linspace(0, 6.28318, 500)), np.sin(np.linspace(0, 6.28318, 500)), np.zeros(500)))
+    circle = np.column_stack(
+        (np.cos(np.linspace(0, 6.28318, 500)), np.sin(np.linspace(0, 6.28318, 500)), np.zeros(500))
+    )
     assert leash_of(circle, np.concatenate((circle, circle))) > 0.9
     assert leash_of(circle, circle + [0.0, 0.0, 0.01]) == pytest.approx(0.01, abs=1e-4)
 
@@ -127,11 +191,19 @@ def test_the_judge_sees_another_order():
 @settings(max_examples=share(300, 6))
 @given(seed=st.integers(0, 10**6))
 def test_lines_are_a_program_in_grbls_dialect_with_the_same_path(seed):
-    """What is written can be read again here, as GRBL's dialect and nothing else, and leads the same way."""
+    """What is written can be read again here, as GRBL's dialect and nothing else, and leads the
+    same way.
+    """
     made = geometry(seed)
-    again = interpret(Text.of_lines(lines_of(made.lines, ANYWHERE), "again.nc"), axes=ANYWHERE.axis_names, dialect="grbl")
+    again = interpret(
+        Text.of_lines(lines_of(made.lines, ANYWHERE), "again.nc"),
+        axes=ANYWHERE.axis_names,
+        dialect="grbl",
+    )
     path = build(again, axes=ANYWHERE.axis_names, start=np.zeros(3))
-    points = np.concatenate([np.zeros((1, 3)), *(path_points(chunk) for chunk in path if isinstance(chunk, PathChunk))])
+    points = np.concatenate(
+        [np.zeros((1, 3)), *(path_points(chunk) for chunk in path if isinstance(chunk, PathChunk))]
+    )
     truth = np.concatenate(made.points)
     assert same_motion(truth, points, 0.01 + FLOATS), leash_of(truth, points)
 
@@ -139,7 +211,9 @@ def test_lines_are_a_program_in_grbls_dialect_with_the_same_path(seed):
 @settings(max_examples=share(300, 6))
 @given(seed=st.integers(0, 10**6))
 def test_feeds_are_positive_bends_are_slow_and_lines_come_no_faster_than_a_board_reads_them(seed):
-    """Centripetal acceleration is at most what two axes give together; of F words a twentieth is left out. 385 short lines a second."""
+    """Centripetal acceleration is at most what two axes give together; of F words a twentieth is
+    left out. 385 short lines a second.
+    """
     replay = replayed(lines_of(geometry(seed).lines, ANYWHERE))
     points, feeds = np.array(replay.points), np.array(replay.feeds) / 60.0
     assert not (feeds[1:] <= 0.0).any()
@@ -147,11 +221,16 @@ def test_feeds_are_positive_bends_are_slow_and_lines_come_no_faster_than_a_board
     for line, plane, radius in replay.arcs:
         chord = np.flatnonzero(np.array(replay.sources) == line)
         ways = points[chord] - points[chord - 1]
-        level = np.linalg.norm(np.delete(ways, PLANES[plane][2], axis=1), axis=1).sum() / np.linalg.norm(ways, axis=1).sum()
+        level = (
+            np.linalg.norm(np.delete(ways, PLANES[plane][2], axis=1), axis=1).sum()
+            / np.linalg.norm(ways, axis=1).sum()
+        )
         assert (feeds[chord[0]] * level) ** 2 / radius <= pull
     ends = np.flatnonzero(np.diff(replay.sources, append=-1))
     seconds = np.add.reduceat(
-        np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1) / np.nan_to_num(feeds, nan=1.0), [0, *ends[:-1] + 1]
+        np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1)
+        / np.nan_to_num(feeds, nan=1.0),
+        [0, *ends[:-1] + 1],
     )
     ahead = 15
     for first in range(len(seconds) - 2 * ahead):
@@ -182,8 +261,9 @@ def straight(points: np.ndarray, tolerance: float) -> bool:
 
 @pytest.mark.parametrize("degree", [2, 3, 4, 5])
 def test_splines_take_fewer_lines_than_chords(degree):
-    """Random ones in a plane, with weights and knots of all kinds: at most six tenths of as many lines as chords of the same
-    tolerance, which end on the curve and are as long as they can be."""
+    """Random ones in a plane, with weights and knots of all kinds: at most six tenths of as many
+    lines as chords of the same tolerance, which end on the curve and are as long as they can be.
+    """
     ours = theirs = 0
     for seed in range(share(40, 4)):
         made = Geometry(np.random.default_rng(seed))

@@ -1,4 +1,6 @@
-"""Programs as lines: what a small reader of GRBL's language makes of them is the motion of the program, within the tolerance."""
+"""Programs as lines: what a small reader of GRBL's language makes of them is the motion of the
+program, within the tolerance.
+"""
 
 import math
 from collections.abc import Iterable
@@ -37,13 +39,26 @@ TOLERANCE = MILL.path.tolerance
 
 
 def blocks_of(program: str, machine: Machine = MILL) -> list[Block]:
-    return list(interpret(Text.of_lines(program.splitlines(), "p.nc"), axes=machine.axis_names, start=start_position(machine)))
+    return list(
+        interpret(
+            Text.of_lines(program.splitlines(), "p.nc"),
+            axes=machine.axis_names,
+            start=start_position(machine),
+        )
+    )
 
 
-def translated(blocks: Iterable[Block], machine: Machine = MILL, **options: object) -> list[GcodeLine]:
+def translated(
+    blocks: Iterable[Block], machine: Machine = MILL, **options: object
+) -> list[GcodeLine]:
     """The lines of a program, planned as for a board that takes lines."""
     translator = Translator(machine, **options)
-    path = smooth_path(blocks, axes=machine.axis_names, start=start_position(machine), tolerance=translator.tolerance)
+    path = smooth_path(
+        blocks,
+        axes=machine.axis_names,
+        start=start_position(machine),
+        tolerance=translator.tolerance,
+    )
     lines = [line for item in LookAhead(machine).plan(path) for line in translator.lines(item)]
     return lines + list(translator.end())
 
@@ -68,14 +83,28 @@ def texts(program: str, **options: object) -> list[str]:
     return [line.text for line in translated(blocks_of(program), **options)]
 
 
-@pytest.mark.parametrize("file", [file.stem for file in sorted(FOLDER.glob("*.nc")) if file.stem not in ("probing", "turned-thread")])
+@pytest.mark.parametrize(
+    "file",
+    [
+        file.stem
+        for file in sorted(FOLDER.glob("*.nc"))
+        if file.stem not in ("probing", "turned-thread")
+    ],
+)
 def test_shipped_programs_are_the_same_motion(file):
-    blocks = list(interpret(Text.of_file(FOLDER / f"{file}.nc"), axes=MILL.axis_names, start=start_position(MILL)))
+    blocks = list(
+        interpret(
+            Text.of_file(FOLDER / f"{file}.nc"), axes=MILL.axis_names, start=start_position(MILL)
+        )
+    )
     assert deviation(motion(read(translated(blocks))), exact(blocks)) <= TOLERANCE
 
 
 @settings(max_examples=share(300, 12))
-@given(seed=st.integers(0, 10**6), offset=st.tuples(*[st.floats(-100, 100).map(lambda x: round(x, 3))] * 3))
+@given(
+    seed=st.integers(0, 10**6),
+    offset=st.tuples(*[st.floats(-100, 100).map(lambda x: round(x, 3))] * 3),
+)
 def test_random_programs_are_the_same_motion_whatever_the_work_offset(seed, offset):
     blocks = blocks_of(random_program(seed))
     moves = read(translated(blocks, work_offset=offset), start=-np.array(offset))
@@ -83,8 +112,14 @@ def test_random_programs_are_the_same_motion_whatever_the_work_offset(seed, offs
 
 
 def test_the_trident_needs_less_than_a_third_of_the_lines_of_chords():
-    """Chords by halving, which takes 74; in equal steps of the parameter they are 107. We say 23 lines."""
-    (curve,) = (block for block in blocks_of((FOLDER / "trident.nc").read_text()) if isinstance(block, NurbsFeed))
+    """Chords by halving, which takes 74; in equal steps of the parameter they are 107. We say 23
+    lines.
+    """
+    (curve,) = (
+        block
+        for block in blocks_of((FOLDER / "trident.nc").read_text())
+        if isinstance(block, NurbsFeed)
+    )
     spline = BSpline(curve.knots, curve.control_points, curve.degree)
 
     def chords(a: float, b: float) -> int:
@@ -94,7 +129,9 @@ def test_the_trident_needs_less_than_a_third_of_the_lines_of_chords():
         return chords(a, 0.5 * (a + b)) + chords(0.5 * (a + b), b)
 
     many = sum(chords(a, a + 0.25) for a in (0.0, 0.25, 0.5, 0.75))
-    ours = sum(move.mode != 0 for move in read(translated(blocks_of((FOLDER / "trident.nc").read_text()))))
+    ours = sum(
+        move.mode != 0 for move in read(translated(blocks_of((FOLDER / "trident.nc").read_text())))
+    )
     assert 70 <= many <= 80
     assert ours <= many / 3
 
@@ -121,14 +158,20 @@ M2
 
 
 def turned(move: Move, before: np.ndarray, offset: np.ndarray) -> float:
-    """The angle of an arc as GRBL's mc_arc computes it from the text, all of it with 32-bit floats, and full turns told from none."""
+    """The angle of an arc as GRBL's mc_arc computes it from the text, all of it with 32-bit floats,
+    and full turns told from none.
+    """
     f = np.float32
     words = {word[0]: f(word[1:]) for word in move.text.split()}
     here = [f(f(value) + f(shift)) for value, shift in zip(before[:2], offset, strict=False)]
-    there = [f(f(value) + f(shift)) for value, shift in zip(move.points[-1][:2], offset, strict=False)]
+    there = [
+        f(f(value) + f(shift)) for value, shift in zip(move.points[-1][:2], offset, strict=False)
+    ]
     out = -words.get("I", f(0)), -words.get("J", f(0))
     end = [f(t - f(h - o)) for t, h, o in zip(there, here, out, strict=True)]
-    angle = math.atan2(f(f(out[0] * end[1]) - f(out[1] * end[0])), f(f(out[0] * end[0]) + f(out[1] * end[1])))
+    angle = math.atan2(
+        f(f(out[0] * end[1]) - f(out[1] * end[0])), f(f(out[0] * end[0]) + f(out[1] * end[1]))
+    )
     if move.mode == 2:
         return angle - math.tau if angle >= -5e-7 else angle
     return angle + math.tau if angle <= 5e-7 else angle
@@ -140,7 +183,9 @@ def turned(move: Move, before: np.ndarray, offset: np.ndarray) -> float:
     angle=st.floats(0.0, math.tau),
     sweep=st.one_of(st.just(math.tau), st.just(1e-4), st.floats(1e-3, math.tau)),
     clockwise=st.booleans(),
-    offset=st.tuples(st.floats(-300, 300), st.floats(-300, 300)).map(lambda at: np.array([round(at[0], 3), round(at[1], 3), 0.0])),
+    offset=st.tuples(st.floats(-300, 300), st.floats(-300, 300)).map(
+        lambda at: np.array([round(at[0], 3), round(at[1], 3), 0.0])
+    ),
 )
 def test_arcs_turn_as_far_with_the_floats_of_a_board(radius, angle, sweep, clockwise, offset):
     """An arc never becomes a full circle, nor a circle nothing."""
@@ -149,7 +194,11 @@ def test_arcs_turn_as_far_with_the_floats_of_a_board(radius, angle, sweep, clock
     writer = Writer(offset.tolist(), 0.01, 115200, "XYZ", 0.002)
     writer.stands_at((*offset[:2].tolist(), 0.0))
     x, y = center - radius * np.array([math.cos(angle + sweep), math.sin(angle + sweep)])
-    texts = list(writer.arc((float(x), float(y), 0.0), 0, (float(center[0]), float(center[1])), sweep, 10.0, 10.0))
+    texts = list(
+        writer.arc(
+            (float(x), float(y), 0.0), 0, (float(center[0]), float(center[1])), sweep, 10.0, 10.0
+        )
+    )
     before, reader, total = np.zeros(3), Reader(), 0.0
     for text in texts:
         move = reader.read(text)
@@ -164,12 +213,19 @@ def test_arcs_turn_as_far_with_the_floats_of_a_board(radius, angle, sweep, clock
 
 
 def test_feeds_are_those_of_the_plan():
-    """Never more than programmed, nor more than a step above the highest planned speed of the stretch."""
+    """Never more than programmed, nor more than a step above the highest planned speed of the
+    stretch.
+    """
     planned: list[float] = []
     machine = load_machine("grbl-uno")
     program = "G21 G90 G17\nG1 X20 F1500\nG3 X20.4 Y0.4 I0 J0.4\nG1 Y20 F900\nX21\nG2 X23 I1 J0 F2000\nM2\n"
     lines = translated(blocks_of(program, machine), machine)
-    path = smooth_path(blocks_of(program, machine), axes=machine.axis_names, start=start_position(machine), tolerance=0.01)
+    path = smooth_path(
+        blocks_of(program, machine),
+        axes=machine.axis_names,
+        start=start_position(machine),
+        tolerance=0.01,
+    )
     for item in LookAhead(machine).plan(path):
         if isinstance(item, PlanChunk):
             for first, last in pairwise(item.piece_s.tolist()):
@@ -209,7 +265,18 @@ def test_commands(block, expected):
     assert texts(f"G21\n{block}\nM2\n") == [PREAMBLE, *expected, "M2"]
 
 
-@pytest.mark.parametrize("block", ["M7", "M62 P1", "M68 E1 Q2", "M66 P1 L0", "M19 R90", "G96 D1000 S100\nM3", "M3 S100\nG33 Z-1 K1"])
+@pytest.mark.parametrize(
+    "block",
+    [
+        "M7",
+        "M62 P1",
+        "M68 E1 Q2",
+        "M66 P1 L0",
+        "M19 R90",
+        "G96 D1000 S100\nM3",
+        "M3 S100\nG33 Z-1 K1",
+    ],
+)
 def test_what_grbl_has_no_words_for_is_refused_at_its_line(block):
     with pytest.raises(GcodeError) as caught:
         texts(f"G21 G90\n{block}\nM2\n")

@@ -1,8 +1,10 @@
-"""The run of the paper, as a user makes it: `cncrun check programs/trident.nc --machine config/paper-nurbs.toml --trace t.npz --json -`.
+"""The run of the paper, as a user makes it: `cncrun check programs/trident.nc --machine
+config/paper-nurbs.toml --trace t.npz --json -`.
 
-Hui, Wei and Gao, TELKOMNIKA 11(5), 2013, section 4, in the mended form of its errata. Everything is computed again from the written
-samples: speed, acceleration and jerk by differences of the path length (they are means over the periods, so they can't exceed a true bound
-by more than rounding), the rest by differences of the positions and against the curve as SciPy evaluates it.
+Hui, Wei and Gao, TELKOMNIKA 11(5), 2013, section 4, in the mended form of its errata. Everything is
+computed again from the written samples: speed, acceleration and jerk by differences of the path
+length (they are means over the periods, so they can't exceed a true bound by more than rounding),
+the rest by differences of the positions and against the curve as SciPy evaluates it.
 """
 
 import json
@@ -28,11 +30,23 @@ def run(request, tmp_path_factory):
     """Name, summary, trace, and the rows of the trace that lie on the curve."""
     folder = tmp_path_factory.mktemp("paper")
     trace, summary = folder / "t.npz", folder / "s.json"
-    arguments = ("check", str(ROOT / "programs" / f"{request.param}.nc"), "--machine", str(ROOT / "config" / "paper-nurbs.toml"))
-    assert cli.exit_code([*arguments, "--quiet", "--trace", str(trace), "--json", str(summary)]) == 0
+    arguments = (
+        "check",
+        str(ROOT / "programs" / f"{request.param}.nc"),
+        "--machine",
+        str(ROOT / "config" / "paper-nurbs.toml"),
+    )
+    assert (
+        cli.exit_code([*arguments, "--quiet", "--trace", str(trace), "--json", str(summary)]) == 0
+    )
     with np.load(trace) as found:
         columns = dict(found)
-    return request.param, json.loads(summary.read_text()), columns, columns["line"] == 8 - ("printed" in request.param)
+    return (
+        request.param,
+        json.loads(summary.read_text()),
+        columns,
+        columns["line"] == 8 - ("printed" in request.param),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +85,9 @@ def test_normal_acceleration_stays_within_half_a_g(run):
     along = p[2:] - p[:-2]
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     moving = trace["feed"][1:-1] > 1.0
-    normal = np.linalg.norm(accel - (accel * along).sum(axis=1, keepdims=True) * along, axis=1)[moving]
+    normal = np.linalg.norm(accel - (accel * along).sum(axis=1, keepdims=True) * along, axis=1)[
+        moving
+    ]
     assert normal.max() <= 4903.325 * 1.001
     assert summary["max"]["normal_accel"] <= 4903.325 * ROUNDING
     if run[0] == "trident":
@@ -83,11 +99,15 @@ def test_positions_lie_on_the_curve_where_the_path_length_says(run, curve):
     s, points = curve
     there = trace["s"][on_curve] - (trace["s"][-1] - s[-1])
     for axis in range(2):
-        assert trace["position"][on_curve, axis] == pytest.approx(np.interp(there, s, points[:, axis]), abs=2e-6)
+        assert trace["position"][on_curve, axis] == pytest.approx(
+            np.interp(there, s, points[:, axis]), abs=2e-6
+        )
     assert (trace["position"][:, 2] == 0).all()
 
 
-def test_chord_error_is_a_micrometre_at_most_and_the_paper_s_where_the_normal_acceleration_binds(run, curve):
+def test_chord_error_is_a_micrometre_at_most_and_the_paper_s_where_the_normal_acceleration_binds(
+    run, curve
+):
     _, summary, trace, on_curve = run
     s, points = curve
     rows = np.flatnonzero(on_curve)
@@ -97,7 +117,9 @@ def test_chord_error_is_a_micrometre_at_most_and_the_paper_s_where_the_normal_ac
     largest = 0.0
     for share in np.linspace(0, 1, 17)[1:-1]:
         between = there[:-1] + share * np.diff(there)
-        offset = np.stack([np.interp(between, s, points[:, axis]) for axis in range(2)], axis=1) - start
+        offset = (
+            np.stack([np.interp(between, s, points[:, axis]) for axis in range(2)], axis=1) - start
+        )
         distance = np.abs(offset[:, 0] * chord[:, 1] - offset[:, 1] * chord[:, 0]) / length
         largest = max(largest, float(distance[length > 1e-4].max()))
     assert largest <= 1e-3

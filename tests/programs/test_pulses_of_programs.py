@@ -1,4 +1,6 @@
-"""Text in, pulses out: for every shipped program and for random ones, the grid moves against the path and the plan that they come from."""
+"""Text in, pulses out: for every shipped program and for random ones, the grid moves against the
+path and the plan that they come from.
+"""
 
 from pathlib import Path
 
@@ -26,15 +28,23 @@ FASTEST = max(axis.step_rate for axis in MACHINE.axes.values())
 def place(chunk: PlanChunk, time: float) -> np.ndarray:
     """Where the plan is at a time, (axes,) mm."""
     t = time - chunk.t0
-    k = min(max(int(np.searchsorted(chunk.phase_t, t, side="right")) - 1, 0), len(chunk.phase_j) - 1)
+    k = min(
+        max(int(np.searchsorted(chunk.phase_t, t, side="right")) - 1, 0), len(chunk.phase_j) - 1
+    )
     dt = t - chunk.phase_t[k]
-    s = chunk.phase_s[k] + dt * (chunk.phase_v[k] + dt * (chunk.phase_a[k] / 2 + dt * chunk.phase_j[k] / 6))
+    s = chunk.phase_s[k] + dt * (
+        chunk.phase_v[k] + dt * (chunk.phase_a[k] / 2 + dt * chunk.phase_j[k] / 6)
+    )
     s = min(max(s, chunk.phase_s[0]), chunk.phase_s[-1])
-    piece = min(max(int(np.searchsorted(chunk.piece_s, s, side="right")) - 1, 0), len(chunk.path) - 1)
+    piece = min(
+        max(int(np.searchsorted(chunk.piece_s, s, side="right")) - 1, 0), len(chunk.path) - 1
+    )
     record = int(chunk.path.kind[piece]), chunk.path.data, int(chunk.path.at[piece])
     out = np.zeros((4, len(chunk.path.axes)))
     length = float(chunk.path.length[piece])
-    curve_eval(*record, curve_inv_arclen(*record, min(max(s - chunk.piece_s[piece], 0.0), length)), out)
+    curve_eval(
+        *record, curve_inv_arclen(*record, min(max(s - chunk.piece_s[piece], 0.0), length)), out
+    )
     return out[0]
 
 
@@ -46,7 +56,9 @@ def check_pulses(program: Path, tmp_path: Path, looked_at: int) -> None:
     assert report.pulse_error_blu is not None
     assert report.pulse_error_blu <= 0.5 + 1e-6
     with np.load(target) as found:
-        time, step, line, origin = (found[name] for name in ("time_ns", "step", "line", "origin_steps"))
+        time, step, line, origin = (
+            found[name] for name in ("time_ns", "step", "line", "origin_steps")
+        )
 
     # Rows are grid moves in order, and none is empty.
     assert len(time) == report.pulse_rows
@@ -61,8 +73,9 @@ def check_pulses(program: Path, tmp_path: Path, looked_at: int) -> None:
     end = np.array(list(report.end_position.values())) * STEPS_PER_MM
     assert np.abs(grid[-1] - end).max() <= 0.5 + 1e-6
 
-    # No two rows are nearer than the board takes them, and no axis is stepped faster than its velocity allows: of k steps the first and the
-    # last may be half a BLU early or late, as they wait for the leading axis.
+    # No two rows are nearer than the board takes them, and no axis is stepped faster than its
+    # velocity allows: of k steps the first and the last may be half a BLU early or late, as they
+    # wait for the leading axis.
     assert (np.diff(time) >= NEAREST - 1).all()
     for axis, limits in enumerate(MACHINE.axes.values()):
         times, ways = time[step[:, axis] != 0], step[step[:, axis] != 0, axis]
@@ -71,7 +84,8 @@ def check_pulses(program: Path, tmp_path: Path, looked_at: int) -> None:
             took = (times[k:] - times[:-k])[turned[k:] == turned[:-k]]
             assert (took >= (k - 1) * 1e9 / limits.step_rate / 1.001 - NEAREST).all()
 
-    # A share of the rows against the plan: half a BLU when a row is made, a BLU and a half just before, and what it waits for the board.
+    # A share of the rows against the plan: half a BLU when a row is made, a BLU and a half just
+    # before, and what it waits for the board.
     chunks = [item for item in plan(program, MACHINE) if isinstance(item, PlanChunk)]
     starts = np.array([chunk.t0 for chunk in chunks])
     before = np.vstack([origin, grid[:-1]])
@@ -100,7 +114,20 @@ def test_random_programs(first, tmp_path):
 
 def test_random_programs_have_every_kind_of_block():
     text = "".join(random_program(seed) for seed in range(50))
-    for code in ("G0 ", "G1 ", "G2 ", "G3 ", "G17 ", "G18 ", "G19 ", "G06.2 ", "G61\n", "G61.1", "G64", "G4 "):
+    for code in (
+        "G0 ",
+        "G1 ",
+        "G2 ",
+        "G3 ",
+        "G17 ",
+        "G18 ",
+        "G19 ",
+        "G06.2 ",
+        "G61\n",
+        "G61.1",
+        "G64",
+        "G4 ",
+    ):
         assert code in text
 
 

@@ -1,4 +1,6 @@
-"""The shipped programs: what their comments promise, and that the generated one is what its script writes."""
+"""The shipped programs: what their comments promise, and that the generated one is what its script
+writes.
+"""
 
 import runpy
 from pathlib import Path
@@ -9,7 +11,17 @@ from scipy.interpolate import BSpline
 
 from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.source_text import Text
-from cnc.model.blocks import ArcFeed, Coolant, End, NurbsFeed, Polyline, Probe, Spindle, SpindleSync, Tool
+from cnc.model.blocks import (
+    ArcFeed,
+    Coolant,
+    End,
+    NurbsFeed,
+    Polyline,
+    Probe,
+    Spindle,
+    SpindleSync,
+    Tool,
+)
 from tests.support.paths import ROOT
 
 FOLDER = ROOT / "programs"
@@ -55,7 +67,9 @@ def test_it_ends_with_the_spindle_off(file):
     assert not floods or not floods[-1]
 
 
-@pytest.mark.parametrize(("file", "points"), [("trident.nc", SYMMETRIC), ("trident-as-printed.nc", AS_PRINTED)])
+@pytest.mark.parametrize(
+    ("file", "points"), [("trident.nc", SYMMETRIC), ("trident-as-printed.nc", AS_PRINTED)]
+)
 def test_the_tridents_are_those_of_the_paper(file, points):
     (curve,) = of(NurbsFeed, file)
     assert curve.degree == 3
@@ -68,7 +82,11 @@ def test_the_tridents_are_those_of_the_paper(file, points):
 def test_fanuc_nurbs_has_a_full_circle_and_a_curve_in_space():
     circle, wave = of(NurbsFeed, "fanuc-nurbs.nc")
     assert (circle.degree, len(circle.knots), wave.degree, len(wave.knots)) == (2, 12, 3, 12)
-    assert circle.control_points[0].tolist() == circle.control_points[-1].tolist() == [80.0, 50.0, -1.0]
+    assert (
+        circle.control_points[0].tolist()
+        == circle.control_points[-1].tolist()
+        == [80.0, 50.0, -1.0]
+    )
     assert circle.weights[1] == np.sqrt(0.5)
     assert len(set(wave.control_points[:, 2])) > 3
 
@@ -129,7 +147,9 @@ def test_the_finishing_pass_has_20_000_short_moves():
 
 
 def test_the_drilled_holes():
-    """Six on a circle of 40 mm and five in a row, each of them centred, drilled, and tapped or reamed."""
+    """Six on a circle of 40 mm and five in a row, each of them centred, drilled, and tapped or
+    reamed.
+    """
     deepest: dict[tuple[float, float], list[float]] = {}
     for run in of(Polyline, "drilling.nc"):
         for point in run.points[~np.isnan(run.feeds)]:
@@ -151,8 +171,12 @@ def test_probes_find_the_top_and_the_side():
 
 
 def test_the_turned_thread():
-    """M20 x 1.5: the tool ends 0.92 mm inside the radius of 10, every pass at 1.5 mm a turn along Z."""
-    assert max(block.pitch for block in of(SpindleSync, "turned-thread.nc")) == pytest.approx(1.5 * np.hypot(1.5, 0.92) / 1.5)
+    """M20 x 1.5: the tool ends 0.92 mm inside the radius of 10, every pass at 1.5 mm a turn along
+    Z.
+    """
+    assert max(block.pitch for block in of(SpindleSync, "turned-thread.nc")) == pytest.approx(
+        1.5 * np.hypot(1.5, 0.92) / 1.5
+    )
     straight = [
         (point[0], feed)
         for run in of(Polyline, "turned-thread.nc")

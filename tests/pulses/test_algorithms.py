@@ -1,4 +1,6 @@
-"""Whole paths by every algorithm: each row within half a BLU of the path at its own time, for all kinds of pieces."""
+"""Whole paths by every algorithm: each row within half a BLU of the path at its own time, for all
+kinds of pieces.
+"""
 
 from __future__ import annotations
 
@@ -17,17 +19,36 @@ from cnc.planner.plan import PlanChunk
 from cnc.pulses import reference_pulse
 from cnc.pulses.reference_pulse import ALGORITHMS, Algorithm, ReferencePulse
 from tests.support.pulses.oracle import segments_of
-from tests.support.pulses.plans import FILE, arc, at_constant_speed, cut, path_of, pieces, plan_of, polyline, state_at, trident
+from tests.support.pulses.plans import (
+    FILE,
+    arc,
+    at_constant_speed,
+    cut,
+    path_of,
+    pieces,
+    plan_of,
+    polyline,
+    state_at,
+    trident,
+)
 from tests.support.soak import share
 
 Floats = NDArray[np.float64]
 EVERY = pytest.mark.parametrize("algorithm", [None, *ALGORITHMS])
-UNCUT = pytest.mark.parametrize("algorithm", [None, "enclosing-line", "crossings", "point-by-point"])
-"""Their rows follow from path and grid point alone; the shortest normal is looked for from the place of the search before, or a cut."""
+UNCUT = pytest.mark.parametrize(
+    "algorithm", [None, "enclosing-line", "crossings", "point-by-point"]
+)
+"""Their rows follow from path and grid point alone; the shortest normal is looked for from the
+place of the search before, or a cut.
+"""
 
 
 def run(
-    plans: Sequence[PlanChunk], scale: ArrayLike, start: ArrayLike, algorithm: Algorithm | None, min_ns: float = 0.0
+    plans: Sequence[PlanChunk],
+    scale: ArrayLike,
+    start: ArrayLike,
+    algorithm: Algorithm | None,
+    min_ns: float = 0.0,
 ) -> tuple[PulseChunk, ReferencePulse]:
     """All rows in one, the last move to the rounded end with them."""
     interpolator = ReferencePulse(scale, start, min_ns, algorithm=algorithm)
@@ -41,9 +62,16 @@ def run(
 
 
 def check(
-    blocks: Sequence[Block], start: ArrayLike, steps_per_mm: ArrayLike, algorithm: Algorithm | None, *, looked_at: int = 150
+    blocks: Sequence[Block],
+    start: ArrayLike,
+    steps_per_mm: ArrayLike,
+    algorithm: Algorithm | None,
+    *,
+    looked_at: int = 150,
 ) -> PulseChunk:
-    """Rows of a plan from rest to rest, and a share of them against the path evaluated another way at their times."""
+    """Rows of a plan from rest to rest, and a share of them against the path evaluated another way
+    at their times.
+    """
     origin = np.asarray(start, dtype=np.float64)
     scale = np.array(np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), origin.shape))
     path = path_of(blocks, origin)
@@ -54,7 +82,9 @@ def check(
     assert rows.step.any(axis=1).all()
     assert (np.diff(rows.time_ns) >= 0).all()
     assert interpolator.error_blu <= 0.5 + 1e-8
-    grid = interpolator.origin_steps + np.cumsum(np.vstack((0 * interpolator.origin_steps, rows.step)), axis=0, dtype=np.int64)
+    grid = interpolator.origin_steps + np.cumsum(
+        np.vstack((0 * interpolator.origin_steps, rows.step)), axis=0, dtype=np.int64
+    )
     np.testing.assert_array_equal(grid[-1], interpolator.position_steps)
     assert (np.abs(grid[-1] - segments[-1].q(np.array(1.0)) * scale) <= 0.5 + 1e-8).all()
 
@@ -62,14 +92,27 @@ def check(
     t = rows.time_ns * 1e-9
     s, v, _ = state_at(plan, np.minimum(t, plan.duration))
     for row in np.unique(np.linspace(0, len(t) - 1, looked_at).astype(int)) if len(t) else ():
-        number = min(max(int(np.searchsorted(before, s[row], side="right")) - 1, 0), len(segments) - 1)
+        number = min(
+            max(int(np.searchsorted(before, s[row], side="right")) - 1, 0), len(segments) - 1
+        )
         segment, along = segments[number], float(s[row] - before[number])
         length = before[number + 1] - before[number]
-        w = 0.0 if along <= 0.0 else 1.0 if along >= length else brentq(lambda x, q=segment, y=along: q.length(x) - y, 0.0, 1.0, xtol=1e-14)
+        w = (
+            0.0
+            if along <= 0.0
+            else 1.0
+            if along >= length
+            else brentq(lambda x, q=segment, y=along: q.length(x) - y, 0.0, 1.0, xtol=1e-14)
+        )
         off = np.abs(segment.q(np.array(w)) * scale - grid[row + 1])
-        # what an axis goes in the nanosecond to which times are rounded; one that turns may be faster than the path is long
+        # what an axis goes in the nanosecond to which times are rounded; one that turns may be
+        # faster than the path is long
         a, b = max(w - 1e-6, 0.0), min(w + 1e-6, 1.0)
-        rate = np.abs(segment.q(np.array(b)) - segment.q(np.array(a))) * scale / max(segment.length(b) - segment.length(a), 1e-12)
+        rate = (
+            np.abs(segment.q(np.array(b)) - segment.q(np.array(a)))
+            * scale
+            / max(segment.length(b) - segment.length(a), 1e-12)
+        )
         assert (off <= 0.5 + 1e-6 + v[row] * 1e-9 * rate).all()
     return rows
 
@@ -92,7 +135,9 @@ def random_path(rng: np.random.Generator, axes: int) -> tuple[Floats, list[Block
         match rng.integers(3):
             case 0:
                 size = float(rng.choice([0.005, 0.05, 0.5]))
-                points = p + np.cumsum(rng.uniform(-size, size, (4, axes)).round(int(rng.integers(2, 5))), axis=0)
+                points = p + np.cumsum(
+                    rng.uniform(-size, size, (4, axes)).round(int(rng.integers(2, 5))), axis=0
+                )
                 blocks.append(polyline(points, line=10 * number))
                 p = points[-1]
             case 1:
@@ -115,18 +160,26 @@ def test_any_path(algorithm: Algorithm | None, seed: int) -> None:
     rng = np.random.default_rng(seed)
     axes = int(rng.integers(2, 5))
     start, blocks = random_path(rng, axes)
-    check(blocks, start, rng.choice([40.0, 50.0, 80.0, 100.0, 333.3], axes), algorithm, looked_at=40)
+    check(
+        blocks, start, rng.choice([40.0, 50.0, 80.0, 100.0, 333.3], axes), algorithm, looked_at=40
+    )
 
 
-def steps(blocks: Sequence[Block], start: ArrayLike, algorithm: Algorithm | None) -> list[list[int]]:
+def steps(
+    blocks: Sequence[Block], start: ArrayLike, algorithm: Algorithm | None
+) -> list[list[int]]:
     """The rows at 100 steps/mm."""
     origin = np.asarray(start, dtype=np.float64)
-    rows, _ = run([plan_of(path_of(blocks, origin))], np.full(len(origin), 100.0), origin, algorithm)
+    rows, _ = run(
+        [plan_of(path_of(blocks, origin))], np.full(len(origin), 100.0), origin, algorithm
+    )
     return [[int(each) for each in row] for row in rows.step]
 
 
 def test_each_piece_has_its_algorithm() -> None:
-    """Half steps on lines and arcs, enclosing lines on other curves; what is named instead takes every piece."""
+    """Half steps on lines and arcs, enclosing lines on other curves; what is named instead takes
+    every piece.
+    """
     rng = np.random.default_rng(3)
     flat, space = np.zeros(2), np.zeros(3)
     # the circle of the paper: 56 steps by half steps, 80 by comparing point by point
@@ -137,13 +190,19 @@ def test_each_piece_has_its_algorithm() -> None:
     assert len(steps(line, space, None)) == 30 < len(steps(line, space, "crossings"))
     for start in (flat, space):
         curve = [random_nurbs(rng, start, 3)]
-        assert steps(curve, start, None) == steps(curve, start, "half-step") == steps(curve, start, "enclosing-line")
+        assert (
+            steps(curve, start, None)
+            == steps(curve, start, "half-step")
+            == steps(curve, start, "enclosing-line")
+        )
         assert len({str(steps(curve, start, algorithm)) for algorithm in (None, "crossings")}) == 2
     assert steps([polyline([[0.3]])], np.zeros(1), "enclosing-line") == [[1]] * 30
 
 
 def test_a_leader_steps_evenly_across_the_joints_of_its_path() -> None:
-    """Chords that end off the grid, at constant speed along the leading axis: no step is early or late."""
+    """Chords that end off the grid, at constant speed along the leading axis: no step is early or
+    late.
+    """
     x = np.cumsum(np.full(50, 0.0377))
     points = np.stack((x, 0.3 * np.sin(x), 0.1 * x), axis=1)
     for k in range(1, len(points)):
@@ -153,14 +212,26 @@ def test_a_leader_steps_evenly_across_the_joints_of_its_path() -> None:
     speed = length / np.diff(np.concatenate(([0.0], x)))
     ends = np.concatenate(([0.0], np.cumsum(length)))
     t = np.concatenate(([0.0], x))
-    plan = PlanChunk(path, ends, 0.0, 0.0, t, ends, np.append(speed, speed[-1]), np.zeros(len(t)), np.zeros(len(x)))
+    plan = PlanChunk(
+        path,
+        ends,
+        0.0,
+        0.0,
+        t,
+        ends,
+        np.append(speed, speed[-1]),
+        np.zeros(len(t)),
+        np.zeros(len(x)),
+    )
     rows, _ = run([plan], np.full(3, 100.0), np.zeros(3), None)
     np.testing.assert_allclose(rows.time_ns, 1e7 * np.arange(1, 189), atol=1.0)
     assert (rows.step[:, 0] == 1).all()
 
 
 def test_rest_is_on_the_rounded_point() -> None:
-    """Where the motion stops the grid point is the nearest; where it goes on no step is made for it."""
+    """Where the motion stops the grid point is the nearest; where it goes on no step is made for
+    it.
+    """
     corner = path_of([polyline([[0.0377, 0.0], [0.0377, 0.05]])], [0.0, 0.0])
     first, second = (pieces(corner, k, k) for k in (0, 1))
     whole, _ = run([plan_of(first), plan_of(second, t0=9.0)], [100.0] * 2, [0.0, 0.0], None)
@@ -181,12 +252,21 @@ def test_a_step_left_behind_is_made_before_it_is_two() -> None:
 @UNCUT
 def test_a_chunk_may_be_cut_anywhere(algorithm: Algorithm | None) -> None:
     start = np.array([10.0, 10.0])
-    blocks = [trident(), polyline([[10.5, 0.3], [10.7, -1.0]], line=5), arc([10.7, -1.0], (11.7, -1.2), -0.8, line=7)]
+    blocks = [
+        trident(),
+        polyline([[10.5, 0.3], [10.7, -1.0]], line=5),
+        arc([10.7, -1.0], (11.7, -1.2), -0.8, line=7),
+    ]
     plan = plan_of(path_of(blocks, start), t0=3.25)
     whole, first = run([plan], [100.0, 100.0], start, algorithm)
     rng = np.random.default_rng(5)
     for count in (1, 3, 40, 400):
-        rows, second = run(cut(plan, list(rng.uniform(0.0, plan.duration, count))), [100.0, 100.0], start, algorithm)
+        rows, second = run(
+            cut(plan, list(rng.uniform(0.0, plan.duration, count))),
+            [100.0, 100.0],
+            start,
+            algorithm,
+        )
         np.testing.assert_array_equal(rows.step, whole.step)
         np.testing.assert_array_equal(rows.line, whole.line)
         assert np.abs(rows.time_ns - whole.time_ns).max() <= 3000  # at the stop 1e-14 mm is as much
@@ -196,9 +276,15 @@ def test_a_chunk_may_be_cut_anywhere(algorithm: Algorithm | None) -> None:
 
 
 @UNCUT
-def test_a_buffer_smaller_than_the_rows(algorithm: Algorithm | None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_buffer_smaller_than_the_rows(
+    algorithm: Algorithm | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     start = np.array([10.0, 10.0])
-    blocks = [trident(), polyline([[10.0, 0.5], [10.3, 0.8]], line=5), arc([10.3, 0.8], (10.3, 1.0), 1.4, line=6)]
+    blocks = [
+        trident(),
+        polyline([[10.0, 0.5], [10.3, 0.8]], line=5),
+        arc([10.3, 0.8], (10.3, 1.0), 1.4, line=6),
+    ]
     plan = plan_of(path_of(blocks, start))
     whole, _ = run([plan], [50.0, 40.0], start, algorithm)
     for rows_at_once in (1, 7, len(whole.step), len(whole.step) + 1):
@@ -211,8 +297,12 @@ def test_a_buffer_smaller_than_the_rows(algorithm: Algorithm | None, monkeypatch
 
 @EVERY
 @pytest.mark.parametrize("seed", range(share(60, 4)))
-def test_rows_are_never_nearer_than_the_board_takes_them(algorithm: Algorithm | None, seed: int) -> None:
-    """At the highest speed that the board's rate allows on any one axis, over short moves off the grid."""
+def test_rows_are_never_nearer_than_the_board_takes_them(
+    algorithm: Algorithm | None, seed: int
+) -> None:
+    """At the highest speed that the board's rate allows on any one axis, over short moves off the
+    grid.
+    """
     rng = np.random.default_rng(seed)
     start, blocks = random_path(rng, 3)
     min_ns = 20_000.0
@@ -221,8 +311,11 @@ def test_rows_are_never_nearer_than_the_board_takes_them(algorithm: Algorithm | 
     bare, _ = run([plan], [100.0] * 3, start, algorithm)
     rows, interpolator = run([plan], [100.0] * 3, start, algorithm, min_ns)
     assert (np.diff(rows.time_ns) >= min_ns - 1).all()
-    # but for grazes the same steps of each axis in the same order, none earlier, and none later than some rows' time
-    same = [column[column != 0].tolist() for column in rows.step.T] == [column[column != 0].tolist() for column in bare.step.T]
+    # but for grazes the same steps of each axis in the same order, none earlier, and none later
+    # than some rows' time
+    same = [column[column != 0].tolist() for column in rows.step.T] == [
+        column[column != 0].tolist() for column in bare.step.T
+    ]
     if same:
         for axis in range(3):
             late = rows.time_ns[rows.step[:, axis] != 0] - bare.time_ns[bare.step[:, axis] != 0]
@@ -244,7 +337,16 @@ def test_times_are_exact_after_hours() -> None:
 
 
 def test_half_steps_fall_due_on_the_grid() -> None:
-    rows, _ = run([at_constant_speed(path_of([polyline([[10.0, 3.3]])], [0.0, 0.0]), 20.0)], [100.0, 100.0], [0.0, 0.0], "half-step")
+    rows, _ = run(
+        [at_constant_speed(path_of([polyline([[10.0, 3.3]])], [0.0, 0.0]), 20.0)],
+        [100.0, 100.0],
+        [0.0, 0.0],
+        "half-step",
+    )
     length = np.hypot(10.0, 3.3)
-    np.testing.assert_array_equal(rows.time_ns, np.rint(np.arange(1, 1001) * length / 1000 / 20.0 * 1e9))
-    np.testing.assert_array_equal(np.cumsum(rows.step[:, 1]), np.rint(np.arange(1, 1001) * 0.33 - 1e-9))
+    np.testing.assert_array_equal(
+        rows.time_ns, np.rint(np.arange(1, 1001) * length / 1000 / 20.0 * 1e9)
+    )
+    np.testing.assert_array_equal(
+        np.cumsum(rows.step[:, 1]), np.rint(np.arange(1, 1001) * 0.33 - 1e-9)
+    )

@@ -1,4 +1,6 @@
-"""The room's tests without the compiler: a share of them in every run, all of them under ``make soak``."""
+"""The room's tests without the compiler: a share of them in every run, all of them under ``make
+soak``.
+"""
 
 from pathlib import Path
 

@@ -1,4 +1,6 @@
-"""Reference pulses by crossings: order, half a BLU, counts, ends and times, against paths evaluated another way."""
+"""Reference pulses by crossings: order, half a BLU, counts, ends and times, against paths evaluated
+another way.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ from tests.support.soak import share
 Floats = NDArray[np.float64]
 
 
-def run(plans: Sequence[PlanChunk], steps_per_mm: ArrayLike, start: ArrayLike) -> tuple[PulseChunk, ReferencePulse]:
+def run(
+    plans: Sequence[PlanChunk], steps_per_mm: ArrayLike, start: ArrayLike
+) -> tuple[PulseChunk, ReferencePulse]:
     """All rows in one."""
     interpolator = ReferencePulse(steps_per_mm, start, algorithm="crossings")
     chunks = [c for plan in plans for c in interpolator.pulses(plan)]
@@ -42,16 +46,26 @@ def check_rows(rows: PulseChunk, interpolator: ReferencePulse, end: ArrayLike) -
     assert (np.abs(rows.step) <= 1).all()
     assert rows.step.any(axis=1).all()
     assert (np.diff(rows.time_ns) >= 0).all()
-    np.testing.assert_array_equal(interpolator.origin_steps + rows.step.sum(axis=0, dtype=np.int64), interpolator.position_steps)
+    np.testing.assert_array_equal(
+        interpolator.origin_steps + rows.step.sum(axis=0, dtype=np.int64),
+        interpolator.position_steps,
+    )
     off = np.abs(interpolator.position_steps - np.asarray(end) * interpolator.steps_per_mm)
     assert (off <= 0.5 + 1e-9).all()
     assert interpolator.error_blu <= 0.5 + 1e-9
 
 
 def check(
-    blocks: Sequence[Block], start: ArrayLike, steps_per_mm: ArrayLike, *, dense: int = 200, plan: PlanChunk | None = None
+    blocks: Sequence[Block],
+    start: ArrayLike,
+    steps_per_mm: ArrayLike,
+    *,
+    dense: int = 200,
+    plan: PlanChunk | None = None,
 ) -> PulseChunk:
-    """Run the blocks and hold every row against the oracle: same steps in the same order at the same places, at the times of the plan."""
+    """Run the blocks and hold every row against the oracle: same steps in the same order at the
+    same places, at the times of the plan.
+    """
     origin = np.asarray(start, dtype=np.float64)
     scale = np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), origin.shape)
     path = path_of(blocks, origin)
@@ -84,7 +98,9 @@ def check(
 
 
 def check_time(plan: PlanChunk, s: float, time_ns: int) -> None:
-    """That the plan is at s at that time: to 1 ns, and to the accuracy of s where the speed is too small to tell the time from it."""
+    """That the plan is at s at that time: to 1 ns, and to the accuracy of s where the speed is too
+    small to tell the time from it.
+    """
 
     def miss(t: float) -> float:
         return float(state_at(plan, np.array([t]))[0, 0]) - s
@@ -133,7 +149,9 @@ def test_many_turns_helix_and_spiral() -> None:
 
 def test_a_circle_has_the_counts_of_theory() -> None:
     start = np.array([1.0, 0.0])
-    rows, interpolator = run([plan_of(path_of([arc(start, (0.0, 0.0), 1.0)], start))], [1000.0, 1000.0], start)
+    rows, interpolator = run(
+        [plan_of(path_of([arc(start, (0.0, 0.0), 1.0)], start))], [1000.0, 1000.0], start
+    )
     assert interpolator.position_steps.tolist() == [1000, 0]
     assert np.abs(rows.step).sum(axis=0).tolist() == [4000, 4000]
     assert len(rows.step) <= 8000
@@ -146,7 +164,15 @@ def test_nurbs() -> None:
 def random_nurbs(rng: np.random.Generator, axes: int, degree: int, points: int) -> NurbsFeed:
     inner = np.sort(rng.uniform(0.1, 0.9, points - degree - 1))
     knots = np.concatenate((np.zeros(degree + 1), inner, np.ones(degree + 1)))
-    return NurbsFeed(FILE, 1, degree, knots, rng.uniform(-1.0, 1.0, (points, axes)), rng.uniform(0.3, 3.0, points), 10.0)
+    return NurbsFeed(
+        FILE,
+        1,
+        degree,
+        knots,
+        rng.uniform(-1.0, 1.0, (points, axes)),
+        rng.uniform(0.3, 3.0, points),
+        10.0,
+    )
 
 
 @pytest.mark.parametrize("seed", range(share(60, 6)))
@@ -154,7 +180,12 @@ def test_random_nurbs(seed: int) -> None:
     rng = np.random.default_rng(seed)
     degree = int(rng.integers(1, 6))
     block = random_nurbs(rng, int(rng.integers(2, 5)), degree, degree + 1 + int(rng.integers(0, 4)))
-    check([block], block.control_points[0], rng.uniform(10.0, 60.0, block.control_points.shape[1]), dense=2000)
+    check(
+        [block],
+        block.control_points[0],
+        rng.uniform(10.0, 60.0, block.control_points.shape[1]),
+        dense=2000,
+    )
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -167,12 +198,20 @@ def test_mixed_paths(seed: int) -> None:
     for number in range(1, 4):
         match rng.integers(3):
             case 0:
-                points = p + np.cumsum(rng.uniform(-0.4, 0.4, (3, 3)).round(int(rng.integers(1, 4))), axis=0)
+                points = p + np.cumsum(
+                    rng.uniform(-0.4, 0.4, (3, 3)).round(int(rng.integers(1, 4))), axis=0
+                )
                 blocks.append(polyline(points, line=10 * number))
                 p = points[-1]
             case 1:
                 center = tuple(float(c) for c in p[:2] + rng.uniform(-0.5, 0.5, 2))
-                block = arc(p, center, float(rng.uniform(-1.2, 1.2)), rise=float(rng.uniform(-0.3, 0.3)), line=10 * number)  # type: ignore[arg-type]
+                block = arc(
+                    p,
+                    center,
+                    float(rng.uniform(-1.2, 1.2)),
+                    rise=float(rng.uniform(-0.3, 0.3)),
+                    line=10 * number,
+                )  # type: ignore[arg-type]
                 blocks.append(block)
                 p = block.end
             case _:
@@ -186,7 +225,11 @@ def test_mixed_paths(seed: int) -> None:
 def test_a_chunk_may_be_cut_anywhere() -> None:
     start = np.array([10.0, 10.0])
     spline = trident()
-    blocks = [spline, polyline([[10.5, 0.3], [10.7, -1.0]], line=5), arc([10.7, -1.0], (11.7, -1.2), -0.8, line=7)]
+    blocks = [
+        spline,
+        polyline([[10.5, 0.3], [10.7, -1.0]], line=5),
+        arc([10.7, -1.0], (11.7, -1.2), -0.8, line=7),
+    ]
     plan = plan_of(path_of(blocks, start), t0=3.25)
     whole, first = run([plan], [100.0, 100.0], start)
     rng = np.random.default_rng(5)
@@ -196,7 +239,9 @@ def test_a_chunk_may_be_cut_anywhere() -> None:
         rows, second = run(parts, [100.0, 100.0], start)
         np.testing.assert_array_equal(rows.step, whole.step)
         np.testing.assert_array_equal(rows.line, whole.line)
-        assert np.abs(rows.time_ns - whole.time_ns).max() <= 200  # next to the stop 1e-12 mm is as much
+        assert (
+            np.abs(rows.time_ns - whole.time_ns).max() <= 200
+        )  # next to the stop 1e-12 mm is as much
         slow = 20
         assert np.abs(rows.time_ns - whole.time_ns)[slow:-slow].max() <= 1
         assert first.position_steps.tolist() == second.position_steps.tolist()
@@ -206,7 +251,10 @@ def test_cut_at_the_ends_of_pieces() -> None:
     start = np.zeros(2)
     plan = plan_of(path_of([polyline([[0.5, 0.1], [0.9, 0.7], [-0.3, 0.2]])], start))
     whole, _ = run([plan], 100.0 * np.ones(2), start)
-    t = [brentq(lambda t, s=s: state_at(plan, np.array([t]))[0, 0] - s, 0, plan.duration, xtol=1e-16) for s in plan.piece_s[1:-1]]
+    t = [
+        brentq(lambda t, s=s: state_at(plan, np.array([t]))[0, 0] - s, 0, plan.duration, xtol=1e-16)
+        for s in plan.piece_s[1:-1]
+    ]
     rows, _ = run(cut(plan, t), 100.0 * np.ones(2), start)
     np.testing.assert_array_equal(rows.step, whole.step)
     np.testing.assert_array_equal(rows.line, whole.line)
@@ -227,7 +275,15 @@ def test_a_buffer_smaller_than_the_rows(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_lines_are_those_of_the_pieces() -> None:
-    rows, _ = run([plan_of(path_of([polyline([[0.1, 0.0], [0.1, 0.05], [0.02, 0.05]], line=30)], [0.0, 0.0]))], [100.0, 100.0], [0.0, 0.0])
+    rows, _ = run(
+        [
+            plan_of(
+                path_of([polyline([[0.1, 0.0], [0.1, 0.05], [0.02, 0.05]], line=30)], [0.0, 0.0])
+            )
+        ],
+        [100.0, 100.0],
+        [0.0, 0.0],
+    )
     assert rows.line.tolist() == [30] * 10 + [31] * 5 + [32] * 8
 
 
@@ -245,10 +301,16 @@ def test_an_axis_on_a_half_grid_line_is_quiet(noise: float) -> None:
 
 
 def test_turning_back_on_a_half_grid_line_gives_nothing() -> None:
-    rows, _ = run([plan_of(path_of([polyline([[0.005], [0.0], [-0.005], [0.0]])], [0.0]))], [100.0], [0.0])
+    rows, _ = run(
+        [plan_of(path_of([polyline([[0.005], [0.0], [-0.005], [0.0]])], [0.0]))], [100.0], [0.0]
+    )
     assert len(rows.step) == 0
     # the top of this circle lies on the line between 50 and 51
-    rows, _ = run([plan_of(path_of([arc([0.005, 0.0], (0.0, 0.0), 1.0)], [0.005, 0.0]))], [100.0, 100.0], [0.005, 0.0])
+    rows, _ = run(
+        [plan_of(path_of([arc([0.005, 0.0], (0.0, 0.0), 1.0)], [0.005, 0.0]))],
+        [100.0, 100.0],
+        [0.005, 0.0],
+    )
     assert not rows.step[:, 1].any()
 
 
@@ -256,8 +318,15 @@ def test_turning_back_beyond_a_half_grid_line_steps_there_and_back() -> None:
     rows, _ = run([plan_of(path_of([polyline([[0.0051], [0.0]])], [0.0]))], [100.0], [0.0])
     assert rows.step.tolist() == [[1], [-1]]
     assert rows.line.tolist() == [1, 2]
-    rows, interpolator = run([plan_of(path_of([arc([0.0051, 0.0], (0.0, 0.0), 1.0)], [0.0051, 0.0]))], [100.0, 100.0], [0.0051, 0.0])
-    assert rows.step.tolist() == [[0, 1], [-1, 0], [0, -1], [-1, 0], [0, -1], [1, 0], [0, 1], [1, 0]] or len(rows.step) == 8
+    rows, interpolator = run(
+        [plan_of(path_of([arc([0.0051, 0.0], (0.0, 0.0), 1.0)], [0.0051, 0.0]))],
+        [100.0, 100.0],
+        [0.0051, 0.0],
+    )
+    assert (
+        rows.step.tolist() == [[0, 1], [-1, 0], [0, -1], [-1, 0], [0, -1], [1, 0], [0, 1], [1, 0]]
+        or len(rows.step) == 8
+    )
     assert interpolator.position_steps.tolist() == [1, 0]
 
 
@@ -268,14 +337,20 @@ def test_reaching_a_half_grid_line_and_going_on_steps_once() -> None:
 
 
 def test_a_start_off_the_grid() -> None:
-    rows, interpolator = run([plan_of(path_of([polyline([[0.0349, -0.0251]])], [0.0149, 0.0149]))], [100.0, 100.0], [0.0149, 0.0149])
+    rows, interpolator = run(
+        [plan_of(path_of([polyline([[0.0349, -0.0251]])], [0.0149, 0.0149]))],
+        [100.0, 100.0],
+        [0.0149, 0.0149],
+    )
     assert interpolator.origin_steps.tolist() == [1, 1]
     assert interpolator.position_steps.tolist() == [3, -3]
     check_rows(rows, interpolator, [0.0349, -0.0251])
 
 
 def test_a_move_within_a_cell_gives_nothing() -> None:
-    rows, interpolator = run([plan_of(path_of([polyline([[0.004, -0.004]])], [0.0, 0.0]))], [100.0, 100.0], [0.0, 0.0])
+    rows, interpolator = run(
+        [plan_of(path_of([polyline([[0.004, -0.004]])], [0.0, 0.0]))], [100.0, 100.0], [0.0, 0.0]
+    )
     assert len(rows.step) == 0
     assert interpolator.error_blu == 0.0
 
@@ -300,7 +375,15 @@ def test_times_never_decrease_from_chunk_to_chunk() -> None:
 def test_constant_speed_is_evenly_timed() -> None:
     path = path_of([polyline([[10.0]])], [0.0])
     plan = PlanChunk(
-        path, np.array([0.0, 10.0]), 0.0, 0.0, np.array([0.0, 1.0]), np.array([0.0, 10.0]), np.full(2, 10.0), np.zeros(2), np.zeros(1)
+        path,
+        np.array([0.0, 10.0]),
+        0.0,
+        0.0,
+        np.array([0.0, 1.0]),
+        np.array([0.0, 10.0]),
+        np.full(2, 10.0),
+        np.zeros(2),
+        np.zeros(1),
     )
     rows, _ = run([plan], [100.0], [0.0])
     np.testing.assert_array_equal(rows.time_ns, 500_000 + 1_000_000 * np.arange(1000))
@@ -311,7 +394,10 @@ def test_constant_speed_is_evenly_timed() -> None:
 def test_times_under_random_phases(seed: int) -> None:
     """Random jerks between two rests: each row at the time at which s(t) reaches its place."""
     rng = np.random.default_rng(seed)
-    rise = [(float(t), float(j)) for t, j in zip(rng.uniform(0.01, 0.2, 3), rng.uniform(1.0, 300.0, 3), strict=True)]
+    rise = [
+        (float(t), float(j))
+        for t, j in zip(rng.uniform(0.01, 0.2, 3), rng.uniform(1.0, 300.0, 3), strict=True)
+    ]
     acc = sum(t * j for t, j in rise)
     faster = [*rise, (float(rng.uniform(0.0, 0.3)), 0.0), (0.1, -acc / 0.1)]
     phases = [*faster, (float(rng.uniform(0.0, 0.3)), 0.0), *((t, -j) for t, j in faster)]
@@ -329,18 +415,40 @@ def test_times_under_random_phases(seed: int) -> None:
 
 
 def test_cusps_and_repeated_control_points() -> None:
-    """Where |dr/du| vanishes: at a start with a doubled control point, and at a cusp inside a span."""
-    doubled = NurbsFeed(FILE, 1, 3, np.array([0.0, 0, 0, 0, 1, 1, 1, 1]), np.array([[0.0, 0], [0, 0], [1, 1], [2, 0]]), np.ones(4), 10.0)
+    """Where |dr/du| vanishes: at a start with a doubled control point, and at a cusp inside a
+    span.
+    """
+    doubled = NurbsFeed(
+        FILE,
+        1,
+        3,
+        np.array([0.0, 0, 0, 0, 1, 1, 1, 1]),
+        np.array([[0.0, 0], [0, 0], [1, 1], [2, 0]]),
+        np.ones(4),
+        10.0,
+    )
     check([doubled], [0.0, 0.0], 50.0, dense=2000)
-    cusp = NurbsFeed(FILE, 1, 3, np.array([0.0, 0, 0, 0, 1, 1, 1, 1]), np.array([[0.0, 0], [1, 1], [0, 1], [1, 0]]), np.ones(4), 10.0)
+    cusp = NurbsFeed(
+        FILE,
+        1,
+        3,
+        np.array([0.0, 0, 0, 0, 1, 1, 1, 1]),
+        np.array([[0.0, 0], [1, 1], [0, 1], [1, 0]]),
+        np.ones(4),
+        10.0,
+    )
     check([cusp], [0.0, 0.0], 50.0, dense=2000)
 
 
 @pytest.mark.parametrize("weight", [1e2, 1e3, 1e4])
 def test_a_strained_conic(weight: float) -> None:
-    """A heavy point rounds positions by more than polynomials may be off, however narrow their windows are."""
+    """A heavy point rounds positions by more than polynomials may be off, however narrow their
+    windows are.
+    """
     points = np.array([[0.0, 0, 0], [5, 5, 0], [10, 0, 0]])
-    block = NurbsFeed(FILE, 1, 2, np.array([0.0, 0, 0, 1, 1, 1]), points, np.array([1.0, weight, 1.0]), 10.0)
+    block = NurbsFeed(
+        FILE, 1, 2, np.array([0.0, 0, 0, 1, 1, 1]), points, np.array([1.0, weight, 1.0]), 10.0
+    )
     scale = np.array([1000.0, 80.0, 400.0])
     rows, interpolator = run([plan_of(path_of([block], np.zeros(3)))], scale, np.zeros(3))
     check_rows(rows, interpolator, points[-1])
@@ -352,13 +460,20 @@ def test_a_strained_conic(weight: float) -> None:
 
 def spacing(rows: PulseChunk) -> float:
     """Least time between two pulses of one axis, ns."""
-    return min(float(np.diff(rows.time_ns[rows.step[:, i] != 0]).min(initial=10**18)) for i in range(rows.step.shape[1]))
+    return min(
+        float(np.diff(rows.time_ns[rows.step[:, i] != 0]).min(initial=10**18))
+        for i in range(rows.step.shape[1])
+    )
 
 
 @pytest.mark.parametrize("beyond", [1e-7, 1e-5])
 @pytest.mark.parametrize("rows_at_once", [1, 2, 65536])
-def test_a_graze_faster_than_the_board_makes_no_steps(beyond: float, rows_at_once: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The tops of these waves lie a hair above a half-grid line: there and back again within microseconds."""
+def test_a_graze_faster_than_the_board_makes_no_steps(
+    beyond: float, rows_at_once: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The tops of these waves lie a hair above a half-grid line: there and back again within
+    microseconds.
+    """
     monkeypatch.setattr(reference_pulse, "ROWS", rows_at_once)
     radius = (50.5 + beyond) / 100.0
     start = np.array([-radius, 0.0])
@@ -376,7 +491,12 @@ def test_a_graze_faster_than_the_board_makes_no_steps(beyond: float, rows_at_onc
         parts = cut(plan, list(np.random.default_rng(2).uniform(0.0, plan.duration, count)))
         interpolator = ReferencePulse([100.0, 100.0], start, 20_000, algorithm="crossings")
         chunks = [c for part in parts for c in interpolator.pulses(part)]
-        rows = PulseChunk(*(np.concatenate([getattr(c, name) for c in chunks]) for name in ("time_ns", "step", "line")))
+        rows = PulseChunk(
+            *(
+                np.concatenate([getattr(c, name) for c in chunks])
+                for name in ("time_ns", "step", "line")
+            )
+        )
         if rows_at_once > 2:
             assert spacing(rows) >= 20_000
             assert np.abs(rows.step).sum() == np.abs(bare.step).sum() - 10
@@ -392,6 +512,11 @@ def test_the_path_settles_on_the_rounded_end_point(end: float, via: float) -> No
     _, interpolator = run([plan_of(path_of(blocks, [0.0, 0.0]))], 100.0 * np.ones(2), [0.0, 0.0])
     before = interpolator.position_steps
     moves = list(interpolator.settle())
-    np.testing.assert_array_equal(interpolator.position_steps, np.rint(np.array([end, 2.0]) * 100.0))
-    np.testing.assert_array_equal(before + sum(move.step.sum(axis=0, dtype=np.int64) for move in moves), interpolator.position_steps)
+    np.testing.assert_array_equal(
+        interpolator.position_steps, np.rint(np.array([end, 2.0]) * 100.0)
+    )
+    np.testing.assert_array_equal(
+        before + sum(move.step.sum(axis=0, dtype=np.int64) for move in moves),
+        interpolator.position_steps,
+    )
     assert not list(interpolator.settle())

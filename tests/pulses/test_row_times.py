@@ -1,4 +1,6 @@
-"""When rows are due: against bisection in extended precision, from dense rows to some that lie farther apart than the speed lasts."""
+"""When rows are due: against bisection in extended precision, from dense rows to some that lie
+farther apart than the speed lasts.
+"""
 
 from __future__ import annotations
 
@@ -34,9 +36,11 @@ def check_phase(v: float, a: float, j: float, span: float, ds: np.ndarray) -> No
     assert (np.diff(time_ns) >= 0).all()
     exact = bisected(v, a, j, span, reach - 17.0)
     speed = v + exact * (a + exact * j / 2)
-    # half a ns of rounding, a tenth of the series, and what the last digits of the coordinates are worth at that speed
+    # half a ns of rounding, a tenth of the series, and what the last digits of the coordinates are
+    # worth at that speed
     allowed = 0.6 + 1e9 * np.minimum(
-        1e-14 / np.maximum(speed, 1e-30), np.cbrt(1e-13 / max(abs(j), 1e-6)) + np.sqrt(1e-13 / max(abs(a), 1e-6))
+        1e-14 / np.maximum(speed, 1e-30),
+        np.cbrt(1e-13 / max(abs(j), 1e-6)) + np.sqrt(1e-13 / max(abs(a), 1e-6)),
     )
     assert (np.abs((time_ns - WHOLE - 250_000_000) - exact * 1e9) <= allowed).all()
     assert abs(dt - float(exact[-1])) <= allowed[-1] * 1e-9
@@ -45,7 +49,9 @@ def check_phase(v: float, a: float, j: float, span: float, ds: np.ndarray) -> No
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=share(2000, 150), deadline=None)
 def test_times_in_a_phase(seed: int) -> None:
-    """Any speed, acceleration and jerk with which the phase doesn't turn back, any distance of rows."""
+    """Any speed, acceleration and jerk with which the phase doesn't turn back, any distance of
+    rows.
+    """
     rng = np.random.default_rng(seed)
     v = 0.0 if rng.random() < 0.2 else 10.0 ** rng.uniform(-2, 3)
     a = 0.0 if rng.random() < 0.2 else float(rng.choice([-1, 1]) * 10.0 ** rng.uniform(-2, 4))
@@ -63,23 +69,41 @@ def test_times_in_a_phase(seed: int) -> None:
         span *= 0.8
     length = span * (v + span * (a / 2 + span * j / 6))
     count = int(10.0 ** rng.uniform(0, 3.5))
-    check_phase(v, a, j, span, np.sort(rng.uniform(0.0, length, count)) if rng.random() < 0.5 else np.arange(count) * length / count)
+    check_phase(
+        v,
+        a,
+        j,
+        span,
+        np.sort(rng.uniform(0.0, length, count))
+        if rng.random() < 0.5
+        else np.arange(count) * length / count,
+    )
 
 
-@pytest.mark.parametrize(("v", "a", "j", "span"), [(100.0, -1500.0, 0.0, 1 / 15), (50.0, 0.0, -40000.0, 0.05), (0.0, 0.0, 40000.0, 0.05)])
+@pytest.mark.parametrize(
+    ("v", "a", "j", "span"),
+    [(100.0, -1500.0, 0.0, 1 / 15), (50.0, 0.0, -40000.0, 0.05), (0.0, 0.0, 40000.0, 0.05)],
+)
 def test_ramps_to_and_from_rest(v: float, a: float, j: float, span: float) -> None:
     length = span * (v + span * (a / 2 + span * j / 6))
     check_phase(v, a, j, span, np.arange(0.0, length, 0.001))
 
 
-def buffers(times: list[int], steps: list[list[int]]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def buffers(
+    times: list[int], steps: list[list[int]]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     step = np.array(steps, np.int8)
-    recent = np.array([np.flatnonzero(column)[-1] if column.any() else -1 for column in step.T], np.int64)
+    recent = np.array(
+        [np.flatnonzero(column)[-1] if column.any() else -1 for column in step.T], np.int64
+    )
     return np.array(times, np.int64), step, np.arange(len(times), dtype=np.int32), recent
 
 
 def test_rows_of_different_axes_that_are_too_near_become_one() -> None:
-    time_ns, step, line, recent = buffers([0, 100, 104, 200, 203, 207], [[1, 1, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 0]])
+    time_ns, step, line, recent = buffers(
+        [0, 100, 104, 200, 203, 207],
+        [[1, 1, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 0]],
+    )
     assert spaced(6, -(2**62), time_ns, step, line, recent, 10.0) == 3
     assert time_ns[:3].tolist() == [0, 104, 207]
     assert step[:3].tolist() == [[1, 1, 0], [1, -1, 0], [1, 1, 1]]
@@ -103,7 +127,9 @@ def test_spacing_keeps_all_steps_in_order(seed: int) -> None:
     steps = steps[steps.any(axis=1)]
     if not len(steps):
         return
-    time_ns, step, line, recent = buffers(np.cumsum(rng.integers(0, 15, len(steps))).tolist(), steps.tolist())
+    time_ns, step, line, recent = buffers(
+        np.cumsum(rng.integers(0, 15, len(steps))).tolist(), steps.tolist()
+    )
     before = [column[column != 0].tolist() for column in step.T]
     early = time_ns.copy()
     kept = spaced(len(steps), -100, time_ns, step, line, recent, 10.0)

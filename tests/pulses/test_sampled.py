@@ -1,4 +1,6 @@
-"""Samples: on the path at s(t), without drift or noise, the same however the plan is cut, at rest between chunks."""
+"""Samples: on the path at s(t), without drift or noise, the same however the plan is cut, at rest
+between chunks.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,16 @@ from cnc.planner.plan import PlanChunk
 from cnc.pulses import sampled
 from cnc.pulses.sampled import Sampled
 from tests.support.pulses.oracle import Segment, segments_of
-from tests.support.pulses.plans import FILE, arc, at_constant_speed, cut, path_of, plan_of, polyline, state_at
+from tests.support.pulses.plans import (
+    FILE,
+    arc,
+    at_constant_speed,
+    cut,
+    path_of,
+    plan_of,
+    polyline,
+    state_at,
+)
 from tests.support.soak import share
 
 Floats = NDArray[np.float64]
@@ -28,14 +39,18 @@ WAVE = NurbsFeed(
     3,
     3,
     np.array([0, 0, 0, 0, 0.3, 0.5, 0.8, 1, 1, 1, 1]),
-    np.array([[10.0, 0, 0], [20, 5, 1], [35, 10, -2], [40, 25, 0], [30, 40, 3], [15, 45, 2], [0, 40, 0]]),
+    np.array(
+        [[10.0, 0, 0], [20, 5, 1], [35, 10, -2], [40, 25, 0], [30, 40, 3], [15, 45, 2], [0, 40, 0]]
+    ),
     np.array([1, 2, 1, 0.7, 1, 1.5, 1]),
     50.0,
 )
 """A curve without tight bends, 80 mm long."""
 
 
-def run(plans: Sequence[PlanChunk], period: float, start: ArrayLike, end: float | None = None) -> SampleChunk:
+def run(
+    plans: Sequence[PlanChunk], period: float, start: ArrayLike, end: float | None = None
+) -> SampleChunk:
     """All rows in one."""
     interpolator = Sampled(period, start)
     chunks = [c for plan in plans for c in interpolator.samples(plan)]
@@ -44,7 +59,9 @@ def run(plans: Sequence[PlanChunk], period: float, start: ArrayLike, end: float 
         assert after.first == before.first + len(before.s)
     assert chunks[0].first == 0
     names = ("position", "s", "feed", "accel", "jerk", "step_deviation", "line")
-    return SampleChunk(0, period, *(np.concatenate([getattr(c, name) for c in chunks]) for name in names))
+    return SampleChunk(
+        0, period, *(np.concatenate([getattr(c, name) for c in chunks]) for name in names)
+    )
 
 
 def place_of(segments: Sequence[Segment], s: float) -> Floats:
@@ -52,7 +69,13 @@ def place_of(segments: Sequence[Segment], s: float) -> Floats:
     for segment in segments:
         length = segment.length(1.0)
         if s <= length or segment is segments[-1]:
-            w = 1.0 if s >= length else brentq(lambda w, g=segment, s=s: g.length(w) - s, 0.0, 1.0, xtol=1e-15, rtol=1e-14)
+            w = (
+                1.0
+                if s >= length
+                else brentq(
+                    lambda w, g=segment, s=s: g.length(w) - s, 0.0, 1.0, xtol=1e-15, rtol=1e-14
+                )
+            )
             return segment.q(np.array(w))
         s -= length
     raise AssertionError
@@ -60,7 +83,11 @@ def place_of(segments: Sequence[Segment], s: float) -> Floats:
 
 def test_every_row_is_where_and_as_the_plan_says() -> None:
     start = np.array([10.0, 0.0, 0.0])
-    blocks = [WAVE, polyline([[0.0, 38.0, 0.0], [0.5, 36.0, 1.0]], line=5), arc([0.5, 36.0, 1.0], (0.5, 33.0), 0.6, rise=2.0, line=7)]
+    blocks = [
+        WAVE,
+        polyline([[0.0, 38.0, 0.0], [0.5, 36.0, 1.0]], line=5),
+        arc([0.5, 36.0, 1.0], (0.5, 33.0), 0.6, rise=2.0, line=7),
+    ]
     plan = plan_of(path_of(blocks, start), s0=7.0)
     segments = segments_of(blocks, start)
     rows = run([plan], 1e-3, start)
@@ -73,7 +100,9 @@ def test_every_row_is_where_and_as_the_plan_says() -> None:
     phase = np.searchsorted(plan.phase_t, t[:-1], side="right") - 1
     np.testing.assert_array_equal(rows.jerk[:-1], plan.phase_j[phase])
     for k in range(0, len(rows.s), 29):
-        np.testing.assert_allclose(rows.position[k], place_of(segments, rows.s[k] - 7.0), rtol=0, atol=3e-9)
+        np.testing.assert_allclose(
+            rows.position[k], place_of(segments, rows.s[k] - 7.0), rtol=0, atol=3e-9
+        )
     assert rows.position[-1].tolist() == blocks[-1].end.tolist()  # type: ignore[union-attr]
     assert (rows.feed[-1], rows.accel[-1], rows.jerk[-1]) == (0.0, 0.0, 0.0)
     assert rows.s[-1] == 7.0 + plan.phase_s[-1]
@@ -82,8 +111,17 @@ def test_every_row_is_where_and_as_the_plan_says() -> None:
 
 
 def noise_of(x: Floats, order: int = 6) -> float:
-    """The size of independent errors in evenly spaced values of a smooth function: its differences of high order, scaled."""
-    gain = np.sqrt(np.sum([float(np.prod([(order - i) / (i + 1) for i in range(k)])) ** 2 for k in range(order + 1)]))
+    """The size of independent errors in evenly spaced values of a smooth function: its differences
+    of high order, scaled.
+    """
+    gain = np.sqrt(
+        np.sum(
+            [
+                float(np.prod([(order - i) / (i + 1) for i in range(k)])) ** 2
+                for k in range(order + 1)
+            ]
+        )
+    )
     return float(np.abs(np.diff(x, order, axis=0)).max() / gain)
 
 
@@ -101,7 +139,10 @@ def test_third_differences_show_no_noise() -> None:
     third = np.diff(rows.position, 3, axis=0)
     for joint in ends[1:-1]:
         around = third[joint - 8 : joint + 6] / 1e-12
-        assert np.abs(np.diff(around, axis=0)).max() < 48.0 + np.abs(np.diff(third[joint - 40 : joint + 40 : 10] / 1e-12, axis=0)).max()
+        assert (
+            np.abs(np.diff(around, axis=0)).max()
+            < 48.0 + np.abs(np.diff(third[joint - 40 : joint + 40 : 10] / 1e-12, axis=0)).max()
+        )
 
 
 @pytest.mark.parametrize("period", [1e-4, 1e-3, 7e-3])
@@ -111,7 +152,9 @@ def test_no_drift_from_s_of_t(period: float) -> None:
     rows = run([plan], period, start)
     segments = segments_of([WAVE], start)
     for k in np.linspace(1, len(rows.s) - 2, 6).astype(int):
-        np.testing.assert_allclose(rows.position[k], place_of(segments, rows.s[k]), rtol=0, atol=1e-10)
+        np.testing.assert_allclose(
+            rows.position[k], place_of(segments, rows.s[k]), rtol=0, atol=1e-10
+        )
 
 
 def test_a_chunk_may_be_cut_anywhere() -> None:
@@ -142,7 +185,9 @@ def test_chunks_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_dwells_are_rows_at_rest() -> None:
     first = plan_of(path_of([polyline([[1.0, 0.0]], line=4)], [0.0, 0.0]))
     gap = 0.0505
-    second = plan_of(path_of([polyline([[1.0, 1.0]], line=6)], [1.0, 0.0]), t0=first.duration + gap, s0=1.0)
+    second = plan_of(
+        path_of([polyline([[1.0, 1.0]], line=6)], [1.0, 0.0]), t0=first.duration + gap, s0=1.0
+    )
     end = second.t0 + second.duration
     rows = run([first, second], 1e-3, [0.0, 0.0], end + 0.0101)
     t = np.arange(len(rows.s)) * 1e-3
@@ -161,7 +206,15 @@ def test_dwells_are_rows_at_rest() -> None:
 def test_an_end_on_a_sample_is_the_last_row() -> None:
     path = path_of([polyline([[1.0]])], [0.0])
     plan = PlanChunk(
-        path, np.array([0.0, 1.0]), 0.0, 0.0, np.array([0.0, 0.1]), np.array([0.0, 1.0]), np.full(2, 10.0), np.zeros(2), np.zeros(1)
+        path,
+        np.array([0.0, 1.0]),
+        0.0,
+        0.0,
+        np.array([0.0, 0.1]),
+        np.array([0.0, 1.0]),
+        np.full(2, 10.0),
+        np.zeros(2),
+        np.zeros(1),
     )
     rows = run([plan], 1e-3, [0.0])
     assert len(rows.s) == 101
@@ -177,7 +230,9 @@ def test_nothing_moves() -> None:
 
 
 def test_step_deviation_is_the_bend_of_the_step() -> None:
-    """On a circle 1 - sin(x) / x with x half the angle of the step; nothing on straight lines, whatever the corner between them."""
+    """On a circle 1 - sin(x) / x with x half the angle of the step; nothing on straight lines,
+    whatever the corner between them.
+    """
     start = np.array([5.0, 0.0])
     path = path_of([arc(start, (0.0, 0.0), 0.9)], start)
     length = float(path.length[0])
@@ -202,7 +257,9 @@ def test_step_deviation_is_the_bend_of_the_step() -> None:
 
 def test_rotary_axes_alone_are_measured_in_degrees() -> None:
     start = np.zeros(4)
-    plan = plan_of(path_of([polyline([[0, 0, 0, 30.0], [1.0, 0, 0, 60.0]])], start, axes=("x", "y", "z", "a")))
+    plan = plan_of(
+        path_of([polyline([[0, 0, 0, 30.0], [1.0, 0, 0, 60.0]])], start, axes=("x", "y", "z", "a"))
+    )
     rows = run([plan], 1e-3, start)
     assert rows.s[-1] == pytest.approx(31.0)
     assert rows.step_deviation.max() < 1e-7
@@ -212,7 +269,9 @@ def test_rotary_axes_alone_are_measured_in_degrees() -> None:
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=share(200, 12))
 def test_random_curves(seed: int) -> None:
-    """Cusps, doubled control points and steep weights included: on the path, in order, at the exact end."""
+    """Cusps, doubled control points and steep weights included: on the path, in order, at the exact
+    end.
+    """
     rng = np.random.default_rng(seed)
     degree = int(rng.integers(1, 6))
     points = rng.uniform(-5, 5, (degree + 1 + int(rng.integers(0, 3)), 3))
@@ -225,6 +284,8 @@ def test_random_curves(seed: int) -> None:
     rows = run([plan], float(rng.choice([1e-3, 5e-3])), points[0])
     segments = segments_of([block], points[0])
     for k in rng.integers(1, len(rows.s), 4):
-        np.testing.assert_allclose(rows.position[k], place_of(segments, rows.s[k]), rtol=0, atol=1e-8)
+        np.testing.assert_allclose(
+            rows.position[k], place_of(segments, rows.s[k]), rtol=0, atol=1e-8
+        )
     np.testing.assert_array_equal(rows.position[-1], points[-1])
     assert (np.diff(rows.s) >= 0).all()

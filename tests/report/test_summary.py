@@ -43,7 +43,15 @@ def test_times(seconds, shown):
 
 @pytest.mark.parametrize(
     ("value", "shown"),
-    [(None, "-"), (0.0, "0"), (2400.0, "2400"), (48000.0, "48 000"), (0.000613, "0.000613"), (0.02, "0.02"), (123456789.0, "123 456 789")],
+    [
+        (None, "-"),
+        (0.0, "0"),
+        (2400.0, "2400"),
+        (48000.0, "48 000"),
+        (0.000613, "0.000613"),
+        (0.02, "0.02"),
+        (123456789.0, "123 456 789"),
+    ],
 )
 def test_numbers(value, shown):
     assert number(value) == shown
@@ -70,13 +78,24 @@ def test_the_summary_has_what_a_machinist_asks_for():
         timing=Timing(0.1, 0.2, 0.3, 0.7),
     )
     shown = text(one)
-    for piece in ("[p].nc", "benchtop mill", "12 lines, 20 001 blocks", "1:02:05", "1234.5 mm", "16.4518", "-10 .. 410", "35 836"):
+    for piece in (
+        "[p].nc",
+        "benchtop mill",
+        "12 lines, 20 001 blocks",
+        "1:02:05",
+        "1234.5 mm",
+        "16.4518",
+        "-10 .. 410",
+        "35 836",
+    ):
         assert piece in shown
     rows = [line.split() for line in shown.splitlines()]
     assert ["feed", "90", "100", "mm/s", "90", "%"] in rows
     assert ["acceleration", "of", "Z", "750", "1000", "mm/s²", "75", "%"] in rows
     assert "computed in" not in shown
-    assert "computed in 0.700 s: reading 0.100, planning 0.200, interpolating 0.300" in text(one, verbose=True)
+    assert "computed in 0.700 s: reading 0.100, planning 0.200, interpolating 0.300" in text(
+        one, verbose=True
+    )
 
 
 def test_one_line_for_a_list():
@@ -93,8 +112,14 @@ def test_json_has_every_key_and_no_number_that_json_lacks():
     )
     assert set(keys.split()) <= set(found)
     for part in ("max", "limits"):
-        assert {"feed", "accel", "jerk", "chord_error", "step_deviation", "axes"} <= set(found[part])
-    assert found["limits"]["axes"]["x"] == {"velocity": 100.0, "acceleration": 1500.0, "jerk": 40000.0}
+        assert {"feed", "accel", "jerk", "chord_error", "step_deviation", "axes"} <= set(
+            found[part]
+        )
+    assert found["limits"]["axes"]["x"] == {
+        "velocity": 100.0,
+        "acceleration": 1500.0,
+        "jerk": 40000.0,
+    }
     assert set(found["timing"]) == {"parse_s", "plan_s", "interpolate_s", "total_s"}
     assert found["violations"]["feed"] == found["violations"]["jerk_z"] == 0
 
@@ -103,7 +128,9 @@ def test_json_lists_errors_and_warnings():
     warning = Diagnostic("odd", "odd", "p.nc", 1, severity="warning")
     found = report(faults=[FAULT], warnings=[warning]).as_json()
     assert not found["ok"]
-    assert [(each["code"], each["line"], each["column"], each["severity"]) for each in found["errors"]] == [
+    assert [
+        (each["code"], each["line"], each["column"], each["severity"]) for each in found["errors"]
+    ] == [
         ("no-feed", 4, 2, "error"),
         ("odd", 1, 0, "warning"),
     ]
@@ -111,7 +138,12 @@ def test_json_lists_errors_and_warnings():
 
 @pytest.mark.parametrize(
     ("faults", "code"),
-    [([], 0), ([FAULT], 1), ([FAULT, UsageError(Diagnostic("u", "u"))], 2), ([BoardError(Diagnostic("b", "b"))], 3)],
+    [
+        ([], 0),
+        ([FAULT], 1),
+        ([FAULT, UsageError(Diagnostic("u", "u"))], 2),
+        ([BoardError(Diagnostic("b", "b"))], 3),
+    ],
 )
 def test_exit_codes(faults, code):
     one = report(faults=faults)

@@ -1,4 +1,6 @@
-"""After a fault the record beside the program says where to go on, and going on there makes the part."""
+"""After a fault the record beside the program says where to go on, and going on there makes the
+part.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,11 @@ from tests.support.boards.stepper_rig import machine
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
 from tests.support.soak import share
 
-PROGRAM = "G21 G90 G64\nM3 S500\nG0 Z3\nG1 Z-1 F600\n" + "".join(f"G1 X{k} Y{k % 3} F1200\n" for k in range(1, 9)) + "G0 Z5\nM2\n"
+PROGRAM = (
+    "G21 G90 G64\nM3 S500\nG0 Z3\nG1 Z-1 F600\n"
+    + "".join(f"G1 X{k} Y{k % 3} F1200\n" for k in range(1, 9))
+    + "G0 Z5\nM2\n"
+)
 """Line k + 4 leads to X k."""
 
 
@@ -80,7 +86,9 @@ def trouble(simulator: Simulator, kind: str, control: Control):
 
 
 @pytest.mark.parametrize("kind", share(["e-stop", "stopped", "cable", "died"], ["e-stop", "died"]))
-def test_a_run_goes_on_where_it_was_broken_off(simulator: Simulator, program: Path, kind: str) -> None:
+def test_a_run_goes_on_where_it_was_broken_off(
+    simulator: Simulator, program: Path, kind: str
+) -> None:
     control = Control()
     send, received = simulator.send, simulator.received
     watch = Watch(on_sent=trouble(simulator, kind, control))
@@ -99,11 +107,22 @@ def test_a_run_goes_on_where_it_was_broken_off(simulator: Simulator, program: Pa
     stands = simulator.moves()[1].sum(axis=0, dtype=np.int64) / 400
     found = record(program)
     assert 3.9 < stands[0] < 8
-    # the line that the machine has come to, or the one before: nothing is left out; what the board did without a cable is not known
+    # the line that the machine has come to, or the one before: nothing is left out; what the board
+    # did without a cable is not known
     unknown = 3 if kind == "cable" else 1
     assert 0 <= int(np.ceil(stands[0] - 1e-3)) - (found["line"] - 4) <= unknown
-    assert found["ended"] == {"e-stop": "board-emergency-stop", "stopped": "stopped", "cable": "board-silent", "died": "broken off"}[kind]
-    assert found["position"]["x"] == pytest.approx(stands[0], abs=0.2 if kind in ("e-stop", "stopped") else 5.0)
+    assert (
+        found["ended"]
+        == {
+            "e-stop": "board-emergency-stop",
+            "stopped": "stopped",
+            "cable": "board-silent",
+            "died": "broken off",
+        }[kind]
+    )
+    assert found["position"]["x"] == pytest.approx(
+        stands[0], abs=0.2 if kind in ("e-stop", "stopped") else 5.0
+    )
     told: list[str] = []
     before = len(simulator.moves()[1])
 
@@ -124,11 +143,21 @@ def test_a_run_goes_on_where_it_was_broken_off(simulator: Simulator, program: Pa
 
 def test_what_does_not_fit_the_record_is_told(simulator: Simulator, program: Path) -> None:
     control = Control()
-    on_board(simulator, program, control=control, watch=Watch(on_sent=trouble(simulator, "stopped", control)))
+    on_board(
+        simulator,
+        program,
+        control=control,
+        watch=Watch(on_sent=trouble(simulator, "stopped", control)),
+    )
     line = record(program)["line"]
 
     def codes(**more: object) -> list[str]:
-        return [found.code for found in on_board(simulator, program, watch=Watch(on_beginning=lambda _: False), **more).warnings]
+        return [
+            found.code
+            for found in on_board(
+                simulator, program, watch=Watch(on_beginning=lambda _: False), **more
+            ).warnings
+        ]
 
     assert codes(from_line=line) == []
     assert codes(from_line=line + 2) == ["checkpoint-before"]
@@ -138,7 +167,9 @@ def test_what_does_not_fit_the_record_is_told(simulator: Simulator, program: Pat
     assert "run-unfinished" in codes()
 
 
-def test_the_board_in_the_box_keeps_one_too(program: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_board_in_the_box_keeps_one_too(
+    program: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     report = run(program, board=Loopback(3, fail_after=2_000))
     assert [fault.diagnostic.code for fault in report.faults] == ["board-fault"]
     assert record(program)["line"] == report.resume_line
@@ -153,7 +184,9 @@ def test_the_board_in_the_box_keeps_one_too(program: Path, capsys: pytest.Captur
 
 def test_in_a_subprogram_the_call_is_where_to_go_on(tmp_path: Path) -> None:
     program = tmp_path / "p.ngc"
-    program.write_text("G21 G90\nG1 X1 F600\no1 sub\nG1 Y2 F600\nG1 X9\no1 endsub\nG1 Z1\no1 call\nM2\n")
+    program.write_text(
+        "G21 G90\nG1 X1 F600\no1 sub\nG1 Y2 F600\nG1 X9\no1 endsub\nG1 Z1\no1 call\nM2\n"
+    )
     per_mm = round(load_machine().axes["x"].steps_per_mm)
     report = run(program, board=Loopback(3, fail_after=5 * per_mm))
     assert [fault.diagnostic.code for fault in report.faults] == ["board-fault"]
@@ -171,7 +204,14 @@ def test_a_grbl_board_says_the_line_that_it_moves_along(program: Path) -> None:
         if sent.position is not None and sent.position[0] > 4.0:
             control.stop()
 
-    report = run(program, load_machine("grbl-uno"), board=board, dialect="linuxcnc", control=control, watch=Watch(on_sent=on_sent))
+    report = run(
+        program,
+        load_machine("grbl-uno"),
+        board=board,
+        dialect="linuxcnc",
+        control=control,
+        watch=Watch(on_sent=on_sent),
+    )
     board.close()
     assert report.resume_line is not None
     assert report.resume_line - 4 <= np.ceil(box.position[0])

@@ -1,4 +1,6 @@
-"""--from-line: the rest of the program is what it would have been, and the way there is at a safe height."""
+"""--from-line: the rest of the program is what it would have been, and the way there is at a safe
+height.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,13 @@ def blocks(text: str, start: np.ndarray | None = None) -> list[Block]:
 
 
 def read(text: str, start: np.ndarray, *, mark_calls: bool = False) -> Iterator[Block]:
-    return interpret(Text.of_lines(text.split("\n"), "p.nc"), axes=AXES, dialect="linuxcnc", start=start, mark_calls=mark_calls)
+    return interpret(
+        Text.of_lines(text.split("\n"), "p.nc"),
+        axes=AXES,
+        dialect="linuxcnc",
+        start=start,
+        mark_calls=mark_calls,
+    )
 
 
 def from_line(text: str, line: int, start: np.ndarray = START) -> tuple[list[Block], Beginning]:
@@ -44,20 +52,45 @@ def moves(program: list[Block]) -> list[tuple[int, tuple[float, ...]]]:
     ends: list[tuple[int, tuple[float, ...]]] = []
     for block in program:
         if isinstance(block, Polyline):
-            ends += [(line, tuple(point)) for line, point in zip(block.lines.tolist(), block.points.tolist(), strict=True)]
+            ends += [
+                (line, tuple(point))
+                for line, point in zip(block.lines.tolist(), block.points.tolist(), strict=True)
+            ]
         elif isinstance(block, ArcFeed):
             ends.append((block.line, tuple(block.end.tolist())))
     return ends
 
 
 WORDS = st.sampled_from(
-    ["G1 X{a} F{f}", "G1 Y{b}", "G0 Z5", "G1 Z-{c} F200", "G91", "G90", "G2 X{a} Y{b} R60", "G55", "G54", "G20", "G21", "X{a} Y{b}"]
+    [
+        "G1 X{a} F{f}",
+        "G1 Y{b}",
+        "G0 Z5",
+        "G1 Z-{c} F200",
+        "G91",
+        "G90",
+        "G2 X{a} Y{b} R60",
+        "G55",
+        "G54",
+        "G20",
+        "G21",
+        "X{a} Y{b}",
+    ]
 )
 
 
 @settings(max_examples=60)
-@given(st.lists(st.tuples(WORDS, st.integers(0, 9), st.integers(0, 9), st.integers(1, 9)), min_size=2, max_size=12), st.data())
-def test_the_rest_is_what_it_would_have_been(parts: list[tuple[str, int, int, int]], data: st.DataObject) -> None:
+@given(
+    st.lists(
+        st.tuples(WORDS, st.integers(0, 9), st.integers(0, 9), st.integers(1, 9)),
+        min_size=2,
+        max_size=12,
+    ),
+    st.data(),
+)
+def test_the_rest_is_what_it_would_have_been(
+    parts: list[tuple[str, int, int, int]], data: st.DataObject
+) -> None:
     lines = [form.format(a=a, b=b, c=c, f=100 * c) for form, a, b, c in parts]
     text = HEAD + "\n".join(lines) + "\nG90 G21 G0 X1\nM2\n"
     line = data.draw(st.integers(7, 7 + len(lines)))
@@ -123,7 +156,9 @@ def test_spindle_coolant_feed_and_offsets_are_restored_before_the_tool_goes_down
         ("G1 X5 F100\n", 9, "from-line"),
     ],
 )
-def test_where_a_line_can_not_be_reached_safely_it_is_refused(text: str, line: int, code: str) -> None:
+def test_where_a_line_can_not_be_reached_safely_it_is_refused(
+    text: str, line: int, code: str
+) -> None:
     with pytest.raises(CncError) as caught:
         from_line(text + "M2\n", line)
     assert caught.value.diagnostic.code == code
@@ -178,7 +213,9 @@ M99
         (AFTER, 6, [6]),
     ],
 )
-def test_calls_are_part_of_the_line_that_they_stand_at_and_loops_begin_the_first_time(text: str, line: int, expected: list[int]) -> None:
+def test_calls_are_part_of_the_line_that_they_stand_at_and_loops_begin_the_first_time(
+    text: str, line: int, expected: list[int]
+) -> None:
     begun, _ = from_line(text, line)
     assert [number for number, _ in moves(begun)][-len(expected) :] == expected
     whole = [point for _, point in moves(blocks(text))]
@@ -207,9 +244,13 @@ def test_there_is_no_line_0() -> None:
 
 
 @pytest.mark.parametrize("board", ["loopback", "grbl-sim"])
-def test_every_board_begins_there_and_ends_where_the_program_does(board: str, tmp_path: Path) -> None:
+def test_every_board_begins_there_and_ends_where_the_program_does(
+    board: str, tmp_path: Path
+) -> None:
     program = tmp_path / "p.nc"
-    program.write_text("G21 G90\nG0 Z5\nM3 S500\nG1 Z-1 F300\nG1 X10 F900\nY10\nX0\nG0 Z5\nM5\nM2\n")
+    program.write_text(
+        "G21 G90\nG0 Z5\nM3 S500\nG1 Z-1 F300\nG1 X10 F900\nY10\nX0\nG0 Z5\nM5\nM2\n"
+    )
     asked: list[str] = []
 
     def ran(answer: bool) -> Report:

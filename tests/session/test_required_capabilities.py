@@ -1,4 +1,6 @@
-"""What a board has no hands for, and who goes on after a pause: found before anything moves, by one table for all boards."""
+"""What a board has no hands for, and who goes on after a pause: found before anything moves, by one
+table for all boards.
+"""
 
 from __future__ import annotations
 
@@ -19,20 +21,30 @@ MACHINE = load_machine("stepper-uno")
 
 
 class Moving(Loopback):
-    """The board in the box, but as a machine with a stepper board is: it moves, feels only the probe, and has that board's outputs."""
+    """The board in the box, but as a machine with a stepper board is: it moves, feels only the
+    probe, and has that board's outputs.
+    """
 
     wired = 3
 
     @property
     def capabilities(self) -> Capabilities:
-        return replace(super().capabilities, senses=False, probes=True, slice_s=0.01, actions=actions(self.wired))
+        return replace(
+            super().capabilities,
+            senses=False,
+            probes=True,
+            slice_s=0.01,
+            actions=actions(self.wired),
+        )
 
 
 class MovingFour(Moving):
     wired = 4
 
 
-def ran(folder: Path, text: str, board: type[Moving] = Moving, **more: object) -> tuple[Report, Loopback]:
+def ran(
+    folder: Path, text: str, board: type[Moving] = Moving, **more: object
+) -> tuple[Report, Loopback]:
     (folder / "p.ngc").write_text(f"G21 G90\n{text}\nG1 X1 F600\nM2\n")
     made = board(3)
     return run(folder / "p.ngc", MACHINE, board=made, **more), made  # type: ignore[arg-type]
@@ -61,7 +73,9 @@ def ran(folder: Path, text: str, board: type[Moving] = Moving, **more: object) -
         ("M48", "", ""),
     ],
 )
-def test_words_that_the_board_can_not_carry_out(tmp_path: Path, words: str, three: str, four: str) -> None:
+def test_words_that_the_board_can_not_carry_out(
+    tmp_path: Path, words: str, three: str, four: str
+) -> None:
     for board, code in ((Moving, three), (MovingFour, four)):
         report, made = ran(tmp_path, words, board, pauses="refuse")
         assert [fault.diagnostic.code for fault in report.faults] == [code] * bool(code)
@@ -71,22 +85,35 @@ def test_words_that_the_board_can_not_carry_out(tmp_path: Path, words: str, thre
             assert report.faults[0].diagnostic.hint
             assert made.rows == 0 and not made.commands
     looked_at = check(tmp_path / "p.ngc", MACHINE)
-    assert [fault.diagnostic.code for fault in looked_at.faults] == [three] * bool(three), "a check for such a machine tells the same"
-    assert run(tmp_path / "p.ngc", MACHINE, board="loopback").ok, "the board in the box carries out everything"
+    assert [fault.diagnostic.code for fault in looked_at.faults] == [three] * bool(three), (
+        "a check for such a machine tells the same"
+    )
+    assert run(tmp_path / "p.ngc", MACHINE, board="loopback").ok, (
+        "the board in the box carries out everything"
+    )
 
 
 def test_a_rotary_axis_is_the_fourth_of_the_machine_or_an_error(tmp_path: Path) -> None:
     report, _ = ran(tmp_path, "G1 A5 F600")
     assert report.exit_code == 1
-    axes = {**MACHINE.axes, "a": Axis(steps_per_mm=10, max_velocity=40, max_acceleration=400, max_jerk=15_000)}
+    axes = {
+        **MACHINE.axes,
+        "a": Axis(steps_per_mm=10, max_velocity=40, max_acceleration=400, max_jerk=15_000),
+    }
     assert check(tmp_path / "p.ngc", MACHINE.model_copy(update={"axes": axes})).ok
 
 
-PAUSES = [("M0", "the program stops here"), ("M60", "change the pallet"), ("T2 M6", "put in tool 2")]
+PAUSES = [
+    ("M0", "the program stops here"),
+    ("M60", "change the pallet"),
+    ("T2 M6", "put in tool 2"),
+]
 
 
 @pytest.mark.parametrize(("words", "why"), PAUSES)
-def test_a_pause_waits_for_the_operator_or_is_refused_or_left_out(tmp_path: Path, words: str, why: str) -> None:
+def test_a_pause_waits_for_the_operator_or_is_refused_or_left_out(
+    tmp_path: Path, words: str, why: str
+) -> None:
     refused, made = ran(tmp_path, words, pauses="refuse", control=Control())
     assert [fault.diagnostic.code for fault in refused.faults] == ["needs-operator"]
     assert refused.faults[0].diagnostic.line == 2
@@ -104,7 +131,9 @@ def test_a_pause_waits_for_the_operator_or_is_refused_or_left_out(tmp_path: Path
 
 
 @pytest.mark.parametrize("words", [words for words, _ in PAUSES])
-def test_the_command_line_asks_for_a_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str) -> None:
+def test_the_command_line_asks_for_a_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str
+) -> None:
     boards: list[Moving] = []
 
     def opened(*_: object, **__: object) -> Moving:

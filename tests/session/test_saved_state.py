@@ -1,4 +1,6 @@
-"""What a machine remembers from one program to the next, and what a board must be able to do, through the front door."""
+"""What a machine remembers from one program to the next, and what a board must be able to do,
+through the front door.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,12 @@ def program(machine: Path, *lines: str) -> Path:
 
 def test_parameters_outlive_a_run(machine: Path) -> None:
     kept = machine.parent / "cnc.var"
-    assert run(program(machine, "#100 = [#100 + 0.1]", "G10 L2 P1 X3", "G0 X1"), machine).end_position["x"] == 4.0
+    assert (
+        run(program(machine, "#100 = [#100 + 0.1]", "G10 L2 P1 X3", "G0 X1"), machine).end_position[
+            "x"
+        ]
+        == 4.0
+    )
     assert read_parameters(kept)[100] == 0.1
     report = run(program(machine, "#100 = [#100 + 0.1]", "G0 X1"), machine)
     assert report.end_position["x"] == 4.0, "the origin was kept"
@@ -57,7 +64,9 @@ def test_a_faulty_program_keeps_nothing(machine: Path, fault: str) -> None:
 
 
 def test_a_board_that_fails_keeps_nothing(machine: Path) -> None:
-    assert not run(program(machine, "#100 = 5", "G0 X10"), machine, board=Loopback(3, fail_after=7)).ok
+    assert not run(
+        program(machine, "#100 = 5", "G0 X10"), machine, board=Loopback(3, fail_after=7)
+    ).ok
     assert not (machine.parent / "cnc.var").exists()
 
 
@@ -68,7 +77,12 @@ def test_tools_outlive_a_run(machine: Path) -> None:
     first, second = table.tool(1), table.tool(2)
     assert first is not None
     assert second is not None
-    assert (first.pocket, first.offsets, first.diameter, first.remark) == (3, {"Z": 40.25}, 6.0, "end mill")
+    assert (first.pocket, first.offsets, first.diameter, first.remark) == (
+        3,
+        {"Z": 40.25},
+        6.0,
+        "end mill",
+    )
     assert second.offsets == {"Z": 33.5}
 
 
@@ -93,7 +107,12 @@ def test_a_fault_in_a_subroutine_names_its_file_and_shows_its_line(machine: Path
     machine.write_text(MACHINE.replace("[axes.y]", "travel = [0, 100]\n[axes.y]") + FILES)
     (fault,) = check(program(machine, "G0 X1", "o<place> call"), machine).faults
     found = fault.diagnostic
-    assert (Path(found.file).name, found.line, found.column, found.text) == ("place.ngc", 2, 4, "G0 X999")
+    assert (Path(found.file).name, found.line, found.column, found.text) == (
+        "place.ngc",
+        2,
+        4,
+        "G0 X999",
+    )
 
 
 def test_limits_of_the_machine_file(machine: Path) -> None:
@@ -133,11 +152,24 @@ class Sensing(Loopback):
         self.times = [*getattr(self, "times", []), *chunk.time_ns.tolist()]
 
 
-@pytest.mark.parametrize(("wrong", "code"), [("G1 X[100 + #5399]", "soft-limit"), ("G1 X[9 + 1 / [#5399 - 7]]", "division-by-zero")])
-def test_a_program_that_goes_wrong_by_an_answer_comes_to_rest_on_its_path(machine: Path, wrong: str, code: str) -> None:
-    """The first pass, without the answer, found nothing wrong; the moves before the fault are under way when it is found."""
+@pytest.mark.parametrize(
+    ("wrong", "code"),
+    [("G1 X[100 + #5399]", "soft-limit"), ("G1 X[9 + 1 / [#5399 - 7]]", "division-by-zero")],
+)
+def test_a_program_that_goes_wrong_by_an_answer_comes_to_rest_on_its_path(
+    machine: Path, wrong: str, code: str
+) -> None:
+    """The first pass, without the answer, found nothing wrong; the moves before the fault are under
+    way when it is found.
+    """
     machine.write_text(MACHINE.replace("[axes.y]", "travel = [0, 100]\n[axes.y]") + FILES)
-    lines = ["F3000", "M66 P1 L0", "G1 X30", *(f"X{30 + 0.001 * k:.3f}" for k in range(1, 40_000)), wrong]
+    lines = [
+        "F3000",
+        "M66 P1 L0",
+        "G1 X30",
+        *(f"X{30 + 0.001 * k:.3f}" for k in range(1, 40_000)),
+        wrong,
+    ]
     board = Sensing(3)
     (fault,) = run(program(machine, *lines), machine, board=board).faults
     assert fault.diagnostic.code.startswith(code)
@@ -162,6 +194,10 @@ def test_a_board_that_senses_nothing_refuses_what_needs_sensing(machine: Path, l
 def test_lines_for_a_grbl_board(machine: Path) -> None:
     file = program(machine, "G21", "$H", "G0 X1")
     (fault,) = check(file, machine, dialect="grbl").faults
-    assert (fault.diagnostic.code, fault.diagnostic.line, fault.diagnostic.text) == ("board-command", 2, "$H")
+    assert (fault.diagnostic.code, fault.diagnostic.line, fault.diagnostic.text) == (
+        "board-command",
+        2,
+        "$H",
+    )
     machine.write_text(MACHINE + '[board]\nkind = "grbl"\n' + FILES)
     assert check(file, machine, dialect="grbl").ok

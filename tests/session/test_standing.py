@@ -1,4 +1,6 @@
-"""A GRBL board that does not stand where the last run left it runs no program until it is homed or its position is confirmed."""
+"""A GRBL board that does not stand where the last run left it runs no program until it is homed or
+its position is confirmed.
+"""
 
 from __future__ import annotations
 
@@ -40,9 +42,14 @@ def program(tmp_path: Path) -> Path:
 
 
 def tool(box: GrblBox) -> tuple[float, ...]:
-    """Where the tool is in the world, from where it was at first; the board counts from its last start."""
+    """Where the tool is in the world, from where it was at first; the board counts from its last
+    start.
+    """
     began = box.core.world.of_travels(*box.core.per_axis(130)).offset
-    return tuple(round(p + o - b, 3) for p, o, b in zip(box.position, box.core.world.offset, began, strict=True))
+    return tuple(
+        round(p + o - b, 3)
+        for p, o, b in zip(box.position, box.core.world.offset, began, strict=True)
+    )
 
 
 def ran(box: GrblBox, program: Path, **arguments: object) -> Report:
@@ -81,30 +88,68 @@ def test_two_runs_in_a_row_do_not_shift(program: Path, capsys: pytest.CaptureFix
         time.sleep(0.1)
         assert exit_code(command) == 0, capsys.readouterr().err
         assert tool(server.box) == END
-        assert not [event for event in server.box.events if event.kind == "reset" and event.value == "power"]
+        assert not [
+            event for event in server.box.events if event.kind == "reset" and event.value == "power"
+        ]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
-def test_a_stopped_run_is_gone_on_with_where_it_was(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stopped_run_is_gone_on_with_where_it_was(
+    program: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with PtyServer(GrblBox(settings=FAST), 4.0) as server:
         control = Control()
-        first = run(program, MACHINE, board="grbl", port=server.name, control=control, watch=stopping(control, 6.5))
+        first = run(
+            program,
+            MACHINE,
+            board="grbl",
+            port=server.name,
+            control=control,
+            watch=stopping(control, 6.5),
+        )
         assert first.resume_line is not None
         assert tool(server.box)[0] > 6.0
         time.sleep(0.1)
-        more = ["--machine", "grbl-uno", "--port", server.name, "--from-line", str(first.resume_line), "--yes", "--quiet"]
+        more = [
+            "--machine",
+            "grbl-uno",
+            "--port",
+            server.name,
+            "--from-line",
+            str(first.resume_line),
+            "--yes",
+            "--quiet",
+        ]
         assert exit_code([str(program), *more]) == 0, capsys.readouterr().err
         assert tool(server.box) == END
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
-def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
+    program: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with PtyServer(GrblBox(settings=FAST), 4.0) as server:
         control = Control()
-        first = run(program, MACHINE, board="grbl", port=server.name, control=control, watch=stopping(control, 6.5))
+        first = run(
+            program,
+            MACHINE,
+            board="grbl",
+            port=server.name,
+            control=control,
+            watch=stopping(control, 6.5),
+        )
         stands = tool(server.box)
         server.box.drop_dtr()
-        command = [str(program), "--machine", "grbl-uno", "--port", server.name, "--from-line", str(first.resume_line), "--yes"]
+        command = [
+            str(program),
+            "--machine",
+            "grbl-uno",
+            "--port",
+            server.name,
+            "--from-line",
+            str(first.resume_line),
+            "--yes",
+        ]
         for _ in range(2):
             time.sleep(0.1)
             assert exit_code(command) == 3
@@ -116,7 +161,9 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(program: Pa
             assert tool(server.box) == stands
         time.sleep(0.1)
         assert exit_code([*command, "--trust-position", "--quiet"]) == 0, capsys.readouterr().err
-        assert tool(server.box) == pytest.approx([a + b for a, b in zip(stands, END, strict=True)], abs=0.01)
+        assert tool(server.box) == pytest.approx(
+            [a + b for a, b in zip(stands, END, strict=True)], abs=0.01
+        )
 
 
 def test_a_fresh_board_has_nothing_to_disagree_with(program: Path) -> None:
@@ -128,7 +175,9 @@ def test_a_fresh_board_has_nothing_to_disagree_with(program: Path) -> None:
 
 
 @pytest.mark.parametrize("how", ["power", "another sender"])
-def test_a_board_that_stands_elsewhere_is_refused_until_it_is_confirmed(program: Path, how: str) -> None:
+def test_a_board_that_stands_elsewhere_is_refused_until_it_is_confirmed(
+    program: Path, how: str
+) -> None:
     box = GrblBox(settings=FAST)
     assert ran(box, program).ok
     if how == "power":
@@ -162,7 +211,9 @@ def test_less_than_a_step_is_no_difference(program: Path) -> None:
 
 
 def test_a_restart_where_the_last_run_ended_at_zero_is_one_too(program: Path) -> None:
-    """Nobody knows whether the tool was moved while the board was off, and the second opening does not show the restart."""
+    """Nobody knows whether the tool was moved while the board was off, and the second opening does
+    not show the restart.
+    """
     box = GrblBox(settings=FAST)
     program.write_text("G21 G90\nG1 X3 F900\nG0 X0\nM2\n")
     assert ran(box, program).ok
@@ -178,7 +229,12 @@ def test_homing_finds_the_position_again(program: Path, tmp_path: Path) -> None:
     homing.write_text("$H\n")
     program.write_text("G21 G90\nG1 X-50 Y-50 Z-20 F2000\nM2\n")
     machine = MACHINE.model_copy(
-        update={"axes": {letter: axis.model_copy(update={"travel": (-200.0, 0.0)}) for letter, axis in MACHINE.axes.items()}}
+        update={
+            "axes": {
+                letter: axis.model_copy(update={"travel": (-200.0, 0.0)})
+                for letter, axis in MACHINE.axes.items()
+            }
+        }
     )
 
     def go(name: Path, **arguments: object) -> Report:
@@ -217,7 +273,10 @@ def test_cncrun_home_homes_a_grbl_board() -> None:
     for _ in range(2):
         assert home_alone(box) == {"x": -1.0, "y": -1.0, "z": -1.0}
         kept = LastPosition.read("the box")
-        assert kept is not None and (kept.position, kept.lost) == ({"x": -1.0, "y": -1.0, "z": -1.0}, False)
+        assert kept is not None and (kept.position, kept.lost) == (
+            {"x": -1.0, "y": -1.0, "z": -1.0},
+            False,
+        )
         assert box.core.state == "Idle"
         box.power_up()
     with pytest.raises(UsageError) as caught:
@@ -252,7 +311,9 @@ def test_a_board_that_refuses_to_home_stands_where_it_stood(program: Path) -> No
     assert ran(box, program).ok
     box.power_up()
     program.write_text("$H\n" + SQUARE)
-    assert [fault.diagnostic.code for fault in ran(box, program, dialect="grbl").faults] == ["board-error"]
+    assert [fault.diagnostic.code for fault in ran(box, program, dialect="grbl").faults] == [
+        "board-error"
+    ]
     program.write_text(SQUARE)
     refused(ran(box, program))
 
@@ -324,7 +385,13 @@ def test_what_can_not_be_read_is_none_and_what_can_not_be_written_stops_nothing(
 ) -> None:
     LastPosition("a/b", {"x": 1.0}, "end").write()
     (file,) = last_position.folder().iterdir()
-    for text in ("{", "[]", "{}", '{"board": "a/b", "position": 3}', '{"board": "a/b", "position": {"x": "y"}}'):
+    for text in (
+        "{",
+        "[]",
+        "{}",
+        '{"board": "a/b", "position": 3}',
+        '{"board": "a/b", "position": {"x": "y"}}',
+    ):
         file.write_text(text)
         assert LastPosition.read("a/b") is None
     blocked = tmp_path / "file"

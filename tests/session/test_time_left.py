@@ -1,4 +1,6 @@
-"""The time that is left, as it is told while a program runs, against the time that the board in the box then takes, by its own clock."""
+"""The time that is left, as it is told while a program runs, against the time that the board in the
+box then takes, by its own clock.
+"""
 
 from __future__ import annotations
 
@@ -24,15 +26,19 @@ ROUTER = load_machine("grbl-uno")
 HELD = 7.0
 """s."""
 SETTLING = 5.0
-"""s from a change until what is told is to be right again: overrides go by steps of ten per cent, one a report, and GRBL tells them in
-every twentieth report at least (interface.md, "Ov")."""
+"""s from a change until what is told is to be right again: overrides go by steps of ten per cent,
+one a report, and GRBL tells them in every twentieth report at least (interface.md, "Ov").
+"""
 BLIND = 0.6
-"""s by which what is told may be late: reports come five times a second, and the first and last of them wait for the board."""
+"""s by which what is told may be late: reports come five times a second, and the first and last of
+them wait for the board.
+"""
 
 
 @dataclass
 class Operated:
-    """A run, and what was told during it: when, how much time is left, how long the motion had been held by then.
+    """A run, and what was told during it: when, how much time is left, how long the motion had been
+    held by then.
 
     Each wish is carried out at the report of its number. disturbed: when something was changed.
     """
@@ -72,13 +78,22 @@ class Operated:
             else:
                 board.real_time(RealTime[wish])
 
-        report = run(program, ROUTER, board=board, control=control, watch=Watch(on_sent=see), dialect="linuxcnc")
+        report = run(
+            program,
+            ROUTER,
+            board=board,
+            control=control,
+            watch=Watch(on_sent=see),
+            dialect="linuxcnc",
+        )
         board.close()
         assert report.ok, report.faults
         self.end, self.held = box.moves[-1].end_time, held
 
     def worst(self, since: float = 0.0) -> float:
-        """The largest part of the whole time by which what was told was wrong, when all was quiet."""
+        """The largest part of the whole time by which what was told was wrong, when all was
+        quiet.
+        """
         whole = self.end - self.told[0][0]
         quiet = [
             (now, left, self.end - now - (self.held - held))
@@ -92,15 +107,23 @@ class Operated:
 def jobs(seed: int) -> str:
     """Straight moves long and short, arcs, dwells, with exact stops and without."""
     rng = np.random.default_rng(seed)
-    lines, x, y = ["G21 G90 G94 G17", str(rng.choice(["G61", "G64", "G61.1"])), "G0 X30 Y30"], 30.0, 30.0
+    lines, x, y = (
+        ["G21 G90 G94 G17", str(rng.choice(["G61", "G64", "G61.1"])), "G0 X30 Y30"],
+        30.0,
+        30.0,
+    )
     for _ in range(int(rng.integers(20, 80))):
         kind, reach = rng.random(), float(rng.choice([0.3, 3.0, 30.0]))
-        a, b = np.round(np.clip([x + rng.uniform(-reach, reach), y + rng.uniform(-reach, reach)], 1.0, 60.0), 3)
+        a, b = np.round(
+            np.clip([x + rng.uniform(-reach, reach), y + rng.uniform(-reach, reach)], 1.0, 60.0), 3
+        )
         feed = round(float(10 ** rng.uniform(2.3, 3.3)))
         if kind < 0.15:
             lines.append(f"G0 X{a} Y{b}")
         elif kind < 0.3 and (a, b) != (x, y):
-            lines.append(f"G{rng.integers(2, 4)} X{a} Y{b} R{np.hypot(a - x, b - y) * rng.uniform(0.6, 3.0):.3f} F{feed}")
+            lines.append(
+                f"G{rng.integers(2, 4)} X{a} Y{b} R{np.hypot(a - x, b - y) * rng.uniform(0.6, 3.0):.3f} F{feed}"
+            )
         elif kind < 0.33:
             lines.append(f"G4 P{rng.uniform(0.1, 3.0):.2f}")
             continue
@@ -111,11 +134,20 @@ def jobs(seed: int) -> str:
     return "\n".join([*lines, f"G1 X{x + 1.0} F600", "M2", ""])
 
 
-WISHES = st.dictionaries(st.integers(5, 60), st.sampled_from(["hold", "feed50", "feed150", "feed80", "RAPID_25", "RAPID_50"]), max_size=2)
+WISHES = st.dictionaries(
+    st.integers(5, 60),
+    st.sampled_from(["hold", "feed50", "feed150", "feed80", "RAPID_25", "RAPID_50"]),
+    max_size=2,
+)
 
 
 @settings(max_examples=share(150, 6))
-@given(seed=st.integers(0, 10**6), wishes=WISHES, feed=st.sampled_from([100.0, 100.0, 60.0, 180.0]), arcs=st.sampled_from([0.002, 0.02]))
+@given(
+    seed=st.integers(0, 10**6),
+    wishes=WISHES,
+    feed=st.sampled_from([100.0, 100.0, 60.0, 180.0]),
+    arcs=st.sampled_from([0.002, 0.02]),
+)
 def test_what_is_told_to_be_left_is_left(seed, wishes, feed, arcs, tmp_path_factory):
     """Within a twentieth of the whole, from the last change on."""
     program = tmp_path_factory.mktemp("left") / "p.nc"

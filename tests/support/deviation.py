@@ -1,4 +1,6 @@
-"""How far two motions are from each other, by dense points of both: the larger of both directed distances."""
+"""How far two motions are from each other, by dense points of both: the larger of both directed
+distances.
+"""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,7 +22,9 @@ def dense(points: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def farthest(points: np.ndarray, line: np.ndarray) -> float:
-    """The largest distance of a point (k, 3) from the polyline through ``line`` (m, 3), whose points lie near to each other."""
+    """The largest distance of a point (k, 3) from the polyline through ``line`` (m, 3), whose
+    points lie near to each other.
+    """
     tree = cKDTree(line)
     nearest = tree.query(points, k=min(NEAR, len(line)))[1].reshape(len(points), -1)
     best = np.full(len(points), np.inf)
@@ -28,7 +32,9 @@ def farthest(points: np.ndarray, line: np.ndarray) -> float:
         for begin in (np.maximum(column - 1, 0), np.minimum(column, len(line) - 2)):
             a, d = line[begin], line[begin + 1] - line[begin]
             square = np.einsum("ij,ij->i", d, d)
-            t = np.clip(np.einsum("ij,ij->i", points - a, d) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+            t = np.clip(
+                np.einsum("ij,ij->i", points - a, d) / np.where(square > 0.0, square, 1.0), 0.0, 1.0
+            )
             best = np.minimum(best, np.linalg.norm(points - a - t[:, None] * d, axis=1))
     return float(best.max())
 

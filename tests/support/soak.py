@@ -22,14 +22,25 @@ def share(full: Amount, quick: Amount) -> Amount:
 
 
 def check_without_compiler(*paths: Path, some: str) -> None:
-    """Run tests as plain Python, where an index out of its array can't go unnoticed: those that match ``some``.
+    """Run tests as plain Python, where an index out of its array can't go unnoticed: those that
+    match ``some``.
 
     With the compiler switched off already they are run as they are.
     """
     if os.environ.get("NUMBA_DISABLE_JIT") == "1":
         return
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *map(str, paths), "-k", some],
+        [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            *map(str, paths),
+            "-k",
+            some,
+        ],
         cwd=ROOT,
         env={**os.environ, "NUMBA_DISABLE_JIT": "1", "CNC_SOAK": "0"},
         capture_output=True,

@@ -11,7 +11,9 @@ from tests.support.soak import share
 from tests.support.view.browser import FOUND, INSTALL, Browser
 from tests.support.view.drawn import ROOT, drawn
 
-LINES = "G21 G90 G94\nG0 X5 Y5\nG1 X60 F1500 (there)\nY45 ; up\nG2 X20 Y45 I-20 J0\nG1 Y5\nG0 Z5\nM2\n"
+LINES = (
+    "G21 G90 G94\nG0 X5 Y5\nG1 X60 F1500 (there)\nY45 ; up\nG2 X20 Y45 I-20 J0\nG1 Y5\nG0 Z5\nM2\n"
+)
 PIXELS = """(() => {
   const gl = m.scene.gl, pixels = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight), counts = {};
   m.draw();
@@ -34,7 +36,13 @@ def browser():
             pytest.fail(f"chromium is not installed: {INSTALL}")
         pytest.skip(f"chromium is not installed: {INSTALL}")
     with Browser() as found:
-        found.call("Emulation.setDeviceMetricsOverride", width=1280, height=800, deviceScaleFactor=1, mobile=False)
+        found.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=1280,
+            height=800,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         yield found
 
 
@@ -72,42 +80,62 @@ def middle_of_line(text, line, tmp_path):
 
 def screen_place(ask, t):
     """Where the tool is on the screen at a time."""
-    return ask(f"(([x, y], box) => [x + box.left, y + box.top])(m.scene.project(...m.place({t})), over.getBoundingClientRect())")
+    return ask(
+        f"(([x, y], box) => [x + box.left, y + box.top])(m.scene.project(...m.place({t})), over.getBoundingClientRect())"
+    )
 
 
 def test_nothing_of_a_program_runs(browser, show, ask, tmp_path):
     show(HOSTILE, name="<img src=x onerror=hacked=1>.nc")
     assert browser.evaluate("typeof hacked") == "undefined"
-    assert browser.evaluate("document.querySelectorAll('img, svg, iframe, link, object').length") == 0
+    assert (
+        browser.evaluate("document.querySelectorAll('img, svg, iframe, link, object').length") == 0
+    )
     assert browser.evaluate("[...document.scripts].filter(each => !each.type).length") == 1
-    rows = browser.evaluate("[...document.querySelectorAll('.row code')].map(row => row.textContent)")
-    expected = [line.replace("\u2028", "\u00b7").replace("\u202e", "\u00b7") for line in HOSTILE.split("\n")]
+    rows = browser.evaluate(
+        "[...document.querySelectorAll('.row code')].map(row => row.textContent)"
+    )
+    expected = [
+        line.replace("\u2028", "\u00b7").replace("\u202e", "\u00b7") for line in HOSTILE.split("\n")
+    ]
     assert rows == expected[: len(rows)] and len(rows) == 6
     assert browser.evaluate("document.title") == str(tmp_path / "<img src=x onerror=hacked=1>.nc")
     for line in range(1, 7):
         browser.evaluate(f"document.querySelectorAll('.row')[{line - 1}].click()")
     assert browser.evaluate("typeof hacked") == "undefined"
-    asked = [parameters["request"]["url"] for method, parameters in browser.events if method == "Network.requestWillBeSent"]
+    asked = [
+        parameters["request"]["url"]
+        for method, parameters in browser.events
+        if method == "Network.requestWillBeSent"
+    ]
     assert asked == [(tmp_path / "out.html").as_uri()]
 
 
 def test_the_policy_stops_what_would_get_in(browser, show):
     """Even if something found a way into the page: it would not run."""
     show(LINES)
-    browser.evaluate("document.body.insertAdjacentHTML('beforeend', '<img src=\"x:\" onerror=\"hacked = 1\">')")
-    browser.evaluate("document.body.append(Object.assign(document.createElement('script'), {text: 'hacked = 1'}))")
+    browser.evaluate(
+        "document.body.insertAdjacentHTML('beforeend', '<img src=\"x:\" onerror=\"hacked = 1\">')"
+    )
+    browser.evaluate(
+        "document.body.append(Object.assign(document.createElement('script'), {text: 'hacked = 1'}))"
+    )
     browser.evaluate("new Promise(done => setTimeout(done, 100))")
     assert browser.evaluate("typeof hacked") == "undefined"
     assert any("Content Security Policy" in each for each in browser.complaints)
 
 
-def test_a_click_on_the_path_shows_the_line_and_a_click_on_the_line_the_path(browser, show, ask, tmp_path):
+def test_a_click_on_the_path_shows_the_line_and_a_click_on_the_line_the_path(
+    browser, show, ask, tmp_path
+):
     show(LINES)
     assert ask("m.scene.gl !== null")
     for line in (3, 5, 4):
         t = middle_of_line(LINES, line, tmp_path)
         browser.click(*screen_place(ask, t))
-        assert browser.evaluate("[...document.querySelectorAll('.row.chosen')].map(row => row.dataset.line)") == [str(line)]
+        assert browser.evaluate(
+            "[...document.querySelectorAll('.row.chosen')].map(row => row.dataset.line)"
+        ) == [str(line)]
         assert ask("m.state.at") == pytest.approx(t, abs=0.1)
     program = tmp_path / "plan.nc"
     begins = drawn(program).picture.origins
@@ -119,7 +147,11 @@ def test_a_click_on_the_path_shows_the_line_and_a_click_on_the_line_the_path(bro
         assert ask("m.state.at") == pytest.approx(start, abs=1e-6)
         assert ask("m.scene.chosen.data.length") > 0
     # A line that moves nothing is marked, and no stroke.
-    browser.click(*browser.evaluate("(box => [box.left + 60, box.top + 5])(document.querySelector('.row').getBoundingClientRect())"))
+    browser.click(
+        *browser.evaluate(
+            "(box => [box.left + 60, box.top + 5])(document.querySelector('.row').getBoundingClientRect())"
+        )
+    )
     assert browser.evaluate("document.querySelector('.row.chosen').dataset.line") == "1"
     assert ask("m.scene.chosen") is None
 
@@ -129,7 +161,9 @@ def test_hovering_tells_line_and_time_in_the_path_and_in_the_curves(browser, sho
     t = middle_of_line(LINES, 4, tmp_path)
     browser.mouse("mouseMoved", *screen_place(ask, t))
     assert browser.evaluate("document.getElementById('tip').hidden") is False
-    assert browser.evaluate("document.getElementById('tip').textContent").startswith("line 4 \u00b7 ")
+    assert browser.evaluate("document.getElementById('tip').textContent").startswith(
+        "line 4 \u00b7 "
+    )
     assert ask("m.state.hover") == pytest.approx(t, abs=0.1)
     x, y = browser.evaluate("(box => [box.left, box.top + 50])(graph.getBoundingClientRect())")
     browser.mouse("mouseMoved", x + ask(f"m.graph.x({t})"), y)
@@ -217,7 +251,9 @@ def test_without_webgl_the_curves_and_the_program_are_there(browser, tmp_path):
         assert browser.open(page).isdigit()
         assert "WebGL" in browser.evaluate("document.getElementById('trouble').textContent")
         browser.click(
-            *browser.evaluate("(box => [box.left + 60, box.top + 5])(document.querySelectorAll('.row')[2].getBoundingClientRect())")
+            *browser.evaluate(
+                "(box => [box.left + 60, box.top + 5])(document.querySelectorAll('.row')[2].getBoundingClientRect())"
+            )
         )
         assert browser.evaluate("document.querySelector('.row.chosen').dataset.line") == "3"
         assert browser.evaluate("opened.then(m => m.state.at)") > 0
@@ -227,7 +263,9 @@ def test_without_webgl_the_curves_and_the_program_are_there(browser, tmp_path):
 
 
 def test_a_subroutine_of_another_file_is_shown_with_its_lines(browser, show, ask, tmp_path):
-    (tmp_path / "square.ngc").write_text("o<square> sub\nG1 X20 F1500\nG1 Y20\no<square> endsub\nM2\n")
+    (tmp_path / "square.ngc").write_text(
+        "o<square> sub\nG1 X20 F1500\nG1 Y20\no<square> endsub\nM2\n"
+    )
     show("G21 G90\nG0 X10\no<square> call\nG0 X0\nM2\n", name="main.ngc")
     assert browser.evaluate("[...document.getElementById('files').options].map(each => each.label)") == [
         str(tmp_path / "main.ngc"), str(tmp_path / "square.ngc")
@@ -244,7 +282,11 @@ def test_a_long_program_scrolls_to_its_end(browser, show, ask):
     show("G21 G90 G0 X1\n" + "\n" * (lines - 3) + "G0 X2\nM2\n")
     assert ask("m.source.count") == lines
     browser.evaluate("opened.then(m => m.source.scroll(m.source.count))")
-    assert browser.evaluate("[...document.querySelectorAll('.row')].at(-1).dataset.line") == str(lines)
+    assert browser.evaluate("[...document.querySelectorAll('.row')].at(-1).dataset.line") == str(
+        lines
+    )
     ask("m.chooseTime(m.about.duration)")
-    box = browser.evaluate("(box => [box.top, box.bottom, innerHeight])(document.querySelector('.row.chosen').getBoundingClientRect())")
+    box = browser.evaluate(
+        "(box => [box.top, box.bottom, innerHeight])(document.querySelector('.row.chosen').getBoundingClientRect())"
+    )
     assert 0 < box[0] < box[1] < box[2]

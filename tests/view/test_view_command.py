@@ -1,4 +1,6 @@
-"""`cncrun view`: the files that it writes and those that it does not, exit codes as those of `check`."""
+"""`cncrun view`: the files that it writes and those that it does not, exit codes as those of
+`check`.
+"""
 
 import base64
 import hashlib
@@ -64,7 +66,9 @@ def unpacked(page: Path, name: str) -> bytes:
 
 def integers(page: Path, name: str) -> np.ndarray:
     """A second reader of the form that data.js reads."""
-    planes = np.frombuffer(unpacked(page, f"column-{name}"), np.uint8).reshape(4, -1).astype(np.int64)
+    planes = (
+        np.frombuffer(unpacked(page, f"column-{name}"), np.uint8).reshape(4, -1).astype(np.int64)
+    )
     zigzag = planes[0] + (planes[1] << 8) + (planes[2] << 16) + (planes[3] << 24)
     return np.cumsum(np.where(zigzag % 2, -(zigzag // 2) - 1, zigzag // 2))
 
@@ -73,7 +77,9 @@ def integers(page: Path, name: str) -> np.ndarray:
 def view(tmp_path, capfd):
     """Draw a program here; exit code, standard error."""
 
-    def carry_out(text: str | bytes, output: str, *options: str, name: str = "p.nc") -> tuple[int, str]:
+    def carry_out(
+        text: str | bytes, output: str, *options: str, name: str = "p.nc"
+    ) -> tuple[int, str]:
         file = tmp_path / name
         file.write_bytes(text if isinstance(text, bytes) else text.encode())
         code = cli.exit_code(["view", str(file), "-o", str(tmp_path / output), "--quiet", *options])
@@ -82,7 +88,9 @@ def view(tmp_path, capfd):
     return carry_out
 
 
-@pytest.mark.parametrize(("suffix", "begins"), [("html", b"<!doctype html>"), ("png", PNG), ("svg", b"<?xml")])
+@pytest.mark.parametrize(
+    ("suffix", "begins"), [("html", b"<!doctype html>"), ("png", PNG), ("svg", b"<?xml")]
+)
 def test_a_picture_in_each_format(view, tmp_path, suffix, begins):
     assert view(GOOD, f"out.{suffix}") == (0, "")
     assert (tmp_path / f"out.{suffix}").read_bytes().startswith(begins)
@@ -119,11 +127,17 @@ def test_what_check_refuses_is_refused_alike_and_nothing_is_written(view, tmp_pa
 
 
 def test_wrong_usage_is_2_and_says_what_to_do(view, tmp_path, capfd):
-    for output, code in (("out.jpg", "output-format"), ("out", "output-format"), ("none/out.html", "can-not-write")):
+    for output, code in (
+        ("out.jpg", "output-format"),
+        ("out", "output-format"),
+        ("none/out.html", "can-not-write"),
+    ):
         assert view(GOOD, output)[0] == 2
         assert view(GOOD, output)[1].startswith(f"{code}: ")
     assert cli.exit_code(["view", str(tmp_path / "p.nc")]) == 2
-    assert cli.exit_code(["view", str(tmp_path / "missing.nc"), "-o", str(tmp_path / "out.html")]) == 2
+    assert (
+        cli.exit_code(["view", str(tmp_path / "missing.nc"), "-o", str(tmp_path / "out.html")]) == 2
+    )
     assert cli.exit_code(["view", str(tmp_path), "-o", str(tmp_path / "out.html")]) == 2
     assert "Traceback" not in capfd.readouterr().err
     over = f"output-over-input: an output would overwrite {tmp_path / 'p.html'}\n  help: give it another name\n"
@@ -131,7 +145,9 @@ def test_wrong_usage_is_2_and_says_what_to_do(view, tmp_path, capfd):
     assert (tmp_path / "p.html").read_text() == GOOD
 
 
-def test_without_matplotlib_the_page_is_drawn_and_the_others_say_what_to_install(view, monkeypatch, tmp_path):
+def test_without_matplotlib_the_page_is_drawn_and_the_others_say_what_to_install(
+    view, monkeypatch, tmp_path
+):
     for module in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
@@ -150,13 +166,21 @@ def test_standard_input_is_drawn_with_its_text(tmp_path):
 
 
 def test_a_page_holds_nothing_of_the_program_but_data(view, tmp_path):
-    """Every element is the page's own whatever the program says; its bytes come out as they went in."""
+    """Every element is the page's own whatever the program says; its bytes come out as they went
+    in.
+    """
     assert view(GOOD, "plain.html") == (0, "")
-    for text in (HOSTILE.encode(), HOSTILE.encode("utf-8").replace(b"\n", b"\r\n"), b"\xef\xbb\xbfG0 X1 (\xff\xfe \x80)\nM2\n"):
+    for text in (
+        HOSTILE.encode(),
+        HOSTILE.encode("utf-8").replace(b"\n", b"\r\n"),
+        b"\xef\xbb\xbfG0 X1 (\xff\xfe \x80)\nM2\n",
+    ):
         assert view(text, "out.html", name="<img src=x onerror=hacked=1>&'\".nc") == (0, "")
         page = tmp_path / "out.html"
         shape = [(tag, attributes) for tag, attributes, _ in elements(page)]
-        assert shape == [(tag, attributes) for tag, attributes, _ in elements(tmp_path / "plain.html")]
+        assert shape == [
+            (tag, attributes) for tag, attributes, _ in elements(tmp_path / "plain.html")
+        ]
         assert unpacked(page, "text-0") == text
         assert b"hacked" not in page.read_bytes() and b"onerror" not in page.read_bytes()
 
@@ -164,16 +188,26 @@ def test_a_page_holds_nothing_of_the_program_but_data(view, tmp_path):
 def test_the_policy_lets_one_script_run_and_nothing_be_fetched(view, tmp_path):
     view(HOSTILE, "out.html")
     found = elements(tmp_path / "out.html")
-    policy = next(attributes["content"] for tag, attributes, _ in found if attributes.get("http-equiv") == "Content-Security-Policy")
+    policy = next(
+        attributes["content"]
+        for tag, attributes, _ in found
+        if attributes.get("http-equiv") == "Content-Security-Policy"
+    )
     rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
     assert rules["default-src"] == "'none'"
     assert "unsafe" not in policy and "http" not in policy
     for tag, rule in (("script", "script-src"), ("style", "style-src")):
         (text,) = [text for each, attributes, text in found if each == tag and not attributes]
-        assert rules[rule] == f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+        assert (
+            rules[rule]
+            == f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+        )
     kinds = {attributes.get("type") for tag, attributes, _ in found if tag == "script"}
     assert kinds == {None, "application/octet-stream"}
-    assert not re.search(r"\b(src|href|srcset|on\w+)=", " ".join(f"{name}=" for _, attributes, _ in found for name in attributes))
+    assert not re.search(
+        r"\b(src|href|srcset|on\w+)=",
+        " ".join(f"{name}=" for _, attributes, _ in found for name in attributes),
+    )
 
 
 def test_the_columns_are_the_picture(view, tmp_path):
@@ -185,9 +219,15 @@ def test_the_columns_are_the_picture(view, tmp_path):
     t = integers(page, "t") * about["tick"]
     assert np.abs(t - strokes.t).max() <= about["tick"]
     for axis, middle, expected in zip("xyz", about["middle"], strokes.position.T, strict=True):
-        assert np.abs(integers(page, axis) * about["quantum"] + middle - expected).max() <= 0.51 * about["quantum"]
+        assert (
+            np.abs(integers(page, axis) * about["quantum"] + middle - expected).max()
+            <= 0.51 * about["quantum"]
+        )
     for name in ("feed", "accel", "jerk"):
-        assert np.abs(integers(page, name) * about["units"][name] - getattr(strokes, name)).max() <= about["units"][name]
+        assert (
+            np.abs(integers(page, name) * about["units"][name] - getattr(strokes, name)).max()
+            <= about["units"][name]
+        )
     assert (integers(page, "rapid") == strokes.rapid).all()
     assert (integers(page, "origin-first") == picture.origins.first).all()
     assert about["stock"] == [[-1, 120], [-2, 80], [-10, 0]]
@@ -199,15 +239,24 @@ def test_the_columns_are_the_picture(view, tmp_path):
 def test_traverses_over_the_same_line_are_drawn_once(tmp_path):
     """Down and up, there and back, farther each time: their dashes would fill each other's gaps."""
     program = tmp_path / "p.nc"
-    program.write_text("G21 G90 G61.1 G0 Z10\nX30 Y30\nZ5\nZ15\nZ2\nG1 Z0 F600\nG0 Z20\nX0 Y0\nM2\n")
+    program.write_text(
+        "G21 G90 G61.1 G0 Z10\nX30 Y30\nZ5\nZ15\nZ2\nG1 Z0 F600\nG0 Z20\nX0 Y0\nM2\n"
+    )
     lines = sorted(np.round(line, 3).tolist() for line in traverses(drawn(program).picture.strokes))
-    expected = [[[0, 0, 0], [0, 0, 10]], [[0, 0, 10], [30, 30, 10]], [[0, 0, 20], [30, 30, 20]], [[30, 30, 0], [30, 30, 20]]]
+    expected = [
+        [[0, 0, 0], [0, 0, 10]],
+        [[0, 0, 10], [30, 30, 10]],
+        [[0, 0, 20], [30, 30, 20]],
+        [[30, 30, 0], [30, 30, 20]],
+    ]
     assert np.allclose(lines, expected, atol=0.01)
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])
 def test_names_are_no_formulas_and_no_markup(view, tmp_path, suffix):
-    """matplotlib takes what is between dollars for mathematics, and some letters are in no font or no XML."""
+    """matplotlib takes what is between dollars for mathematics, and some letters are in no font or
+    no XML.
+    """
     assert view(GOOD, f"out.{suffix}", name="a $\\frac{1$ <b> & \x01 \u4e2d.nc") == (0, "")
     if suffix == "svg":
         text = (tmp_path / "out.svg").read_text()
@@ -220,7 +269,13 @@ def test_names_are_no_formulas_and_no_markup(view, tmp_path, suffix):
 
 def test_an_installed_wheel_has_what_the_page_is_made_of(tmp_path):
     build = "import sys; from hatchling.build import build_wheel; print(build_wheel(sys.argv[1]))"
-    done = subprocess.run([sys.executable, "-c", build, str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", build, str(tmp_path)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     wheel, installed = tmp_path / done.stdout.split()[-1], tmp_path / "installed"
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(installed)
@@ -236,5 +291,10 @@ def test_an_installed_wheel_has_what_the_page_is_made_of(tmp_path):
     )
     out = tmp_path / "out.html"
     environment = {"PATH": "/usr/bin:/bin", "NUMBA_DISABLE_JIT": "1", "HOME": str(tmp_path)}
-    subprocess.run([sys.executable, "-c", draw, str(installed), str(out), str(program)], cwd=tmp_path, env=environment, check=True)
+    subprocess.run(
+        [sys.executable, "-c", draw, str(installed), str(out), str(program)],
+        cwd=tmp_path,
+        env=environment,
+        check=True,
+    )
     assert unpacked(out, "text-0") == GOOD.encode()

@@ -1,4 +1,6 @@
-"""What is drawn against the plan, sampled by the sampler: at any time, within what the picture says of itself."""
+"""What is drawn against the plan, sampled by the sampler: at any time, within what the picture says
+of itself.
+"""
 
 import functools
 
@@ -18,7 +20,10 @@ PROGRAMS = {
     "thread-mill.nc": "default",
     "engraving.nc": "default",
     "bezier.nc": "default",
-    **share({"finishing.nc": "default", "siemens-bspline.nc": "default", "fanuc-nurbs.nc": "default"}, {}),
+    **share(
+        {"finishing.nc": "default", "siemens-bspline.nc": "default", "fanuc-nurbs.nc": "default"},
+        {},
+    ),
 }
 CASES = [(name, sizes) for name in PROGRAMS for sizes in (EVERYTHING, SMALL)]
 NEAR = 1e-7
@@ -53,7 +58,8 @@ def test_the_curves_are_those_of_the_plan_or_hold_them(name, sizes):
     curves = made.picture.curves
     assert len(curves.t) <= sizes.curves + 1
     row = np.clip(np.searchsorted(curves.t, made.t, side="right") - 1, 0, len(curves.t) - 2)
-    # The jerk changes at once, and clocks are sums of floats: not those that are as good as on an edge.
+    # The jerk changes at once, and clocks are sums of floats: not those that are as good as on an
+    # edge.
     clear = np.minimum(np.abs(made.t - curves.t[row]), np.abs(made.t - curves.t[row + 1])) > 1e-7
     scale = np.abs(made.values).max(axis=1)
     if curves.within:
@@ -106,8 +112,14 @@ def test_dwells_are_in_it_and_a_program_that_does_not_move_is_a_point(tmp_path):
 
 def test_lines_of_a_spline_over_short_moves_are_a_range(tmp_path):
     moves = [f"X{0.1 * k:.3f} Y{0.01 * k * k:.4f}" for k in range(1, 60)]
-    program = write(tmp_path, "G21 G90 G64 P0.01 F2000\nG1 X0 Y0\n" + "\n".join(moves) + "\nG0 Z5\nM2\n")
+    program = write(
+        tmp_path, "G21 G90 G64 P0.01 F2000\nG1 X0 Y0\n" + "\n".join(moves) + "\nG0 Z5\nM2\n"
+    )
     origins = drawn(program).picture.origins
-    covered = [line for first, last in zip(origins.first, origins.last, strict=True) for line in range(first, last + 1)]
+    covered = [
+        line
+        for first, last in zip(origins.first, origins.last, strict=True)
+        for line in range(first, last + 1)
+    ]
     assert covered == list(range(3, 63))
     assert len(origins.t) < 40

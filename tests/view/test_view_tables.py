@@ -1,4 +1,6 @@
-"""Tables of bounded size: whatever comes, they stay as small as they were made and hold what they were given."""
+"""Tables of bounded size: whatever comes, they stay as small as they were made and hold what they
+were given.
+"""
 
 import numpy as np
 from hypothesis import given
@@ -67,10 +69,18 @@ def test_strokes_stay_within_what_they_say(seed, count, most):
         table.add(part)
     strokes = table.strokes(np.zeros(3))
     assert len(strokes.t) <= most
-    shown = np.stack([np.interp(points[:, T], strokes.t, axis) for axis in strokes.position.T], axis=1)
+    shown = np.stack(
+        [np.interp(points[:, T], strokes.t, axis) for axis in strokes.position.T], axis=1
+    )
     assert np.linalg.norm(shown - points[:, X : X + 3], axis=1).max() <= strokes.tolerance
     assert (strokes.position[[0, -1]] == points[[0, -1], X : X + 3]).all()
 
 
 def test_tolerances_are_rounded_up():
-    assert [tolerance_shown(each) for each in (0.001, 0.00101, 0.0123, 1.0, 0.0)] == ["0.001", "0.0011", "0.013", "1", "0"]
+    assert [tolerance_shown(each) for each in (0.001, 0.00101, 0.0123, 1.0, 0.0)] == [
+        "0.001",
+        "0.0011",
+        "0.013",
+        "1",
+        "0",
+    ]

@@ -1,7 +1,8 @@
 """GRBL's numbers in words: what an error or an alarm means, and what to do about it.
 
-Sources: "Grbl v1.1 Interface" (tables of error and alarm codes, csv files), grblHAL's list (its ``$EE`` and ``$EA``). grblHAL shares errors
-up to 37 and alarms up to 9; from there on its numbers have meanings of their own.
+Sources: "Grbl v1.1 Interface" (tables of error and alarm codes, csv files), grblHAL's list (its
+``$EE`` and ``$EA``). grblHAL shares errors up to 37 and alarms up to 9; from there on its numbers
+have meanings of their own.
 """
 
 from __future__ import annotations
@@ -17,22 +18,37 @@ class Meaning(NamedTuple):
 
 
 _OURS = "the translation made a line that the board does not take; please report the program and this message"
-_LINK = "bytes may have been lost on the way: a shorter USB cable, away from the spindle's, and no hub"
+_LINK = (
+    "bytes may have been lost on the way: a shorter USB cable, away from the spindle's, and no hub"
+)
 _SET = "mend the board's setting: cncrun boards shows them"
 
 ERRORS: dict[int, Meaning] = {
     1: Meaning("a word does not begin with a letter", _LINK),
     2: Meaning("a number is missing or not a number", _LINK),
-    3: Meaning("the board does not know this $ command", "take it out, or update the board's firmware"),
+    3: Meaning(
+        "the board does not know this $ command", "take it out, or update the board's firmware"
+    ),
     4: Meaning("a value is negative where it must not be", "mend the value in the program"),
-    5: Meaning("homing is switched off", "set $22=1 if the machine has homing switches, else take $H out"),
+    5: Meaning(
+        "homing is switched off", "set $22=1 if the machine has homing switches, else take $H out"
+    ),
     6: Meaning("the step pulse is too short", "set $0 to 3 us or more"),
-    7: Meaning("the board's memory could not be read: its settings are the defaults now", "restore the settings before anything moves"),
+    7: Meaning(
+        "the board's memory could not be read: its settings are the defaults now",
+        "restore the settings before anything moves",
+    ),
     8: Meaning("this $ command is for a board at rest", "wait for the end of the motion"),
-    9: Meaning("the board is locked by an alarm", "home the machine ($H), or unlock it ($X) if its position is known to be right"),
+    9: Meaning(
+        "the board is locked by an alarm",
+        "home the machine ($H), or unlock it ($X) if its position is known to be right",
+    ),
     10: Meaning("soft limits need homing", "set $22=1 first, or leave $20=0"),
     11: Meaning("the line is too long for the board", _OURS),
-    12: Meaning("a setting asks for more steps a second than the board can make", "lower $100 to $102 or $110 to $112"),
+    12: Meaning(
+        "a setting asks for more steps a second than the board can make",
+        "lower $100 to $102 or $110 to $112",
+    ),
     13: Meaning("the safety door is open", "close it and start anew"),
     14: Meaning("the text is too long for the board's memory", "shorten it"),
     15: Meaning("a jog goes outside the travel", "jog less far"),
@@ -51,7 +67,10 @@ ERRORS: dict[int, Meaning] = {
     30: Meaning("G53 goes with G0 and G1 only", _OURS),
     31: Meaning("axis words stand in a line that makes no use of them", _LINK),
     32: Meaning("an arc has no axis word of its plane", _LINK),
-    33: Meaning("the target is not possible: an arc whose radii differ, or a probe that is there already", _OURS),
+    33: Meaning(
+        "the target is not possible: an arc whose radii differ, or a probe that is there already",
+        _OURS,
+    ),
     34: Meaning("the radius of an arc can't be right", _OURS),
     35: Meaning("an arc has no centre", _LINK),
     36: Meaning("words are left over that nothing uses", _LINK),
@@ -77,7 +96,10 @@ ERRORS_HAL: dict[int, Meaning] = {
     48: Meaning("two values of this line contradict each other", _LINK),
     49: Meaning("the board's self test failed", "switch it off and on"),
     50: Meaning("the emergency stop is pressed", "release it, then start anew"),
-    51: Meaning("a motor driver reports a fault", "look at the drivers and their supply, then switch off and on"),
+    51: Meaning(
+        "a motor driver reports a fault",
+        "look at the drivers and their supply, then switch off and on",
+    ),
     52: Meaning("a setting is out of range", _SET),
     53: Meaning("this board does not have that setting", _SET),
     54: Meaning("a cycle's retract position lies below its bottom", _OURS),
@@ -101,7 +123,9 @@ ERRORS_HAL: dict[int, Meaning] = {
     76: Meaning("an expression has no value", _OURS),
     77: Meaning("the board wants a password", "log in first"),
     78: Meaning("the board does not allow this", "log in as somebody who may"),
-    79: Meaning("the board has to be reset before it goes on", "see to the alarm's cause, then start anew"),
+    79: Meaning(
+        "the board has to be reset before it goes on", "see to the alarm's cause, then start anew"
+    ),
     80: Meaning("flow control is for macros on the board", _OURS),
     81: Meaning("flow control is malformed", _OURS),
     82: Meaning("flow control is nested too deep", _OURS),
@@ -115,16 +139,30 @@ _HOME = "see to the cause, then home the machine: its position is lost"
 ALARMS: dict[int, Meaning] = {
     1: Meaning("a limit switch was hit", _HOME),
     2: Meaning(
-        "the target lies outside the travel of the board's settings", "check the work's zero and $130 to $132; the position is kept"
+        "the target lies outside the travel of the board's settings",
+        "check the work's zero and $130 to $132; the position is kept",
     ),
     3: Meaning("the board was reset in motion", _HOME),
-    4: Meaning("the probe was not in its rest state before the move", "look at the probe, its wire and $6; the position is kept"),
-    5: Meaning("the probe made no contact on its way", "check the probe and how far it goes; the position is kept"),
+    4: Meaning(
+        "the probe was not in its rest state before the move",
+        "look at the probe, its wire and $6; the position is kept",
+    ),
+    5: Meaning(
+        "the probe made no contact on its way",
+        "check the probe and how far it goes; the position is kept",
+    ),
     6: Meaning("homing was broken off by a reset", "home again"),
     7: Meaning("homing was broken off by the safety door", "close it and home again"),
-    8: Meaning("homing could not clear the limit switch", "raise $27, or look at the switch's wire"),
-    9: Meaning("homing found no limit switch", "look at the switches, $23 and the travel $130 to $132"),
-    10: Meaning("homing found no second limit switch of an axis with two motors", "look at that switch and its wire"),
+    8: Meaning(
+        "homing could not clear the limit switch", "raise $27, or look at the switch's wire"
+    ),
+    9: Meaning(
+        "homing found no limit switch", "look at the switches, $23 and the travel $130 to $132"
+    ),
+    10: Meaning(
+        "homing found no second limit switch of an axis with two motors",
+        "look at that switch and its wire",
+    ),
 }
 """Alarms 1 to 10 of GRBL 1.1; 1 to 9 are grblHAL's, too."""
 
@@ -132,11 +170,19 @@ ALARMS_HAL: dict[int, Meaning] = {
     10: Meaning("the emergency stop is pressed", "release it, then home the machine"),
     11: Meaning("the machine has to be homed first", "home it ($H)"),
     12: Meaning("a limit switch is active", "move off the switch, or home the machine"),
-    13: Meaning("the probe was touched while it must not be", "move off, then unlock the board ($X)"),
+    13: Meaning(
+        "the probe was touched while it must not be", "move off, then unlock the board ($X)"
+    ),
     14: Meaning("the spindle did not reach its speed in time", "look at the spindle and its drive"),
-    15: Meaning("homing found no second limit switch of an axis with two motors", "look at that switch and its wire"),
+    15: Meaning(
+        "homing found no second limit switch of an axis with two motors",
+        "look at that switch and its wire",
+    ),
     16: Meaning("the board's self test failed", "switch it off and on"),
-    17: Meaning("a motor driver reports a fault", "look at the drivers and their supply; the position is lost"),
+    17: Meaning(
+        "a motor driver reports a fault",
+        "look at the drivers and their supply; the position is lost",
+    ),
     18: Meaning("the homing settings contradict each other", _SET),
     19: Meaning("the spindle's drive does not answer", "look at its Modbus wires and settings"),
     20: Meaning("a board for inputs and outputs does not answer", "look at its wires"),
@@ -148,13 +194,21 @@ ALARMS_HAL: dict[int, Meaning] = {
 def error_meaning(code: int, *, hal: bool) -> Meaning:
     """What ``error:code`` says."""
     own = ERRORS_HAL.get(code) if hal else None
-    return own or ERRORS.get(code) or Meaning("this program does not know that number", _ask("$EE", "error", hal))
+    return (
+        own
+        or ERRORS.get(code)
+        or Meaning("this program does not know that number", _ask("$EE", "error", hal))
+    )
 
 
 def alarm_meaning(code: int, *, hal: bool) -> Meaning:
     """What ``ALARM:code`` says."""
     own = ALARMS_HAL.get(code) if hal else None
-    return own or ALARMS.get(code) or Meaning("this program does not know that number", _ask("$EA", "alarm", hal))
+    return (
+        own
+        or ALARMS.get(code)
+        or Meaning("this program does not know that number", _ask("$EA", "alarm", hal))
+    )
 
 
 def _ask(command: str, kind: str, hal: bool) -> str:

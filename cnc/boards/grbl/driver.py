@@ -1,6 +1,8 @@
-"""A GRBL board (1.1 or grblHAL) as a line sink: streams, watches, and never waits for something that can't come.
+"""A GRBL board (1.1 or grblHAL) as a line sink: streams, watches, and never waits for something
+that can't come.
 
-Whatever goes wrong, the motion is stopped (hold, wait for rest, reset) before it is reported, and nothing is sent any more.
+Whatever goes wrong, the motion is stopped (hold, wait for rest, reset) before it is reported, and
+nothing is sent any more.
 """
 
 from __future__ import annotations
@@ -40,16 +42,24 @@ SAME = 0.002
 
 
 class GrblBoard:
-    """Drives the board at ``port``; :meth:`connect` before anything else. ``name`` is the port's. ``machine``: names the axes.
+    """Drives the board at ``port``; :meth:`connect` before anything else. ``name`` is the port's.
+    ``machine``: names the axes.
 
-    identity: what tells this board from others from one run to the next, None for one that nothing is to be remembered of.
+    identity: what tells this board from others from one run to the next, None for one that nothing
+    is to be remembered of.
 
-    Faults, each a BoardError at its source line: ``board-error``, ``board-alarm``, ``board-silent``, ``board-restarted``, ``reply-lost``,
-    ``reply-missing``, ``board-stuck``, ``board-locked``, ``line-too-long``, ``port-lost``, ``board-not-started``, ``board-stopped``.
+    Faults, each a BoardError at its source line: ``board-error``, ``board-alarm``,
+    ``board-silent``, ``board-restarted``, ``reply-lost``, ``reply-missing``, ``board-stuck``,
+    ``board-locked``, ``line-too-long``, ``port-lost``, ``board-not-started``, ``board-stopped``.
     """
 
     def __init__(
-        self, port: Port, machine: Machine, clock: Clock | None = None, name: str = "the port", identity: str | None = None
+        self,
+        port: Port,
+        machine: Machine,
+        clock: Clock | None = None,
+        name: str = "the port",
+        identity: str | None = None,
     ) -> None:
         self.identity = identity
         self.link = GrblLink(port, clock or SystemClock(), name)
@@ -67,12 +77,16 @@ class GrblBoard:
 
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> GrblBoard:
-        """The board at the port of the machine file, connected. UsageError `no-port`; BoardError where it does not answer as it should."""
+        """The board at the port of the machine file, connected. UsageError `no-port`; BoardError
+        where it does not answer as it should.
+        """
         name = machine.board.port
         if name is None:
             hint = "name it with --port /dev/ttyUSB0, or as board.port in the machine file; cncrun boards lists them"
             raise UsageError(Diagnostic("no-port", "a GRBL board needs a port", hint=hint))
-        board = cls(open_port(name, machine.board.baud), machine, name=name, identity=identity(name))
+        board = cls(
+            open_port(name, machine.board.baud), machine, name=name, identity=identity(name)
+        )
         try:
             board.connect()
         except BaseException:
@@ -83,10 +97,15 @@ class GrblBoard:
     def connect(self) -> None:
         """Get to know the board. Nothing moves."""
         self.link.connect()
-        # A board that counts from anywhere else than zero has not restarted: grblHAL greets whoever connects over the network.
+        # A board that counts from anywhere else than zero has not restarted: grblHAL greets whoever
+        # connects over the network.
         self.restarted = self.link.greeted_unasked and not any(self._position())
         axes = len(self._position())
-        missing = [letter.upper() for letter, column in zip(self._machine.axes, self._columns, strict=True) if column >= axes]
+        missing = [
+            letter.upper()
+            for letter, column in zip(self._machine.axes, self._columns, strict=True)
+            if column >= axes
+        ]
         if missing:
             message = f"the machine file has an axis {missing[0]}, the board has {axes} axes"
             raise board_error("board-axes", message, hint="take it out of the machine file")
@@ -109,16 +128,27 @@ class GrblBoard:
     def capabilities(self) -> Capabilities:
         """Lines; the probe answers."""
         rate = self._machine.board.max_step_rate
-        return Capabilities(axes=len(self._machine.axes), max_step_rate=rate, tick_ns=1e9 / rate, pulses=False, lines=True, senses=True)
+        return Capabilities(
+            axes=len(self._machine.axes),
+            max_step_rate=rate,
+            tick_ns=1e9 / rate,
+            pulses=False,
+            lines=True,
+            senses=True,
+        )
 
     @property
     def confirmed_line(self) -> int:
-        """Source line of the last line that the board has taken: it lies at most a planner's length ahead of the motion."""
+        """Source line of the last line that the board has taken: it lies at most a planner's length
+        ahead of the motion.
+        """
         return self.link.protocol.confirmed_line
 
     @property
     def moving_line(self) -> int:
-        """Source line of the move that the board was on when it reported last, 0 where that is not known."""
+        """Source line of the move that the board was on when it reported last, 0 where that is not
+        known.
+        """
         return self._judge.way.line
 
     @property
@@ -128,18 +158,28 @@ class GrblBoard:
 
     @property
     def work_offset(self) -> tuple[float, ...]:
-        """What the board adds to the coordinates of a line in G54, mm, one number an axis of the machine."""
+        """What the board adds to the coordinates of a line in G54, mm, one number an axis of the
+        machine.
+        """
         return self._own(self._in_g54())
 
     @property
     def places(self) -> dict[str, tuple[float, ...]]:
         """G54 to G59, G28, G30 and G92 of the board, mm, one number an axis of the machine."""
-        return {name: self._own(place) for name, place in self.info.places.items() if len(place) >= len(self._columns)}
+        return {
+            name: self._own(place)
+            for name, place in self.info.places.items()
+            if len(place) >= len(self._columns)
+        }
 
     @property
     def settings(self) -> dict[int, float]:
         """Rates, accelerations, tolerances and more, by their numbers."""
-        return {number: value for number in self.info.settings if (value := self.info.number(number)) is not None}
+        return {
+            number: value
+            for number in self.info.settings
+            if (value := self.info.number(number)) is not None
+        }
 
     @property
     def mist(self) -> bool:
@@ -171,7 +211,9 @@ class GrblBoard:
         return self.link.now()
 
     def attend(self, control: Control, watcher: Watcher) -> None:
-        """Carry out the operator's wishes at once, and tell ``watcher`` whenever the board has reported."""
+        """Carry out the operator's wishes at once, and tell ``watcher`` whenever the board has
+        reported.
+        """
         self._wishes, self._watcher = Wishes(control), watcher
 
     def start(self, origin_steps: NDArray[np.int64]) -> None:
@@ -180,16 +222,26 @@ class GrblBoard:
         link = self.link
         before, status = self._position(), link.refresh()
         if status.state not in ("Idle", "Alarm"):
-            hint = {"Door": "close the safety door", "Sleep": "reset the board"}.get(status.state, "wait until it has come to rest")
-            raise board_error("board-busy", f"the board is not ready: it says {status.state}", hint=hint)
+            hint = {"Door": "close the safety door", "Sleep": "reset the board"}.get(
+                status.state, "wait until it has come to rest"
+            )
+            raise board_error(
+                "board-busy", f"the board is not ready: it says {status.state}", hint=hint
+            )
         if any(abs(a - b) > SAME for a, b in zip(before, self._position(), strict=True)):
-            raise board_error("board-moved", "the machine was moved while the program was read", hint="start again")
+            raise board_error(
+                "board-moved",
+                "the machine was moved while the program was read",
+                hint="start again",
+            )
         self.state = "running"
         self._first = True
         if self.check_only:
             link.ask("$C")
             link.refresh()
-        self._judge.begin(self.info, self._position(), self._in_g54(), link.now(), moves=not self.check_only)
+        self._judge.begin(
+            self.info, self._position(), self._in_g54(), link.now(), moves=not self.check_only
+        )
         self._override_first()
 
     def send_line(self, line: GcodeLine) -> None:
@@ -205,7 +257,11 @@ class GrblBoard:
             self._rest()
         if self.status.state == "Alarm" and bare(text)[:2] not in ("$H", "$X"):
             raise self._fault(faults.locked(line.line))
-        while protocol.waiting >= judge.vital.most_waiting or not protocol.room(text, kind) or judge.far_ahead(self.status):
+        while (
+            protocol.waiting >= judge.vital.most_waiting
+            or not protocol.room(text, kind)
+            or judge.far_ahead(self.status)
+        ):
             if self._stopping():
                 return
             self._serve(WAIT)
@@ -215,7 +271,9 @@ class GrblBoard:
             self._probed = None
         judge.sending(text, line.line, self.link.now())
         self._write(protocol.send(text, line.line, kind))
-        if protocol.mark_fits() and (protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME):
+        if protocol.mark_fits() and (
+            protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME
+        ):
             self._mark()
         if kind == "system":
             # It may change what the board is: locked or not, and where.
@@ -229,7 +287,9 @@ class GrblBoard:
             self._serve(0.0)
 
     def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
-        """Wait until the lines sent so far have been carried out. After a probe: 1 or 0 for contact or none, and where, machine mm."""
+        """Wait until the lines sent so far have been carried out. After a probe: 1 or 0 for contact
+        or none, and where, machine mm.
+        """
         self._refuse_unless_running()
         self._settle()
         answer, self._probed = self._probed, None
@@ -249,7 +309,9 @@ class GrblBoard:
         self.state = "idle"
 
     def stop(self) -> None:
-        """Hold, wait for rest, reset: what was sent and not carried out is forgotten, the position survives."""
+        """Hold, wait for rest, reset: what was sent and not carried out is forgotten, the position
+        survives.
+        """
         wrong = self.link.halt() if self.state == "running" else None
         self.state = "stopped"
         if wrong is not None:
@@ -280,7 +342,10 @@ class GrblBoard:
     def _in_g54(self) -> tuple[float, ...]:
         places = self.info.places
         nothing = (0.0,) * len(self._position())
-        sums = [a + b for a, b in zip(places.get("G54", nothing), places.get("G92", nothing), strict=False)]
+        sums = [
+            a + b
+            for a, b in zip(places.get("G54", nothing), places.get("G92", nothing), strict=False)
+        ]
         if len(sums) > 2:
             sums[2] += self.info.tool_length
         return tuple(sums)
@@ -303,7 +368,8 @@ class GrblBoard:
         while not self._stopping():
             before = link.status_at
             self._serve(WAIT, fast=True)
-            # A report may be older than the last answer, and between an answer and the motion GRBL is Idle for a moment: the second counts.
+            # A report may be older than the last answer, and between an answer and the motion GRBL
+            # is Idle for a moment: the second counts.
             if link.status_at > before and link.status_at > began:
                 still = still + 1 if self.status.state in ("Idle", "Alarm", "Check", "Sleep") else 0
                 if still == 2:
@@ -323,7 +389,9 @@ class GrblBoard:
         self._judge.way.begin(self._position())
 
     def _serve(self, timeout: float, *, fast: bool = False) -> None:
-        """Wait for the board a moment, take in what it says, and carry out the operator's wishes. Every fault comes out of here."""
+        """Wait for the board a moment, take in what it says, and carry out the operator's wishes.
+        Every fault comes out of here.
+        """
         link = self.link
         try:
             events = link.pump(timeout, 0.05) if fast else link.pump(timeout)
@@ -369,19 +437,29 @@ class GrblBoard:
                 self._write(data)
 
     def _override_first(self) -> None:
-        """Before anything moves: the override that the operator begins with; a board begins with 100."""
+        """Before anything moves: the override that the operator begins with; a board begins with
+        100.
+        """
         wishes, link = self._wishes, self.link
         if wishes is None or wishes.override == NORMAL:
             return
         deadline = link.now() + OVERRIDE_PATIENCE
-        while wishes.control.feed_override >= LEAST_OVERRIDE and link.now() < deadline and not self._stopping():
+        while (
+            wishes.control.feed_override >= LEAST_OVERRIDE
+            and link.now() < deadline
+            and not self._stopping()
+        ):
             self._serve(WAIT, fast=True)
             overrides = self.status.overrides
             if overrides is not None and overrides[0] == wishes.override:
                 return
         if not self._stopping():
-            message = f"the board does not take a feed override of {wishes.control.feed_override:g} %"
-            hint = f"GRBL's go from {LEAST_OVERRIDE} to 200 %; scale the feeds of the program instead"
+            message = (
+                f"the board does not take a feed override of {wishes.control.feed_override:g} %"
+            )
+            hint = (
+                f"GRBL's go from {LEAST_OVERRIDE} to 200 %; scale the feeds of the program instead"
+            )
             raise self._fault(board_error("override-refused", message, hint=hint))
 
     def _mark(self) -> None:
@@ -397,7 +475,9 @@ class GrblBoard:
             raise self._at_confirmed(error) from error
 
     def _compare_offset(self, line: int) -> None:
-        """The first line has chosen a coordinate system: is its offset the one that the lines were made for?"""
+        """The first line has chosen a coordinate system: is its offset the one that the lines were
+        made for?
+        """
         if self.status.state == "Alarm":
             self._first = True
             return
@@ -409,7 +489,12 @@ class GrblBoard:
             shown = ", ".join(f"{value:g}" for value in offset)
             hint = "is it set by a start-up line ($N)? Use G54 to G59 for offsets"
             raise self._fault(
-                board_error("offset-differs", f"the board adds another offset than that of its G54: {shown}", line=line, hint=hint)
+                board_error(
+                    "offset-differs",
+                    f"the board adds another offset than that of its G54: {shown}",
+                    line=line,
+                    hint=hint,
+                )
             )
 
     def _contact(self, text: str) -> tuple[float, ...] | None:
@@ -432,7 +517,11 @@ class GrblBoard:
     def _at_confirmed(self, error: BoardError) -> BoardError:
         line = self.confirmed_line
         found = error.diagnostic
-        last = f"; line {line} was the last that the board confirmed" if line else "; the board had confirmed no line yet"
+        last = (
+            f"; line {line} was the last that the board confirmed"
+            if line
+            else "; the board had confirmed no line yet"
+        )
         return type(error)(Diagnostic(found.code, found.message + last, line=line, hint=found.hint))
 
     def _refuse_if_stopped(self) -> None:

@@ -1,4 +1,5 @@
-"""What is wrong with a GRBL board, by what it answers and reports. No I/O: it is told, and says what the fault is.
+"""What is wrong with a GRBL board, by what it answers and reports. No I/O: it is told, and says
+what the fault is.
 
 what the board says                        | what watches it                          | found within
 -------------------------------------------+------------------------------------------+--------------------------------------
@@ -16,7 +17,18 @@ from collections.abc import Sequence
 from cnc.boards.grbl import faults
 from cnc.boards.grbl.liveness import Vital
 from cnc.boards.grbl.position_tracker import SLACK, Limits, Whereabouts
-from cnc.boards.grbl.protocol import Alarmed, Confirmed, Event, GrblProtocol, Lost, Rejected, Reported, Started, State, Stray
+from cnc.boards.grbl.protocol import (
+    Alarmed,
+    Confirmed,
+    Event,
+    GrblProtocol,
+    Lost,
+    Rejected,
+    Reported,
+    Started,
+    State,
+    Stray,
+)
 from cnc.boards.grbl.settings import ACCELERATIONS, ARC_TOLERANCE, RATES, STEPS, BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.model.diagnostics import BoardError
@@ -25,9 +37,13 @@ MOST_BLOCKS = 128
 """Moves that the planner of a board may hold which does not tell."""
 AHEAD = 1.5
 LOOK_AHEAD = 0.5
-"""Seconds of motion that the board is given ahead: AHEAD, but LOOK_AHEAD more than it needs to brake, so that it need not."""
+"""Seconds of motion that the board is given ahead: AHEAD, but LOOK_AHEAD more than it needs to
+brake, so that it need not.
+"""
 AT_REST = 0.3
-"""Seconds of Idle, with every line answered, after which the motion is over: a report may be older than the last answer."""
+"""Seconds of Idle, with every line answered, after which the motion is over: a report may be older
+than the last answer.
+"""
 FOLLOWED = ("Run", "Hold", "Idle")
 NORMAL = 100
 
@@ -35,8 +51,8 @@ NORMAL = 100
 class Judge:
     """Watches one run.
 
-    vital: signs of life. way: the moves that the board has been sent. doubtful: whether a report was off the way, so that another is wanted
-    soon.
+    vital: signs of life. way: the moves that the board has been sent. doubtful: whether a report
+    was off the way, so that another is wanted soon.
     """
 
     def __init__(self, protocol: GrblProtocol) -> None:
@@ -50,10 +66,22 @@ class Judge:
         self._sound = False
         self._busy_at = 0.0
 
-    def begin(self, info: BoardInfo, position: Sequence[float], offset: Sequence[float], now: float, *, moves: bool) -> None:
-        """A run begins here, mm; ``offset``: what the board adds to the numbers of a line. ``moves``: whether lines move anything."""
+    def begin(
+        self,
+        info: BoardInfo,
+        position: Sequence[float],
+        offset: Sequence[float],
+        now: float,
+        *,
+        moves: bool,
+    ) -> None:
+        """A run begins here, mm; ``offset``: what the board adds to the numbers of a line.
+        ``moves``: whether lines move anything.
+        """
         columns = range(len(position))
-        steps = max((1.0 / each for column in columns if (each := info.axis(STEPS, column))), default=0.0)
+        steps = max(
+            (1.0 / each for column in columns if (each := info.axis(STEPS, column))), default=0.0
+        )
         limits = Limits(
             [rate / 60.0 if (rate := info.axis(RATES, column)) else math.inf for column in columns],
             [info.axis(ACCELERATIONS, column) or math.inf for column in columns],
@@ -92,11 +120,18 @@ class Judge:
             self.vital.reported(event.status, now)
             return self._reported(event.status, now)
         elif isinstance(event, Rejected):
-            return faults.refused(event.code, event.sent.text, event.sent.line or line, hal=self._hal)
+            return faults.refused(
+                event.code, event.sent.text, event.sent.line or line, hal=self._hal
+            )
         elif isinstance(event, Alarmed):
             sent = event.sent
             probing = sent is not None and sent.kind == "probe"
-            return faults.alarmed(event.code, sent.line if sent is not None and sent.line else line, hal=self._hal, probing=probing)
+            return faults.alarmed(
+                event.code,
+                sent.line if sent is not None and sent.line else line,
+                hal=self._hal,
+                probing=probing,
+            )
         elif isinstance(event, Started):
             return faults.restarted(line)
         elif isinstance(event, Lost):
@@ -128,7 +163,9 @@ class Judge:
         elif not off and now - self._busy_at > AT_REST:
             off = self.way.arrived(status.position)
         if off and self.doubtful:
-            return faults.off_path(status.position, off, self.way.line or self._protocol.confirmed_line)
+            return faults.off_path(
+                status.position, off, self.way.line or self._protocol.confirmed_line
+            )
         # One report may be wrong: an AVR reads its position while it steps.
         self.doubtful = bool(off)
         return None

@@ -1,4 +1,6 @@
-"""What can be wrong with a GRBL board, in words: each a BoardError with its source line and what to do about it."""
+"""What can be wrong with a GRBL board, in words: each a BoardError with its source line and what to
+do about it.
+"""
 
 from __future__ import annotations
 
@@ -18,26 +20,41 @@ PROBE_ALARMS = (4, 5)
 def refused(code: int, text: str, line: int, *, hal: bool) -> BoardError:
     """``error:code`` to a line."""
     meaning = error_meaning(code, hal=hal)
-    return board_error("board-error", f"the board refuses {text!r}, error:{code}: {meaning.what}", line=line, hint=meaning.advice)
+    return board_error(
+        "board-error",
+        f"the board refuses {text!r}, error:{code}: {meaning.what}",
+        line=line,
+        hint=meaning.advice,
+    )
 
 
 def alarmed(code: int, line: int, *, hal: bool, probing: bool = False) -> BoardError:
     """``ALARM:code``; ``probing``: while a probe was under way."""
     meaning = alarm_meaning(code, hal=hal)
     name = "probe-no-contact" if probing and code in PROBE_ALARMS else "board-alarm"
-    return board_error(name, f"the board stopped with ALARM:{code}: {meaning.what}", line=line, hint=meaning.advice)
+    return board_error(
+        name, f"the board stopped with ALARM:{code}: {meaning.what}", line=line, hint=meaning.advice
+    )
 
 
 def alarmed_unheard(line: int) -> BoardError:
     """A board that is in alarm, and whose message of it got lost."""
     hint = "look at its switches and at what it shows; home the machine before the next run"
-    return board_error("board-alarm", "the board is in alarm; the message why got lost on the way", line=line, hint=hint)
+    return board_error(
+        "board-alarm",
+        "the board is in alarm; the message why got lost on the way",
+        line=line,
+        hint=hint,
+    )
 
 
 def restarted(line: int) -> BoardError:
     """A welcome that nobody asked for."""
     return board_error(
-        "board-restarted", "the board has restarted by itself", line=line, hint=f"was it its reset button, or its supply? {HOME_IT}"
+        "board-restarted",
+        "the board has restarted by itself",
+        line=line,
+        hint=f"was it its reset button, or its supply? {HOME_IT}",
     )
 
 
@@ -50,7 +67,12 @@ def locked(line: int) -> BoardError:
 def lost(after: int, until: int) -> BoardError:
     """Answers do not match the lines."""
     where = f"between line {after} and line {until}" if after < until else f"near line {until}"
-    return board_error("reply-lost", f"a line or its answer got lost on the way to or from the board, {where}", line=until, hint=CABLE)
+    return board_error(
+        "reply-lost",
+        f"a line or its answer got lost on the way to or from the board, {where}",
+        line=until,
+        hint=CABLE,
+    )
 
 
 def question_lost(line: int) -> BoardError:
@@ -68,7 +90,12 @@ def unanswered(line: int) -> BoardError:
 def stuck(seconds: float, line: int) -> BoardError:
     """A board that says Run and does not move."""
     hint = "look at the machine, then switch the board off and on"
-    return board_error("board-stuck", f"the board says that it runs, but has not moved for {seconds:g} s", line=line, hint=hint)
+    return board_error(
+        "board-stuck",
+        f"the board says that it runs, but has not moved for {seconds:g} s",
+        line=line,
+        hint=hint,
+    )
 
 
 def off_path(position: Sequence[float], off: float, line: int) -> BoardError:
@@ -85,20 +112,29 @@ def elsewhere(position: Sequence[float], off: float, line: int) -> BoardError:
 
 def silent(name: str) -> BoardError:
     """No answer to ``?``."""
-    return board_error("board-silent", f"the board at {name} does not answer any more", hint=STOP_IT)
+    return board_error(
+        "board-silent", f"the board at {name} does not answer any more", hint=STOP_IT
+    )
 
 
 def not_stopped(name: str) -> BoardError:
     """No welcome after a reset."""
-    return board_error("board-silent", f"the board at {name} does not confirm that it has stopped", hint=STOP_IT)
+    return board_error(
+        "board-silent", f"the board at {name} does not confirm that it has stopped", hint=STOP_IT
+    )
 
 
 def followed_by(first: BoardError, second: BoardError) -> BoardError:
     """Two faults in one: what came of the first counts for what to do."""
     one, two = first.diagnostic, second.diagnostic
-    return type(first)(Diagnostic(one.code, f"{one.message}; then: {two.message}", line=one.line, hint=two.hint))
+    return type(first)(
+        Diagnostic(one.code, f"{one.message}; then: {two.message}", line=one.line, hint=two.hint)
+    )
 
 
 def shown(position: Sequence[float]) -> str:
     """``X1.000 Y2.000 Z0.000``."""
-    return " ".join(f"{letter.upper()}{value:.3f}" for letter, value in zip(AXIS_LETTERS, position, strict=False))
+    return " ".join(
+        f"{letter.upper()}{value:.3f}"
+        for letter, value in zip(AXIS_LETTERS, position, strict=False)
+    )

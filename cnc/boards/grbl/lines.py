@@ -1,4 +1,6 @@
-"""What a line asks of a GRBL board beyond its place in the stream. Source: "Grbl v1.1 Interface", EEPROM issues, and its command list."""
+"""What a line asks of a GRBL board beyond its place in the stream. Source: "Grbl v1.1 Interface",
+EEPROM issues, and its command list.
+"""
 
 from __future__ import annotations
 
@@ -32,9 +34,9 @@ def bare(text: str) -> str:
 def kind_of(text: str) -> Kind:
     """What a line needs of the stream around it.
 
-    No other line may be under way with a *writer* (the board is deaf while it writes to EEPROM) or a *system* command (most want a board
-    at rest). A *dwell*, a *spindle* (coolant too) or a *probe* takes its time while nothing is answered, a *pause* until the operator goes
-    on.
+    No other line may be under way with a *writer* (the board is deaf while it writes to EEPROM) or
+    a *system* command (most want a board at rest). A *dwell*, a *spindle* (coolant too) or a
+    *probe* takes its time while nothing is answered, a *pause* until the operator goes on.
     """
     # Most lines are moves.
     if _MOVE.fullmatch(text):
@@ -57,7 +59,9 @@ def kind_of(text: str) -> Kind:
 
 
 def seconds_of(text: str) -> float:
-    """How long a line may take while nothing moves that is reported: a dwell its time, homing HOMING, in which GRBL says nothing at all."""
+    """How long a line may take while nothing moves that is reported: a dwell its time, homing
+    HOMING, in which GRBL says nothing at all.
+    """
     line = bare(text)
     if line.startswith("$"):
         return HOMING if line.startswith("$H") else RESTORING if line.startswith("$RST") else 0.0

@@ -1,8 +1,10 @@
-"""A GRBL board at a port: asked for its status while everything else goes on, never waited for without a bound.
+"""A GRBL board at a port: asked for its status while everything else goes on, never waited for
+without a bound.
 
-Opening a port for the first time resets most boards, and a boot loader then takes up to two seconds before the firmware greets: such a
-greeting, which nobody asked for, is noted. A board that was not reset answers ``?``. It gets a soft reset once it is known to stand still,
-which keeps its position, so that every conversation begins with the welcome.
+Opening a port for the first time resets most boards, and a boot loader then takes up to two seconds
+before the firmware greets: such a greeting, which nobody asked for, is noted. A board that was not
+reset answers ``?``. It gets a soft reset once it is known to stand still, which keeps its position,
+so that every conversation begins with the welcome.
 """
 
 from __future__ import annotations
@@ -12,7 +14,19 @@ from collections.abc import Callable
 
 from cnc.boards.grbl import faults
 from cnc.boards.grbl.messages import Feedback, Other, Setting, Welcome
-from cnc.boards.grbl.protocol import Alarmed, Confirmed, Event, GrblProtocol, RealTime, Rejected, Reported, Sent, Started, State, Stray
+from cnc.boards.grbl.protocol import (
+    Alarmed,
+    Confirmed,
+    Event,
+    GrblProtocol,
+    RealTime,
+    Rejected,
+    Reported,
+    Sent,
+    Started,
+    State,
+    Stray,
+)
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import Clock, Port
@@ -28,9 +42,13 @@ SILENCE = 2.0
 GREETING = 6.0
 """Seconds to wait for a board that has just been connected: boot loaders take up to 2."""
 UNASKED = 2.6
-"""Seconds after which a board that says nothing is reset: in a critical alarm GRBL answers nothing else."""
+"""Seconds after which a board that says nothing is reset: in a critical alarm GRBL answers nothing
+else.
+"""
 UNHEARD = 3.4
-"""Seconds after which DTR is raised for a board that may send only then; one that this resets still greets in time."""
+"""Seconds after which DTR is raised for a board that may send only then; one that this resets still
+greets in time.
+"""
 RESTART = 3.0
 """Seconds from a soft reset to the welcome."""
 RESETS = 3
@@ -42,7 +60,9 @@ WRITING = 0.5
 GREETINGS = 3
 """Times that a conversation is begun anew."""
 DROPPED = 20
-"""Times that a board which does not answer is told to stop: what makes it silent may swallow bytes, too."""
+"""Times that a board which does not answer is told to stop: what makes it silent may swallow bytes,
+too.
+"""
 OLDEST = (1, 1)
 """The version that this protocol is of."""
 
@@ -63,7 +83,9 @@ class GrblLink:
         self.status_at = -1.0
         self.alarm: int | None = None
         self.greeted_unasked = False
-        """Whether the board greeted without having been told to reset: it has just started, or a network link was made."""
+        """Whether the board greeted without having been told to reset: it has just started, or a
+        network link was made.
+        """
         self._port = port
         self._next_poll = 0.0
         self._unanswered_since: float | None = None
@@ -88,7 +110,9 @@ class GrblLink:
         self._port.close()
 
     def pump(self, timeout: float, poll: float = POLL) -> list[Event]:
-        """What the board says, after ``timeout`` s at most; asks for the status meanwhile. PortLost; BoardError ``board-silent``."""
+        """What the board says, after ``timeout`` s at most; asks for the status meanwhile.
+        PortLost; BoardError ``board-silent``.
+        """
         now = self.clock.now()
         if now >= self._next_poll and not self._deaf(now):
             self._port.write(b"?")
@@ -99,7 +123,11 @@ class GrblLink:
         events = self._heard(data) if data else []
         asked = self._unanswered_since
         # Noise is no answer.
-        if asked is not None and self.clock.now() - asked > self._patience() and all(isinstance(event, Other) for event in events):
+        if (
+            asked is not None
+            and self.clock.now() - asked > self._patience()
+            and all(isinstance(event, Other) for event in events)
+        ):
             raise faults.silent(self.name)
         return events
 
@@ -112,7 +140,9 @@ class GrblLink:
         self._next_poll = 0.0
 
     def until(self, done: Callable[[Event], bool], timeout: float) -> bool:
-        """Whether an event for which ``done`` says so came within ``timeout`` s. As :meth:`pump`, but silence is no fault here."""
+        """Whether an event for which ``done`` says so came within ``timeout`` s. As :meth:`pump`,
+        but silence is no fault here.
+        """
         deadline = self.clock.now() + timeout
         while (left := deadline - self.clock.now()) > 0:
             self._unanswered_since = None
@@ -122,7 +152,9 @@ class GrblLink:
         return False
 
     def ask(self, command: str) -> list[Feedback | Setting]:
-        """What the board tells in answer to a command, while it is at rest. BoardError ``board-error``, ``board-alarm``, ``no-answer``."""
+        """What the board tells in answer to a command, while it is at rest. BoardError
+        ``board-error``, ``board-alarm``, ``no-answer``.
+        """
         told: list[Feedback | Setting] = []
         failed: list[BoardError] = []
 
@@ -142,7 +174,11 @@ class GrblLink:
         self.write(self.protocol.send(command, 0))
         if not self.until(done, ANSWER):
             hint = "switch the board off and on; if that does not help, its firmware is not GRBL 1.1 or grblHAL"
-            raise board_error("no-answer", f"the board at {self.name} does not answer {command or 'an empty line'}", hint=hint)
+            raise board_error(
+                "no-answer",
+                f"the board at {self.name} does not answer {command or 'an empty line'}",
+                hint=hint,
+            )
         if failed:
             raise failed[0]
         return told
@@ -150,7 +186,8 @@ class GrblLink:
     def connect(self) -> None:
         """Find out what is there, until the board is known and waits for lines. Nothing moves.
 
-        BoardError ``no-answer``, ``board-not-grbl``, ``board-too-old``, ``board-busy``, ``port-lost``, and as :meth:`ask`.
+        BoardError ``no-answer``, ``board-not-grbl``, ``board-too-old``, ``board-busy``,
+        ``port-lost``, and as :meth:`ask`.
         """
         for _ in range(GREETINGS - 1):
             # Some boards greet twice, or have an answer left over from before.
@@ -159,14 +196,20 @@ class GrblLink:
         return self._introduce(self._greeted())
 
     def _introduce(self, welcome: Welcome) -> None:
-        version = tuple(int(part) for part in welcome.version.rstrip("abcdefghijklmnopqrstuvwxyz").split(".")[:2])
+        version = tuple(
+            int(part)
+            for part in welcome.version.rstrip("abcdefghijklmnopqrstuvwxyz").split(".")[:2]
+        )
         if not welcome.hal and (version < OLDEST or version[0] > OLDEST[0]):
             hint = "flash GRBL 1.1 or grblHAL"
             raise board_error(
-                "board-too-old", f"the board at {self.name} runs Grbl {welcome.version}, which speaks another protocol", hint=hint
+                "board-too-old",
+                f"the board at {self.name} runs Grbl {welcome.version}, which speaks another protocol",
+                hint=hint,
             )
         self.info = BoardInfo(welcome.version, welcome.hal)
-        # An empty line ends the error that grblHAL may be repeating, and shows that the board answers.
+        # An empty line ends the error that grblHAL may be repeating, and shows that the board
+        # answers.
         self.ask("")
         self.info.take([*self.ask("$I"), *self.ask("$$")])
         self.protocol.status_reader.unit = self.info.unit
@@ -178,15 +221,25 @@ class GrblLink:
     def refresh(self) -> Status:
         """The status as it is now, with a position. BoardError ``no-answer``."""
         self.poll_now()
-        if not self.until(lambda event: isinstance(event, Reported) and event.status.position is not None, ANSWER) or self.status is None:
+        if (
+            not self.until(
+                lambda event: isinstance(event, Reported) and event.status.position is not None,
+                ANSWER,
+            )
+            or self.status is None
+        ):
             hint = "set $10 to 1, so that the board reports machine positions"
-            raise board_error("no-answer", f"the board at {self.name} does not tell its position", hint=hint)
+            raise board_error(
+                "no-answer", f"the board at {self.name} does not tell its position", hint=hint
+            )
         return self.status
 
     def halt(self) -> BoardError | None:
-        """Stop what moves and forget what waits: hold, wait for rest, reset, so that the position survives.
+        """Stop what moves and forget what waits: hold, wait for rest, reset, so that the position
+        survives.
 
-        Bounded; never fails. What went wrong meanwhile, if anything: an alarm, no sign that it has stopped.
+        Bounded; never fails. What went wrong meanwhile, if anything: an alarm, no sign that it has
+        stopped.
         """
         self._alarms.clear()
         try:
@@ -205,7 +258,9 @@ class GrblLink:
         return faults.alarmed(self._alarms[0], 0, hal=self.info.hal) if self._alarms else None
 
     def drop(self) -> None:
-        """For a board that does not answer any more: hold and reset, until it greets or it is clear that it does not hear."""
+        """For a board that does not answer any more: hold and reset, until it greets or it is clear
+        that it does not hear.
+        """
         with contextlib.suppress(BoardError):
             for _ in range(DROPPED):
                 self.tell(RealTime.HOLD)
@@ -231,7 +286,9 @@ class GrblLink:
         return events
 
     def _deaf(self, now: float) -> bool:
-        """Whether the board may be writing to its EEPROM: it hears nothing then, and has one line to answer."""
+        """Whether the board may be writing to its EEPROM: it hears nothing then, and has one line
+        to answer.
+        """
         oldest = self.protocol.oldest
         if oldest is None or oldest.kind != "writer":
             return False
@@ -241,7 +298,11 @@ class GrblLink:
 
     def _patience(self) -> float:
         oldest = self.protocol.oldest
-        return oldest.seconds if oldest is not None and oldest.kind == "system" and oldest.seconds else SILENCE
+        return (
+            oldest.seconds
+            if oldest is not None and oldest.kind == "system" and oldest.seconds
+            else SILENCE
+        )
 
     def _rest(self, patience: float) -> None:
         """Hold, until the machine is at rest or ``patience`` s are over."""
@@ -283,10 +344,16 @@ class GrblLink:
                 if isinstance(event, Started):
                     self.greeted_unasked |= not told
                     return event.welcome
-                if isinstance(event, Reported) and (self.protocol.state is State.UNKNOWN or (raised and not told)):
+                if isinstance(event, Reported) and (
+                    self.protocol.state is State.UNKNOWN or (raised and not told)
+                ):
                     if not event.status.at_rest:
                         hint = "wait until it has come to rest, or stop it with its reset button"
-                        raise board_error("board-busy", f"the board at {self.name} is under way already ({event.status.state})", hint=hint)
+                        raise board_error(
+                            "board-busy",
+                            f"the board at {self.name} is under way already ({event.status.state})",
+                            hint=hint,
+                        )
                     self.write(self.protocol.reset())
                     told = True
                 elif isinstance(event, Other):
@@ -297,9 +364,17 @@ class GrblLink:
         said = next((text for text in heard if text.isascii() and text.isprintable()), None)
         if said is not None:
             hint = "this program drives GRBL 1.1 and grblHAL; name the port of such a board, or flash it"
-            return board_error("board-not-grbl", f"the board at {self.name} is no GRBL board: it says {said[:60]!r}", hint=hint)
+            return board_error(
+                "board-not-grbl",
+                f"the board at {self.name} is no GRBL board: it says {said[:60]!r}",
+                hint=hint,
+            )
         if heard or self.protocol.partial:
             hint = "set board.baud in the machine file: 115200 for GRBL 1.1"
-            return board_error("board-not-grbl", f"what the board at {self.name} says is not to be understood", hint=hint)
+            return board_error(
+                "board-not-grbl",
+                f"what the board at {self.name} says is not to be understood",
+                hint=hint,
+            )
         hint = "is it switched on, is it the right port (cncrun boards lists them), and is board.baud right?"
         return board_error("no-answer", f"nothing answers at {self.name}", hint=hint)

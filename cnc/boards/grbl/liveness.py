@@ -1,4 +1,5 @@
-"""Whether a GRBL board that answers nothing is busy or dead, and how much to have waiting for it. No I/O: it is told what happens.
+"""Whether a GRBL board that answers nothing is busy or dead, and how much to have waiting for it.
+No I/O: it is told what happens.
 
 What tells one from the other is the status, asked for five times a second:
 
@@ -27,9 +28,13 @@ STUCK = 30.0
 MARK_PAUSE = 0.5
 """Seconds without an answer after which a mark asks whether there is one to come."""
 MARK_PATIENCE = 1.5
-"""Seconds for the answer to a mark that nothing stands before: the board reads it at once, however full its planner is."""
+"""Seconds for the answer to a mark that nothing stands before: the board reads it at once, however
+full its planner is.
+"""
 AHEAD = 0.5
-"""Seconds for which lines wait in the receive buffer, beside what the planner holds: more would only be late in the case of a fault."""
+"""Seconds for which lines wait in the receive buffer, beside what the planner holds: more would
+only be late in the case of a fault.
+"""
 FEWEST_WAITING = 1
 PACE_SHARE = 0.3
 """What the last line counts for in the pace at which lines are taken."""
@@ -39,8 +44,9 @@ QUIET_STATES = ("Idle", "Check", "Alarm")
 class Vital:
     """Signs of life. Times are seconds of one clock.
 
-    most_waiting: how many lines may wait unanswered: as many as were taken lately in AHEAD s. A board whose planner is full takes them one
-    a move, so long moves leave few lines in its receive buffer, and short ones as many as fit.
+    most_waiting: how many lines may wait unanswered: as many as were taken lately in AHEAD s. A
+    board whose planner is full takes them one a move, so long moves leave few lines in its receive
+    buffer, and short ones as many as fit.
     """
 
     def __init__(self) -> None:
@@ -80,18 +86,26 @@ class Vital:
         self._marked_at = now
 
     def doubtful(self, now: float) -> bool:
-        """Whether a mark should ask for an answer: one is due, and has not come for a while. To a busy board it does no harm."""
+        """Whether a mark should ask for an answer: one is due, and has not come for a while. To a
+        busy board it does no harm.
+        """
         return now - self._answered_at > MARK_PAUSE
 
     def verdict(self, oldest: Sent | None, line: int, now: float) -> BoardError | None:
-        """What is wrong, as far as the oldest unanswered line tells; ``line``: the source line that was answered last."""
+        """What is wrong, as far as the oldest unanswered line tells; ``line``: the source line that
+        was answered last.
+        """
         seconds = 0.0
         if oldest is not None:
             line, seconds = oldest.line, oldest.seconds
             if oldest.mark and now - max(self._marked_at, self._answered_at) > MARK_PATIENCE:
                 return faults.question_lost(line)
             # While it homes GRBL reports nothing: if it reports, it does not.
-            patience = QUIET + (seconds if oldest.kind == "dwell" else 0.0) + (SPIN_UP if oldest.kind == "spindle" else 0.0)
+            patience = (
+                QUIET
+                + (seconds if oldest.kind == "dwell" else 0.0)
+                + (SPIN_UP if oldest.kind == "spindle" else 0.0)
+            )
             if self._reported_at - self._quiet_since > patience:
                 return faults.unanswered(line)
         if self._state == "Run" and now - self._moved_at > STUCK + seconds:

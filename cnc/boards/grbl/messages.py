@@ -59,7 +59,9 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """What stands in brackets: ``kind`` before the colon (MSG, GC, PRB, VER, OPT, G54, ..), ``text`` behind it."""
+    """What stands in brackets: ``kind`` before the colon (MSG, GC, PRB, VER, OPT, G54, ..),
+    ``text`` behind it.
+    """
 
     kind: str
     text: str
@@ -117,4 +119,6 @@ class Messages:
         *lines, rest = (self._rest + data).split(b"\n")
         self._rest = rest if len(rest) <= LONGEST else b""
         stripped = [raw.strip(b"\r\0 ") for raw in lines]
-        return [OK if line == b"ok" else message(line.decode("latin-1")) for line in stripped if line]
+        return [
+            OK if line == b"ok" else message(line.decode("latin-1")) for line in stripped if line
+        ]

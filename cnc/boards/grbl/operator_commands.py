@@ -1,8 +1,10 @@
-"""The operator's wishes as GRBL's real-time commands. No I/O: it is shown what the board reports, and says what to write.
+"""The operator's wishes as GRBL's real-time commands. No I/O: it is shown what the board reports,
+and says what to write.
 
-A byte may get lost (while the board writes to its EEPROM it hears nothing), so what was wished for is compared with what is reported, and
-said again. Where the machine itself holds (a program stop, the safety door, a button), that becomes the operator's hold: he says when it
-goes on, here or there.
+A byte may get lost (while the board writes to its EEPROM it hears nothing), so what was wished for
+is compared with what is reported, and said again. Where the machine itself holds (a program stop,
+the safety door, a button), that becomes the operator's hold: he says when it goes on, here or
+there.
 """
 
 from __future__ import annotations
@@ -57,12 +59,20 @@ class Wishes:
         return b""
 
     def _step(self, status: Status, now: float) -> bytes:
-        """One step towards the feed override that is wished for; each has to show before the next, or GRBL may take two for one."""
-        if status.overrides is None or (status.overrides[0] == self._stepped_from and now - self._stepped_at < WISH):
+        """One step towards the feed override that is wished for; each has to show before the next,
+        or GRBL may take two for one.
+        """
+        if status.overrides is None or (
+            status.overrides[0] == self._stepped_from and now - self._stepped_at < WISH
+        ):
             return b""
         missing = self.override - status.overrides[0]
         if not missing:
             return b""
         self._stepped_from, self._stepped_at = status.overrides[0], now
-        ten, one = (RealTime.FEED_UP_10, RealTime.FEED_UP_1) if missing > 0 else (RealTime.FEED_DOWN_10, RealTime.FEED_DOWN_1)
+        ten, one = (
+            (RealTime.FEED_UP_10, RealTime.FEED_UP_1)
+            if missing > 0
+            else (RealTime.FEED_DOWN_10, RealTime.FEED_DOWN_1)
+        )
         return (ten if abs(missing) >= TEN else one).value

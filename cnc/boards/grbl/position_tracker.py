@@ -1,21 +1,26 @@
-r"""Where a GRBL board can be: on the moves that it was sent and has not finished, one after the other.
+r"""Where a GRBL board can be: on the moves that it was sent and has not finished, one after the
+other.
 
-A line that loses a few of its bytes on the way may still be a line that the board takes: ``X12.5`` becomes ``X1.5``. Nothing it answers
-tells that, but where it goes does. So the positions that it reports are followed along the moves that were sent:
+A line that loses a few of its bytes on the way may still be a line that the board takes: ``X12.5``
+becomes ``X1.5``. Nothing it answers tells that, but where it goes does. So the positions that it
+reports are followed along the moves that were sent:
 
                       o--------->o
                      /            \ x      x is off them all: some line was not what it was when it was sent
             ---o--*-o              o--
                   `-- here the board was last: it goes on from here, never back
 
-A way may cross itself, or go the same way back; the earliest place that the board can have come to counts, so it is never thought to be
-further than it is. As one report may be wrong (an AVR reads its position while it steps, so that a number may be half the old one), a place
-counts when the next report does not lie before it.
+A way may cross itself, or go the same way back; the earliest place that the board can have come to
+counts, so it is never thought to be further than it is. As one report may be wrong (an AVR reads
+its position while it steps, so that a number may be half the old one), a place counts when the next
+report does not lie before it.
 
-How much motion lies ahead of the board, in seconds, bounds how late a fault of this kind is found out, so no more of it is sent than the
-board's planner has use for (:attr:`Whereabouts.seconds`). A planner full of moves that take seconds each would hide one for a minute.
+How much motion lies ahead of the board, in seconds, bounds how late a fault of this kind is found
+out, so no more of it is sent than the board's planner has use for (:attr:`Whereabouts.seconds`). A
+planner full of moves that take seconds each would hide one for a minute.
 
-Only moves in absolute mm, and lines that do not move, are understood; after any other nothing is known until :meth:`Whereabouts.begin`.
+Only moves in absolute mm, and lines that do not move, are understood; after any other nothing is
+known until :meth:`Whereabouts.begin`.
 """
 
 from __future__ import annotations
@@ -29,13 +34,17 @@ from dataclasses import dataclass
 from cnc.boards.grbl.lines import bare
 
 SLACK = 0.03
-"""mm that a reported position may be off for decimals and rounding; the board's steps and its chords of arcs come on top."""
+"""mm that a reported position may be off for decimals and rounding; the board's steps and its
+chords of arcs come on top.
+"""
 SPARE = 4
 """Moves that count beside those that planner and receive buffer can hold."""
 SHARP = 0.9
 """Cosine of the turn from one move to the next below which the board about stops between them."""
 FULL_TURN = 5e-7
-"""rad: an arc that turns by less is a full circle to GRBL (config.h, ARC_ANGULAR_TRAVEL_EPSILON)."""
+"""rad: an arc that turns by less is a full circle to GRBL (config.h,
+ARC_ANGULAR_TRAVEL_EPSILON).
+"""
 
 _WORD = re.compile(r"([A-Z])([-+]?[0-9]*\.?[0-9]+|[-+]?[0-9]+\.)")
 _MOTION = {"0": 0, "1": 1, "2": 2, "3": 3, "38.2": 4, "38.3": 4, "38.4": 4, "38.5": 4}
@@ -59,7 +68,9 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Straight:
-    """A straight move, of a source line. Positions are the machine's, mm; ``seconds``: about the time that it takes."""
+    """A straight move, of a source line. Positions are the machine's, mm; ``seconds``: about the
+    time that it takes.
+    """
 
     line: int
     start: Point
@@ -68,15 +79,23 @@ class Straight:
     seconds: float
 
     def nearest(self, point: Point, after: float, slack: float) -> tuple[float, float]:
-        """The part of the move, not before the part ``after``, at which it comes within ``slack`` of a point, and the distance there."""
-        along = sum((b - a) * (p - a) for a, b, p in zip(self.start, self.end, point, strict=True)) / (self.length * self.length)
+        """The part of the move, not before the part ``after``, at which it comes within ``slack``
+        of a point, and the distance there.
+        """
+        along = sum(
+            (b - a) * (p - a) for a, b, p in zip(self.start, self.end, point, strict=True)
+        ) / (self.length * self.length)
         part = min(max(along, after), 1.0)
-        return part, math.dist(point, [a + part * (b - a) for a, b in zip(self.start, self.end, strict=True)])
+        return part, math.dist(
+            point, [a + part * (b - a) for a, b in zip(self.start, self.end, strict=True)]
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Round:
-    """An arc, or a screw, about ``centre`` in the plane of two columns: from the angle ``first`` on by ``turn`` rad, counter-clockwise."""
+    """An arc, or a screw, about ``centre`` in the plane of two columns: from the angle ``first`` on
+    by ``turn`` rad, counter-clockwise.
+    """
 
     line: int
     start: Point
@@ -89,7 +108,9 @@ class Round:
     turn: float
 
     def nearest(self, point: Point, after: float, slack: float) -> tuple[float, float]:
-        """As :meth:`Straight.nearest`. Just before its beginning the board seems to be at the end of a full circle: it is where it was."""
+        """As :meth:`Straight.nearest`. Just before its beginning the board seems to be at the end
+        of a full circle: it is where it was.
+        """
         waits = math.dist(point, self._at(after))
         if waits <= slack:
             return after, waits
@@ -99,10 +120,16 @@ class Round:
         # Neither on the arc nor past it, but before it.
         along = (turned - math.tau if turned - whole > math.tau - turned else turned) / whole
         # Along a screw the height tells more the steeper it is.
-        rises = [0.0 if column in self.plane else b - a for column, (a, b) in enumerate(zip(self.start, self.end, strict=True))]
+        rises = [
+            0.0 if column in self.plane else b - a
+            for column, (a, b) in enumerate(zip(self.start, self.end, strict=True))
+        ]
         round_ = (self.radius * self.turn) ** 2
         risen = sum(rise * (p - a) for rise, p, a in zip(rises, point, self.start, strict=True))
-        part = min(max((round_ * along + risen) / (round_ + sum(rise * rise for rise in rises)), after), 1.0)
+        part = min(
+            max((round_ * along + risen) / (round_ + sum(rise * rise for rise in rises)), after),
+            1.0,
+        )
         distance = math.dist(point, self._at(part))
         return (part, distance) if distance < waits else (after, waits)
 
@@ -117,10 +144,17 @@ class Round:
 class Whereabouts:
     """Follows the lines that are sent, and the board along them.
 
-    planner: moves that the board can hold. offset: what it adds to the numbers of a line. slack: mm that a position may be off.
+    planner: moves that the board can hold. offset: what it adds to the numbers of a line. slack: mm
+    that a position may be off.
     """
 
-    def __init__(self, planner: int, offset: Sequence[float], slack: float = SLACK, limits: Limits | None = None) -> None:
+    def __init__(
+        self,
+        planner: int,
+        offset: Sequence[float],
+        slack: float = SLACK,
+        limits: Limits | None = None,
+    ) -> None:
         self._offset = tuple(offset)
         self._slack = slack
         self._planner = planner
@@ -168,7 +202,9 @@ class Whereabouts:
 
     @property
     def lines(self) -> int:
-        """Lines sent from the first move on that is not over yet, or was not when the board reported last; 0 if there is none."""
+        """Lines sent from the first move on that is not over yet, or was not when the board
+        reported last; 0 if there is none.
+        """
         return self._sent - self._numbers[0] if self._moves else 0
 
     @property
@@ -183,7 +219,9 @@ class Whereabouts:
             return
         line = bare(text)
         words = _WORD.findall(line)
-        if line.startswith("$") or sum(len(letter) + len(value) for letter, value in words) != len(line):
+        if line.startswith("$") or sum(len(letter) + len(value) for letter, value in words) != len(
+            line
+        ):
             self._at = None
             return
         ends = list(self._at)
@@ -221,7 +259,9 @@ class Whereabouts:
         self._add(number, tuple(ends), centre)
 
     def off(self, position: Sequence[float], waiting: int) -> float:
-        """The board reports to be here: how far that is from all its way ahead, 0 within the slack. ``waiting``: unanswered lines."""
+        """The board reports to be here: how far that is from all its way ahead, 0 within the slack.
+        ``waiting``: unanswered lines.
+        """
         if self._at is None or len(position) != len(self._at):
             return 0.0
         # Twice: moves that go nowhere take no place in the planner.
@@ -242,20 +282,30 @@ class Whereabouts:
         self._said = found
         return 0.0
 
-    def _find(self, point: Point, after: tuple[int, float]) -> tuple[tuple[int, float] | None, float]:
-        """The first place of the way (number of the move, part of it) behind ``after`` that is at the point; how near the way comes."""
+    def _find(
+        self, point: Point, after: tuple[int, float]
+    ) -> tuple[tuple[int, float] | None, float]:
+        """The first place of the way (number of the move, part of it) behind ``after`` that is at
+        the point; how near the way comes.
+        """
         assert self._at is not None
         closest = math.inf
         for number in range(after[0], len(self._moves)):
-            part, distance = self._moves[number].nearest(point, after[1] if number == after[0] else 0.0, self._slack)
+            part, distance = self._moves[number].nearest(
+                point, after[1] if number == after[0] else 0.0, self._slack
+            )
             if distance <= self._slack:
                 return (number, part), distance
             closest = min(closest, distance)
         distance = math.dist(point, self._at)
-        return ((len(self._moves), 0.0) if distance <= self._slack else None), min(closest, distance)
+        return ((len(self._moves), 0.0) if distance <= self._slack else None), min(
+            closest, distance
+        )
 
     def arrived(self, position: Sequence[float]) -> float:
-        """The board has come to rest here with nothing left to do: how far that is from where the lines lead, 0 within the slack."""
+        """The board has come to rest here with nothing left to do: how far that is from where the
+        lines lead, 0 within the slack.
+        """
         if self._at is None or self._open_end or len(position) != len(self._at):
             return 0.0
         distance = math.dist(position, self._at)
@@ -299,15 +349,24 @@ class Whereabouts:
         limits, before = self._limits, self._direction
         speed = self._feed if self._motion else math.inf
         pull = math.inf
-        for share, rate, acceleration in zip(direction, limits.rates, limits.accelerations, strict=False):
+        for share, rate, acceleration in zip(
+            direction, limits.rates, limits.accelerations, strict=False
+        ):
             if share:
                 speed = min(speed, rate / abs(share))
                 pull = min(pull, acceleration / abs(share))
         if not 0.0 < speed < math.inf:
             return 0.0
-        if before is not None and sum(a * b for a, b in zip(before, direction, strict=True)) > SHARP:
+        if (
+            before is not None
+            and sum(a * b for a, b in zip(before, direction, strict=True)) > SHARP
+        ):
             return length / speed
-        return length / speed + speed / pull if length * pull > speed * speed else 2.0 * math.sqrt(length / pull)
+        return (
+            length / speed + speed / pull
+            if length * pull > speed * speed
+            else 2.0 * math.sqrt(length / pull)
+        )
 
     def _round(self, line: int, start: Point, end: Point, centre: dict[str, float]) -> Round:
         i, j = self._plane
@@ -321,6 +380,12 @@ class Whereabouts:
             turn += math.tau if self._motion == _MOTION["3"] else -math.tau
         rates = self._limits.rates
         speed = min(self._feed, rates[i], rates[j]) if max(i, j) < len(rates) else self._feed
-        across = [b - a for column, (a, b) in enumerate(zip(start, end, strict=True)) if column not in (i, j)]
+        across = [
+            b - a
+            for column, (a, b) in enumerate(zip(start, end, strict=True))
+            if column not in (i, j)
+        ]
         length = math.hypot(radius * turn, *across)
-        return Round(line, start, end, length / speed if speed else 0.0, (i, j), about, radius, first, turn)
+        return Round(
+            line, start, end, length / speed if speed else 0.0, (i, j), about, radius, first, turn
+        )

@@ -1,15 +1,18 @@
-"""The conversation with a GRBL board, without any I/O: bytes in, events out. Sources: "Grbl v1.1 Interface"; grblHAL's, where it differs.
+"""The conversation with a GRBL board, without any I/O: bytes in, events out. Sources: "Grbl v1.1
+Interface"; grblHAL's, where it differs.
 
-Character counting: the board keeps what it is sent in a receive buffer until it gets round to it, and answers each line, in order, when it
-has taken it out. So the bytes of the lines that are not answered yet are the most that the buffer can hold, and as long as they are fewer
-than its size nothing is ever lost:
+Character counting: the board keeps what it is sent in a receive buffer until it gets round to it,
+and answers each line, in order, when it has taken it out. So the bytes of the lines that are not
+answered yet are the most that the buffer can hold, and as long as they are fewer than its size
+nothing is ever lost:
 
     sent, unanswered:   G1X1Y2F500 | G1X3 | $G | G1X5Y1 |     a line end is one byte: 11 + 5 + 3 + 7 bytes
                             ^ the next ok is for this one
 
-A line lost on the way (or two that became one), or a lost answer, would put every later answer at the wrong line. Nothing in an ``ok`` says
-which line it means, but the answer to ``$G`` says that it is that: a *mark* is sent along now and then, and its ``[GC:..]`` has to come
-when the mark is the oldest unanswered line. Marks cost 3 bytes.
+A line lost on the way (or two that became one), or a lost answer, would put every later answer at
+the wrong line. Nothing in an ``ok`` says which line it means, but the answer to ``$G`` says that it
+is that: a *mark* is sent along now and then, and its ``[GC:..]`` has to come when the mark is the
+oldest unanswered line. Marks cost 3 bytes.
 
 A state says what a message means (``-``: nothing; an error goes on to be answered by a reset):
 
@@ -20,8 +23,9 @@ A state says what a message means (``-``: nothing; an error goes on to be answer
     FAILED     | -           | FAILED   | FAILED               | RESETTING
     RESETTING  | -           | RESETTING| READY                | RESETTING
 
-In RESETTING an ``ok`` is a late one: GRBL still answers the line that the reset broke off. After an error GRBL goes on with what its buffer
-holds, and grblHAL repeats the error to each line until an empty one: both end with the reset, so what they answer until then is nothing.
+In RESETTING an ``ok`` is a late one: GRBL still answers the line that the reset broke off. After an
+error GRBL goes on with what its buffer holds, and grblHAL repeats the error to each line until an
+empty one: both end with the reset, so what they answer until then is nothing.
 """
 
 from __future__ import annotations
@@ -33,7 +37,18 @@ from dataclasses import dataclass
 from enum import Enum
 
 from cnc.boards.grbl.lines import Kind, bare, kind_of, seconds_of
-from cnc.boards.grbl.messages import OK, Alarm, Feedback, Message, Messages, Other, Reply, Report, Setting, Welcome
+from cnc.boards.grbl.messages import (
+    OK,
+    Alarm,
+    Feedback,
+    Message,
+    Messages,
+    Other,
+    Reply,
+    Report,
+    Setting,
+    Welcome,
+)
 from cnc.boards.grbl.status import Status, StatusReader
 
 RX_BYTES = 128
@@ -50,7 +65,9 @@ _END = re.compile(r"M0*2(?![0-9.])|M30(?![0-9.])")
 
 
 class RealTime(bytes, Enum):
-    """Commands that the board takes out of the stream as they arrive: they need no room and get no answer."""
+    """Commands that the board takes out of the stream as they arrive: they need no room and get no
+    answer.
+    """
 
     STATUS = b"?"
     HOLD = b"!"
@@ -86,8 +103,9 @@ class State(Enum):
 class Sent:
     """A line on its way.
 
-    line: its source line. size: bytes, with the line end. seconds: what it may take while nothing moves. Of a mark: ``said`` are feed and
-    speed as the lines before it set them, ``seen`` whether the board has told its own.
+    line: its source line. size: bytes, with the line end. seconds: what it may take while nothing
+    moves. Of a mark: ``said`` are feed and speed as the lines before it set them, ``seen`` whether
+    the board has told its own.
     """
 
     text: str
@@ -117,7 +135,9 @@ class Rejected:
 
 @dataclass(frozen=True, slots=True)
 class Alarmed:
-    """The board raised an alarm; ``sent`` is the oldest unanswered line, None if all were answered."""
+    """The board raised an alarm; ``sent`` is the oldest unanswered line, None if all were
+    answered.
+    """
 
     code: int
     sent: Sent | None
@@ -153,14 +173,28 @@ class Reported:
     status: Status
 
 
-Event = Confirmed | Rejected | Alarmed | Started | Lost | Stray | Reported | Feedback | Setting | Other
+Event = (
+    Confirmed | Rejected | Alarmed | Started | Lost | Stray | Reported | Feedback | Setting | Other
+)
 
-AFTER_ALARM = {State.UNKNOWN: State.UNKNOWN, State.READY: State.FAILED, State.FAILED: State.FAILED, State.RESETTING: State.RESETTING}
-AFTER_WELCOME = {State.UNKNOWN: State.READY, State.READY: State.FAILED, State.FAILED: State.FAILED, State.RESETTING: State.READY}
+AFTER_ALARM = {
+    State.UNKNOWN: State.UNKNOWN,
+    State.READY: State.FAILED,
+    State.FAILED: State.FAILED,
+    State.RESETTING: State.RESETTING,
+}
+AFTER_WELCOME = {
+    State.UNKNOWN: State.READY,
+    State.READY: State.FAILED,
+    State.FAILED: State.FAILED,
+    State.RESETTING: State.READY,
+}
 
 
 class GrblProtocol:
-    """One conversation. What :meth:`send`, :meth:`mark` and :meth:`reset` return has to be written at once, in that order."""
+    """One conversation. What :meth:`send`, :meth:`mark` and :meth:`reset` return has to be written
+    at once, in that order.
+    """
 
     def __init__(self) -> None:
         self.state = State.UNKNOWN
@@ -224,7 +258,15 @@ class GrblProtocol:
             raise RuntimeError(f"There is no room for {text!r} in state {self.state.name}.")
         if "F" in text or "S" in text or "M" in text:
             self._note_modes(text)
-        return self._enter(Sent(text, line, len(text) + 1, kind, seconds_of(text) if kind in ("dwell", "system", "writer") else 0.0))
+        return self._enter(
+            Sent(
+                text,
+                line,
+                len(text) + 1,
+                kind,
+                seconds_of(text) if kind in ("dwell", "system", "writer") else 0.0,
+            )
+        )
 
     @property
     def unmarked(self) -> int:
@@ -233,7 +275,11 @@ class GrblProtocol:
 
     def mark_fits(self) -> bool:
         """Whether a mark may be sent: one at a time, and not beside a line that has to be alone."""
-        if self.state is not State.READY or self._marks or (self._ledger and self._ledger[-1].kind in ("writer", "system")):
+        if (
+            self.state is not State.READY
+            or self._marks
+            or (self._ledger and self._ledger[-1].kind in ("writer", "system"))
+        ):
             return False
         return self._used + MARK_BYTES < self.rx_bytes
 
@@ -303,7 +349,9 @@ class GrblProtocol:
         return Confirmed(sent)
 
     def _mark_came(self, modes: str) -> Event | None:
-        """The modes that a mark asks for: all before it has been answered, and feed and speed are what was sent, or something got lost."""
+        """The modes that a mark asks for: all before it has been answered, and feed and speed are
+        what was sent, or something got lost.
+        """
         oldest = self._ledger[0]
         if oldest.mark:
             oldest.seen = True
@@ -312,7 +360,9 @@ class GrblProtocol:
         return self._lost(next(sent.line for sent in self._ledger if sent.mark))
 
     def _as_said(self, said: Mapping[str, float], told: Mapping[str, str]) -> bool:
-        """Whether the board has feed and speed as they were sent; it may tell the feed in inches."""
+        """Whether the board has feed and speed as they were sent; it may tell the feed in
+        inches.
+        """
         unit = self.status_reader.unit
         for letter, value in said.items():
             scale = unit if letter == "F" else 1.0

@@ -15,7 +15,9 @@ from cnc.machine.models import Machine
 
 ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS, HOMING_DIRECTION = 12, 11, 13, 20, 23
 STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
-"""First of the settings of each kind, of the X axis; one more an axis. Steps/mm, mm/min, mm/s^2, mm."""
+"""First of the settings of each kind, of the X axis; one more an axis. Steps/mm, mm/min, mm/s^2,
+mm.
+"""
 SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
 PLACES = (*SYSTEMS, "G28", "G30", "G92")
 NAMES = {
@@ -61,9 +63,9 @@ LEAST_RX = 32
 class BoardInfo:
     """What is known of the board.
 
-    version: of the welcome (``1.1h``). hal: grblHAL. build: ``$I``'s VER line. options: letters of its OPT line. blocks: of the planner,
-    0 if not told. rx_bytes: receive buffer. settings: number to value as text. places: G54 to G59, G28, G30 and G92 in mm. tool_length:
-    mm, along Z.
+    version: of the welcome (``1.1h``). hal: grblHAL. build: ``$I``'s VER line. options: letters of
+    its OPT line. blocks: of the planner, 0 if not told. rx_bytes: receive buffer. settings: number
+    to value as text. places: G54 to G59, G28, G30 and G92 in mm. tool_length: mm, along Z.
     """
 
     version: str
@@ -97,7 +99,9 @@ class BoardInfo:
             elif each.kind == "TLO":
                 # GRBL tells one number, grblHAL one an axis.
                 lengths = self._lengths(each.text)
-                self.tool_length = (lengths[2] if len(lengths) > 2 else lengths[0]) if lengths else 0.0
+                self.tool_length = (
+                    (lengths[2] if len(lengths) > 2 else lengths[0]) if lengths else 0.0
+                )
 
     @property
     def unit(self) -> float:
@@ -112,7 +116,9 @@ class BoardInfo:
             return None
 
     def axis(self, first: int, column: int) -> float | None:
-        """An axis's setting of a kind (STEPS, RATES, ..), None where there is none that makes sense."""
+        """An axis's setting of a kind (STEPS, RATES, ..), None where there is none that makes
+        sense.
+        """
         value = self.number(first + column)
         return value if value is not None and value > 0 else None
 
@@ -124,8 +130,8 @@ class BoardInfo:
     def travel(self, column: int) -> tuple[float, float] | None:
         """Lowest and highest machine position of an axis.
 
-        Machine zero is where homing ends, at the top of the travel. A build that sets the origin there by force (option Z) has it at the
-        bottom of the axes that home downwards (``$23``).
+        Machine zero is where homing ends, at the top of the travel. A build that sets the origin
+        there by force (option Z) has it at the bottom of the axes that home downwards (``$23``).
         """
         reach = self.axis(TRAVELS, column)
         if reach is None:
@@ -139,7 +145,9 @@ class BoardInfo:
         return self.number(SOFT_LIMITS) not in (None, 0.0)
 
     def braking_s(self) -> float:
-        """Seconds that it may take to come to rest, from the fastest of the axes against the slowest acceleration."""
+        """Seconds that it may take to come to rest, from the fastest of the axes against the
+        slowest acceleration.
+        """
         times = []
         for column in range(self.axes):
             rate, acceleration = self.axis(RATES, column), self.axis(ACCELERATIONS, column)
@@ -148,7 +156,9 @@ class BoardInfo:
         return max(times, default=1.0)
 
     def narrowed(self, machine: Machine) -> Machine:
-        """The machine with no more travel than the board's soft limits leave it; itself where they are off."""
+        """The machine with no more travel than the board's soft limits leave it; itself where they
+        are off.
+        """
         if not self.soft_limits:
             return machine
         axes = dict(machine.axes)

@@ -1,9 +1,11 @@
-"""GRBL's status report, the answer to ``?``. Source: "Grbl v1.1 Interface", real-time status reports.
+"""GRBL's status report, the answer to ``?``. Source: "Grbl v1.1 Interface", real-time status
+reports.
 
     <Idle|WPos:1.000,2.000,0.000|Bf:15,128|FS:0,0|WCO:5.000,0.000,0.000>
 
-State and position are always there; every other field may be missing and they come in any order. WCO and Ov come now and then, and stand
-until they come again. Positions are in inches where ``$13=1``.
+State and position are always there; every other field may be missing and they come in any order.
+WCO and Ov come now and then, and stand until they come again. Positions are in inches where
+``$13=1``.
 """
 
 from __future__ import annotations
@@ -25,9 +27,10 @@ _NUMBERS = re.compile(r"-?[0-9]+\.[0-9]+(?:,-?[0-9]+\.[0-9]+)*")
 class Status:
     """Where the board is and what it does, mm and per cent.
 
-    state: Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep (grblHAL: also Tool). phase: the number behind it, -1 for none.
-    position: machine position, None as long as it can't be told. offset: WCO, machine minus work position. overrides: feed, rapid,
-    spindle. free: planner blocks and bytes of the receive buffer that are free, None where the board does not tell. feed: mm/min.
+    state: Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep (grblHAL: also Tool). phase: the
+    number behind it, -1 for none. position: machine position, None as long as it can't be told.
+    offset: WCO, machine minus work position. overrides: feed, rapid, spindle. free: planner blocks
+    and bytes of the receive buffer that are free, None where the board does not tell. feed: mm/min.
     pins: letters of the inputs that are active.
     """
 
@@ -49,7 +52,8 @@ class Status:
 class StatusReader:
     """Reads reports, and remembers what they do not repeat.
 
-    unit: mm to what the board reports in. axes: how many numbers a position has, 0 as long as that is not known.
+    unit: mm to what the board reports in. axes: how many numbers a position has, 0 as long as that
+    is not known.
     """
 
     def __init__(self) -> None:
@@ -77,7 +81,9 @@ class StatusReader:
                 feed, rapid, spindle = (int(value) for value in fields["Ov"].split(","))
                 self._overrides = feed, rapid, spindle
             speed = fields.get("FS", fields.get("F"))
-            blocks, bytes_ = (int(value) for value in fields["Bf"].split(",")) if "Bf" in fields else (-1, -1)
+            blocks, bytes_ = (
+                (int(value) for value in fields["Bf"].split(",")) if "Bf" in fields else (-1, -1)
+            )
             return Status(
                 state,
                 int(phase) if phase else -1,
@@ -95,14 +101,18 @@ class StatusReader:
         if "MPos" in fields:
             return self._lengths(self._numbers(fields["MPos"]))
         if "WPos" in fields and self._offset is not None:
-            return self._lengths([a + b for a, b in zip(self._numbers(fields["WPos"]), self._offset, strict=True)])
+            return self._lengths(
+                [a + b for a, b in zip(self._numbers(fields["WPos"]), self._offset, strict=True)]
+            )
         return None
 
     def _lengths(self, numbers: Sequence[float]) -> tuple[float, ...]:
         return tuple(number * self.unit for number in numbers)
 
     def _numbers(self, values: str) -> list[float]:
-        """As the board tells them: what is remembered may come before the unit is known. ValueError if they are not all there."""
+        """As the board tells them: what is remembered may come before the unit is known. ValueError
+        if they are not all there.
+        """
         if not _NUMBERS.fullmatch(values):
             raise ValueError(values)
         numbers = [float(value) for value in values.split(",")]

@@ -1,4 +1,6 @@
-"""A stepper board at the other end of a port: what goes to and fro, whether it is one, and whether it can drive the machine."""
+"""A stepper board at the other end of a port: what goes to and fro, whether it is one, and whether
+it can drive the machine.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ ASK_S = 0.025
 BREATH_S = 0.002
 """Longest wait for bytes before something may have to be sent again."""
 HELLO_S = 4.0
-"""A board that was reset by the opening of its port is up within this: its bootloader waits for 2 s at most."""
+"""A board that was reset by the opening of its port is up within this: its bootloader waits for 2 s
+at most.
+"""
 ANSWER_S = 0.8
 """A board that says nothing for this long is not there any more."""
 AWAY_S = 0.2
@@ -32,7 +36,13 @@ LIMITS, PROBE, EMERGENCY_STOP = 0x07, 0x10, 0x20
 """Bits of the inputs."""
 UNO = Welcome(VERSION, axes=3, tick_ns=500, room=1020, least_ticks=36)
 """What the firmware of this version tells on an ATmega328P."""
-INPUTS = {"limits": LIMITS, "probe": PROBE, "emergency-stop": EMERGENCY_STOP, "hold": 0x40, "resume": 0x80}
+INPUTS = {
+    "limits": LIMITS,
+    "probe": PROBE,
+    "emergency-stop": EMERGENCY_STOP,
+    "hold": 0x40,
+    "resume": 0x80,
+}
 
 ALARMS = {
     Alarm.UNDERRUN: ("board-underrun", "moves did not come in time; the board came to rest on the path", "is this computer busy?"),
@@ -60,7 +70,9 @@ class Wire:
         self._asked_at = self._heard_at = clock.now()
 
     def pump(self, seconds: float) -> list[Status]:
-        """Send what is to be sent, take in what has come, waiting at most so long for it. PortLost, BoardSilent."""
+        """Send what is to be sent, take in what has come, waiting at most so long for it. PortLost,
+        BoardSilent.
+        """
         now, link = self.clock.now(), self.link
         if now - self._asked_at > AWAY_S:
             self._heard_at = now
@@ -78,7 +90,11 @@ class Wire:
         self._heard_at = max(self._heard_at, link.heard_at or 0.0)
         if now - self._heard_at > ANSWER_S:
             hint = "check cable and supply; a board that has power has come to rest by itself. Home the machine before the next run"
-            raise BoardSilent(board_error("board-silent", f"the board on {self.name} does not answer any more", hint=hint).diagnostic)
+            raise BoardSilent(
+                board_error(
+                    "board-silent", f"the board on {self.name} does not answer any more", hint=hint
+                ).diagnostic
+            )
         return said
 
     def ask(self, pump: Callable[[float], object]) -> Status:
@@ -99,10 +115,16 @@ class Wire:
                 self.link.give_up()
                 what = kind.name.lower().replace("_", " ")
                 hint = "is the e-stop pressed? Switch the board off and on"
-                raise board_error("board-refused", f"the board on {self.name} does not do what it is told: {what}", hint=hint)
+                raise board_error(
+                    "board-refused",
+                    f"the board on {self.name} does not do what it is told: {what}",
+                    hint=hint,
+                )
 
     def greet(self, patience: float = HELLO_S) -> Welcome:
-        """The board's answer to hello, within so many s. Opening its port may have reset it: it is asked until it is up."""
+        """The board's answer to hello, within so many s. Opening its port may have reset it: it is
+        asked until it is up.
+        """
         link, clock = self.link, self.clock
         began = clock.now()
         link.hello(began)
@@ -118,7 +140,9 @@ class Wire:
 
 
 def pulse_ticks(welcome: Welcome, machine: Machine) -> tuple[int, int]:
-    """How long a step pin is high, and how long it is low after that and a direction is there before, at least."""
+    """How long a step pin is high, and how long it is low after that and a direction is there
+    before, at least.
+    """
     times = machine.board.step_pulse, machine.board.direction_setup
     pulse, setup = (math.ceil(seconds * 1e9 / welcome.tick_ns - 1e-6) for seconds in times)
     return pulse, max(pulse, setup)
@@ -126,11 +150,16 @@ def pulse_ticks(welcome: Welcome, machine: Machine) -> tuple[int, int]:
 
 def least_ns(welcome: Welcome, machine: Machine) -> int:
     """Smallest time between two steps of an axis."""
-    return max(welcome.least_ticks, sum(pulse_ticks(welcome, machine)) + TURN_ROUND_TICKS) * welcome.tick_ns
+    return (
+        max(welcome.least_ticks, sum(pulse_ticks(welcome, machine)) + TURN_ROUND_TICKS)
+        * welcome.tick_ns
+    )
 
 
 def opened(wire: Wire, machine: Machine) -> tuple[Welcome, Status]:
-    """Find out what answers, whether it can do what the machine needs, and get it ready. BoardError says what is in the way."""
+    """Find out what answers, whether it can do what the machine needs, and get it ready. BoardError
+    says what is in the way.
+    """
     welcome, name = wire.greet(), wire.name
     if welcome.version != VERSION:
         hint = f"make flash PORT={name} puts the right firmware on it"
@@ -145,7 +174,11 @@ def opened(wire: Wire, machine: Machine) -> tuple[Welcome, Status]:
     began = wire.clock.now()
     while wire.link.state in (State.RUNNING, State.RAMPING):
         if wire.clock.now() - began > 1.0:
-            raise board_error("board-busy", f"the board on {name} still moves", hint="is another program driving it?")
+            raise board_error(
+                "board-busy",
+                f"the board on {name} still moves",
+                hint="is another program driving it?",
+            )
         wire.pump(BREATH_S)
     return welcome, configured(wire, machine, welcome, LIMITS, wire.pump)
 
@@ -153,13 +186,18 @@ def opened(wire: Wire, machine: Machine) -> tuple[Welcome, Status]:
 def unfit(machine: Machine, least: int) -> Iterator[Diagnostic]:
     """What no board whose steps are so many ns apart can do for this machine, whatever its program.
 
-    The board's motors are X, Y, Z and a fourth one in the order of its pins: an axis elsewhere in the file would turn another's.
+    The board's motors are X, Y, Z and a fourth one in the order of its pins: an axis elsewhere in
+    the file would turn another's.
     """
     letters = tuple(machine.axes)
     if len(letters) > MOST_AXES or letters[:3] != ("x", "y", "z")[: len(letters)]:
         names = " ".join(letter.upper() for letter in letters)
         hint = "write the tables [axes.x], [axes.y], [axes.z] in this order, then that of the fourth axis"
-        yield Diagnostic("board-axes", f"the machine file has the axes {names}, the board X Y Z and a fourth, in this order", hint=hint)
+        yield Diagnostic(
+            "board-axes",
+            f"the machine file has the axes {names}, the board X Y Z and a fourth, in this order",
+            hint=hint,
+        )
     fastest = 1e9 / least
     for letter, axis in machine.axes.items():
         if axis.step_rate > fastest:
@@ -169,16 +207,29 @@ def unfit(machine: Machine, least: int) -> Iterator[Diagnostic]:
             yield Diagnostic("board-step-rate", message, hint=hint)
 
 
-def configured(wire: Wire, machine: Machine, welcome: Welcome, limits: int, pump: Callable[[float], object]) -> Status:
-    """The board at rest, told how the machine is built: before it knows its switches it can't tell how they are.
+def configured(
+    wire: Wire, machine: Machine, welcome: Welcome, limits: int, pump: Callable[[float], object]
+) -> Status:
+    """The board at rest, told how the machine is built: before it knows its switches it can't tell
+    how they are.
 
     limits: bits of the switches that end its motion. BoardError ``board-emergency-stop``.
     """
-    stops = [axis.max_velocity / axis.max_acceleration for axis in machine.axes.values() if axis.max_acceleration]
+    stops = [
+        axis.max_velocity / axis.max_acceleration
+        for axis in machine.axes.values()
+        if axis.max_acceleration
+    ]
     ramp_ms = round(1e3 * min(SHAPE * max(stops, default=MOST_RAMP_S), MOST_RAMP_S))
     inverted = sum(INPUTS[name] for name in set(machine.board.normally_closed))
     limits &= LIMITS & (1 << len(machine.axes)) - 1
-    numbers = *pulse_ticks(welcome, machine), max(ramp_ms, 4), limits, inverted, int(machine.board.invert_enable)
+    numbers = (
+        *pulse_ticks(welcome, machine),
+        max(ramp_ms, 4),
+        limits,
+        inverted,
+        int(machine.board.invert_enable),
+    )
     wire.request(Kind.CONFIGURE, bytes(numbers), pump)
     status = wire.ask(pump)
     if status.inputs & EMERGENCY_STOP:
@@ -187,15 +238,25 @@ def configured(wire: Wire, machine: Machine, welcome: Welcome, limits: int, pump
     return status
 
 
-def cleared(wire: Wire, machine: Machine, status: Status, limits: int, pump: Callable[[float], object]) -> None:
-    """End an alarm, for the next motion. BoardError ``board-limit`` where one of these switches is pressed."""
-    pressed = [letter.upper() for k, letter in enumerate(machine.axes) if status.inputs & limits & LIMITS & 1 << k]
+def cleared(
+    wire: Wire, machine: Machine, status: Status, limits: int, pump: Callable[[float], object]
+) -> None:
+    """End an alarm, for the next motion. BoardError ``board-limit`` where one of these switches is
+    pressed.
+    """
+    pressed = [
+        letter.upper()
+        for k, letter in enumerate(machine.axes)
+        if status.inputs & limits & LIMITS & 1 << k
+    ]
     if pressed:
         hint = (
             "cncrun home moves axes off their switches; else by hand, with the drivers off "
             "(a switch that opens when it is pressed: board.normally_closed)"
         )
-        raise board_error("board-limit", f"the limit switch of {' and '.join(pressed)} is pressed", hint=hint)
+        raise board_error(
+            "board-limit", f"the limit switch of {' and '.join(pressed)} is pressed", hint=hint
+        )
     if wire.link.state != State.IDLE:
         wire.request(Kind.CLEAR, b"", pump)
 
@@ -205,9 +266,15 @@ def _no_stepper(name: str, murmur: bytes) -> BoardError:
     words = murmur.decode("ascii", "replace")
     if "Grbl" in words or "grblHAL" in words:
         hint = "use --board grbl, or make flash to put the stepper firmware on it"
-        return board_error("board-not-stepper", f"the board on {name} runs GRBL, not the stepper firmware", hint=hint)
+        return board_error(
+            "board-not-stepper",
+            f"the board on {name} runs GRBL, not the stepper firmware",
+            hint=hint,
+        )
     if murmur:
         hint = f"check port and board.baud ({BAUD} unless the firmware was built otherwise); make flash puts the firmware on an Uno"
-        return board_error("board-not-stepper", f"what answers on {name} is no stepper board", hint=hint)
+        return board_error(
+            "board-not-stepper", f"what answers on {name} is no stepper board", hint=hint
+        )
     hint = "check the port and the board's supply; make flash puts the firmware on an Uno"
     return board_error("board-silent", f"nothing answers on {name}", hint=hint)

@@ -1,7 +1,9 @@
-"""The stepper board: an Arduino with the firmware in ``firmware/``, which plays grid moves as they were planned.
+"""The stepper board: an Arduino with the firmware in ``firmware/``, which plays grid moves as they
+were planned.
 
-How moves go to it is in :mod:`cnc.boards.stepper.sender`, what goes over the wire in :mod:`cnc.boards.stepper.protocol`. Here it is a
-board as every other (:mod:`cnc.boards.protocols`), with its faults.
+How moves go to it is in :mod:`cnc.boards.stepper.sender`, what goes over the wire in
+:mod:`cnc.boards.stepper.protocol`. Here it is a board as every other (:mod:`cnc.boards.protocols`),
+with its faults.
 """
 
 from __future__ import annotations
@@ -49,12 +51,19 @@ from cnc.model.streams import PulseChunk
 class Stepper:
     """A board on an open port; :meth:`from_machine` opens one.
 
-    machine: must have as many axes as the board. clock: the port's. background: keep the link alive between calls, from a thread.
-    BoardError where no stepper board answers, or one that this program can't drive.
+    machine: must have as many axes as the board. clock: the port's. background: keep the link alive
+    between calls, from a thread. BoardError where no stepper board answers, or one that this
+    program can't drive.
     """
 
     def __init__(
-        self, port: Port, machine: Machine, name: str = "the port", *, clock: Clock | None = None, background: bool = False
+        self,
+        port: Port,
+        machine: Machine,
+        name: str = "the port",
+        *,
+        clock: Clock | None = None,
+        background: bool = False,
     ) -> None:
         self._clock = clock or SystemClock()
         self._machine = machine
@@ -90,7 +99,9 @@ class Stepper:
         name = str(target) if target is not None else machine.board.port
         if not name:
             hint = "name it with --port, or board.port in the machine file; cncrun boards lists the ports"
-            raise UsageError(Diagnostic("no-port", "the stepper board needs to know its port", hint=hint))
+            raise UsageError(
+                Diagnostic("no-port", "the stepper board needs to know its port", hint=hint)
+            )
         port = open_port(name, _baud(machine))
         try:
             return cls(port, machine, name, background=True)
@@ -98,7 +109,8 @@ class Stepper:
             port.close()
             raise
 
-    # ---------------------------------------------------------------------------------------------------------- as every board
+    # ----------------------------------------------------------------------------------------------------------
+    # as every board
 
     @property
     def capabilities(self) -> Capabilities:
@@ -116,31 +128,47 @@ class Stepper:
 
     @classmethod
     def foreseen_burden(cls, machine: Machine) -> Burden:
-        """What a program asks of an Uno with the firmware of this version. MotionLimitError where that is not for this machine."""
+        """What a program asks of an Uno with the firmware of this version. MotionLimitError where
+        that is not for this machine.
+        """
         for fault in unfit(machine, least_ns(UNO, machine)):
             raise MotionLimitError(fault)
         return Burden(len(machine.axes), least_ns(UNO, machine), _baud(machine))
 
     @property
     def confirmed_line(self) -> int:
-        """Source line of the last motion or command taken; after a fault, of the last that is known to have reached the board."""
+        """Source line of the last motion or command taken; after a fault, of the last that is known
+        to have reached the board.
+        """
         return self._checks.confirmed_line if self._fault is None else self._link.confirmed_note
 
     @property
     def position_steps(self) -> NDArray[np.int64]:
-        """Where all that was sent leads; after a fault or an abort, where the board says it stands, or last said."""
-        return self._checks.position_steps if self._began and not self._stopped_short else self._stream.position.copy()
+        """Where all that was sent leads; after a fault or an abort, where the board says it stands,
+        or last said.
+        """
+        return (
+            self._checks.position_steps
+            if self._began and not self._stopped_short
+            else self._stream.position.copy()
+        )
 
     @property
     def standing_steps(self) -> tuple[int | None, ...]:
-        """Where the board knows that each axis stands; None where it lost that, as it does with every reset."""
+        """Where the board knows that each axis stands; None where it lost that, as it does with
+        every reset.
+        """
         return self._place.standing(self._stream.position)
 
     @property
     def whereabouts(self) -> Whereabouts:
         """By the board's last status: some hundredths of a second ago."""
         with self._lock:
-            return Whereabouts(self._stream.trail.line, self._place.mm(self._place.of(self._told)), self._stream.ahead_s)
+            return Whereabouts(
+                self._stream.trail.line,
+                self._place.mm(self._place.of(self._told)),
+                self._stream.ahead_s,
+            )
 
     @property
     def switches(self) -> tuple[bool, ...]:
@@ -148,14 +176,24 @@ class Stepper:
         with self._lock:
             self._refuse_after_fault()
             inputs = self._ask().inputs
-        return tuple(bool(inputs >> axis & 1) for axis in range(min(LIMITS.bit_count(), len(self._machine.axes))))
+        return tuple(
+            bool(inputs >> axis & 1)
+            for axis in range(min(LIMITS.bit_count(), len(self._machine.axes)))
+        )
 
     def next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
-        """For the next start alone: whose switches end the motion, and which axes stand where its origin says."""
-        self._next = sum(1 << axis for axis, wanted in enumerate(watched) if wanted), np.array(known, np.bool_)
+        """For the next start alone: whose switches end the motion, and which axes stand where its
+        origin says.
+        """
+        self._next = (
+            sum(1 << axis for axis, wanted in enumerate(watched) if wanted),
+            np.array(known, np.bool_),
+        )
 
     def attend(self, control: Control) -> None:
-        """Whom the shield's buttons move from here on: A1 holds, A2 resumes. A fault that comes while the motion is held ends the run."""
+        """Whom the shield's buttons move from here on: A1 holds, A2 resumes. A fault that comes
+        while the motion is held ends the run.
+        """
         self._control = control
 
     def start(self, origin_steps: NDArray[np.int64]) -> None:
@@ -164,7 +202,10 @@ class Stepper:
             self._refuse_after_fault()
             self._checks.start(origin_steps)
             self._stream.begin(self._checks.position_steps)
-            (self._limits, self._place.known), self._next = self._next, (LIMITS, np.ones(len(origin_steps), np.bool_))
+            (self._limits, self._place.known), self._next = (
+                self._next,
+                (LIMITS, np.ones(len(origin_steps), np.bool_)),
+            )
             status = configured(self._wire, self._machine, self._welcome, self._limits, self._pump)
             cleared(self._wire, self._machine, status, self._limits, self._pump)
             self._request(Kind.SET_POSITION, self._place.counted(self._stream.position))
@@ -185,7 +226,9 @@ class Stepper:
                 if rows:
                     places = begin + np.cumsum(chunk.step[:rows], axis=0, dtype=np.int64)
                     turned = (chunk.step[:rows] * self._place.turned).astype(np.int8)
-                    self._stream.gather(PulseChunk(chunk.time_ns[:rows], turned, chunk.line[:rows]), places)
+                    self._stream.gather(
+                        PulseChunk(chunk.time_ns[:rows], turned, chunk.line[:rows]), places
+                    )
 
     def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
         """Carry out a block at its time."""
@@ -198,7 +241,12 @@ class Stepper:
                 return None
             if type(block).__name__ in ("Probe", "SwitchMove"):
                 switch = getattr(block, "switch", None)
-                self._begin_probe(PROBE if switch is None else 1 << switch, bool(getattr(block, "towards", True)), time_ns, block.line)
+                self._begin_probe(
+                    PROBE if switch is None else 1 << switch,
+                    bool(getattr(block, "towards", True)),
+                    time_ns,
+                    block.line,
+                )
                 return None
             before = self._outputs
             self._outputs = before.after(block, self._machine)
@@ -210,7 +258,9 @@ class Stepper:
         return None
 
     def sensed(self) -> tuple[float, ...] | None:
-        """Whether the probe's motion ended by its input, 1 or 0, and where (axes,) mm, exact to the grid move."""
+        """Whether the probe's motion ended by its input, 1 or 0, and where (axes,) mm, exact to the
+        grid move.
+        """
         with self._lock:
             self._refuse_after_fault()
             return self._end_probe() if self._probing else None
@@ -249,21 +299,28 @@ class Stepper:
                 self._checks.close()
                 self._wire.port.close()
 
-    # ------------------------------------------------------------------------------------------------------------------ probing
+    # ------------------------------------------------------------------------------------------------------------------
+    # probing
 
     def _begin_probe(self, bit: int, towards: bool, time_ns: int, line: int) -> None:
-        """From here on the motion ends where the input changes: the probe's, or a limit switch's."""
+        """From here on the motion ends where the input changes: the probe's, or a limit
+        switch's.
+        """
         self._rest(time_ns)
         if bool(self._ask().inputs & bit) == towards:
             name = "probe" if bit == PROBE else "switch"
             what = "makes contact already" if towards else "makes no contact"
             hint = "move it off first" if towards else "G38.4 and G38.5 begin in contact"
-            raise self._failed(board_error(f"{name}-contact", f"the {name} {what}", line=line, hint=hint))
+            raise self._failed(
+                board_error(f"{name}-contact", f"the {name} {what}", line=line, hint=hint)
+            )
         self._stream.command(ARM, bit, 0 if towards else bit, line=line)
         self._probing = True
 
     def _end_probe(self) -> tuple[float, ...]:
-        """The motion is over, by contact or at its end: what was sent behind the contact is gone, and time goes on behind it."""
+        """The motion is over, by contact or at its end: what was sent behind the contact is gone,
+        and time goes on behind it.
+        """
         stream = self._stream
         stream.send_gathered()
         self._rest(stream.until_ns)
@@ -280,7 +337,8 @@ class Stepper:
         stream.begin_after(status)
         return (float(touched), *self._place.mm(stream.position))
 
-    # ------------------------------------------------------------------------------------------------------------------- moving
+    # -------------------------------------------------------------------------------------------------------------------
+    # moving
 
     def _end(self) -> None:
         """The last of what was sent, then spindle and coolant off."""
@@ -291,24 +349,39 @@ class Stepper:
         self._active = False
 
     def _rest(self, time_ns: int) -> None:
-        """Return when all that was sent has been played. The board's count and ours are one, or nothing is known any more."""
+        """Return when all that was sent has been played. The board's count and ours are one, or
+        nothing is known any more.
+        """
         status = self._stream.rest(time_ns)
         if status is None:
             return
         if not self._stream.wholly_taken(status):
-            raise self._failed(board_error("board-stream", "the board did not play all that it was sent", hint=ALARMS[Alarm.BAD_STREAM][2]))
+            raise self._failed(
+                board_error(
+                    "board-stream",
+                    "the board did not play all that it was sent",
+                    hint=ALARMS[Alarm.BAD_STREAM][2],
+                )
+            )
         sent = self._stream.position
         there = self._stands_at(status)
         if not np.array_equal(there, sent):
             hint = "home the machine; please report this with the program"
             raise self._failed(
-                board_error("board-position", f"the board stands at {self._place.words(there)}, not where it was sent", hint=hint)
+                board_error(
+                    "board-position",
+                    f"the board stands at {self._place.words(there)}, not where it was sent",
+                    hint=hint,
+                )
             )
 
-    # ---------------------------------------------------------------------------------------------------------------- the link
+    # ----------------------------------------------------------------------------------------------------------------
+    # the link
 
     def _pump(self, seconds: float) -> None:
-        """Send what is to be sent, take in what has come, waiting at most so long for it. BoardError for whatever has gone wrong."""
+        """Send what is to be sent, take in what has come, waiting at most so long for it.
+        BoardError for whatever has gone wrong.
+        """
         try:
             said = self._wire.pump(seconds)
         except BoardError as error:
@@ -317,8 +390,16 @@ class Stepper:
             self._stream.heard(status)
             self._heed_buttons(status)
             if self._active and not status.position_known:
-                hint = "look at its supply and at its reset line; home the machine before the next run"
-                raise self._lost(board_error("board-reset", f"the board on {self._wire.name} was reset; its position is lost", hint=hint))
+                hint = (
+                    "look at its supply and at its reset line; home the machine before the next run"
+                )
+                raise self._lost(
+                    board_error(
+                        "board-reset",
+                        f"the board on {self._wire.name} was reset; its position is lost",
+                        hint=hint,
+                    )
+                )
             self._told = status
             if self._probing and status.state == State.TOUCHED and not self._stream.cut:
                 self._stream.cut = True
@@ -342,7 +423,9 @@ class Stepper:
         self._wire.request(kind, payload, self._pump)
 
     def _keep_alive(self) -> None:
-        """The board stops when it hears nothing for a quarter of a second, such as while a program is held."""
+        """The board stops when it hears nothing for a quarter of a second, such as while a program
+        is held.
+        """
         while not self._closed.wait(2 * ASK_S):
             with self._lock:
                 if self._fault is None and not self._closed.is_set():
@@ -364,7 +447,8 @@ class Stepper:
             self._stands_at(self._ask())
         self._stream.running = False
 
-    # ------------------------------------------------------------------------------------------------------------------- faults
+    # -------------------------------------------------------------------------------------------------------------------
+    # faults
 
     def _tell_what_is_untold(self) -> None:
         """Raise what has gone wrong since the last call."""
@@ -391,7 +475,9 @@ class Stepper:
         return error
 
     def _lost(self, error: BoardError) -> BoardError:
-        """Where the machine stands nobody knows any more: what counts is where the board last said it was."""
+        """Where the machine stands nobody knows any more: what counts is where the board last said
+        it was.
+        """
         if self._active:
             self._stands_at(self._told)
         self._place.forget()
@@ -400,7 +486,9 @@ class Stepper:
     def _alarmed(self, status: Status) -> BoardError:
         """The board has stopped: why, and where it stands."""
         self._stands_at(status)
-        code, what, hint = ALARMS.get(status.alarm, ("board-alarm", "the board has stopped", "open it anew"))
+        code, what, hint = ALARMS.get(
+            status.alarm, ("board-alarm", "the board has stopped", "open it anew")
+        )
         if status.alarm == Alarm.LIMIT:
             hit = self._place.letters(status.inputs & self._limits)
             what = f"the limit switch of {' and '.join(hit)} was hit" if hit else what
@@ -423,5 +511,13 @@ def _baud(machine: Machine) -> int:
 def _capabilities(machine: Machine, least: int) -> Capabilities:
     axes = len(machine.axes)
     return Capabilities(
-        axes, 1e9 / least, 500.0, pulses=True, lines=False, senses=False, probes=True, slice_s=PIECE_S, actions=actions(axes)
+        axes,
+        1e9 / least,
+        500.0,
+        pulses=True,
+        lines=False,
+        senses=False,
+        probes=True,
+        slice_s=PIECE_S,
+        actions=actions(axes),
     )

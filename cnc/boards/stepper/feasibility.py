@@ -1,11 +1,14 @@
-"""Whether a stepper board can play a program: what its interrupt and the wire have to do for it, before anything moves.
+"""Whether a stepper board can play a program: what its interrupt and the wire have to do for it,
+before anything moves.
 
-Two stores between the computer and the pins take up what comes too fast for a moment: the queue of grid moves before the interrupt, and the
-store of segments behind the wire. Each is a bucket that fills with what the program asks for and empties at the speed that can be kept up:
+Two stores between the computer and the pins take up what comes too fast for a moment: the queue of
+grid moves before the interrupt, and the store of segments behind the wire. Each is a bucket that
+fills with what the program asks for and empties at the speed that can be kept up:
 
     grid moves ──► queue ──► one every `least_ns`    segments' bytes ──► store ──► what the wire brings in that time, and the board decodes
 
-A bucket that runs over is a fault at its source line. It is the same encoder as in the run, and the same pieces.
+A bucket that runs over is a fault at its source line. It is the same encoder as in the run, and the
+same pieces.
 """
 
 from __future__ import annotations
@@ -20,16 +23,22 @@ from cnc.model.streams import PulseChunk
 LATE_NS = 1_000_000
 """By so much grid moves may be late in a burst."""
 KEPT = 510
-"""Bytes by which the store may be emptied before the board takes its host for gone: half of what it holds."""
+"""Bytes by which the store may be emptied before the board takes its host for gone: half of what it
+holds.
+"""
 PAYLOAD = 0.55
 """Share of the wire's bytes that are the stream's, as measured in the simulator."""
 DECODED_PER_S, HEAD = 65_000, 6
-"""Bytes that the board decodes in a second, each segment counted as so many more: between 200 random programs that it played and 35 that it
-did not, measured in the simulator (docs/stepper-board.md)."""
+"""Bytes that the board decodes in a second, each segment counted as so many more: between 200
+random programs that it played and 35 that it did not, measured in the simulator
+(docs/stepper-board.md).
+"""
 
 
 class Burden:
-    """What a program asks of a board with so many axes. least_ns: time between grid moves that it can keep up; baud: bits/s of the wire."""
+    """What a program asks of a board with so many axes. least_ns: time between grid moves that it
+    can keep up; baud: bits/s of the wire.
+    """
 
     def __init__(self, axes: int, least_ns: int, baud: int) -> None:
         self._least_ns = least_ns
@@ -49,16 +58,24 @@ class Burden:
             return
         self._count(chunk)
         time_ns = chunk.time_ns
-        cuts = np.searchsorted(time_ns, np.arange(time_ns[0] + self._piece_ns, time_ns[-1], self._piece_ns))
+        cuts = np.searchsorted(
+            time_ns, np.arange(time_ns[0] + self._piece_ns, time_ns[-1], self._piece_ns)
+        )
         for part in np.split(np.arange(len(time_ns)), cuts):
             if len(part):
                 rows = slice(int(part[0]), int(part[-1]) + 1)
-                data = self._encoder.push(PulseChunk(time_ns[rows], chunk.step[rows], chunk.line[rows])) + self._encoder.flush()
+                data = (
+                    self._encoder.push(
+                        PulseChunk(time_ns[rows], chunk.step[rows], chunk.line[rows])
+                    )
+                    + self._encoder.flush()
+                )
                 self._send(data, int(time_ns[rows][-1]), int(chunk.line[rows][0]))
 
     def _count(self, chunk: PulseChunk) -> None:
         """The queue: how late each grid move is, if one comes every ``least_ns``."""
-        # A move is made at the latest of the times at which those before it let it: t_k = max(due_k, t_(k-1) + least).
+        # A move is made at the latest of the times at which those before it let it: t_k =
+        # max(due_k, t_(k-1) + least).
         k = np.arange(len(chunk.time_ns), dtype=np.int64) * self._least_ns
         first = max(int(chunk.time_ns[0]), self._step_ns + self._least_ns)
         made = np.maximum(np.maximum.accumulate(chunk.time_ns - k), first) + k
@@ -68,7 +85,9 @@ class Burden:
         if self.most_late_ns > LATE_NS:
             row = int(np.argmax(late > LATE_NS))
             line, rate = int(chunk.line[row]), 1e9 / self._least_ns
-            message = f"grid moves come faster here than the {rate:.0f} a second that the board can make"
+            message = (
+                f"grid moves come faster here than the {rate:.0f} a second that the board can make"
+            )
             hint = "lower the feed or max_velocity, use fewer microsteps, or leave --algorithm out"
             raise MotionLimitError(Diagnostic("board-step-rate", message, line=line, hint=hint))
 

@@ -14,7 +14,9 @@ READ_AHEAD = 64
 
 @dataclass(slots=True)
 class _Stretch:
-    """A stretch of the stream: its end in bytes, where the machine stands after each grid move, and the moves' lines."""
+    """A stretch of the stream: its end in bytes, where the machine stands after each grid move, and
+    the moves' lines.
+    """
 
     until: int
     places: NDArray[np.int64]
@@ -24,7 +26,8 @@ class _Stretch:
 class Trail:
     """What was sent, stretch by stretch. sent: bytes of the stream.
 
-    line: the source line at which the stretch begins that the board left last, 0 before it has left one: no later one than it is at.
+    line: the source line at which the stretch begins that the board left last, 0 before it has left
+    one: no later one than it is at.
     """
 
     def __init__(self, line: int = 0) -> None:
@@ -49,7 +52,9 @@ class Trail:
         self._stretches.clear()
 
     def line_at(self, place: NDArray[np.int64]) -> int:
-        """Source line of the last move that leads to a grid point (axes,), 0 if that is none of a program or not known."""
+        """Source line of the last move that leads to a grid point (axes,), 0 if that is none of a
+        program or not known.
+        """
         for stretch in reversed(self._stretches):
             here = np.flatnonzero((stretch.places == place).all(axis=1))
             if len(here):

@@ -12,7 +12,9 @@ ENABLED, SPINDLE, BACKWARD, FLOOD, MIST = 1, 2, 4, 8, 16
 
 
 def actions(axes: int) -> frozenset[Action]:
-    """What a board of so many axes can do between moves: step and direction of a fourth one take the pins of two outputs."""
+    """What a board of so many axes can do between moves: step and direction of a fourth one take
+    the pins of two outputs.
+    """
     usual: frozenset[Action] = frozenset(("spindle", "flood"))
     return usual if axes == 4 else usual | {"spindle backward", "mist"}
 
@@ -41,9 +43,17 @@ class Outputs:
             case "Spindle":
                 state: Literal["cw", "ccw", "off"] = getattr(block, "state", "off")
                 share = float(getattr(block, "rpm", 0.0)) / machine.board.max_spindle_rpm
-                return replace(self, spindle=state, duty=0 if state == "off" else min(max(round(255 * share), 0), 255))
+                return replace(
+                    self,
+                    spindle=state,
+                    duty=0 if state == "off" else min(max(round(255 * share), 0), 255),
+                )
             case "Coolant":
-                return replace(self, flood=bool(getattr(block, "flood", False)), mist=bool(getattr(block, "mist", False)))
+                return replace(
+                    self,
+                    flood=bool(getattr(block, "flood", False)),
+                    mist=bool(getattr(block, "mist", False)),
+                )
             case "End":
                 return replace(self, spindle="off", duty=0, flood=False, mist=False)
         return self

@@ -1,4 +1,6 @@
-"""Where the stepper board's machine stands: the board's counts as grid points of the program, and as people say them."""
+"""Where the stepper board's machine stands: the board's counts as grid points of the program, and
+as people say them.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +14,15 @@ from cnc.boards.stepper.protocol import Alarm, Status
 from cnc.machine.models import Machine
 
 LOST = 1 << 30
-"""Steps. An axis whose place is not known counts from here, so that the board says so, whatever becomes of this program."""
+"""Steps. An axis whose place is not known counts from here, so that the board says so, whatever
+becomes of this program.
+"""
 
 
 class Place:
-    """Of one machine. known (axes,): whose place is known. turned (axes,): -1 where the direction pin is, else 1."""
+    """Of one machine. known (axes,): whose place is known. turned (axes,): -1 where the direction
+    pin is, else 1.
+    """
 
     def __init__(self, machine: Machine) -> None:
         axes = machine.axes.values()
@@ -27,9 +33,12 @@ class Place:
         self._homes = machine.homes
 
     def found(self, status: Status) -> NDArray[np.int64]:
-        """What a board that was just opened remembers, grid point (axes,); 0 of an axis that is not known."""
+        """What a board that was just opened remembers, grid point (axes,); 0 of an axis that is not
+        known.
+        """
         counted = np.array(status.position[: len(self.turned)], dtype=np.int64)
-        # Motors that a switch has stopped at once may have lost steps: a machine that can find its place has to.
+        # Motors that a switch has stopped at once may have lost steps: a machine that can find its
+        # place has to.
         doubtful = self._homes and status.alarm in (Alarm.LIMIT, Alarm.EMERGENCY_STOP)
         self.known = (np.abs(counted) < LOST // 2) & (status.position_known and not doubtful)
         return np.where(self.known, counted * self.turned, 0)
@@ -50,7 +59,10 @@ class Place:
 
     def standing(self, steps: NDArray[np.int64]) -> tuple[int | None, ...]:
         """A grid point (axes,), None for each axis that is not known."""
-        return tuple(count if known else None for count, known in zip(steps.tolist(), self.known.tolist(), strict=True))
+        return tuple(
+            count if known else None
+            for count, known in zip(steps.tolist(), self.known.tolist(), strict=True)
+        )
 
     def mm(self, steps: NDArray[np.int64]) -> tuple[float, ...]:
         """Machine coordinates of a grid point (axes,)."""
@@ -58,7 +70,10 @@ class Place:
 
     def words(self, steps: NDArray[np.int64]) -> str:
         """The same, for people."""
-        return " ".join(f"{letter}{value:.4f}".rstrip("0").rstrip(".") for letter, value in zip(self._letters, self.mm(steps), strict=True))
+        return " ".join(
+            f"{letter}{value:.4f}".rstrip("0").rstrip(".")
+            for letter, value in zip(self._letters, self.mm(steps), strict=True)
+        )
 
     def letters(self, bits: int) -> Sequence[str]:
         """The axes that a mask has."""

@@ -1,12 +1,14 @@
-"""The stepper board's side of the wire: bytes in, events out, and bytes to be sent; nothing here reads, writes or waits.
+"""The stepper board's side of the wire: bytes in, events out, and bytes to be sent; nothing here
+reads, writes or waits.
 
-The format is in ``firmware/PROTOCOL.md``. The stream of segments and commands goes out in numbered frames, resent from the first one that
-was not acknowledged (go-back-N):
+The format is in ``firmware/PROTOCOL.md``. The stream of segments and commands goes out in numbered
+frames, resent from the first one that was not acknowledged (go-back-N):
 
     acknowledged │ on their way, at most 96 bytes on the wire and no more than the board has room for │ not sent yet
                  ^ base                                                                               ^
 
-Requests (start, stop, position ..) carry a token that the board's next status repeats; until then they are sent again.
+Requests (start, stop, position ..) carry a token that the board's next status repeats; until then
+they are sent again.
 """
 
 from __future__ import annotations
@@ -25,11 +27,15 @@ FRAME_STREAM = 40
 LONGEST_FRAME = 64
 """Bytes; what is longer without an end is not the board's."""
 RESEND_S = 0.03
-"""After so long without progress frames are sent again; a request after as long without an answer."""
+"""After so long without progress frames are sent again; a request after as long without an
+answer.
+"""
 TURN_S = 0.004
 """A nak that comes sooner after frames were sent again speaks of the first time."""
 HELLO_SEQUENCE = 0x71
-"""Chosen so that no byte of a hello is a real-time command of GRBL or ends a line: it must do nothing to another kind of board."""
+"""Chosen so that no byte of a hello is a real-time command of GRBL or ends a line: it must do
+nothing to another kind of board.
+"""
 NO_TOKEN = -1
 """A hello's: no status answers it, though the board may say one by itself before."""
 PROMISE = 0x7FFF
@@ -78,7 +84,9 @@ class Alarm(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Welcome:
-    """The board tells what it is. room: bytes of the stream that it holds; least_ticks: smallest time between two grid moves."""
+    """The board tells what it is. room: bytes of the stream that it holds; least_ticks: smallest
+    time between two grid moves.
+    """
 
     version: int
     axes: int = 0
@@ -91,10 +99,12 @@ class Welcome:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """How the board does. inputs: bits 0-3 limits, 4 probe, 5 e-stop, 6 hold, 7 resume. taken: bytes of the stream decoded so far.
+    """How the board does. inputs: bits 0-3 limits, 4 probe, 5 e-stop, 6 hold, 7 resume. taken:
+    bytes of the stream decoded so far.
 
-    board_ms: where in the stream it plays, by the clock that the promises are in; None while it doesn't. holds, resumes: how often these
-    buttons were pressed since the board's reset, modulo 256.
+    board_ms: where in the stream it plays, by the clock that the promises are in; None while it
+    doesn't. holds, resumes: how often these buttons were pressed since the board's reset, modulo
+    256.
     """
 
     token: int
@@ -115,7 +125,9 @@ _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 def crc16(data: bytes) -> int:
-    """CRC-16/MCRF4XX: polynomial 0x1021 reflected, begun with 0xFFFF; 0 over data and its own CRC, low byte first."""
+    """CRC-16/MCRF4XX: polynomial 0x1021 reflected, begun with 0xFFFF; 0 over data and its own CRC,
+    low byte first.
+    """
     straight = crc_hqx(data.translate(_REVERSED), 0xFFFF)
     return _REVERSED[straight >> 8] | _REVERSED[straight & 0xFF] << 8
 
@@ -124,7 +136,8 @@ def frame(kind: int, sequence: int, payload: bytes = b"") -> bytes:
     """A frame as it goes over the wire."""
     body = bytes((kind, sequence)) + payload
     body += crc16(body).to_bytes(2, "little")
-    # COBS (Cheshire, Baker 1999): each zero becomes the distance to the next; frames are far too short for blocks of 254
+    # COBS (Cheshire, Baker 1999): each zero becomes the distance to the next; frames are far too
+    # short for blocks of 254
     return b"".join(bytes((len(block) + 1,)) + block for block in body.split(b"\0")) + b"\0"
 
 
@@ -159,7 +172,9 @@ class StepperLink:
         self.welcome: Welcome | None = None
         self.state = State.IDLE
         self.noise = bytearray()
-        """What came and was no frame, before the first one that was: the words of another kind of board."""
+        """What came and was no frame, before the first one that was: the words of another kind of
+        board.
+        """
         self.heard_at: float | None = None
         self.resent = 0
         self.confirmed_note = 0
@@ -177,7 +192,8 @@ class StepperLink:
         self._requested_at = 0.0
         self._out = bytearray()
 
-    # ------------------------------------------------------------------------------------------------------------- the host's side
+    # -------------------------------------------------------------------------------------------------------------
+    # the host's side
 
     def hello(self, now: float) -> None:
         """Ask the board what it is, until it answers."""
@@ -204,10 +220,14 @@ class StepperLink:
         return self._request is not None
 
     def stream(self, data: bytes, until_ms: int, *, end: bool = False, note: int = 0) -> None:
-        """Append to the stream. until_ms: when what is appended has been played, since it was started; end: nothing need follow."""
+        """Append to the stream. until_ms: when what is appended has been played, since it was
+        started; end: nothing need follow.
+        """
         for at in range(0, len(data), FRAME_STREAM):
             part = data[at : at + FRAME_STREAM]
-            promise = until_ms & PROMISE | (PROMISED_END if end and at + FRAME_STREAM >= len(data) else 0)
+            promise = until_ms & PROMISE | (
+                PROMISED_END if end and at + FRAME_STREAM >= len(data) else 0
+            )
             wire = frame(Kind.DATA, self._next, promise.to_bytes(2, "little") + part)
             self._waiting.append(_Frame(self._next, wire, len(part), until_ms, note))
             self._next = (self._next + 1) % 256
@@ -228,9 +248,14 @@ class StepperLink:
         return bool(self._waiting) and not self._flying and self._waiting[0].size > self._room
 
     def drop(self) -> None:
-        """Forget what has not been acknowledged: the board has stopped. What is numbered already goes out as empty frames."""
+        """Forget what has not been acknowledged: the board has stopped. What is numbered already
+        goes out as empty frames.
+        """
         for each in (*self._flying, *self._waiting):
-            each.wire, each.size = frame(Kind.DATA, each.sequence, PROMISED_END.to_bytes(2, "little")), 0
+            each.wire, each.size = (
+                frame(Kind.DATA, each.sequence, PROMISED_END.to_bytes(2, "little")),
+                0,
+            )
 
     def outgoing(self, now: float) -> bytes:
         """What is to be written now."""
@@ -240,7 +265,11 @@ class StepperLink:
             self._send_again(now)
         flying = sum(len(each.wire) for each in self._flying)
         room = self._room - sum(each.size for each in self._flying)
-        while self._waiting and flying + len(self._waiting[0].wire) <= MOST_IN_FLIGHT and self._waiting[0].size <= room:
+        while (
+            self._waiting
+            and flying + len(self._waiting[0].wire) <= MOST_IN_FLIGHT
+            and self._waiting[0].size <= room
+        ):
             each = self._waiting.popleft()
             if not self._flying:
                 self._moved_at = now
@@ -252,7 +281,8 @@ class StepperLink:
         self._out.clear()
         return out
 
-    # ------------------------------------------------------------------------------------------------------------ the board's side
+    # ------------------------------------------------------------------------------------------------------------
+    # the board's side
 
     def receive(self, data: bytes, now: float) -> list[Event]:
         """Take in bytes; what the board has said with them."""
@@ -302,7 +332,15 @@ class StepperLink:
         welcome = Welcome(payload[3])
         if payload[3] == VERSION and len(payload) >= 13:
             axes, tick_ns, room, least, state, known = struct.unpack_from("<BHHHBB", payload, 4)
-            welcome = Welcome(payload[3], axes, tick_ns, room, least, State(min(state, State.TOUCHED)), bool(known))
+            welcome = Welcome(
+                payload[3],
+                axes,
+                tick_ns,
+                room,
+                least,
+                State(min(state, State.TOUCHED)),
+                bool(known),
+            )
             if self.welcome is None:
                 self._next, self.state = sequence, welcome.state
         self.welcome = welcome
@@ -311,16 +349,35 @@ class StepperLink:
         return welcome
 
     def _reported(self, token: int, payload: bytes, now: float) -> Status:
-        expected, state, room, alarm, known, inputs, taken, left, *position, holds, resumes = struct.unpack_from("<BBHBBBIh4iBB", payload)
+        expected, state, room, alarm, known, inputs, taken, left, *position, holds, resumes = (
+            struct.unpack_from("<BBHBBBIh4iBB", payload)
+        )
         self._acknowledged(expected, state, room, now)
         if self._request is not None and self._request[0] == token:
             self._request = None
-        board_ms = None if self.state != State.RUNNING or self._promised_ms is None else self._promised_ms - left
+        board_ms = (
+            None
+            if self.state != State.RUNNING or self._promised_ms is None
+            else self._promised_ms - left
+        )
         reason = Alarm(alarm) if alarm <= Alarm.BAD_STREAM else Alarm.NONE
-        return Status(token, self.state, reason, bool(known), inputs, taken, board_ms, tuple(position), holds, resumes)
+        return Status(
+            token,
+            self.state,
+            reason,
+            bool(known),
+            inputs,
+            taken,
+            board_ms,
+            tuple(position),
+            holds,
+            resumes,
+        )
 
     def _acknowledged(self, expected: int, state: int, room: int, now: float) -> None:
-        """All frames before ``expected`` have arrived; one of none that is under way speaks of nothing."""
+        """All frames before ``expected`` have arrived; one of none that is under way speaks of
+        nothing.
+        """
         if state <= State.TOUCHED:
             self.state = State(state)
         known = (expected - self._flying[0].sequence) % 256 if self._flying else 0

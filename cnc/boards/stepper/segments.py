@@ -1,6 +1,8 @@
-"""Pulses as segments for a board, and back: compressed, in the order and at the times that were asked for.
+"""Pulses as segments for a board, and back: compressed, in the order and at the times that were
+asked for.
 
-The format is in ``docs/segments.md``; :mod:`cnc.kernels.stepper.segments` plays it, :mod:`cnc.kernels.stepper.segment_encoder` makes it.
+The format is in ``docs/segments.md``; :mod:`cnc.kernels.stepper.segments` plays it,
+:mod:`cnc.kernels.stepper.segment_encoder` makes it.
 """
 
 from __future__ import annotations
@@ -29,16 +31,18 @@ OUTPUTS, ARM = 1, 2
 
 
 def command(code: int, *arguments: int, end: bool = False) -> bytes:
-    """A command between segments; code 0 does nothing. ``end``: nothing need follow, the board may run dry after it."""
+    """A command between segments; code 0 does nothing. ``end``: nothing need follow, the board may
+    run dry after it.
+    """
     return bytes((len(arguments), code << 4 | form.COMMAND | (form.END if end else 0), *arguments))
 
 
 class SegmentEncoder:
     """Turns pulses, chunk by chunk, into segments; memory doesn't grow with their number.
 
-    axes: how many, up to 4. tolerance_ns: the farthest from its time that a move may be made, at least a tick. spacing_ns: the board's
-    least time between two grid moves, and before the first; moves that come sooner are put off (:attr:`put_off_ns`), the tolerance counts
-    from there.
+    axes: how many, up to 4. tolerance_ns: the farthest from its time that a move may be made, at
+    least a tick. spacing_ns: the board's least time between two grid moves, and before the first;
+    moves that come sooner are put off (:attr:`put_off_ns`), the tolerance counts from there.
     """
 
     def __init__(self, axes: int, tolerance_ns: int = 2000, spacing_ns: int = 0) -> None:
@@ -76,7 +80,9 @@ class SegmentEncoder:
         return self._rows
 
     def push(self, chunk: PulseChunk) -> bytes:
-        """Take grid moves; returns the segments that are ready. The last moves wait for the next ones, or for :meth:`flush`."""
+        """Take grid moves; returns the segments that are ready. The last moves wait for the next
+        ones, or for :meth:`flush`.
+        """
         parts: list[bytes] = []
         at = 0
         while at < len(chunk.time_ns):
@@ -92,7 +98,9 @@ class SegmentEncoder:
         return b"".join(parts)
 
     def flush(self, *, end: bool = False) -> bytes:
-        """The segments of all moves that wait. ``end``: nothing follows, so that the board may run dry after the last one."""
+        """The segments of all moves that wait. ``end``: nothing follows, so that the board may run
+        dry after the last one.
+        """
         parts: list[bytes] = []
         self._encode(0, parts)
         if end and parts:
@@ -102,7 +110,9 @@ class SegmentEncoder:
         return b"".join(parts)
 
     def idle(self, until_ns: int) -> bytes:
-        """The segments of all moves that wait, and of a pause that ends at ``until_ns``, or as much as a tick before."""
+        """The segments of all moves that wait, and of a pause that ends at ``until_ns``, or as much
+        as a tick before.
+        """
         parts: list[bytes] = []
         self._encode(0, parts)
         left = until_ns * form.SUB // form.TICK_NS - int(self._state[encoder.CLOCK])
@@ -149,14 +159,20 @@ class SegmentDecoder:
         self._mask = np.empty(form.MOST_ROWS, dtype=np.uint8)
 
     def play(self, segments: bytes) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int8]]]:
-        """The grid moves of whole segments: times (n,) in ns since the first one's start and steps (n, axes), some thousands at a time."""
+        """The grid moves of whole segments: times (n,) in ns since the first one's start and steps
+        (n, axes), some thousands at a time.
+        """
         data = np.frombuffer(segments, dtype=np.uint8)
         at = 0
         while at < len(data):
             begin = at
-            at, self._clock, rows = form.play_all(data, at, self._clock, self._time_ns, self._step, self._tick, self._mask)
+            at, self._clock, rows = form.play_all(
+                data, at, self._clock, self._time_ns, self._step, self._tick, self._mask
+            )
             if at == begin:
-                raise ValueError(f"No segment begins at byte {at}: {segments[at : at + form.HEAD].hex(' ')}.")
+                raise ValueError(
+                    f"No segment begins at byte {at}: {segments[at : at + form.HEAD].hex(' ')}."
+                )
             yield self._time_ns[:rows].copy(), self._step[:rows].copy()
 
 
@@ -167,6 +183,8 @@ def split(segments: bytes) -> Iterator[bytes]:
     while at < len(data):
         size = form.segment_bytes(data, at)
         if size < 0:
-            raise ValueError(f"No segment begins at byte {at}: {segments[at : at + form.HEAD].hex(' ')}.")
+            raise ValueError(
+                f"No segment begins at byte {at}: {segments[at : at + form.HEAD].hex(' ')}."
+            )
         yield segments[at : at + size]
         at += size

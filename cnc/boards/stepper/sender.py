@@ -1,12 +1,13 @@
-"""What goes to the stepper board: grid moves and commands, compressed, in pieces, ahead of time but no farther than a horizon.
+"""What goes to the stepper board: grid moves and commands, compressed, in pieces, ahead of time but
+no farther than a horizon.
 
       board plays        promised to the board          next piece
     ──────●──────────────────────────────────┤····················┤
           └────────── HORIZON_S ─────────────┘     PIECE_S
 
-What the board has been given is what a hold can't take back. The board keeps time: where it is comes with its status, several times a
-second. A program's clock goes on through dwells (pauses in the stream), and stands still while the motion is held (the stream ends, and is
-started anew).
+What the board has been given is what a hold can't take back. The board keeps time: where it is
+comes with its status, several times a second. A program's clock goes on through dwells (pauses in
+the stream), and stands still while the motion is held (the stream ends, and is started anew).
 """
 
 from __future__ import annotations
@@ -35,9 +36,10 @@ TOLERANCE_NS = 2000
 class Stream:
     """The stream of one board. Times are ns of the program's clock, positions steps (axes,).
 
-    pump: sends and takes in what there is, waits so many seconds for more, and raises whatever has gone wrong. taken: bytes that the board
-    had taken before. position: where all that was sent leads. until_ns: when it is over. cut: an armed input has ended the motion, so that
-    what is sent now is dropped.
+    pump: sends and takes in what there is, waits so many seconds for more, and raises whatever has
+    gone wrong. taken: bytes that the board had taken before. position: where all that was sent
+    leads. until_ns: when it is over. cut: an armed input has ended the motion, so that what is sent
+    now is dropped.
     """
 
     def __init__(self, wire: Wire, axes: int, pump: Callable[[float], object], taken: int) -> None:
@@ -63,7 +65,9 @@ class Stream:
         self._base_ns = self.until_ns = 0
 
     def begin_after(self, status: Status) -> None:
-        """Go on where an input has ended the motion: what was sent behind that is gone, and time goes on."""
+        """Go on where an input has ended the motion: what was sent behind that is gone, and time
+        goes on.
+        """
         self.cut = self.running = False
         self._taken_before = status.taken
         self.trail.clear()
@@ -71,10 +75,13 @@ class Stream:
         self._encoder.skip(self.until_ns)
         self._base_ns = self._encoder.clock_ns
 
-    # ------------------------------------------------------------------------------------------------------------------ sending
+    # ------------------------------------------------------------------------------------------------------------------
+    # sending
 
     def gather(self, chunk: PulseChunk, places: NDArray[np.int64]) -> None:
-        """Compress a chunk that leads through ``places`` (n, axes); send it in pieces that may begin in one chunk and end in another."""
+        """Compress a chunk that leads through ``places`` (n, axes); send it in pieces that may
+        begin in one chunk and end in another.
+        """
         time_ns, rows, at = chunk.time_ns, len(chunk.time_ns), 0
         while at < rows:
             if not self._gathered:
@@ -83,7 +90,9 @@ class Stream:
             until = int(np.searchsorted(time_ns, self._gathered_from + round(PIECE_S * 1e9)))
             if until > at:
                 part = slice(at, until)
-                data = self._encoder.push(PulseChunk(time_ns[part], chunk.step[part], chunk.line[part]))
+                data = self._encoder.push(
+                    PulseChunk(time_ns[part], chunk.step[part], chunk.line[part])
+                )
                 self._gathered.append((data, places[part], chunk.line[part]))
                 self._gathered_until = int(time_ns[until - 1])
                 self.until_ns = max(self.until_ns, self._gathered_until)
@@ -101,7 +110,11 @@ class Stream:
                 return
             self._wait_for_horizon(self._gathered_until)
             self.position = places[-1][-1]
-            self._put(b"".join((*data, self._encoder.flush())), np.concatenate(places), np.concatenate(lines))
+            self._put(
+                b"".join((*data, self._encoder.flush())),
+                np.concatenate(places),
+                np.concatenate(lines),
+            )
 
     def command(self, code: int, *arguments: int, line: int = 0) -> None:
         """Have the board do something when all before it has been played."""
@@ -120,9 +133,11 @@ class Stream:
             self._put_between(data, 0)
 
     def rest(self, time_ns: int) -> Status | None:
-        """End the stream, return when it has been played: the program's clock stands still until the next move.
+        """End the stream, return when it has been played: the program's clock stands still until
+        the next move.
 
-        What the board said then, which :meth:`wholly_taken` judges; None where an input has ended the motion before.
+        What the board said then, which :meth:`wholly_taken` judges; None where an input has ended
+        the motion before.
         """
         self.idle_until(time_ns)
         self.until_ns = max(self.until_ns, time_ns)
@@ -139,7 +154,11 @@ class Stream:
         if not self.running:
             self._run()
         waited = self._wire.clock.now()
-        while not (link.state == State.IDLE and self._wire.status is not None and self.wholly_taken(self._wire.status)):
+        while not (
+            link.state == State.IDLE
+            and self._wire.status is not None
+            and self.wholly_taken(self._wire.status)
+        ):
             if self.cut:
                 return None
             if link.state != State.IDLE:
@@ -177,7 +196,8 @@ class Stream:
             self._pump(BREATH_S)
         self._run_if_filled(clock_ns)
 
-    # -------------------------------------------------------------------------------------------------------------------- time
+    # --------------------------------------------------------------------------------------------------------------------
+    # time
 
     @property
     def played_ns(self) -> int:

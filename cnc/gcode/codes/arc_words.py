@@ -22,7 +22,9 @@ MAX_TURNS = 1_000_000
 _NAMES = {20: "G2", 30: "G3"}
 CENTER_WORDS = {"x": "I", "y": "J", "z": "K"}
 """The letter of an offset along an axis, from the start to a centre or a control point."""
-_PLANE_LETTERS = {plane: [CENTER_WORDS[axis] for axis in pair] for plane, pair in PLANE_AXES.items()}
+_PLANE_LETTERS = {
+    plane: [CENTER_WORDS[axis] for axis in pair] for plane, pair in PLANE_AXES.items()
+}
 _NOWHERE = Word("G", 2.0, "G2", 1, 1)
 """Where errors of the quick way stand: nobody sees them, the slow way finds them again."""
 
@@ -43,7 +45,9 @@ class ArcMoves:
         }
 
     def move(self, words: LineWords, motion: int, code: Word | None) -> None:
-        """G2 (20) or G3 (30) with the words of a line; ``code`` is its own motion word, if it has one."""
+        """G2 (20) or G3 (30) with the words of a line; ``code`` is its own motion word, if it has
+        one.
+        """
         user, state, mover = _NAMES[motion], self._state, self._motion
         at = code or words.first()
         i, j = self.plane_columns(at)
@@ -65,7 +69,18 @@ class ArcMoves:
             arc = self._arc_of(end, motion, (i, j), (offsets[0], offsets[1]), 0.0, turns, word)
         feed = mover.feed(words, end, arc.length(self._rise(end, i, j)), at)
         here = self._here
-        mover.arc(ArcFeed(here.file, here.line, state.plane, arc.center, np.array(end), arc.radius, arc.turns, feed))
+        mover.arc(
+            ArcFeed(
+                here.file,
+                here.line,
+                state.plane,
+                arc.center,
+                np.array(end),
+                arc.radius,
+                arc.turns,
+                feed,
+            )
+        )
 
     def plane_columns(self, at: Word, what: str = "an arc") -> tuple[int, int]:
         """The columns of the plane's two axes, for ``what`` lies in it."""
@@ -73,7 +88,11 @@ class ArcMoves:
         first, second = PLANE_AXES[state.plane]
         for axis in (first, second):
             if axis not in self._motion.axes:
-                raise fault("axis-missing", f"{what} in the {state.plane} plane, but the machine has no {axis.upper()} axis", at)
+                raise fault(
+                    "axis-missing",
+                    f"{what} in the {state.plane} plane, but the machine has no {axis.upper()} axis",
+                    at,
+                )
         if self._motion.coordinates.rotation and state.plane != "XY":
             message = f"{what} in the {state.plane} plane of a rotated coordinate system lies in no plane of the machine"
             raise fault("arc-rotated", message, at, "use a coordinate system without R")
@@ -89,23 +108,41 @@ class ArcMoves:
         turns: int,
         word: Word,
     ) -> arcs.Arc:
-        """The arc about a centre given by I, J, K (None: not given), or of a radius; errors stand at ``word``."""
+        """The arc about a centre given by I, J, K (None: not given), or of a radius; errors stand
+        at ``word``.
+        """
         state, position = self._state, self._motion.position
         tolerance = self._dialect.arc_mm if state.scale == 1.0 else self._dialect.arc_inch
         i, j = plane
         here, there, clockwise = (position[i], position[j]), (end[i], end[j]), motion == 20
         if offsets is None:
-            return arcs.from_radius(here, there, radius * state.scale, clockwise=clockwise, turns=turns, tolerance=tolerance, word=word)
+            return arcs.from_radius(
+                here,
+                there,
+                radius * state.scale,
+                clockwise=clockwise,
+                turns=turns,
+                tolerance=tolerance,
+                word=word,
+            )
         center = self._center((i, j), offsets)
-        return arcs.from_center(here, there, center, clockwise=clockwise, turns=turns, tolerance=tolerance, word=word)
+        return arcs.from_center(
+            here, there, center, clockwise=clockwise, turns=turns, tolerance=tolerance, word=word
+        )
 
-    def _center(self, plane: tuple[int, int], offsets: tuple[float | None, float | None]) -> tuple[float, float]:
+    def _center(
+        self, plane: tuple[int, int], offsets: tuple[float | None, float | None]
+    ) -> tuple[float, float]:
         """The centre in machine coordinates."""
         i, j = plane
         state, coordinates = self._state, self._motion.coordinates
         first, second = (offsets[0] or 0.0) * state.scale, (offsets[1] or 0.0) * state.scale
         if coordinates.rotation:
-            place = coordinates.to_program(self._motion.position) if state.arc_absolute else [0.0] * len(self._motion.axes)
+            place = (
+                coordinates.to_program(self._motion.position)
+                if state.arc_absolute
+                else [0.0] * len(self._motion.axes)
+            )
             place[i], place[j] = first, second
             if state.arc_absolute:
                 turned = coordinates.to_machine(place)
@@ -115,7 +152,9 @@ class ArcMoves:
         base = coordinates.zero if state.arc_absolute else self._motion.position
         return base[i] + first, base[j] + second
 
-    def _check_center(self, letters: list[str], words: list[Word | None], user: str, at: Word) -> None:
+    def _check_center(
+        self, letters: list[str], words: list[Word | None], user: str, at: Word
+    ) -> None:
         if words[0] is None and words[1] is None:
             raise fault("arc-center-missing", f"{user} needs {letters[0]}, {letters[1]} or R", at)
         if self._state.arc_absolute:
@@ -125,7 +164,9 @@ class ArcMoves:
                     raise fault("arc-center-missing", message, at)
 
     def _take_idle_center(self, words: LineWords, user: str) -> None:
-        """Take the centre's word of the axis across the plane where the dialect lets it be written, as long as it is 0."""
+        """Take the centre's word of the axis across the plane where the dialect lets it be written,
+        as long as it is 0.
+        """
         if self._dialect.arc_idle_center:
             for letter in "IJK":
                 if (word := words.rest.get(letter)) and word.number == 0:
@@ -133,17 +174,26 @@ class ArcMoves:
 
     def _turns(self, words: LineWords, user: str) -> int:
         if "P" in words.rest and not self._dialect.arc_turns:
-            raise fault("word-not-in-dialect", f"P turns of an arc are not in the {self._dialect.name} dialect", words.rest["P"])
+            raise fault(
+                "word-not-in-dialect",
+                f"P turns of an arc are not in the {self._dialect.name} dialect",
+                words.rest["P"],
+            )
         word = words.take("P", user)
         return whole(word, "the turns", 1, MAX_TURNS) if word else 1
 
     def _rise(self, end: list[float], i: int, j: int) -> float:
         """The way along the axis across the plane."""
-        third = next((n for n, axis in enumerate(self._motion.axes) if axis in "xyz" and n not in (i, j)), None)
+        third = next(
+            (n for n, axis in enumerate(self._motion.axes) if axis in "xyz" and n not in (i, j)),
+            None,
+        )
         return 0.0 if third is None else end[third] - self._motion.position[third]
 
     def quick(self, move: QuickMove, motion: int, end: list[float], feed: float) -> ArcFeed | None:
-        """The arc of a line of the plainest kind to a machine position, ``feed`` mm/s; None where it needs a closer look."""
+        """The arc of a line of the plainest kind to a machine position, ``feed`` mm/s; None where
+        it needs a closer look.
+        """
         state = self._state
         plane, letters = self._planes.get(state.plane), _PLANE_LETTERS[state.plane]
         if plane is None:
@@ -162,6 +212,23 @@ class ArcMoves:
                 radius = value
             else:
                 return None
-        arc = self._arc_of(end, motion, plane, (first, second) if radius is None else None, radius or 0.0, 1, _NOWHERE)
+        arc = self._arc_of(
+            end,
+            motion,
+            plane,
+            (first, second) if radius is None else None,
+            radius or 0.0,
+            1,
+            _NOWHERE,
+        )
         here = self._here
-        return ArcFeed(here.file, here.line, state.plane, arc.center, np.array(end), arc.radius, arc.turns, feed)
+        return ArcFeed(
+            here.file,
+            here.line,
+            state.plane,
+            arc.center,
+            np.array(end),
+            arc.radius,
+            arc.turns,
+            feed,
+        )

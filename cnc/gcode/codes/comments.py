@@ -19,8 +19,8 @@ _PART = re.compile(r"%(?:(d)|\.([0-9])f|(f))|#(?:([0-9]+)|<([^<>]*)>)")
 def fill(text: str, parameters: Parameters) -> str:
     """The text with values in the place of ``#1`` and ``#<name>``.
 
-    ``%d`` (no decimals), ``%f`` (four) and ``%.2f`` are taken out and hold for the parameters behind them; before the first, values have
-    six decimals. Anything else stays as it is.
+    ``%d`` (no decimals), ``%f`` (four) and ``%.2f`` are taken out and hold for the parameters
+    behind them; before the first, values have six decimals. Anything else stays as it is.
     """
     form = _DEFAULT
 

@@ -1,10 +1,12 @@
 """The codes of cutter compensation, G40 to G42.1, and what may not stand under it.
 
-G41 and G42 take the radius from the tool table: that of tool D, or of the tool in the spindle without D, or with D0. G41.1 and G42.1 are
-given the diameter by D. In the plane G18 the tool may be one for turning: its orientation (Q of the table, L of G41.1) tells where the
-control point lies, seen from the centre of the nose. FANUC's D is the number of an offset, and stays in effect.
+G41 and G42 take the radius from the tool table: that of tool D, or of the tool in the spindle
+without D, or with D0. G41.1 and G42.1 are given the diameter by D. In the plane G18 the tool may be
+one for turning: its orientation (Q of the table, L of G41.1) tells where the control point lies,
+seen from the centre of the nose. FANUC's D is the number of an offset, and stays in effect.
 
-Source: LinuxCNC, "G41, G42", "G41.1, G42.1", "Lathe Tool Orientation"; of FANUC "Cutter compensation".
+Source: LinuxCNC, "G41, G42", "G41.1, G42.1", "Lathe Tool Orientation"; of FANUC "Cutter
+compensation".
 """
 
 from __future__ import annotations
@@ -25,13 +27,23 @@ _LEFT = (410, 411)
 _CHANGE_TOOL, _WAIT = 6, 66
 
 _POINTS = ((0, 0), (1, -1), (-1, -1), (-1, 1), (1, 1), (1, 0), (0, -1), (-1, 0), (0, 1), (0, 0))
-"""Where the control point of a turning tool lies, seen from its nose's centre: Z and X in radii, by orientation."""
+"""Where the control point of a turning tool lies, seen from its nose's centre: Z and X in radii, by
+orientation.
+"""
 
 
 class Sides:
     """Carries out the codes above for an interpreter."""
 
-    def __init__(self, dialect: Dialect, here: Here, state: Modal, motion: Motion, tools: ToolSettings, out: Output) -> None:
+    def __init__(
+        self,
+        dialect: Dialect,
+        here: Here,
+        state: Modal,
+        motion: Motion,
+        tools: ToolSettings,
+        out: Output,
+    ) -> None:
         self._dialect = dialect
         self._here = here
         self._state = state
@@ -41,9 +53,11 @@ class Sides:
         self._offset = 0
 
     def refuse(self, codes: Codes) -> None:
-        """GcodeError ``compensation-active`` for a code that may not stand under cutter compensation, of those that are executed first.
+        """GcodeError ``compensation-active`` for a code that may not stand under cutter
+        compensation, of those that are executed first.
 
-        A change of plane or tool, and M66: what is executed next may depend on its answer, so the moves before it would have to end.
+        A change of plane or tool, and M66: what is executed next may depend on its answer, so the
+        moves before it would have to end.
         """
         if not self._motion.compensated:
             return
@@ -59,17 +73,26 @@ class Sides:
             self.off()
             return
         at = code.word
-        radius, orientation = self._given(words, at) if code.number in _DYNAMIC else self._of_tool(words, at)
+        radius, orientation = (
+            self._given(words, at) if code.number in _DYNAMIC else self._of_tool(words, at)
+        )
         if radius == 0.0:
             message = f"{at.written} with a radius of 0: the path stays as it is written"
-            self._here.caution("compensation-radius-zero", message, at, "give the tool's diameter in the tool table")
+            self._here.caution(
+                "compensation-radius-zero",
+                message,
+                at,
+                "give the tool's diameter in the tool table",
+            )
         side: Side = "left" if code.number in _LEFT else "right"
         columns = self._motion.arcs.plane_columns(at, "cutter compensation")
         shift = (0.0, 0.0)
         if self._state.plane == "ZX":
             shift = (_POINTS[orientation][0] * abs(radius), _POINTS[orientation][1] * abs(radius))
         compensation = self._motion.compensation
-        compensation.start(side, radius, self._state.plane, columns, self._motion.position, at, shift=shift)
+        compensation.start(
+            side, radius, self._state.plane, columns, self._motion.position, at, shift=shift
+        )
         self._state.compensation = code.number
         self._out.hold = compensation.add
 
@@ -83,10 +106,17 @@ class Sides:
         """Radius and orientation of G41.1 and G42.1."""
         diameter, orientation = words.take("D", at.written), words.take("L", at.written)
         if diameter is None:
-            raise fault("compensation-diameter-missing", f"{at.written} needs a D word", at, "give D and the tool's diameter")
+            raise fault(
+                "compensation-diameter-missing",
+                f"{at.written} needs a D word",
+                at,
+                "give D and the tool's diameter",
+            )
         if orientation and self._state.plane != "ZX":
             raise fault(
-                "compensation-orientation", f"{orientation.written}: orientations are for turning tools, in the plane G18", orientation
+                "compensation-orientation",
+                f"{orientation.written}: orientations are for turning tools, in the plane G18",
+                orientation,
             )
         number = whole(orientation, "the orientation", 0, ORIENTATIONS) if orientation else 0
         return diameter.number * self._state.scale / 2.0, number
@@ -99,7 +129,12 @@ class Sides:
             self._offset = number if word else self._offset
             number = self._offset
             if word is None and number == 0:
-                raise fault("compensation-offset-missing", f"{at.written} needs a D word", at, "give D and the number of the offset")
+                raise fault(
+                    "compensation-offset-missing",
+                    f"{at.written} needs a D word",
+                    at,
+                    "give D and the number of the offset",
+                )
         else:
             number = number or self._state.loaded
         if number == 0:
@@ -108,4 +143,9 @@ class Sides:
         return entry.radius, entry.orientation
 
     def _active(self, at: Word) -> CncError:
-        return fault("compensation-active", f"{at.written} under cutter compensation", at, "give G40 and a move before")
+        return fault(
+            "compensation-active",
+            f"{at.written} under cutter compensation",
+            at,
+            "give G40 and a move before",
+        )

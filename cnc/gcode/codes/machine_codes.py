@@ -1,4 +1,5 @@
-"""What a line does beside moving: speed, tool, spindle, coolant, overrides, inputs and outputs, dwell, saved state, stop.
+"""What a line does beside moving: speed, tool, spindle, coolant, overrides, inputs and outputs,
+dwell, saved state, stop.
 
 Source: LinuxCNC, "M-codes" and "Other codes"; G4, G64, G96 and G97 in "G-codes".
 """
@@ -54,9 +55,19 @@ _SAVED = (
 
 
 class Functions:
-    """Carries out the codes that do not move. The methods are called in the standard order of execution."""
+    """Carries out the codes that do not move. The methods are called in the standard order of
+    execution.
+    """
 
-    def __init__(self, dialect: Dialect, here: Here, state: Modal, out: Output, parameters: Parameters, waiting: Waiting) -> None:
+    def __init__(
+        self,
+        dialect: Dialect,
+        here: Here,
+        state: Modal,
+        out: Output,
+        parameters: Parameters,
+        waiting: Waiting,
+    ) -> None:
         self._dialect = dialect
         self._here = here
         self._state = state
@@ -81,7 +92,9 @@ class Functions:
                 self._waiting.give(word)
 
     def _speed(self, word: Word) -> float:
-        """The number of an S word as the spindle mode has it: rpm, or mm/s from metres or feet a minute."""
+        """The number of an S word as the spindle mode has it: rpm, or mm/s from metres or feet a
+        minute.
+        """
         number = not_negative(word, "the spindle speed")
         if not self._state.constant_surface:
             return number
@@ -96,12 +109,22 @@ class Functions:
         if code.number == 61:
             word = words.take("Q", "M61")
             if word is None:
-                raise fault("tool-not-chosen", "M61 needs a Q word", code.word, "give Q and the number of the tool in the spindle")
+                raise fault(
+                    "tool-not-chosen",
+                    "M61 needs a Q word",
+                    code.word,
+                    "give Q and the number of the tool in the spindle",
+                )
             state.loaded = whole(word, "the tool number", 0, MAX_TOOL)
             self._out.add(Tool(here.file, here.line, state.loaded, change=False))
             return
         if state.tool is None:
-            raise fault("tool-not-chosen", "M6 without a tool chosen by a T word", code.word, "give T and the tool's number")
+            raise fault(
+                "tool-not-chosen",
+                "M6 without a tool chosen by a T word",
+                code.word,
+                "give T and the tool's number",
+            )
         self._waiting.used("T")
         self._spindle_off()
         state.loaded = state.tool
@@ -137,7 +160,12 @@ class Functions:
         state.most_rpm = not_negative(most, "the highest speed") if most else 0.0
         word = words.take("S", code.word.written)
         if word is None and state.constant_surface:
-            raise fault("spindle-speed-missing", f"{code.word.written} needs a speed", code.word, "give S in m/min (under G20 in feet/min)")
+            raise fault(
+                "spindle-speed-missing",
+                f"{code.word.written} needs a speed",
+                code.word,
+                "give S in m/min (under G20 in feet/min)",
+            )
         # Without S under G97 nobody can say what speed the surface speed is to become.
         state.speed = self._speed(word) if word else None
 
@@ -159,12 +187,28 @@ class Functions:
         angle, timeout, way = (words.take(letter, "M19") for letter in "RQP")
         degrees = 0.0 if angle is None else angle.number
         if angle and not 0.0 <= degrees <= 360.0:
-            raise fault("value-out-of-range", f"{angle.written}: the angle must be from 0 to 360 degrees", angle)
+            raise fault(
+                "value-out-of-range",
+                f"{angle.written}: the angle must be from 0 to 360 degrees",
+                angle,
+            )
         if timeout and timeout.number <= 0.0:
-            raise fault("value-out-of-range", f"{timeout.written}: the time-out must be more than 0", timeout)
+            raise fault(
+                "value-out-of-range",
+                f"{timeout.written}: the time-out must be more than 0",
+                timeout,
+            )
         direction: Any = _DIRECTIONS[whole(way, "the direction", 0, 2)] if way else "shortest"
         self._state.spindle = "off"
-        self._out.add(Orient(self._here.file, self._here.line, degrees, direction, timeout.number if timeout else 0.0))
+        self._out.add(
+            Orient(
+                self._here.file,
+                self._here.line,
+                degrees,
+                direction,
+                timeout.number if timeout else 0.0,
+            )
+        )
 
     # Coolant, overrides, inputs and outputs
 
@@ -177,7 +221,9 @@ class Functions:
             self._coolant()
 
     def _coolant(self) -> None:
-        self._out.add(Coolant(self._here.file, self._here.line, self._state.mist, self._state.flood))
+        self._out.add(
+            Coolant(self._here.file, self._here.line, self._state.mist, self._state.flood)
+        )
 
     def overrides(self, words: LineWords, codes: Codes) -> None:
         """M48 to M53; P0 switches off, P1 or no P on."""
@@ -190,13 +236,27 @@ class Functions:
         else:
             word = words.take("P", code.word.written)
             on = word is None or not_negative(word, "the switch") != 0.0
-            name = {50: "feed_override", 51: "speed_override", 52: "adaptive_feed", 53: "feed_stop"}[code.number]
+            name = {
+                50: "feed_override",
+                51: "speed_override",
+                52: "adaptive_feed",
+                53: "feed_stop",
+            }[code.number]
             setattr(state, name, on)
         self._overrides()
 
     def _overrides(self) -> None:
         state, here = self._state, self._here
-        self._out.add(Overrides(here.file, here.line, state.feed_override, state.speed_override, state.adaptive_feed, state.feed_stop))
+        self._out.add(
+            Overrides(
+                here.file,
+                here.line,
+                state.feed_override,
+                state.speed_override,
+                state.adaptive_feed,
+                state.feed_stop,
+            )
+        )
 
     def input_output(self, words: LineWords, codes: Codes) -> None:
         """M62 to M68."""
@@ -209,36 +269,67 @@ class Functions:
         elif number >= 67:
             channel, value = self._channel(words, code, "E"), words.take("Q", code.word.written)
             if value is None:
-                raise fault("output-value-missing", f"{code.word.written} needs a Q word", code.word, "give Q and the value")
+                raise fault(
+                    "output-value-missing",
+                    f"{code.word.written} needs a Q word",
+                    code.word,
+                    "give Q and the value",
+                )
             self._out.add(AnalogOutput(here.file, here.line, channel, value.number, number == 67))
         else:
-            self._out.add(DigitalOutput(here.file, here.line, self._channel(words, code, "P"), number in (62, 64), number in (62, 63)))
+            self._out.add(
+                DigitalOutput(
+                    here.file,
+                    here.line,
+                    self._channel(words, code, "P"),
+                    number in (62, 64),
+                    number in (62, 63),
+                )
+            )
 
     def _channel(self, words: LineWords, code: Code, letter: str) -> int:
         word = words.take(letter, code.word.written)
         if word is None:
             raise fault(
-                "channel-missing", f"{code.word.written} needs a {letter} word", code.word, f"give {letter} and the channel's number"
+                "channel-missing",
+                f"{code.word.written} needs a {letter} word",
+                code.word,
+                f"give {letter} and the channel's number",
             )
         return whole(word, "the channel", 0, MAX_CHANNEL)
 
     def _wait(self, words: LineWords, code: Code) -> None:
         here, analog = self._here, "E" in words.rest
         if analog and "P" in words.rest:
-            raise fault("channel-missing", "M66 takes P or E, not both", words.rest["P"], "P is a digital input, E an analog one")
+            raise fault(
+                "channel-missing",
+                "M66 takes P or E, not both",
+                words.rest["P"],
+                "P is a digital input, E an analog one",
+            )
         channel = self._channel(words, code, "E" if analog else "P")
         word = words.take("L", "M66")
         mode = _WAIT_MODES[whole(word, "the way to wait", 0, 4)] if word else "immediate"
         limit = words.take("Q", "M66")
         if word and mode != "immediate":
             if analog:
-                raise fault("wait-analog", f"{word.written}: an analog input can only be read at once", word, "give L0")
+                raise fault(
+                    "wait-analog",
+                    f"{word.written}: an analog input can only be read at once",
+                    word,
+                    "give L0",
+                )
             if limit is None or limit.number <= 0.0:
                 raise fault(
-                    "wait-time-missing", f"M66 {word.written} needs a time", limit or word, "give Q and the seconds to wait at most"
+                    "wait-time-missing",
+                    f"M66 {word.written} needs a time",
+                    limit or word,
+                    "give Q and the seconds to wait at most",
                 )
         seconds = not_negative(limit, "the time") if limit else 0.0
-        self._out.ask(WaitInput(here.file, here.line, channel, analog, mode, seconds), self._answered)
+        self._out.ask(
+            WaitInput(here.file, here.line, channel, analog, mode, seconds), self._answered
+        )
 
     def _answered(self, answer: tuple[float, ...]) -> None:
         self._parameters.values[INPUT_ANSWER] = answer[0]
@@ -250,16 +341,27 @@ class Functions:
         word, letters = code.word, self._dialect.dwell
         times = [(letter, time) for letter in letters if (time := words.take(letter, "G4"))]
         if not times:
-            raise fault("dwell-time-missing", f"{word.written} needs a time", word, f"give {' or '.join(letters)}")
+            raise fault(
+                "dwell-time-missing",
+                f"{word.written} needs a time",
+                word,
+                f"give {' or '.join(letters)}",
+            )
         if len(times) > 1:
             raise fault("word-wanted-twice", f"{word.written} takes one time only", times[1][1])
         letter, time = times[0]
         seconds = not_negative(time, "the time") * letters[letter]
         if seconds > MAX_DWELL:
-            raise fault("value-out-of-range", f"{time.written}: a dwell of {seconds:g} s is more than eleven days", time)
+            raise fault(
+                "value-out-of-range",
+                f"{time.written}: a dwell of {seconds:g} s is more than eleven days",
+                time,
+            )
         if seconds >= LONG_DWELL and letters[letter] == 1.0 and "." not in time.written:
             message = f"{time.written} is {seconds:g} s here; controls that count milliseconds take {seconds / 1000.0:g} s"
-            self._here.caution("dwell-long", message, time, f"write {time.written}. if seconds are meant")
+            self._here.caution(
+                "dwell-long", message, time, f"write {time.written}. if seconds are meant"
+            )
         self._out.add(Dwell(self._here.file, self._here.line, seconds))
 
     def path_control(self, words: LineWords, code: Code) -> None:
@@ -281,7 +383,9 @@ class Functions:
         self._path()
 
     def _path(self) -> None:
-        self._out.add(PathMode(self._here.file, self._here.line, self._state.path, self._state.tolerance))
+        self._out.add(
+            PathMode(self._here.file, self._here.line, self._state.path, self._state.tolerance)
+        )
 
     # State, stop
 
@@ -306,10 +410,14 @@ class Functions:
                 speak()
 
     def stop(self, code: Code) -> bool:
-        """M0, M1, M60, M2, M30; the last two also stop spindle and coolant. Whether the program is over."""
+        """M0, M1, M60, M2, M30; the last two also stop spindle and coolant. Whether the program is
+        over.
+        """
         here, state = self._here, self._state
         if code.number in (0, 1, 60):
-            self._out.add(Stop(here.file, here.line, optional=code.number == 1, pallet=code.number == 60))
+            self._out.add(
+                Stop(here.file, here.line, optional=code.number == 1, pallet=code.number == 60)
+            )
             return False
         self._spindle_off()
         if state.mist or state.flood:
@@ -320,6 +428,8 @@ class Functions:
 
 
 def surface_rpm(speed: float, most_rpm: float, radius: float) -> float:
-    """Turns a minute at a surface speed (mm/s) and a radius (mm): at most ``most_rpm`` where that is not 0; infinite on the axis."""
+    """Turns a minute at a surface speed (mm/s) and a radius (mm): at most ``most_rpm`` where that
+    is not 0; infinite on the axis.
+    """
     rpm = speed * 60.0 / (math.tau * radius) if radius > 0.0 else math.inf
     return min(rpm, most_rpm) if most_rpm else rpm

@@ -1,4 +1,5 @@
-"""System variables of FANUC's macros: positions and modal codes as a program reads them, and what it does by setting one.
+"""System variables of FANUC's macros: positions and modal codes as a program reads them, and what
+it does by setting one.
 
 Source: FANUC Series 0i, "System variables". Distances are in the units of the program.
 """
@@ -19,7 +20,9 @@ from cnc.model.blocks import Stop
 _STOP = 3006
 """``#3006=1`` stops until the operator starts again."""
 _SWITCHES = (3003, 3004)
-"""They keep the operator from stopping between blocks and from overrides; here they only remember."""
+"""They keep the operator from stopping between blocks and from overrides; here they only
+remember.
+"""
 _BLOCK_END, _MACHINE, _CURRENT = 5001, 5021, 5041
 _MODAL = 4000
 _LAST_PLAIN = 330
@@ -29,12 +32,18 @@ _FEED_CODES = {mode: code / 10 for code, mode in FEED_MODES.items()}
 
 
 def bind(
-    parameters: Parameters, state: Modal, here: Here, coordinates: Coordinates, out: Output, position: Callable[[], list[float]]
+    parameters: Parameters,
+    state: Modal,
+    here: Here,
+    coordinates: Coordinates,
+    out: Output,
+    position: Callable[[], list[float]],
 ) -> None:
     """Show the state, and take what a program does by setting a variable.
 
-    #4001 and on are the codes in effect by FANUC's groups, #4109 F, #4119 S (rpm), #4120 T; #5001 and on and #5041 and on the position in
-    the coordinate system, #5021 and on that of the machine, which ``position`` tells in mm.
+    #4001 and on are the codes in effect by FANUC's groups, #4109 F, #4119 S (rpm), #4120 T; #5001
+    and on and #5041 and on the position in the coordinate system, #5021 and on that of the machine,
+    which ``position`` tells in mm.
     """
     groups: dict[int, Callable[[], float]] = {
         1: lambda: 0.0 if state.motion is None or state.motion > _LAST_PLAIN else state.motion / 10,
@@ -43,7 +52,11 @@ def bind(
         5: lambda: _FEED_CODES[state.feed_mode],
         6: lambda: 21.0 if state.scale == 1.0 else 20.0,
         7: lambda: (state.compensation or COMPENSATION_OFF) / 10,
-        9: lambda: CANCEL / 10 if state.motion is None or state.motion <= _LAST_PLAIN else state.motion / 10,
+        9: lambda: (
+            CANCEL / 10
+            if state.motion is None or state.motion <= _LAST_PLAIN
+            else state.motion / 10
+        ),
         10: lambda: 98.0 if state.initial_level else 99.0,
         13: lambda: 96.0 if state.constant_surface else 97.0,
         14: lambda: NAMES[coordinates.system] / 10,
@@ -55,7 +68,9 @@ def bind(
         parameters.bind(_MODAL + group, read)
     coordinates.bind_numbers(_MACHINE, position, lambda: state.scale)
     for first in (_BLOCK_END, _CURRENT):
-        coordinates.bind_numbers(first, lambda: coordinates.to_program(position()), lambda: state.scale)
+        coordinates.bind_numbers(
+            first, lambda: coordinates.to_program(position()), lambda: state.scale
+        )
     for number in _SWITCHES:
         kept = [0.0]
         parameters.bind(number, partial(kept.__getitem__, 0), partial(kept.__setitem__, 0))

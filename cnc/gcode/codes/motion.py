@@ -1,7 +1,7 @@
 """Axis words to moves.
 
-The position is kept in machine coordinates, so offsets and units change what words mean and never where the machine stands. Straight moves
-and arcs are here; other motion codes register a handler.
+The position is kept in machine coordinates, so offsets and units change what words mean and never
+where the machine stands. Straight moves and arcs are here; other motion codes register a handler.
 """
 
 from __future__ import annotations
@@ -31,33 +31,44 @@ MIN_FEED = 1e-6
 
 _ARC_WORDS = frozenset("IJKR")
 _CURVES = (50, 51, 52, NURBS, BSPLINE)
-_CYCLES = frozenset(("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89"))
+_CYCLES = frozenset(
+    ("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89")
+)
 _POLAR_USERS = _CYCLES | {"G0", "G1", "G2", "G3", "G38.2", "G38.3", "G38.4", "G38.5"}
-"""Codes whose point may be given by @ and ^; a cycle under G91 would have to count anew for each of its repeats."""
+"""Codes whose point may be given by @ and ^; a cycle under G91 would have to count anew for each of
+its repeats.
+"""
 _TAKES_AXES = (100, 280, 300, 520, 920)
 """Non-modal codes that take the axis words of their line."""
 
 Handler = Callable[[LineWords, Code | None], None]
-"""Makes the move of a motion code: takes the words of the line and sets the position. The code is None where it was in effect already."""
+"""Makes the move of a motion code: takes the words of the line and sets the position. The code is
+None where it was in effect already.
+"""
 
 
 class Collector(Protocol):
     """A curve that is written over many lines."""
 
     def line(self, words: LineWords, codes: Codes) -> bool:
-        """Take a line; whether it is used up. The collector ends itself by ``motion.collector = None``."""
+        """Take a line; whether it is used up. The collector ends itself by ``motion.collector =
+        None``.
+        """
 
     def end(self, what: str) -> None:
-        """The program ends: completes the curve, or raises the error of one that ends before it is complete."""
+        """The program ends: completes the curve, or raises the error of one that ends before it is
+        complete.
+        """
 
 
 class Motion:
     """Where the machine stands and how it moves.
 
-    ``position`` is the programmed one in machine coordinates; ``column`` tells the column of an axis letter; ``handlers`` makes the moves
-    of motion codes other than G0 to G3; ``collector`` is the curve that is being collected, if any; ``compensation`` turns moves into those
-    of the tool's centre; ``before`` is the motion code that was in effect before the line; ``again`` tells the letters
-    that repeat the move of a motion code in effect without an axis word.
+    ``position`` is the programmed one in machine coordinates; ``column`` tells the column of an
+    axis letter; ``handlers`` makes the moves of motion codes other than G0 to G3; ``collector`` is
+    the curve that is being collected, if any; ``compensation`` turns moves into those of the tool's
+    centre; ``before`` is the motion code that was in effect before the line; ``again`` tells the
+    letters that repeat the move of a motion code in effect without an axis word.
     """
 
     def __init__(
@@ -107,7 +118,9 @@ class Motion:
     # Which move a line asks for
 
     def check(self, words: LineWords, codes: Codes) -> int | None:
-        """The motion code that this line's words belong to, before anything is executed; None for a line without a move."""
+        """The motion code that this line's words belong to, before anything is executed; None for a
+        line without a move.
+        """
         code, special, state = codes.get("motion"), codes.get("non-modal"), self._state
         self._machine_words = special is not None and special.number == 530
         self.before = state.motion
@@ -115,24 +128,41 @@ class Motion:
         if special and special.number == 40 and has_axis:
             has_axis = self._axis_beside_dwell(words, code)
         taker = special if special and special.number in _TAKES_AXES else None
-        if (length := codes.get("tool-length")) and (length.number == 431 or (length.number == 432 and "H" not in words.rest)):
+        if (length := codes.get("tool-length")) and (
+            length.number == 431 or (length.number == 432 and "H" not in words.rest)
+        ):
             if special and (taker or self._machine_words):
                 raise fault(
-                    "axis-words-wanted-twice", f"both {special.word.written} and {length.word.written} take axis words", length.word
+                    "axis-words-wanted-twice",
+                    f"both {special.word.written} and {length.word.written} take axis words",
+                    length.word,
                 )
             taker = length
         if taker:
             if code:
-                beside = code.number in (0, 10) and taker.number in (280, 300) and self._dialect.home_beside_motion
+                beside = (
+                    code.number in (0, 10)
+                    and taker.number in (280, 300)
+                    and self._dialect.home_beside_motion
+                )
                 if code.number != CANCEL and not beside:
-                    raise fault("axis-words-wanted-twice", f"both {taker.word.written} and {code.word.written} take axis words", code.word)
+                    raise fault(
+                        "axis-words-wanted-twice",
+                        f"both {taker.word.written} and {code.word.written} take axis words",
+                        code.word,
+                    )
                 state.motion = code.number if beside else None
             return None
         if code:
             return self._explicit(words, code, special, has_axis)
         if not has_axis:
             if self._machine_words and special:
-                raise fault("axis-words-missing", f"{special.word.written} needs axis words", special.word, "such as G53 G0 Z0")
+                raise fault(
+                    "axis-words-missing",
+                    f"{special.word.written} needs axis words",
+                    special.word,
+                    "such as G53 G0 Z0",
+                )
             orient = codes.get("spindle")
             letters = self.again.get(state.motion or 0, frozenset())
             again = not letters.isdisjoint(words.rest) and not (orient and orient.number == 19)
@@ -140,24 +170,48 @@ class Motion:
         return self._modal_move(words, special)
 
     def _axis_beside_dwell(self, words: LineWords, code: Code | None) -> bool:
-        """Whether a line with G4 has axis words for a move; where the dwell itself takes an axis letter, no move may stand beside it."""
-        timed = [letter for letter in self._dialect.dwell if letter in AXES and letter in words.rest]
+        """Whether a line with G4 has axis words for a move; where the dwell itself takes an axis
+        letter, no move may stand beside it.
+        """
+        timed = [
+            letter for letter in self._dialect.dwell if letter in AXES and letter in words.rest
+        ]
         if timed and code:
-            raise fault("word-wanted-twice", f"both G4 and {code.word.written} take a {timed[0]} word in this line", words.rest[timed[0]])
+            raise fault(
+                "word-wanted-twice",
+                f"both G4 and {code.word.written} take a {timed[0]} word in this line",
+                words.rest[timed[0]],
+            )
         return any(letter in AXES and letter not in timed for letter in words.rest)
 
-    def _explicit(self, words: LineWords, code: Code, special: Code | None, has_axis: bool) -> int | None:
+    def _explicit(
+        self, words: LineWords, code: Code, special: Code | None, has_axis: bool
+    ) -> int | None:
         """A line with a motion code of its own."""
         if self._machine_words and special:
             if code.number not in (0, 10):
-                raise fault("machine-coordinates-motion", f"{special.word.written} goes with G0 and G1 only", special.word)
+                raise fault(
+                    "machine-coordinates-motion",
+                    f"{special.word.written} goes with G0 and G1 only",
+                    special.word,
+                )
             if not has_axis:
-                raise fault("axis-words-missing", f"{special.word.written} needs axis words", special.word, "such as G53 G0 Z0")
+                raise fault(
+                    "axis-words-missing",
+                    f"{special.word.written} needs axis words",
+                    special.word,
+                    "such as G53 G0 Z0",
+                )
         self._state.motion = None if code.number == CANCEL else code.number
         if code.number == CANCEL:
             if has_axis:
                 word = words.first_axis()
-                raise fault("motion-missing", f"{word.written} with {code.word.written}: there is no motion to make", word, "give G0 or G1")
+                raise fault(
+                    "motion-missing",
+                    f"{word.written} with {code.word.written}: there is no motion to make",
+                    word,
+                    "give G0 or G1",
+                )
             return None
         if code.number in (0, 10) and not has_axis:
             return None
@@ -170,16 +224,27 @@ class Motion:
             message = f"{word.written} with {special.word.written}, but no motion code in this line"
             raise fault("axis-words-unused", message, word, "write the move on a line of its own")
         if motion is None:
-            raise fault("motion-missing", f"{word.written} without a motion code in effect", word, "begin with G0 or G1")
+            raise fault(
+                "motion-missing",
+                f"{word.written} without a motion code in effect",
+                word,
+                "begin with G0 or G1",
+            )
         if motion == NURBS:
             message = f"G6.2 is still in effect: {word.written} needs a new motion code"
             raise fault("nurbs-still-active", message, word, "give G0, G1, G2, G3 or another G6.2")
         if special and motion not in (0, 10):
-            raise fault("machine-coordinates-motion", f"{special.word.written} goes with G0 and G1 only", special.word)
+            raise fault(
+                "machine-coordinates-motion",
+                f"{special.word.written} goes with G0 and G1 only",
+                special.word,
+            )
         return motion
 
     def move(self, words: LineWords, motion: int | None, explicit: Code | None = None) -> None:
-        """Make the move that :meth:`check` found; ``explicit`` is the line's own motion code, if it has one."""
+        """Make the move that :meth:`check` found; ``explicit`` is the line's own motion code, if it
+        has one.
+        """
         if motion is None:
             return
         code = explicit.word if explicit else None
@@ -229,10 +294,16 @@ class Motion:
         for letter in [letter for letter in words.rest if letter in AXES]:
             index = self.column.get(letter)
             if letter not in self._dialect.axes:
-                raise fault("axis-not-in-dialect", f"{letter} is no axis in the {self._dialect.name} dialect", words.rest[letter])
+                raise fault(
+                    "axis-not-in-dialect",
+                    f"{letter} is no axis in the {self._dialect.name} dialect",
+                    words.rest[letter],
+                )
             if index is None:
                 hint = f"its axes are {' '.join(self.axes).upper()}"
-                raise fault("axis-missing", f"the machine has no {letter} axis", words.rest[letter], hint)
+                raise fault(
+                    "axis-missing", f"the machine has no {letter} axis", words.rest[letter], hint
+                )
             word = words.take(letter, user)
             assert word is not None
             found[index] = word.number * self.scales[index]
@@ -244,24 +315,47 @@ class Motion:
         """Takes @ and ^: X and Y of what was ``found``."""
         at, x, y = polar.first_polar(words), self.column.get("X"), self.column.get("Y")
         if self._dialect.flavour != "ngc":
-            raise fault("syntax-not-in-dialect", f"polar coordinates are not in the {self._dialect.name} dialect", at)
-        if user not in _POLAR_USERS or self._machine_words or (user in _CYCLES and not self._state.absolute):
-            taker = "G53" if self._machine_words else f"{user} under G91" if user in _CYCLES else user
+            raise fault(
+                "syntax-not-in-dialect",
+                f"polar coordinates are not in the {self._dialect.name} dialect",
+                at,
+            )
+        if (
+            user not in _POLAR_USERS
+            or self._machine_words
+            or (user in _CYCLES and not self._state.absolute)
+        ):
+            taker = (
+                "G53" if self._machine_words else f"{user} under G91" if user in _CYCLES else user
+            )
             raise fault("polar-not-here", f"{taker} takes no polar coordinates", at, "give X and Y")
         if self._state.plane != "XY":
-            raise fault("polar-plane", f"polar coordinates in the {self._state.plane} plane", at, "give G17: they are of X and Y")
+            raise fault(
+                "polar-plane",
+                f"polar coordinates in the {self._state.plane} plane",
+                at,
+                "give G17: they are of X and Y",
+            )
         if x is None or y is None:
             raise fault("axis-missing", "polar coordinates need the axes X and Y", at)
         if {x, y} & found.keys():
             raise fault("polar-and-axis", "X and Y can't stand beside polar coordinates", at)
         program = self.coordinates.to_program(self.position)
-        found[x], found[y] = polar.point(words, user, (program[x], program[y]), self._state.scale, absolute=self._state.absolute)
+        found[x], found[y] = polar.point(
+            words, user, (program[x], program[y]), self._state.scale, absolute=self._state.absolute
+        )
 
-    def target(self, words: LineWords, user: str, start: list[float], *, machine: bool = False) -> list[float]:
-        """The machine position that a line's axis words mean, seen from ``start``; axes without a word stay there."""
+    def target(
+        self, words: LineWords, user: str, start: list[float], *, machine: bool = False
+    ) -> list[float]:
+        """The machine position that a line's axis words mean, seen from ``start``; axes without a
+        word stay there.
+        """
         return self.reached(self.axis_values(words, user), start, machine=machine)
 
-    def reached(self, values: dict[int, float], start: list[float], *, machine: bool = False) -> list[float]:
+    def reached(
+        self, values: dict[int, float], start: list[float], *, machine: bool = False
+    ) -> list[float]:
         """The machine position that axis values mean, seen from ``start``."""
         end = start.copy()
         coordinates = self.coordinates
@@ -292,15 +386,25 @@ class Motion:
     # Feed
 
     def distance(self, end: list[float]) -> float:
-        """Length of a straight move as feeds count it: over x y z if one of them moves, else over u v w, else over a b c."""
+        """Length of a straight move as feeds count it: over x y z if one of them moves, else over u
+        v w, else over a b c.
+        """
         for group in ("xyz", "uvw", "abc"):
-            length = math.hypot(*(end[i] - self.position[i] for i, letter in enumerate(self.axes) if letter in group))
+            length = math.hypot(
+                *(
+                    end[i] - self.position[i]
+                    for i, letter in enumerate(self.axes)
+                    if letter in group
+                )
+            )
             if length > 0:
                 return length
         return 0.0
 
     def feed(self, words: LineWords, end: list[float], length: float, at: Word) -> float:
-        """The feed of a move in mm/s, or deg/s if only rotary axes move. ``at`` is the word that an error points at."""
+        """The feed of a move in mm/s, or deg/s if only rotary axes move. ``at`` is the word that an
+        error points at.
+        """
         state = self._state
         if state.feed_mode == "inverse-time":
             return self._inverse_time(words, length, at)
@@ -319,14 +423,21 @@ class Motion:
         """The feed of linear axes, or that of rotary axes if they move alone."""
         if self._has_rotary:
             moved = [there != here for there, here in zip(end, self.position, strict=True)]
-            if any(moved) and not any(moves for moves, linear in zip(moved, self._linear, strict=True) if linear):
+            if any(moved) and not any(
+                moves for moves, linear in zip(moved, self._linear, strict=True) if linear
+            ):
                 return feed.rotary
         return feed.linear
 
     def _inverse_time(self, words: LineWords, length: float, at: Word) -> float:
         word = words.take("F", "G93")
         if word is None:
-            raise fault("feed-missing", "under G93 every move needs an F word", at, "give F, one over the minutes of the move")
+            raise fault(
+                "feed-missing",
+                "under G93 every move needs an F word",
+                at,
+                "give F, one over the minutes of the move",
+            )
         if word.number <= 0:
             raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
         # A move of no length takes no time whatever the rate is; any positive feed says so.
@@ -336,27 +447,50 @@ class Motion:
         return rate
 
     def spindle_rpm(self, end: list[float], at: Word) -> float:
-        """Turns a minute on the way to ``end``: under G96 the fewest, those at the largest radius."""
+        """Turns a minute on the way to ``end``: under G96 the fewest, those at the largest
+        radius.
+        """
         state = self._state
         if state.spindle == "off" or not state.speed:
-            raise fault("spindle-stopped", f"{at.written} counts turns of the spindle, which does not turn", at, "give S and M3 before")
+            raise fault(
+                "spindle-stopped",
+                f"{at.written} counts turns of the spindle, which does not turn",
+                at,
+                "give S and M3 before",
+            )
         if not state.constant_surface:
             return state.speed
         x = self.column.get("X")
-        radius = 0.0 if x is None else max(abs(self.coordinates.to_program(place)[x]) for place in (self.position, end))
+        radius = (
+            0.0
+            if x is None
+            else max(abs(self.coordinates.to_program(place)[x]) for place in (self.position, end))
+        )
         rpm = surface_rpm(state.speed, state.most_rpm, radius)
         if math.isinf(rpm):
-            raise fault("spindle-speed-unlimited", "on the axis G96 asks for any speed", at, "limit it with D in the line of G96")
+            raise fault(
+                "spindle-speed-unlimited",
+                "on the axis G96 asks for any speed",
+                at,
+                "limit it with D in the line of G96",
+            )
         return rpm
 
     # The quick way
 
     def quick(self, move: QuickMove) -> bool:
-        """Make a move of the plainest kind, under G94 and with no rotation; False, and nothing done, where it needs a closer look."""
+        """Make a move of the plainest kind, under G94 and with no rotation; False, and nothing
+        done, where it needs a closer look.
+        """
         state, parameters, scales = self._state, self.coordinates.parameters, self.scales
         motion = state.motion if move.motion is None else move.motion
         feed = state.feed
-        if motion is None or motion > 30 or bool(move.arc) != (motion > 10) or (motion > 10 and state.arc_absolute):
+        if (
+            motion is None
+            or motion > 30
+            or bool(move.arc) != (motion > 10)
+            or (motion > 10 and state.arc_absolute)
+        ):
             return False
         waiting = self._waiting
         if move.feed is not None and waiting.watching and (motion == 0 or "F" in waiting.words):
@@ -377,7 +511,11 @@ class Motion:
                 value = number if number.__class__ is float else number(parameters)  # type: ignore[operator]
                 if not -MAX_NUMBER <= value <= MAX_NUMBER:
                     return False
-                end[index] = value * scales[index] + zero[index] if absolute else end[index] + value * scales[index]
+                end[index] = (
+                    value * scales[index] + zero[index]
+                    if absolute
+                    else end[index] + value * scales[index]
+                )
             if motion == 0:
                 rate = math.nan
             elif feed is None:

@@ -1,7 +1,8 @@
-"""Codes that set coordinate systems, shifts and stored positions, and those that go to them: G10 L2 and L20, G28, G30, G52 to G59.3, G92.
+"""Codes that set coordinate systems, shifts and stored positions, and those that go to them: G10 L2
+and L20, G28, G30, G52 to G59.3, G92.
 
-Source: LinuxCNC, "G-codes"; for FANUC its "Programmable data input", "Reference position return" and "Local coordinate system". G53 has
-told the move already; here it is only checked.
+Source: LinuxCNC, "G-codes"; for FANUC its "Programmable data input", "Reference position return"
+and "Local coordinate system". G53 has told the move already; here it is only checked.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ _MORE = 541
 
 
 class Settings:
-    """Carries out the codes above for an interpreter. Under cutter compensation most are refused."""
+    """Carries out the codes above for an interpreter. Under cutter compensation most are
+    refused.
+    """
 
     def __init__(self, dialect: Dialect, state: Modal, motion: Motion, tools: ToolSettings) -> None:
         self._dialect = dialect
@@ -36,13 +39,19 @@ class Settings:
             word = words.take("P", code.word.written)
             if word is None:
                 hint = f"give P from 1 to {self._dialect.more_systems}"
-                raise fault("offset-system-missing", f"{code.word.written} needs a P word", code.word, hint)
+                raise fault(
+                    "offset-system-missing", f"{code.word.written} needs a P word", code.word, hint
+                )
             index = self._more(word)
         self._coordinates.select(index)
 
     def _more(self, word: Word) -> int:
         """The index of the coordinate system that P of G54.1 names."""
-        return self._coordinates.systems + whole(word, "the coordinate system", 1, self._dialect.more_systems) - 1
+        return (
+            self._coordinates.systems
+            + whole(word, "the coordinate system", 1, self._dialect.more_systems)
+            - 1
+        )
 
     def non_modal(self, words: LineWords, code: Code) -> None:
         """G10, G28, G28.1, G30, G30.1, G52, G53, G92 to G92.3."""
@@ -77,34 +86,56 @@ class Settings:
 
     def _check_compensation(self, at: Word) -> None:
         if self._motion.compensated:
-            raise fault("compensation-active", f"{at.written} under cutter compensation", at, "give G40 and a move before")
+            raise fault(
+                "compensation-active",
+                f"{at.written} under cutter compensation",
+                at,
+                "give G40 and a move before",
+            )
 
     def _check_machine_move(self, at: Word) -> None:
-        """G53 under G91: some controllers refuse it, others count from the machine's zero all the same."""
+        """G53 under G91: some controllers refuse it, others count from the machine's zero all the
+        same.
+        """
         if not self._state.absolute and not self._dialect.machine_in_incremental:
-            raise fault("machine-coordinates-incremental", f"{at.written} under G91", at, "give G90")
+            raise fault(
+                "machine-coordinates-incremental", f"{at.written} under G91", at, "give G90"
+            )
 
     # Reference positions
 
     def _go_home(self, words: LineWords, code: Code) -> None:
-        """By way of the point that the axis words give; then only the axes given go on to the stored position, or all if none is given."""
+        """By way of the point that the axis words give; then only the axes given go on to the
+        stored position, or all if none is given.
+        """
         motion, stored = self._motion, self._home(words, code)
-        columns = [motion.column[letter] for letter in words.rest if letter in AXES and letter in motion.column]
+        columns = [
+            motion.column[letter]
+            for letter in words.rest
+            if letter in AXES and letter in motion.column
+        ]
         if words.has_axis():
             motion.traverse(motion.target(words, code.word.written, motion.position))
         elif self._dialect.offset_memory:
             raise fault(
-                "axis-words-missing", f"{code.word.written} needs axis words", code.word, "give the axes that are to go, such as Z0"
+                "axis-words-missing",
+                f"{code.word.written} needs axis words",
+                code.word,
+                "give the axes that are to go, such as Z0",
             )
         motion.traverse(self._partly_home(columns, stored))
 
     def _partly_home(self, columns: list[int], stored: list[float]) -> list[float]:
-        """The stored position in the axes of ``columns`` (all if none), which are turned with the coordinate system as words are."""
+        """The stored position in the axes of ``columns`` (all if none), which are turned with the
+        coordinate system as words are.
+        """
         if not columns:
             return stored
         coordinates, here = self._coordinates, self._motion.position
         if not coordinates.rotation:
-            return [stored[index] if index in columns else value for index, value in enumerate(here)]
+            return [
+                stored[index] if index in columns else value for index, value in enumerate(here)
+            ]
         end, there = coordinates.to_program(here), coordinates.to_program(stored)
         for index in columns:
             end[index] = there[index]
@@ -120,7 +151,12 @@ class Settings:
             and whole(place, "the reference position", 2, 4) > 2
         ):
             message = f"{place.written}: reference positions 3 and 4 are not stored on this machine"
-            raise fault("reference-position-missing", message, place, "the second one (P2) is parameters 5181 to 5189")
+            raise fault(
+                "reference-position-missing",
+                message,
+                place,
+                "the second one (P2) is parameters 5181 to 5189",
+            )
         return self._coordinates.home(home)
 
     # G10
@@ -129,10 +165,18 @@ class Settings:
         dialect = self._dialect
         kind = words.take("L", "G10")
         if kind is None:
-            raise fault("offset-kind-missing", f"{at.written} needs an L word", at, "L2 sets an origin, L20 the present position")
+            raise fault(
+                "offset-kind-missing",
+                f"{at.written} needs an L word",
+                at,
+                "L2 sets an origin, L20 the present position",
+            )
         if kind.whole not in dialect.offsets:
             raise fault(
-                "code-not-supported", f"{at.written} {kind.written} is not in the {dialect.name} dialect", kind, _kinds(dialect.offsets)
+                "code-not-supported",
+                f"{at.written} {kind.written} is not in the {dialect.name} dialect",
+                kind,
+                _kinds(dialect.offsets),
             )
         if kind.whole not in _ORIGINS:
             self._check_compensation(at)
@@ -140,7 +184,12 @@ class Settings:
             return
         system = words.take("P", "G10")
         if system is None:
-            raise fault("offset-system-missing", f"{at.written} needs a P word", at, "P1 is G54, P2 is G55, and so on")
+            raise fault(
+                "offset-system-missing",
+                f"{at.written} needs a P word",
+                at,
+                "P1 is G54, P2 is G55, and so on",
+            )
         here = kind.whole == 20
         if here and dialect.more_systems:
             index, here = self._more(system), False
@@ -169,7 +218,9 @@ class Settings:
             message = f"R of G10, rotation of the coordinate system, is not in the {self._dialect.name} dialect"
             raise fault("word-not-in-dialect", message, word)
         if not self._coordinates.turns:
-            raise fault("axis-missing", f"{word.written} turns X and Y, and the machine has not both", word)
+            raise fault(
+                "axis-missing", f"{word.written} turns X and Y, and the machine has not both", word
+            )
         return word.number
 
 

@@ -1,4 +1,6 @@
-"""What can be known of a statement before it is executed, worked out once for all the times that a loop brings it by."""
+"""What can be known of a statement before it is executed, worked out once for all the times that a
+loop brings it by.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ _QUICK_WORDS = AXES | frozenset("FIJKR")
 
 
 Known = float | Value
-"""A number, or the way to compute it. Programs hold so many numbers that a closure for each would keep the garbage collector busy."""
+"""A number, or the way to compute it. Programs hold so many numbers that a closure for each would
+keep the garbage collector busy.
+"""
 
 
 class QuickMove(NamedTuple):
@@ -42,7 +46,8 @@ class QuickMove(NamedTuple):
 class Prepared:
     """A statement, and its words sorted, the ``computed`` ones still without a number.
 
-    ``codes`` is None where they have to be computed; ``quick`` is the quick way to make its move, if that is of the plainest kind.
+    ``codes`` is None where they have to be computed; ``quick`` is the quick way to make its move,
+    if that is of the plainest kind.
     """
 
     statement: Statement
@@ -51,7 +56,9 @@ class Prepared:
     quick: QuickMove | None
 
     def line_words(self, parameters: Parameters) -> LineWords:
-        """The words for one execution, every number computed. A word that FANUC's vacant value stands in is as if not written."""
+        """The words for one execution, every number computed. A word that FANUC's vacant value
+        stands in is as if not written.
+        """
         statement = self.statement
         if not statement.computed:
             known = self.words
@@ -63,7 +70,9 @@ class Prepared:
             if math.isnan(number):
                 vacant.append(index)
             elif not -MAX_NUMBER <= number <= MAX_NUMBER:
-                message = f"{word.written} comes to {number:g}, which is larger than {MAX_NUMBER:.0f}"
+                message = (
+                    f"{word.written} comes to {number:g}, which is larger than {MAX_NUMBER:.0f}"
+                )
                 raise fault("number-too-large", message, word)
             elif word.letter in "GM":
                 words[index] = _code(word, number)
@@ -75,14 +84,18 @@ class Prepared:
 
 
 def _code(word: Word, number: float) -> Word:
-    """A code that was computed, as near to a tenth as computing comes; it is called by its number from here on."""
+    """A code that was computed, as near to a tenth as computing comes; it is called by its number
+    from here on.
+    """
     tenths = round(number * 10)
     code = tenths / 10 if abs(number * 10 - tenths) < NEAR_CODE else number
     return Word(word.letter, code, f"{word.letter}{code:g}", word.column, word.length)
 
 
 def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> Prepared:
-    """Sort the words and look for the quick way; ``column`` tells the column of an axis letter. Raises what is wrong with the words."""
+    """Sort the words and look for the quick way; ``column`` tells the column of an axis letter.
+    Raises what is wrong with the words.
+    """
     words = LineWords.of(statement.words)
     computed = {index for index, _ in statement.computed}
     constant = all(statement.words[index].letter not in "GM" for index in computed)
@@ -91,9 +104,16 @@ def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> P
 
 
 def kinds_of_letters(dialect: Dialect, column: dict[str, int]) -> list[int]:
-    """What a letter is to :func:`move_of`, by its code: the column of an axis of dialect and machine, or one of the kinds below."""
+    """What a letter is to :func:`move_of`, by its code: the column of an axis of dialect and
+    machine, or one of the kinds below.
+    """
     kinds = [_OTHER] * 128
-    for letter, kind in {**dict.fromkeys("IJKR", _ARC), "G": _CODE, "F": _FEED, "N": _NUMBER}.items():
+    for letter, kind in {
+        **dict.fromkeys("IJKR", _ARC),
+        "G": _CODE,
+        "F": _FEED,
+        "N": _NUMBER,
+    }.items():
         kinds[ord(letter)] = kind
     for letter in dialect.axes & column.keys():
         kinds[ord(letter)] = column[letter]
@@ -101,7 +121,9 @@ def kinds_of_letters(dialect: Dialect, column: dict[str, int]) -> list[int]:
 
 
 def move_of(letters: Iterable[int], numbers: Iterable[float], kinds: list[int]) -> QuickMove | None:
-    """The quick way for words by the codes of their letters; None where that line is of another kind, or may be wrong."""
+    """The quick way for words by the codes of their letters; None where that line is of another
+    kind, or may be wrong.
+    """
     motion: int | None = None
     feed: float | None = None
     axes: list[tuple[int, Known]] = []
@@ -132,22 +154,49 @@ def move_of(letters: Iterable[int], numbers: Iterable[float], kinds: list[int]) 
 
 
 def without_point(statement: Statement, *, collected: bool) -> Word | None:
-    """The first word of a distance or an angle that is written without a decimal point, and isn't 0.
+    """The first word of a distance or an angle that is written without a decimal point, and isn't
+    0.
 
-    In a line that is ``collected`` for a NURBS, and in that of G6.2, only axis words are distances: K is a knot and R a weight.
+    In a line that is ``collected`` for a NURBS, and in that of G6.2, only axis words are distances:
+    K is a knot and R a weight.
     """
     words = statement.words
-    letters = AXES if collected or any(word.letter == "G" and word.number == NURBS / 10 for word in words) else _DISTANCES
-    return next((word for word in words if word.letter in letters and word.number and "." not in word.written), None)
+    letters = (
+        AXES
+        if collected or any(word.letter == "G" and word.number == NURBS / 10 for word in words)
+        else _DISTANCES
+    )
+    return next(
+        (
+            word
+            for word in words
+            if word.letter in letters and word.number and "." not in word.written
+        ),
+        None,
+    )
 
 
-def _quick(statement: Statement, words: LineWords, codes: Codes | None, dialect: Dialect, column: dict[str, int]) -> QuickMove | None:
-    if codes is None or words.m or statement.assignments or statement.remarks or not words.rest.keys() <= _QUICK_WORDS:
+def _quick(
+    statement: Statement,
+    words: LineWords,
+    codes: Codes | None,
+    dialect: Dialect,
+    column: dict[str, int],
+) -> QuickMove | None:
+    if (
+        codes is None
+        or words.m
+        or statement.assignments
+        or statement.remarks
+        or not words.rest.keys() <= _QUICK_WORDS
+    ):
         return None
     if codes.keys() - {"motion"} or (codes and codes["motion"].number not in _QUICK_MOTIONS):
         return None
     letters = [letter for letter in words.rest if letter in AXES]
-    if not all(letter in column and letter in dialect.axes for letter in letters) or not (letters or words.rest.keys() & set("IJKR")):
+    if not all(letter in column and letter in dialect.axes for letter in letters) or not (
+        letters or words.rest.keys() & set("IJKR")
+    ):
         return None
     values: dict[str, Known] = {letter: word.number for letter, word in words.rest.items()}
     values |= {statement.words[index].letter: value for index, value in statement.computed}

@@ -1,7 +1,8 @@
 """Probing: G38.2 to G38.5.
 
-The program goes on from where contact was made (or lost), which only the board can tell; without one it is the end of the move. Contact in
-program coordinates and units is left in #5061 to #5069, and in #5070 whether there was any. Source: LinuxCNC 2.9, "G-codes", G38.n.
+The program goes on from where contact was made (or lost), which only the board can tell; without
+one it is the end of the move. Contact in program coordinates and units is left in #5061 to #5069,
+and in #5070 whether there was any. Source: LinuxCNC 2.9, "G-codes", G38.n.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ def register(motion: Motion, state: Modal, here: Here, out: Output, parameters: 
 class Probing:
     """Makes the lines of G38.2 to G38.5."""
 
-    def __init__(self, motion: Motion, state: Modal, here: Here, out: Output, parameters: Parameters) -> None:
+    def __init__(
+        self, motion: Motion, state: Modal, here: Here, out: Output, parameters: Parameters
+    ) -> None:
         self._motion = motion
         self._state = state
         self._here = here
@@ -50,14 +53,23 @@ class Probing:
         if state.feed_mode == "per-revolution":
             raise fault("probe-feed-mode", f"{name} under G95", at, "give G94 and F before")
         if not words.has_axis():
-            raise fault("axis-words-missing", f"{name} needs axis words", at, "give how far to probe at most, such as Z-10")
+            raise fault(
+                "axis-words-missing",
+                f"{name} needs axis words",
+                at,
+                "give how far to probe at most, such as Z-10",
+            )
         refuse_axes(words, name, LINEAR)
         end = motion.target(words, name, motion.position)
         towards, must = PROBES[state.motion]
         if must and end == motion.position:
-            raise fault("probe-length", f"{name} to where the probe is: nothing can be found on the way", at)
+            raise fault(
+                "probe-length", f"{name} to where the probe is: nothing can be found on the way", at
+            )
         feed = motion.feed(words, end, motion.distance(end), at)
-        if end == motion.position:  # G38.3 and G38.5 may find nothing: loops that clear a probe begin where it is clear
+        if (
+            end == motion.position
+        ):  # G38.3 and G38.5 may find nothing: loops that clear a probe begin where it is clear
             self._found((0.0, *end))
             motion.compensation.led_out()
             return
@@ -66,7 +78,9 @@ class Probing:
         motion.compensation.led_out()
 
     def _found(self, answer: tuple[float, ...]) -> None:
-        """Take in what the board (or nobody) answered: whether there was contact, and the machine position of it."""
+        """Take in what the board (or nobody) answered: whether there was contact, and the machine
+        position of it.
+        """
         motion, values = self._motion, self._parameters.values
         motion.position = list(answer[1:])
         program = motion.coordinates.to_program(motion.position)

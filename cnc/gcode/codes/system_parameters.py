@@ -1,6 +1,7 @@
 """System parameters: the interpreter's state as a program reads it, ``#<_metric>`` and the like.
 
-Source: LinuxCNC, "Named Parameters", predefined named parameters. Coordinates and tools show their own.
+Source: LinuxCNC, "Named Parameters", predefined named parameters. Coordinates and tools show their
+own.
 """
 
 from __future__ import annotations
@@ -68,4 +69,6 @@ def feed_word(state: Modal) -> float:
     """The F word in effect, as it was written."""
     if state.feed is None:
         return 0.0
-    return state.feed.rotary if state.feed_mode == "per-revolution" else per_minute(state.feed.rotary)
+    return (
+        state.feed.rotary if state.feed_mode == "per-revolution" else per_minute(state.feed.rotary)
+    )

@@ -1,8 +1,8 @@
 """Codes of the tool table and of tool offsets: G10 L0, L1, L10 to L13, G43, G43.1, G43.2, G44, G49.
 
-Where a machine has a tool table, an offset belongs to a tool and holds for all axes. FANUC's offset memory has lengths (H) and radii (D),
-each a geometry and a wear; here number n of both is kept with tool n. Source: LinuxCNC, "G-codes"; FANUC, "Tool length offset" and
-"Programmable data input".
+Where a machine has a tool table, an offset belongs to a tool and holds for all axes. FANUC's offset
+memory has lengths (H) and radii (D), each a geometry and a wear; here number n of both is kept with
+tool n. Source: LinuxCNC, "G-codes"; FANUC, "Tool length offset" and "Programmable data input".
 """
 
 from __future__ import annotations
@@ -44,7 +44,12 @@ class ToolSettings:
         if number == 490 and not any(self._coordinates.tool_offset):
             return
         if self._motion.compensated:
-            raise fault("compensation-active", f"{at.written} under cutter compensation", at, "give G40 and a move before")
+            raise fault(
+                "compensation-active",
+                f"{at.written} under cutter compensation",
+                at,
+                "give G40 and a move before",
+            )
         nothing = [0.0] * len(self._motion.axes)
         if number == 490:
             offset = nothing
@@ -53,8 +58,17 @@ class ToolSettings:
         elif number == 432:
             if "H" in words.rest and words.has_axis():
                 message = f"{at.written} takes H or axis words, not both"
-                raise fault("axis-words-wanted-twice", message, words.first_axis(), "write a move on a line of its own")
-            added = self._of_h(words, at) if "H" in words.rest else self._with(nothing, self._axis_words(words, "G43.2", at))
+                raise fault(
+                    "axis-words-wanted-twice",
+                    message,
+                    words.first_axis(),
+                    "write a move on a line of its own",
+                )
+            added = (
+                self._of_h(words, at)
+                if "H" in words.rest
+                else self._with(nothing, self._axis_words(words, "G43.2", at))
+            )
             offset = [a + b for a, b in zip(self._coordinates.tool_offset, added, strict=True)]
         else:
             offset = self._of_h(words, at)
@@ -65,10 +79,19 @@ class ToolSettings:
     def _axis_words(self, words: LineWords, user: str, at: Word) -> dict[int, float]:
         for letter in "XYZABCUVW":
             if letter in words.rest and letter not in self._dialect.length_axes:
-                raise fault("axis-not-in-dialect", f"{user} takes {self._dialect.length_axes} only", words.rest[letter])
+                raise fault(
+                    "axis-not-in-dialect",
+                    f"{user} takes {self._dialect.length_axes} only",
+                    words.rest[letter],
+                )
         values = self._motion.axis_values(words, user)
         if not values:
-            raise fault("axis-words-missing", f"{at.written} needs axis words" + (" or H" if user == "G43.2" else ""), at, "such as Z1.5")
+            raise fault(
+                "axis-words-missing",
+                f"{at.written} needs axis words" + (" or H" if user == "G43.2" else ""),
+                at,
+                "such as Z1.5",
+            )
         return values
 
     @staticmethod
@@ -79,7 +102,12 @@ class ToolSettings:
         """The offset of H, or of the tool in the spindle."""
         word = words.take("H", at.written)
         if word is None and self._dialect.offset_memory:
-            raise fault("tool-offset-missing", f"{at.written} needs an H word", at, "give H and the number of the offset")
+            raise fault(
+                "tool-offset-missing",
+                f"{at.written} needs an H word",
+                at,
+                "give H and the number of the offset",
+            )
         number = whole(word, "the tool number", 0, MAX_TOOL) if word else 0
         if not self._dialect.offset_memory:
             number = number or self._state.loaded
@@ -87,7 +115,10 @@ class ToolSettings:
             return [0.0] * len(self._motion.axes)
         entry = self.entry(number, word or at)
         letters = self._dialect.length_axes
-        return [entry.offset(axis) if axis in letters else 0.0 for axis in (name.upper() for name in self._motion.axes)]
+        return [
+            entry.offset(axis) if axis in letters else 0.0
+            for axis in (name.upper() for name in self._motion.axes)
+        ]
 
     def entry(self, number: int, at: Word) -> ToolEntry:
         """A tool of the table, or an error at the word that asks for it."""
@@ -96,22 +127,41 @@ class ToolSettings:
             return entry
         if self._table.file or len(self._table):
             hint = f"add T{number} to {self._table.file or 'the tool table'}"
-            raise fault("tool-unknown", f"{at.written}: tool {number} is not in the tool table", at, hint)
+            raise fault(
+                "tool-unknown", f"{at.written}: tool {number} is not in the tool table", at, hint
+            )
         message = f"{at.written} needs the data of tool {number}, but there is no tool table"
-        raise fault("tool-table-missing", message, at, "name one in the machine file: tool_table under [program]")
+        raise fault(
+            "tool-table-missing",
+            message,
+            at,
+            "name one in the machine file: tool_table under [program]",
+        )
 
     # G10
 
     def g10(self, words: LineWords, kind: int, at: Word) -> None:
-        """L0 reads the table's file again; L1, L10 and L11 write a tool; under FANUC L10 to L13 write the offset memory."""
+        """L0 reads the table's file again; L1, L10 and L11 write a tool; under FANUC L10 to L13
+        write the offset memory.
+        """
         if kind == 0:
             if self._state.loaded:
-                raise fault("tool-loaded", f"{at.written} L0 with a tool in the spindle", at, "give T0 M6 before")
+                raise fault(
+                    "tool-loaded",
+                    f"{at.written} L0 with a tool in the spindle",
+                    at,
+                    "give T0 M6 before",
+                )
             self._table.reload()
             return
         word = words.take("P", "G10")
         if word is None:
-            raise fault("tool-number-missing", f"{at.written} L{kind} needs a P word", at, "give P and the tool's number")
+            raise fault(
+                "tool-number-missing",
+                f"{at.written} L{kind} needs a P word",
+                at,
+                "give P and the tool's number",
+            )
         number = whole(word, "the tool number", 1, MAX_TOOL)
         if self._dialect.offset_memory:
             self._write_memory(words, kind, number, at)
@@ -119,23 +169,31 @@ class ToolSettings:
             self._write_tool(words, kind, self.entry(number, word), at)
 
     def _write_tool(self, words: LineWords, kind: int, entry: ToolEntry, at: Word) -> None:
-        """L1 sets offsets, L10 and L11 those that give the position the values of the axis words; R, I, J, Q are data of the tool."""
+        """L1 sets offsets, L10 and L11 those that give the position the values of the axis words;
+        R, I, J, Q are data of the tool.
+        """
         values = self._motion.axis_values(words, "G10")
         letters = [name.upper() for name in self._motion.axes]
         if values and kind != 1:
             old = [entry.offset(letter) for letter in letters]
-            values = self._coordinates.tool_for(old, values, self._motion.position, fixture=kind == 11)
+            values = self._coordinates.tool_for(
+                old, values, self._motion.position, fixture=kind == 11
+            )
         offsets = entry.offsets | {letters[index]: value for index, value in values.items()}
         radius, front, back, orientation = (words.take(letter, "G10") for letter in "RIJQ")
         if not (values or radius or front or back or orientation):
-            raise fault("axis-words-missing", f"{at.written} L{kind} needs axis words, R, I, J or Q", at)
+            raise fault(
+                "axis-words-missing", f"{at.written} L{kind} needs axis words, R, I, J or Q", at
+            )
         changed = replace(
             entry,
             offsets=offsets,
             diameter=2.0 * radius.number * self._state.scale if radius else entry.diameter,
             front_angle=front.number if front else entry.front_angle,
             back_angle=back.number if back else entry.back_angle,
-            orientation=whole(orientation, "the orientation", 0, ORIENTATIONS) if orientation else entry.orientation,
+            orientation=whole(orientation, "the orientation", 0, ORIENTATIONS)
+            if orientation
+            else entry.orientation,
         )
         self._table.put(changed)
 
@@ -143,10 +201,20 @@ class ToolSettings:
         """L10 geometry and L11 wear of a length, L12 and L13 of a radius; G91 adds."""
         word = words.take("R", "G10")
         if word is None:
-            raise fault("tool-offset-missing", f"{at.written} L{kind} needs an R word", at, "give R and the offset")
+            raise fault(
+                "tool-offset-missing",
+                f"{at.written} L{kind} needs an R word",
+                at,
+                "give R and the offset",
+            )
         value = word.number * self._state.scale
         entry = self._table.tool(number) or ToolEntry(number)
-        old = {10: entry.offsets.get("Z", 0.0), 11: entry.length_wear, 12: entry.diameter / 2.0, 13: entry.radius_wear}[kind]
+        old = {
+            10: entry.offsets.get("Z", 0.0),
+            11: entry.length_wear,
+            12: entry.diameter / 2.0,
+            13: entry.radius_wear,
+        }[kind]
         value += 0.0 if self._state.absolute else old
         if kind == 10:
             entry = replace(entry, offsets=entry.offsets | {"Z": value})

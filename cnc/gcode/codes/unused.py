@@ -30,5 +30,9 @@ def unused(words: LineWords, state: Modal) -> GcodeError:
     word = words.first()
     if state.motion == NURBS and word.letter in "KURPW":
         message = f"{word.written} after the last knot: the curve was complete"
-        return fault("nurbs-still-active", message, word, "go on with G0, G1, G2, G3 or another G6.2")
-    return fault("word-unused", f"{word.written} has no use in this line", word, _HINTS.get(word.letter, ""))
+        return fault(
+            "nurbs-still-active", message, word, "go on with G0, G1, G2, G3 or another G6.2"
+        )
+    return fault(
+        "word-unused", f"{word.written} has no use in this line", word, _HINTS.get(word.letter, "")
+    )

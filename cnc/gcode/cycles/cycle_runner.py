@@ -1,4 +1,5 @@
-"""Steps of cycles to canonical blocks: points of a plane become machine positions, the spindle's steps become blocks.
+"""Steps of cycles to canonical blocks: points of a plane become machine positions, the spindle's
+steps become blocks.
 
 Holes and threads are made on the exact path: G64 rests meanwhile.
 """
@@ -8,18 +9,44 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from cnc.gcode.codes.motion import Motion
-from cnc.gcode.cycles.steps import Allow, Cut, Operator, Pause, Point, PointSpindle, Rapid, Step, Synchronise, Turn
+from cnc.gcode.cycles.steps import (
+    Allow,
+    Cut,
+    Operator,
+    Pause,
+    Point,
+    PointSpindle,
+    Rapid,
+    Step,
+    Synchronise,
+    Turn,
+)
 from cnc.gcode.state.block_buffer import Output
 from cnc.gcode.state.modal_groups import Modal
 from cnc.gcode.state.source_location import Here
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
-from cnc.model.blocks import PLANE_AXES, Dwell, Orient, Overrides, PathMode, Spindle, SpindleSync, Stop
+from cnc.model.blocks import (
+    PLANE_AXES,
+    Dwell,
+    Orient,
+    Overrides,
+    PathMode,
+    Spindle,
+    SpindleSync,
+    Stop,
+)
 
 
-def refuse_modes(motion: Motion, state: Modal, name: str, at: Word, *, inverse_time: bool = True) -> None:
-    """GcodeError where ``name`` can't be made: under cutter compensation, and under G93 if that is refused."""
+def refuse_modes(
+    motion: Motion, state: Modal, name: str, at: Word, *, inverse_time: bool = True
+) -> None:
+    """GcodeError where ``name`` can't be made: under cutter compensation, and under G93 if that is
+    refused.
+    """
     if motion.compensated:
-        raise fault("compensation-active", f"{name} under cutter compensation", at, "give G40 before")
+        raise fault(
+            "compensation-active", f"{name} under cutter compensation", at, "give G40 before"
+        )
     if inverse_time and state.feed_mode == "inverse-time":
         raise fault("inverse-time-active", f"{name} under G93", at, "give G94 or G95 before")
 
@@ -28,14 +55,20 @@ def refuse_axes(words: LineWords, name: str, allowed: str) -> None:
     """GcodeError ``axis-not-allowed`` at an axis word that ``name`` has no use for."""
     for letter in words.rest:
         if letter in AXES and letter not in allowed:
-            raise fault("axis-not-allowed", f"{name} does not move {letter}", words.rest[letter], f"its axes are {' '.join(allowed)}")
+            raise fault(
+                "axis-not-allowed",
+                f"{name} does not move {letter}",
+                words.rest[letter],
+                f"its axes are {' '.join(allowed)}",
+            )
 
 
 class Stage:
     """The plane in effect, as a line with a cycle finds it.
 
-    ``columns`` are those of the plane's two axes and of the axis across it, None for one that the machine lacks: it stands at 0. ``start``
-    is the position seen from there, mm in the coordinate system in use.
+    ``columns`` are those of the plane's two axes and of the axis across it, None for one that the
+    machine lacks: it stands at 0. ``start`` is the position seen from there, mm in the coordinate
+    system in use.
     """
 
     def __init__(self, motion: Motion, state: Modal) -> None:
@@ -52,23 +85,35 @@ class Stage:
         self.start = self.seen(self._program)
 
     def needs(self, axes: str, name: str, at: Word) -> None:
-        """GcodeError ``axis-missing`` where the machine lacks one of the axes (their letters) that ``name`` moves whatever its words."""
+        """GcodeError ``axis-missing`` where the machine lacks one of the axes (their letters) that
+        ``name`` moves whatever its words.
+        """
         for axis, column in zip(self._axes, self.columns, strict=True):
             if column is None and axis.upper() in axes:
-                raise fault("axis-missing", f"{name} in the {self._plane} plane, but the machine has no {axis.upper()} axis", at)
+                raise fault(
+                    "axis-missing",
+                    f"{name} in the {self._plane} plane, but the machine has no {axis.upper()} axis",
+                    at,
+                )
 
     def seen(self, program: list[float]) -> Point:
         """A position in program coordinates as a point of the plane."""
-        first, second, height = (0.0 if column is None else program[column] for column in self.columns)
+        first, second, height = (
+            0.0 if column is None else program[column] for column in self.columns
+        )
         return first, second, height
 
     def in_plane(self, values: dict[int, float]) -> tuple[float | None, float | None]:
         """What axis values (by column) say of the plane's two axes."""
-        first, second = (None if column is None else values.get(column) for column in self.columns[:2])
+        first, second = (
+            None if column is None else values.get(column) for column in self.columns[:2]
+        )
         return first, second
 
     def place(self, point: Point) -> list[float]:
-        """The machine position of a point. Axes that don't leave the start stay there to the bit."""
+        """The machine position of a point. Axes that don't leave the start stay there to the
+        bit.
+        """
         program = self._program.copy()
         for column, value in zip(self.columns, point, strict=True):
             if column is not None:
@@ -80,7 +125,10 @@ class Stage:
             both = all(stays[index] for index in self._turning)
             for index in self._turning:
                 stays[index] = both
-        return [here if same else there for here, there, same in zip(self._machine, placed, stays, strict=True)]
+        return [
+            here if same else there
+            for here, there, same in zip(self._machine, placed, stays, strict=True)
+        ]
 
 
 class Performer:
@@ -120,7 +168,9 @@ class Performer:
             out.add(PathMode(file, line, "blend", self._state.tolerance))
 
     def _spindle(self, turn: Turn) -> Spindle:
-        """A turn of the spindle at the speed in effect; what the program has said of the spindle stays as it is."""
+        """A turn of the spindle at the speed in effect; what the program has said of the spindle
+        stays as it is.
+        """
         state, file, line = self._state, self._here.file, self._here.line
         speed = state.speed or 0.0
         if turn.state == "off":
@@ -135,4 +185,6 @@ class Performer:
         feed, spindle = state.feed_override, state.speed_override
         if not step.overrides:
             feed, spindle = False, spindle and not step.spindle
-        return Overrides(self._here.file, self._here.line, feed, spindle, state.adaptive_feed, state.feed_stop)
+        return Overrides(
+            self._here.file, self._here.line, feed, spindle, state.adaptive_feed, state.feed_stop
+        )

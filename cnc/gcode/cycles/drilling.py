@@ -1,12 +1,15 @@
-"""Canned cycles for holes: G73, G74, G81 to G89 and FANUC's G76, from the words of a line to the steps of :mod:`cnc.gcode.cycles.drilling_steps`.
+"""Canned cycles for holes: G73, G74, G81 to G89 and FANUC's G76, from the words of a line to the
+steps of :mod:`cnc.gcode.cycles.drilling_steps`.
 
-Lines with cycles that follow each other are a series. It begins where another motion code (or none) was in effect, and remembers the level
-from which it began, which G98 returns to. Within it, what a cycle needs but X, Y and the repeats may be left out once it was given: in
-LinuxCNC as long as the same cycle goes on, in FANUC's dialect as long as any does. What is remembered are the words as written, read anew
-under the units and the distance mode of each line. Under G91 R counts from the level where the series began and the depth from R; X and Y
-are steps, one for each repeat.
+Lines with cycles that follow each other are a series. It begins where another motion code (or none)
+was in effect, and remembers the level from which it began, which G98 returns to. Within it, what a
+cycle needs but X, Y and the repeats may be left out once it was given: in LinuxCNC as long as the
+same cycle goes on, in FANUC's dialect as long as any does. What is remembered are the words as
+written, read anew under the units and the distance mode of each line. Under G91 R counts from the
+level where the series began and the depth from R; X and Y are steps, one for each repeat.
 
-Sources: LinuxCNC 2.9, "G-codes", G80-G89; FANUC Series 0i operator's manual, "canned cycle for drilling".
+Sources: LinuxCNC 2.9, "G-codes", G80-G89; FANUC Series 0i operator's manual, "canned cycle for
+drilling".
 """
 
 from __future__ import annotations
@@ -38,7 +41,9 @@ MOST_BITES = 100_000
 
 @dataclass(slots=True)
 class _Series:
-    """Cycles in a row: the cycle, its plane, the machine position before the first, and the words that stay, by letter."""
+    """Cycles in a row: the cycle, its plane, the machine position before the first, and the words
+    that stay, by letter.
+    """
 
     cycle: int
     plane: Plane
@@ -55,10 +60,16 @@ def register(motion: Motion, dialect: Dialect, state: Modal, performer: Performe
 
 
 class Cycles:
-    """Makes the lines of canned cycles. ``cycles`` are those that the dialect has, ten times their codes."""
+    """Makes the lines of canned cycles. ``cycles`` are those that the dialect has, ten times their
+    codes.
+    """
 
-    def __init__(self, motion: Motion, dialect: Dialect, state: Modal, performer: Performer) -> None:
-        self.cycles = frozenset(DRILLING) | ({FINE_BORING} if dialect.cycles.fine_boring else frozenset())
+    def __init__(
+        self, motion: Motion, dialect: Dialect, state: Modal, performer: Performer
+    ) -> None:
+        self.cycles = frozenset(DRILLING) | (
+            {FINE_BORING} if dialect.cycles.fine_boring else frozenset()
+        )
         self._motion = motion
         self._dialect = dialect
         self._rules = dialect.cycles
@@ -75,7 +86,12 @@ class Cycles:
         at = code.word if code else words.first()
         refuse_modes(motion, state, name, at)
         if not words.has_axis() and not (self._rules.words_stay and "R" in words.rest):
-            raise fault("axis-words-missing", f"{name} needs axis words", at, "give the place of the hole, such as X10 Y20")
+            raise fault(
+                "axis-words-missing",
+                f"{name} needs axis words",
+                at,
+                "give the place of the hole, such as X10 Y20",
+            )
         refuse_axes(words, name, "XYZ")
         stage = Stage(motion, state)
         stage.needs("XYZ" if cycle == FINE_BORING else stage.across, name, at)
@@ -89,7 +105,12 @@ class Cycles:
         top, bottom, _ = heights
         if top < bottom:
             message = f"R is at {top:g} mm, below the bottom of the hole at {bottom:g} mm"
-            raise fault("cycle-retract-below-bottom", message, _of_line(words, "R", at), f"{name} goes from R down to {stage.across}")
+            raise fault(
+                "cycle-retract-below-bottom",
+                message,
+                _of_line(words, "R", at),
+                f"{name} goes from R down to {stage.across}",
+            )
         if how.peck and repeats * (top - bottom) > MOST_BITES * how.peck:
             message = f"this line comes to more than {MOST_BITES} bites"
             raise fault("cycle-too-long", message, _of_line(words, "Q", at), "give a larger Q")
@@ -111,7 +132,12 @@ class Cycles:
         """A word that the cycle needs, of this line or of one before."""
         word = self._staying(words, series, letter, name)
         if word is None:
-            raise fault("cycle-word-missing", f"{name} needs {letter}", at, f"give {letter} in the first line of {name}")
+            raise fault(
+                "cycle-word-missing",
+                f"{name} needs {letter}",
+                at,
+                f"give {letter} in the first line of {name}",
+            )
         return word
 
     def _staying(self, words: LineWords, series: _Series, letter: str, name: str) -> Word | None:
@@ -129,10 +155,16 @@ class Cycles:
             peck = word.number * state.scale
             what = "the shift" if cycle == FINE_BORING else "a bite"
             if peck <= 0.0:
-                raise fault("value-out-of-range", f"{word.written}: {what} must be more than 0", word)
+                raise fault(
+                    "value-out-of-range", f"{word.written}: {what} must be more than 0", word
+                )
         if cycle in DWELLING or cycle == FINE_BORING:
             optional = not rules.dwell_needed or cycle in TAPS
-            found = self._staying(words, series, "P", name) if optional else self._word(words, series, "P", name, at)
+            found = (
+                self._staying(words, series, "P", name)
+                if optional
+                else self._word(words, series, "P", name, at)
+            )
             dwell = self._seconds(found) if found else 0.0
         if cycle in NEEDS_SPINDLE:
             self._check_spindle(cycle, name, at)
@@ -151,7 +183,11 @@ class Cycles:
     def _seconds(self, word: Word) -> float:
         seconds = not_negative(word, "the dwell") * self._dialect.dwell["P"]
         if seconds > MAX_DWELL:
-            raise fault("value-out-of-range", f"{word.written}: a dwell of {seconds:g} s is more than eleven days", word)
+            raise fault(
+                "value-out-of-range",
+                f"{word.written}: a dwell of {seconds:g} s is more than eleven days",
+                word,
+            )
         return seconds
 
     def _check_spindle(self, cycle: int, name: str, at: Word) -> None:
@@ -159,20 +195,33 @@ class Cycles:
         needed = TAPS.get(cycle)
         start = "S and M4" if needed == "ccw" else "S and M3"
         if state.spindle == "off" or not state.speed:
-            raise fault("spindle-stopped", f"{name} with the spindle standing", at, f"give {start} before")
+            raise fault(
+                "spindle-stopped", f"{name} with the spindle standing", at, f"give {start} before"
+            )
         if needed and state.spindle != needed:
             way = "anticlockwise" if needed == "ccw" else "clockwise"
             message = f"{name} cuts a {'left' if needed == 'ccw' else 'right'}-hand thread: the spindle must turn {way}"
-            raise fault("spindle-direction", message, at, f"give {start} before, or {'G84' if needed == 'ccw' else 'G74'}")
+            raise fault(
+                "spindle-direction",
+                message,
+                at,
+                f"give {start} before, or {'G84' if needed == 'ccw' else 'G74'}",
+            )
 
     def _repeats(self, words: LineWords, name: str) -> int:
         found = [word for letter in self._rules.repeats if (word := words.take(letter, name))]
         if len(found) > 1:
             later = max(found, key=lambda word: word.column)
-            raise fault("word-wanted-twice", f"{name} takes {' or '.join(self._rules.repeats)}, not both", later)
+            raise fault(
+                "word-wanted-twice",
+                f"{name} takes {' or '.join(self._rules.repeats)}, not both",
+                later,
+            )
         return whole(found[0], "the repeats", 1, MOST_REPEATS) if found else 1
 
-    def _heights(self, stage: Stage, series: _Series, depth: Word, retract: Word) -> tuple[float, float, float]:
+    def _heights(
+        self, stage: Stage, series: _Series, depth: Word, retract: Word
+    ) -> tuple[float, float, float]:
         """R, the bottom, and where the cycle ends."""
         state, motion = self._state, self._motion
         scale = motion.scales[motion.column[stage.across]]
@@ -181,16 +230,26 @@ class Cycles:
         bottom = depth.number * scale + (0.0 if state.absolute else top)
         return top, bottom, max(level, top) if state.initial_level else top
 
-    def _holes(self, stage: Stage, given: dict[int, float], heights: tuple[float, float, float], repeats: int) -> Iterator[Hole]:
+    def _holes(
+        self,
+        stage: Stage,
+        given: dict[int, float],
+        heights: tuple[float, float, float],
+        repeats: int,
+    ) -> Iterator[Hole]:
         """The holes of the line; ``given`` are its axis words by column."""
         first, second, _ = stage.start
         x, y = stage.in_plane(given)
         top, bottom, clear = heights
         for number in range(1, repeats + 1):
             if self._state.absolute:
-                yield Hole(first if x is None else x, second if y is None else y, bottom, top, clear)
+                yield Hole(
+                    first if x is None else x, second if y is None else y, bottom, top, clear
+                )
             else:
-                yield Hole(first + number * (x or 0.0), second + number * (y or 0.0), bottom, top, clear)
+                yield Hole(
+                    first + number * (x or 0.0), second + number * (y or 0.0), bottom, top, clear
+                )
 
 
 def _of_line(words: LineWords, letter: str, at: Word) -> Word:

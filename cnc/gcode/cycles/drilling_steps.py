@@ -1,4 +1,5 @@
-"""The canned cycles for holes, as steps: what G73, G74, G76 and G81 to G89 do once every number is known.
+"""The canned cycles for holes, as steps: what G73, G74, G76 and G81 to G89 do once every number is
+known.
 
     height                      G98: clear is the level before the cycles (if above R), G99: clear is R
       clear  ──────┬─────┬──
@@ -7,7 +8,8 @@
                    │     ┊
       bottom ──────┴─────┘
 
-Sources: LinuxCNC 2.9, "G-codes", G80-G89 canned cycles; FANUC Series 0i operator's manual, "canned cycle for drilling".
+Sources: LinuxCNC 2.9, "G-codes", G80-G89 canned cycles; FANUC Series 0i operator's manual, "canned
+cycle for drilling".
 """
 
 from __future__ import annotations
@@ -17,7 +19,20 @@ from dataclasses import dataclass
 from math import ceil
 from typing import Literal
 
-from cnc.gcode.cycles.steps import Allow, Cut, Operator, Pause, Point, PointSpindle, Rapid, Step, Turn, Turning, opposite, without_standing
+from cnc.gcode.cycles.steps import (
+    Allow,
+    Cut,
+    Operator,
+    Pause,
+    Point,
+    PointSpindle,
+    Rapid,
+    Step,
+    Turn,
+    Turning,
+    opposite,
+    without_standing,
+)
 
 ROUNDING = 1e-9
 """Part of a peck that is rounding of the quotient and not worth a peck of its own."""
@@ -25,7 +40,9 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Hole:
-    """Where a hole is: its place in the plane and its heights, mm. ``clear`` is where the cycle ends, at ``retract`` (R) or above."""
+    """Where a hole is: its place in the plane and its heights, mm. ``clear`` is where the cycle
+    ends, at ``retract`` (R) or above.
+    """
 
     first: float
     second: float
@@ -42,10 +59,12 @@ class Hole:
 class Manner:
     """How the holes of a line are made.
 
-    feed: mm/s. dwell: s at the bottom. peck: mm a bite (Q). clearance: mm that G73 backs off between two bites, or that G83 stays away from
-    the bottom when it returns. turning: how the spindle turns before the cycle. shift: mm away from the wall, along the plane's first
-    axis, before G76 leaves. feed_out_to: how far up G74, G84 and G89 feed; what is left is a traverse. tap_dwell: whether a tap dwells
-    once, when the spindle has been reversed, or before each of its two reversals.
+    feed: mm/s. dwell: s at the bottom. peck: mm a bite (Q). clearance: mm that G73 backs off
+    between two bites, or that G83 stays away from the bottom when it returns. turning: how the
+    spindle turns before the cycle. shift: mm away from the wall, along the plane's first axis,
+    before G76 leaves. feed_out_to: how far up G74, G84 and G89 feed; what is left is a traverse.
+    tap_dwell: whether a tap dwells once, when the spindle has been reversed, or before each of its
+    two reversals.
     """
 
     feed: float
@@ -99,7 +118,9 @@ def peck(hole: Hole, how: Manner) -> Iterator[Step]:
 
 
 def tap(hole: Hole, how: Manner) -> Iterator[Step]:
-    """G84 and G74, with a floating chuck: feed in, stop the spindle and reverse it, feed out, and turn it as before."""
+    """G84 and G74, with a floating chuck: feed in, stop the spindle and reverse it, feed out, and
+    turn it as before.
+    """
     each = how.tap_dwell == "before-each"
     top = hole.clear if how.feed_out_to == "clear" else hole.retract
     yield Allow(overrides=False)
@@ -136,7 +157,9 @@ def bore_and_stop(hole: Hole, how: Manner) -> Iterator[Step]:
 
 
 def bore_by_hand(hole: Hole, how: Manner) -> Iterator[Step]:
-    """G88: stop for the operator, who may withdraw the tool; what is left of the way out is a traverse with the spindle standing."""
+    """G88: stop for the operator, who may withdraw the tool; what is left of the way out is a
+    traverse with the spindle standing.
+    """
     yield Cut(hole.at(hole.bottom), how.feed)
     yield Pause(how.dwell)
     yield Turn("off")
@@ -185,7 +208,8 @@ _CYCLES: dict[int, Callable[[Hole, Manner], Iterator[Step]]] = {
 def steps(cycle: int, position: Point, holes: Iterable[Hole], how: Manner) -> Iterator[Step]:
     """The steps of a line of cycles, from ``position`` on; ``cycle`` is ten times its code.
 
-    Below R the tool first rises to R. Then, for every hole, it goes across at the height where it is, down to R, and makes the hole.
+    Below R the tool first rises to R. Then, for every hole, it goes across at the height where it
+    is, down to R, and makes the hole.
     """
     yield from without_standing(position, _steps(cycle, position, holes, how))
 

@@ -1,8 +1,9 @@
 """What cycles are made of: steps with every number known, before they become canonical blocks.
 
-A cycle stands on the plane in effect. Its points are (first, second, height): the plane's two axes in the order of
-:data:`cnc.model.blocks.PLANE_AXES` and the height along the axis across it, all in mm of the coordinate system in use. Whoever carries the steps
-out turns points into machine positions, so that offsets, rotation and tool length are no concern of a cycle.
+A cycle stands on the plane in effect. Its points are (first, second, height): the plane's two axes
+in the order of :data:`cnc.model.blocks.PLANE_AXES` and the height along the axis across it, all in
+mm of the coordinate system in use. Whoever carries the steps out turns points into machine
+positions, so that offsets, rotation and tool length are no concern of a cycle.
 """
 
 from __future__ import annotations
@@ -57,7 +58,9 @@ class Operator:
 
 @dataclass(frozen=True, slots=True)
 class Allow:
-    """Whether the operator may override feed and spindle speed; ``spindle`` False leaves that of the spindle alone."""
+    """Whether the operator may override feed and spindle speed; ``spindle`` False leaves that of
+    the spindle alone.
+    """
 
     overrides: bool
     spindle: bool = True
@@ -79,7 +82,9 @@ def opposite(turning: Turning) -> Turning:
 
 
 def without_standing(position: Point, steps: Iterable[Step]) -> Iterator[Step]:
-    """The steps without moves to where the machine is and dwells of no time; ``position`` is where they begin."""
+    """The steps without moves to where the machine is and dwells of no time; ``position`` is where
+    they begin.
+    """
     for step in steps:
         if isinstance(step, Rapid | Cut):
             if step.to == position:

@@ -1,6 +1,8 @@
-"""Motion that follows the spindle: G33, G33.1 and the cycle G76, from the words of a line to the steps of :mod:`cnc.gcode.cycles.threading_steps`.
+"""Motion that follows the spindle: G33, G33.1 and the cycle G76, from the words of a line to the
+steps of :mod:`cnc.gcode.cycles.threading_steps`.
 
-The feed of such a move is the pitch times the spindle's speed; F has no part in it. Source: LinuxCNC 2.9, "G-codes", G33, G33.1, G76.
+The feed of such a move is the pitch times the spindle's speed; F has no part in it. Source:
+LinuxCNC 2.9, "G-codes", G33, G33.1, G76.
 """
 
 from __future__ import annotations
@@ -45,23 +47,39 @@ class Threading:
         at = code.word if code else words.first()
         refuse_modes(motion, state, name, at, inverse_time=False)
         if not words.has_axis():
-            raise fault("axis-words-missing", f"{name} needs axis words", at, "give where the thread ends, such as Z-10")
+            raise fault(
+                "axis-words-missing",
+                f"{name} needs axis words",
+                at,
+                "give where the thread ends, such as Z-10",
+            )
         refuse_axes(words, name, "XYZ")
         pitch = self._pitch(words, "K", name, at)
         faster = self._faster(words) if rigid else 1.0
         stage = Stage(motion, state)
         turns, turning = self._turns_per_second(name, at)
         end = stage.seen(motion.coordinates.to_program(motion.target(words, name, motion.position)))
-        steps = tap_rigidly(stage.start, end, pitch, turns, turning, faster) if rigid else follow(stage.start, end, pitch, turns)
+        steps = (
+            tap_rigidly(stage.start, end, pitch, turns, turning, faster)
+            if rigid
+            else follow(stage.start, end, pitch, turns)
+        )
         self._performer.perform(steps, stage)
 
     def _pitch(self, words: LineWords, letter: str, name: str, at: Word) -> float:
         """The pitch, mm a turn."""
         word = words.take(letter, name)
         if word is None:
-            raise fault("pitch-missing", f"{name} needs {letter}", at, f"give {letter} and the way of one turn of the spindle")
+            raise fault(
+                "pitch-missing",
+                f"{name} needs {letter}",
+                at,
+                f"give {letter} and the way of one turn of the spindle",
+            )
         if word.number <= 0.0:
-            raise fault("value-out-of-range", f"{word.written}: the pitch must be more than 0", word)
+            raise fault(
+                "value-out-of-range", f"{word.written}: the pitch must be more than 0", word
+            )
         return word.number * self._state.scale
 
     def _faster(self, words: LineWords) -> float:
@@ -74,7 +92,12 @@ class Threading:
     def _turns_per_second(self, name: str, at: Word) -> tuple[float, Turning]:
         state = self._state
         if state.spindle == "off" or not state.speed:
-            raise fault("spindle-stopped", f"{name} follows the spindle, which does not turn", at, "give S and M3 before")
+            raise fault(
+                "spindle-stopped",
+                f"{name} follows the spindle, which does not turn",
+                at,
+                "give S and M3 before",
+            )
         if state.constant_surface:
             message = f"{name} under G96: the pitch needs a steady speed of the spindle"
             raise fault("surface-speed-active", message, at, "give G97 and S before")
@@ -95,15 +118,26 @@ class Threading:
         turns, _ = self._turns_per_second("G76", at)
         end_word = words.rest["Z"]
         start, drive, height = stage.start
-        end, _, _ = stage.seen(motion.coordinates.to_program(motion.target(words, "G76", motion.position)))
+        end, _, _ = stage.seen(
+            motion.coordinates.to_program(motion.target(words, "G76", motion.position))
+        )
         if end == start:
-            raise fault("thread-length", "the thread has no length: Z is where the tool is", end_word)
+            raise fault(
+                "thread-length", "the thread has no length: Z is where the tool is", end_word
+            )
         thread = self._thread(words, at, (start, end, drive, height))
         if passes(thread) > MOST_PASSES:
-            raise fault("cycle-too-long", f"G76 comes to more than {MOST_PASSES} passes", at, "give a larger J or a smaller R")
+            raise fault(
+                "cycle-too-long",
+                f"G76 comes to more than {MOST_PASSES} passes",
+                at,
+                "give a larger J or a smaller R",
+            )
         self._performer.perform(cut(thread, turns), stage)
 
-    def _thread(self, words: LineWords, at: Word, line: tuple[float, float, float, float]) -> Thread:
+    def _thread(
+        self, words: LineWords, at: Word, line: tuple[float, float, float, float]
+    ) -> Thread:
         """What the words of G76 say; ``line`` is start, end, x and y of the drive line."""
         start, end, drive, height = line
         # I, J and K lie along X: under G7 they are diameters.
@@ -112,21 +146,41 @@ class Threading:
         peak, first, full = (self._needed(words, letter, at) for letter in "IJK")
         if peak.number == 0.0:
             message = f"{peak.written}: the peak must lie beside the drive line"
-            raise fault("value-out-of-range", message, peak, "negative for an external thread, positive for an internal one")
+            raise fault(
+                "value-out-of-range",
+                message,
+                peak,
+                "negative for an external thread, positive for an internal one",
+            )
         if first.number <= 0.0:
-            raise fault("value-out-of-range", f"{first.written}: the first cut must be more than 0", first)
+            raise fault(
+                "value-out-of-range", f"{first.written}: the first cut must be more than 0", first
+            )
         if full.number < first.number:
-            raise fault("value-out-of-range", f"{full.written}: the full depth must be no less than J, the first cut", full)
+            raise fault(
+                "value-out-of-range",
+                f"{full.written}: the full depth must be no less than J, the first cut",
+                full,
+            )
         degression, angle, springs, taper, ends = (words.take(letter, "G76") for letter in "RQHEL")
         if degression and degression.number < 1.0:
-            raise fault("value-out-of-range", f"{degression.written}: the degression must be at least 1", degression)
+            raise fault(
+                "value-out-of-range",
+                f"{degression.written}: the degression must be at least 1",
+                degression,
+            )
         if angle and not abs(angle.number) <= LARGEST_SLIDE:
             message = f"{angle.written}: the angle of the slide must be from {-LARGEST_SLIDE:g} to {LARGEST_SLIDE:g} degrees"
             raise fault("value-out-of-range", message, angle)
         tapered = whole(ends, "the tapered ends", 0, 3) if ends else 0
         length = not_negative(taper, "the taper") * along if taper else 0.0
         if ends and tapered and not length:
-            raise fault("thread-taper", f"{ends.written}: a taper of no length", ends, "give E and the length of the taper")
+            raise fault(
+                "thread-taper",
+                f"{ends.written}: a taper of no length",
+                ends,
+                "give E and the length of the taper",
+            )
         thread = Thread(
             start=start,
             end=end,
@@ -156,5 +210,7 @@ class Threading:
     def _needed(words: LineWords, letter: str, at: Word) -> Word:
         word = words.take(letter, "G76")
         if word is None:
-            raise fault("cycle-word-missing", f"G76 needs {letter}", at, "it needs P, Z, I, J and K")
+            raise fault(
+                "cycle-word-missing", f"G76 needs {letter}", at, "it needs P, Z, I, J and K"
+            )
         return word

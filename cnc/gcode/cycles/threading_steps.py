@@ -1,4 +1,5 @@
-r"""Threads as steps: the passes of G76, rigid tapping (G33.1) and a single synchronised move (G33) once every number is known.
+r"""Threads as steps: the passes of G76, rigid tapping (G33.1) and a single synchronised move (G33)
+once every number is known.
 
       x                                         one pass of G76, external (peak negative), with both tapers:
     drive line   ┌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌┐     ╌ traverse      The whole pass is moved away from the work by what is left to
@@ -9,8 +10,9 @@ r"""Threads as steps: the passes of G76, rigid tapping (G33.1) and a single sync
                  E                    E
                z end              z start
 
-In pass n the tool has gone ``first * n ** (1 / degression)`` beyond the peak, up to the full depth: with degression 1 every pass is as deep
-as the first, with 2 every pass takes the same area. Source: LinuxCNC 2.9, "G-codes", G76.
+In pass n the tool has gone ``first * n ** (1 / degression)`` beyond the peak, up to the full depth:
+with degression 1 every pass is as deep as the first, with 2 every pass takes the same area. Source:
+LinuxCNC 2.9, "G-codes", G76.
 """
 
 from __future__ import annotations
@@ -19,7 +21,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import ceil, copysign, hypot, log, radians, tan
 
-from cnc.gcode.cycles.steps import Allow, Cut, Point, Rapid, Step, Synchronise, Turn, Turning, opposite, without_standing
+from cnc.gcode.cycles.steps import (
+    Allow,
+    Cut,
+    Point,
+    Rapid,
+    Step,
+    Synchronise,
+    Turn,
+    Turning,
+    opposite,
+    without_standing,
+)
 
 ROUNDING = 1e-9
 """Part of a pass that is rounding of the formula and not worth a pass of its own."""
@@ -30,9 +43,11 @@ MOST_PASSES = 10_000
 class Thread:
     """A thread in the ZX plane, mm; x is a radius.
 
-    start, end: z of the drive line's ends. drive: its x. height: y. pitch: mm a turn. peak: from the drive line to the peak, negative for
-    an external thread. first, full: depth beyond the peak of the first and of the last pass. degression: at least 1. angle: degrees of the
-    compound slide. springs: passes more at full depth. taper: length of the tapers along z, at the ``entry`` and at the ``exit``.
+    start, end: z of the drive line's ends. drive: its x. height: y. pitch: mm a turn. peak: from
+    the drive line to the peak, negative for an external thread. first, full: depth beyond the peak
+    of the first and of the last pass. degression: at least 1. angle: degrees of the compound slide.
+    springs: passes more at full depth. taper: length of the tapers along z, at the ``entry`` and at
+    the ``exit``.
     """
 
     start: float
@@ -57,7 +72,9 @@ class Thread:
 
 
 def passes(thread: Thread) -> int:
-    """How many passes it takes to full depth, springs left out; where it would be more than :data:`MOST_PASSES`, one more than that."""
+    """How many passes it takes to full depth, springs left out; where it would be more than
+    :data:`MOST_PASSES`, one more than that.
+    """
     exponent = thread.degression * log(thread.full / thread.first)
     if exponent > log(MOST_PASSES):
         return MOST_PASSES + 1
@@ -78,7 +95,11 @@ def cut(thread: Thread, turns_per_second: float) -> Iterator[Step]:
     way = copysign(1.0, thread.end - thread.start)
     inward = copysign(1.0, thread.peak)
     # On the taper the tool also moves in x: more way a turn, so that z keeps the pitch.
-    on_taper = thread.pitch * hypot(thread.taper, thread.full) / thread.taper if thread.taper else thread.pitch
+    on_taper = (
+        thread.pitch * hypot(thread.taper, thread.full) / thread.taper
+        if thread.taper
+        else thread.pitch
+    )
 
     def at(z: float, x: float) -> Point:
         return z, x, thread.height
@@ -123,8 +144,12 @@ def follow(start: Point, end: Point, pitch: float, turns_per_second: float) -> I
         yield Synchronise(0.0)
 
 
-def tap_rigidly(start: Point, end: Point, pitch: float, turns_per_second: float, turning: Turning, faster: float) -> Iterator[Step]:
-    """G33.1: in and out following the spindle, which turns the other way and ``faster`` times as fast on the way out."""
+def tap_rigidly(
+    start: Point, end: Point, pitch: float, turns_per_second: float, turning: Turning, faster: float
+) -> Iterator[Step]:
+    """G33.1: in and out following the spindle, which turns the other way and ``faster`` times as
+    fast on the way out.
+    """
     if end != start:
         yield Synchronise(pitch)
         yield Cut(end, pitch * turns_per_second)

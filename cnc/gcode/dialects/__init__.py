@@ -1,7 +1,8 @@
-"""Dialects as data: which codes are legal, what they mean where controllers differ, and the defaults.
+"""Dialects as data: which codes are legal, what they mean where controllers differ, and the
+defaults.
 
-Each dialect is a TOML file beside this one; ``base`` names the file whose keys it starts from. ``known.toml`` names codes that no dialect
-here speaks, so that they are refused by name.
+Each dialect is a TOML file beside this one; ``base`` names the file whose keys it starts from.
+``known.toml`` names codes that no dialect here speaks, so that they are refused by name.
 """
 
 from __future__ import annotations
@@ -24,8 +25,9 @@ NAMES = ("auto", "linuxcnc", "grbl", "fanuc", "paper")
 class ArcTolerance:
     """How far an arc's data may contradict itself, in mm.
 
-    Centre format: the radii at both ends may differ by ``slack``, or by ``relative`` of the larger one, but never by more than ``limit``.
-    R format: the radius may fall short of half the chord by ``reach``.
+    Centre format: the radii at both ends may differ by ``slack``, or by ``relative`` of the larger
+    one, but never by more than ``limit``. R format: the radius may fall short of half the chord by
+    ``reach``.
     """
 
     slack: float
@@ -38,9 +40,11 @@ class ArcTolerance:
 class CycleRules:
     """What dialects do differently in canned cycles.
 
-    repeats: letters of the count. words_stay: whether R, depth, P and Q stay when another cycle follows. dwell_needed: whether P must be
-    given. clearance: mm that G73 backs off and G83 stays away from the bottom. feed_out_to: how far up G74, G84 and G89 feed. tap_dwell:
-    once after the spindle was reversed, or before each reversal. fine_boring: whether G76 is that cycle, and not a thread's.
+    repeats: letters of the count. words_stay: whether R, depth, P and Q stay when another cycle
+    follows. dwell_needed: whether P must be given. clearance: mm that G73 backs off and G83 stays
+    away from the bottom. feed_out_to: how far up G74, G84 and G89 feed. tap_dwell: once after the
+    spindle was reversed, or before each reversal. fine_boring: whether G76 is that cycle, and not a
+    thread's.
     """
 
     repeats: str
@@ -54,7 +58,9 @@ class CycleRules:
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """What a dialect allows and means; ``g`` holds ten times the code numbers. The TOML files explain every key."""
+    """What a dialect allows and means; ``g`` holds ten times the code numbers. The TOML files
+    explain every key.
+    """
 
     name: str
     g: frozenset[int]
@@ -124,7 +130,13 @@ def _codes(text: str) -> list[float]:
 def load(name: str) -> Dialect:
     """The dialect of that name. Raises UsageError ``unknown-dialect``."""
     if name not in NAMES:
-        raise UsageError(Diagnostic("unknown-dialect", f"there is no dialect {name!r}", hint=f"one of {', '.join(NAMES)}"))
+        raise UsageError(
+            Diagnostic(
+                "unknown-dialect",
+                f"there is no dialect {name!r}",
+                hint=f"one of {', '.join(NAMES)}",
+            )
+        )
     table = _read(name)
     arc = table["arc"]
     return Dialect(
@@ -183,17 +195,24 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
     elsewhere = [other for other in NAMES if other != "auto" and code in _legal(other)[kind]]
     if elsewhere:
         hint = f"use --dialect {' or '.join(elsewhere)}"
-        return fault("code-not-in-dialect", f"{name} is not in the {dialect.name} dialect", word, hint)
+        return fault(
+            "code-not-in-dialect", f"{name} is not in the {dialect.name} dialect", word, hint
+        )
     if meaning := _known()[kind].get(f"{code:g}"):
         return fault("code-not-supported", f"{name} ({meaning}) is not supported", word)
     near = " or ".join(
-        f"{kind.upper()}{other}" for other in _near(f"{word.number:.3f}".rstrip("0").rstrip("."), _legal(dialect.name)[kind])
+        f"{kind.upper()}{other}"
+        for other in _near(f"{word.number:.3f}".rstrip("0").rstrip("."), _legal(dialect.name)[kind])
     )
-    return fault("code-unknown", f"{name} is unknown", word, f"did you mean {near}?" if near else "")
+    return fault(
+        "code-unknown", f"{name} is unknown", word, f"did you mean {near}?" if near else ""
+    )
 
 
 def _near(written: str, legal: frozenset[float]) -> list[str]:
-    """Codes that one slip of the pen makes what is written: a point forgotten, another digit behind it, a digit too many, two swapped."""
+    """Codes that one slip of the pen makes what is written: a point forgotten, another digit behind
+    it, a digit too many, two swapped.
+    """
     before, point, _ = written.lstrip("0").partition(".")
     places = range(1, len(before))
     if point:
@@ -201,6 +220,8 @@ def _near(written: str, legal: frozenset[float]) -> list[str]:
     else:
         slips = [f"{before[:at]}.{before[at:]}" for at in places if before[at:].strip("0")]
         slips += [before[:at] + before[at + 1 :] for at in places]
-        slips += [before[: at - 1] + before[at] + before[at - 1] + before[at + 1 :] for at in places]
+        slips += [
+            before[: at - 1] + before[at] + before[at - 1] + before[at + 1 :] for at in places
+        ]
     numbers = dict.fromkeys(float(slip) for slip in slips if slip)
     return [f"{number:g}" for number in numbers if number in legal][:3]

@@ -1,7 +1,7 @@
 """Arc geometry in a plane: centre and swept angle from what the program says.
 
-Coordinates are (first, second) axis of the plane in mm; counter-clockwise turns the first axis towards the second. Source: LinuxCNC's
-G-code reference, G2 and G3; tolerances are the dialect's.
+Coordinates are (first, second) axis of the plane in mm; counter-clockwise turns the first axis
+towards the second. Source: LinuxCNC's G-code reference, G2 and G3; tolerances are the dialect's.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from cnc.gcode.syntax.words import Word, fault
 Point = tuple[float, float]
 
 SAME_POINT = 1e-7
-"""mm. An arc that ends this near its start is a full circle: that distance is the rounding of sums, no arc that anyone cuts."""
+"""mm. An arc that ends this near its start is a full circle: that distance is the rounding of sums,
+no arc that anyone cuts.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +30,25 @@ class Arc:
     turns: float
 
     def length(self, rise: float) -> float:
-        """Length in mm with an even ``rise`` along the axis across the plane. Exact but for the radius changing within its tolerance."""
+        """Length in mm with an even ``rise`` along the axis across the plane. Exact but for the
+        radius changing within its tolerance.
+        """
         return math.hypot(math.pi * (self.radius + self.end_radius) * self.turns, rise)
 
 
-def from_center(start: Point, end: Point, center: Point, *, clockwise: bool, turns: int, tolerance: ArcTolerance, word: Word) -> Arc:
-    """An arc about a known centre; ``turns`` is the P word: 1 for up to one turn. Errors stand at ``word``."""
+def from_center(
+    start: Point,
+    end: Point,
+    center: Point,
+    *,
+    clockwise: bool,
+    turns: int,
+    tolerance: ArcTolerance,
+    word: Word,
+) -> Arc:
+    """An arc about a known centre; ``turns`` is the P word: 1 for up to one turn. Errors stand at
+    ``word``.
+    """
     radius = math.dist(start, center)
     end_radius = math.dist(end, center)
     if radius == 0 or end_radius == 0:
@@ -41,36 +56,63 @@ def from_center(start: Point, end: Point, center: Point, *, clockwise: bool, tur
         hint = "give I, J, K from the start point to the centre"
         raise fault("arc-radius-zero", f"the centre of the arc is its {which} point", word, hint)
     error = abs(radius - end_radius)
-    if error > tolerance.limit or (error > tolerance.slack and error > tolerance.relative * max(radius, end_radius)):
+    if error > tolerance.limit or (
+        error > tolerance.slack and error > tolerance.relative * max(radius, end_radius)
+    ):
         raise fault(
             "arc-radius-mismatch",
             f"the radius is {radius:.6g} mm at the start and {end_radius:.6g} mm at the end of the arc",
             word,
             "the centre must be as far from the end point as from the start point",
         )
-    return Arc(center, radius, end_radius, _turns(start, end, center, clockwise=clockwise) + (1 - turns if clockwise else turns - 1))
+    return Arc(
+        center,
+        radius,
+        end_radius,
+        _turns(start, end, center, clockwise=clockwise) + (1 - turns if clockwise else turns - 1),
+    )
 
 
-def from_radius(start: Point, end: Point, radius: float, *, clockwise: bool, turns: int, tolerance: ArcTolerance, word: Word) -> Arc:
-    """An arc of a known radius; a negative one means the arc of more than half a turn. Errors stand at ``word``."""
+def from_radius(
+    start: Point,
+    end: Point,
+    radius: float,
+    *,
+    clockwise: bool,
+    turns: int,
+    tolerance: ArcTolerance,
+    word: Word,
+) -> Arc:
+    """An arc of a known radius; a negative one means the arc of more than half a turn. Errors stand
+    at ``word``.
+    """
     chord = math.dist(start, end)
     if radius == 0:
         raise fault("arc-radius-zero", "the radius of the arc is 0", word)
     if chord <= SAME_POINT:
         raise fault(
-            "arc-radius-no-chord", "an arc with R can't end where it starts", word, "write a full circle with I, J, K, or as two arcs"
+            "arc-radius-no-chord",
+            "an arc with R can't end where it starts",
+            word,
+            "write a full circle with I, J, K, or as two arcs",
         )
     half = chord / 2
     if half > abs(radius) + tolerance.reach:
         message = f"R is {abs(radius):.6g} mm, but the end point is {chord:.6g} mm away"
         raise fault("arc-radius-too-small", message, word, "R must be at least half of that")
-    # The centre lies off the chord's middle, to its left for a counter-clockwise arc of less than half a turn.
+    # The centre lies off the chord's middle, to its left for a counter-clockwise arc of less than
+    # half a turn.
     off = math.sqrt(max((abs(radius) - half) * (abs(radius) + half), 0.0))
     left = off if clockwise == (radius < 0) else -off
     (x0, y0), (x1, y1) = start, end
     center = ((x0 + x1) / 2 - left * (y1 - y0) / chord, (y0 + y1) / 2 + left * (x1 - x0) / chord)
     swept = _turns(start, end, center, clockwise=clockwise)
-    return Arc(center, math.dist(start, center), math.dist(end, center), swept + (1 - turns if clockwise else turns - 1))
+    return Arc(
+        center,
+        math.dist(start, center),
+        math.dist(end, center),
+        swept + (1 - turns if clockwise else turns - 1),
+    )
 
 
 def _turns(start: Point, end: Point, center: Point, *, clockwise: bool) -> float:
@@ -79,7 +121,8 @@ def _turns(start: Point, end: Point, center: Point, *, clockwise: bool) -> float
         return -1.0 if clockwise else 1.0
     ax, ay = start[0] - center[0], start[1] - center[1]
     bx, by = end[0] - center[0], end[1] - center[1]
-    # The angle from cross and dot product keeps its digits for short arcs, which a difference of two angles does not.
+    # The angle from cross and dot product keeps its digits for short arcs, which a difference of
+    # two angles does not.
     turns = math.atan2(ax * by - ay * bx, ax * bx + ay * by) / math.tau
     if clockwise:
         return turns if turns < 0 else turns - 1.0

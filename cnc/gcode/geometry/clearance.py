@@ -1,7 +1,8 @@
 r"""How near the tool's centre comes to a move of the contour, exactly, between lines and arcs.
 
-A corner says that the tool fits where two moves meet, and nothing of what is farther along them: an arc may lead back to the move before
-it, into a pocket that is narrower at its mouth than where they met.
+A corner says that the tool fits where two moves meet, and nothing of what is farther along them: an
+arc may lead back to the move before it, into a pocket that is narrower at its mouth than where they
+met.
 
            a
         .------P      The tool fits into the corner at Q and along both moves there, but not past P:
@@ -9,9 +10,10 @@ it, into a pocket that is narrower at its mouth than where they met.
      b '.       a
           `- - -Q
 
-The distance from a move is least at an end of the path, beside an end of the move, where both are square to the line between them, or
-where they cross: these few places are tried, each by its distance from the move. That is why none of them has to be known well: the
-distance from a place that is a little off is still one that the tool does come to.
+The distance from a move is least at an end of the path, beside an end of the move, where both are
+square to the line between them, or where they cross: these few places are tried, each by its
+distance from the move. That is why none of them has to be known well: the distance from a place
+that is a little off is still one that the tool does come to.
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ from cnc.gcode.geometry.offset_curves import Curve, Round, Straight, meet
 
 
 def clearance(path: Curve, start: float, stop: float, move: Curve) -> float:
-    """The least distance of a path, from ``start`` to ``stop`` in its own units after its start, from a whole move; all in mm."""
+    """The least distance of a path, from ``start`` to ``stop`` in its own units after its start,
+    from a whole move; all in mm.
+    """
     stop = max(start, stop)
     least = min(distance(place(path, start), move), distance(place(path, stop), move))
     for point in _least(path, move):
@@ -54,8 +58,12 @@ def distance(point: complex, move: Curve) -> float:
 
 
 def _least(path: Curve, move: Curve) -> Iterator[complex]:
-    """Where a path's distance from a move may be least, if neither had ends; and beside the ends of the move."""
-    centers = (move.first, move.last, move.center) if isinstance(move, Round) else (move.first, move.last)
+    """Where a path's distance from a move may be least, if neither had ends; and beside the ends of
+    the move.
+    """
+    centers = (
+        (move.first, move.last, move.center) if isinstance(move, Round) else (move.first, move.last)
+    )
     if isinstance(path, Straight):
         for center in centers:
             yield place(path, path.ahead(center))

@@ -1,7 +1,9 @@
-"""Cutter radius compensation, G40 to G42.1: moves of the contour in, moves of the tool's centre out.
+"""Cutter radius compensation, G40 to G42.1: moves of the contour in, moves of the tool's centre
+out.
 
-Where a move ends is known only when the next one in the plane is: each move is held back until then, with everything that comes between
-(moves across the plane, dwells, spindle codes), which happens where it ends. Never more than one move is held.
+Where a move ends is known only when the next one in the plane is: each move is held back until
+then, with everything that comes between (moves across the plane, dwells, spindle codes), which
+happens where it ends. Never more than one move is held.
 
     first move        from the uncompensated point to beside the end of the programmed move (an arc: tangentially)
     outside corner    an arc about the corner; for a traverse, straight moves that stay outside of that arc
@@ -9,8 +11,9 @@ Where a move ends is known only when the next one in the plane is: each move is 
     each move         is an error, too, where the tool cuts into the one before or after it anywhere else
     G40               the last move ends beside its end point; the next move leads from there to its own
 
-Source: LinuxCNC, "Cutter compensation", and NISTIR 6556, appendix A. LinuxCNC sends traverses straight across outside corners, which cuts
-the corner with a tool that is down, and refuses moves across the plane before the first one in it; neither is followed.
+Source: LinuxCNC, "Cutter compensation", and NISTIR 6556, appendix A. LinuxCNC sends traverses
+straight across outside corners, which cuts the corner with a tool that is down, and refuses moves
+across the plane before the first one in it; neither is followed.
 """
 
 from __future__ import annotations
@@ -81,7 +84,9 @@ class _Place:
 
 @dataclass(slots=True)
 class _Straight:
-    """A straight move that waits behind the one that is held: its plane axes follow from where that ends."""
+    """A straight move that waits behind the one that is held: its plane axes follow from where that
+    ends.
+    """
 
     end: list[float]
     feed: float
@@ -93,9 +98,10 @@ class _Straight:
 class _Held:
     """A move whose end is not yet known.
 
-    ``template`` is the arc as it was programmed. ``around`` is the way around the outside corner before it: nothing of that is sent before
-    the move itself is known to be possible. ``entry`` marks the move that leads in, ``circle`` one that is part of a full circle or nearly
-    one. ``before`` is the move before, unless that leads in.
+    ``template`` is the arc as it was programmed. ``around`` is the way around the outside corner
+    before it: nothing of that is sent before the move itself is known to be possible. ``entry``
+    marks the move that leads in, ``circle`` one that is part of a full circle or nearly one.
+    ``before`` is the move before, unless that leads in.
     """
 
     curve: Curve
@@ -112,9 +118,10 @@ class _Held:
 class Compensation:
     """The filter that turns programmed moves into those of the tool's centre.
 
-    Positions are machine coordinates, mm (degrees for rotary axes), in the machine's order of axes. ``on`` from G41 or G42 to G40;
-    ``active`` also until the first move after G40 has led back: as long as it says so, every move has to come through here; as long as it
-    is on, every other block, too. ``here`` tells in which file the lines stand.
+    Positions are machine coordinates, mm (degrees for rotary axes), in the machine's order of axes.
+    ``on`` from G41 or G42 to G40; ``active`` also until the first move after G40 has led back: as
+    long as it says so, every move has to come through here; as long as it is on, every other block,
+    too. ``here`` tells in which file the lines stand.
     """
 
     def __init__(self, emit: Emit, here: Here) -> None:
@@ -152,13 +159,19 @@ class Compensation:
     ) -> None:
         """G41 or G42 at the programmed ``position``; ``at`` is its word.
 
-        ``radius`` mm of the tool; a negative one swaps the sides, as a contour programmed for a bigger tool needs it. ``columns`` are those
-        of the plane's axes. ``shift`` (first, second axis) leads from the centre of a lathe tool's nose to its control point, mm.
+        ``radius`` mm of the tool; a negative one swaps the sides, as a contour programmed for a
+        bigger tool needs it. ``columns`` are those of the plane's axes. ``shift`` (first, second
+        axis) leads from the centre of a lathe tool's nose to its control point, mm.
 
         Raises GcodeError ``compensation-already-on`` at ``at``.
         """
         if self.on:
-            raise fault("compensation-already-on", "cutter compensation is on already", at, "give G40 before")
+            raise fault(
+                "compensation-already-on",
+                "cutter compensation is on already",
+                at,
+                "give G40 before",
+            )
         self.on, self._first = True, True
         self._radius = abs(radius)
         self._side = 0 if radius == 0.0 else 1 if (side == "left") == (radius > 0.0) else -1
@@ -189,8 +202,8 @@ class Compensation:
     def move(self, end: list[float], feed: float, line: int) -> None:
         """A straight move of a line to ``end`` (axes,), NaN feed for a traverse.
 
-        Raises GcodeError ``compensation-gouge``, ``compensation-entry``, ``compensation-look-ahead``; the first of them may be about the
-        move before.
+        Raises GcodeError ``compensation-gouge``, ``compensation-entry``,
+        ``compensation-look-ahead``; the first of them may be about the move before.
         """
         if self._side == 0:
             self._leaving = False
@@ -203,16 +216,17 @@ class Compensation:
         curve = straight_offset(self._programmed, point, self._side, self._radius)
         held = _Held(curve, end, feed, self._place(line))
         if self._first and curve.length <= self._radius:
-            message = (
-                f"the first compensated move is {curve.length:.6g} mm long, which must be more than the tool radius, {self._radius:.6g} mm"
+            message = f"the first compensated move is {curve.length:.6g} mm long, which must be more than the tool radius, {self._radius:.6g} mm"
+            raise held.place.fault(
+                "compensation-entry", message, "start farther away from the contour"
             )
-            raise held.place.fault("compensation-entry", message, "start farther away from the contour")
         self._next(held)
 
     def arc(self, block: ArcFeed) -> None:
         """An arc or a helix in the plane of compensation.
 
-        Raises GcodeError ``compensation-arc-radius``, ``compensation-exit``, and those of :meth:`move`.
+        Raises GcodeError ``compensation-arc-radius``, ``compensation-exit``, and those of
+        :meth:`move`.
         """
         if self._side == 0:
             if self._leaving:
@@ -237,7 +251,9 @@ class Compensation:
             start = arc.end
 
     def refuse_curve(self, at: Word | None = None) -> None:
-        """GcodeError ``compensation-exit`` where the next move has to lead out: it must be a straight one."""
+        """GcodeError ``compensation-exit`` where the next move has to lead out: it must be a
+        straight one.
+        """
         if self._leaving:
             message, hint = _STRAIGHT_OUT
             raise fault("compensation-exit", message, at, hint)
@@ -253,7 +269,9 @@ class Compensation:
         curve, place = round_offset(start, arc, self._side, self._radius), self._place(block.line)
         if curve is None:
             message = f"an arc of radius {block.radius:.6g} mm, cut on its inside by a tool of radius {self._radius:.6g} mm"
-            raise place.fault("compensation-arc-radius", message, "the radius must be more than the tool's")
+            raise place.fault(
+                "compensation-arc-radius", message, "the radius must be more than the tool's"
+            )
         if self._first:
             curve = leading_in(self._here, curve)
             if curve is None or curve.radius <= self._radius:
@@ -275,7 +293,9 @@ class Compensation:
             if corner is None or (corner.begin - new.curve.length) * new.curve.scale > SLACK:
                 raise self._gouge(new, "the move before it")
             if corner.around:
-                new.around = self._around(old.curve.corner, corner.leave, corner.enter, rapid=math.isnan(new.feed))
+                new.around = self._around(
+                    old.curve.corner, corner.leave, corner.enter, rapid=math.isnan(new.feed)
+                )
             self._check_clearance(old, corner.cut, new)
             self._finish(old, corner.leave, corner.cut)
             new.curve.begin = corner.begin
@@ -305,7 +325,9 @@ class Compensation:
         self._last = end
 
     def _finish(self, held: _Held, leave: complex, cut: float) -> None:
-        """Sends a move, which ends at ``leave``, ``cut`` units of its curve before its natural end; then what waited for it."""
+        """Sends a move, which ends at ``leave``, ``cut`` units of its curve before its natural end;
+        then what waited for it.
+        """
         curve = held.curve
         part = curve.length - curve.begin - cut
         for path in held.around:
@@ -316,7 +338,9 @@ class Compensation:
             center = curve.center + self._shift
             turns = curve.spin * part / math.tau
             around, radius = (center.real, center.imag), abs(self._here - curve.center)
-            self._emit.put(replace(block, center=around, end=np.array(end), radius=radius, turns=turns))
+            self._emit.put(
+                replace(block, center=around, end=np.array(end), radius=radius, turns=turns)
+            )
         elif abs(leave - self._here) > SLACK or self._moves_across(end):
             self._emit.place(end, held.feed, held.place.line, held.place.file)
         self._here, self._last = leave, end
@@ -331,10 +355,11 @@ class Compensation:
             raise self._gouge(held, "the moves before and after it")
 
     def _check_clearance(self, held: _Held, cut: float, after: _Held | None = None) -> None:
-        """Refuses a move that ends where it meets the one ``after`` it, or a way around their corner, where the tool cuts into either.
+        """Refuses a move that ends where it meets the one ``after`` it, or a way around their
+        corner, where the tool cuts into either.
 
-        The move that leads in does so from anywhere. A full circle is a contour of its own, and the moves beside it lead to it and away
-        from it: on its way around the tool passes over them.
+        The move that leads in does so from anywhere. A full circle is a contour of its own, and the
+        moves beside it lead to it and away from it: on its way around the tool passes over them.
         """
         curve = held.curve
         if not held.entry and not held.circle:
@@ -351,25 +376,37 @@ class Compensation:
                     raise self._gouge(after, "the move before it")
 
     def _clear(self, path: Curve, start: float, stop: float, offset: Curve) -> bool:
-        """Whether a part of a path is nowhere nearer to the move of an offset curve than the tool's radius.
+        """Whether a part of a path is nowhere nearer to the move of an offset curve than the tool's
+        radius.
 
-        That is so of straight moves that have a corner: the offset of one does not come back to the other.
+        That is so of straight moves that have a corner: the offset of one does not come back to the
+        other.
         """
         if isinstance(path, Straight) and isinstance(offset, Straight):
             return True
         return clearance(path, start, stop, programmed(offset)) >= self._radius - SLACK
 
-    def _around(self, corner: complex, leave: complex, enter: complex, *, rapid: bool) -> tuple[Curve, ...]:
-        """The way around an outside corner: an arc, or the polygon about it, in steps of up to 45 degrees."""
+    def _around(
+        self, corner: complex, leave: complex, enter: complex, *, rapid: bool
+    ) -> tuple[Curve, ...]:
+        """The way around an outside corner: an arc, or the polygon about it, in steps of up to 45
+        degrees.
+        """
         ray = leave - corner
         turned = abs(angle((enter - corner) * ray.conjugate()))
         if not rapid:
             return (Round(corner, leave, enter, corner, self._radius, -self._side, turned, 0.0),)
         steps = math.ceil(turned / (math.pi / 4))
         far = 1.0 / math.cos(turned / steps / 2)
-        ends = [corner + ray * cmath.rect(far, -self._side * turned * (step + 0.5) / steps) for step in range(steps)]
+        ends = [
+            corner + ray * cmath.rect(far, -self._side * turned * (step + 0.5) / steps)
+            for step in range(steps)
+        ]
         starts = [leave, *ends]
-        return tuple(straight_offset(start, end, 0, 0.0) for start, end in zip(starts, [*ends, enter], strict=True))
+        return tuple(
+            straight_offset(start, end, 0, 0.0)
+            for start, end in zip(starts, [*ends, enter], strict=True)
+        )
 
     def _go_around(self, path: Curve, held: _Held) -> None:
         """A part of the way around an outside corner, as part of the move after it."""
@@ -379,12 +416,25 @@ class Compensation:
         else:
             center, turns = path.center + self._shift, path.spin * path.length / math.tau
             around = (center.real, center.imag)
-            self._emit.put(ArcFeed(place.file, place.line, self._plane, around, np.array(end), self._radius, turns, held.feed))
+            self._emit.put(
+                ArcFeed(
+                    place.file,
+                    place.line,
+                    self._plane,
+                    around,
+                    np.array(end),
+                    self._radius,
+                    turns,
+                    held.feed,
+                )
+            )
         self._here, self._last = path.last, end
 
     def _gouge(self, held: _Held, what: str) -> CncError:
         message = f"a tool of radius {self._radius:.6g} mm can't make this move without cutting into the contour of {what}"
-        return held.place.fault("compensation-gouge", message, "take a smaller tool, or give its corners larger radii")
+        return held.place.fault(
+            "compensation-gouge", message, "take a smaller tool, or give its corners larger radii"
+        )
 
     def _place(self, line: int) -> _Place:
         text = self._text
@@ -404,4 +454,8 @@ class Compensation:
         return placed
 
     def _moves_across(self, end: list[float]) -> bool:
-        return any(a != b for index, (a, b) in enumerate(zip(end, self._last, strict=True)) if index not in self._columns)
+        return any(
+            a != b
+            for index, (a, b) in enumerate(zip(end, self._last, strict=True))
+            if index not in self._columns
+        )

@@ -1,11 +1,13 @@
 r"""Offset curves in a plane, and where two of them join at a corner.
 
-The centre of a tool of radius r runs beside the programmed contour: a line's offset is a line, an arc's is an arc about the same centre.
-Points are complex numbers, first + second axis of the plane * 1j, in mm; ``side`` is 1 for a tool on the left of the path and -1 for one on
-its right. A turn, a bend or a radius is positive towards the tool.
+The centre of a tool of radius r runs beside the programmed contour: a line's offset is a line, an
+arc's is an arc about the same centre. Points are complex numbers, first + second axis of the plane
+* 1j, in mm; ``side`` is 1 for a tool on the left of the path and -1 for one on its right. A turn, a
+bend or a radius is positive towards the tool.
 
-Source: T. Kramer, F. Proctor, E. Messina, "The NIST RS274NGC Interpreter, version 3" (NISTIR 6556), appendix A; the corners are those of
-LinuxCNC, "Cutter radius compensation", but for arcs that join at an angle, which it takes for smooth up to 0.05 rad.
+Source: T. Kramer, F. Proctor, E. Messina, "The NIST RS274NGC Interpreter, version 3" (NISTIR 6556),
+appendix A; the corners are those of LinuxCNC, "Cutter radius compensation", but for arcs that join
+at an angle, which it takes for smooth up to 0.05 rad.
 
             outside corner                inside corner
        ----E1.                                   |     |
@@ -28,12 +30,16 @@ NEAR = 1e-6
 TANGENT = 1e-10
 """mm. How much nearer than its radius the tool may come for two moves to count as tangent."""
 MITRE = 0.05
-"""rad. At outside corners of less the offset curves run on until they cross: the part is the same, and the path has no stub of an arc."""
+"""rad. At outside corners of less the offset curves run on until they cross: the part is the same,
+and the path has no stub of an arc.
+"""
 
 
 @dataclass(slots=True)
 class Straight:
-    """The offset of a line that ends at ``corner``: from ``first`` to ``last``, with ``begin`` mm cut off its start."""
+    """The offset of a line that ends at ``corner``: from ``first`` to ``last``, with ``begin`` mm
+    cut off its start.
+    """
 
     corner: complex
     first: complex
@@ -62,7 +68,8 @@ class Straight:
 
 @dataclass(slots=True)
 class Round:
-    """The offset of an arc that ends at ``corner``: ``spin`` is 1 counter-clockwise, ``length`` and ``begin`` are angles in rad.
+    """The offset of an arc that ends at ``corner``: ``spin`` is 1 counter-clockwise, ``length`` and
+    ``begin`` are angles in rad.
 
     ``bend`` is one over the programmed radius.
     """
@@ -114,7 +121,9 @@ def straight_offset(start: complex, end: complex, side: int, radius: float) -> S
 
 @dataclass(frozen=True, slots=True)
 class TrueArc:
-    """An arc of a circle: both ends are as far from ``center``. ``share`` is the part of the programmed arc that lies behind its end."""
+    """An arc of a circle: both ends are as far from ``center``. ``share`` is the part of the
+    programmed arc that lies behind its end.
+    """
 
     end: complex
     center: complex
@@ -125,10 +134,11 @@ class TrueArc:
 def true_arcs(start: complex, end: complex, center: complex, turns: float) -> Iterator[TrueArc]:
     """A programmed arc as arcs of circles: nearly always itself.
 
-    A programmed centre may be nearer to one end point than to the other by the dialect's tolerance. The curve between is no circle then,
-    and its offset has no simple form. So the centre is moved to the nearest place as far from both ends, which moves no point of the arc
-    by more than twice the tolerance. Where the ends of a nearly full circle are so close together that this place would be far away, the
-    arc is cut into arcs of up to half a turn first.
+    A programmed centre may be nearer to one end point than to the other by the dialect's tolerance.
+    The curve between is no circle then, and its offset has no simple form. So the centre is moved
+    to the nearest place as far from both ends, which moves no point of the arc by more than twice
+    the tolerance. Where the ends of a nearly full circle are so close together that this place
+    would be far away, the arc is cut into arcs of up to half a turn first.
     """
     reach = abs(start - center)
     grown = abs(end - center) - reach
@@ -139,7 +149,12 @@ def true_arcs(start: complex, end: complex, center: complex, turns: float) -> It
     here = start
     for piece in range(1, pieces + 1):
         share = piece / pieces
-        there = end if piece == pieces else center + (start - center) * cmath.rect(1.0 + grown * share / reach, math.tau * turns * share)
+        there = (
+            end
+            if piece == pieces
+            else center
+            + (start - center) * cmath.rect(1.0 + grown * share / reach, math.tau * turns * share)
+        )
         along = (there - here) / abs(there - here)
         moved = center + along * _dot((here + there) / 2 - center, along)
         swept = angle((there - moved) * (here - moved).conjugate()) / math.tau
@@ -161,11 +176,22 @@ def round_offset(start: complex, arc: TrueArc, side: int, radius: float) -> Roun
     if offset <= SLACK:
         return None
     first, last = arc.center + out / reach * offset, arc.center + end_out / abs(end_out) * offset
-    return Round(arc.end, first, last, arc.center, offset, spin, math.tau * abs(arc.turns), side * spin / reach)
+    return Round(
+        arc.end,
+        first,
+        last,
+        arc.center,
+        offset,
+        spin,
+        math.tau * abs(arc.turns),
+        side * spin / reach,
+    )
 
 
 def leading_in(start: complex, arc: Round) -> Round | None:
-    """The arc that leads from an uncompensated point tangentially onto the end of an offset arc, as in LinuxCNC; None if none does."""
+    """The arc that leads from an uncompensated point tangentially onto the end of an offset arc, as
+    in LinuxCNC; None if none does.
+    """
     back = start - arc.last
     inwards = (arc.center - arc.last) / arc.radius
     across = _dot(back, inwards)
@@ -181,8 +207,9 @@ def leading_in(start: complex, arc: Round) -> Round | None:
 class Join:
     """How the tool gets from one curve to the next.
 
-    Off the one at ``leave``, ``cut`` of its units before its end, and onto the other at ``enter``, ``begin`` of its units after its start.
-    The two points differ where it goes ``around`` an outside corner.
+    Off the one at ``leave``, ``cut`` of its units before its end, and onto the other at ``enter``,
+    ``begin`` of its units after its start. The two points differ where it goes ``around`` an
+    outside corner.
     """
 
     leave: complex
@@ -193,18 +220,21 @@ class Join:
 
 
 def join(a: Curve, b: Curve, side: int, radius: float, *, entry: bool = False) -> Join | None:
-    """The join of two offset curves whose moves follow each other; None where the tool does not fit into the corner.
+    """The join of two offset curves whose moves follow each other; None where the tool does not fit
+    into the corner.
 
     With ``entry`` a leads in, and may do so from anywhere.
     """
     turn = side * angle(b.heading * a.leaving.conjugate())
     if (math.pi - abs(turn)) * min(a.length * a.scale, b.length * b.scale) <= SLACK:
-        # The path turns right back: around its end, or into the cusp where the way back bends to the tool's side of the way there.
+        # The path turns right back: around its end, or into the cusp where the way back bends to
+        # the tool's side of the way there.
         turn = math.pi if a.bend + b.bend < -SLACK * abs(a.bend) else -math.pi
     elif radius * turn * turn * max(1.0, _stretch(a), _stretch(b)) <= 2.0 * TANGENT:
         return Join(a.last, a.last, 0.0, b.ahead(a.last))
     elif not entry and _loop(a, b, -1 if side * turn > 0 else 1):
-        # A cusp where rounding has let the moves cross just before they turn back is one all the same.
+        # A cusp where rounding has let the moves cross just before they turn back is one all the
+        # same.
         if turn > MITRE - math.pi:
             return None
         turn = math.pi
@@ -219,12 +249,18 @@ def join(a: Curve, b: Curve, side: int, radius: float, *, entry: bool = False) -
 
 
 def _runs_on(curve: Curve, distance: float, far: float) -> bool:
-    """Whether a crossing ``distance`` units from a curve's end is at most ``far`` mm away, and an arc needs not turn much to get there."""
-    return abs(distance) * curve.scale <= far and (isinstance(curve, Straight) or abs(distance) <= MITRE)
+    """Whether a crossing ``distance`` units from a curve's end is at most ``far`` mm away, and an
+    arc needs not turn much to get there.
+    """
+    return abs(distance) * curve.scale <= far and (
+        isinstance(curve, Straight) or abs(distance) <= MITRE
+    )
 
 
 def _loop(a: Curve, b: Curve, left: int) -> bool:
-    """Whether a move crosses the one before it again after their corner, to its ``left`` (1) or right (-1): the tool has cut there then."""
+    """Whether a move crosses the one before it again after their corner, to its ``left`` (1) or
+    right (-1): the tool has cut there then.
+    """
     if isinstance(a, Straight) and isinstance(b, Straight):
         return False
     a, b = programmed(a), programmed(b)
@@ -246,10 +282,12 @@ def programmed(curve: Curve) -> Curve:
 
 
 def _crossing(a: Curve, b: Curve, left: int, *, inside: bool) -> Join | None:
-    """Where two curves cross; at the place meant, b leads to the left of a (``left`` 1) or to its right (-1).
+    """Where two curves cross; at the place meant, b leads to the left of a (``left`` 1) or to its
+    right (-1).
 
-    Of the two crossings of circles one turns left and the other right. As the tool grows from nothing to its radius, the crossing moves
-    from the corner to its place without ever changing sides: so the side tells which one is meant.
+    Of the two crossings of circles one turns left and the other right. As the tool grows from
+    nothing to its radius, the crossing moves from the corner to its place without ever changing
+    sides: so the side tells which one is meant.
     """
     point = meet(a, b, left)
     if point is None:
@@ -261,11 +299,17 @@ def _crossing(a: Curve, b: Curve, left: int, *, inside: bool) -> Join | None:
 
 
 def meet(a: Curve, b: Curve, left: int) -> complex | None:
-    """Where two curves cross if neither had ends, b to the ``left`` of a (1) or to its right (-1); None where they don't."""
+    """Where two curves cross if neither had ends, b to the ``left`` of a (1) or to its right (-1);
+    None where they don't.
+    """
     if isinstance(a, Straight):
         if isinstance(b, Straight):
             across = _cross(a.heading, b.heading)
-            return None if across == 0.0 else a.last + a.heading * (_cross(b.first - a.last, b.heading) / across)
+            return (
+                None
+                if across == 0.0
+                else a.last + a.heading * (_cross(b.first - a.last, b.heading) / across)
+            )
         return _line_and_circle(a.last, a.heading, b, left * b.spin)
     if isinstance(b, Straight):
         return _line_and_circle(b.first, b.heading, a, -left * a.spin)
@@ -292,7 +336,9 @@ def _line_and_circle(point: complex, heading: complex, circle: Round, sign: int)
 
 
 def _onwards(curve: Curve, distance: float) -> float:
-    """An inside corner cuts off a part of an arc, however large: its angle counts from 0 to a full turn."""
+    """An inside corner cuts off a part of an arc, however large: its angle counts from 0 to a full
+    turn.
+    """
     if isinstance(curve, Round) and distance < -1e-6:
         return distance + math.tau
     return distance
@@ -304,7 +350,9 @@ def _stretch(curve: Curve) -> float:
 
 
 def angle(direction: complex) -> float:
-    """From -pi to pi; ``cmath.phase`` raises OverflowError where the result is hardly more than 0."""
+    """From -pi to pi; ``cmath.phase`` raises OverflowError where the result is hardly more than
+    0.
+    """
     return math.atan2(direction.imag, direction.real)
 
 

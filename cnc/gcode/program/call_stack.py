@@ -1,4 +1,6 @@
-"""Where a program is: the calls that it is in, what they return to, and the limits that keep it from going on for ever."""
+"""Where a program is: the calls that it is in, what they return to, and the limits that keep it
+from going on for ever.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """``repeated_lines``: lines that loops and calls may execute again in a program; ``depth``: calls within each other."""
+    """``repeated_lines``: lines that loops and calls may execute again in a program; ``depth``:
+    calls within each other.
+    """
 
     repeated_lines: int = 2_000_000
     depth: int = 100
@@ -27,9 +31,10 @@ class Limits:
 class Frame:
     """A call, or the main program.
 
-    ``kind``: an O-word's sub, M98's program, G65's macro. ``begin`` is the line where its body begins, ``scope`` the line of its name (0:
-    none), which tells its labels from those of others. ``caller`` and ``at``: where the call stands; ``back``: the line to go on at.
-    ``left`` is how often it is still to be repeated, ``counts`` holds what is left of its repeat loops.
+    ``kind``: an O-word's sub, M98's program, G65's macro. ``begin`` is the line where its body
+    begins, ``scope`` the line of its name (0: none), which tells its labels from those of others.
+    ``caller`` and ``at``: where the call stands; ``back``: the line to go on at. ``left`` is how
+    often it is still to be repeated, ``counts`` holds what is left of its repeat loops.
     """
 
     kind: Literal["main", "sub", "program", "macro"]
@@ -47,12 +52,22 @@ class Frame:
 
 
 class Flow:
-    """The flow of control. ``mark_calls``: whether the calls of the main program stand among its blocks.
+    """The flow of control. ``mark_calls``: whether the calls of the main program stand among its
+    blocks.
 
-    ``executed`` is the number of lines executed so far, kept up to date for steps; ``new`` how many of them for the first time.
+    ``executed`` is the number of lines executed so far, kept up to date for steps; ``new`` how many
+    of them for the first time.
     """
 
-    def __init__(self, interpreter: Interpreter, listing: Listing, library: Library, limits: Limits, *, mark_calls: bool = False) -> None:
+    def __init__(
+        self,
+        interpreter: Interpreter,
+        listing: Listing,
+        library: Library,
+        limits: Limits,
+        *,
+        mark_calls: bool = False,
+    ) -> None:
         self.interpreter = interpreter
         self.parameters = interpreter.parameters
         self.library = library
@@ -83,7 +98,8 @@ class Flow:
         if arguments is not None:
             parameters.push(arguments)
         elif not parameters.macro:
-            # M98 in RS274/NGC: names of its own, but the caller's numbers. FANUC's has no names, and shares its numbers too.
+            # M98 in RS274/NGC: names of its own, but the caller's numbers. FANUC's has no names,
+            # and shares its numbers too.
             numbers = parameters.locals
             parameters.push(())
             parameters.locals = numbers
@@ -104,7 +120,9 @@ class Flow:
             self.interpreter.out.put(Called(self.main.name, frame.at.line, inside))
 
     def unwind(self) -> None:
-        """The program has ended, perhaps in a call: the parameters are those of the main program again."""
+        """The program has ended, perhaps in a call: the parameters are those of the main program
+        again.
+        """
         while self.frames:
             self._pop()
 
@@ -138,7 +156,10 @@ class Flow:
             outermost = [*self.frames, self.frame][min(1, len(self.frames))]
             return outermost.caller, outermost.at, f"the call of {outermost.name}"
         enough = self.executed - self.limits.repeated_lines // 2
-        return next((each for each in suspects if each[0] <= enough), min(suspects, key=lambda each: each[0]))[1:]
+        return next(
+            (each for each in suspects if each[0] <= enough),
+            min(suspects, key=lambda each: each[0]),
+        )[1:]
 
     def _look_at(self, listing: Listing) -> None:
         interpreter = self.interpreter

@@ -1,4 +1,5 @@
-"""What control lines do: O-words (if, while, do, repeat) and FANUC's macro B (GOTO, IF .. THEN, WHILE .. DO, END).
+"""What control lines do: O-words (if, while, do, repeat) and FANUC's macro B (GOTO, IF .. THEN,
+WHILE .. DO, END).
 
 Source: LinuxCNC, "O codes"; FANUC operator's manual, "Custom macro", branch and repetition.
 """
@@ -34,12 +35,25 @@ def shown(control: Control) -> str:
 
 
 class If:
-    """``branches``: line and condition of each elseif; ``otherwise``: where to go on if nothing holds."""
+    """``branches``: line and condition of each elseif; ``otherwise``: where to go on if nothing
+    holds.
+    """
 
     __slots__ = ("branches", "condition", "otherwise", "parameters")
 
-    def __init__(self, parameters: Parameters, condition: Value, branches: list[tuple[int, Value]], otherwise: int) -> None:
-        self.parameters, self.condition, self.branches, self.otherwise = parameters, condition, branches, otherwise
+    def __init__(
+        self,
+        parameters: Parameters,
+        condition: Value,
+        branches: list[tuple[int, Value]],
+        otherwise: int,
+    ) -> None:
+        self.parameters, self.condition, self.branches, self.otherwise = (
+            parameters,
+            condition,
+            branches,
+            otherwise,
+        )
 
     def run(self, flow: Flow, line: int) -> int:
         """Into the first branch whose condition holds."""
@@ -125,7 +139,9 @@ class DoWhile:
 
 
 class Repeat:
-    """``o1 repeat [n]``: the count is rounded to a whole number, halves to the even one; none below 1."""
+    """``o1 repeat [n]``: the count is rounded to a whole number, halves to the even one; none below
+    1.
+    """
 
     __slots__ = ("count", "loop", "parameters")
 
@@ -158,7 +174,9 @@ class EndRepeat:
 
 
 class Back:
-    """Jumps that lead back make loops, too: this one is called ``name`` and stands ``at`` a place."""
+    """Jumps that lead back make loops, too: this one is called ``name`` and stands ``at`` a
+    place.
+    """
 
     __slots__ = ("at", "loop", "name")
 
@@ -175,11 +193,15 @@ class Back:
 
 
 class Goto:
-    """``GOTO n``: to the first line with ``N n`` behind this one in the same program, else from the program's beginning."""
+    """``GOTO n``: to the first line with ``N n`` behind this one in the same program, else from the
+    program's beginning.
+    """
 
     __slots__ = ("at", "back", "condition", "found", "parameters", "target")
 
-    def __init__(self, parameters: Parameters, condition: Value | None, target: Value, at: Mark) -> None:
+    def __init__(
+        self, parameters: Parameters, condition: Value | None, target: Value, at: Mark
+    ) -> None:
         self.parameters, self.condition, self.target, self.at = parameters, condition, target, at
         self.found: dict[float, int] = {}
         self.back = Back("this GOTO", at)
@@ -194,25 +216,45 @@ class Goto:
         to = self.found.get(number)
         if to is None:
             listing = flow.listing
-            to = self.found[number] = jump_target(listing, number, line, partial(listing.fault, self.at))
+            to = self.found[number] = jump_target(
+                listing, number, line, partial(listing.fault, self.at)
+            )
         if to <= line:
             self.back.note(flow, flow.listing, to)
         return to
 
 
-def jump_target(listing: Listing, number: float, line: int, wrong: Callable[[str, str, str], CncError]) -> int:
-    """The line of a block number, searched from behind ``line`` to the end of the program there, then from its beginning.
+def jump_target(
+    listing: Listing, number: float, line: int, wrong: Callable[[str, str, str], CncError]
+) -> int:
+    """The line of a block number, searched from behind ``line`` to the end of the program there,
+    then from its beginning.
 
-    ``wrong`` makes the error, of code, message and hint, if there is none or if it stands in a loop.
+    ``wrong`` makes the error, of code, message and hint, if there is none or if it stands in a
+    loop.
     """
     if not (0 < number <= MAX_SEQUENCE and number == int(number)):
-        raise wrong("jump-target-bad", f"{number:g} is no block number to jump to", f"they are whole numbers from 1 to {MAX_SEQUENCE}")
+        raise wrong(
+            "jump-target-bad",
+            f"{number:g} is no block number to jump to",
+            f"they are whole numbers from 1 to {MAX_SEQUENCE}",
+        )
     begin, end = listing.program_around(line)
-    to = listing.numbered(int(number), line + 1, end) or listing.numbered(int(number), begin, line + 1)
+    to = listing.numbered(int(number), line + 1, end) or listing.numbered(
+        int(number), begin, line + 1
+    )
     if to is None:
-        raise wrong("jump-target-missing", f"there is no block N{number:.0f} in this program", "give the block that is meant this N word")
+        raise wrong(
+            "jump-target-missing",
+            f"there is no block N{number:.0f} in this program",
+            "give the block that is meant this N word",
+        )
     for loop in listing.loops:
-        if loop.name.startswith("DO") and loop.first < to <= loop.last and not loop.first <= line <= loop.last:
+        if (
+            loop.name.startswith("DO")
+            and loop.first < to <= loop.last
+            and not loop.first <= line <= loop.last
+        ):
             message = f"N{number:.0f} stands inside the loop {loop.name} of line {loop.first}"
             raise wrong("jump-into-loop", message, "jump to the loop's first line")
     return to
@@ -249,7 +291,13 @@ class Border:
         if flow.interpreter.begun or flow.main_border:
             message = f"{self.name} begins before the program above it has ended"
             hint = "end the main program with M30 or M2, a subprogram with M99"
-            raise fault("program-end-missing", message, column=self.at.column, length=self.at.length, hint=hint)
+            raise fault(
+                "program-end-missing",
+                message,
+                column=self.at.column,
+                length=self.at.length,
+                hint=hint,
+            )
         flow.main_border = line
         return line + 1
 
@@ -257,8 +305,14 @@ class Border:
 def not_ended(flow: Flow, where: str) -> CncError:
     """The error for a subprogram that runs into what does not belong to it."""
     frame = flow.frame
-    at = Mark(frame.scope, 1, len(flow.listing.source(frame.scope).rstrip())) if frame.scope else Mark(frame.begin)
-    return frame.listing.fault(at, "subprogram-not-ended", f"{frame.name} does not end {where}", "M99 is missing")
+    at = (
+        Mark(frame.scope, 1, len(flow.listing.source(frame.scope).rstrip()))
+        if frame.scope
+        else Mark(frame.begin)
+    )
+    return frame.listing.fault(
+        at, "subprogram-not-ended", f"{frame.name} does not end {where}", "M99 is missing"
+    )
 
 
 def _at(flow: Flow, line: int, value: Value) -> float:

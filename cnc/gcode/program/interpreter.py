@@ -1,9 +1,10 @@
 """Statements and modal state to canonical blocks.
 
-A line is executed in the order of RS274/NGC, whatever order its words stand in: messages, feed mode, F, S, T, inputs and outputs, tool
-change, spindle, saved state, coolant, overrides, dwell, plane, units, compensation, length, coordinate system, path control, distance and
-retract modes, G10 to G92, motion, stop. Every word must find a user: what is left over is an error, so nothing is ignored. Source:
-LinuxCNC, "G-code overview", order of execution.
+A line is executed in the order of RS274/NGC, whatever order its words stand in: messages, feed
+mode, F, S, T, inputs and outputs, tool change, spindle, saved state, coolant, overrides, dwell,
+plane, units, compensation, length, coordinate system, path control, distance and retract modes, G10
+to G92, motion, stop. Every word must find a user: what is left over is an error, so nothing is
+ignored. Source: LinuxCNC, "G-code overview", order of execution.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ MOST_PREPARED = 8192
 """Statements that are kept prepared."""
 _QUICK_MOTIONS = (None, 0, 10, 20, 30)
 _FIRST_OFFSET = 5200
-"""Variables of FANUC's coordinate systems come after this number; a program that sets one means it to count at once."""
+"""Variables of FANUC's coordinate systems come after this number; a program that sets one means it
+to count at once.
+"""
 _Saved = tuple[Modal, tuple[int, list[float]]]
 _MESSAGES = ("msg", "debug", "print")
 
@@ -45,9 +48,9 @@ _MESSAGES = ("msg", "debug", "print")
 class Interpreter:
     """A program being executed, statement by statement, into ``out``.
 
-    ``ended`` tells that nothing more is to be read, ``aborted`` that the program has aborted itself.
-    ``plain``: nothing is in effect that a straight move or an arc would have to heed beyond units,
-    offsets, distance mode and feed.
+    ``ended`` tells that nothing more is to be read, ``aborted`` that the program has aborted
+    itself. ``plain``: nothing is in effect that a straight move or an arc would have to heed beyond
+    units, offsets, distance mode and feed.
     """
 
     def __init__(
@@ -69,12 +72,22 @@ class Interpreter:
         self.dialect = dialect
         self.parameters = parameters
         self.coordinates = Coordinates(
-            axes, parameters, systems=dialect.systems, fanuc=dialect.offset_memory, shift_stays=dialect.shift_stays
+            axes,
+            parameters,
+            systems=dialect.systems,
+            fanuc=dialect.offset_memory,
+            shift_stays=dialect.shift_stays,
         )
         self.waiting = Waiting(self.here)
-        self.functions = Functions(dialect, self.here, self.modal, self.out, parameters, self.waiting)
-        self.motion = Motion(axes, dialect, self.here, self.modal, position, self.coordinates, self.out, self.waiting)
-        self.tools = ToolSettings(dialect, self.modal, self.motion, ToolTable() if tools is None else tools)
+        self.functions = Functions(
+            dialect, self.here, self.modal, self.out, parameters, self.waiting
+        )
+        self.motion = Motion(
+            axes, dialect, self.here, self.modal, position, self.coordinates, self.out, self.waiting
+        )
+        self.tools = ToolSettings(
+            dialect, self.modal, self.motion, ToolTable() if tools is None else tools
+        )
         self.settings = Settings(dialect, self.modal, self.motion, self.tools)
         self.sides = Sides(dialect, self.here, self.modal, self.motion, self.tools, self.out)
         bezier.register(self.motion, self.modal, self.here)
@@ -88,7 +101,14 @@ class Interpreter:
         self.coordinates.bind(lambda: self.motion.position, lambda: self.modal.scale)
         system_parameters.bind(parameters, self.modal, self.here)
         if parameters.macro:
-            macro_variables.bind(parameters, self.modal, self.here, self.coordinates, self.out, lambda: self.motion.position)
+            macro_variables.bind(
+                parameters,
+                self.modal,
+                self.here,
+                self.coordinates,
+                self.out,
+                lambda: self.motion.position,
+            )
         parameters.bind("_call_level", lambda: float(len(self._saved) - 1))
         self.points_wanted = dialect.decimal_points
         self._prepared: dict[int, Prepared] = {}
@@ -119,7 +139,9 @@ class Interpreter:
             self.out.add(BoardCommand(self.here.file, line, statement.board))
 
     def execute_move(self, move: QuickMove, line: int) -> bool:
-        """Execute a line that is nothing but a move; False, and nothing done, where it needs a closer look as a statement."""
+        """Execute a line that is nothing but a move; False, and nothing done, where it needs a
+        closer look as a statement.
+        """
         if not self.plain:
             return False
         self.here.line = line
@@ -154,8 +176,12 @@ class Interpreter:
         if len(self._prepared) >= MOST_PREPARED:
             self._prepared.clear()
         # The entry keeps its statement alive, so no other can have the same id.
-        prepared = self._prepared[id(statement)] = prepare(statement, self.dialect, self.motion.column)
-        if self.points_wanted and (word := without_point(statement, collected=self.motion.collector is not None)):
+        prepared = self._prepared[id(statement)] = prepare(
+            statement, self.dialect, self.motion.column
+        )
+        if self.points_wanted and (
+            word := without_point(statement, collected=self.motion.collector is not None)
+        ):
             self.points_wanted = False
             message = f"{word.written} has no decimal point: it counts whole millimetres, inches or degrees here"
             hint = f"a control that counts its least increment would take a thousandth or less: write {word.written}."
@@ -182,7 +208,12 @@ class Interpreter:
                 self._assign_number(only.target(parameters), only.value(parameters), only.column)
             return
         found = [
-            (each, each.target if isinstance(each.target, str) else each.target(parameters), each.value(parameters)) for each in assignments
+            (
+                each,
+                each.target if isinstance(each.target, str) else each.target(parameters),
+                each.value(parameters),
+            )
+            for each in assignments
         ]
         for assignment, target, value in found:
             if isinstance(target, str):
@@ -232,7 +263,9 @@ class Interpreter:
         if codes is None:
             codes = codes_of(words.g, words.m, self.dialect)
         collector = self.motion.collector
-        if not (collector and collector.line(words, codes)) and (codes or not self._is_program_number(words)):
+        if not (collector and collector.line(words, codes)) and (
+            codes or not self._is_program_number(words)
+        ):
             self._in_order(words, codes)
         if words.rest:
             raise unused(words, self.modal)
@@ -299,7 +332,11 @@ class Interpreter:
             return
         word = words.rest.pop("F")
         scale = self.modal.scale
-        if (code := codes.get("units")) and scale != _scale(code) and not self.dialect.units_before_feed:
+        if (
+            (code := codes.get("units"))
+            and scale != _scale(code)
+            and not self.dialect.units_before_feed
+        ):
             message = f"F is read before {code.word.written} takes effect"
             self.here.caution("feed-before-units", message, word, "write F on the next line")
         if word.number <= 0:
@@ -335,12 +372,17 @@ class Interpreter:
             saved = self._saved[-1]
             if saved is None:
                 raise fault(
-                    "state-not-saved", "M72 without a saved state", code.word, "save it with M70 before, at the same level of calls"
+                    "state-not-saved",
+                    "M72 without a saved state",
+                    code.word,
+                    "save it with M70 before, at the same level of calls",
                 )
             self._restore(saved, code.word)
 
     def _restore(self, saved: _Saved, at: Word | None = None) -> None:
-        if self.motion.compensated and (saved[0].plane != self.modal.plane or saved[1] != self.coordinates.save()):
+        if self.motion.compensated and (
+            saved[0].plane != self.modal.plane or saved[1] != self.coordinates.save()
+        ):
             message = "another plane or coordinate system would be in effect again, under cutter compensation"
             raise fault("compensation-active", message, at, "give G40 and a move before")
         self.functions.restore(saved[0])
@@ -350,7 +392,11 @@ class Interpreter:
 
     def _stop(self, code: Code) -> None:
         if self.motion.collector:
-            raise fault("nurbs-foreign-word", f"{code.word.written} can't stand in the line of a spline", code.word)
+            raise fault(
+                "nurbs-foreign-word",
+                f"{code.word.written} can't stand in the line of a spline",
+                code.word,
+            )
         if code.number in (2, 30):
             self.sides.off()
             self.waiting.end()

@@ -1,7 +1,9 @@
-"""A text as the flow of control sees it: pages of steps, its control lines, its subroutines and its line numbers.
+"""A text as the flow of control sees it: pages of steps, its control lines, its subroutines and its
+line numbers.
 
-Only control lines are ever looked for, and they are told by the first letter of a line; all other lines are parsed when they are executed.
-What is kept grows with the number of control lines, not with the length of the text.
+Only control lines are ever looked for, and they are told by the first letter of a line; all other
+lines are parsed when they are executed. What is kept grows with the number of control lines, not
+with the length of the text.
 """
 
 from __future__ import annotations
@@ -54,7 +56,8 @@ class Mark(NamedTuple):
 class Loop:
     """Lines that may be executed again, ``first`` to ``last``.
 
-    ``at`` is where the loop is named, ``since`` the number of lines that had been executed when it was entered.
+    ``at`` is where the loop is named, ``since`` the number of lines that had been executed when it
+    was entered.
     """
 
     name: str
@@ -78,7 +81,9 @@ NOTHING = Nothing()
 
 
 class Page:
-    """A window and what each of its lines does: a step, a statement to execute, or None where that has still to be found out."""
+    """A window and what each of its lines does: a step, a statement to execute, or None where that
+    has still to be found out.
+    """
 
     __slots__ = ("count", "first", "steps", "window")
 
@@ -90,7 +95,9 @@ class Page:
 
 @dataclass(slots=True)
 class Places:
-    """Where subroutines (by label) and programs (``O100`` alone, by number) begin, and the lines where a name is given again."""
+    """Where subroutines (by label) and programs (``O100`` alone, by number) begin, and the lines
+    where a name is given again.
+    """
 
     subs: dict[str, int] = field(default_factory=dict)
     programs: dict[int, int] = field(default_factory=dict)
@@ -146,7 +153,9 @@ class Listing:
         return then.words if then else statement.words
 
     def statement(self, window: Window, index: int) -> Statement | None:
-        """The parsed line; None for a line that block delete skips unread. Errors have their place."""
+        """The parsed line; None for a line that block delete skips unread. Errors have their
+        place.
+        """
         if self._block_delete and window.text(index).lstrip(" \t").startswith("/"):
             return None
         try:
@@ -162,27 +171,35 @@ class Listing:
         line = known.line or line
         return error.at(file=self.name, line=line, text=known.text or self.source(line))
 
-    def wrong(self, line: int, control: Control, code: str, message: str, hint: str = "") -> CncError:
+    def wrong(
+        self, line: int, control: Control, code: str, message: str, hint: str = ""
+    ) -> CncError:
         """An error at a control line."""
         return self.fault(Mark(line, control.column, control.length), code, message, hint)
 
     def fault(self, at: Mark, code: str, message: str, hint: str = "") -> CncError:
         """An error at a place of this listing."""
-        return self.placed(fault(code, message, hint=hint, column=at.column, length=at.length), at.line)
+        return self.placed(
+            fault(code, message, hint=hint, column=at.column, length=at.length), at.line
+        )
 
     def control(self, line: int) -> Control:
         """The control line that stands at a line where one is known to be."""
         return next(self.control_lines(line))[1]
 
     def control_lines(self, line: int) -> Iterator[tuple[int, Control]]:
-        """The lines from ``line`` on that begin or end something; calls and jumps may be among them."""
+        """The lines from ``line`` on that begin or end something; calls and jumps may be among
+        them.
+        """
         for number, window, index in self._candidates(line):
             statement = self.statement(window, index)
             if statement is not None and statement.control is not None:
                 yield number, statement.control
 
     def places(self) -> Places:
-        """Where subroutines and programs begin. The whole text is looked through once, nothing but their first lines is parsed."""
+        """Where subroutines and programs begin. The whole text is looked through once, nothing but
+        their first lines is parsed.
+        """
         if self._places is None:
             self._places = Places()
             for number, window, index in self._candidates(1):
@@ -195,10 +212,14 @@ class Listing:
         return self._places
 
     def program_around(self, line: int) -> tuple[int, int]:
-        """First line of the program that a line belongs to, and the first line behind it (a large number for the end of the text)."""
+        """First line of the program that a line belongs to, and the first line behind it (a large
+        number for the end of the text).
+        """
         borders = self.places().borders
         index = bisect_right(borders, line)
-        return borders[index - 1] if index else 1, borders[index] if index < len(borders) else 1 << 62
+        return borders[index - 1] if index else 1, borders[index] if index < len(
+            borders
+        ) else 1 << 62
 
     def numbered(self, number: int, begin: int, end: int) -> int | None:
         """The first line from ``begin`` on, before ``end``, whose N word has the number."""

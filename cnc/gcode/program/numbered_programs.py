@@ -1,6 +1,7 @@
 """Numbered programs: M98 and M99, and FANUC's G65 with arguments.
 
-Source: LinuxCNC, "O codes", FANUC-style numbered programs; FANUC operator's manual, "Subprogram (M98, M99)" and "Custom macro", macro call.
+Source: LinuxCNC, "O codes", FANUC-style numbered programs; FANUC operator's manual, "Subprogram
+(M98, M99)" and "Custom macro", macro call.
 """
 
 from __future__ import annotations
@@ -21,13 +22,23 @@ MAX_REPEATS = 999_999_999
 LONGEST_NUMBER = 9999
 """FANUC's M98 takes P with more digits as repeats and, in its last four, the number."""
 
-_ARGUMENTS = dict(zip("ABCDEFHIJKMQRSTUVWXYZ", (1, 2, 3, 7, 8, 9, 11, 4, 5, 6, 13, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26), strict=True))
-"""FANUC's first argument list: where a letter of G65 goes. I, J and K more than once are the second list: #4 to #33 in threes."""
+_ARGUMENTS = dict(
+    zip(
+        "ABCDEFHIJKMQRSTUVWXYZ",
+        (1, 2, 3, 7, 8, 9, 11, 4, 5, 6, 13, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26),
+        strict=True,
+    )
+)
+"""FANUC's first argument list: where a letter of G65 goes. I, J and K more than once are the second
+list: #4 to #33 in threes.
+"""
 _SETS = 10
 
 
 class _Taken:
-    """Words that a call takes out of its statement, and what is left of it to be executed before."""
+    """Words that a call takes out of its statement, and what is left of it to be executed
+    before.
+    """
 
     def __init__(self, statement: Statement, letters: str, code: Word) -> None:
         computed = dict(statement.computed)
@@ -63,7 +74,11 @@ class _Taken:
         if number != number:
             return None
         if not 0 <= number <= highest or number != int(number):
-            raise fault("value-out-of-range", f"{word.written}: {what} must be a whole number from 0 to {highest}", word)
+            raise fault(
+                "value-out-of-range",
+                f"{word.written}: {what} must be a whole number from 0 to {highest}",
+                word,
+            )
         return int(number)
 
 
@@ -100,13 +115,20 @@ class ProgramCall:
         number = self.taken.whole("P", parameters, "the number of a program", MAX_PROGRAM)
         if number is None:
             written = self.code.written
-            raise fault("program-number-missing", f"{written} needs P, the number of a program", self.code, f"such as {written} P100")
+            raise fault(
+                "program-number-missing",
+                f"{written} needs P, the number of a program",
+                self.code,
+                f"such as {written} P100",
+            )
         repeats = self.taken.whole("L", parameters, "the number of repeats", MAX_REPEATS)
         if repeats is None and self.macro and self.arguments is None and number > LONGEST_NUMBER:
             return number % (LONGEST_NUMBER + 1), number // (LONGEST_NUMBER + 1)
         return number, 1 if repeats is None else repeats
 
-    def _computed(self, arguments: list[tuple[int, Word, Value | None]], parameters: Parameters) -> list[float]:
+    def _computed(
+        self, arguments: list[tuple[int, Word, Value | None]], parameters: Parameters
+    ) -> list[float]:
         found = [math.nan] * LOCAL_MACRO
         for number, word, value in arguments:
             found[number - 1] = word.number if value is None else value(parameters)
@@ -126,20 +148,35 @@ class ProgramCall:
         for listing in (flow.listing, flow.main, *([file] if file else [])):
             if str(number) in listing.places().subs:
                 hint = f"call it with o{number} call"
-                raise fault("call-style-mixed", f"o{number} is a sub, not a program", self.taken.values["P"][0], hint)
-        hint = f"O{number} stands nowhere in this file, and no folder of subroutines has {number}.ngc"
-        raise fault("program-unknown", f"there is no program O{number}", self.taken.values["P"][0], hint)
+                raise fault(
+                    "call-style-mixed",
+                    f"o{number} is a sub, not a program",
+                    self.taken.values["P"][0],
+                    hint,
+                )
+        hint = (
+            f"O{number} stands nowhere in this file, and no folder of subroutines has {number}.ngc"
+        )
+        raise fault(
+            "program-unknown", f"there is no program O{number}", self.taken.values["P"][0], hint
+        )
 
     def _in(self, listing: Listing, number: int) -> int | None:
         places = listing.places()
         if again := places.programs_again.get(number):
             message = f"O{number} begins in line {places.programs[number]} already"
-            raise listing.wrong(again, listing.control(again), "program-repeated", message, "take another number")
+            raise listing.wrong(
+                again, listing.control(again), "program-repeated", message, "take another number"
+            )
         return places.programs.get(number)
 
 
-def _arguments(statement: Statement, code: Word) -> tuple[Statement, list[tuple[int, Word, Value | None]]]:
-    """The statement of G65 without its arguments, and the variable each argument goes to; a later one takes the place of an earlier."""
+def _arguments(
+    statement: Statement, code: Word
+) -> tuple[Statement, list[tuple[int, Word, Value | None]]]:
+    """The statement of G65 without its arguments, and the variable each argument goes to; a later
+    one takes the place of an earlier.
+    """
     computed = dict(statement.computed)
     kept: list[Word] = []
     left: list[tuple[int, Value]] = []
@@ -156,10 +193,18 @@ def _arguments(statement: Statement, code: Word) -> tuple[Statement, list[tuple[
             continue
         if word.letter not in _ARGUMENTS:
             raise fault(
-                "argument-bad", f"{word.written} is no argument of G65", word, "arguments have the letters A to F, H to K, M and Q to Z"
+                "argument-bad",
+                f"{word.written} is no argument of G65",
+                word,
+                "arguments have the letters A to F, H to K, M and Q to Z",
             )
         if not behind:
-            raise fault("argument-bad", f"{word.written} stands before G65", word, "write arguments behind G65")
+            raise fault(
+                "argument-bad",
+                f"{word.written} stands before G65",
+                word,
+                "write arguments behind G65",
+            )
         number = _ARGUMENTS[word.letter]
         if word.letter in "IJK":
             # A letter that does not come after the one before it begins another three.
@@ -167,7 +212,11 @@ def _arguments(statement: Statement, code: Word) -> tuple[Statement, list[tuple[
             last = word.letter
             number += 3 * (threes - 1)
             if threes > _SETS:
-                raise fault("argument-bad", f"{word.written}: G65 takes I, J and K {_SETS} times at most", word)
+                raise fault(
+                    "argument-bad",
+                    f"{word.written}: G65 takes I, J and K {_SETS} times at most",
+                    word,
+                )
         elif word.letter in given:
             raise fault("word-repeated", f"{word.letter} is given twice in this line", word)
         given.add(word.letter)
@@ -195,7 +244,12 @@ class ProgramReturn:
         frame = flow.frame
         if frame.kind == "sub":
             message = f"{self.code.written} in subroutine {frame.name} of line {frame.scope}"
-            raise fault("call-style-mixed", message, self.code, f"{frame.name} endsub and {frame.name} return lead back")
+            raise fault(
+                "call-style-mixed",
+                message,
+                self.code,
+                f"{frame.name} endsub and {frame.name} return lead back",
+            )
         if frame.kind == "main":
             if block is None:
                 message = f"{self.code.written} in the main program would begin it again, for ever"
@@ -207,7 +261,9 @@ class ProgramReturn:
             return frame.begin
         if block is None:
             return flow.leave()
-        to = self._jump(flow, frame.caller, block, frame.at.line, Back(f"the call of {frame.name}", frame.at))
+        to = self._jump(
+            flow, frame.caller, block, frame.at.line, Back(f"the call of {frame.name}", frame.at)
+        )
         flow.leave()
         return to
 

@@ -1,6 +1,7 @@
 """A program from its first line to its end.
 
-There is a line number and no tree of the program: each line becomes a step once, and is executed as often as the flow of control comes by.
+There is a line number and no tree of the program: each line becomes a step once, and is executed as
+often as the flow of control comes by.
 """
 
 from __future__ import annotations
@@ -48,20 +49,25 @@ def interpret(
 ) -> Iterator[Block]:
     """The canonical blocks of a program, as its lines are read.
 
-    ``text`` names the program in blocks and errors. ``axes`` are the machine's, in the order of the columns of every position; ``start`` is
-    the machine position (axes,) at the start, zeros by default. With ``block_delete`` lines that begin with ``/`` are skipped unread.
-    ``warn`` is given what is legal but odd. ``parameters`` are what the program finds, and changes. ``folders`` are where subroutines in
-    files are found, the program's own folder among them if it is to be. ``on_line`` is told the number of executed lines now and then.
-    With ``mark_calls`` the calls of the main program stand among the blocks (:class:`cnc.model.blocks.Called`).
+    ``text`` names the program in blocks and errors. ``axes`` are the machine's, in the order of the
+    columns of every position; ``start`` is the machine position (axes,) at the start, zeros by
+    default. With ``block_delete`` lines that begin with ``/`` are skipped unread. ``warn`` is given
+    what is legal but odd. ``parameters`` are what the program finds, and changes. ``folders`` are
+    where subroutines in files are found, the program's own folder among them if it is to be.
+    ``on_line`` is told the number of executed lines now and then. With ``mark_calls`` the calls of
+    the main program stand among the blocks (:class:`cnc.model.blocks.Called`).
 
-    Reading stops at M2, M30 or a second ``%``. Raises GcodeError at the first fault, with file, line, column, source text and hint;
-    blocks of the lines before may have been handed on by then. Raises UsageError ``unknown-dialect``, ``unreadable-file``.
+    Reading stops at M2, M30 or a second ``%``. Raises GcodeError at the first fault, with file,
+    line, column, source text and hint; blocks of the lines before may have been handed on by then.
+    Raises UsageError ``unknown-dialect``, ``unreadable-file``.
     """
     position = [0.0] * len(axes) if start is None else [float(value) for value in start]
     spoken = dialects.load(dialect)
     known = Parameters(macro=spoken.flavour == "macro-b") if parameters is None else parameters
     interpreter = Interpreter(text.name, axes, spoken, position, known, warn, tools)
-    syntax = Syntax(spoken.flavour, siemens=spoken.siemens, dollar=spoken.dollar, dialect=spoken.name)
+    syntax = Syntax(
+        spoken.flavour, siemens=spoken.siemens, dollar=spoken.dollar, dialect=spoken.name
+    )
     listing = Listing(text, syntax, block_delete=block_delete)
     library = subprograms.Library(folders, syntax, block_delete=block_delete)
     flow = Flow(interpreter, listing, library, limits, mark_calls=mark_calls)
@@ -69,7 +75,9 @@ def interpret(
 
 
 def _run(flow: Flow, make: _Steps, on_line: Callable[[int], None] | None) -> Iterator[Block]:
-    """Line by line. Everything that a line needs is a local variable: loops execute millions of them."""
+    """Line by line. Everything that a line needs is a local variable: loops execute millions of
+    them.
+    """
     interpreter, listing = flow.interpreter, flow.listing
     execute, ready = interpreter.execute, interpreter.out.ready
     repeated_lines = flow.limits.repeated_lines
@@ -92,7 +100,8 @@ def _run(flow: Flow, make: _Steps, on_line: Callable[[int], None] | None) -> Ite
             if step is None:
                 assert page is not None
                 step = make.step(page, index)
-                # Of a long program's lines few ever come again: what is kept would keep the garbage collector busy.
+                # Of a long program's lines few ever come again: what is kept would keep the garbage
+                # collector busy.
                 if line <= listing.high or step.__class__ not in (_Move, Statement):
                     steps[index] = step
                 if line > listing.high:
@@ -143,11 +152,16 @@ class _Steps:
         self._lane = StraightLane(flow.interpreter)
 
     def step(self, page: Page, index: int) -> Step | Statement:
-        """What a line does. GcodeError if it makes no sense, or if the block that it opens does not."""
+        """What a line does. GcodeError if it makes no sense, or if the block that it opens does
+        not.
+        """
         listing, line, window = self._flow.listing, page.first + index, page.window
         if window.straight[index] >= SHORTEST:
             return _Run(self._lane, window)
-        if window.plain[index] and not (self._flow.interpreter.points_wanted and window.find(WITHOUT_POINT, index, index + 1) == index):
+        if window.plain[index] and not (
+            self._flow.interpreter.points_wanted
+            and window.find(WITHOUT_POINT, index, index + 1) == index
+        ):
             letters, numbers = window.scan.words(index)
             if not letters:
                 return NOTHING
@@ -168,11 +182,27 @@ class _Steps:
             raise control_flow.not_ended(flow, "before the end of the file")
         flow.interpreter.end_of_file()
         if self._dialect.program_end:
-            last = next((number for number in range(line - 1, 0, -1) if flow.listing.source(number).strip()), 1)
+            last = next(
+                (
+                    number
+                    for number in range(line - 1, 0, -1)
+                    if flow.listing.source(number).strip()
+                ),
+                1,
+            )
             text = flow.listing.source(last)
             at = Mark(last, 1 if text else 0, max(len(text), 1))
-            message = "the program begins with % and has no second one" if flow.percent else "the program ends without M2 or M30"
-            raise flow.listing.fault(at, "program-end-missing", message, "end it with M2 or M30, or put it between two lines of %")
+            message = (
+                "the program begins with % and has no second one"
+                if flow.percent
+                else "the program ends without M2 or M30"
+            )
+            raise flow.listing.fault(
+                at,
+                "program-end-missing",
+                message,
+                "end it with M2 or M30, or put it between two lines of %",
+            )
 
     def _of_control(self, line: int, line_control: Control) -> Step:
         flow = self._flow
@@ -180,10 +210,13 @@ class _Steps:
         if step is None:
             if line_control.keyword == "if-then":
                 assert line_control.then is not None
-                step = control_flow.Conditional(flow.parameters, line_control.values[0], line_control.then)
+                step = control_flow.Conditional(
+                    flow.parameters, line_control.values[0], line_control.then
+                )
             else:
                 step = _MAKERS[line_control.keyword](flow, line, line_control)
-            # A jump knows the loop that it makes. Calls know nothing: a program may be a million of them.
+            # A jump knows the loop that it makes. Calls know nothing: a program may be a million of
+            # them.
             if line_control.keyword in _JUMPS:
                 flow.listing.steps[line] = step
         return step
@@ -204,7 +237,9 @@ class _Steps:
 
 
 _JUMPS = ("goto", "if-goto")
-_MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = block_matching.MAKERS | subprograms.MAKERS
+_MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
+    block_matching.MAKERS | subprograms.MAKERS
+)
 
 
 class _Run:
@@ -240,7 +275,11 @@ class _Move:
 
     def run(self, flow: Flow, line: int) -> int:
         """The quick way, or the long one where it needs a closer look."""
-        return line + 1 if flow.interpreter.execute_move(self._move, line) else _executed(flow, self._window, line)
+        return (
+            line + 1
+            if flow.interpreter.execute_move(self._move, line)
+            else _executed(flow, self._window, line)
+        )
 
 
 def _executed(flow: Flow, window: Window, line: int) -> int:

@@ -1,4 +1,6 @@
-"""Subroutines of O-words, sub and call and return, and the files that they may stand in. Source: LinuxCNC, "O codes"."""
+"""Subroutines of O-words, sub and call and return, and the files that they may stand in. Source:
+LinuxCNC, "O codes".
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ class Library:
         self._listings: dict[Path, Listing] = {}
 
     def find(self, label: str, at: Mark) -> Listing | None:
-        """The file of a name (``<name>``) or a number. Raises GcodeError for a name that would lead out of the folders."""
+        """The file of a name (``<name>``) or a number. Raises GcodeError for a name that would lead
+        out of the folders.
+        """
         name = label.strip("<>")
         if not _FILE_NAME.fullmatch(name):
             if any(part in name for part in ("/", "\\", "..")):
@@ -43,7 +47,9 @@ class Library:
             return None
         for folder in self.folders:
             for file in _file_names(name):
-                if os.path.isfile(folder / file):  # False, too, for a folder that can't be read and a name too long for a file
+                if os.path.isfile(
+                    folder / file
+                ):  # False, too, for a folder that can't be read and a name too long for a file
                     return self._listing(folder, file, at)
         return None
 
@@ -75,7 +81,9 @@ def _outside(message: str, at: Mark) -> CncError:
 
 
 class Definition:
-    """A subroutine as it is reached in the program: it is passed by. ``end`` is the line of its endsub."""
+    """A subroutine as it is reached in the program: it is passed by. ``end`` is the line of its
+    endsub.
+    """
 
     __slots__ = ("end", "label", "line", "listing", "name")
 
@@ -83,7 +91,9 @@ class Definition:
         """Read its control lines up to its end."""
         if not isinstance(control.label, str):
             hint = "only a call may compute its label"
-            raise listing.wrong(line, control, "label-computed", "the label of sub must be written as it is", hint)
+            raise listing.wrong(
+                line, control, "label-computed", "the label of sub must be written as it is", hint
+            )
         self.listing, self.line, self.label = listing, line, control.label
         self.name = f"o{self.label}"
         self.end = self._end(control)
@@ -99,11 +109,15 @@ class Definition:
                     if other.label == self.label:
                         return line
                     message = f"{shown(other)} inside {self.name} sub of line {self.line}"
-                    raise self.listing.wrong(line, other, "sub-not-open", message, f"write {self.name} endsub")
+                    raise self.listing.wrong(
+                        line, other, "sub-not-open", message, f"write {self.name} endsub"
+                    )
                 case "program":
                     break
         message = f"{self.name} sub is not closed"
-        raise self.listing.wrong(self.line, control, "sub-not-closed", message, f"{self.name} endsub is missing")
+        raise self.listing.wrong(
+            self.line, control, "sub-not-closed", message, f"{self.name} endsub is missing"
+        )
 
     def run(self, flow: Flow, line: int) -> int:
         """Pass it by."""
@@ -152,17 +166,32 @@ class Call:
                 definition = self._look_up(flow, self._number(label, parameters))
         flow.value = None
         listing = definition.listing
-        frame = Frame("sub", definition.name, listing, definition.line + 1, definition.line, flow.listing, self.at, line + 1)
+        frame = Frame(
+            "sub",
+            definition.name,
+            listing,
+            definition.line + 1,
+            definition.line,
+            flow.listing,
+            self.at,
+            line + 1,
+        )
         return flow.enter(frame, arguments)
 
     def _number(self, label: Value, parameters: Parameters) -> str:
         number = label(parameters)
         if not 0 <= number <= MAX_LABEL or number != int(number):
-            raise self._fault("label-bad", f"o[..] comes to {number:g}, which is no label", "labels are whole numbers from 0")
+            raise self._fault(
+                "label-bad",
+                f"o[..] comes to {number:g}, which is no label",
+                "labels are whole numbers from 0",
+            )
         return str(int(number))
 
     def _look_up(self, flow: Flow, label: str) -> Definition:
-        """In this file or the main program, where what was passed already comes first, or in a file of its own."""
+        """In this file or the main program, where what was passed already comes first, or in a file
+        of its own.
+        """
         here = (flow.listing, flow.main)
         for listing in here:
             if found := listing.subs.get(label):
@@ -174,12 +203,26 @@ class Call:
         if file is not None:
             if found := self._in(file, label):
                 return found
-            raise self._fault("sub-file-empty", f"{file.name} has no o{label} sub", "the subroutine's label is the file's name")
+            raise self._fault(
+                "sub-file-empty",
+                f"{file.name} has no o{label} sub",
+                "the subroutine's label is the file's name",
+            )
         if label.isdigit() and any(int(label) in listing.places().programs for listing in here):
-            raise self._fault("call-style-mixed", f"O{label} is a program, not a sub", f"call it with M98 P{label}")
-        near = difflib.get_close_matches(label, {*flow.listing.places().subs, *flow.main.places().subs}, 1)
+            raise self._fault(
+                "call-style-mixed",
+                f"O{label} is a program, not a sub",
+                f"call it with M98 P{label}",
+            )
+        near = difflib.get_close_matches(
+            label, {*flow.listing.places().subs, *flow.main.places().subs}, 1
+        )
         file_name = _file_names(label.strip("<>"))[0]
-        hint = f"did you mean o{near[0]}?" if near else f"o{label} sub is not in this file, and {file_name} in no folder of subroutines"
+        hint = (
+            f"did you mean o{near[0]}?"
+            if near
+            else f"o{label} sub is not in this file, and {file_name} in no folder of subroutines"
+        )
         raise self._fault("sub-unknown", f"there is no subroutine o{label}", hint)
 
     def _in(self, listing: Listing, label: str) -> Definition | None:
@@ -204,7 +247,9 @@ def call_at(flow: Flow, line: int, control: Control) -> Step:
 
 
 class Return:
-    """``o1 return [..]`` and ``o1 endsub [..]``; a return leaves the subroutine that it stands in, whatever its label (LinuxCNC's way)."""
+    """``o1 return [..]`` and ``o1 endsub [..]``; a return leaves the subroutine that it stands in,
+    whatever its label (LinuxCNC's way).
+    """
 
     __slots__ = ("control",)
 
@@ -216,11 +261,18 @@ class Return:
         frame, control = flow.frame, self.control
         label = control.label if isinstance(control.label, str) else "[..]"
         if frame.kind != "sub":
-            raise fault("sub-not-open", f"{shown(control)} outside of a subroutine", column=control.column, length=control.length)
+            raise fault(
+                "sub-not-open",
+                f"{shown(control)} outside of a subroutine",
+                column=control.column,
+                length=control.length,
+            )
         if control.keyword == "endsub" and frame.name != f"o{label}":
             message = f"{shown(control)} in subroutine {frame.name} of line {frame.scope}"
             hint = f"write {frame.name} {control.keyword}"
-            raise fault("sub-not-open", message, column=control.column, length=control.length, hint=hint)
+            raise fault(
+                "sub-not-open", message, column=control.column, length=control.length, hint=hint
+            )
         value = control.values[0](flow.parameters) if control.values else None
         flow.value = value
         return flow.leave()
@@ -231,5 +283,10 @@ def return_at(flow: Flow, line: int, control: Control) -> Step:
     return Return(control)
 
 
-MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = {"sub": sub_at, "endsub": return_at, "return": return_at, "call": call_at}
+MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = {
+    "sub": sub_at,
+    "endsub": return_at,
+    "return": return_at,
+    "call": call_at,
+}
 """What makes the step of a control line, by its keyword."""

@@ -3,10 +3,12 @@
     G5 X Y I J P Q      cubic: I J from the start to the first control point, P Q from the end to the second
     G5.1 X Y I J        quadratic: I J from the start to the control point, 0 where one is left out
 
-As LinuxCNC documents them ("G5 Cubic Spline", "G5.1 Quadratic Spline"), but in every plane: I goes with X, J with Y and K with Z, and P and
-Q are the second point's offsets along the plane's first and second axis (X Y, Z X, Y Z). The offsets are always seen from the start or the
-end, G90.1 or not. Only the plane's two axes move. A G5 that comes right after another may leave out I and J: it goes on in the direction,
-and at the pace, in which the one before ended (its -P -Q); "right after" means that nothing has moved between.
+As LinuxCNC documents them ("G5 Cubic Spline", "G5.1 Quadratic Spline"), but in every plane: I goes
+with X, J with Y and K with Z, and P and Q are the second point's offsets along the plane's first
+and second axis (X Y, Z X, Y Z). The offsets are always seen from the start or the end, G90.1 or
+not. Only the plane's two axes move. A G5 that comes right after another may leave out I and J: it
+goes on in the direction, and at the pace, in which the one before ended (its -P -Q); "right after"
+means that nothing has moved between.
 """
 
 from __future__ import annotations
@@ -64,7 +66,11 @@ class _Splines:
             )
         second = self._vector(p, q)
         self._make("G5", words, [start, _plus(start, first), _plus(end, second), end], at)
-        self._end, self._plane, self._onward = self._motion.position, self._state.plane, [-value for value in second]
+        self._end, self._plane, self._onward = (
+            self._motion.position,
+            self._state.plane,
+            [-value for value in second],
+        )
 
     def quadratic(self, words: LineWords, code: Code | None) -> None:
         """G5.1."""
@@ -76,7 +82,12 @@ class _Splines:
         if not any(word and word.number for word in offsets):
             given = next((word for word in offsets if word), at)
             message = f"G5.1 needs {letters[0]} or {letters[1]}, not both 0"
-            raise fault("spline-control-point-missing", message, given, "they are the control point's offset from the start")
+            raise fault(
+                "spline-control-point-missing",
+                message,
+                given,
+                "they are the control point's offset from the start",
+            )
         self._make("G5.1", words, [start, _plus(start, self._vector(*offsets)), end], at)
 
     def _begin(self, words: LineWords, code: Code | None, user: str) -> Word:
@@ -90,7 +101,11 @@ class _Splines:
                 raise fault("spline-axis", message, word, "choose the plane by G17, G18 or G19")
         if not words.has_axis():
             look_ahead = words.rest.keys() <= {"P", "Q"}
-            hint = "FANUC's look-ahead modes G05 P10000 and G05.1 Q1 are no matter here: leave them out" if look_ahead else ""
+            hint = (
+                "FANUC's look-ahead modes G05 P10000 and G05.1 Q1 are no matter here: leave them out"
+                if look_ahead
+                else ""
+            )
             raise fault("axis-words-missing", f"{user} needs axis words: its end point", at, hint)
         return at
 
@@ -106,13 +121,22 @@ class _Splines:
         offsets = [words.take(letter, "G5") for letter in letters]
         given = [word for word in offsets if word]
         if len(given) == 1:
-            message = f"G5 needs both {letters[0]} and {letters[1]}, or neither right after another G5"
-            raise fault("spline-control-point-missing", message, given[0], "they are the first control point's offset from the start")
+            message = (
+                f"G5 needs both {letters[0]} and {letters[1]}, or neither right after another G5"
+            )
+            raise fault(
+                "spline-control-point-missing",
+                message,
+                given[0],
+                "they are the first control point's offset from the start",
+            )
         if given:
             return self._vector(*offsets)
         if self._motion.position is not self._end or self._state.plane != self._plane:
             message = f"G5 without {letters[0]} and {letters[1]}, but no G5 of this plane right before it to go on from"
-            raise fault("spline-tangent-missing", message, at, f"give {letters[0]} and {letters[1]}")
+            raise fault(
+                "spline-tangent-missing", message, at, f"give {letters[0]} and {letters[1]}"
+            )
         return self._onward
 
     def _vector(self, first: Word | None, second: Word | None) -> Vector:
@@ -132,10 +156,16 @@ class _Splines:
         points, weights = np.array(control), np.ones(len(control))
         knots = curves.bezier_knots(len(control) - 1)
         # Only inverse time asks how long the way is.
-        way = curves.length(knots, points, weights) if self._state.feed_mode == "inverse-time" else 0.0
+        way = (
+            curves.length(knots, points, weights)
+            if self._state.feed_mode == "inverse-time"
+            else 0.0
+        )
         motion, here = self._motion, self._here
         feed = motion.feed(words, list(control[-1]), way, at)
-        motion.spline(NurbsFeed(here.file, here.line, len(control) - 1, knots, points, weights, feed))
+        motion.spline(
+            NurbsFeed(here.file, here.line, len(control) - 1, knots, points, weights, feed)
+        )
 
 
 def _plus(point: Vector, way: Vector) -> Vector:

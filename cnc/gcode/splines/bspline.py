@@ -5,14 +5,18 @@
     X Y Z ..
     G1 ..               any other motion code, another BSPLINE or the end of the program completes the curve
 
-The first control point is the position before, its weight 1. The curve starts and ends in its first and last control point, along the
-polygon: its knots are clamped. Source: SINUMERIK 840D sl, Programming Manual Job Planning, "Spline interpolation (ASPLINE, BSPLINE,
-CSPLINE, BAUTO, BNAT, BTAN, EAUTO, ENAT, ETAN, PW, SD, PL)": PL is the parameter interval length, the distance between two knots.
+The first control point is the position before, its weight 1. The curve starts and ends in its first
+and last control point, along the polygon: its knots are clamped. Source: SINUMERIK 840D sl,
+Programming Manual Job Planning, "Spline interpolation (ASPLINE, BSPLINE, CSPLINE, BAUTO, BNAT,
+BTAN, EAUTO, ENAT, ETAN, PW, SD, PL)": PL is the parameter interval length, the distance between two
+knots.
 
-A curve of degree p and n + 1 control points has n + 1 - p pieces, each governed by p + 1 points one after another. The manual leaves open
-which line's PL belongs to which piece; here it is the piece that the line's point completes, PL = u(i+1) - u(i) for point i of the clamped
-knots u, which is also what differences of a CAM system's knots give. So the first p - 1 lines after the start complete no piece: a PL there
-must be 0, or the one length that all the curve's PLs have, when it makes no difference. PL=0 further on makes a multiple knot.
+A curve of degree p and n + 1 control points has n + 1 - p pieces, each governed by p + 1 points one
+after another. The manual leaves open which line's PL belongs to which piece; here it is the piece
+that the line's point completes, PL = u(i+1) - u(i) for point i of the clamped knots u, which is
+also what differences of a CAM system's knots give. So the first p - 1 lines after the start
+complete no piece: a PL there must be 0, or the one length that all the curve's PLs have, when it
+makes no difference. PL=0 further on makes a multiple knot.
 """
 
 from __future__ import annotations
@@ -51,14 +55,18 @@ class ControlPolygon(Gathering):
         self._intervals: list[Place | None] = []
 
     def first(self, words: LineWords) -> None:
-        """The words of the BSPLINE line itself; words of no use here stay for the caller to refuse."""
+        """The words of the BSPLINE line itself; words of no use here stay for the caller to
+        refuse.
+        """
         if size := words.take("SD", "BSPLINE"):
             self._degree = whole(size, "the degree", 2, 3)
         self.company(words)
         self._point(words, self.start.word)
 
     def line(self, words: LineWords, codes: Codes) -> bool:
-        """A line while BSPLINE is in effect; False for the one that completes the curve and is still to be executed."""
+        """A line while BSPLINE is in effect; False for the one that completes the curve and is
+        still to be executed.
+        """
         if leaving(codes):
             self._complete()
             return False
@@ -67,7 +75,9 @@ class ControlPolygon(Gathering):
             self._read_feed(words, {})
         elif feed := words.rest.get("F"):
             message = f"{feed.written} inside a curve: one feed holds for the whole of it"
-            raise fault("nurbs-foreign-word", message, feed, "give F before the second control point")
+            raise fault(
+                "nurbs-foreign-word", message, feed, "give F before the second control point"
+            )
         self._point(words, None)
         self.no_words(words)
         return True
@@ -89,25 +99,33 @@ class ControlPolygon(Gathering):
             self._intervals.append(Place.of(interval, self.here) if interval else None)
         elif word := interval or weight:
             what = "an interval" if interval else "a weight"
-            raise fault("nurbs-foreign-word", f"{word.written} is {what} without a control point", word)
+            raise fault(
+                "nurbs-foreign-word", f"{word.written} is {what} without a control point", word
+            )
 
     def _complete(self) -> None:
         degree, count = self._degree, len(self.points)
         if count <= degree:
-            raise self.start.fault("nurbs-too-few-points", self.too_few(degree), "the position before BSPLINE counts")
+            raise self.start.fault(
+                "nurbs-too-few-points", self.too_few(degree), "the position before BSPLINE counts"
+            )
         lengths = [place.word.number if place else 1.0 for place in self._intervals]
         early, pieces = self._intervals[: degree - 1], lengths[degree - 1 :]
         if len(set(lengths)) > 1:
             for place in early:
                 if place and place.word.number:
-                    message = f"{place.word.written}: this control point completes no piece of the curve"
+                    message = (
+                        f"{place.word.written}: this control point completes no piece of the curve"
+                    )
                     hint = f"the first {degree - 1} of a curve of degree {degree} have PL=0 or none"
                     raise place.fault("nurbs-interval-unused", message, hint)
         self._check_multiplicities(pieces)
         self.make(knots.clamped(pieces, degree), self._feed)
 
     def _check_multiplicities(self, pieces: list[float]) -> None:
-        """The first and the last piece must not be empty, and no more than degree - 1 in a row between."""
+        """The first and the last piece must not be empty, and no more than degree - 1 in a row
+        between.
+        """
         empty = 0
         for index, piece in enumerate(pieces):
             empty = 0 if piece else empty + 1

@@ -1,6 +1,8 @@
-"""What the ways to write a NURBS over many lines share: points and weights so far, and what may not stand inside.
+"""What the ways to write a NURBS over many lines share: points and weights so far, and what may not
+stand inside.
 
-A collector holds the lines between the code that opens a curve and the one that completes it; ``motion.collector`` is the one at work.
+A collector holds the lines between the code that opens a curve and the one that completes it;
+``motion.collector`` is the one at work.
 """
 
 from __future__ import annotations
@@ -47,13 +49,17 @@ class Place:
 
     def put(self, error: GcodeError) -> GcodeError:
         """The error, in this line."""
-        return GcodeError(replace(error.diagnostic, file=self.file, line=self.line, text=self.text_of(self.line)))
+        return GcodeError(
+            replace(error.diagnostic, file=self.file, line=self.line, text=self.text_of(self.line))
+        )
 
 
 class Gathering:
-    """Control points in machine coordinates and their weights, the first point being the position where the curve begins.
+    """Control points in machine coordinates and their weights, the first point being the position
+    where the curve begins.
 
-    ``name`` is the code that opens the curve and ``holds`` what its lines may hold, both as errors name them.
+    ``name`` is the code that opens the curve and ``holds`` what its lines may hold, both as errors
+    name them.
     """
 
     def __init__(self, name: str, holds: str, start: Word, motion: Motion, here: Here) -> None:
@@ -66,8 +72,13 @@ class Gathering:
         self.weights = [1.0]
 
     def company(self, words: LineWords) -> None:
-        """Refuse what may not stand in the line that opens a curve: nothing but modes of the language goes with it."""
-        strangers = [*words.m, *(word for word in words.g if GROUP_OF_G.get(word.tenths) == "non-modal")]
+        """Refuse what may not stand in the line that opens a curve: nothing but modes of the
+        language goes with it.
+        """
+        strangers = [
+            *words.m,
+            *(word for word in words.g if GROUP_OF_G.get(word.tenths) == "non-modal"),
+        ]
         strangers += [words.users[letter][1] for letter in "ST" if letter in words.users]
         for word in strangers[:1]:
             message = f"{word.written} can't stand in the line of {self.name}"
@@ -75,10 +86,17 @@ class Gathering:
 
     def axes(self, words: LineWords) -> list[Word]:
         """The axis words of a line from left to right: X, Y and Z alone move along a NURBS."""
-        found = sorted((word for word in words.rest.values() if word.letter in AXES), key=lambda word: word.column)
+        found = sorted(
+            (word for word in words.rest.values() if word.letter in AXES),
+            key=lambda word: word.column,
+        )
         for word in found:
             if word.letter in _ROTARY:
-                raise fault("nurbs-rotary-axis", f"{word.written}: rotary axes can't move along a NURBS", word)
+                raise fault(
+                    "nurbs-rotary-axis",
+                    f"{word.written}: rotary axes can't move along a NURBS",
+                    word,
+                )
             if word.letter not in POINT_AXES:
                 raise self.foreign(word)
         return found
@@ -95,7 +113,12 @@ class Gathering:
 
     def foreign(self, word: Word) -> GcodeError:
         """The error for a word that may not stand inside the curve."""
-        return fault("nurbs-foreign-word", f"{word.written} can't stand inside {self.name}", word, f"its lines hold {self.holds} only")
+        return fault(
+            "nurbs-foreign-word",
+            f"{word.written} can't stand inside {self.name}",
+            word,
+            f"its lines hold {self.holds} only",
+        )
 
     def too_few(self, degree: int) -> str:
         """What is wrong with so few points."""
@@ -104,9 +127,14 @@ class Gathering:
     def make(self, knots: NDArray[np.float64], feed: float) -> None:
         """The curve is complete: make the move."""
         degree = len(knots) - len(self.points) - 1
-        points, weights = np.array(self.points, dtype=np.float64), np.array(self.weights, dtype=np.float64)
+        points, weights = (
+            np.array(self.points, dtype=np.float64),
+            np.array(self.weights, dtype=np.float64),
+        )
         self.motion.collector = None
-        self.motion.spline(NurbsFeed(self.start.file, self.start.line, degree, knots, points, weights, feed))
+        self.motion.spline(
+            NurbsFeed(self.start.file, self.start.line, degree, knots, points, weights, feed)
+        )
 
 
 def weight_of(word: Word) -> float:
@@ -125,8 +153,17 @@ def leaving(codes: Codes) -> Code | None:
 
 
 def check_mode(state: Modal, word: Word, code: str = "", *, inverse_time: bool = False) -> None:
-    """Refuse a spline under cutter compensation, and, unless ``inverse_time`` goes, under G93; ``code`` is that of both errors."""
+    """Refuse a spline under cutter compensation, and, unless ``inverse_time`` goes, under G93;
+    ``code`` is that of both errors.
+    """
     if state.compensation:
-        raise fault(code or "compensation-active", f"{word.written} under cutter compensation", word, "give G40 and a move before")
+        raise fault(
+            code or "compensation-active",
+            f"{word.written} under cutter compensation",
+            word,
+            "give G40 and a move before",
+        )
     if state.feed_mode == "inverse-time" and not inverse_time:
-        raise fault(code or "nurbs-wrong-mode", f"{word.written} under G93", word, "give G94 before")
+        raise fault(
+            code or "nurbs-wrong-mode", f"{word.written} under G93", word, "give G94 before"
+        )

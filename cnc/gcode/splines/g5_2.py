@@ -5,11 +5,13 @@
     X Y P
     G5.3                the curve is complete
 
-As LinuxCNC documents it ("G5.2 G5.3 NURBS Block"): where the G5.2 line has axis words they are the second control point, and P is its
-weight; the knots are uniform and clamped, 0 .. 0 1 2 .. n .. n. Control points are points in space: X Y, or any two of X Y Z or all three,
-the same in every line, whatever the plane. Two things are not as LinuxCNC does them: a weight left out in the first line is 1, and words of
-another axis are not dropped. Under G91 control points are seen from the position where the curve begins, as they are in LinuxCNC. One feed
-holds for the whole curve: the last F that was given before G5.3; under G93 that of the G5.2 line, for the curve as a whole.
+As LinuxCNC documents it ("G5.2 G5.3 NURBS Block"): where the G5.2 line has axis words they are the
+second control point, and P is its weight; the knots are uniform and clamped, 0 .. 0 1 2 .. n .. n.
+Control points are points in space: X Y, or any two of X Y Z or all three, the same in every line,
+whatever the plane. Two things are not as LinuxCNC does them: a weight left out in the first line is
+1, and words of another axis are not dropped. Under G91 control points are seen from the position
+where the curve begins, as they are in LinuxCNC. One feed holds for the whole curve: the last F that
+was given before G5.3; under G93 that of the G5.2 line, for the curve as a whole.
 """
 
 from __future__ import annotations
@@ -18,7 +20,14 @@ import numpy as np
 
 from cnc.gcode.codes.motion import MIN_FEED, Motion
 from cnc.gcode.splines import knots as curves
-from cnc.gcode.splines.collecting import MAX_ORDER, Gathering, ReadFeed, check_mode, leaving, weight_of
+from cnc.gcode.splines.collecting import (
+    MAX_ORDER,
+    Gathering,
+    ReadFeed,
+    check_mode,
+    leaving,
+    weight_of,
+)
 from cnc.gcode.state.modal_groups import Code, Codes, Modal
 from cnc.gcode.state.source_location import Here
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
@@ -39,7 +48,12 @@ def register(motion: Motion, state: Modal, here: Here, read_feed: ReadFeed) -> N
 
     def close(words: LineWords, code: Code | None) -> None:
         assert code is not None, "G5.3 is not in effect after its line"
-        raise fault("nurbs-not-open", f"{code.word.written} without a G5.2 before", code.word, "open the curve by G5.2")
+        raise fault(
+            "nurbs-not-open",
+            f"{code.word.written} without a G5.2 before",
+            code.word,
+            "open the curve by G5.2",
+        )
 
     motion.handlers[OPEN] = begin
     motion.handlers[CLOSE] = close
@@ -48,7 +62,9 @@ def register(motion: Motion, state: Modal, here: Here, read_feed: ReadFeed) -> N
 class NurbsBlock(Gathering):
     """A curve in the making. ``first`` takes the G5.2 line and ``line`` each one after it."""
 
-    def __init__(self, start: Word, motion: Motion, state: Modal, here: Here, read_feed: ReadFeed) -> None:
+    def __init__(
+        self, start: Word, motion: Motion, state: Modal, here: Here, read_feed: ReadFeed
+    ) -> None:
         super().__init__("G5.2", "X, Y, Z, P and F", start, motion, here)
         self._state = state
         self._read_feed = read_feed
@@ -85,7 +101,11 @@ class NurbsBlock(Gathering):
         if axes := self.axes(words):
             self._add_point(words, axes, weight)
         elif weight:
-            raise fault("nurbs-foreign-word", f"{weight.written} is a weight without a control point", weight)
+            raise fault(
+                "nurbs-foreign-word",
+                f"{weight.written} is a weight without a control point",
+                weight,
+            )
         self.no_words(words)
         return True
 
@@ -98,12 +118,22 @@ class NurbsBlock(Gathering):
         if self._named is None:
             if len(letters) == 1:
                 message = f"{axes[0].written} alone is no control point"
-                raise fault("nurbs-point-incomplete", message, axes[0], "give two of X, Y and Z, or all three, in every line")
+                raise fault(
+                    "nurbs-point-incomplete",
+                    message,
+                    axes[0],
+                    "give two of X, Y and Z, or all three, in every line",
+                )
             self._named = letters
         elif letters != self._named:
             names = " ".join(sorted(self._named))
             odd = next((word for word in axes if word.letter not in self._named), axes[0])
-            raise fault("nurbs-mixed-axes", f"the first control point named {names}, this one does not", odd, f"give {names} in every line")
+            raise fault(
+                "nurbs-mixed-axes",
+                f"the first control point named {names}, this one does not",
+                odd,
+                f"give {names} in every line",
+            )
         seen_from = self.points[-1] if self._state.absolute else self.points[0]
         self.points.append(self.motion.target(words, "G5.2", seen_from))
         self.weights.append(weight_of(weight) if weight else 1.0)
@@ -113,7 +143,12 @@ class NurbsBlock(Gathering):
         self.no_words(words)
         degree = self._order - 1
         if len(self.points) < self._order:
-            raise fault("nurbs-too-few-points", self.too_few(degree), code.word, "the present position counts")
+            raise fault(
+                "nurbs-too-few-points",
+                self.too_few(degree),
+                code.word,
+                "the present position counts",
+            )
         knots = curves.clamped_uniform(len(self.points), degree)
         if self._unit_feed is None:
             feed = self.motion.feed(words, self.points[-1], 0.0, code.word)

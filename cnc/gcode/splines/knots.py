@@ -1,7 +1,7 @@
 """Knots and lengths of the splines that a program writes.
 
-Source: Piegl and Tiller, "The NURBS Book", 2nd edition: clamped knots (2.1), de Boor's algorithm (A3.1, A4.1), derivatives of a rational
-curve (4.8).
+Source: Piegl and Tiller, "The NURBS Book", 2nd edition: clamped knots (2.1), de Boor's algorithm
+(A3.1, A4.1), derivatives of a rational curve (4.8).
 """
 
 from __future__ import annotations
@@ -20,13 +20,17 @@ _HALVINGS = 40
 
 
 def clamped(intervals: Sequence[float], degree: int) -> Floats:
-    """Knots from 0 on: an interval each piece of the curve, (pieces,); both ends stand degree + 1 times. (pieces + 2 degree + 1,)"""
+    """Knots from 0 on: an interval each piece of the curve, (pieces,); both ends stand degree + 1
+    times. (pieces + 2 degree + 1,)
+    """
     steps = np.cumsum([0.0, *intervals])
     return np.concatenate([np.zeros(degree), steps, np.full(degree, steps[-1])])
 
 
 def clamped_uniform(points: int, degree: int) -> Floats:
-    """Knots of a curve of so many control points whose pieces are all one long. (points + degree + 1,)"""
+    """Knots of a curve of so many control points whose pieces are all one long. (points + degree +
+    1,)
+    """
     return clamped([1.0] * (points - degree), degree)
 
 
@@ -36,10 +40,11 @@ def bezier_knots(degree: int) -> Floats:
 
 
 def length(knots: Floats, control_points: Floats, weights: Floats) -> float:
-    """Length of a NURBS in mm, to 1e-10 of the length of its control polygon or better, cusps included.
+    """Length of a NURBS in mm, to 1e-10 of the length of its control polygon or better, cusps
+    included.
 
-    knots (points + degree + 1,), control_points (points, axes) in mm, weights (points,) > 0. Each piece is measured by Gauss's rule, and
-    again in halves, until both agree.
+    knots (points + degree + 1,), control_points (points, axes) in mm, weights (points,) > 0. Each
+    piece is measured by Gauss's rule, and again in halves, until both agree.
     """
     degree = len(knots) - len(control_points) - 1
     form = np.column_stack([control_points * weights[:, None], weights])
@@ -73,7 +78,9 @@ def _piece(knots: Floats, form: Floats, degree: int, span: int, tolerance: float
 
 
 def _speed(knots: Floats, form: Floats, degree: int, span: int, u: Floats) -> Floats:
-    """|dr/du| at the parameters u (n,) of one piece; form (points, axes + 1) are the weighted control points and the weights."""
+    """|dr/du| at the parameters u (n,) of one piece; form (points, axes + 1) are the weighted
+    control points and the weights.
+    """
     d = [np.broadcast_to(row, (len(u), form.shape[1])) for row in form[span - degree : span + 1]]
     slope = np.zeros((len(u), form.shape[1]))
     for level in range(1, degree + 1):

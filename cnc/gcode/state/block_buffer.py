@@ -11,18 +11,22 @@ from cnc.gcode.state.source_location import Here
 from cnc.model.blocks import Block, Polyline, Probe, WaitInput
 
 RUN = 4096
-"""Moves of a Polyline at most: long enough for arrays to pay, short enough for the first pulse not to wait."""
+"""Moves of a Polyline at most: long enough for arrays to pay, short enough for the first pulse not
+to wait.
+"""
 
 Take = Callable[[tuple[float, ...]], None]
 """Takes in an answer of the board."""
 
 
 class Output:
-    """Collects the blocks of a program in order. ``ready`` holds those that can be handed on; the caller empties it.
+    """Collects the blocks of a program in order. ``ready`` holds those that can be handed on; the
+    caller empties it.
 
-    ``asked`` are blocks whose answers have not been taken in yet; they are there when the next line is read. ``hold`` is who decides when
-    blocks that are no moves follow the moves before them, where that is not at once.
-    ``guessed``: an answer was taken as expected, because nobody was there to give it.
+    ``asked`` are blocks whose answers have not been taken in yet; they are there when the next line
+    is read. ``hold`` is who decides when blocks that are no moves follow the moves before them,
+    where that is not at once. ``guessed``: an answer was taken as expected, because nobody was
+    there to give it.
     """
 
     def __init__(self, here: Here, axes: int) -> None:
@@ -44,8 +48,12 @@ class Output:
         if len(self._feeds) >= RUN:
             self.flush()
 
-    def moves(self, points: NDArray[np.float64], feeds: NDArray[np.float64], lines: NDArray[np.int32]) -> None:
-        """Straight moves as arrays: points (n, axes), feeds (n,), lines (n,), which are kept. The same as one after the other."""
+    def moves(
+        self, points: NDArray[np.float64], feeds: NDArray[np.float64], lines: NDArray[np.int32]
+    ) -> None:
+        """Straight moves as arrays: points (n, axes), feeds (n,), lines (n,), which are kept. The
+        same as one after the other.
+        """
         begin, count = 0, len(feeds)
         if self._feeds:
             begin = min(count, RUN - len(self._feeds))
@@ -57,9 +65,21 @@ class Output:
             self.flush()
         while count - begin >= RUN:
             end = begin + RUN
-            self.ready.append(Polyline(self._here.file, int(lines[begin]), points[begin:end], feeds[begin:end], lines[begin:end]))
+            self.ready.append(
+                Polyline(
+                    self._here.file,
+                    int(lines[begin]),
+                    points[begin:end],
+                    feeds[begin:end],
+                    lines[begin:end],
+                )
+            )
             begin = end
-        self._points, self._feeds, self._lines = points[begin:].ravel().tolist(), feeds[begin:].tolist(), lines[begin:].tolist()
+        self._points, self._feeds, self._lines = (
+            points[begin:].ravel().tolist(),
+            feeds[begin:].tolist(),
+            lines[begin:].tolist(),
+        )
 
     def add(self, block: Block) -> None:
         """Any other block."""
@@ -74,7 +94,11 @@ class Output:
             self.move(end, feed, line)
             return
         self.flush()
-        self.ready.append(Polyline(file, line, np.array([end]), np.array([feed]), np.array([line], dtype=np.int32)))
+        self.ready.append(
+            Polyline(
+                file, line, np.array([end]), np.array([feed]), np.array([line], dtype=np.int32)
+            )
+        )
 
     def put(self, block: Block) -> None:
         """Any other block, right behind the moves."""
@@ -82,12 +106,16 @@ class Output:
         self.ready.append(block)
 
     def ask(self, block: Probe | WaitInput, take: Take) -> None:
-        """A block that the board answers; ``take`` is given the answer before the next line is executed."""
+        """A block that the board answers; ``take`` is given the answer before the next line is
+        executed.
+        """
         self.add(block)
         self.asked.append((block, take))
 
     def take_answers(self) -> None:
-        """Hand out the answers to what was asked; where nobody was there to answer, what is expected."""
+        """Hand out the answers to what was asked; where nobody was there to answer, what is
+        expected.
+        """
         for block, take in self.asked:
             values = block.answer.values
             self.guessed = self.guessed or values is None

@@ -2,13 +2,16 @@
 
     machine = tool + origin + R(rotation) (program + shift + local)
 
-``origin`` and ``rotation`` (about Z, of X and Y alone) belong to the coordinate system in use; ``shift`` is G92's and stays when another
-one is chosen; ``tool`` is the length offset. ``local`` is G52 where that is an offset of its own; elsewhere G52 sets the shift. FANUC adds
-an external offset to every origin. What is stored lives in the parameters (5161 to 5390) and nowhere else, and takes effect as in LinuxCNC:
-a coordinate system when another one is chosen or when G10 sets the one in use, the shift with G92.3.
+``origin`` and ``rotation`` (about Z, of X and Y alone) belong to the coordinate system in use;
+``shift`` is G92's and stays when another one is chosen; ``tool`` is the length offset. ``local`` is
+G52 where that is an offset of its own; elsewhere G52 sets the shift. FANUC adds an external offset
+to every origin. What is stored lives in the parameters (5161 to 5390) and nowhere else, and takes
+effect as in LinuxCNC: a coordinate system when another one is chosen or when G10 sets the one in
+use, the shift with G92.3.
 
-Source: LinuxCNC, "Coordinate Systems", G10, G52, G54-G59.3, G92, and "Numbered Parameters"; for ``local`` and the external offset FANUC's
-"Local coordinate system" and "Workpiece coordinate system".
+Source: LinuxCNC, "Coordinate Systems", G10, G52, G54-G59.3, G92, and "Numbered Parameters"; for
+``local`` and the external offset FANUC's "Local coordinate system" and "Workpiece coordinate
+system".
 """
 
 from __future__ import annotations
@@ -39,14 +42,21 @@ _HOMES = {28: 5161, 30: 5181}
 class Coordinates:
     """The coordinate systems of a program that is being read.
 
-    Everything is in mm or degrees, one number an axis of the machine, in the machine's order. ``zero`` is the machine position of the
-    program's zero point as long as ``rotation`` (degrees, counter-clockwise) is 0; ``system`` is the index of the system in use, 0 for G54.
-    ``systems`` is how many there are; with ``fanuc`` G52 is an offset of its own and an external offset counts. Unless
-    ``shift_stays``, the shift that an earlier program left behind is not in effect.
+    Everything is in mm or degrees, one number an axis of the machine, in the machine's order.
+    ``zero`` is the machine position of the program's zero point as long as ``rotation`` (degrees,
+    counter-clockwise) is 0; ``system`` is the index of the system in use, 0 for G54. ``systems`` is
+    how many there are; with ``fanuc`` G52 is an offset of its own and an external offset counts.
+    Unless ``shift_stays``, the shift that an earlier program left behind is not in effect.
     """
 
     def __init__(
-        self, axes: tuple[str, ...], parameters: Parameters, *, systems: int = 9, fanuc: bool = False, shift_stays: bool = True
+        self,
+        axes: tuple[str, ...],
+        parameters: Parameters,
+        *,
+        systems: int = 9,
+        fanuc: bool = False,
+        shift_stays: bool = True,
     ) -> None:
         self.parameters = parameters
         self.systems = systems
@@ -65,7 +75,9 @@ class Coordinates:
         self._external = [0.0] * len(axes)
         if not shift_stays:
             self._values[SHIFT_IN_EFFECT] = 0.0
-        self._shift = self._stored(_SHIFT) if self._values.get(SHIFT_IN_EFFECT, 0.0) else [0.0] * len(axes)
+        self._shift = (
+            self._stored(_SHIFT) if self._values.get(SHIFT_IN_EFFECT, 0.0) else [0.0] * len(axes)
+        )
         number = self._values.get(CURRENT_SYSTEM, 1.0)
         self._use(int(number) - 1 if number in range(1, systems + 1) else 0)
 
@@ -81,15 +93,25 @@ class Coordinates:
             bind(_RELATIVE + place, relative)
             bind(f"_{letter}", relative)
             bind(f"_abs_{letter}", self._reading(index, letter, here, scale))
-        bind("_coord_system", lambda: float(NAMES[self.system] if self.system < len(NAMES) else _NAME_OF_MORE))
+        bind(
+            "_coord_system",
+            lambda: float(NAMES[self.system] if self.system < len(NAMES) else _NAME_OF_MORE),
+        )
 
-    def bind_numbers(self, first: int, position: Callable[[], list[float]], scale: Callable[[], float]) -> None:
+    def bind_numbers(
+        self, first: int, position: Callable[[], list[float]], scale: Callable[[], float]
+    ) -> None:
         """Show a position, in mm, as a number for each of the machine's axes, in their order."""
         for index, letter in enumerate(self._axes):
             self.parameters.bind(first + index, self._reading(index, letter, position, scale))
 
     @staticmethod
-    def _reading(index: int | None, letter: str, position: Callable[[], list[float]], scale: Callable[[], float]) -> Callable[[], float]:
+    def _reading(
+        index: int | None,
+        letter: str,
+        position: Callable[[], list[float]],
+        scale: Callable[[], float],
+    ) -> Callable[[], float]:
         if index is None:
             return lambda: 0.0
         if letter in ROTARY_LETTERS:
@@ -107,14 +129,24 @@ class Coordinates:
         """The machine position of a point in program coordinates."""
         if not self.rotation:
             return [value + zero for value, zero in zip(program, self.zero, strict=True)]
-        added = [value + a + b for value, a, b in zip(program, self._shift, self._local, strict=True)]
-        return [value + base for value, base in zip(self._turned(added, self._turn), self._base(self._origin), strict=True)]
+        added = [
+            value + a + b for value, a, b in zip(program, self._shift, self._local, strict=True)
+        ]
+        return [
+            value + base
+            for value, base in zip(
+                self._turned(added, self._turn), self._base(self._origin), strict=True
+            )
+        ]
 
     def to_program(self, machine: list[float]) -> list[float]:
         """The program coordinates of a machine position."""
         if not self.rotation:
             return [value - zero for value, zero in zip(machine, self.zero, strict=True)]
-        return [value - a - b for value, a, b in zip(self._felt(machine), self._shift, self._local, strict=True)]
+        return [
+            value - a - b
+            for value, a, b in zip(self._felt(machine), self._shift, self._local, strict=True)
+        ]
 
     def turned(self, delta: list[float]) -> list[float]:
         """A way in program directions as a way of the machine."""
@@ -130,7 +162,9 @@ class Coordinates:
         return turned
 
     def _touched(self, values: Mapping[int, float], turn: tuple[float, float]) -> set[int]:
-        """The axes of the machine that change with program coordinates: under a rotation X and Y do together."""
+        """The axes of the machine that change with program coordinates: under a rotation X and Y do
+        together.
+        """
         touched = set(values)
         if self._xy and turn != (1.0, 0.0) and not touched.isdisjoint(self._xy):
             touched.update(self._xy)
@@ -144,13 +178,20 @@ class Coordinates:
         return [a + b + c for a, b, c in zip(origin, self._tool, self._external, strict=True)]
 
     def _felt(self, machine: list[float]) -> list[float]:
-        """A machine position from the origin in use, turned back: program coordinates before shift and local offset."""
-        return self._back([value - base for value, base in zip(machine, self._base(self._origin), strict=True)], self._turn)
+        """A machine position from the origin in use, turned back: program coordinates before shift
+        and local offset.
+        """
+        return self._back(
+            [value - base for value, base in zip(machine, self._base(self._origin), strict=True)],
+            self._turn,
+        )
 
     # Coordinate systems
 
     def select(self, system: int) -> None:
-        """G54 (0) to G59.3 (8). To choose the one in use again changes nothing: stored numbers are not read anew."""
+        """G54 (0) to G59.3 (8). To choose the one in use again changes nothing: stored numbers are
+        not read anew.
+        """
         self._values[CURRENT_SYSTEM] = system + 1.0
         if system != self.system:
             self._use(system)
@@ -165,8 +206,17 @@ class Coordinates:
         self._values[CURRENT_SYSTEM] = 1.0
         self._use(0)
 
-    def set_origin(self, system: int, values: Mapping[int, float], *, rotation: float | None = None, add: bool = False) -> None:
-        """G10 L2: the origin of a system (or EXTERNAL) by axis index, and its rotation in degrees; ``add`` to what is stored."""
+    def set_origin(
+        self,
+        system: int,
+        values: Mapping[int, float],
+        *,
+        rotation: float | None = None,
+        add: bool = False,
+    ) -> None:
+        """G10 L2: the origin of a system (or EXTERNAL) by axis index, and its rotation in degrees;
+        ``add`` to what is stored.
+        """
         first = self._first(system)
         for index, value in values.items():
             number = first + self._places[index]
@@ -176,16 +226,25 @@ class Coordinates:
         if system in (self.system, EXTERNAL):
             self.refresh()
 
-    def set_origin_here(self, system: int, values: Mapping[int, float], position: list[float]) -> None:
-        """G10 L20: the origin of a system such that the machine ``position`` has the ``values`` there under shift and tool as they are."""
+    def set_origin_here(
+        self, system: int, values: Mapping[int, float], position: list[float]
+    ) -> None:
+        """G10 L20: the origin of a system such that the machine ``position`` has the ``values``
+        there under shift and tool as they are.
+        """
         first = self._first(system)
         origin, turn = self._stored(first), _turn(self._rotation_of(system))
-        way = [value - base for value, base in zip(position, self._base([0.0] * len(position)), strict=True)]
+        way = [
+            value - base
+            for value, base in zip(position, self._base([0.0] * len(position)), strict=True)
+        ]
         felt = self._back([value - base for value, base in zip(way, origin, strict=True)], turn)
         for index, value in values.items():
             felt[index] = value + self._shift[index] + self._local[index]
         turned = self._turned(felt, turn)
-        self.set_origin(system, {index: way[index] - turned[index] for index in self._touched(values, turn)})
+        self.set_origin(
+            system, {index: way[index] - turned[index] for index in self._touched(values, turn)}
+        )
 
     def _use(self, system: int) -> None:
         self.system = system
@@ -196,10 +255,16 @@ class Coordinates:
         self._settle()
 
     def _first(self, system: int) -> int:
-        """The first parameter of a system; those of FANUC's G54.1 come after the others, from ``systems`` on."""
+        """The first parameter of a system; those of FANUC's G54.1 come after the others, from
+        ``systems`` on.
+        """
         if system == EXTERNAL:
             return _EXTERNAL
-        return _ORIGIN + _STEP * system if system < self.systems else _MORE + _STEP * (system - self.systems)
+        return (
+            _ORIGIN + _STEP * system
+            if system < self.systems
+            else _MORE + _STEP * (system - self.systems)
+        )
 
     def _rotation_of(self, system: int) -> float:
         return self._values.get(self._first(system) + _ROTATION, 0.0) if self._xy else 0.0
@@ -209,12 +274,16 @@ class Coordinates:
 
     def _settle(self) -> None:
         """The zero point after any change."""
-        self.zero = [base + a + b for base, a, b in zip(self._base(self._origin), self._shift, self._local, strict=True)]
+        self.zero = [
+            base + a + b
+            for base, a, b in zip(self._base(self._origin), self._shift, self._local, strict=True)
+        ]
 
     # G92 and G52
 
     def shift_here(self, values: Mapping[int, float], position: list[float]) -> None:
-        """G92: the shift such that the machine ``position`` gets the ``values``; axes without a value keep theirs.
+        """G92: the shift such that the machine ``position`` gets the ``values``; axes without a
+        value keep theirs.
 
         A local offset of its own ends on the axes given.
         """
@@ -268,11 +337,20 @@ class Coordinates:
         self._tool = offset
         self._settle()
 
-    def tool_for(self, old: list[float], values: Mapping[int, float], position: list[float], *, fixture: bool = False) -> dict[int, float]:
-        """G10 L10 and L11: the tool offset, by axis index, with which the machine ``position`` would have the ``values``.
+    def tool_for(
+        self,
+        old: list[float],
+        values: Mapping[int, float],
+        position: list[float],
+        *,
+        fixture: bool = False,
+    ) -> dict[int, float]:
+        """G10 L10 and L11: the tool offset, by axis index, with which the machine ``position``
+        would have the ``values``.
 
-        Where that is open, in the other program directions, it is ``old``'s. With ``fixture`` as seen from the last coordinate system
-        (G59.3) without shift, else from the one in use with it.
+        Where that is open, in the other program directions, it is ``old``'s. With ``fixture`` as
+        seen from the last coordinate system (G59.3) without shift, else from the one in use with
+        it.
         """
         if fixture:
             last = self.systems - 1
@@ -281,7 +359,9 @@ class Coordinates:
         else:
             origin, turn = self._origin, self._turn
             moved = [a + b for a, b in zip(self._shift, self._local, strict=True)]
-        way = self._back([a - b - c for a, b, c in zip(position, origin, self._external, strict=True)], turn)
+        way = self._back(
+            [a - b - c for a, b, c in zip(position, origin, self._external, strict=True)], turn
+        )
         tool = self._back(old, turn)
         for index, value in values.items():
             tool[index] = way[index] - moved[index] - value

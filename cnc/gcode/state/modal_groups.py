@@ -1,7 +1,7 @@
 """Modal groups and the modal state.
 
-Codes of one group exclude each other in a line. Source: LinuxCNC, "G-code overview", modal groups; RS274/NGC interpreter version 3
-(NISTIR 6556), tables 3 and 4.
+Codes of one group exclude each other in a line. Source: LinuxCNC, "G-code overview", modal groups;
+RS274/NGC interpreter version 3 (NISTIR 6556), tables 3 and 4.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ _GROUPS: dict[str, tuple[int, ...]] = {
     "spindle-mode": (960, 970),
     "retract": (980, 990),
     "diameter": (70, 80),
-    # Ends of what no dialect has the beginning of. Headers of CAM posts hold them; there is nothing to end.
+    # Ends of what no dialect has the beginning of. Headers of CAM posts hold them; there is nothing
+    # to end.
     "polar": (150,),
     "call": (670,),
     "rotation": (690,),
@@ -85,7 +86,9 @@ CALLS_M, CALL_G = (98, 99), 650
 
 
 def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
-    """The codes of a line by modal group. Refuses what the dialect lacks, and two codes of one group."""
+    """The codes of a line by modal group. Refuses what the dialect lacks, and two codes of one
+    group.
+    """
     found: Codes = {}
     for word in g:
         number = dialect.check_g(word) if word.letter == "G" else BSPLINE
@@ -101,7 +104,9 @@ def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
 
 
 def _call_left(word: Word) -> GcodeError:
-    """The error for a call or return that the flow of control did not take: it was computed, or is the second of its line."""
+    """The error for a call or return that the flow of control did not take: it was computed, or is
+    the second of its line.
+    """
     message = f"{word.written} can't be understood as a call or a return here"
     return fault("call-not-alone", message, word, "write M98, M99 or G65 as it is, one in a line")
 
@@ -114,15 +119,26 @@ def _add(found: Codes, group: str, code: Code) -> None:
             return
     elif other:
         if other.number == code.number:
-            raise fault("modal-conflict", f"{code.word.written} is given twice in this line", code.word, "once is enough")
+            raise fault(
+                "modal-conflict",
+                f"{code.word.written} is given twice in this line",
+                code.word,
+                "once is enough",
+            )
         message = f"{other.word.written} and {code.word.written} can't stand in one line"
-        raise fault("modal-conflict", message, code.word, "write them in two lines, in the order that is meant")
+        raise fault(
+            "modal-conflict",
+            message,
+            code.word,
+            "write them in two lines, in the order that is meant",
+        )
     found[group] = code
 
 
 @dataclass(frozen=True, slots=True)
 class Feed:
-    """An F word as it was understood when it was read: for moves of linear axes, and for moves of rotary axes alone.
+    """An F word as it was understood when it was read: for moves of linear axes, and for moves of
+    rotary axes alone.
 
     Per minute: mm/s and deg/s. Per revolution: mm and deg a turn of the spindle.
     """
@@ -139,14 +155,17 @@ def feed_of(number: float, scale: float) -> Feed:
 
 @dataclass(slots=True)
 class Modal:
-    """The state that lines leave behind, with LinuxCNC's defaults: G17 G21 G90 G91.1 G94 G40 G49 G54 G97 G99 G8, M5 M9 M48 M53.
+    """The state that lines leave behind, with LinuxCNC's defaults: G17 G21 G90 G91.1 G94 G40 G49
+    G54 G97 G99 G8, M5 M9 M48 M53.
 
-    One of them is not taken over: LinuxCNC begins with G64, but here a program leaves its path only where it says so.
+    One of them is not taken over: LinuxCNC begins with G64, but here a program leaves its path only
+    where it says so.
 
-    ``scale`` is mm a program unit; ``diameter`` (G7): X words are diameters. ``speed`` is in rpm, or mm/s under G96, where ``most_rpm``
-    limits the spindle (0: no limit). ``tool`` is the number of the last T word, ``loaded`` that of the tool in the spindle (0: none).
-    ``compensation`` is ten times the code of the G41 or G42 in effect (0: none). ``initial_level`` (G98): cycles end at the level that they
-    began from, not at R.
+    ``scale`` is mm a program unit; ``diameter`` (G7): X words are diameters. ``speed`` is in rpm,
+    or mm/s under G96, where ``most_rpm`` limits the spindle (0: no limit). ``tool`` is the number
+    of the last T word, ``loaded`` that of the tool in the spindle (0: none). ``compensation`` is
+    ten times the code of the G41 or G42 in effect (0: none). ``initial_level`` (G98): cycles end at
+    the level that they began from, not at R.
     """
 
     motion: int | None = None

@@ -1,4 +1,6 @@
-"""Where in the text the interpreter is: blocks, warnings and errors that point back at a line ask here."""
+"""Where in the text the interpreter is: blocks, warnings and errors that point back at a line ask
+here.
+"""
 
 from __future__ import annotations
 
@@ -29,4 +31,16 @@ class Here:
     def caution(self, code: str, message: str, word: Word, hint: str = "") -> None:
         """Say what is legal but odd."""
         if self.warn:
-            self.warn(Diagnostic(code, message, self.file, self.line, word.column, word.length, self.text, hint, severity="warning"))
+            self.warn(
+                Diagnostic(
+                    code,
+                    message,
+                    self.file,
+                    self.line,
+                    word.column,
+                    word.length,
+                    self.text,
+                    hint,
+                    severity="warning",
+                )
+            )

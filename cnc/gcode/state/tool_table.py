@@ -6,8 +6,9 @@ behind a semicolon::
     T1 P1 D6.0 Z+40.25   ;end mill 6 mm
     T9 P4 X12.5 Z31 D0.8 I95 J155 Q2 ;turning tool
 
-T tool number, P pocket, X to W offsets of the axes, D diameter, I front and J back angle, Q orientation of a turning tool (0 to 9).
-Source: LinuxCNC, "Tool Table Format", G10 L1, "Lathe Tool Orientation".
+T tool number, P pocket, X to W offsets of the axes, D diameter, I front and J back angle, Q
+orientation of a turning tool (0 to 9). Source: LinuxCNC, "Tool Table Format", G10 L1, "Lathe Tool
+Orientation".
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ _CURRENT_TOOL = 5400
 class ToolEntry:
     """One tool, ``offsets`` by axis letter.
 
-    ``radius_wear`` is added to the radius, ``length_wear`` to the offset of Z (FANUC); the file has no place for these two.
+    ``radius_wear`` is added to the radius, ``length_wear`` to the offset of Z (FANUC); the file has
+    no place for these two.
     """
 
     number: int
@@ -78,18 +80,28 @@ class ToolTable:
 
     @classmethod
     def load(cls, path: Path) -> ToolTable:
-        """The table of a file. Raises MachineFileError, with line and column, for what can't be read."""
+        """The table of a file. Raises MachineFileError, with line and column, for what can't be
+        read.
+        """
         file = str(path)
         try:
             text = path.read_text(encoding="utf-8-sig", errors="replace")
         except OSError as error:
-            raise MachineFileError(Diagnostic("tool-table-unreadable", f"the tool table can't be read: {error.strerror}", file)) from None
+            raise MachineFileError(
+                Diagnostic(
+                    "tool-table-unreadable", f"the tool table can't be read: {error.strerror}", file
+                )
+            ) from None
         entries: dict[int, ToolEntry] = {}
         for number, line in enumerate(text.splitlines(), start=1):
             try:
                 entry = _entry(line)
                 if entry and entry.number in entries:
-                    raise _wrong("tool-repeated", f"T{entry.number} is in the table twice", line.upper().index("T") + 1)
+                    raise _wrong(
+                        "tool-repeated",
+                        f"T{entry.number} is in the table twice",
+                        line.upper().index("T") + 1,
+                    )
             except MachineFileError as error:
                 raise error.at(file=file, line=number, text=line) from None
             if entry:
@@ -97,8 +109,14 @@ class ToolTable:
         return cls(entries.values(), file=file)
 
     def save(self, path: Path) -> None:
-        """Write the tools that a program has changed to a file; its other lines stay as they are. UsageError ``unwritable-file``."""
-        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines() if path.exists() else []
+        """Write the tools that a program has changed to a file; its other lines stay as they are.
+        UsageError ``unwritable-file``.
+        """
+        lines = (
+            path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+            if path.exists()
+            else []
+        )
         left = dict.fromkeys(sorted(self._written))
         for index, line in enumerate(lines):
             with suppress(MachineFileError):
@@ -119,10 +137,14 @@ class ToolTable:
         self._written.add(entry.number)
 
     def reload(self) -> None:
-        """Read the file again, but for what a program has written; nothing where there is no file. Raises as :meth:`load`."""
+        """Read the file again, but for what a program has written; nothing where there is no file.
+        Raises as :meth:`load`.
+        """
         if self.file:
             written = {number: self._entries[number] for number in self._written}
-            self._entries = {entry.number: entry for entry in ToolTable.load(Path(self.file))} | written
+            self._entries = {
+                entry.number: entry for entry in ToolTable.load(Path(self.file))
+            } | written
 
     def __iter__(self) -> Iterator[ToolEntry]:
         return iter(self._entries.values())
@@ -133,7 +155,8 @@ class ToolTable:
     def bind(self, parameters: Parameters, loaded: Callable[[], int]) -> None:
         """Show the tool in the spindle, number ``loaded`` (0: none), as parameters.
 
-        5400 number, 5401 to 5409 stored offsets, 5410 diameter, 5411 and 5412 angles, 5413 orientation.
+        5400 number, 5401 to 5409 stored offsets, 5410 diameter, 5411 and 5412 angles, 5413
+        orientation.
         """
 
         def entry() -> ToolEntry:
@@ -162,10 +185,21 @@ def _entry(line: str) -> ToolEntry | None:
     if not found:
         return None
     for letter, (value, column) in found.items():
-        if (most := _WHOLE.get(letter)) is not None and not (value.is_integer() and 0 <= value <= most):
-            raise _wrong("value-out-of-range", f"{letter}{value:g}: {letter} must be a whole number from 0 to {most}", column)
+        if (most := _WHOLE.get(letter)) is not None and not (
+            value.is_integer() and 0 <= value <= most
+        ):
+            raise _wrong(
+                "value-out-of-range",
+                f"{letter}{value:g}: {letter} must be a whole number from 0 to {most}",
+                column,
+            )
     if "T" not in found:
-        raise _wrong("tool-number-missing", "a tool without a number", next(iter(found.values()))[1], "begin with T and the tool's number")
+        raise _wrong(
+            "tool-number-missing",
+            "a tool without a number",
+            next(iter(found.values()))[1],
+            "begin with T and the tool's number",
+        )
     values = {letter: value for letter, (value, _) in found.items()}
     return ToolEntry(
         number=int(values["T"]),
@@ -180,9 +214,20 @@ def _entry(line: str) -> ToolEntry | None:
 
 
 def _line(entry: ToolEntry) -> str:
-    """A tool as a line of the file. Wear has no place there; it must not go into the length, or the next program would add it again."""
-    numbers = entry.offsets | {"D": entry.diameter, "I": entry.front_angle, "J": entry.back_angle, "Q": entry.orientation}
-    words = [f"T{entry.number}", f"P{entry.pocket}", *(f"{letter}{_plain(number)}" for letter, number in numbers.items() if number)]
+    """A tool as a line of the file. Wear has no place there; it must not go into the length, or the
+    next program would add it again.
+    """
+    numbers = entry.offsets | {
+        "D": entry.diameter,
+        "I": entry.front_angle,
+        "J": entry.back_angle,
+        "Q": entry.orientation,
+    }
+    words = [
+        f"T{entry.number}",
+        f"P{entry.pocket}",
+        *(f"{letter}{_plain(number)}" for letter, number in numbers.items() if number),
+    ]
     return " ".join(words) + (f" ;{entry.remark}" if entry.remark else "")
 
 
@@ -201,12 +246,18 @@ def _words(line: str) -> dict[str, tuple[float, int]]:
         if word is None:
             column = at + len(body[at:]) - len(body[at:].lstrip()) + 1
             raise _wrong(
-                "tool-table-malformed", f"{body[column - 1]!r} can't stand here", column, "write words such as T1 P1 D6 Z40.5 ;remark"
+                "tool-table-malformed",
+                f"{body[column - 1]!r} can't stand here",
+                column,
+                "write words such as T1 P1 D6 Z40.5 ;remark",
             )
         letter, column = word[1].upper(), word.start(1) + 1
         if letter not in _DATA:
             raise _wrong(
-                "tool-table-malformed", f"{letter} is no word of the tool table", column, "words are T P X Y Z A B C U V W D I J Q"
+                "tool-table-malformed",
+                f"{letter} is no word of the tool table",
+                column,
+                "words are T P X Y Z A B C U V W D I J Q",
             )
         if word[2] is None:
             raise _wrong("number-missing", f"a number is missing after {letter}", column)

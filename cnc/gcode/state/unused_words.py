@@ -1,4 +1,6 @@
-"""F, S and T words that nothing has used yet: one that is replaced first, or that the program ends before, has no effect."""
+"""F, S and T words that nothing has used yet: one that is replaced first, or that the program ends
+before, has no effect.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ class _Given(NamedTuple):
 
 
 class Waiting:
-    """The words that wait to be used; ``words`` by their letters. Nobody keeps books where nobody wants to be told."""
+    """The words that wait to be used; ``words`` by their letters. Nobody keeps books where nobody
+    wants to be told.
+    """
 
     def __init__(self, here: Here) -> None:
         self.words: dict[str, _Given] = {}
@@ -39,7 +43,12 @@ class Waiting:
                 return
             if (before.file, before.line) != (here.file, at):
                 message = f"{before.word.written} has no effect: {word.written} in line {at} replaces it before {_USE[word.letter]}"
-                self._tell("word-shadowed", before, message, "take out one of the two, or write what was to happen between them")
+                self._tell(
+                    "word-shadowed",
+                    before,
+                    message,
+                    "take out one of the two, or write what was to happen between them",
+                )
         self.words[word.letter] = _Given(here.file, at, here.text if text is None else text, word)
 
     def used(self, letter: str) -> None:
@@ -50,10 +59,24 @@ class Waiting:
         """The program is over. A tool that waits is the next program's first."""
         for letter in "FS":
             if given := self.words.pop(letter, None):
-                message = f"{given.word.written} has no effect: the program ends before {_USE[letter]}"
+                message = (
+                    f"{given.word.written} has no effect: the program ends before {_USE[letter]}"
+                )
                 self._tell("word-without-effect", given, message, "take it out")
 
     def _tell(self, code: str, given: _Given, message: str, hint: str) -> None:
         assert self._here.warn is not None
         word = given.word
-        self._here.warn(Diagnostic(code, message, given.file, given.line, word.column, word.length, given.text, hint, severity="note"))
+        self._here.warn(
+            Diagnostic(
+                code,
+                message,
+                given.file,
+                given.line,
+                word.column,
+                word.length,
+                given.text,
+                hint,
+                severity="note",
+            )
+        )

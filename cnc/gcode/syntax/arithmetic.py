@@ -1,9 +1,11 @@
-"""What the operators and functions of expressions compute: plain numbers in, plain numbers out, angles in degrees.
+"""What the operators and functions of expressions compute: plain numbers in, plain numbers out,
+angles in degrees.
 
-Where the two families differ: RS274/NGC compares EQ and NE to within 1e-6, GE and LE exactly, and takes what is not 0 for true in AND, OR
-and XOR; its FIX and FUP round down and up, its MOD is never negative. FANUC's compare exactly, AND, OR and XOR work on the bits of whole
-numbers, FIX and FUP round toward and away from zero, MOD takes the sign of its left side. Sources: LinuxCNC 2.9, "G-code overview"; FANUC,
-"Custom macro".
+Where the two families differ: RS274/NGC compares EQ and NE to within 1e-6, GE and LE exactly, and
+takes what is not 0 for true in AND, OR and XOR; its FIX and FUP round down and up, its MOD is never
+negative. FANUC's compare exactly, AND, OR and XOR work on the bits of whole numbers, FIX and FUP
+round toward and away from zero, MOD takes the sign of its left side. Sources: LinuxCNC 2.9, "G-code
+overview"; FANUC, "Custom macro".
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ def power(a: float, b: float) -> float:
     except OverflowError:
         return math.inf
     except ValueError:
-        what = "0 has no negative powers" if a == 0 else f"{a:g} is negative and has whole powers only"
+        what = (
+            "0 has no negative powers" if a == 0 else f"{a:g} is negative and has whole powers only"
+        )
         raise Undefined("power-undefined", f"{a:g}**{b:g}: {what}") from None
 
 
@@ -47,7 +51,9 @@ def modulo(a: float, b: float) -> float:
 
 
 def macro_modulo(a: float, b: float) -> float:
-    """What is left of a division of whole numbers, with the sign of the first; others are rounded before."""
+    """What is left of a division of whole numbers, with the sign of the first; others are rounded
+    before.
+    """
     divisor = half_away(b)
     if divisor == 0:
         raise Undefined("division-by-zero", "a division by zero (MOD)")
@@ -106,7 +112,9 @@ def tangent(x: float) -> float:
 def square_root(x: float) -> float:
     """Square root."""
     if x < 0:
-        raise Undefined("argument-out-of-range", f"SQRT[{x:g}]: a negative number has no square root")
+        raise Undefined(
+            "argument-out-of-range", f"SQRT[{x:g}]: a negative number has no square root"
+        )
     return math.sqrt(x)
 
 
@@ -121,7 +129,9 @@ def exponential(x: float) -> float:
 def logarithm(x: float) -> float:
     """Natural logarithm."""
     if x <= 0:
-        raise Undefined("argument-out-of-range", f"LN[{x:g}]: only numbers above 0 have a logarithm")
+        raise Undefined(
+            "argument-out-of-range", f"LN[{x:g}]: only numbers above 0 have a logarithm"
+        )
     return math.log(x)
 
 
@@ -159,7 +169,9 @@ def to_binary(x: float) -> float:
     value = _bits("BIN", x)
     digits = f"{value:x}"
     if not digits.isdecimal():
-        raise Undefined("argument-out-of-range", f"BIN[{x:g}]: {value} is not in binary-coded decimal")
+        raise Undefined(
+            "argument-out-of-range", f"BIN[{x:g}]: {value} is not in binary-coded decimal"
+        )
     return float(digits)
 
 
@@ -171,7 +183,9 @@ def to_decimal(x: float) -> float:
 def _bits(name: str, x: float) -> int:
     value = int(half_away(x))
     if not 0 <= value <= (99_999_999 if name == "BCD" else 0x99999999):
-        raise Undefined("argument-out-of-range", f"{name}[{x:g}]: it has at most eight digits and no sign")
+        raise Undefined(
+            "argument-out-of-range", f"{name}[{x:g}]: it has at most eight digits and no sign"
+        )
     return value
 
 

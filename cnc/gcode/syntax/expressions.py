@@ -1,8 +1,9 @@
 """Expressions as closures: what has to be computed each time that a line is executed.
 
-A node is built from its parts, operator by operator. Constant parts are computed once; what can't be computed raises when it is asked for,
-at the column of the operator, function or parameter that fails. With FANUC's macros a variable that was never set is vacant, which is NaN:
-EQ and NE tell it from 0, a word or an assignment hands it on, everything else takes it for 0.
+A node is built from its parts, operator by operator. Constant parts are computed once; what can't
+be computed raises when it is asked for, at the column of the operator, function or parameter that
+fails. With FANUC's macros a variable that was never set is vacant, which is NaN: EQ and NE tell it
+from 0, a word or an assignment hands it on, everything else takes it for 0.
 """
 
 from __future__ import annotations
@@ -27,8 +28,12 @@ from cnc.gcode.syntax.words import NEAR_WHOLE, fault
 from cnc.model.diagnostics import GcodeError
 
 MAX_DEPTH = 100
-"""Operations inside each other. Each costs a frame of Python's stack; brackets alone cost nothing."""
-_LOOK = "look at the numbers that it is computed from: (DEBUG, #1) in the line before shows a parameter"
+"""Operations inside each other. Each costs a frame of Python's stack; brackets alone cost
+nothing.
+"""
+_LOOK = (
+    "look at the numbers that it is computed from: (DEBUG, #1) in the line before shows a parameter"
+)
 _INF = math.inf
 
 
@@ -36,7 +41,8 @@ _INF = math.inf
 class Node:
     """A part of an expression, from ``begin`` to before ``end`` in the text without blanks.
 
-    ``number`` is its value where that is constant. ``raw`` is the value with vacant as NaN, where that can be.
+    ``number`` is its value where that is constant. ``raw`` is the value with vacant as NaN, where
+    that can be.
     """
 
     value: Value
@@ -69,7 +75,9 @@ def constant(number: float, begin: int, end: int) -> Node:
 
 
 class Builder:
-    """Builds the nodes of one line. ``columns`` holds the place in the line, from 0, of every character of the text without blanks."""
+    """Builds the nodes of one line. ``columns`` holds the place in the line, from 0, of every
+    character of the text without blanks.
+    """
 
     def __init__(self, columns: Sequence[int], *, macro: bool) -> None:
         self.columns = columns
@@ -116,11 +124,15 @@ class Builder:
         return self._folded(node, left, right)
 
     def call(self, name: str, argument: Node, begin: int, *, increments: bool = False) -> Node:
-        """A function. ROUND in a FANUC word (``increments``) rounds to what the control resolves."""
+        """A function. ROUND in a FANUC word (``increments``) rounds to what the control
+        resolves.
+        """
         column, length = self.place(begin, begin + len(name))
         a = argument.value
         if increments and name in ("ROUND", "RND"):
-            return self._folded(Node(_to_increments(a), begin, argument.end, depth=argument.depth + 1))
+            return self._folded(
+                Node(_to_increments(a), begin, argument.end, depth=argument.depth + 1)
+            )
         function = (MACRO_FUNCTIONS if self.macro else FUNCTIONS)[name]
 
         def value(p: Parameters) -> float:
@@ -160,7 +172,9 @@ class Builder:
             value = self._numbered(self.whole(index), column)
             depth = 0
         if self.macro:
-            return ParameterNode(_not_vacant(value), begin, end, raw=value, depth=depth, index=index)
+            return ParameterNode(
+                _not_vacant(value), begin, end, raw=value, depth=depth, index=index
+            )
         return ParameterNode(value, begin, end, depth=depth, index=index)
 
     def _numbered(self, number: int, column: int) -> Value:
@@ -182,7 +196,9 @@ class Builder:
         assert node.number is not None
         number = round(node.number)
         if abs(number - node.number) > NEAR_WHOLE:
-            raise self.fault("parameter-number", "the number of a parameter must be whole", node.begin, node.end)
+            raise self.fault(
+                "parameter-number", "the number of a parameter must be whole", node.begin, node.end
+            )
         return number
 
     def exists(self, index: Node | str, begin: int, end: int) -> Node:
@@ -190,7 +206,9 @@ class Builder:
         if isinstance(index, str):
             return Node(lambda p: float(p.exists(index)), begin, end)
         a = index.value
-        return self._folded(Node(lambda p: float(p.exists(a(p))), begin, end, depth=index.depth + 1))
+        return self._folded(
+            Node(lambda p: float(p.exists(a(p))), begin, end, depth=index.depth + 1)
+        )
 
     def _folded(self, node: Node, *parts: Node) -> Node:
         """The node, computed once and for all where its parts are constant and it can be."""
@@ -205,7 +223,9 @@ class Builder:
 
     def _too_deep(self, begin: int, end: int) -> GcodeError:
         message = f"more than {MAX_DEPTH} operations inside each other"
-        return self.fault("expression-too-deep", message, begin, end, "keep a part of it in a parameter")
+        return self.fault(
+            "expression-too-deep", message, begin, end, "keep a part of it in a parameter"
+        )
 
 
 _NONE = Parameters()
@@ -224,7 +244,8 @@ def _to_increments(a: Value) -> Value:
     return lambda p: half_away(a(p) * p.increments) / p.increments
 
 
-# The four rules of arithmetic are written out: through one function for all of them each operation of a program would take a call more.
+# The four rules of arithmetic are written out: through one function for all of them each operation
+# of a program would take a call more.
 
 
 def _add(a: Value, b: Value, place: tuple[int, int]) -> Value:
@@ -282,7 +303,9 @@ def _divide(a: Value, b: Value, place: tuple[int, int]) -> Value:
         try:
             result = a(p) / b(p)
         except ZeroDivisionError:
-            raise fault("division-by-zero", "a division by zero", column=place[0], hint=_LOOK) from None
+            raise fault(
+                "division-by-zero", "a division by zero", column=place[0], hint=_LOOK
+            ) from None
         if -_INF < result < _INF:
             return result
         raise _overflow(*place)
@@ -314,4 +337,10 @@ def _failed(undefined: Undefined, column: int, length: int) -> GcodeError:
 
 
 def _overflow(column: int, length: int) -> GcodeError:
-    return fault("number-too-large", "the result is too large to be a number", column=column, length=length, hint=_LOOK)
+    return fault(
+        "number-too-large",
+        "the result is too large to be a number",
+        column=column,
+        length=length,
+        hint=_LOOK,
+    )

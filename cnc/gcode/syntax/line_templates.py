@@ -4,9 +4,9 @@ A program that was unrolled, or written by a macro, is full of them::
 
     X[#1 + 2.5] Y3      shape  X[#1 + _] Y_      numbers  2.5, 3
 
-The grammar reads the first two lines of a shape: one as it stands, one with its numbers left open. From then on a line takes its numbers
-from its text, and everything else from its shape. What a line can't compute is computed once more by its own full parse, so that errors
-stand at their places.
+The grammar reads the first two lines of a shape: one as it stands, one with its numbers left open.
+From then on a line takes its numbers from its text, and everything else from its shape. What a line
+can't compute is computed once more by its own full parse, so that errors stand at their places.
 """
 
 from __future__ import annotations
@@ -27,18 +27,24 @@ MOST_SHAPES = 4096
 """Shapes that are kept."""
 
 _OPEN = re.compile(r"(\([^()]*\))|;.*|<[^<>]*>|#[ \t]*[0-9]+|([0-9]+\.?[0-9]*|\.[0-9]+)", re.DOTALL)
-"""What is left open in a shape: comments and numbers, but for the digits of names and of parameters."""
+"""What is left open in a shape: comments and numbers, but for the digits of names and of
+parameters.
+"""
 _ACTIVE = re.compile(r"\([ \t]*(?:msg|debug|print|log|probe|py|abort)", re.IGNORECASE)
 _CAPITALS = str.maketrans(string.ascii_lowercase, string.ascii_uppercase, " \t")
 
 Span = tuple[int, int]
 Parse = Callable[[dict[int, int] | None], Statement]
-"""Parses the line; with the places of its numbers (from 0, as they stand in the line) by index, those are left open."""
+"""Parses the line; with the places of its numbers (from 0, as they stand in the line) by index,
+those are left open.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where a part of the first line stands: from column ``first`` to before ``end``, behind so many open spans each."""
+    """Where a part of the first line stands: from column ``first`` to before ``end``, behind so
+    many open spans each.
+    """
 
     first: int
     end: int
@@ -48,7 +54,9 @@ class _Place:
 
 @dataclass(frozen=True, slots=True)
 class _Shape:
-    """A statement with its numbers open; ``ends`` are the ends of the open spans in the line that it was made from."""
+    """A statement with its numbers open; ``ends`` are the ends of the open spans in the line that
+    it was made from.
+    """
 
     statement: Statement
     ends: tuple[int, ...]
@@ -57,11 +65,15 @@ class _Shape:
 
 
 _shapes: dict[str, _Shape | Literal["met", "unfit"]] = {}
-"""Shapes by their text: one that was met once is made at the second time, one that is unfit never."""
+"""Shapes by their text: one that was met once is made at the second time, one that is unfit
+never.
+"""
 
 
 def statement(text: str, flavour: str, parse: Parse) -> Statement:
-    """The statement of a line, from its shape where that is known. ``flavour``: whatever else the parse depends on."""
+    """The statement of a line, from its shape where that is known. ``flavour``: whatever else the
+    parse depends on.
+    """
     if _ACTIVE.search(text):
         return parse(None)
     spans: list[Span] = []
@@ -102,7 +114,9 @@ def _learnt(text: str, spans: list[Span], numbers: list[Span], parse: Parse) -> 
         found = parse(open_numbers)
     except GcodeError:
         return None
-    simple = not (found.control or found.remarks or found.board or found.percent) and all(len(word.letter) == 1 for word in found.words)
+    simple = not (found.control or found.remarks or found.board or found.percent) and all(
+        len(word.letter) == 1 for word in found.words
+    )
     if not simple or open_numbers:  # a number that was not taken as one
         return None
     ends = tuple(end for _, end in spans)
@@ -120,7 +134,9 @@ def _place(column: int, length: int, ends: tuple[int, ...]) -> _Place:
     return _Place(first, end, before, sum(1 for each in ends if each <= end))
 
 
-def _filled(shape: _Shape, text: str, spans: list[Span], numbers: list[Span], parse: Parse) -> Statement | None:
+def _filled(
+    shape: _Shape, text: str, spans: list[Span], numbers: list[Span], parse: Parse
+) -> Statement | None:
     """The statement of another line of the shape; None where it needs the grammar after all."""
     shifts = [0]
     shifts += [span[1] - end for span, end in zip(spans, shape.ends, strict=True)]
@@ -130,7 +146,10 @@ def _filled(shape: _Shape, text: str, spans: list[Span], numbers: list[Span], pa
     known = shape.statement
     words: list[Word] = []
     for word, place in zip(known.words, shape.words, strict=True):
-        first, end = place.first + shifts[place.spans_before], place.end + shifts[place.spans_inside]
+        first, end = (
+            place.first + shifts[place.spans_before],
+            place.end + shifts[place.spans_inside],
+        )
         written = text[first:end].translate(_CAPITALS)
         number = word.number
         if number == number:
@@ -139,12 +158,22 @@ def _filled(shape: _Shape, text: str, spans: list[Span], numbers: list[Span], pa
                 return None
         words.append(Word(word.letter, number, written, first + 1, end - first))
     computed = tuple(
-        [(index, _bound(value, values, lambda k=k: parse(None).computed[k][1])) for k, (index, value) in enumerate(known.computed)]  # type: ignore[misc]
+        [
+            (index, _bound(value, values, lambda k=k: parse(None).computed[k][1]))
+            for k, (index, value) in enumerate(known.computed)
+        ]  # type: ignore[misc]
     )
     assignments: list[Assignment] = []
     for k, (each, place) in enumerate(zip(known.assignments, shape.assignments, strict=True)):
-        first, end = place.first + shifts[place.spans_before], place.end + shifts[place.spans_inside]
-        target = each.target if isinstance(each.target, str) else _bound(each.target, values, lambda k=k: _target(parse(None), k))  # type: ignore[misc]
+        first, end = (
+            place.first + shifts[place.spans_before],
+            place.end + shifts[place.spans_inside],
+        )
+        target = (
+            each.target
+            if isinstance(each.target, str)
+            else _bound(each.target, values, lambda k=k: _target(parse(None), k))
+        )  # type: ignore[misc]
         value = _bound(each.value, values, lambda k=k: parse(None).assignments[k].value)  # type: ignore[misc]
         assignments.append(Assignment(target, value, first + 1, end - first))
     return Statement(tuple(words), computed, tuple(assignments), deletable=known.deletable)

@@ -1,7 +1,8 @@
 """Parameters: numbered and named variables of a program, and the file that keeps some of them.
 
-Numbers are the units of the program (mm or inch, as written); a parameter has no unit of its own. Source: LinuxCNC, "Parameters" (ranges,
-scope of names, the parameter file), and FANUC's custom macro B for its ranges and the vacant state.
+Numbers are the units of the program (mm or inch, as written); a parameter has no unit of its own.
+Source: LinuxCNC, "Parameters" (ranges, scope of names, the parameter file), and FANUC's custom
+macro B for its ranges and the vacant state.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ CURRENT_SYSTEM = 5220
 ALARM = 3000
 """FANUC: setting it stops the program with an alarm."""
 KEPT_MACRO = frozenset((*range(500, 1000), *range(5201, 5210), *range(7001, 7961)))
-"""FANUC's common variables that stay, the external offset of its coordinate systems, and the systems of G54.1."""
+"""FANUC's common variables that stay, the external offset of its coordinate systems, and the
+systems of G54.1.
+"""
 LAST_MACRO = max(KEPT_MACRO)
 COMMON_MACRO = KEPT_MACRO | frozenset(range(100, 200))
 VACANT = math.nan
@@ -45,15 +48,19 @@ Write = Callable[[float], None]
 class Parameters:
     """The variables of a program.
 
-    ``values`` is the plain store of the numbers above the locals; ``locals`` holds those of the current call. Both are open to compiled
-    expressions, which look there first. ``open_numbers`` are the numbers of the line that is being computed (:mod:`cnc.gcode.syntax.line_templates`).
-    With ``macro`` the ranges are FANUC's, and a number that was never set is vacant (NaN), not 0. ``increments`` is how many least input
-    increments a unit of length has: FANUC's ROUND rounds a word to that (1000 a mm, 10000 an inch).
+    ``values`` is the plain store of the numbers above the locals; ``locals`` holds those of the
+    current call. Both are open to compiled expressions, which look there first. ``open_numbers``
+    are the numbers of the line that is being computed (:mod:`cnc.gcode.syntax.line_templates`).
+    With ``macro`` the ranges are FANUC's, and a number that was never set is vacant (NaN), not 0.
+    ``increments`` is how many least input increments a unit of length has: FANUC's ROUND rounds a
+    word to that (1000 a mm, 10000 an inch).
     """
 
     def __init__(self, values: Mapping[int, float] | None = None, *, macro: bool = False) -> None:
         self.macro = macro
-        self.values: dict[int, float] = dict.fromkeys(sorted(SYSTEM), 0.0) | {CURRENT_SYSTEM: 1.0} | dict(values or {})
+        self.values: dict[int, float] = (
+            dict.fromkeys(sorted(SYSTEM), 0.0) | {CURRENT_SYSTEM: 1.0} | dict(values or {})
+        )
         self.locals: dict[int, float] = {}
         self.open_numbers: tuple[float, ...] = ()
         self._names: dict[str, float] = {}
@@ -78,7 +85,9 @@ class Parameters:
         return self._unset
 
     def set_number(self, index: float, value: float, column: int) -> None:
-        """``#index = value``. GcodeError ``parameter-number``, ``parameter-read-only``, ``macro-alarm``."""
+        """``#index = value``. GcodeError ``parameter-number``, ``parameter-read-only``,
+        ``macro-alarm``.
+        """
         number = self._whole(index, column)
         if 0 < number <= self._last_local:
             self._store(self.locals, number, value)
@@ -86,15 +95,21 @@ class Parameters:
             self._write(number, value, column)
         elif number == ALARM and self.macro:
             message = f"the program stops itself with alarm {ALARM + value:g}"
-            raise fault("macro-alarm", message, column=column, hint="the comment beside it may say why")
+            raise fault(
+                "macro-alarm", message, column=column, hint="the comment beside it may say why"
+            )
         elif number == 0 and self.macro:
-            raise fault("parameter-read-only", "#0 is always vacant and can't be set", column=column)
+            raise fault(
+                "parameter-read-only", "#0 is always vacant and can't be set", column=column
+            )
         else:
             self._check(number, column)
             self._store(self.values, number, value)
 
     def name(self, name: str, column: int) -> float:
-        """``#<name>``, given without the brackets, in lower case and without blanks. GcodeError ``parameter-undefined``."""
+        """``#<name>``, given without the brackets, in lower case and without blanks. GcodeError
+        ``parameter-undefined``.
+        """
         value = (self._globals if name.startswith("_") else self._names).get(name)
         if value is not None:
             return value
@@ -103,7 +118,9 @@ class Parameters:
         raise self._undefined(name, column)
 
     def set_name(self, name: str, value: float, column: int) -> None:
-        """``#<name> = value``: global where the name begins with ``_``, else of this call. GcodeError ``parameter-read-only``."""
+        """``#<name> = value``: global where the name begins with ``_``, else of this call.
+        GcodeError ``parameter-read-only``.
+        """
         if name in self._bound:
             self._write(name, value, column)
         elif name.startswith("_"):
@@ -118,15 +135,21 @@ class Parameters:
         return target in self._bound or (1 <= target <= LAST and float(target).is_integer())
 
     def bind(self, key: int | str, read: Read, write: Write | None = None) -> None:
-        """Let a parameter show something live (5420: the position); without ``write`` a program can't set it."""
+        """Let a parameter show something live (5420: the position); without ``write`` a program
+        can't set it.
+        """
         if isinstance(key, int):
             self.values.pop(key, None)
         self._bound[key] = read, write
 
     def push(self, arguments: Sequence[float]) -> None:
-        """Enter a call: it has names of its own, and its own #1.. which begin with the arguments (NaN: not given)."""
+        """Enter a call: it has names of its own, and its own #1.. which begin with the arguments
+        (NaN: not given).
+        """
         self._callers.append((self.locals, self._names))
-        self.locals = {number: value for number, value in enumerate(arguments, start=1) if value == value}
+        self.locals = {
+            number: value for number, value in enumerate(arguments, start=1) if value == value
+        }
         self._names = {}
 
     def pop(self) -> None:
@@ -136,7 +159,11 @@ class Parameters:
     def stored(self) -> dict[int, float]:
         """What the parameter file keeps, ascending: the system's, and the user's that were set."""
         kept = KEPT_MACRO if self.macro else USER
-        return {number: self.values[number] for number in sorted(self.values) if number in SYSTEM or number in kept}
+        return {
+            number: self.values[number]
+            for number in sorted(self.values)
+            if number in SYSTEM or number in kept
+        }
 
     def _store(self, store: dict[int, float], number: int, value: float) -> None:
         """Vacant is stored as nothing at all."""
@@ -148,7 +175,11 @@ class Parameters:
     def _whole(self, index: float, column: int) -> int:
         number = round(index)
         if abs(index - number) > NEAR_WHOLE:
-            raise fault("parameter-number", f"#{index:g}: the number of a parameter must be whole", column=column)
+            raise fault(
+                "parameter-number",
+                f"#{index:g}: the number of a parameter must be whole",
+                column=column,
+            )
         return number
 
     def _check(self, number: int, column: int) -> None:
@@ -156,7 +187,12 @@ class Parameters:
             hint = f"variables are #1 to #{LOCAL_MACRO}, #100 to #199 and #500 to #999"
             raise fault("parameter-number", f"there is no #{number} here", column=column, hint=hint)
         if not self.macro and not 1 <= number <= LAST:
-            raise fault("parameter-number", f"there is no #{number}", column=column, hint=f"parameters are #1 to #{LAST}")
+            raise fault(
+                "parameter-number",
+                f"there is no #{number}",
+                column=column,
+                hint=f"parameters are #1 to #{LAST}",
+            )
 
     def _write(self, key: int | str, value: float, column: int) -> None:
         write = self._bound[key][1]
@@ -166,25 +202,44 @@ class Parameters:
         write(value)
 
     def _undefined(self, name: str, column: int) -> GcodeError:
-        known = [*self._names, *self._globals, *(key for key in self._bound if isinstance(key, str))]
+        known = [
+            *self._names,
+            *self._globals,
+            *(key for key in self._bound if isinstance(key, str)),
+        ]
         near = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean #<{near[0]}>?" if near else f"set it first, or ask EXISTS[#<{name}>]"
-        return fault("parameter-undefined", f"#<{name}> was never set", column=column, length=len(name) + 3, hint=hint)
+        return fault(
+            "parameter-undefined",
+            f"#<{name}> was never set",
+            column=column,
+            length=len(name) + 3,
+            hint=hint,
+        )
 
 
 def read_parameters(path: str | os.PathLike[str]) -> dict[int, float]:
     """The numbers of a parameter file: a number and its value a line, ascending.
 
-    Raises UsageError with file and line: ``no-such-file``, ``unreadable-file``, ``parameter-file-line``, ``parameter-file-order``.
+    Raises UsageError with file and line: ``no-such-file``, ``unreadable-file``,
+    ``parameter-file-line``, ``parameter-file-order``.
     """
     name = os.fspath(path)
     try:
         text = Path(path).read_text(encoding="latin-1")
     except FileNotFoundError:
         hint = "the first time, make an empty file of this name"
-        raise UsageError(Diagnostic("no-such-file", f"there is no parameter file {name}", file=name, hint=hint)) from None
+        raise UsageError(
+            Diagnostic("no-such-file", f"there is no parameter file {name}", file=name, hint=hint)
+        ) from None
     except OSError as error:
-        raise UsageError(Diagnostic("unreadable-file", f"can't read the parameter file {name}: {error.strerror}", file=name)) from None
+        raise UsageError(
+            Diagnostic(
+                "unreadable-file",
+                f"can't read the parameter file {name}: {error.strerror}",
+                file=name,
+            )
+        ) from None
     values: dict[int, float] = {}
     last = 0
     for line, raw in enumerate(text.split("\n"), start=1):
@@ -193,31 +248,61 @@ def read_parameters(path: str | os.PathLike[str]) -> dict[int, float]:
         found = _LINE.fullmatch(raw)
         value = float(found[2]) if found else math.inf
         if found is None or not math.isfinite(value):
-            raise _file_error("parameter-file-line", "this is no number of a parameter and its value", name, line, raw, "such as 5221 10.5")
+            raise _file_error(
+                "parameter-file-line",
+                "this is no number of a parameter and its value",
+                name,
+                line,
+                raw,
+                "such as 5221 10.5",
+            )
         number = int(found[1])
         if not 1 <= number <= LAST_MACRO:
-            raise _file_error("parameter-file-line", f"there is no parameter {number}", name, line, raw, f"they are 1 to {LAST_MACRO}")
+            raise _file_error(
+                "parameter-file-line",
+                f"there is no parameter {number}",
+                name,
+                line,
+                raw,
+                f"they are 1 to {LAST_MACRO}",
+            )
         if number <= last:
             message = f"{number} stands after {last}"
-            raise _file_error("parameter-file-order", message, name, line, raw, "the numbers must ascend, each given once")
+            raise _file_error(
+                "parameter-file-order",
+                message,
+                name,
+                line,
+                raw,
+                "the numbers must ascend, each given once",
+            )
         values[number] = value
         last = number
     return values
 
 
 def write_parameters(path: str | os.PathLike[str], values: Mapping[int, float]) -> None:
-    """Write a parameter file. The old one is there whole until the new one is; ``float`` gives every value back as it was.
+    """Write a parameter file. The old one is there whole until the new one is; ``float`` gives
+    every value back as it was.
 
     Raises UsageError ``unwritable-file``.
     """
-    replace_text(path, "".join(f"{number}\t{value!r}\n" for number, value in sorted(values.items())), "the parameter file")
+    replace_text(
+        path,
+        "".join(f"{number}\t{value!r}\n" for number, value in sorted(values.items())),
+        "the parameter file",
+    )
 
 
 def replace_text(path: str | os.PathLike[str], text: str, what: str) -> None:
-    """Write a file whole or not at all; ``what`` is what messages call it. UsageError ``unwritable-file``."""
+    """Write a file whole or not at all; ``what`` is what messages call it. UsageError
+    ``unwritable-file``.
+    """
     target = Path(os.path.realpath(path))
     try:
-        handle, draft = tempfile.mkstemp(prefix=target.name + ".", suffix=".part", dir=target.parent)
+        handle, draft = tempfile.mkstemp(
+            prefix=target.name + ".", suffix=".part", dir=target.parent
+        )
         try:
             with open(handle, "w", encoding="utf-8", newline="\n") as file:
                 file.write(text)
@@ -231,7 +316,9 @@ def replace_text(path: str | os.PathLike[str], text: str, what: str) -> None:
             raise
     except OSError as error:
         name = os.fspath(path)
-        raise UsageError(Diagnostic("unwritable-file", f"can't write {what} {name}: {error.strerror}", file=name)) from None
+        raise UsageError(
+            Diagnostic("unwritable-file", f"can't write {what} {name}: {error.strerror}", file=name)
+        ) from None
 
 
 def _mode(target: Path) -> int:
@@ -246,4 +333,15 @@ def _mode(target: Path) -> int:
 
 def _file_error(code: str, message: str, file: str, line: int, text: str, hint: str) -> UsageError:
     shown = text.rstrip()
-    return UsageError(Diagnostic(code, message, file, line, len(shown) - len(shown.lstrip()) + 1, len(shown.strip()), shown, hint))
+    return UsageError(
+        Diagnostic(
+            code,
+            message,
+            file,
+            line,
+            len(shown) - len(shown.lstrip()) + 1,
+            len(shown.strip()),
+            shown,
+            hint,
+        )
+    )

@@ -1,7 +1,8 @@
 """The text of a program: lines by number, in any order, in bounded memory.
 
-A file is read in windows of some thousand lines. A loop goes back to lines that were read before, a call to lines far away: where each
-window begins in the file is remembered, and the last few windows are kept.
+A file is read in windows of some thousand lines. A loop goes back to lines that were read before, a
+call to lines far away: where each window begins in the file is remembered, and the last few windows
+are kept.
 """
 
 from __future__ import annotations
@@ -34,18 +35,25 @@ _NOT_UTF8 = "latin-1"
 _FOREIGN = b"\0"
 """Ends the bytes of a line that bytes can't hold, or not as one line: no plain line has it."""
 _FIRST_LINES, _MOST_LINES = 64, 8192
-"""Lines of a window over lines that come one by one: the first is short, so that the beginning does not wait."""
+"""Lines of a window over lines that come one by one: the first is short, so that the beginning does
+not wait.
+"""
 
 
 class Window:
-    """Some lines that follow each other, ``count`` of them from line ``first`` (from 1) on; below, ``index`` counts from 0.
+    """Some lines that follow each other, ``count`` of them from line ``first`` (from 1) on; below,
+    ``index`` counts from 0.
 
-    Of each line: ``head`` (uint8), the upper-case first letter after blanks, ``/``, comments and an N number, 0 for none; ``label``
-    (int64), its N number, -1 for none; ``plain`` (int32), how many lines that the scanner took follow each other from here on, 0 where this
-    one is the grammar's; ``straight`` (int32), how many follow that have no words but those of a straight move. ``scan`` has the words.
+    Of each line: ``head`` (uint8), the upper-case first letter after blanks, ``/``, comments and an
+    N number, 0 for none; ``label`` (int64), its N number, -1 for none; ``plain`` (int32), how many
+    lines that the scanner took follow each other from here on, 0 where this one is the grammar's;
+    ``straight`` (int32), how many follow that have no words but those of a straight move. ``scan``
+    has the words.
     """
 
-    def __init__(self, first: int, data: bytes, found: Scan, texts: dict[int, str] | None = None) -> None:
+    def __init__(
+        self, first: int, data: bytes, found: Scan, texts: dict[int, str] | None = None
+    ) -> None:
         """``texts`` by index are of lines that the bytes don't hold as they are."""
         count = found.count
         self.first, self.count, self.scan = first, count, found
@@ -57,7 +65,9 @@ class Window:
         self._texts = texts or {}
 
     def text(self, index: int) -> str:
-        """The line without its end: UTF-8, or Latin-1, in which no byte is wrong, where it is no UTF-8."""
+        """The line without its end: UTF-8, or Latin-1, in which no byte is wrong, where it is no
+        UTF-8.
+        """
         if index in self._texts:
             return self._texts[index]
         line = self._data[self._begin[index] : self._end[index]]
@@ -67,9 +77,17 @@ class Window:
             return line.decode(_NOT_UTF8)
 
     def find(self, pattern: re.Pattern[bytes], index: int, end: int) -> int:
-        """The first line from ``index`` on, before ``end``, whose bytes hold the pattern, which spans no two lines; else ``end``."""
+        """The first line from ``index`` on, before ``end``, whose bytes hold the pattern, which
+        spans no two lines; else ``end``.
+        """
         found = pattern.search(self._data, int(self._begin[index]), int(self._end[end - 1]))
-        return end if found is None else int(np.searchsorted(self._begin[index:end], found.start(), side="right")) + index - 1
+        return (
+            end
+            if found is None
+            else int(np.searchsorted(self._begin[index:end], found.start(), side="right"))
+            + index
+            - 1
+        )
 
     def statement(self, index: int, syntax: Syntax) -> Statement:
         """The parsed line; equal lines share one. Errors as those of ``parse_line``."""
@@ -91,9 +109,13 @@ _memo: dict[str, Statement] = {}
 
 
 class Text:
-    """A program's text; ``name`` is how messages call it, ``lines`` the number of lines read so far."""
+    """A program's text; ``name`` is how messages call it, ``lines`` the number of lines read so
+    far.
+    """
 
-    def __init__(self, name: str, windows: Iterator[Window], again: Callable[[int], Window]) -> None:
+    def __init__(
+        self, name: str, windows: Iterator[Window], again: Callable[[int], Window]
+    ) -> None:
         """``windows`` in their order; ``again`` gives one that was given before, by its index."""
         self.name = name
         self.lines = 0
@@ -103,19 +125,25 @@ class Text:
 
     @classmethod
     def of_file(cls, path: str | os.PathLike[str], name: str | None = None) -> Text:
-        r"""The lines of a file (``\r\n``, ``\n`` or ``\r`` end one), UTF-8 with or without a byte order mark.
+        r"""The lines of a file (``\r\n``, ``\n`` or ``\r`` end one), UTF-8 with or without a byte
+        order mark.
 
-        A line that is longer than a window is cut at a length that the language refuses. Raises UsageError ``no-such-file`` or
-        ``unreadable-file``, here and whenever a window has to be read.
+        A line that is longer than a window is cut at a length that the language refuses. Raises
+        UsageError ``no-such-file`` or ``unreadable-file``, here and whenever a window has to be
+        read.
         """
         file = _File(path)
         return cls(os.fspath(path) if name is None else name, file.windows(), file.again)
 
     @classmethod
     def of_lines(cls, lines: Iterable[str], name: str) -> Text:
-        """Lines in memory, with or without their ends. They are read when they are needed, and kept."""
+        """Lines in memory, with or without their ends. They are read when they are needed, and
+        kept.
+        """
         kept: Kept = []
-        return cls(name, _windows_of_lines(iter(lines), kept), lambda index: _window_of_lines(*kept[index]))
+        return cls(
+            name, _windows_of_lines(iter(lines), kept), lambda index: _window_of_lines(*kept[index])
+        )
 
     def window(self, line: int) -> Window | None:
         """The window that holds a line (from 1); None past the end."""
@@ -143,7 +171,9 @@ class Text:
 
 
 class _File:
-    """Windows of a file. It is opened for each anew: a program may be at work for hours, and a file held open can't be replaced."""
+    """Windows of a file. It is opened for each anew: a program may be at work for hours, and a file
+    held open can't be replaced.
+    """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = os.fspath(path)
@@ -165,9 +195,13 @@ class _File:
             with open(path, "rb") as file:
                 yield file
         except FileNotFoundError:
-            raise UsageError(Diagnostic("no-such-file", f"there is no file {path}", file=path)) from None
+            raise UsageError(
+                Diagnostic("no-such-file", f"there is no file {path}", file=path)
+            ) from None
         except OSError as error:
-            raise UsageError(Diagnostic("unreadable-file", f"can't read {path}: {error.strerror}", file=path)) from None
+            raise UsageError(
+                Diagnostic("unreadable-file", f"can't read {path}: {error.strerror}", file=path)
+            ) from None
 
     def _read(self, offset: int) -> bytes:
         with self._opened() as file:
@@ -190,7 +224,9 @@ class _File:
         return self._window(line, self._read(offset))[0]
 
     def _window(self, line: int, data: bytes) -> tuple[Window, int]:
-        """The window that these bytes begin with, and its size; a size of 0 where its only line goes on behind them."""
+        """The window that these bytes begin with, and its size; a size of 0 where its only line
+        goes on behind them.
+        """
         found = scan(data, whole=len(data) < WINDOW_BYTES)
         if found.count:
             return Window(line, data[: found.size], found), found.size

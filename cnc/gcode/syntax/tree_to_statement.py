@@ -1,6 +1,7 @@
 """From the grammar's tree to a statement.
 
-Apart from the rest so that Lark is imported only where a line is parsed. Methods bear the names of the grammar's rules.
+Apart from the rest so that Lark is imported only where a line is parsed. Methods bear the names of
+the grammar's rules.
 """
 
 # ruff: noqa: D102
@@ -32,7 +33,9 @@ _REMARK = re.compile(
 PROBEOPEN). ABORT needs the comma."""
 
 CHECKED_NOW = -1
-"""No place in a line: left among the open numbers where a constant has to be checked while the line is read."""
+"""No place in a line: left among the open numbers where a constant has to be checked while the line
+is read.
+"""
 
 Item = tuple[Word, Value | None]
 
@@ -41,10 +44,19 @@ Item = tuple[Word, Value | None]
 class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
     """Makes the statement of one line, whose text without blanks is ``text``.
 
-    ``open_numbers``: numbers to be left open, by their place in the line (from 0); those that were met are taken out of it.
+    ``open_numbers``: numbers to be left open, by their place in the line (from 0); those that were
+    met are taken out of it.
     """
 
-    def __init__(self, text: str, build: Builder, open_numbers: dict[int, int] | None, *, siemens: bool, dialect: str) -> None:
+    def __init__(
+        self,
+        text: str,
+        build: Builder,
+        open_numbers: dict[int, int] | None,
+        *,
+        siemens: bool,
+        dialect: str,
+    ) -> None:
         super().__init__(visit_tokens=False)
         self._open = open_numbers
         self._opened = -1
@@ -61,7 +73,10 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
         if number == math.inf:
             letter = begin - 1 if self._text[begin - 1].isalpha() else begin
             raise self._build.fault("number-too-large", "this number is too large", letter, end)
-        if self._open is not None and (index := self._open.pop(self._build.columns[begin], None)) is not None:
+        if (
+            self._open is not None
+            and (index := self._open.pop(self._build.columns[begin], None)) is not None
+        ):
             self._opened = begin
             return Node(lambda p: p.open_numbers[index], begin, end)
         return constant(number, begin, end)
@@ -76,14 +91,22 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
         return self._build.binary(left, str(operator), right, _begin(operator))
 
     def call(self, function: Token, argument: Node) -> Node:
-        return self._build.call(function.value, argument, _begin(function), increments=function.type == "WORD_FUNCTION")
+        return self._build.call(
+            function.value, argument, _begin(function), increments=function.type == "WORD_FUNCTION"
+        )
 
-    def arctangent(self, function: Token, y: Node, _slash: Token | None = None, x: Node | None = None) -> Node:
+    def arctangent(
+        self, function: Token, y: Node, _slash: Token | None = None, x: Node | None = None
+    ) -> Node:
         return self._build.arctangent(y, x, _begin(function))
 
     def parameter(self, hash_: Token, index: Node | Token) -> ParameterNode:
         if isinstance(index, Node):
-            if self._open is not None and _begin(hash_) < self._opened and "#" not in self._text[_begin(hash_) + 1 : index.end]:
+            if (
+                self._open is not None
+                and _begin(hash_) < self._opened
+                and "#" not in self._text[_begin(hash_) + 1 : index.end]
+            ):
                 self._open[CHECKED_NOW] = 0
             return self._build.parameter(index, _begin(hash_), index.end)
         return self._build.parameter(_name(index), _begin(hash_), _end(index))
@@ -104,7 +127,12 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
             return Word(name, math.nan, written, column, length), number.result
         value = float(digits)
         if abs(value) > MAX_NUMBER:
-            raise self._build.fault("number-too-large", f"the number after {name} is larger than {MAX_NUMBER:.0f}", begin, end)
+            raise self._build.fault(
+                "number-too-large",
+                f"the number after {name} is larger than {MAX_NUMBER:.0f}",
+                begin,
+                end,
+            )
         return Word(name, value, written, column, length), None
 
     def bspline(self, token: Token) -> Item:
@@ -124,7 +152,9 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
 
     def oword(self, letter: Token, label: Token | Node, keyword: Token, *values: Node) -> Control:
         results = tuple(value.value for value in values)
-        return self._control(cast(Keyword, str(keyword).lower()), self._label(label), results, letter, keyword)
+        return self._control(
+            cast(Keyword, str(keyword).lower()), self._label(label), results, letter, keyword
+        )
 
     def jump(self, goto: Token, target: Node) -> Control:
         return self._control("goto", "", (target.value,), goto, goto)
@@ -133,7 +163,9 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
         return self._control("if-goto", "", (condition.value, target.value), if_, goto)
 
     def then(self, if_: Token, condition: Node, then: Token, *assignments: Assignment) -> Control:
-        return self._control("if-then", "", (condition.value,), if_, then, Statement(assignments=assignments))
+        return self._control(
+            "if-then", "", (condition.value,), if_, then, Statement(assignments=assignments)
+        )
 
     def loop(self, *parts: Token | Node) -> Control:
         """WHILE [..] DO m, or DO m: for ever."""
@@ -172,7 +204,14 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
                 deletable = True
         if control is not None:
             _check_alone(control, words, assignments)
-        return Statement(tuple(words), tuple(computed), tuple(assignments), tuple(remarks), control, deletable=deletable)
+        return Statement(
+            tuple(words),
+            tuple(computed),
+            tuple(assignments),
+            tuple(remarks),
+            control,
+            deletable=deletable,
+        )
 
     @v_args(inline=False)
     def percent(self, items: list[Any]) -> Statement:
@@ -180,7 +219,13 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
         return replace(statement, percent=True)
 
     def _control(
-        self, keyword: Keyword, label: str | Value, values: tuple[Value, ...], first: Any, last: Any, then: Statement | None = None
+        self,
+        keyword: Keyword,
+        label: str | Value,
+        values: tuple[Value, ...],
+        first: Any,
+        last: Any,
+        then: Statement | None = None,
     ) -> Control:
         column, length = self._build.place(_begin(first), _end(last))
         return Control(keyword, label, values, column, length, then)
@@ -192,16 +237,26 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
         if label.type == "NAME":
             return f"<{_name(label)}>"
         if "." in label:
-            raise self._build.fault("label-malformed", f"{label} is no label", _begin(label), _end(label), "a label is a whole number")
+            raise self._build.fault(
+                "label-malformed",
+                f"{label} is no label",
+                _begin(label),
+                _end(label),
+                "a label is a whole number",
+            )
         return str(int(label))
 
     def _check_siemens(self, name: str, begin: int, end: int) -> None:
         if not self._siemens:
-            raise self._build.fault("syntax-not-in-dialect", f"{name} is not in the {self._dialect} dialect", begin, end)
+            raise self._build.fault(
+                "syntax-not-in-dialect", f"{name} is not in the {self._dialect} dialect", begin, end
+            )
 
 
 def mark_rounding(tree: Tree[Token]) -> None:
-    """Tell ROUND in a FANUC word from ROUND in a macro statement: it rounds a length to the least input increment."""
+    """Tell ROUND in a FANUC word from ROUND in a macro statement: it rounds a length to the least
+    input increment.
+    """
     for word in tree.find_data("word"):
         if str(word.children[0]) in LENGTHS:
             for call in word.find_data("call"):
@@ -214,15 +269,28 @@ def _always(_: Parameters) -> float:
 
 def _check_alone(control: Control, words: list[Word], assignments: list[Assignment]) -> None:
     """A control line has a line number at most beside what it controls."""
-    number = words[0] if words and words[0].letter == "N" and words[0].column < control.column else None
+    number = (
+        words[0] if words and words[0].letter == "N" and words[0].column < control.column else None
+    )
     if number is not None and (number.whole is None or "-" in number.written):
-        raise fault("line-number-bad", f"{number.written} is no line number", number, "a line number is a whole number from 0")
+        raise fault(
+            "line-number-bad",
+            f"{number.written} is no line number",
+            number,
+            "a line number is a whole number from 0",
+        )
     places = [(word.column, word.length) for word in words if word is not number]
     places += [(assignment.column, assignment.length) for assignment in assignments]
     if places:
         column, length = min(places)
         message = "what controls the flow stands in a line of its own"
-        raise fault("control-not-alone", message, column=column, length=length, hint="write this in another line")
+        raise fault(
+            "control-not-alone",
+            message,
+            column=column,
+            length=length,
+            hint="write this in another line",
+        )
 
 
 def _name(token: Token) -> str:

@@ -1,7 +1,8 @@
 """The words of a line: a letter, a number, and where they stand.
 
-A parsed line (:mod:`cnc.gcode.syntax.statement`) never changes and is shared between equal lines. Executing it goes through a :class:`LineWords`,
-the record of which words have found a user: the interpreter refuses a line that has a word left, so no word is ever ignored.
+A parsed line (:mod:`cnc.gcode.syntax.statement`) never changes and is shared between equal lines.
+Executing it goes through a :class:`LineWords`, the record of which words have found a user: the
+interpreter refuses a line that has a word left, so no word is ever ignored.
 """
 
 from __future__ import annotations
@@ -20,12 +21,16 @@ POLAR = frozenset("@^")
 """Distance and angle, in the place of X and Y."""
 _POINT = AXES | POLAR
 NEAR_WHOLE = 1e-4
-"""How far from a whole number a computed number may be that has to be whole. Source: LinuxCNC, which takes as much."""
+"""How far from a whole number a computed number may be that has to be whole. Source: LinuxCNC,
+which takes as much.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """A word: upper-case ``letter``, ``number``, ``written`` as in the source but for blanks and case, ``column`` from 1, ``length``."""
+    """A word: upper-case ``letter``, ``number``, ``written`` as in the source but for blanks and
+    case, ``column`` from 1, ``length``.
+    """
 
     letter: str
     number: float
@@ -35,13 +40,17 @@ class Word:
 
     @property
     def tenths(self) -> int:
-        """Ten times the number, for the codes of G words (G61.1 is 611); -1 where the number is no code."""
+        """Ten times the number, for the codes of G words (G61.1 is 611); -1 where the number is no
+        code.
+        """
         tenths = round(self.number * 10)
         return tenths if self.number == tenths / 10 and "-" not in self.written else -1
 
     @property
     def whole(self) -> int | None:
-        """The number where it is a whole one; a computed one may be off by as much as computing makes it."""
+        """The number where it is a whole one; a computed one may be off by as much as computing
+        makes it.
+        """
         if self.number.is_integer():
             return int(self.number)
         if not math.isfinite(self.number) or not ("[" in self.written or "#" in self.written):
@@ -50,8 +59,18 @@ class Word:
         return number if abs(self.number - number) < NEAR_WHOLE else None
 
 
-def fault(code: str, message: str, word: Word | None = None, hint: str = "", *, column: int = 0, length: int = 1) -> GcodeError:
-    """An error at a word (or a column) of the current line; the interpreter adds file, line and text."""
+def fault(
+    code: str,
+    message: str,
+    word: Word | None = None,
+    hint: str = "",
+    *,
+    column: int = 0,
+    length: int = 1,
+) -> GcodeError:
+    """An error at a word (or a column) of the current line; the interpreter adds file, line and
+    text.
+    """
     if word is not None:
         column, length = word.column, word.length
     return GcodeError(Diagnostic(code, message, column=column, length=length, hint=hint))
@@ -61,7 +80,8 @@ def fault(code: str, message: str, word: Word | None = None, hint: str = "", *, 
 class LineWords:
     """The words of the line that is being executed, and which of them are still without a user.
 
-    ``g`` and ``m`` hold the code words in the order written; ``rest`` every other word by its letter.
+    ``g`` and ``m`` hold the code words in the order written; ``rest`` every other word by its
+    letter.
     """
 
     g: list[Word] = field(default_factory=list)
@@ -71,7 +91,9 @@ class LineWords:
 
     @classmethod
     def of(cls, written: Iterable[Word]) -> LineWords:
-        """Sort the words of a line; the line number is dropped: only a jump looks for it, elsewhere."""
+        """Sort the words of a line; the line number is dropped: only a jump looks for it,
+        elsewhere.
+        """
         words = cls()
         for index, word in enumerate(written):
             letter = word.letter
@@ -88,7 +110,9 @@ class LineWords:
         return words
 
     def take(self, letter: str, user: str) -> Word | None:
-        """Give the word to ``user`` (the name of a code); None where the line has none. A word has one user only."""
+        """Give the word to ``user`` (the name of a code); None where the line has none. A word has
+        one user only.
+        """
         word = self.rest.pop(letter, None)
         if word is not None:
             self.users[letter] = user, word
@@ -108,18 +132,33 @@ class LineWords:
 
     def first_axis(self) -> Word:
         """The leftmost axis word left."""
-        return min((word for letter, word in self.rest.items() if letter in _POINT), key=lambda word: word.column)
+        return min(
+            (word for letter, word in self.rest.items() if letter in _POINT),
+            key=lambda word: word.column,
+        )
 
 
 def _check_line_number(word: Word, *, first: bool) -> None:
     if not first:
-        raise fault("line-number-place", "a line number must stand first in its line", word, "move the N word to the front")
+        raise fault(
+            "line-number-place",
+            "a line number must stand first in its line",
+            word,
+            "move the N word to the front",
+        )
     if word.whole is None or "-" in word.written:
-        raise fault("line-number-bad", f"{word.written} is no line number", word, "a line number is a whole number from 0")
+        raise fault(
+            "line-number-bad",
+            f"{word.written} is no line number",
+            word,
+            "a line number is a whole number from 0",
+        )
 
 
 def whole(word: Word, what: str, low: int, high: int | None = None) -> int:
-    """The word's number as a whole number from ``low`` to ``high``, or an error that says what it is for."""
+    """The word's number as a whole number from ``low`` to ``high``, or an error that says what it
+    is for.
+    """
     number = word.whole
     if number is None or number < low or (high is not None and number > high):
         span = f"from {low}" if high is None else f"from {low} to {high}"

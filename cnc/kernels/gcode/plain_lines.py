@@ -1,6 +1,7 @@
 """Straight moves from words to points: the modal state of G0, G1 and F on arrays.
 
-The arithmetic is that of a line executed on its own (:mod:`cnc.gcode.codes.motion`), operation by operation, so that the numbers are the same.
+The arithmetic is that of a line executed on its own (:mod:`cnc.gcode.codes.motion`), operation by
+operation, so that the numbers are the same.
 """
 
 from __future__ import annotations
@@ -31,14 +32,17 @@ def straight(
     line: int, first: Counts, letter: Bytes, number: Floats, begin: int, end: int, column: Ints, axes: Floats, absolute: int,
     feed_scale: float, min_feed: float, mode: int, position: Floats, feed: Floats, points: Floats, feeds: Floats, lines: Counts,
 ) -> tuple[int, int, int]:  # fmt: skip
-    """Execute the lines ``begin`` to ``end`` of a scan, all of which hold only words of straight moves, each once.
+    """Execute the lines ``begin`` to ``end`` of a scan, all of which hold only words of straight
+    moves, each once.
 
-    ``line`` is the number of line ``begin``. column (26,): the axis of each letter or NO_AXIS. axes (3, n): mm or degrees a program unit,
-    the position of the program's zero, 1 where the axis turns. ``feed_scale`` mm a program unit, ``min_feed`` mm/s. The state: ``mode``,
-    position (n,), feed (2,) mm/s and deg/s, NaN for none; the arrays are brought up to date.
+    ``line`` is the number of line ``begin``. column (26,): the axis of each letter or NO_AXIS. axes
+    (3, n): mm or degrees a program unit, the position of the program's zero, 1 where the axis
+    turns. ``feed_scale`` mm a program unit, ``min_feed`` mm/s. The state: ``mode``, position (n,),
+    feed (2,) mm/s and deg/s, NaN for none; the arrays are brought up to date.
 
-    Stops before the first line that needs a closer look: an axis that the machine has not, a move without a motion mode or a feed, a feed
-    too slow. Returns the number of lines executed, of moves written to points, feeds (NaN for a traverse) and lines, and the mode.
+    Stops before the first line that needs a closer look: an axis that the machine has not, a move
+    without a motion mode or a feed, a feed too slow. Returns the number of lines executed, of moves
+    written to points, feeds (NaN for a traverse) and lines, and the mode.
     """
     n = len(position)
     moves = 0

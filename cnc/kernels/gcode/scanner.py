@@ -1,9 +1,10 @@
 """Lines of a program, from bytes to arrays of words.
 
-What is taken here is the bulk of any program that a machine wrote: words of a letter and a number without blanks inside, comments, line
-ends. Everything else (parameters, expressions, O-words, active comments, ...) is only marked, for the grammar to read. So is every number
-that takes more than one rounding: m / 10^k is one correctly rounded division where m <= 2^53 and k <= 22, both sides being exact. Source:
-Clinger, "How to read floating point numbers accurately", PLDI 1990.
+What is taken here is the bulk of any program that a machine wrote: words of a letter and a number
+without blanks inside, comments, line ends. Everything else (parameters, expressions, O-words,
+active comments, ...) is only marked, for the grammar to read. So is every number that takes more
+than one rounding: m / 10^k is one correctly rounded division where m <= 2^53 and k <= 22, both
+sides being exact. Source: Clinger, "How to read floating point numbers accurately", PLDI 1990.
 """
 
 from __future__ import annotations
@@ -28,7 +29,17 @@ _EXACT = 1 << 53
 _POWERS = np.array([float(f"1e{k}") for k in range(_DIGITS + 1)])
 
 _TAB, _LF, _CR, _BLANK = 9, 10, 13, 32
-_OPEN, _CLOSE, _PLUS, _MINUS, _DOT, _SLASH, _ZERO, _SEMICOLON, _DELETE = 40, 41, 43, 45, 46, 47, 48, 59, 127
+_OPEN, _CLOSE, _PLUS, _MINUS, _DOT, _SLASH, _ZERO, _SEMICOLON, _DELETE = (
+    40,
+    41,
+    43,
+    45,
+    46,
+    47,
+    48,
+    59,
+    127,
+)
 _A, _F, _G, _N, _O, _Z = 65, 70, 71, 78, 79, 90
 _LOWER = 32
 """The bit that a small letter has and a capital has not."""
@@ -36,13 +47,20 @@ _LOWER = 32
 _STRAIGHT = 0
 for _letter in b"NGFXYZABCUVW":
     _STRAIGHT |= 1 << (_letter - _A)
-_ACTIVE = np.array([[ord(char) for char in begin] for begin in ("msg", "deb", "pri", "log", "pro", "abo", "py\0")], np.uint8)
-"""How comments begin that may be more than comments: msg, debug, print, log.., probe.., abort, py."""
+_ACTIVE = np.array(
+    [[ord(char) for char in begin] for begin in ("msg", "deb", "pri", "log", "pro", "abo", "py\0")],
+    np.uint8,
+)
+"""How comments begin that may be more than comments: msg, debug, print, log.., probe.., abort,
+py.
+"""
 
 
 @njit
 def _comment_end(data: Bytes, at: int, stop: int) -> int:
-    """The position after the comment that opens at ``at``, or NOT_PLAIN: it is not closed, holds another one, or may be active."""
+    """The position after the comment that opens at ``at``, or NOT_PLAIN: it is not closed, holds
+    another one, or may be active.
+    """
     i = at + 1
     while i < stop and (data[i] == _BLANK or data[i] == _TAB):
         i += 1
@@ -64,7 +82,9 @@ def _comment_end(data: Bytes, at: int, stop: int) -> int:
 
 @njit
 def _tail_is_plain(data: Bytes, at: int, stop: int) -> bool:
-    """Whether the comment that opens with a semicolon at ``at`` has only characters that any comment may have."""
+    """Whether the comment that opens with a semicolon at ``at`` has only characters that any
+    comment may have.
+    """
     for i in range(at, stop):
         char = int(data[i])
         if (char < _BLANK and char != _TAB) or char >= _DELETE:
@@ -74,9 +94,18 @@ def _tail_is_plain(data: Bytes, at: int, stop: int) -> bool:
 
 @njit
 def _words(
-    data: Bytes, begin: int, stop: int, count: int, largest: float, letter: Bytes, number: Floats, column: Counts, length: Counts
+    data: Bytes,
+    begin: int,
+    stop: int,
+    count: int,
+    largest: float,
+    letter: Bytes,
+    number: Floats,
+    column: Counts,
+    length: Counts,
 ) -> int:
-    """Append the words of the line data[begin:stop] to the arrays, which hold ``count``; the new count, or NOT_PLAIN.
+    """Append the words of the line data[begin:stop] to the arrays, which hold ``count``; the new
+    count, or NOT_PLAIN.
 
     There must be room for as many words as half the line has bytes.
     """
@@ -95,7 +124,13 @@ def _words(
         if char == _SEMICOLON:
             return count if _tail_is_plain(data, i, stop) else NOT_PLAIN
         capital = char & ~_LOWER
-        if char < _A or capital < _A or capital > _Z or capital == _O or (capital == _N and count > first):
+        if (
+            char < _A
+            or capital < _A
+            or capital > _Z
+            or capital == _O
+            or (capital == _N and count > first)
+        ):
             return NOT_PLAIN
         at = i
         i += 1
@@ -135,7 +170,9 @@ def _words(
 
 @njit
 def _head(data: Bytes, begin: int, stop: int) -> tuple[int, int]:
-    """The first letter (capital, 0 for none) of a line after blanks, comments, ``/`` and its N number, and that number (-1 for none)."""
+    """The first letter (capital, 0 for none) of a line after blanks, comments, ``/`` and its N
+    number, and that number (-1 for none).
+    """
     i = begin
     label = NOT_PLAIN
     while i < stop:
@@ -151,7 +188,9 @@ def _head(data: Bytes, begin: int, stop: int) -> tuple[int, int]:
             value = 0
             digits = 0
             i += 1
-            while i < stop and (data[i] == _BLANK or data[i] == _TAB or 0 <= int(data[i]) - _ZERO <= 9):
+            while i < stop and (
+                data[i] == _BLANK or data[i] == _TAB or 0 <= int(data[i]) - _ZERO <= 9
+            ):
                 if int(data[i]) >= _ZERO and digits < _DIGITS:
                     value = value * 10 + int(data[i]) - _ZERO
                     digits += 1
@@ -168,7 +207,9 @@ def _head(data: Bytes, begin: int, stop: int) -> tuple[int, int]:
 
 @njit
 def _is_straight(letter: Bytes, number: Floats, first: int, end: int) -> bool:
-    """Whether a line has only words of a straight move: N, one of G0 and G1, axes and a feed, each once at most."""
+    """Whether a line has only words of a straight move: N, one of G0 and G1, axes and a feed, each
+    once at most.
+    """
     seen = 0
     for k in range(first, end):
         code = int(letter[k])
@@ -201,15 +242,17 @@ def scan(
     data: Bytes, final: int, longest: int, largest: float, begin: Counts, end: Counts, head: Bytes, label: Ints, plain: Counts,
     straight: Counts, first: Counts, letter: Bytes, number: Floats, column: Counts, length: Counts,
 ) -> tuple[int, int]:  # fmt: skip
-    r"""Take the lines of ``data`` apart, as many as are complete and as the arrays have room for; their number, and the bytes they took.
+    r"""Take the lines of ``data`` apart, as many as are complete and as the arrays have room for;
+    their number, and the bytes they took.
 
-    Lines end in ``\n``, ``\r\n`` or ``\r``; with ``final`` the end of the data ends one too. A line of more than ``longest`` bytes is not
-    plain, nor is one with a number above ``largest``.
+    Lines end in ``\n``, ``\r\n`` or ``\r``; with ``final`` the end of the data ends one too. A line
+    of more than ``longest`` bytes is not plain, nor is one with a number above ``largest``.
 
-    Of each line: where it begins and ends in ``data``, its first letter ``head`` and its N number ``label`` (-1: none); how many lines
-    follow each other from here on that are ``plain``, and that have only the words of ``straight`` moves; the index ``first`` of its first
-    word, with one entry more than lines for the end of the last. Of each word of a plain line: letter (capital), number, column (from 1)
-    and length.
+    Of each line: where it begins and ends in ``data``, its first letter ``head`` and its N number
+    ``label`` (-1: none); how many lines follow each other from here on that are ``plain``, and that
+    have only the words of ``straight`` moves; the index ``first`` of its first word, with one entry
+    more than lines for the end of the last. Of each word of a plain line: letter (capital), number,
+    column (from 1) and length.
     """
     size = len(data)
     lines = 0
@@ -240,7 +283,9 @@ def scan(
         first[lines] = words
         if count >= 0:
             with_label = count > words and letter[words] == _N
-            numbered = with_label and number[words] >= 0.0 and number[words] == math.floor(number[words])
+            numbered = (
+                with_label and number[words] >= 0.0 and number[words] == math.floor(number[words])
+            )
             label[lines] = int(number[words]) if numbered else NOT_PLAIN
             named = words + 1 if with_label else words
             head[lines] = letter[named] if named < count else 0

@@ -1,7 +1,9 @@
-r"""The fewest lines and arcs through points on a path, greedily: each as long as it stays within the tolerance.
+r"""The fewest lines and arcs through points on a path, greedily: each as long as it stays within
+the tolerance.
 
-Lines and arcs begin and end at points of the path. An arc lies in one of the planes XY, ZX, YZ and may climb along the axis across it. Of
-all arcs from point S to point E the one is taken that the points between, and the middles between those, are nearest to:
+Lines and arcs begin and end at points of the path. An arc lies in one of the planes XY, ZX, YZ and
+may climb along the axis across it. Of all arcs from point S to point E the one is taken that the
+points between, and the middles between those, are nearest to:
 
                n ^   . P              With the origin in the middle of S and E, a half their distance and the centre (0, h):
                  |.     .             P = (x, y) lies on the circle where x^2 + y^2 - a^2 - 2 h y = 0. Of that, which is 2 r times the
@@ -9,15 +11,17 @@ all arcs from point S to point E the one is taken that the points between, and t
             a   h|    a
                  C                        h = sum(y (x^2 + y^2 - a^2)) / (2 sum(y^2)).
 
-The board makes chords of an arc: of one with sweep phi it makes n = floor(phi r / (2 sqrt(c (2 r - c)))), one at least, with c its own
-tolerance (GRBL's $12), which are up to r (1 - cos(phi / 2n)) inside: of a short arc by much more than c. It turns from one to the next by
-cos t = 1 - t^2 / 2 and sin t = t - t^3 / 6, twelve times before it computes them well (motion_control.c, mc_arc), which makes small circles
-smaller. All that counts as a deviation, too.
+The board makes chords of an arc: of one with sweep phi it makes n = floor(phi r / (2 sqrt(c (2 r -
+c)))), one at least, with c its own tolerance (GRBL's $12), which are up to r (1 - cos(phi / 2n))
+inside: of a short arc by much more than c. It turns from one to the next by cos t = 1 - t^2 / 2 and
+sin t = t - t^3 / 6, twelve times before it computes them well (motion_control.c, mc_arc), which
+makes small circles smaller. All that counts as a deviation, too.
 
-How far the next one reaches is found by doubling its length until nothing fits (twice in a row: because of n a longer arc may fit where a
-shorter one does not), and then by halving the doubt. All that is accepted has been measured: every point and every middle between two, in
-the plane and across it, and that the angle never runs backwards by more than the tolerance. Of an arc also where it bulges to: never out of
-the travel that is left to it.
+How far the next one reaches is found by doubling its length until nothing fits (twice in a row:
+because of n a longer arc may fit where a shorter one does not), and then by halving the doubt. All
+that is accepted has been measured: every point and every middle between two, in the plane and
+across it, and that the angle never runs backwards by more than the tolerance. Of an arc also where
+it bulges to: never out of the travel that is left to it.
 """
 
 from __future__ import annotations
@@ -37,7 +41,9 @@ STRAIGHT, FIXED = -1, -2
 """In place of a plane: a line, or an interval that is what it is."""
 
 LARGEST_RADIUS = 1000.0
-"""mm. The board computes with 32-bit floats: of a larger circle it loses more than a thousandth of a millimetre."""
+"""mm. The board computes with 32-bit floats: of a larger circle it loses more than a thousandth of
+a millimetre.
+"""
 LEAST_SWEEP = 2e-3
 """rad. What turns less is a line."""
 TURNS_UNTIL_EXACT = 12.0
@@ -47,7 +53,9 @@ EVEN = 1.0 - 1e-5
 
 @njit
 def line_fits(points: Floats, first: int, last: int, tolerance: float) -> bool:
-    """Whether the points between two stay within the tolerance of the line from the one to the other, and go forward along it."""
+    """Whether the points between two stay within the tolerance of the line from the one to the
+    other, and go forward along it.
+    """
     dx = points[last, 0] - points[first, 0]
     dy = points[last, 1] - points[first, 1]
     dz = points[last, 2] - points[first, 2]
@@ -77,11 +85,15 @@ def line_fits(points: Floats, first: int, last: int, tolerance: float) -> bool:
 
 @njit
 def board_chord(radius: float, sweep: float, chord: float) -> float:
-    """How far inside an arc the motion is that the board makes of it with its tolerance ``chord``."""
+    """How far inside an arc the motion is that the board makes of it with its tolerance
+    ``chord``.
+    """
     count = 1.0
     if chord < 2.0 * radius:
         # where it comes out even, 32-bit floats may make it one less
-        count = max(1.0, math.floor(EVEN * 0.5 * sweep * radius / math.sqrt(chord * (2.0 * radius - chord))))
+        count = max(
+            1.0, math.floor(EVEN * 0.5 * sweep * radius / math.sqrt(chord * (2.0 * radius - chord)))
+        )
     turn = sweep / count
     if turn >= 2.0 * math.pi:
         return 2.0 * radius
@@ -92,17 +104,35 @@ def board_chord(radius: float, sweep: float, chord: float) -> float:
 
 
 @njit
-def arc_stays(i: int, j: int, cx: float, cy: float, x: float, y: float, sweep: float, low: Floats, high: Floats) -> bool:
-    """Whether an arc about (cx, cy) in the plane of two columns keeps between low and high (3,) where it turns back along one of them.
+def arc_stays(
+    i: int,
+    j: int,
+    cx: float,
+    cy: float,
+    x: float,
+    y: float,
+    sweep: float,
+    low: Floats,
+    high: Floats,
+) -> bool:
+    """Whether an arc about (cx, cy) in the plane of two columns keeps between low and high (3,)
+    where it turns back along one of them.
 
-    x, y: from the centre to its start; sweep: rad, counter-clockwise positive. Its ends are not looked at.
+    x, y: from the centre to its start; sweep: rad, counter-clockwise positive. Its ends are not
+    looked at.
     """
     radius = math.sqrt(x * x + y * y)
-    if cx - radius >= low[i] and cx + radius <= high[i] and cy - radius >= low[j] and cy + radius <= high[j]:
+    if (
+        cx - radius >= low[i]
+        and cx + radius <= high[i]
+        and cy - radius >= low[j]
+        and cy + radius <= high[j]
+    ):
         return True
     begin = math.atan2(y, x)
     for quarter in range(4):
-        # how far it is, the way the arc turns, from its start to where it is farthest out in this direction
+        # how far it is, the way the arc turns, from its start to where it is farthest out in this
+        # direction
         way = 0.5 * math.pi * quarter - begin
         if sweep < 0.0:
             way = -way
@@ -133,7 +163,9 @@ def arc_fits(
     high: Floats,
     out: Floats,
 ) -> bool:
-    """Whether an arc in the plane of two columns fits the points; its centre and signed sweep into out (3,)."""
+    """Whether an arc in the plane of two columns fits the points; its centre and signed sweep into
+    out (3,).
+    """
     mx = 0.5 * (points[first, i] + points[last, i])
     my = 0.5 * (points[first, j] + points[last, j])
     tx = points[last, i] - mx
@@ -163,7 +195,8 @@ def arc_fits(
         return False
     cx = mx - h * ty
     cy = my + h * tx
-    # the side on which the path runs says which way round: below the chord (y < 0) is counter-clockwise
+    # the side on which the path runs says which way round: below the chord (y < 0) is
+    # counter-clockwise
     ahead = 0.5 * (points[first + 1, i] + points[first, i]) - points[first, i]
     aside = 0.5 * (points[first + 1, j] + points[first, j]) - points[first, j]
     ex = (points[first, i] - cx) / radius
@@ -195,7 +228,11 @@ def arc_fits(
         # from the arc, or from its end
         share = min(max(angle / sweep, 0.0), 1.0)
         beyond = radius * (angle - share * sweep)
-        rise = 0.5 * (points[here, across] + points[next_one, across]) - points[first, across] - share * climb
+        rise = (
+            0.5 * (points[here, across] + points[next_one, across])
+            - points[first, across]
+            - share * climb
+        )
         if off * off + rise * rise + beyond * beyond > limit:
             return False
     if not arc_stays(i, j, cx, cy, radius * ex, radius * ey, turn * sweep, low, high):
@@ -208,9 +245,19 @@ def arc_fits(
 
 @njit
 def best_fit(
-    points: Floats, first: int, last: int, arcs: bool, tolerance: float, chord: float, low: Floats, high: Floats, out: Floats
+    points: Floats,
+    first: int,
+    last: int,
+    arcs: bool,
+    tolerance: float,
+    chord: float,
+    low: Floats,
+    high: Floats,
+    out: Floats,
 ) -> int:
-    """What fits the points from ``first`` to ``last``: STRAIGHT, or the number of the arc's plane with the arc in out (3,), or FIXED."""
+    """What fits the points from ``first`` to ``last``: STRAIGHT, or the number of the arc's plane
+    with the arc in out (3,), or FIXED.
+    """
     if line_fits(points, first, last, tolerance):
         return STRAIGHT
     if arcs and last > first + 1:
@@ -236,10 +283,12 @@ def fewest(
     plane: Ints,
     arc: Floats,
 ) -> int:
-    """Lines and arcs through points (k + 1, 3): where each ends, end (k,), its plane (k,) or STRAIGHT, its centre and sweep (k, 3).
+    """Lines and arcs through points (k + 1, 3): where each ends, end (k,), its plane (k,) or
+    STRAIGHT, its centre and sweep (k, 3).
 
-    cut (k + 1,): points that they end in. arcs (k,): whether the interval may be part of an arc. chord: mm, how far from an arc the board's
-    own chords may be. low, high (3,): beyond which no arc may bulge. Returns how many there are.
+    cut (k + 1,): points that they end in. arcs (k,): whether the interval may be part of an arc.
+    chord: mm, how far from an arc the board's own chords may be. low, high (3,): beyond which no
+    arc may bulge. Returns how many there are.
     """
     count = 0
     here = 0

@@ -1,8 +1,10 @@
-"""The recursions of Shu et al. 2019 in integers, as the paper has them: a line from the origin, a circle about it with both on the grid.
+"""The recursions of Shu et al. 2019 in integers, as the paper has them: a line from the origin, a
+circle about it with both on the grid.
 
-F is the deviation of the grid point: Xe Yi - Xi Ye of a line to (Xe, Ye) (equation 1), x^2 + y^2 - R^2 of a circle. It is never computed
-anew, since a step changes it by a difference: -Ye or +Xe on the line (equations 6, 7), 2 x dx + 1 and 2 y dy + 1 on the circle, which the
-paper leaves to the reader.
+F is the deviation of the grid point: Xe Yi - Xi Ye of a line to (Xe, Ye) (equation 1), x^2 + y^2 -
+R^2 of a circle. It is never computed anew, since a step changes it by a difference: -Ye or +Xe on
+the line (equations 6, 7), 2 x dx + 1 and 2 y dy + 1 on the circle, which the paper leaves to the
+reader.
 
               ,--+--.            Counter-clockwise (the large circle of figure 6) x and y step as the tangent goes: one of them towards
        2    ,'   |   `.   1      the centre, the other away from it. Point-by-point comparison takes the inward one outside of the circle,
@@ -12,7 +14,8 @@ paper leaves to the reader.
        3    `.   |   ,'   4
               `--+--'
 
-Mended: the moves of rules (1), (2) of section 3.1.1 by figure 6; the full circle ends where it began.
+Mended: the moves of rules (1), (2) of section 3.1.1 by figure 6; the full circle ends where it
+began.
 """
 
 from __future__ import annotations
@@ -25,7 +28,9 @@ from cnc.kernels.jit import njit
 
 @njit
 def line_by_points(xe: int, ye: int, step: NDArray[np.int8]) -> int:
-    """Point-by-point comparison from (0, 0) to (xe, ye): equations 6 and 7, F >= 0 steps X. Returns the rows, |xe| + |ye|."""
+    """Point-by-point comparison from (0, 0) to (xe, ye): equations 6 and 7, F >= 0 steps X. Returns
+    the rows, |xe| + |ye|.
+    """
     rows = abs(xe) + abs(ye)
     f = 0
     for row in range(rows):
@@ -38,7 +43,8 @@ def line_by_points(xe: int, ye: int, step: NDArray[np.int8]) -> int:
 
 @njit
 def circle_by_points(radius: int, turn: int, inward_on_circle: bool, step: NDArray[np.int8]) -> int:
-    """Point-by-point comparison, a full circle from (radius, 0). turn: 1 counter-clockwise, -1 clockwise. Returns the rows.
+    """Point-by-point comparison, a full circle from (radius, 0). turn: 1 counter-clockwise, -1
+    clockwise. Returns the rows.
 
     inward_on_circle: what F = 0 does; F > 0 steps inward, F < 0 outward.
     """
@@ -66,7 +72,9 @@ def circle_by_points(radius: int, turn: int, inward_on_circle: bool, step: NDArr
 
 @njit
 def circle_by_half_steps(radius: int, turn: int, step: NDArray[np.int8]) -> int:
-    """Half-step deviation, a full circle from (radius, 0). turn: 1 counter-clockwise, -1 clockwise. Returns the rows."""
+    """Half-step deviation, a full circle from (radius, 0). turn: 1 counter-clockwise, -1 clockwise.
+    Returns the rows.
+    """
     x = radius
     y = 0
     f = 0

@@ -1,7 +1,9 @@
-r"""Sampled interpolation of a bare curve as the paper has it: feed step by chord error and normal acceleration, look-ahead by going back.
+r"""Sampled interpolation of a bare curve as the paper has it: feed step by chord error and normal
+acceleration, look-ahead by going back.
 
-Hui, Wei, Gao, TELKOMNIKA 11(5), 2013, sections 3.2 and 4; the baseline beside the planner and :mod:`cnc.kernels.pulses.sampled`. There is no plan:
-each period of T finds its own step, a chord from the last sample r(u_i) to the next.
+Hui, Wei, Gao, TELKOMNIKA 11(5), 2013, sections 3.2 and 4; the baseline beside the planner and
+:mod:`cnc.kernels.pulses.sampled`. There is no plan: each period of T finds its own step, a chord
+from the last sample r(u_i) to the next.
 
     predictor, equation 3      u~ = (9 u_i - 6 u_(i-1) + u_(i-2)) / 4; by the tangent where there are not three samples yet, or u~ <= u_i
     equation 4                 dL~ = |r(u~) - r(u_i)|, and h~ is the distance of the curve from that chord at the middle of u
@@ -13,7 +15,8 @@ each period of T finds its own step, a chord from the last sample r(u_i) to the 
     corrector, equation 5      u~ = u_i + dL / dL~ (u~ - u_i) until |dL - dL~| / dL <= delta_max (mended: again and again, for the predictor
                                is exact for even steps only); bracketed, as the secant of a chord may swing beside a cusp
 
-Equations 6 to 8 bring the speed down as suddenly as the curve bends. The look-ahead of section 4.2 goes back from such a place:
+Equations 6 to 8 bring the speed down as suddenly as the curve bends. The look-ahead of section 4.2
+goes back from such a place:
 
     v |-----------B                    c) The speed falls by more than T A a period until, at A, it does no more: from A back along the
       |            \_   i                samples with a speed that grows by T A a period, until it meets them, at B.
@@ -21,8 +24,9 @@ Equations 6 to 8 bring the speed down as suddenly as the curve bends. The look-a
       |                \_               steps lack of the way is made by whole periods of V_B first and one shorter step, which is put
       |__________________A___ s          where it fits between its neighbours.
 
-The end of the curve is such a place with V_A = 0. Going back holds the acceleration, and nothing holds the jerk; h is held by the bend of
-the step foretold, and a step that meets a corner first learns of it too late. The plans of :mod:`cnc.planner` keep to all of them.
+The end of the curve is such a place with V_A = 0. Going back holds the acceleration, and nothing
+holds the jerk; h is held by the bend of the step foretold, and a step that meets a corner first
+learns of it too late. The plans of :mod:`cnc.planner` keep to all of them.
 """
 
 from __future__ import annotations
@@ -36,18 +40,26 @@ FEED, PERIOD, NORMAL, TANGENTIAL, JERK, CHORD_ERROR, DEVIATION = 0, 1, 2, 3, 4, 
 """Limits: mm/s, s, mm/s^2, mm/s^2, mm/s^3, mm, relative."""
 LIMITS = 7
 DONE, NO_ROOM, STUCK = 0, 1, 2
-"""Outcomes of :func:`interpolate`: at the end of the curve; more samples than the arrays hold; going back never came to an end."""
+"""Outcomes of :func:`interpolate`: at the end of the curve; more samples than the arrays hold;
+going back never came to an end.
+"""
 SECANTS, CORRECTIONS = 8, 60
-"""Equation 5 is used so often at most; from then on the step in u is doubled until there is a bracket, and that is halved."""
+"""Equation 5 is used so often at most; from then on the step in u is doubled until there is a
+bracket, and that is halved.
+"""
 TOLERANCE = 1e-6
-"""By this part a speed may drop more than T A before the look-ahead goes back: rounding is no reason."""
+"""By this part a speed may drop more than T A before the look-ahead goes back: rounding is no
+reason.
+"""
 TRIES = 16
 """How often a sample may be made on average."""
 
 
 @njit
 def position(kind: Ints, at: Ints, data: Floats, piece: int, u: float, r: Floats) -> int:
-    """Position and derivatives at u into r (4, n). piece: where to look first; returns the piece that u lies in."""
+    """Position and derivatives at u into r (4, n). piece: where to look first; returns the piece
+    that u lies in.
+    """
     while piece > 0 and u < data[at[piece] + U0]:
         piece -= 1
     while piece < at.shape[0] - 1 and u >= data[at[piece] + U1]:
@@ -93,8 +105,9 @@ def next_step(
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """One period from u on, whose position is in p: ``step`` mm (dL0) or less by equations 3 to 8.
 
-    u2, u1: parameters of the two samples before (u2 = u1 = u: there are none). q and m are work; q ends up at the new sample.
-    Returns the new u (the end of the curve where the step reaches it), the step asked for in the end (dL), the chord made, and its error h.
+    u2, u1: parameters of the two samples before (u2 = u1 = u: there are none). q and m are work; q
+    ends up at the new sample. Returns the new u (the end of the curve where the step reaches it),
+    the step asked for in the end (dL), the chord made, and its error h.
     """
     end = data[at[-1] + U1]
     guess = 0.25 * (9.0 * u - 6.0 * u1 + u2)
@@ -111,17 +124,26 @@ def next_step(
     allowed = limits[CHORD_ERROR]
     if error > 0.0:
         by_error = math.sqrt(allowed / error) * chord
-        step = min(step, by_error, 0.5 * limits[PERIOD] * math.sqrt(0.5 * limits[NORMAL] / allowed) * by_error)
+        step = min(
+            step,
+            by_error,
+            0.5 * limits[PERIOD] * math.sqrt(0.5 * limits[NORMAL] / allowed) * by_error,
+        )
     low = u
     high = end
     k = 0
     moved = False
-    while abs(step - chord) > limits[DEVIATION] * step and k < CORRECTIONS and not (guess == end and chord < step):
+    while (
+        abs(step - chord) > limits[DEVIATION] * step
+        and k < CORRECTIONS
+        and not (guess == end and chord < step)
+    ):
         if chord > step:
             high = guess
         else:
             low = guess
-        # where the curve turns back the chord hardly grows: the secant would leave the neighbourhood, or go on by tiny steps
+        # where the curve turns back the chord hardly grows: the secant would leave the
+        # neighbourhood, or go on by tiny steps
         guess = u + (2.0 if k >= SECANTS and chord < step else min(step / chord, 2.0)) * (guess - u)
         if guess >= high and high == end:
             guess = end
@@ -139,12 +161,18 @@ def next_step(
 
 @njit
 def raised(v: float, a: float, limits: Floats) -> float:
-    """The S-curve's next speed after v with acceleration a: towards F, which is met with no acceleration left."""
+    """The S-curve's next speed after v with acceleration a: towards F, which is met with no
+    acceleration left.
+    """
     period = limits[PERIOD]
     jerk = limits[JERK]
     # a, a - J T, a - 2 J T .. sum up to what is missing
-    fading = jerk * (math.sqrt(0.25 * period * period + 2.0 * max(limits[FEED] - v, 0.0) / jerk) - 0.5 * period)
-    return min(v + period * min(max(a, 0.0) + jerk * period, limits[TANGENTIAL], fading), limits[FEED])
+    fading = jerk * (
+        math.sqrt(0.25 * period * period + 2.0 * max(limits[FEED] - v, 0.0) / jerk) - 0.5 * period
+    )
+    return min(
+        v + period * min(max(a, 0.0) + jerk * period, limits[TANGENTIAL], fading), limits[FEED]
+    )
 
 
 @njit
@@ -154,10 +182,11 @@ def interpolate(
 ) -> tuple[int, int, int]:  # fmt: skip
     """Samples from rest at the start of a curve to its end; see the head of the module.
 
-    kind, at, data: the pieces of one curve, over which u runs on. Outputs, one a sample: u, position (room, n), and of the period that led
-    there the step by speed, the chord made, its error (mm), and its relative deviation from what was asked for. That is the step by speed
-    and what the chords before have left of theirs: so they keep to the way that the look-ahead has laid out. queue (room,) and p, q, m
-    (4, n) are work.
+    kind, at, data: the pieces of one curve, over which u runs on. Outputs, one a sample: u,
+    position (room, n), and of the period that led there the step by speed, the chord made, its
+    error (mm), and its relative deviation from what was asked for. That is the step by speed and
+    what the chords before have left of theirs: so they keep to the way that the look-ahead has laid
+    out. queue (room,) and p, q, m (4, n) are work.
 
     Returns an outcome, the number of samples, and how often the look-ahead went back.
     """
@@ -187,14 +216,19 @@ def interpolate(
             queued -= 1
             feed = min(feed, queue[queued])
         wanted = max(feed * period + owed, 0.5 * feed * period)
-        to, asked, made, h = next_step(kind, at, data, piece, limits, u[max(i - 2, 0)], u[max(i - 1, 0)], u[i], wanted, p, q, m)
+        to, asked, made, h = next_step(
+            kind, at, data, piece, limits, u[max(i - 2, 0)], u[max(i - 1, 0)], u[i], wanted, p, q, m
+        )
         arrived = to == end
         asked = made if arrived else asked
         # the last step may be any part of a period, and the speed after it is 0
         new = feed * period if asked == wanted else min(asked, feed * period)
-        falls = (v - new / period > most * (1.0 + TOLERANCE)) or (arrived and new / period > most * (1.0 + TOLERANCE))
+        falls = (v - new / period > most * (1.0 + TOLERANCE)) or (
+            arrived and new / period > most * (1.0 + TOLERANCE)
+        )
         if look_ahead and ((arrived and falls) or (falling and (arrived or not falls))):
-            # A is the end of the curve, or the sample at which the speed has ceased to fall too fast
+            # A is the end of the curve, or the sample at which the speed has ceased to fall too
+            # fast
             way = 0.0 if falling else made
             low = v if falling else 0.5 * most
             j = i
@@ -240,8 +274,12 @@ def _slowing(v: float, low: float, most: float, period: float) -> float:
 
 
 @njit
-def _fill(v: float, low: float, most: float, period: float, way: float, arrives: bool, queue: Floats) -> int:
-    """Speeds from v at B down to ``low`` at A, ``way`` mm further on, last first into ``queue``; returns how many."""
+def _fill(
+    v: float, low: float, most: float, period: float, way: float, arrives: bool, queue: Floats
+) -> int:
+    """Speeds from v at B down to ``low`` at A, ``way`` mm further on, last first into ``queue``;
+    returns how many.
+    """
     n = _periods(v, low, most) if v > low else 0
     rest = way - (_slowing(v, low, most, period) if n > 0 else 0.0)
     fast = max(v, low)

@@ -1,4 +1,5 @@
-"""The table of the arc length: made once a piece, read by curve_arclen and curve_inv_arclen of :mod:`cnc.kernels.path.curve`.
+"""The table of the arc length: made once a piece, read by curve_arclen and curve_inv_arclen of
+:mod:`cnc.kernels.path.curve`.
 
     s |            ____x      Rows are laid from u0 to u1. A row from a to b is tried: four Gauss-Legendre panels give s at the three
       |        _x''           quarter points and at b; the degree 7 Hermite interpolant of u(s) through both ends is compared with the u of
@@ -6,10 +7,11 @@
       |x''__________________  the row's length, which tells how long the next trial should be.
        a   .   .   .   b   u
 
-A row is kept when the error is below half the accuracy and the interpolant rises all along (the Bernstein coefficients of its derivative
-are positive). Six-point panels on a quarter of such a row are exact to rounding, for they are of twelfth order on a quarter of the step.
-Towards an end where |dr/du| vanishes the rows get ever shorter; the last, shorter than the accuracy, is a straight line. So the search ends
-for every curve: a row never gets shorter than 2^-40 of the range.
+A row is kept when the error is below half the accuracy and the interpolant rises all along (the
+Bernstein coefficients of its derivative are positive). Six-point panels on a quarter of such a row
+are exact to rounding, for they are of twelfth order on a quarter of the step. Towards an end where
+|dr/du| vanishes the rows get ever shorter; the last, shorter than the accuracy, is a straight line.
+So the search ends for every curve: a row never gets shorter than 2^-40 of the range.
 """
 
 from __future__ import annotations
@@ -19,7 +21,19 @@ import math
 import numpy as np
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import LENGTH, METRIC, METRICS, ROW, SINGULAR, TABLE, U0, U1, Floats, curve_eval, gauss
+from cnc.kernels.path.curve import (
+    LENGTH,
+    METRIC,
+    METRICS,
+    ROW,
+    SINGULAR,
+    TABLE,
+    U0,
+    U1,
+    Floats,
+    curve_eval,
+    gauss,
+)
 
 MAX_ROWS = 1024
 """Where the accuracy asked for would take more rows it is lowered tenfold, as often as need be."""
@@ -28,10 +42,12 @@ SHORTEST = 2.0**-40
 
 @njit
 def measure(kind: int, data: Floats, at: int, table: int, accuracy: float, work: Floats) -> int:
-    """Lay the table of the piece at ``at``, whose record is complete but for the arc length, from index ``table`` on.
+    """Lay the table of the piece at ``at``, whose record is complete but for the arc length, from
+    index ``table`` on.
 
-    accuracy: largest error of the inverse in mm. work: scratch (4, n). Sets the length and the table's place in the head; returns the index
-    behind the table. ``data`` needs room for 3 + ROW (MAX_ROWS + 1) numbers there.
+    accuracy: largest error of the inverse in mm. work: scratch (4, n). Sets the length and the
+    table's place in the head; returns the index behind the table. ``data`` needs room for 3 + ROW
+    (MAX_ROWS + 1) numbers there.
     """
     u0 = data[at + U0]
     u1 = data[at + U1]
@@ -112,8 +128,15 @@ def measure(kind: int, data: Floats, at: int, table: int, accuracy: float, work:
                         u = u * x + data[row + c]
                     miss = abs(u * x - 0.25 * (k + 1) * du)
                     if miss > 4e-16 * (abs(a) + abs(b)):
-                        # |dr/du| near the quarter point: the mean over the faster of the panels beside it
-                        error = max(error, miss * 4.0 * max(quarters[k + 1] - quarters[k], quarters[k] - behind) / du)
+                        # |dr/du| near the quarter point: the mean over the faster of the panels
+                        # beside it
+                        error = max(
+                            error,
+                            miss
+                            * 4.0
+                            * max(quarters[k + 1] - quarters[k], quarters[k] - behind)
+                            / du,
+                        )
                     behind = quarters[k]
                 accepted = rising and error <= least
                 factor = 0.9 * (least / max(error, 1e-30)) ** 0.125
@@ -130,7 +153,8 @@ def measure(kind: int, data: Floats, at: int, table: int, accuracy: float, work:
                 elif rising:
                     factor = min(max(factor, 0.1), 0.7)
                 else:
-                    # from a singular end s grows with the square of u at least, and the first row must be shorter than the accuracy
+                    # from a singular end s grows with the square of u at least, and the first row
+                    # must be shorter than the accuracy
                     factor = 0.5 if left_regular else max(0.7 * math.sqrt(least / h), 1e-4)
                 step = du * factor
             if accepted:

@@ -1,11 +1,15 @@
-"""From a NURBS to span records: Bernstein form, cusps cut out, arc length measured, turning points found.
+"""From a NURBS to span records: Bernstein form, cusps cut out, arc length measured, turning points
+found.
 
-One span [a, b] of degree p takes the control points d_0..d_p that touch it. Its Bernstein coefficients are values of the span's polar form,
-F(a, .., a, b, .., b), each by de Boor's recursion with its own argument in every round (Piegl & Tiller, The NURBS Book, A5.6 does the same
-by inserting knots). Every round is a convex combination, so nothing is lost. Control points are first measured from the span's first one:
-an axis that stands still gives zeros, and a part far from the machine's origin keeps its digits.
+One span [a, b] of degree p takes the control points d_0..d_p that touch it. Its Bernstein
+coefficients are values of the span's polar form, F(a, .., a, b, .., b), each by de Boor's recursion
+with its own argument in every round (Piegl & Tiller, The NURBS Book, A5.6 does the same by
+inserting knots). Every round is a convex combination, so nothing is lost. Control points are first
+measured from the span's first one: an axis that stands still gives zeros, and a part far from the
+machine's origin keeps its digits.
 
-Turning points of axis i are the sign changes of N_i' W - N_i W', whose homogeneous form is (N_x W_y - N_y W_x) / p, of degree 2 p - 2.
+Turning points of axis i are the sign changes of N_i' W - N_i W', whose homogeneous form is (N_x W_y
+- N_y W_x) / p, of degree 2 p - 2.
 
 A cusp is where all metric axes do that at once. sigma^2 = |dr/dt|^2 = E / W^4 with E the sum of the squares of those numerators; where
 E' W - 4 E W' goes from minus to plus, sigma has a minimum. If it is less than HAIRPIN of the mean the span is cut there,
@@ -58,10 +62,14 @@ RECORD_ROOM = START + SPAN_BODY + MAX_DEGREE + 1 + 3 + ROW * (MAX_ROWS + 1)
 
 
 @njit
-def _bezier(degree: int, knots: Floats, points: Floats, weights: Floats, k: int, form: Floats, d: Floats) -> int:
-    """Bernstein coefficients of span k, [knots[k], knots[k + 1]], of degree 3 at least (A5.9); returns the degree.
+def _bezier(
+    degree: int, knots: Floats, points: Floats, weights: Floats, k: int, form: Floats, d: Floats
+) -> int:
+    """Bernstein coefficients of span k, [knots[k], knots[k + 1]], of degree 3 at least (A5.9);
+    returns the degree.
 
-    form: the weights' from 0 on, those of axis i of the numerator, measured from points[k - degree], from (i + 1) STRIDE on. d: scratch.
+    form: the weights' from 0 on, those of axis i of the numerator, measured from points[k -
+    degree], from (i + 1) STRIDE on. d: scratch.
     """
     base = k - degree
     a = knots[k]
@@ -90,7 +98,8 @@ def _bezier(degree: int, knots: Floats, points: Floats, weights: Floats, k: int,
 def _metric_axes(form: Floats, p: int, classes: Ints, metric: Ints, reach: Floats) -> int:
     """The columns that measure the length into metric (3,); returns how many, 0 if nothing moves.
 
-    reach (3,): how far the control points of each class lie from the start; the first class that moves noticeably counts, or moves at all.
+    reach (3,): how far the control points of each class lie from the start; the first class that
+    moves noticeably counts, or moves at all.
     """
     for c in range(3):
         reach[c] = 0.0
@@ -111,9 +120,11 @@ def _metric_axes(form: Floats, p: int, classes: Ints, metric: Ints, reach: Float
 
 @njit
 def _numerator(form: Floats, p: int, at: int, f: Floats) -> int:
-    """N' W - N W' of the N whose coefficients begin at form[at], in homogeneous form, into f; returns its degree.
+    """N' W - N W' of the N whose coefficients begin at form[at], in homogeneous form, into f;
+    returns its degree.
 
-    With F = sum C(p, i) F_i x^i y^(p - i) the partial derivatives of F are p C(p-1, i) F_(i+1) and p C(p-1, i) F_i.
+    With F = sum C(p, i) F_i x^i y^(p - i) the partial derivatives of F are p C(p-1, i) F_(i+1) and
+    p C(p-1, i) F_i.
     """
     for k in range(2 * p - 1):
         f[k] = 0.0
@@ -134,7 +145,9 @@ def _speed(form: Floats, p: int, metric: Ints, metrics: int, t: float, scratch: 
     w1 = 0.0
     square = 0.0
     for k in range(metrics + 1):
-        value, slope = value_slope(form, (metric[k - 1] + 1) * STRIDE if k > 0 else 0, p, t, scratch)
+        value, slope = value_slope(
+            form, (metric[k - 1] + 1) * STRIDE if k > 0 else 0, p, t, scratch
+        )
         if k == 0:
             w = value
             w1 = slope
@@ -145,8 +158,20 @@ def _speed(form: Floats, p: int, metric: Ints, metrics: int, t: float, scratch: 
 
 
 @njit
-def _sharp_points(form: Floats, p: int, metric: Ints, metrics: int, e: Floats, f: Floats, h: Floats, stack: Floats, cuts: Floats) -> int:
-    """The t inside (0, 1) where |dr/dt| has a minimum below HAIRPIN of its mean, into cuts; returns how many. e, f, h: scratch."""
+def _sharp_points(
+    form: Floats,
+    p: int,
+    metric: Ints,
+    metrics: int,
+    e: Floats,
+    f: Floats,
+    h: Floats,
+    stack: Floats,
+    cuts: Floats,
+) -> int:
+    """The t inside (0, 1) where |dr/dt| has a minimum below HAIRPIN of its mean, into cuts; returns
+    how many. e, f, h: scratch.
+    """
     m = 2 * p - 2
     for k in range(5 * p):
         e[k] = 0.0
@@ -178,7 +203,8 @@ def _sharp_points(form: Floats, p: int, metric: Ints, metrics: int, e: Floats, f
         choose *= (m - k) / (k + 1.0)
     kept = 0
     if not clear:
-        # E' W - 4 E W': the derivative of F_i t^i (1-t)^(m-i) is F_i (i t^(i-1) (1-t)^(m-i) - (m-i) t^i (1-t)^(m-i-1))
+        # E' W - 4 E W': the derivative of F_i t^i (1-t)^(m-i) is F_i (i t^(i-1) (1-t)^(m-i) - (m-i)
+        # t^i (1-t)^(m-i-1))
         choose = 1.0
         for j in range(p + 1):
             for i in range(m + 1):
@@ -199,7 +225,12 @@ def _sharp_points(form: Floats, p: int, metric: Ints, metrics: int, e: Floats, f
         last = 0.0
         for k in range(sign_changes(h, m, stack, f, cuts)):
             t = cuts[k]
-            if kept < MAX_CUTS and t - last > 1e-6 and t < 1.0 - 1e-6 and _speed(form, p, metric, metrics, t, f) < mean:
+            if (
+                kept < MAX_CUTS
+                and t - last > 1e-6
+                and t < 1.0 - 1e-6
+                and _speed(form, p, metric, metrics, t, f) < mean
+            ):
                 cuts[kept] = t
                 kept += 1
                 last = t
@@ -207,8 +238,20 @@ def _sharp_points(form: Floats, p: int, metric: Ints, metrics: int, e: Floats, f
 
 
 @njit
-def _turning_points(form: Floats, p: int, data: Floats, at: int, to: int, f: Floats, scratch: Floats, stack: Floats, roots: Floats) -> int:
-    """Count of turning points of each axis, then their u, from data[to] on; returns the index behind them."""
+def _turning_points(
+    form: Floats,
+    p: int,
+    data: Floats,
+    at: int,
+    to: int,
+    f: Floats,
+    scratch: Floats,
+    stack: Floats,
+    roots: Floats,
+) -> int:
+    """Count of turning points of each axis, then their u, from data[to] on; returns the index
+    behind them.
+    """
     n = int(data[at + AXES])
     ua = data[at + U0]
     extent = data[at + U1] - ua
@@ -252,12 +295,14 @@ def nurbs_records(
     at_out: Ints,
     length_out: Floats,
 ) -> tuple[int, int, int]:
-    """Records of the spans of a NURBS from span ``first`` (degree to begin with) on, as many as there is room for.
+    """Records of the spans of a NURBS from span ``first`` (degree to begin with) on, as many as
+    there is room for.
 
-    points (m, n) and weights (m,) over all axes; classes (n,): 0 for x y z, 1 for u v w, 2 for a b c; position (n,): where the curve
-    starts, moved along to where it has got; accuracy: of the inverse arc length in mm. Records go into ``data`` from index ``used`` on,
-    their places into at_out, their lengths into length_out. Returns (next span, pieces, used); the curve is through when the next span is
-    m.
+    points (m, n) and weights (m,) over all axes; classes (n,): 0 for x y z, 1 for u v w, 2 for a b
+    c; position (n,): where the curve starts, moved along to where it has got; accuracy: of the
+    inverse arc length in mm. Records go into ``data`` from index ``used`` on, their places into
+    at_out, their lengths into length_out. Returns (next span, pieces, used); the curve is through
+    when the next span is m.
     """
     n = points.shape[1]
     form = np.zeros((n + 1) * STRIDE)
@@ -274,7 +319,9 @@ def nurbs_records(
     room = (MAX_CUTS + 1) * (RECORD_ROOM + n * ROOM_PER_AXIS)
     pieces = 0
     k = first
-    while k < points.shape[0] and pieces + MAX_CUTS < at_out.shape[0] and used + room <= data.shape[0]:
+    while (
+        k < points.shape[0] and pieces + MAX_CUTS < at_out.shape[0] and used + room <= data.shape[0]
+    ):
         ua = knots[k]
         ub = knots[k + 1]
         p = 0
@@ -285,7 +332,8 @@ def nurbs_records(
         if ub > ua:
             p = _bezier(degree, knots, points, weights, k, form, e)
             kind = SPAN
-            # from the start of the span on, which is exact in the control points where the knots are full
+            # from the start of the span on, which is exact in the control points where the knots
+            # are full
             for c in range(n):
                 at = (c + 1) * STRIDE
                 shift = form[at] / form[0]
@@ -293,7 +341,11 @@ def nurbs_records(
                 for i in range(1, p + 1):
                     form[at + i] -= form[i] * shift
                 full = knots[k + 1] == knots[k + degree]
-                end[c] = points[k, c] if full else points[k - degree, c] + (shift + form[at + p] / form[p])
+                end[c] = (
+                    points[k, c]
+                    if full
+                    else points[k - degree, c] + (shift + form[at + p] / form[p])
+                )
             metrics = _metric_axes(form, p, classes, metric, reach)
             if metrics > 0:
                 count = _sharp_points(form, p, metric, metrics, e, f, h, stack, cuts)
@@ -308,7 +360,10 @@ def nurbs_records(
                 ua = knots[k] + cuts[cut] * (ub - knots[k])
                 before = cuts[cut]
             data[at + U1] = ua if cut < count else ub
-            singular = cut < count and _speed(form, p, metric, metrics, t, e) < CUSP * reach[classes[metric[0]]]
+            singular = (
+                cut < count
+                and _speed(form, p, metric, metrics, t, e) < CUSP * reach[classes[metric[0]]]
+            )
             for c in range(n + 1):
                 split(form, c * STRIDE, p, t, part, c * STRIDE)
             data[at + AXES] = n

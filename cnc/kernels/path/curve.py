@@ -1,6 +1,8 @@
-"""Curves as records in flat arrays: position and derivatives, arc length and its inverse, turning points.
+"""Curves as records in flat arrays: position and derivatives, arc length and its inverse, turning
+points.
 
-A path is made of pieces, each smooth inside. A piece is a record in a float64 array ``data`` that starts at index ``at``:
+A path is made of pieces, each smooth inside. A piece is a record in a float64 array ``data`` that
+starts at index ``at``:
 
     0       number of axes n
     1, 2    range of the parameter, u0 < u1
@@ -15,28 +17,34 @@ A path is made of pieces, each smooth inside. A piece is a record in a float64 a
             SPAN: degree p (3..9), where the turning points begin (from ``at``), then p + 1 Bernstein coefficients of the weight function
                   W and of each axis of N, the numerator measured from the start point
 
-Arc length is measured over the metric axes (x y z if they move, else u v w, else a b c); the others follow along.
+Arc length is measured over the metric axes (x y z if they move, else u v w, else a b c); the others
+follow along.
 
-LINE. u is the arc length. Each half is measured from its own end, so that both ends are exact and an axis that stands still stays put.
+LINE. u is the arc length. Each half is measured from its own end, so that both ends are exact and
+an axis that stands still stays put.
 
-ARC. u runs evenly with the angle phi; it is the arc length unless the radius changes on the way (a spiral, because programs give the centre
-with few digits). With w = (u - u0) / (u1 - u0), rho = r0 + w dr, e the unit vector to the start and f the one 90 degrees further,
+ARC. u runs evenly with the angle phi; it is the arc length unless the radius changes on the way (a
+spiral, because programs give the centre with few digits). With w = (u - u0) / (u1 - u0), rho = r0 +
+w dr, e the unit vector to the start and f the one 90 degrees further,
 
                  ,-- end                r(u) = start + (rho (cos phi - 1) + w dr) e + rho sin phi f + w c
                ,'  rho
       start --e--> centre               c, about 1e-16 of the radius, closes what rounding leaves open at the end.
                                         cos phi - 1 = -2 sin^2(phi / 2) keeps its digits on a short arc of a large circle.
 
-SPAN. One knot span of a NURBS (equation 1 of Hui, Wei, Gao 2013) on [u0, u1], r(u) = start + N(t) / W(t) with t = (u - u0) / (u1 - u0). N
-and W are kept in Bernstein form, where de Boor's recursion turns into de Casteljau's (Piegl & Tiller, The NURBS Book, A1.5 and section
-5.3), and the quotient is differentiated as in A4.2. Degrees 1 and 2 are raised to 3 when the record is made.
+SPAN. One knot span of a NURBS (equation 1 of Hui, Wei, Gao 2013) on [u0, u1], r(u) = start + N(t) /
+W(t) with t = (u - u0) / (u1 - u0). N and W are kept in Bernstein form, where de Boor's recursion
+turns into de Casteljau's (Piegl & Tiller, The NURBS Book, A1.5 and section 5.3), and the quotient
+is differentiated as in A4.2. Degrees 1 and 2 are raised to 3 when the record is made.
 
-Table: count k, then k rows (s, u, c1..c7) and a last (s, u). In a row u = u_row + c1 x + .. + c7 x^7 with x the part of the row's length
-that lies behind: the Hermite interpolant of u(s) through u, du/ds, d2u/ds2 and d3u/ds3 at both ends (see :mod:`cnc.kernels.path.arclength`).
+Table: count k, then k rows (s, u, c1..c7) and a last (s, u). In a row u = u_row + c1 x + .. + c7
+x^7 with x the part of the row's length that lies behind: the Hermite interpolant of u(s) through u,
+du/ds, d2u/ds2 and d3u/ds3 at both ends (see :mod:`cnc.kernels.path.arclength`).
 
-All kernels take ``kind`` and ``at`` as int (int64: numba compiles anew for an int8, and for a constant) and u as float. The innermost ones
-call no other kernel and have one way out, behind the last use of every array: only then does numba drop the counting of references to the
-arrays, which takes longer than a point of a cubic.
+All kernels take ``kind`` and ``at`` as int (int64: numba compiles anew for an int8, and for a
+constant) and u as float. The innermost ones call no other kernel and have one way out, behind the
+last use of every array: only then does numba drop the counting of references to the arrays, which
+takes longer than a point of a cubic.
 """
 
 from __future__ import annotations
@@ -53,7 +61,9 @@ Ints = NDArray[np.int64]
 
 LINE, ARC, SPAN = 0, 1, 2
 MAX_TURNING_POINTS = 16
-"""Room that :func:`curve_turning_points` needs: 2 p - 2 for a span of degree 9; an arc piece is one turn at most."""
+"""Room that :func:`curve_turning_points` needs: 2 p - 2 for a span of degree 9; an arc piece is one
+turn at most.
+"""
 
 AXES, U0, U1, LENGTH, METRICS, METRIC, TABLE, START = 0, 1, 2, 3, 4, 5, 8, 9
 """Offsets in the head of a record."""
@@ -64,8 +74,22 @@ ROW = 9
 SINGULAR = 1e-9
 """|dr/du| below this part of its mean counts as zero."""
 
-GAUSS_X = (-0.9324695142031521, -0.6612093864662645, -0.23861918608319693, 0.23861918608319693, 0.6612093864662645, 0.9324695142031521)
-GAUSS_W = (0.17132449237917027, 0.3607615730481386, 0.46791393457269126, 0.46791393457269126, 0.3607615730481386, 0.17132449237917027)
+GAUSS_X = (
+    -0.9324695142031521,
+    -0.6612093864662645,
+    -0.23861918608319693,
+    0.23861918608319693,
+    0.6612093864662645,
+    0.9324695142031521,
+)
+GAUSS_W = (
+    0.17132449237917027,
+    0.3607615730481386,
+    0.46791393457269126,
+    0.46791393457269126,
+    0.3607615730481386,
+    0.17132449237917027,
+)
 """Gauss-Legendre, 6 points: exact to degree 11."""
 
 
@@ -77,7 +101,9 @@ def curve_range(kind: int, data: Floats, at: int) -> tuple[float, float]:
 
 @njit
 def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
-    """Position and first three derivatives by u: out (4, n), mm and mm per unit of u. Exact at u0 and u1; goes on smoothly beyond them."""
+    """Position and first three derivatives by u: out (4, n), mm and mm per unit of u. Exact at u0
+    and u1; goes on smoothly beyond them.
+    """
     n = out.shape[1]
     u0 = data[at + U0]
     u1 = data[at + U1]
@@ -88,8 +114,9 @@ def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
     done = u - u0
     left = u1 - u
     if kind == SPAN:
-        # The four points of de Casteljau's triangle three rows above its tip are sums of the coefficients, weighted with the Bernstein
-        # polynomials of degree p - 3; the sum runs from the nearer end, so that each weight follows from the one before without loss.
+        # The four points of de Casteljau's triangle three rows above its tip are sums of the
+        # coefficients, weighted with the Bernstein polynomials of degree p - 3; the sum runs from
+        # the nearer end, so that each weight follows from the one before without loss.
         p = int(data[body])
         body += SPAN_BODY
         m = p - 3
@@ -134,7 +161,11 @@ def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
             f0 = (a0 + t * (a1 - a0)) * inverse
             f1 = p * (a1 - a0) * inverse - w1 * f0
             f2 = p2 * ((b2 - b1) - (b1 - b0)) * inverse - 2.0 * w1 * f1 - w2 * f0
-            f3 = p2 * (p - 2.0) * ((c3 - c0) - 3.0 * (c2 - c1)) * inverse - 3.0 * (w1 * f2 + w2 * f1) - w3 * f0
+            f3 = (
+                p2 * (p - 2.0) * ((c3 - c0) - 3.0 * (c2 - c1)) * inverse
+                - 3.0 * (w1 * f2 + w2 * f1)
+                - w3 * f0
+            )
             if c == 0:
                 # first the weight function: from now on everything is divided by it
                 inverse = 1.0 / f0
@@ -150,7 +181,9 @@ def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
     else:
         for i in range(n):
             rate = (data[end + i] - data[start + i]) * per_u
-            out[0, i] = data[start + i] + done * rate if done <= left else data[end + i] - left * rate
+            out[0, i] = (
+                data[start + i] + done * rate if done <= left else data[end + i] - left * rate
+            )
             out[1, i] = rate
             out[2, i] = 0.0
             out[3, i] = 0.0
@@ -206,7 +239,8 @@ def curve_speed(kind: int, data: Floats, at: int, u: float) -> float:
         if kind == SPAN:
             p = int(data[body])
             body += SPAN_BODY
-            # value and slope of W, then of the numerators, from the four points three rows above the tip (see curve_eval)
+            # value and slope of W, then of the numerators, from the four points three rows above
+            # the tip (see curve_eval)
             m = p - 3
             near = t <= 0.5
             base = 1.0 - t if near else t
@@ -265,12 +299,14 @@ def curve_speed(kind: int, data: Floats, at: int, u: float) -> float:
 def curve_eval_s(kind: int, data: Floats, at: int, u: float, out: Floats) -> int:
     """Position and first three derivatives by arc length: out (4, n) = q, q', q'', q'''.
 
-    With r' = dr/du and sigma = |r'| over the metric axes, the chain rule gives q' = r' u', q'' = r'' u'^2 + r' u'',
-    q''' = r''' u'^3 + 3 r'' u' u'' + r' u''' where u' = 1 / sigma, u'' = -sigma' / sigma^3, u''' = (3 sigma'^2 - sigma sigma'') / sigma^5
-    and sigma sigma'' = r''.r'' + r'.r''' - sigma'^2.
+    With r' = dr/du and sigma = |r'| over the metric axes, the chain rule gives q' = r' u', q'' =
+    r'' u'^2 + r' u'', q''' = r''' u'^3 + 3 r'' u' u'' + r' u''' where u' = 1 / sigma, u'' = -sigma'
+    / sigma^3, u''' = (3 sigma'^2 - sigma sigma'') / sigma^5 and sigma sigma'' = r''.r'' + r'.r''' -
+    sigma'^2.
 
-    Returns 0, or 1 where sigma vanishes (an end with repeated control points, a cusp): then q' is the limit of the direction, towards
-    the first control point that differs from the end, and q'' = q''' = 0.
+    Returns 0, or 1 where sigma vanishes (an end with repeated control points, a cusp): then q' is
+    the limit of the direction, towards the first control point that differs from the end, and q'' =
+    q''' = 0.
     """
     curve_eval(kind, data, at, u, out)
     n = out.shape[1]
@@ -319,7 +355,15 @@ def curve_eval_s(kind: int, data: Floats, at: int, u: float, out: Floats) -> int
                 far = j
         for i in range(n):
             column = weight + (i + 1) * (p + 1)
-            d = scale * (data[column + far] / data[weight + far] - data[column + pole] / data[weight + pole]) if scale != 0.0 else 0.0
+            d = (
+                scale
+                * (
+                    data[column + far] / data[weight + far]
+                    - data[column + pole] / data[weight + pole]
+                )
+                if scale != 0.0
+                else 0.0
+            )
             out[1, i] = d
             out[2, i] = 0.0
             out[3, i] = 0.0
@@ -339,7 +383,9 @@ def gauss(kind: int, data: Floats, at: int, ua: float, ub: float) -> float:
 
 @njit
 def _row(data: Floats, first: int, rows: int, value: float) -> int:
-    """Index of the last of ``rows`` entries, ROW apart from ``first`` on, that is at most ``value``; the first if none is."""
+    """Index of the last of ``rows`` entries, ROW apart from ``first`` on, that is at most
+    ``value``; the first if none is.
+    """
     low = 0
     high = rows
     while high - low > 1:
@@ -353,7 +399,9 @@ def _row(data: Floats, first: int, rows: int, value: float) -> int:
 
 @njit
 def curve_arclen(kind: int, data: Floats, at: int, ua: float, ub: float) -> float:
-    """Arc length from ua to ub (negative if ub < ua): by quadrature inside a row of the table, by the table for the rows between."""
+    """Arc length from ua to ub (negative if ub < ua): by quadrature inside a row of the table, by
+    the table for the rows between.
+    """
     length = 0.0
     if data[at + TABLE] != 0.0:
         table = at + int(data[at + TABLE])
@@ -361,7 +409,8 @@ def curve_arclen(kind: int, data: Floats, at: int, ua: float, ub: float) -> floa
         a = _row(data, table + 2, rows, ua) - 1
         b = _row(data, table + 2, rows, ub) - 1
         if a != b:
-            # from ua to the near edge of its row, then over the rows between; what is left lies in the row of ub
+            # from ua to the near edge of its row, then over the rows between; what is left lies in
+            # the row of ub
             a = a + ROW if a < b else a
             b = b if ua < ub else b + ROW
             length = gauss(kind, data, at, ua, data[a + 1]) + (data[b] - data[a])
@@ -372,7 +421,9 @@ def curve_arclen(kind: int, data: Floats, at: int, ua: float, ub: float) -> floa
 
 @njit
 def curve_inv_arclen(kind: int, data: Floats, at: int, s: float) -> float:
-    """The u at arc length s from the piece's start, to the accuracy that the record was made with; beyond its ends the nearer one."""
+    """The u at arc length s from the piece's start, to the accuracy that the record was made with;
+    beyond its ends the nearer one.
+    """
     u = data[at + U0]
     if s >= data[at + LENGTH]:
         u = data[at + U1]
@@ -392,7 +443,8 @@ def curve_inv_arclen(kind: int, data: Floats, at: int, s: float) -> float:
 
 @njit
 def curve_turning_points(kind: int, data: Floats, at: int, axis: int, out: Floats) -> int:
-    """The u strictly inside the piece, in order, where the derivative of ``axis`` changes sign, into out (MAX_TURNING_POINTS,).
+    """The u strictly inside the piece, in order, where the derivative of ``axis`` changes sign,
+    into out (MAX_TURNING_POINTS,).
 
     Returns how many there are.
     """
@@ -411,9 +463,10 @@ def curve_turning_points(kind: int, data: Floats, at: int, axis: int, out: Float
         return count
     if axis != int(data[body]) and axis != int(data[body + 1]):
         return 0
-    # Along the first axis rho cos(theta) turns where tan(theta) = g / rho, g = d rho / d theta, that is where h(theta) = theta - atan(g /
-    # rho) is a multiple of pi. h rises with a slope between 1 and 2 whatever the spiral, so each multiple is met once and Newton finds it.
-    # The second axis is the first seen from 90 degrees further on.
+    # Along the first axis rho cos(theta) turns where tan(theta) = g / rho, g = d rho / d theta,
+    # that is where h(theta) = theta - atan(g / rho) is a multiple of pi. h rises with a slope
+    # between 1 and 2 whatever the spiral, so each multiple is met once and Newton finds it. The
+    # second axis is the first seen from 90 degrees further on.
     sweep = data[body + 4]
     radius = data[body + 2]
     g = data[body + 3] / sweep
@@ -448,7 +501,9 @@ def curve_turning_points(kind: int, data: Floats, at: int, axis: int, out: Float
 
 @njit
 def piece_boxes(kind: Ints, at: Ints, data: Floats, low: Floats, high: Floats) -> None:
-    """Smallest and largest coordinate of each piece, low and high (m, n): its ends and its turning points."""
+    """Smallest and largest coordinate of each piece, low and high (m, n): its ends and its turning
+    points.
+    """
     n = low.shape[1]
     turning = np.empty(MAX_TURNING_POINTS)
     point = np.empty((4, n))

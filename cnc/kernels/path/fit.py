@@ -1,20 +1,25 @@
-"""Chains of short straight moves to cubic splines within a tolerance: the knots, their refinement, the proof of both distances.
+"""Chains of short straight moves to cubic splines within a tolerance: the knots, their refinement,
+the proof of both distances.
 
-The moves are a polyline; t is the length along it over its metric axes. Knots t_k with their points p_k of the polyline are laid as widely
-as the tolerance permits. The control points follow from three points each (h, s: spacing and slope before and behind knot k):
+The moves are a polyline; t is the length along it over its metric axes. Knots t_k with their points
+p_k of the polyline are laid as widely as the tolerance permits. The control points follow from
+three points each (h, s: spacing and slope before and behind knot k):
 
     d_k = p_k + (h1^2 s0 - h0^2 s1) / (3 (h0 + h1))      the blossom at (t_k-1, t_k, t_k+1) of the parabola through the three points
 
-This quasi-interpolant reproduces cubics on knots of any spacing, so it errs by h^4; it is C2 whatever the d_k are; it is local (a span
-knows three knots either side of itself), so it can be handed out while the polyline goes on, and where the points lie on a straight line it
-is that line exactly. An interpolating spline needs half as many knots, but its ripples run along straight stretches.
+This quasi-interpolant reproduces cubics on knots of any spacing, so it errs by h^4; it is C2
+whatever the d_k are; it is local (a span knows three knots either side of itself), so it can be
+handed out while the polyline goes on, and where the points lie on a straight line it is that line
+exactly. An interpolating spline needs half as many knots, but its ripples run along straight
+stretches.
 
                   v       Span k is proved with the vertices v between its knots. To each belongs a parameter, near its foot on the curve
          v--------'---v   and not before the last one's; between two of them curve and polyline go along together, no farther apart
     p_k x       S      x p_k+1    than at the ends and the sagitta there, max |S''| dt^2 / 8. That bounds both distances.
 
-A span that fails is cut in half, at a vertex if there is one near; spans more than RATIO as long as their neighbour are cut as well, until
-all hold. A span too short to be cut is left to the polyline: there, and at corners, the spline is broken and goes through p_k.
+A span that fails is cut in half, at a vertex if there is one near; spans more than RATIO as long as
+their neighbour are cut as well, until all hold. A span too short to be cut is left to the polyline:
+there, and at corners, the spline is broken and goes through p_k.
 """
 
 from __future__ import annotations
@@ -31,36 +36,50 @@ Flags = NDArray[np.bool_]
 
 T, AT, ON, ENDS, INSIDE, POLYLINE, FRESH = range(7)
 COLUMNS = 7
-"""Columns of an array of knots: the parameter; the vertex at or before the knot; whether it is that vertex; whether the spline is broken
-there; whether it passes inside the vertex (see INWARD; 2: no more). Of the span behind it: whether it is left to the polyline; whether it
-has to be proved (again)."""
+"""Columns of an array of knots: the parameter; the vertex at or before the knot; whether it is that
+vertex; whether the spline is broken there; whether it passes inside the vertex (see INWARD; 2: no
+more). Of the span behind it: whether it is left to the polyline; whether it has to be proved
+(again).
+"""
 RATIO = 2.6
-"""Longest span beside a shorter one; halves of neighbours that are cut at vertices may be this far apart."""
+"""Longest span beside a shorter one; halves of neighbours that are cut at vertices may be this far
+apart.
+"""
 WIDEST = 64
 """Vertices in a span at most."""
 FAR = 256
 """Vertices that are looked at to see where a corner is."""
 FORWARD = 0.2
-"""Least part of a third of its chord that each leg of a span's control polygon advances along the chord: no cusps, no loops."""
+"""Least part of a third of its chord that each leg of a span's control polygon advances along the
+chord: no cusps, no loops.
+"""
 USED = 0.8
 """Part of the tolerance that a span may use."""
 USED_ONE = 0.98
 """The same for a span that is one move: nothing wider holds there."""
 USED_STRAIGHT = 0.25
-"""The same for a span beside a part of a segment: what is straight stays so as nearly as smoothness allows."""
+"""The same for a span beside a part of a segment: what is straight stays so as nearly as smoothness
+allows.
+"""
 INWARD = 0.625
-"""Part of the step from p_k to d_k with which the spline runs midway between vertices on a circle and their chords."""
+"""Part of the step from p_k to d_k with which the spline runs midway between vertices on a circle
+and their chords.
+"""
 LEAST = 0.5
 """Least spacing of knots in parts of the tolerance."""
 BESIDE = 4.2
-"""A blend that turns by theta within eps of the corner begins 4 eps / sin(theta / 2) before it: that much stays straight."""
+"""A blend that turns by theta within eps of the corner begins 4 eps / sin(theta / 2) before it:
+that much stays straight.
+"""
 
 
 @njit
 def find_corners(x: Floats, metric: Ints, cosine: float, reach: float, corner: Flags) -> None:
-    """Mark the vertices x (m, n) where the direction turns by more than the angle of this cosine, as seen from ``reach`` away, into corner.
+    """Mark the vertices x (m, n) where the direction turns by more than the angle of this cosine,
+    as seen from ``reach`` away, into corner.
 
-    metric: the columns that count. The first and the last vertex are none, nor are those that nothing is that far from.
+    metric: the columns that count. The first and the last vertex are none, nor are those that
+    nothing is that far from.
     """
     m = x.shape[0]
     for i in range(m):
@@ -95,10 +114,11 @@ def find_corners(x: Floats, metric: Ints, cosine: float, reach: float, corner: F
 
 @njit
 def first_knots(x: Floats, metric: Ints, corner: Flags, tolerance: float, along: Floats) -> Floats:
-    """The first knots along the vertices x (m, n), as wide as may be; along (m,) takes t of the vertices.
+    """The first knots along the vertices x (m, n), as wide as may be; along (m,) takes t of the
+    vertices.
 
-    Vertices nearer than LEAST to the one before add nothing. Beside a corner three spans are laid on one segment if it is long enough: the
-    outer one will be straight.
+    Vertices nearer than LEAST to the one before add nothing. Beside a corner three spans are laid
+    on one segment if it is long enough: the outer one will be straight.
     """
     m = x.shape[0]
     knots = np.zeros((m + 8 * np.count_nonzero(corner), COLUMNS))
@@ -175,13 +195,17 @@ def points_of(knots: Floats, x: Floats, along: Floats, p: Floats) -> None:
 
 @njit
 def spans_of(knots: Floats, p: Floats, state: Floats, bezier: Floats) -> None:
-    """The Bezier points of each span, bezier (K - 1, 4, n), of the spline through the ends of each of its parts.
+    """The Bezier points of each span, bezier (K - 1, 4, n), of the spline through the ends of each
+    of its parts.
 
-    state (3, n): position, first and second derivative by t to begin with, or NaN. Spans that are left to the polyline are chords.
+    state (3, n): position, first and second derivative by t to begin with, or NaN. Spans that are
+    left to the polyline are chords.
     """
     last = knots.shape[0] - 1
     n = p.shape[1]
-    d = np.empty((last + 1, 2, n))  # blossom at each knot: of the part that ends there, of the part that begins
+    d = np.empty(
+        (last + 1, 2, n)
+    )  # blossom at each knot: of the part that ends there, of the part that begins
     k = 0
     while k < last:
         end = k + 1
@@ -197,7 +221,9 @@ def spans_of(knots: Floats, p: Floats, state: Floats, bezier: Floats) -> None:
                 s0 = (p[j, c] - p[j - 1, c]) / a
                 s1 = (p[j + 1, c] - p[j, c]) / b
                 part = INWARD if knots[j, INSIDE] == 1.0 else 1.0
-                d[j, 0, c] = d[j, 1, c] = p[j, c] + part * (b * b * s0 - a * a * s1) / (3.0 * (a + b))
+                d[j, 0, c] = d[j, 1, c] = p[j, c] + part * (b * b * s0 - a * a * s1) / (
+                    3.0 * (a + b)
+                )
             # slopes at the ends: of the parabola or cubic through the nearest points
             s0 = (p[k + 1, c] - p[k, c]) / h0
             sm = (p[end, c] - p[end - 1, c]) / hm
@@ -239,7 +265,9 @@ def spans_of(knots: Floats, p: Floats, state: Floats, bezier: Floats) -> None:
                 bezier[j, 1, c] = d[j, 1, c] + before / whole * rise
                 bezier[j, 2, c] = d[j, 1, c] + (before + h) / whole * rise
                 if j > k:
-                    bezier[j, 0, c] = (h * bezier[j - 1, 2, c] + before * bezier[j, 1, c]) / (before + h)
+                    bezier[j, 0, c] = (h * bezier[j - 1, 2, c] + before * bezier[j, 1, c]) / (
+                        before + h
+                    )
                     bezier[j - 1, 3, c] = bezier[j, 0, c]
         for c in range(n):
             bezier[k, 0, c] = state[0, c] if k == 0 and not math.isnan(state[0, c]) else p[k, c]
@@ -248,11 +276,20 @@ def spans_of(knots: Floats, p: Floats, state: Floats, bezier: Floats) -> None:
 
 
 @njit
-def span_distance(b: Floats, tau: float, x: Floats, metrics: Flags, foot: bool) -> tuple[float, float]:
-    """How far the point x (n,) is from the span at tau, over the metric axes or in one of the others; tau, moved to the foot if asked."""
+def span_distance(
+    b: Floats, tau: float, x: Floats, metrics: Flags, foot: bool
+) -> tuple[float, float]:
+    """How far the point x (n,) is from the span at tau, over the metric axes or in one of the
+    others; tau, moved to the foot if asked.
+    """
     n = x.shape[0]
     left = 1.0 - tau
-    w0, w1, w2, w3 = left * left * left, 3.0 * left * left * tau, 3.0 * left * tau * tau, tau * tau * tau
+    w0, w1, w2, w3 = (
+        left * left * left,
+        3.0 * left * left * tau,
+        3.0 * left * tau * tau,
+        tau * tau * tau,
+    )
     square = 0.0
     other = 0.0
     dot = 0.0
@@ -262,7 +299,11 @@ def span_distance(b: Floats, tau: float, x: Floats, metrics: Flags, foot: bool) 
         if metrics[c]:
             square += r * r
             if foot:
-                slope = 3.0 * (left * left * (b[1, c] - b[0, c]) + 2.0 * left * tau * (b[2, c] - b[1, c]) + tau * tau * (b[3, c] - b[2, c]))
+                slope = 3.0 * (
+                    left * left * (b[1, c] - b[0, c])
+                    + 2.0 * left * tau * (b[2, c] - b[1, c])
+                    + tau * tau * (b[3, c] - b[2, c])
+                )
                 dot += r * slope
                 speed += slope * slope
         else:
@@ -276,7 +317,9 @@ def span_distance(b: Floats, tau: float, x: Floats, metrics: Flags, foot: bool) 
 def _proved(
     knots: Floats, k: int, b: Floats, p: Floats, x: Floats, along: Floats, metric: Ints, metrics: Flags, tolerance: float
 ) -> bool:  # fmt: skip
-    """Whether span k with Bezier points b (4, n) and the polyline between its knots stay within the tolerance of each other."""
+    """Whether span k with Bezier points b (4, n) and the polyline between its knots stay within the
+    tolerance of each other.
+    """
     n = p.shape[1]
     chord = 0.0
     for c in metric:
@@ -287,7 +330,8 @@ def _proved(
         for c in metric:
             advance += (b[j + 1, c] - b[j, c]) * (b[3, c] - b[0, c])
         good = good and advance > FORWARD / 3.0 * chord
-    # |S''| by tau, the larger of its values at the ends, over the metric axes or in one of the others
+    # |S''| by tau, the larger of its values at the ends, over the metric axes or in one of the
+    # others
     bend = 0.0
     for j in range(2):
         square = 0.0
@@ -302,7 +346,9 @@ def _proved(
     last = int(knots[k + 1, AT]) - int(knots[k + 1, ON])
     allowed = tolerance * USED
     if first > last and k > 0:
-        allowed = tolerance * (USED_ONE if knots[k, ON] * knots[k + 1, ON] != 0.0 else USED_STRAIGHT)
+        allowed = tolerance * (
+            USED_ONE if knots[k, ON] * knots[k + 1, ON] != 0.0 else USED_STRAIGHT
+        )
     h = knots[k + 1, T] - knots[k, T]
     here = np.empty(n)
     step = np.empty(n)
@@ -330,7 +376,10 @@ def _proved(
             for j in range(1, 4):
                 for c in range(n):
                     here[c] += step[c]
-                worst = max(worst, span_distance(b, before + 0.25 * j * (tau - before), here, metrics, False)[0])
+                worst = max(
+                    worst,
+                    span_distance(b, before + 0.25 * j * (tau - before), here, metrics, False)[0],
+                )
             good = worst + 0.0625 * sagitta <= allowed
         gap = there
         before = tau
@@ -342,7 +391,9 @@ def _proved(
 def refined(
     knots: Floats, x: Floats, along: Floats, metric: Ints, metrics: Flags, tolerance: float, state: Floats
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
-    """Cut the spans until all hold: the knots, their points and the Bezier points (see :func:`spans_of`)."""
+    """Cut the spans until all hold: the knots, their points and the Bezier points (see
+    :func:`spans_of`).
+    """
     n = x.shape[1]
     while True:
         count = knots.shape[0]
@@ -358,13 +409,18 @@ def refined(
             if knots[k, FRESH] != 0.0 and knots[k, POLYLINE] == 0.0:
                 knots[k, FRESH] = 0.0
                 if not _proved(knots, k, bezier[k], p, x, along, metric, metrics, tolerance):
-                    one_move = knots[k, ON] != 0.0 and knots[k + 1, ON] != 0.0 and knots[k, AT] + 1.0 == knots[k + 1, AT]
+                    one_move = (
+                        knots[k, ON] != 0.0
+                        and knots[k + 1, ON] != 0.0
+                        and knots[k, AT] + 1.0 == knots[k + 1, AT]
+                    )
                     if (
                         one_move
                         and max(knots[k, INSIDE], knots[k + 1, INSIDE]) < 2.0
                         and min(knots[k, INSIDE], knots[k + 1, INSIDE]) == 0.0
                     ):
-                        # moves as long as this are chords of a curve: halfway to it is as near as the spline can keep to both
+                        # moves as long as this are chords of a curve: halfway to it is as near as
+                        # the spline can keep to both
                         knots[k, INSIDE] = knots[k + 1, INSIDE] = 1.0
                         for j in range(max(k - 3, 0), min(k + 4, count - 1)):
                             knots[j, FRESH] = 1.0
@@ -414,7 +470,9 @@ def refined(
 
 @njit
 def _middle(knots: Floats, k: int, along: Floats, out: Floats) -> None:
-    """A knot that cuts span k: at the vertex nearest to its middle if one is near, else in the middle."""
+    """A knot that cuts span k: at the vertex nearest to its middle if one is near, else in the
+    middle.
+    """
     low = knots[k, T]
     high = knots[k + 1, T]
     t = 0.5 * (low + high)

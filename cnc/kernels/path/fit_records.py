@@ -1,4 +1,6 @@
-"""Spans of a fitted chain to records: turning points in closed form, straight stretches as lines, feeds that change inside a span."""
+"""Spans of a fitted chain to records: turning points in closed form, straight stretches as lines,
+feeds that change inside a span.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ STRAIGHT = 1e-9
 
 @njit
 def _head(data: Floats, at: int, n: int, metric: Ints, here: Floats, end: Floats) -> int:
-    """Axes, metric, start and end of a record; returns the index behind them. ``here`` moves on to the end."""
+    """Axes, metric, start and end of a record; returns the index behind them. ``here`` moves on to
+    the end.
+    """
     data[at + AXES] = n
     data[at + METRICS] = metric.shape[0]
     for c in range(3):
@@ -48,7 +52,9 @@ def _head(data: Floats, at: int, n: int, metric: Ints, here: Floats, end: Floats
 
 @njit
 def _line(data: Floats, at: int, n: int, metric: Ints, here: Floats, end: Floats) -> int:
-    """A line from ``here`` to ``end``; returns the index behind it, or ``at`` where there is no motion."""
+    """A line from ``here`` to ``end``; returns the index behind it, or ``at`` where there is no
+    motion.
+    """
     square = 0.0
     for c in metric:
         square += (end[c] - here[c]) ** 2
@@ -61,7 +67,9 @@ def _line(data: Floats, at: int, n: int, metric: Ints, here: Floats, end: Floats
 
 @njit
 def _turns(q0: float, q1: float, q2: float, extent: float, data: Floats, to: int) -> int:
-    """The u where q0 (1-t)^2 + 2 q1 t (1-t) + q2 t^2 changes its sign inside (0, 1), in order, from data[to] on; returns how many."""
+    """The u where q0 (1-t)^2 + 2 q1 t (1-t) + q2 t^2 changes its sign inside (0, 1), in order, from
+    data[to] on; returns how many.
+    """
     a = q0 - 2.0 * q1 + q2
     b = q1 - q0
     root = b * b - a * q0
@@ -84,7 +92,9 @@ def _span(
     kind: int, b: Floats, ta: float, tb: float, h: float, metric: Ints, here: Floats, end: Floats, accuracy: float, work: Floats,
     data: Floats, at: int,
 ) -> int:  # fmt: skip
-    """The part [ta, tb] of the cubic with Bezier points b (4, n) over h, as a record of this kind (SPAN); returns the index behind it."""
+    """The part [ta, tb] of the cubic with Bezier points b (4, n) over h, as a record of this kind
+    (SPAN); returns the index behind it.
+    """
     n = b.shape[1]
     to = _head(data, at, n, metric, here, end)
     data[at + U1] = (tb - ta) * h
@@ -115,7 +125,14 @@ def _span(
         count = 0
         # an axis that moves by rounding alone doesn't turn
         if reach > 4e-15 * max(abs(data[at + START + c]), abs(data[at + START + n + c])):
-            count = _turns(data[k + 1], data[k + 2] - data[k + 1], data[k + 3] - data[k + 2], data[at + U1], data, after)
+            count = _turns(
+                data[k + 1],
+                data[k + 2] - data[k + 1],
+                data[k + 3] - data[k + 2],
+                data[at + U1],
+                data,
+                after,
+            )
         data[to + c] = count
         after += count
     return after
@@ -126,7 +143,9 @@ def _point(b: Floats, t: float, out: Floats) -> None:
     """The cubic at t into out (n,)."""
     left = 1.0 - t
     for c in range(b.shape[1]):
-        out[c] = left * left * (left * b[0, c] + 3.0 * t * b[1, c]) + t * t * (3.0 * left * b[2, c] + t * b[3, c])
+        out[c] = left * left * (left * b[0, c] + 3.0 * t * b[1, c]) + t * t * (
+            3.0 * left * b[2, c] + t * b[3, c]
+        )
 
 
 @njit
@@ -161,9 +180,9 @@ def write_pieces(
 ) -> tuple[int, int, int]:  # fmt: skip
     """Records of the spans from ``first`` to before ``last``, as many as there is room for.
 
-    feed, line (m - 1,): of the move from each vertex on. here (n,): where the motion is, moved along. Of each piece come out its kind, the
-    place of its record in ``data``, its length, feed and line, and whether the spline is broken behind it. Returns (next span, pieces,
-    numbers used).
+    feed, line (m - 1,): of the move from each vertex on. here (n,): where the motion is, moved
+    along. Of each piece come out its kind, the place of its record in ``data``, its length, feed
+    and line, and whether the spline is broken behind it. Returns (next span, pieces, numbers used).
     """
     n = x.shape[1]
     work = np.empty((4, n))
@@ -193,7 +212,8 @@ def write_pieces(
         tau = 0.0
         move = inner - 1
         for i in range(inner, behind + 2):
-            # parts end at a feed that changes, or at every vertex where the spline is given up, and with the span
+            # parts end at a feed that changes, or at every vertex where the spline is given up, and
+            # with the span
             whole = i > behind
             if knots[k, POLYLINE] != 0.0:
                 for c in range(n):
@@ -214,10 +234,18 @@ def write_pieces(
                     tau = 1.0
                     for c in range(n):
                         end[c] = bezier[k, 3, c]
-            if pending and not (straight and feed_out[pieces] == feed[move] and _in_line(here, line_end, end, metric)):
+            if pending and not (
+                straight
+                and feed_out[pieces] == feed[move]
+                and _in_line(here, line_end, end, metric)
+            ):
                 at = _line(data, used, n, metric, here, line_end)
                 if at > used:
-                    kind_out[pieces], at_out[pieces], length_out[pieces] = line_kind, used, data[used + LENGTH]
+                    kind_out[pieces], at_out[pieces], length_out[pieces] = (
+                        line_kind,
+                        used,
+                        data[used + LENGTH],
+                    )
                     joint_out[pieces] = ta == 0.0 and knots[k, ENDS] != 0.0
                     pieces += 1
                 used = at
@@ -234,11 +262,26 @@ def write_pieces(
                     used = _line(data, at, n, metric, here, end)
                     kind_out[pieces] = line_kind
                 else:
-                    used = _span(span_kind, bezier[k], ta, tau, h, metric, here, end, accuracy, work, data, at)
+                    used = _span(
+                        span_kind,
+                        bezier[k],
+                        ta,
+                        tau,
+                        h,
+                        metric,
+                        here,
+                        end,
+                        accuracy,
+                        work,
+                        data,
+                        at,
+                    )
                     kind_out[pieces] = span_kind
                 if used > at:
                     at_out[pieces], length_out[pieces] = at, data[at + LENGTH]
-                    joint_out[pieces] = knots[k, POLYLINE] != 0.0 or (whole and knots[k + 1, ENDS] != 0.0)
+                    joint_out[pieces] = knots[k, POLYLINE] != 0.0 or (
+                        whole and knots[k + 1, ENDS] != 0.0
+                    )
                     pieces += 1
             ta = tau
             move = i
@@ -246,7 +289,11 @@ def write_pieces(
     if pending:
         at = _line(data, used, n, metric, here, line_end)
         if at > used:
-            kind_out[pieces], at_out[pieces], length_out[pieces] = line_kind, used, data[used + LENGTH]
+            kind_out[pieces], at_out[pieces], length_out[pieces] = (
+                line_kind,
+                used,
+                data[used + LENGTH],
+            )
             joint_out[pieces] = knots[k, ENDS] != 0.0
             pieces += 1
         used = at

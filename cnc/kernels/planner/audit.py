@@ -1,12 +1,14 @@
-"""Largest values that a plan reaches, from the plan itself and from the positions it gives at a fixed period.
+"""Largest values that a plan reaches, from the plan itself and from the positions it gives at a
+fixed period.
 
 Two ways, neither of which shares a formula with the planner:
 
 - at points throughout every phase, each axis's velocity, acceleration and jerk by the chain rule from the curve and the phase;
 - at the sampling period T, the differences of successive positions, which see jumps at junctions as well.
 
-Where the hull of a piece's control points (:mod:`cnc.kernels.planner.hull`) shows that its derivatives can't raise any maximum seen before, they
-are not looked at inside the piece: the maxima are the same as if they were. Positions are looked at everywhere.
+Where the hull of a piece's control points (:mod:`cnc.kernels.planner.hull`) shows that its
+derivatives can't raise any maximum seen before, they are not looked at inside the piece: the maxima
+are the same as if they were. Positions are looked at everywhere.
 """
 
 from __future__ import annotations
@@ -17,7 +19,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import AXES, LINE, METRIC, METRICS, SPAN, SPAN_BODY, START, U0, U1, curve_eval, curve_eval_s, curve_inv_arclen
+from cnc.kernels.path.curve import (
+    AXES,
+    LINE,
+    METRIC,
+    METRICS,
+    SPAN,
+    SPAN_BODY,
+    START,
+    U0,
+    U1,
+    curve_eval,
+    curve_eval_s,
+    curve_inv_arclen,
+)
 from cnc.kernels.planner.hull import BOUNDS, derivative_bounds
 from cnc.kernels.planner.timed import is_timed, timed_motion
 
@@ -25,7 +40,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 FEED, ACCEL, JERK, NORMAL_ACCEL, CHORD_ERROR, STEP_DEVIATION, OVERSPEED = range(7)
-"""Entries of ``largest``; OVERSPEED is the largest ratio of speed to the feed that the piece may have."""
+"""Entries of ``largest``; OVERSPEED is the largest ratio of speed to the feed that the piece may
+have.
+"""
 ENTRIES = 7
 
 POINTS = 8
@@ -35,11 +52,15 @@ TIMED_POINTS = 64
 """The same in a timed piece, where the jerk along the path may have a sharp peak."""
 
 CLOSE = 1e-3
-"""mm; motion so slow that it covers less than this in many periods is looked at this often along the path instead."""
+"""mm; motion so slow that it covers less than this in many periods is looked at this often along
+the path instead.
+"""
 
 JOINT = 1e-9
-"""mm; a phase that starts this little before a junction starts at it, one that ends this little after it ends there: what rounding may
-leave of the arc lengths in a window of many metres, and far less than anything that moves can show."""
+"""mm; a phase that starts this little before a junction starts at it, one that ends this little
+after it ends there: what rounding may leave of the arc lengths in a window of many metres, and far
+less than anything that moves can show.
+"""
 
 
 @njit
@@ -53,7 +74,9 @@ def audit_phases(
     kind: Ints, at: Ints, data: Floats, feed: Floats, piece_s: Floats, phase_t: Floats, phase_s: Floats, phase_v: Floats,
     phase_a: Floats, phase_j: Floats, period: float, largest: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats,
 ) -> None:  # fmt: skip
-    """Raise ``largest`` and the axes' maxima (n,) to what the plan reaches at points throughout its phases."""
+    """Raise ``largest`` and the axes' maxima (n,) to what the plan reaches at points throughout its
+    phases.
+    """
     n = len(axis_v)
     q = np.zeros((4, n))
     bounds = np.zeros((n + 1, BOUNDS))
@@ -80,7 +103,8 @@ def audit_phases(
             if m == points:
                 # as exact as the junction that may be there
                 s = phase_s[k + 1]
-            # At a junction the phase that starts there belongs to the piece after it, the one that ends there to the piece before.
+            # At a junction the phase that starts there belongs to the piece after it, the one that
+            # ends there to the piece before.
             ahead = inside if m == 0 else -inside
             while piece + 1 < len(kind) and s + ahead > piece_s[piece + 1]:
                 piece += 1
@@ -128,14 +152,18 @@ def audit_phases(
             for i in range(n):
                 axis_v[i] = max(axis_v[i], abs(q[1, i] * v))
                 axis_a[i] = max(axis_a[i], abs(q[2, i] * v * v + q[1, i] * a))
-                axis_j[i] = max(axis_j[i], abs(q[3, i] * v * v * v + 3.0 * q[2, i] * v * a + q[1, i] * j))
+                axis_j[i] = max(
+                    axis_j[i], abs(q[3, i] * v * v * v + 3.0 * q[2, i] * v * a + q[1, i] * j)
+                )
             # a line at constant speed is the same all along
             dull = dull or (here == LINE and steady)
 
 
 @njit
 def _cubic_point(data: Floats, at: int, u: float, out: Floats) -> None:
-    """Position at u of a span of degree 3 into the last row of out: without the derivatives, which take most of the time."""
+    """Position at u of a span of degree 3 into the last row of out: without the derivatives, which
+    take most of the time.
+    """
     n = out.shape[1]
     start = at + START
     x = (u - data[at + U0]) / (data[at + U1] - data[at + U0])
@@ -149,14 +177,28 @@ def _cubic_point(data: Floats, at: int, u: float, out: Floats) -> None:
     row = out.shape[0] - 1
     for i in range(n):
         k += 4
-        out[row, i] = data[start + i] + (c0 * data[k] + c1 * data[k + 1] + c2 * data[k + 2] + c3 * data[k + 3]) * inverse
+        out[row, i] = (
+            data[start + i]
+            + (c0 * data[k] + c1 * data[k + 1] + c2 * data[k + 2] + c3 * data[k + 3]) * inverse
+        )
 
 
 @njit
 def _step_and_sagitta(
-    kind: Ints, at: Ints, data: Floats, piece_s: Floats, first: int, piece: int, s_before: float, s: float, last: Floats, q: Floats
+    kind: Ints,
+    at: Ints,
+    data: Floats,
+    piece_s: Floats,
+    first: int,
+    piece: int,
+    s_before: float,
+    s: float,
+    last: Floats,
+    q: Floats,
 ) -> tuple[float, float]:
-    """Length of the step from last[0] to last[4] through the junctions between them, and how far the curve leaves the chord of the two."""
+    """Length of the step from last[0] to last[4] through the junctions between them, and how far
+    the curve leaves the chord of the two.
+    """
     length = 0.0
     apart = 0.0
     chord = 0.0
@@ -170,7 +212,9 @@ def _step_and_sagitta(
         end = min(s, piece_s[k + 1])
         for half in range(2):
             inside = 0.5 * (begin + end) if half == 0 else end
-            curve_eval(kind[k], data, at[k], curve_inv_arclen(kind[k], data, at[k], inside - piece_s[k]), q)
+            curve_eval(
+                kind[k], data, at[k], curve_inv_arclen(kind[k], data, at[k], inside - piece_s[k]), q
+            )
             along = 0.0
             squared = 0.0
             step = 0.0
@@ -196,12 +240,15 @@ def audit_samples(
     phase_j: Floats, t0: float, period: float, shortest: float, index: int, known: int, last: Floats, largest: Floats,
     axis_v: Floats, axis_a: Floats, axis_j: Floats,
 ) -> tuple[int, int]:  # fmt: skip
-    """Raise the maxima to what differences of positions show at the instants ``index * period`` on, up to the plan's end.
+    """Raise the maxima to what differences of positions show at the instants ``index * period`` on,
+    up to the plan's end.
 
-    last (5, n): positions at the instants before, newest in row 0, of which ``known`` are valid; rows 3 and 4 are scratch. The
-    step deviation and the chord error count in steps longer than ``shortest`` (on a shorter one they are no length to speak of) within
-    which the motion doesn't stop: a stop is a corner, and there a sample belongs to neither side. For the same reason the step
-    deviation doesn't count where the ramps at a corner overlap. Returns the next index and the number of valid rows.
+    last (5, n): positions at the instants before, newest in row 0, of which ``known`` are valid;
+    rows 3 and 4 are scratch. The step deviation and the chord error count in steps longer than
+    ``shortest`` (on a shorter one they are no length to speak of) within which the motion doesn't
+    stop: a stop is a corner, and there a sample belongs to neither side. For the same reason the
+    step deviation doesn't count where the ramps at a corner overlap. Returns the next index and the
+    number of valid rows.
     """
     n = len(axis_v)
     q = np.zeros((4, n))
@@ -222,7 +269,9 @@ def audit_samples(
         while phase + 1 < len(phase_j) and t > phase_t[phase + 1]:
             phase += 1
             stopped = stopped or phase_v[phase] == 0.0
-        s = phase_at(t - phase_t[phase], phase_s[phase], phase_v[phase], phase_a[phase], phase_j[phase])[0]
+        s = phase_at(
+            t - phase_t[phase], phase_s[phase], phase_v[phase], phase_a[phase], phase_j[phase]
+        )[0]
         while piece + 1 < len(kind) and s > piece_s[piece + 1]:
             piece += 1
         local = min(max(s - piece_s[piece], 0.0), piece_s[piece + 1] - piece_s[piece])
@@ -252,14 +301,19 @@ def audit_samples(
                 derivative_bounds(here, data, where, bounds)
                 bent = bounds[n, 1] / 8.0
             if piece == piece_before and step * step * bent <= largest[CHORD_ERROR]:
-                # the chord alone: a curve bent no more than that leaves it by less than what was seen before
+                # the chord alone: a curve bent no more than that leaves it by less than what was
+                # seen before
                 chord = 0.0
                 for m in range(int(data[where + METRICS])):
                     c = int(data[where + METRIC + m])
                     chord += (last[4, c] - last[0, c]) * (last[4, c] - last[0, c])
-                largest[STEP_DEVIATION] = max(largest[STEP_DEVIATION], abs(math.sqrt(chord) - step) / step)
+                largest[STEP_DEVIATION] = max(
+                    largest[STEP_DEVIATION], abs(math.sqrt(chord) - step) / step
+                )
             else:
-                chord, apart = _step_and_sagitta(kind, at, data, piece_s, piece_before, piece, s_before, s, last, q)
+                chord, apart = _step_and_sagitta(
+                    kind, at, data, piece_s, piece_before, piece, s_before, s, last, q
+                )
                 corner = False
                 for k in range(piece_before, piece + 1):
                     corner = corner or is_timed(kind[k], data, at[k])
@@ -274,9 +328,15 @@ def audit_samples(
         piece_before = piece
         known = min(known + 1, 3)
         index += 1
-        steady = phase_a[phase] == 0.0 and phase_j[phase] == 0.0 and phase_v[phase] > 0.0 and not is_timed(here, data, where)
+        steady = (
+            phase_a[phase] == 0.0
+            and phase_j[phase] == 0.0
+            and phase_v[phase] > 0.0
+            and not is_timed(here, data, where)
+        )
         if known == 3 and steady:
-            # A crawl shows the same differences over and over: look at a few instants, then go on to where the path may have changed.
+            # A crawl shows the same differences over and over: look at a few instants, then go on
+            # to where the path may have changed.
             skipped = int(CLOSE / (phase_v[phase] * period)) - 2 * POINTS
             left = int((phase_t[phase + 1] + t0 - index * period) / period) - 2 * POINTS
             if min(skipped, left) > 0:
@@ -293,11 +353,11 @@ def continuity(
 ) -> None:  # fmt: skip
     """Integrate each phase and compare its end with the start of the next.
 
-    gaps (5,): raised to the largest jumps of position, speed and acceleration, and to how far a duration and a speed lie below zero; what
-    is NaN stays NaN.
+    gaps (5,): raised to the largest jumps of position, speed and acceleration, and to how far a
+    duration and a speed lie below zero; what is NaN stays NaN.
 
-    The plan's coordinate changes its meaning at the ends of timed pieces: its rate may jump where the motion doesn't. There velocity and
-    acceleration are compared in every axis.
+    The plan's coordinate changes its meaning at the ends of timed pieces: its rate may jump where
+    the motion doesn't. There velocity and acceleration are compared in every axis.
     """
     n = int(data[at[0] + AXES])
     q = np.zeros((2, 4, n))
@@ -308,7 +368,9 @@ def continuity(
         gap[4] = -phase_v[k]
         if k > 0:
             dt = phase_t[k] - phase_t[k - 1]
-            s_end, v_end, a_end = phase_at(dt, phase_s[k - 1], phase_v[k - 1], phase_a[k - 1], phase_j[k - 1])
+            s_end, v_end, a_end = phase_at(
+                dt, phase_s[k - 1], phase_v[k - 1], phase_a[k - 1], phase_j[k - 1]
+            )
             gap[0] = abs(s_end - phase_s[k])
             gap[1] = abs(v_end - phase_v[k])
             gap[2] = abs(a_end - phase_a[k])
@@ -319,7 +381,9 @@ def continuity(
             after = piece
             while after + 1 < len(kind) and s + JOINT > piece_s[after + 1]:
                 after += 1
-            if k < last and (is_timed(kind[piece], data, at[piece]) or is_timed(kind[after], data, at[after])):
+            if k < last and (
+                is_timed(kind[piece], data, at[piece]) or is_timed(kind[after], data, at[after])
+            ):
                 gap[1] = 0.0
                 gap[2] = 0.0
                 for side in range(2):
@@ -327,7 +391,13 @@ def continuity(
                     v = v_end if side == 0 else phase_v[k]
                     a = a_end if side == 0 else phase_a[k]
                     local = min(max(s - piece_s[here], 0.0), piece_s[here + 1] - piece_s[here])
-                    curve_eval_s(kind[here], data, at[here], curve_inv_arclen(kind[here], data, at[here], local), q[side])
+                    curve_eval_s(
+                        kind[here],
+                        data,
+                        at[here],
+                        curve_inv_arclen(kind[here], data, at[here], local),
+                        q[side],
+                    )
                     for i in range(n):
                         q[side, 2, i] = q[side, 2, i] * v * v + q[side, 1, i] * a
                         q[side, 1, i] *= v

@@ -1,7 +1,9 @@
-"""A plan cut into cells to be refined: what of it may gain, where the cuts lie, and what holds between them.
+"""A plan cut into cells to be refined: what of it may gain, where the cuts lie, and what holds
+between them.
 
-A cell is a stretch of path for the descent of :mod:`cnc.kernels.planner.descent`, about as long in time as those near it. Stretches of constant
-speed at junctions and the middle of a cruise that can't be faster stay apart.
+A cell is a stretch of path for the descent of :mod:`cnc.kernels.planner.descent`, about as long in
+time as those near it. Stretches of constant speed at junctions and the middle of a cruise that
+can't be faster stay apart.
 """
 
 from __future__ import annotations
@@ -19,8 +21,9 @@ Flags = NDArray[np.bool_]
 
 RAMP_CELLS = 5
 PLATEAU = 0.3
-"""Cells in the longest jerk phase of a stretch, or in this part of its longest phase of constant acceleration; the others are about as long
-in time."""
+"""Cells in the longest jerk phase of a stretch, or in this part of its longest phase of constant
+acceleration; the others are about as long in time.
+"""
 
 SPANNED = 6
 """Intervals that a cell may reach over."""
@@ -33,15 +36,20 @@ TINY = 0.15
 
 FASTEST = 0.985
 STEEPEST = 0.85
-"""Speed, and acceleration or jerk, above these parts of their bounds on a straight path: there is next to nothing to gain."""
+"""Speed, and acceleration or jerk, above these parts of their bounds on a straight path: there is
+next to nothing to gain.
+"""
 
 
 @njit
-def separate(phases: Floats, end: Floats, top: Floats, flat: Flags, rows: Floats, apart: Flags) -> int:
-    """Copy the phases to ``rows``, a long cruise in three; ``apart`` marks those that stay as they are. Returns how many there are.
+def separate(
+    phases: Floats, end: Floats, top: Floats, flat: Flags, rows: Floats, apart: Flags
+) -> int:
+    """Copy the phases to ``rows``, a long cruise in three; ``apart`` marks those that stay as they
+    are. Returns how many there are.
 
-    Those are stretches of constant speed at junctions, and the middle of a cruise that can't be faster.
-    rows (3 p, 5), apart (3 p,): room for them.
+    Those are stretches of constant speed at junctions, and the middle of a cruise that can't be
+    faster. rows (3 p, 5), apart (3 p,): room for them.
     """
     count = 0
     k = 0
@@ -90,8 +98,19 @@ def separate(phases: Floats, end: Floats, top: Floats, flat: Flags, rows: Floats
 
 
 @njit
-def can_gain(rows: Floats, first: int, last: int, end: Floats, top: Floats, samples: Floats, limit_a: Floats, limit_j: Floats) -> bool:
-    """Whether the motion of some row is slower than the speed bounds, or the ramp's limits on a straight path, would let it be."""
+def can_gain(
+    rows: Floats,
+    first: int,
+    last: int,
+    end: Floats,
+    top: Floats,
+    samples: Floats,
+    limit_a: Floats,
+    limit_j: Floats,
+) -> bool:
+    """Whether the motion of some row is slower than the speed bounds, or the ramp's limits on a
+    straight path, would let it be.
+    """
     axes = samples.shape[3]
     k = interval_at(rows[first, 1], np.searchsorted(end, rows[first, 1]), end)
     for r in range(first, last):
@@ -119,8 +138,11 @@ def can_gain(rows: Floats, first: int, last: int, end: Floats, top: Floats, samp
 
 
 @njit
-def place_cuts(rows: Floats, first: int, last: int, end: Floats, s: Floats, v: Floats, a: Floats, write: bool) -> int:
-    """Cut the motion of the rows [first, last) into cells: arc length, speed and acceleration at the cuts.
+def place_cuts(
+    rows: Floats, first: int, last: int, end: Floats, s: Floats, v: Floats, a: Floats, write: bool
+) -> int:
+    """Cut the motion of the rows [first, last) into cells: arc length, speed and acceleration at
+    the cuts.
 
     They are written only where ``write`` says so. Returns the number of cells.
     """
@@ -171,9 +193,19 @@ def place_cuts(rows: Floats, first: int, last: int, end: Floats, s: Floats, v: F
 
 @njit
 def describe(
-    cells: int, s: Floats, end: Floats, top: Floats, sampled: Floats, samples: Floats, d: Floats, cell_top: Floats, q: Floats
+    cells: int,
+    s: Floats,
+    end: Floats,
+    top: Floats,
+    sampled: Floats,
+    samples: Floats,
+    d: Floats,
+    cell_top: Floats,
+    q: Floats,
 ) -> None:
-    """Length of each cell, speed bounds (middle, end) and derivatives of the path (start, middle, end) in it."""
+    """Length of each cell, speed bounds (middle, end) and derivatives of the path (start, middle,
+    end) in it.
+    """
     k = interval_at(s[0], np.searchsorted(end, s[0]), end)
     for m in range(cells):
         d[m] = s[m + 1] - s[m]

@@ -5,13 +5,15 @@ r"""The fastest motion through a row of cells: an interior-point descent over co
        j1  j2  j1  j2           in closed form:   h (v0 + v1) - h^2 (a1 - a0) / 3 = d,
        h   h   h   h                              j1 = (v1 - v0) / h^2 - 2 a0 / h - (a1 - a0) / (2 h),   j2 = (a1 - a0) / h - j1.
 
-So any values at the cuts are a continuous motion with exact constant-jerk phases, and a constraint binds neighbours only. Minimised is
+So any values at the cuts are a continuous motion with exact constant-jerk phases, and a constraint
+binds neighbours only. Minimised is
 
     weight * time - sum log(1 - constraint / limit)
 
-by Newton's method with the Gauss-Newton part of the barrier's Hessian: block tridiagonal with blocks of 2 x 2, so that a step costs O(n).
-The speeds move along v^2, in which the constraints are nearly linear. Where the motion to begin with touches or breaks a limit, all limits
-are lifted for the time being, and lowered as the motion gets off them.
+by Newton's method with the Gauss-Newton part of the barrier's Hessian: block tridiagonal with
+blocks of 2 x 2, so that a step costs O(n). The speeds move along v^2, in which the constraints are
+nearly linear. Where the motion to begin with touches or breaks a limit, all limits are lifted for
+the time being, and lowered as the motion gets off them.
 """
 
 from __future__ import annotations
@@ -35,15 +37,20 @@ CENTRED = 0.1
 NEAR = 0.99999
 LIFT = 0.003
 HIGH = 1e6
-"""How much of a limit may be taken up to start without lifting, by how much they are lifted at least, and out of the way."""
+"""How much of a limit may be taken up to start without lifting, by how much they are lifted at
+least, and out of the way.
+"""
 
 TOUCH = 1e-4
 """Relative: a limit is broken where it is passed by more than this."""
 
 
 @njit
-def cell_phases(v0: float, a0: float, v1: float, a1: float, d: float, x: Floats, slope: Floats) -> bool:
-    """The two phases through a cell of length ``d``: x = h, j1, j2, speed and acceleration between them; False if none lead forward.
+def cell_phases(
+    v0: float, a0: float, v1: float, a1: float, d: float, x: Floats, slope: Floats
+) -> bool:
+    """The two phases through a cell of length ``d``: x = h, j1, j2, speed and acceleration between
+    them; False if none lead forward.
 
     slope (5, 4): derivatives of x by v0, a0, v1, a1.
     """
@@ -98,11 +105,13 @@ def merit(
     first: int, last: int, v: Floats, a: Floats, d: Floats, top: Floats, share: Floats, q: Floats, limit_a: Floats, limit_j: Floats,
     weight: float, lift: float, slopes: bool, diagonal: Floats, upper: Floats, gradient: Floats,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Value of what is minimised over the cells [first, last), the largest constraint, and the time; infinite beyond a (lifted) limit.
+    """Value of what is minimised over the cells [first, last), the largest constraint, and the
+    time; infinite beyond a (lifted) limit.
 
-    top (cells, 2): speed bounds in the middle and at the end of each cell. q (cells, 3, 3, axes): derivatives of the path at its start, in
-    its middle and at its end. share: part of the limits of acceleration and jerk that a cell may use.
-    With ``slopes`` the gradient and the Hessian's blocks are written as well.
+    top (cells, 2): speed bounds in the middle and at the end of each cell. q (cells, 3, 3, axes):
+    derivatives of the path at its start, in its middle and at its end. share: part of the limits of
+    acceleration and jerk that a cell may use. With ``slopes`` the gradient and the Hessian's blocks
+    are written as well.
     """
     x = np.empty(5)
     dx = np.empty((5, 4))
@@ -159,7 +168,9 @@ def merit(
                         if limit_j[i] == math.inf:
                             continue
                         scale = 1.0 / (limit_j[i] * allowed)
-                        taken = scale * (q1 * jerk + 3.0 * q2 * speed * accel + q3 * speed * speed * speed)
+                        taken = scale * (
+                            q1 * jerk + 3.0 * q2 * speed * accel + q3 * speed * speed * speed
+                        )
                         by_v = scale * 3.0 * (q2 * accel + q3 * speed * speed)
                         by_a = scale * 3.0 * q2 * speed
                         by_j = scale * q1
@@ -218,8 +229,11 @@ def merit(
 
 
 @njit
-def newton_step(first: int, last: int, diagonal: Floats, upper: Floats, gradient: Floats, step: Floats) -> float:
-    """The step from the block tridiagonal system, its ends held; returns how fast the merit falls along it. The matrices are used up.
+def newton_step(
+    first: int, last: int, diagonal: Floats, upper: Floats, gradient: Floats, step: Floats
+) -> float:
+    """The step from the block tridiagonal system, its ends held; returns how fast the merit falls
+    along it. The matrices are used up.
 
     diagonal (n + 1, 2, 2), of which the upper halves count; upper (n, 2, 2).
     """
@@ -267,7 +281,8 @@ def centre(
     first: int, last: int, v: Floats, a: Floats, d: Floats, top: Floats, share: Floats, q: Floats, limit_a: Floats, limit_j: Floats,
     weight: float,
 ) -> float:  # fmt: skip
-    """Move v and a at the cuts inside [first, last] to where time, at a weight per cell and time, and barrier balance.
+    """Move v and a at the cuts inside [first, last] to where time, at a weight per cell and time,
+    and barrier balance.
 
     Returns the largest constraint: at most 1, or the limits could not be kept.
     """

@@ -1,9 +1,10 @@
 """Bounds of a piece's derivatives by arc length, from the hull of its control points.
 
-The derivatives by t of a polynomial span are polynomials in Bernstein form whose coefficients are differences of its own, and lie in the
-hull of these. With e the direction of the chord, sigma = |dr/dt| >= (dr/dt).e >= m, the least of the first differences along e. By the
-chain rule (see :func:`cnc.kernels.path.curve.curve_eval_s`), with D1, D2, D3 the largest of an axis's derivatives by t and N2, N3 those of all
-metric axes,
+The derivatives by t of a polynomial span are polynomials in Bernstein form whose coefficients are
+differences of its own, and lie in the hull of these. With e the direction of the chord, sigma =
+|dr/dt| >= (dr/dt).e >= m, the least of the first differences along e. By the chain rule (see
+:func:`cnc.kernels.path.curve.curve_eval_s`), with D1, D2, D3 the largest of an axis's derivatives
+by t and N2, N3 those of all metric axes,
 
     |q'|   <= D1 / m
     |q''|  <= D2 / m^2 + D1 N2 / m^3
@@ -18,7 +19,18 @@ from __future__ import annotations
 import math
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import LINE, METRIC, METRICS, SPAN, SPAN_BODY, START, TABLE, U0, U1, Floats
+from cnc.kernels.path.curve import (
+    LINE,
+    METRIC,
+    METRICS,
+    SPAN,
+    SPAN_BODY,
+    START,
+    TABLE,
+    U0,
+    U1,
+    Floats,
+)
 
 BOUNDS = 3
 """Columns: of the first, second and third derivative."""
@@ -26,9 +38,11 @@ BOUNDS = 3
 
 @njit
 def derivative_bounds(kind: int, data: Floats, at: int, out: Floats) -> None:
-    """Largest |q'|, |q''| and third derivative that each axis can have on a piece, out (n + 1, BOUNDS); last row: |q'|, |q''| of all.
+    """Largest |q'|, |q''| and third derivative that each axis can have on a piece, out (n + 1,
+    BOUNDS); last row: |q'|, |q''| of all.
 
-    Sharp for lines, finite for polynomial spans that turn less than 90 degrees, infinite for all else.
+    Sharp for lines, finite for polynomial spans that turn less than 90 degrees, infinite for all
+    else.
     """
     n = out.shape[0] - 1
     for i in range(n + 1):
@@ -100,6 +114,10 @@ def derivative_bounds(kind: int, data: Floats, at: int, out: Floats) -> None:
                 d3 *= p * (p - 1) * (p - 2) * unit
                 out[axis, 0] = d1 * m1
                 out[axis, 1] = d2 * m2 + d1 * n2 * m3
-                out[axis, 2] = d3 * m3 + 3.0 * d2 * n2 * m2 * m2 + d1 * (3.0 * n2 * n2 * m3 * m2 + n3 * m2 * m2)
+                out[axis, 2] = (
+                    d3 * m3
+                    + 3.0 * d2 * n2 * m2 * m2
+                    + d1 * (3.0 * n2 * n2 * m3 * m2 + n3 * m2 * m2)
+                )
             out[n, 0] = 1.0
             out[n, 1] = n2 * m2

@@ -1,8 +1,10 @@
-"""Where motion is on the intervals of a path, how the path runs there, and what part of the limits a phase takes up.
+"""Where motion is on the intervals of a path, how the path runs there, and what part of the limits
+a phase takes up.
 
-end, top (n,): where each interval ends (arc length, mm) and the speed, mm/s, that no motion over it exceeds. sampled (n, 2): from where to
-where its ``samples`` (n, 5, 3, axes) of the path's first three derivatives reach. limit_a mm/s^2, limit_j mm/s^3 (axes + 1,): of each axis,
-and last of the motion along the path.
+end, top (n,): where each interval ends (arc length, mm) and the speed, mm/s, that no motion over it
+exceeds. sampled (n, 2): from where to where its ``samples`` (n, 5, 3, axes) of the path's first
+three derivatives reach. limit_a mm/s^2, limit_j mm/s^3 (axes + 1,): of each axis, and last of the
+motion along the path.
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ DENSE = 4
 
 @njit
 def interval_at(s: float, start: int, end: Floats) -> int:
-    """The interval that arc length ``s`` lies in, searched from interval ``start`` on, or back from there."""
+    """The interval that arc length ``s`` lies in, searched from interval ``start`` on, or back from
+    there.
+    """
     k = min(start, len(end) - 1)
     while k > 0 and s < end[k - 1]:
         k -= 1
@@ -34,7 +38,9 @@ def interval_at(s: float, start: int, end: Floats) -> int:
 
 @njit
 def derivatives(k: int, s: float, sampled: Floats, samples: Floats, out: Floats) -> None:
-    """q', q'', q''' at ``s`` in interval ``k``, from the quartic through its five samples; the last column stands for the path itself."""
+    """q', q'', q''' at ``s`` in interval ``k``, from the quartic through its five samples; the last
+    column stands for the path itself.
+    """
     axes = samples.shape[3]
     extent = sampled[k, 1] - sampled[k, 0]
     x = min(max((s - sampled[k, 0]) / extent, 0.0), 1.0) if extent > 0.0 else 0.0
@@ -61,11 +67,14 @@ def phase_worst(
     duration: float, s: float, v: float, a: float, j: float, s_end: float, k: int, end: Floats, top: Floats, sampled: Floats,
     samples: Floats, limit_a: Floats, limit_j: Floats, q: Floats,
 ) -> tuple[float, float, int]:  # fmt: skip
-    """The largest part of a limit that a phase takes up, at points throughout it and on both sides of each end of an interval.
+    """The largest part of a limit that a phase takes up, at points throughout it and on both sides
+    of each end of an interval.
 
-    The speed is looked at where it is greatest, too: at the instant without acceleration, which may lie between the points.
+    The speed is looked at where it is greatest, too: at the instant without acceleration, which may
+    lie between the points.
 
-    Returns that of the limits of acceleration and jerk, that of the speed bounds, and the interval in which the phase ends. q: scratch.
+    Returns that of the limits of acceleration and jerk, that of the speed bounds, and the interval
+    in which the phase ends. q: scratch.
     """
     worst = 0.0
     fastest = 0.0
@@ -79,14 +88,20 @@ def phase_worst(
         turns = turn < t_next
         if turns:
             t_next = turn
-        s_next = s_end if m == DENSE and not turns else s + t_next * (v + t_next * (0.5 * a + t_next * j / 6.0))
+        s_next = (
+            s_end
+            if m == DENSE and not turns
+            else s + t_next * (v + t_next * (0.5 * a + t_next * j / 6.0))
+        )
         t = t_next
         here = s_next
         crossing = k + 1 < len(end) and end[k] < s_next
         if crossing:
             here = end[k]
             speed = v + t_before * (a + 0.5 * t_before * j)
-            t = t_before + phase_time(speed, a + t_before * j, j, t_next - t_before, here - s_before)
+            t = t_before + phase_time(
+                speed, a + t_before * j, j, t_next - t_before, here - s_before
+            )
         else:
             t_before = t_next
             s_before = s_next
@@ -105,5 +120,13 @@ def phase_worst(
             derivatives(k, here, sampled, samples, q)
             for i in range(q.shape[1]):
                 worst = max(worst, abs(q[0, i] * accel + q[1, i] * speed * speed) / limit_a[i])
-                worst = max(worst, abs(q[0, i] * j + 3.0 * q[1, i] * speed * accel + q[2, i] * speed * speed * speed) / limit_j[i])
+                worst = max(
+                    worst,
+                    abs(
+                        q[0, i] * j
+                        + 3.0 * q[1, i] * speed * accel
+                        + q[2, i] * speed * speed * speed
+                    )
+                    / limit_j[i],
+                )
     return worst, fastest, k

@@ -5,7 +5,19 @@ from __future__ import annotations
 import math
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import ARC, ARC_BODY, LENGTH, METRIC, METRICS, ROW, SPAN, START, TABLE, U1, Floats
+from cnc.kernels.path.curve import (
+    ARC,
+    ARC_BODY,
+    LENGTH,
+    METRIC,
+    METRICS,
+    ROW,
+    SPAN,
+    START,
+    TABLE,
+    U1,
+    Floats,
+)
 from cnc.kernels.planner.limits import UNSEEN
 
 SHARPEST = math.sin(math.radians(135.0) / 2.0)
@@ -19,11 +31,14 @@ REST = 1e-9
 
 
 @njit
-def directions(data_a: Floats, at_a: int, data_b: Floats, at_b: int, u: Floats) -> tuple[float, float]:
+def directions(
+    data_a: Floats, at_a: int, data_b: Floats, at_b: int, u: Floats
+) -> tuple[float, float]:
     """Directions of two lines, per mm of path, into ``u`` (2, n).
 
-    Returns sin(theta/2) and the sine that counts for the tolerance: no less than the former, more where axes that don't measure the path
-    turn more; both 2 where the lines are measured over different axes.
+    Returns sin(theta/2) and the sine that counts for the tolerance: no less than the former, more
+    where axes that don't measure the path turn more; both 2 where the lines are measured over
+    different axes.
     """
     n = u.shape[1]
     for i in range(n):
@@ -45,8 +60,12 @@ def directions(data_a: Floats, at_a: int, data_b: Floats, at_b: int, u: Floats) 
 
 
 @njit
-def line_bounds(u: Floats, feed: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats) -> tuple[float, float, float]:
-    """Largest speed (mm/s), acceleration and jerk along a line of direction ``u`` (n,), no faster than ``feed``."""
+def line_bounds(
+    u: Floats, feed: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats
+) -> tuple[float, float, float]:
+    """Largest speed (mm/s), acceleration and jerk along a line of direction ``u`` (n,), no faster
+    than ``feed``.
+    """
     v = feed
     a = rules[0]
     j = rules[1]
@@ -60,7 +79,9 @@ def line_bounds(u: Floats, feed: float, rules: Floats, axis_v: Floats, axis_a: F
 
 @njit
 def write_line(data: Floats, at: int, like: int, from_start: float, from_end: float) -> int:
-    """Write what is left of the line at ``like`` without so much at its start and end (mm); returns the index behind the record."""
+    """Write what is left of the line at ``like`` without so much at its start and end (mm); returns
+    the index behind the record.
+    """
     n = int(data[like])
     length = data[like + LENGTH]
     for k in range(START):

@@ -1,19 +1,24 @@
-"""Bounds on speed, tangential acceleration and jerk along pieces of path, constant on short intervals.
+"""Bounds on speed, tangential acceleration and jerk along pieces of path, constant on short
+intervals.
 
-At a point of the path q(s), with speed v, tangential acceleration a and jerk j, each axis i moves with
+At a point of the path q(s), with speed v, tangential acceleration a and jerk j, each axis i moves
+with
 
     velocity      q_i' v
     acceleration  q_i'' v^2 + q_i' a
     jerk          q_i''' v^3 + 3 q_i'' v a + q_i' j
 
-The curvature alone bounds v: sqrt(aN rho) for the normal acceleration aN, and (2/T) sqrt(h (2 rho - h)) so that the chord of one period T
-stays within h of the curve (Hui, Wei, Gao 2013, equations 6 and 7 mended, as speeds); sqrt(24 delta) rho / T keeps that chord shorter than
-its arc by no more than the part delta, the step deviation. The rest of each axis's limit is handed to a, then j.
+The curvature alone bounds v: sqrt(aN rho) for the normal acceleration aN, and (2/T) sqrt(h (2 rho -
+h)) so that the chord of one period T stays within h of the curve (Hui, Wei, Gao 2013, equations 6
+and 7 mended, as speeds); sqrt(24 delta) rho / T keeps that chord shorter than its arc by no more
+than the part delta, the step deviation. The rest of each axis's limit is handed to a, then j.
 
-A junction of two pieces may turn by a small angle or change its curvature at once. Sampled with period T, a jump dv of an axis's velocity
-shows as an acceleration dv / T and a jerk dv / T^2, a jump da of its acceleration as a jerk 3/4 da / T at most (the third difference is
-a mean weighted by the quadratic B-spline, whose largest value is 3/4). A junction is crossed at the speed that keeps these within the
-limits, constant for two periods either side so that nothing adds to it; a real corner is a stop.
+A junction of two pieces may turn by a small angle or change its curvature at once. Sampled with
+period T, a jump dv of an axis's velocity shows as an acceleration dv / T and a jerk dv / T^2, a
+jump da of its acceleration as a jerk 3/4 da / T at most (the third difference is a mean weighted by
+the quadratic B-spline, whose largest value is 3/4). A junction is crossed at the speed that keeps
+these within the limits, constant for two periods either side so that nothing adds to it; a real
+corner is a stop.
 """
 
 from __future__ import annotations
@@ -24,7 +29,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import LINE, METRIC, METRICS, curve_eval_s, curve_inv_arclen, curve_range
+from cnc.kernels.path.curve import (
+    LINE,
+    METRIC,
+    METRICS,
+    curve_eval_s,
+    curve_inv_arclen,
+    curve_range,
+)
 from cnc.kernels.planner.scurve import reachable_speed
 
 Floats = NDArray[np.float64]
@@ -32,37 +44,55 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 LEVELS = 7
-"""Levels of speed for the acceleration and jerk bounds: 1, 0.9 ... 0.4 of an interval's speed bound."""
+"""Levels of speed for the acceleration and jerk bounds: 1, 0.9 ... 0.4 of an interval's speed
+bound.
+"""
 
 ACCEL_SHARE = 0.75
 JERK_SHARE = 0.4
-"""The part of an axis's limit that speed alone may take up on a curve; the rest is left to change speed."""
+"""The part of an axis's limit that speed alone may take up on a curve; the rest is left to change
+speed.
+"""
 
 TURNING_SHARE = 0.6
-"""The part of an axis's jerk left by speed that acceleration while turning (3 q'' v a) may take up."""
+"""The part of an axis's jerk left by speed that acceleration while turning (3 q'' v a) may take
+up.
+"""
 
 VARIATION = 0.02
-"""How much the bounds may vary between neighbouring samples of one interval, relative to the limits."""
+"""How much the bounds may vary between neighbouring samples of one interval, relative to the
+limits.
+"""
 
 BRIEF_VARIATION = 0.1
-"""How much the speed bound may vary along the path in an interval that takes less than a period: there is no time to lose in it."""
+"""How much the speed bound may vary along the path in an interval that takes less than a period:
+there is no time to lose in it.
+"""
 
 TURN = 0.1
 """Largest turn of the direction within an interval, rad."""
 
 IN_SIGHT = 1.25
-"""How far above the feed the other bounds on speed are followed: one that comes from above this dips below the feed at no place unseen."""
+"""How far above the feed the other bounds on speed are followed: one that comes from above this
+dips below the feed at no place unseen.
+"""
 
 REFINED = 1.6
-"""How much faster than with room for changes of speed in any direction an interval may be crossed in the end: it is cut for that speed."""
+"""How much faster than with room for changes of speed in any direction an interval may be crossed
+in the end: it is cut for that speed.
+"""
 
 SAMPLES = 5
 SHORTEST = 5e-8
-"""mm; intervals are not made shorter than this, where curvature grows without bound towards a cusp. A bend of less radius is a stop."""
+"""mm; intervals are not made shorter than this, where curvature grows without bound towards a cusp.
+A bend of less radius is a stop.
+"""
 
 BENT_SHARE = 1.0 / 16.0
-"""The part of the jerk for the last way to a stop in such a bend. From a distance d the motion stops with v = (9/2 J d^2)^(1/3) and
-a = (6 J^2 d)^(1/3); where the radius is d, q''' v^3 + 3 q'' v a + q' j comes to 14.5 J, whatever d is."""
+"""The part of the jerk for the last way to a stop in such a bend. From a distance d the motion
+stops with v = (9/2 J d^2)^(1/3) and a = (6 J^2 d)^(1/3); where the radius is d, q''' v^3 + 3 q'' v
+a + q' j comes to 14.5 J, whatever d is.
+"""
 
 FLAT_PERIODS = 2.0
 """Periods at constant speed either side of a junction."""
@@ -71,20 +101,32 @@ FLAT_SHARE = 0.4
 """The part of a piece that the flat stretch at one of its ends may take."""
 
 CORNER = 0.1
-"""rad; a sharper turn is a stop: crossed at (jerk limit T^2) / CORNER it would save next to no time."""
+"""rad; a sharper turn is a stop: crossed at (jerk limit T^2) / CORNER it would save next to no
+time.
+"""
 
 UNSEEN = 5e-4
-"""The part of a limit that a jump may take without a flat stretch; the planner keeps that part of the jerk limits free."""
+"""The part of a limit that a jump may take without a flat stretch; the planner keeps that part of
+the jerk limits free.
+"""
 
 
 @njit
 def speed_bounds(
-    data: Floats, at: int, q: Floats, feed: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats
+    data: Floats,
+    at: int,
+    q: Floats,
+    feed: float,
+    rules: Floats,
+    axis_v: Floats,
+    axis_a: Floats,
+    axis_j: Floats,
 ) -> tuple[float, float]:
-    """Largest speeds at a point of the piece at ``at``, from its derivatives by arc length ``q`` (4, n).
+    """Largest speeds at a point of the piece at ``at``, from its derivatives by arc length ``q``
+    (4, n).
 
-    The first leaves each axis its shares of acceleration and jerk for changes of speed, whatever their direction; no motion is faster than
-    the second.
+    The first leaves each axis its shares of acceleration and jerk for changes of speed, whatever
+    their direction; no motion is faster than the second.
     """
     top = feed
     curvature = curvature_of(data, at, q)
@@ -121,9 +163,17 @@ def curvature_of(data: Floats, at: int, q: Floats) -> float:
 
 @njit
 def tangential_bounds(
-    first: Floats, second: Floats, third: Floats, v: float, rules: Floats, axis_a: Floats, axis_j: Floats
+    first: Floats,
+    second: Floats,
+    third: Floats,
+    v: float,
+    rules: Floats,
+    axis_a: Floats,
+    axis_j: Floats,
 ) -> tuple[float, float]:
-    """Acceleration and jerk bounds at speeds up to ``v`` from bounds on |q'|, |q''|, |q'''| of each axis."""
+    """Acceleration and jerk bounds at speeds up to ``v`` from bounds on |q'|, |q''|, |q'''| of each
+    axis.
+    """
     a = rules[0]
     j = rules[1]
     for i in range(len(first)):
@@ -143,11 +193,20 @@ def tangential_bounds(
 
 @njit
 def junction(
-    data: Floats, at: int, before: Floats, after: Floats, v: float, rules: Floats, axis_a: Floats, axis_j: Floats
+    data: Floats,
+    at: int,
+    before: Floats,
+    after: Floats,
+    v: float,
+    rules: Floats,
+    axis_a: Floats,
+    axis_j: Floats,
 ) -> tuple[float, bool]:
-    """Speed for a junction between two pieces, given the derivatives (4, n) on both sides and the speed ``v`` wanted.
+    """Speed for a junction between two pieces, given the derivatives (4, n) on both sides and the
+    speed ``v`` wanted.
 
-    data, at: either piece, for its metric axes. Returns (speed, flat): 0 for a stop; flat where the motion must be at constant speed.
+    data, at: either piece, for its metric axes. Returns (speed, flat): 0 for a stop; flat where the
+    motion must be at constant speed.
     """
     period = rules[4]
     squared = 0.0
@@ -174,7 +233,8 @@ def junction(
         return 0.0, True
     if by_v * v + by_v2 * v * v <= UNSEEN:
         return v, False
-    # What the curves themselves take up at constant speed is there as well. The sum rises with the speed: bisect.
+    # What the curves themselves take up at constant speed is there as well. The sum rises with the
+    # speed: bisect.
     low = 0.0
     high = v
     for _ in range(60):
@@ -209,11 +269,20 @@ def interval_samples(kind: int, data: Floats, at: int, start: float, end: float,
 
 
 @njit
-def bounds_vary(q: Floats, v: float, spacing: float, speed: Floats, rules: Floats, axis_a: Floats, axis_j: Floats) -> bool:
-    """Whether an interval with these samples, ``spacing`` apart, is too long for constant bounds at speeds up to ``v``.
+def bounds_vary(
+    q: Floats,
+    v: float,
+    spacing: float,
+    speed: Floats,
+    rules: Floats,
+    axis_a: Floats,
+    axis_j: Floats,
+) -> bool:
+    """Whether an interval with these samples, ``spacing`` apart, is too long for constant bounds at
+    speeds up to ``v``.
 
-    Besides the samples' own variation this looks for what lies between them: a derivative's integral by the trapezoidal rule must give the
-    change of the derivative below it.
+    Besides the samples' own variation this looks for what lies between them: a derivative's
+    integral by the trapezoidal rule must give the change of the derivative below it.
     """
     lowest = speed[0]
     highest = speed[0]
@@ -235,10 +304,14 @@ def bounds_vary(q: Floats, v: float, spacing: float, speed: Floats, rules: Float
                 return True
             if abs(abs(q[m, 3, i]) - abs(q[m - 1, 3, i])) * v * v * v > VARIATION * axis_j[i]:
                 return True
-            unseen = 1.5 * abs((q[m, 1, i] - q[m - 1, 1, i]) / spacing - 0.5 * (q[m, 2, i] + q[m - 1, 2, i]))
+            unseen = 1.5 * abs(
+                (q[m, 1, i] - q[m - 1, 1, i]) / spacing - 0.5 * (q[m, 2, i] + q[m - 1, 2, i])
+            )
             if unseen * v * v > VARIATION * min(rules[2], axis_a[i]):
                 return True
-            unseen = 1.5 * abs((q[m, 2, i] - q[m - 1, 2, i]) / spacing - 0.5 * (q[m, 3, i] + q[m - 1, 3, i]))
+            unseen = 1.5 * abs(
+                (q[m, 2, i] - q[m - 1, 2, i]) / spacing - 0.5 * (q[m, 3, i] + q[m - 1, 3, i])
+            )
             if unseen * v * v * v > VARIATION * axis_j[i]:
                 return True
     return False
@@ -251,7 +324,9 @@ def write_interval(
     out_end: Floats, out_speed: Floats, out_top: Floats, out_accel: Floats, out_jerk: Floats, out_flat: Flags,
     out_sampled: Floats, out_samples: Floats,
 ) -> int:  # fmt: skip
-    """Append an interval, with its bounds at every level of speed, a share of them, and the path's derivatives; returns the new count."""
+    """Append an interval, with its bounds at every level of speed, a share of them, and the path's
+    derivatives; returns the new count.
+    """
     out_end[count] = end
     out_speed[count] = v * (1.0 - 1e-9)
     out_top[count] = top * (1.0 - 1e-9)
@@ -271,7 +346,9 @@ def write_interval(
 
 @njit
 def lowest_between(speed: Floats) -> float:
-    """A bound for the speeds between the samples too: below the lowest by part of what they vary."""
+    """A bound for the speeds between the samples too: below the lowest by part of what they
+    vary.
+    """
     lowest = speed[0]
     highest = speed[0]
     for m in range(1, SAMPLES):
@@ -282,9 +359,11 @@ def lowest_between(speed: Floats) -> float:
 
 @njit
 def gather(q: Floats, speed: Floats, first: Floats, second: Floats, third: Floats) -> float:
-    """Fold the samples into bounds on |q'|, |q''|, |q'''| of each axis; returns the speed bound of the interval.
+    """Fold the samples into bounds on |q'|, |q''|, |q'''| of each axis; returns the speed bound of
+    the interval.
 
-    Between samples a bound may be passed by a fraction of its variation from sample to sample: that much is added.
+    Between samples a bound may be passed by a fraction of its variation from sample to sample: that
+    much is added.
     """
     for i in range(q.shape[2]):
         first[i] = second[i] = third[i] = 0.0
@@ -305,13 +384,19 @@ def joint(
     kind_b: int, data_b: Floats, at_b: int, length_b: float, feed_b: float,
     rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats, q: Floats,
 ) -> tuple[float, bool]:  # fmt: skip
-    """Speed at the junction of piece a and the piece b after it, and whether it is flat (see :func:`junction`). q: scratch (2+, 4, n)."""
+    """Speed at the junction of piece a and the piece b after it, and whether it is flat (see
+    :func:`junction`). q: scratch (2+, 4, n).
+    """
     differ = data_a[at_a + METRICS] != data_b[at_b + METRICS]
     for m in range(int(data_a[at_a + METRICS])):
         differ = differ or data_a[at_a + METRIC + m] != data_b[at_b + METRIC + m]
     singular = curve_eval_s(kind_a, data_a, at_a, curve_range(kind_a, data_a, at_a)[1], q[0])
     singular += curve_eval_s(kind_b, data_b, at_b, curve_range(kind_b, data_b, at_b)[0], q[1])
-    if singular != 0 or differ or max(curvature_of(data_a, at_a, q[0]), curvature_of(data_b, at_b, q[1])) * SHORTEST > 1.0:
+    if (
+        singular != 0
+        or differ
+        or max(curvature_of(data_a, at_a, q[0]), curvature_of(data_b, at_b, q[1])) * SHORTEST > 1.0
+    ):
         return 0.0, True
     v_a, top_a = speed_bounds(data_a, at_a, q[0], feed_a, rules, axis_v, axis_a, axis_j)
     v_b, top_b = speed_bounds(data_b, at_b, q[1], feed_b, rules, axis_v, axis_a, axis_j)
@@ -327,11 +412,22 @@ def joint(
 
 @njit
 def attainable_speed(
-    kind: int, data: Floats, at: int, length: float, feed: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats, q: Floats
+    kind: int,
+    data: Floats,
+    at: int,
+    length: float,
+    feed: float,
+    rules: Floats,
+    axis_v: Floats,
+    axis_a: Floats,
+    axis_j: Floats,
+    q: Floats,
 ) -> float:
-    """A speed that no motion exceeds on a curve: ``feed``, or what it can gain over the piece beside its slowest place. q: scratch.
+    """A speed that no motion exceeds on a curve: ``feed``, or what it can gain over the piece
+    beside its slowest place. q: scratch.
 
-    Most of a short curve about a tight bend would allow speeds that are out of reach there; bounds on them needn't be known.
+    Most of a short curve about a tight bend would allow speeds that are out of reach there; bounds
+    on them needn't be known.
     """
     interval_samples(kind, data, at, 0.0, length, q)
     lowest = feed
@@ -352,11 +448,12 @@ def chunk_intervals(
 ) -> int:  # fmt: skip
     """Cut the pieces of a chunk into intervals with constant bounds.
 
-    feed (m,): mm/s, inf where only the axes limit it. v_in, flat_in, v_out, flat_out: the junctions with the chunks before and after.
-    rules: tangential acceleration, jerk, normal acceleration, chord error, period, step deviation. out_*: room for where each interval ends
-    (arc length from the chunk's start), its speed bounds (see :func:`speed_bounds`), its bounds by level of speed, its flatness, from where
-    to where it was sampled, and q', q'', q''' at SAMPLES points. Returns the number of intervals, or -1 where there was no room
-    for them.
+    feed (m,): mm/s, inf where only the axes limit it. v_in, flat_in, v_out, flat_out: the junctions
+    with the chunks before and after. rules: tangential acceleration, jerk, normal acceleration,
+    chord error, period, step deviation. out_*: room for where each interval ends (arc length from
+    the chunk's start), its speed bounds (see :func:`speed_bounds`), its bounds by level of speed,
+    its flatness, from where to where it was sampled, and q', q'', q''' at SAMPLES points. Returns
+    the number of intervals, or -1 where there was no room for them.
     """
     axes = len(axis_v)
     q = np.zeros((SAMPLES, 4, axes))
@@ -383,7 +480,9 @@ def chunk_intervals(
         flat_to = length[k] - (FLAT_PERIODS * rules[4] * v_after if flat_after else 0.0)
         fastest = feed[k]
         if shape != LINE:
-            fastest = attainable_speed(shape, data, at[k], length[k], fastest, rules, axis_v, axis_a, axis_j, q)
+            fastest = attainable_speed(
+                shape, data, at[k], length[k], fastest, rules, axis_v, axis_a, axis_j, q
+            )
         start = 0.0
         step = length[k]
         while start < length[k]:
@@ -398,18 +497,36 @@ def chunk_intervals(
             while True:
                 interval_samples(shape, data, at[k], start, end, q)
                 for m in range(SAMPLES):
-                    speed[m], tops[m] = speed_bounds(data, at[k], q[m], IN_SIGHT * fastest, rules, axis_v, axis_a, axis_j)
+                    speed[m], tops[m] = speed_bounds(
+                        data, at[k], q[m], IN_SIGHT * fastest, rules, axis_v, axis_a, axis_j
+                    )
                 v = min(fastest, gather(q, speed, first, second, third))
                 top = min(fastest, lowest_between(tops))
                 if shape == LINE or end - start <= SHORTEST:
                     break
-                if not bounds_vary(q, min(top, REFINED * v), (end - start) / (SAMPLES - 1), speed, rules, axis_a, axis_j):
+                if not bounds_vary(
+                    q,
+                    min(top, REFINED * v),
+                    (end - start) / (SAMPLES - 1),
+                    speed,
+                    rules,
+                    axis_a,
+                    axis_j,
+                ):
                     break
                 end = start + 0.5 * (end - start)
             share = 1.0
             if end - start <= SHORTEST:
-                sharp = v_before == 0.0 and start == 0.0 and curvature_of(data, at[k], q[0]) * SHORTEST > 1.0
-                sharp = sharp or (v_after == 0.0 and end == length[k] and curvature_of(data, at[k], q[SAMPLES - 1]) * SHORTEST > 1.0)
+                sharp = (
+                    v_before == 0.0
+                    and start == 0.0
+                    and curvature_of(data, at[k], q[0]) * SHORTEST > 1.0
+                )
+                sharp = sharp or (
+                    v_after == 0.0
+                    and end == length[k]
+                    and curvature_of(data, at[k], q[SAMPLES - 1]) * SHORTEST > 1.0
+                )
                 if sharp:
                     # All that matters of the bend is in the share.
                     q[:, 2:] = 0.0

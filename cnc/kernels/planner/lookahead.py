@@ -1,8 +1,9 @@
 r"""Look-ahead over a window of intervals with constant bounds.
 
-The path is cut into intervals k with bounds on speed V[k], tangential acceleration A[k, .] and jerk J[k, .] (the last two for levels of
-speed: slower motion on a curve leaves more of an axis to the tangential part). The plan is a chain of *nodes* at zero acceleration joined
-by seven-phase profiles (:mod:`cnc.kernels.planner.scurve`):
+The path is cut into intervals k with bounds on speed V[k], tangential acceleration A[k, .] and jerk
+J[k, .] (the last two for levels of speed: slower motion on a curve leaves more of an axis to the
+tangential part). The plan is a chain of *nodes* at zero acceleration joined by seven-phase profiles
+(:mod:`cnc.kernels.planner.scurve`):
 
       v                 ____________________            1. Forced nodes first: stops, and junctions that are crossed at constant speed.
         V   ___________|                    |_____      2. A span between two nodes gets the fastest profile for its ends and length. Ends
@@ -11,10 +12,12 @@ by seven-phase profiles (:mod:`cnc.kernels.planner.scurve`):
         ---|___--/                  \\--___________|        becomes a node: its whole plateau in a valley, one end of it on a flank.
              o node                     o node             Both new spans go back to 2.
 
-       A span whose bounds on acceleration and jerk are uneven is cut where that saves time: each part has the bounds of its own.
+       A span whose bounds on acceleration and jerk are uneven is cut where that saves time: each
+       part has the bounds of its own.
 
-Lowest bound first means that a node stands where the path itself forces a low speed, and a profile spans everything that doesn't bind.
-Every profile is legal on every interval that it crosses, so the chain is legal; taking fewer nodes is what makes it fast.
+Lowest bound first means that a node stands where the path itself forces a low speed, and a profile
+spans everything that doesn't bind. Every profile is legal on every interval that it crosses, so the
+chain is legal; taking fewer nodes is what makes it fast.
 """
 
 from __future__ import annotations
@@ -58,15 +61,21 @@ SLACK = 1e-12
 
 @njit
 def level_of(ratio: float, levels: int) -> int:
-    """Index of the lowest level of speed that still covers ``ratio`` of an interval's speed bound; levels fall evenly from 1."""
+    """Index of the lowest level of speed that still covers ``ratio`` of an interval's speed bound;
+    levels fall evenly from 1.
+    """
     if ratio >= 1.0:
         return 0
     return min(int((1.0 - ratio) * 10.0 + 1e-9), levels - 1)
 
 
 @njit
-def span_bounds(speed: Floats, accel: Floats, jerk: Floats, first: int, last: int, v: float) -> tuple[float, float]:
-    """Least acceleration and jerk bounds over the intervals [first, last) for motion no faster than ``v``."""
+def span_bounds(
+    speed: Floats, accel: Floats, jerk: Floats, first: int, last: int, v: float
+) -> tuple[float, float]:
+    """Least acceleration and jerk bounds over the intervals [first, last) for motion no faster than
+    ``v``.
+    """
     levels = accel.shape[1]
     least_a = math.inf
     least_j = math.inf
@@ -88,12 +97,22 @@ def profile_time(v0: float, v1: float, distance: float, peak: float, a: float, j
 
 @njit
 def best_profile(
-    speed: Floats, accel: Floats, jerk: Floats, first: int, last: int, v0: float, v1: float, distance: float, top: float
+    speed: Floats,
+    accel: Floats,
+    jerk: Floats,
+    first: int,
+    last: int,
+    v0: float,
+    v1: float,
+    distance: float,
+    top: float,
 ) -> tuple[float, float, float, float]:
-    """Fastest profile over the choice of a top speed: a lower one may leave more acceleration. Returns (peak, accel, jerk, time).
+    """Fastest profile over the choice of a top speed: a lower one may leave more acceleration.
+    Returns (peak, accel, jerk, time).
 
-    The time is infinite where no ramp between the ends fits. The bounds that hold at an interval's full speed hold at any lower one, so
-    they are the first to be tried; a lower top speed may leave more of an axis to the acceleration, at the cost of the jerk bound.
+    The time is infinite where no ramp between the ends fits. The bounds that hold at an interval's
+    full speed hold at any lower one, so they are the first to be tried; a lower top speed may leave
+    more of an axis to the acceleration, at the cost of the jerk bound.
     """
     least = max(v0, v1)
     best = (least, 0.0, 0.0, math.inf)
@@ -117,11 +136,21 @@ def best_profile(
 
 @njit
 def best_split(
-    bound_s: Floats, speed: Floats, accel: Floats, jerk: Floats, first: int, last: int, v0: float, v1: float, time: float
+    bound_s: Floats,
+    speed: Floats,
+    accel: Floats,
+    jerk: Floats,
+    first: int,
+    last: int,
+    v0: float,
+    v1: float,
+    time: float,
 ) -> tuple[int, float]:
-    """Where a span of uneven bounds is best cut in two, each part with its own bounds, and the speed there; (-1, 0) if that saves nothing.
+    """Where a span of uneven bounds is best cut in two, each part with its own bounds, and the
+    speed there; (-1, 0) if that saves nothing.
 
-    Bounds are tight where the path bends, mostly towards the ends of a span: the places tried are 1, 2, 4 ... intervals from either end.
+    Bounds are tight where the path bends, mostly towards the ends of a span: the places tried are
+    1, 2, 4 ... intervals from either end.
     """
     found = -1
     speed_there = 0.0
@@ -136,10 +165,16 @@ def best_split(
             d0 = bound_s[at] - bound_s[first]
             d1 = bound_s[last] - bound_s[at]
             v = min(limit, reachable_speed(v0, d0, a0, j0), reachable_speed(v1, d1, a1, j1))
-            if ramp_distance(v0, v, a0, j0) > d0 * (1.0 + SLACK) or ramp_distance(v, v1, a1, j1) > d1 * (1.0 + SLACK):
+            if ramp_distance(v0, v, a0, j0) > d0 * (1.0 + SLACK) or ramp_distance(
+                v, v1, a1, j1
+            ) > d1 * (1.0 + SLACK):
                 continue
-            before = best_profile(speed, accel, jerk, first, at, v0, v, d0, max(v0, v, speed[first:at].max()))
-            after = best_profile(speed, accel, jerk, at, last, v, v1, d1, max(v, v1, speed[at:last].max()))
+            before = best_profile(
+                speed, accel, jerk, first, at, v0, v, d0, max(v0, v, speed[first:at].max())
+            )
+            after = best_profile(
+                speed, accel, jerk, at, last, v, v1, d1, max(v, v1, speed[at:last].max())
+            )
             if before[3] + after[3] < best:
                 best = before[3] + after[3]
                 found = at
@@ -149,7 +184,17 @@ def best_split(
 
 
 @njit
-def lowest_violation(bound_s: Floats, speed: Floats, first: int, last: int, v0: float, v1: float, peak: float, a: float, j: float) -> int:
+def lowest_violation(
+    bound_s: Floats,
+    speed: Floats,
+    first: int,
+    last: int,
+    v0: float,
+    v1: float,
+    peak: float,
+    a: float,
+    j: float,
+) -> int:
     """The interval in [first, last) with the lowest speed bound that the profile breaks, or -1."""
     start = bound_s[first]
     end = bound_s[last]
@@ -159,7 +204,8 @@ def lowest_violation(bound_s: Floats, speed: Floats, first: int, last: int, v0: 
         v = speed[k]
         if v >= lowest:
             continue
-        # The profile is above v between the point where the rise passes v and the point where the fall does.
+        # The profile is above v between the point where the rise passes v and the point where the
+        # fall does.
         rise = start if v0 >= v else start + ramp_distance_to_speed(v0, peak, a, j, v)
         fall = end if v1 >= v else end - ramp_distance_to_speed(v1, peak, a, j, v)
         tolerance = SLACK * (end - start) + 1e-15 * abs(end)
@@ -181,15 +227,22 @@ def push(todo: Ints, queued: NDArray[np.int8], pending: int, i: int) -> int:
 
 @njit
 def plan_window(
-    bound_s: Floats, speed: Floats, accel: Floats, jerk: Floats, flat: NDArray[np.bool_], v_start: float, phases: Floats
+    bound_s: Floats,
+    speed: Floats,
+    accel: Floats,
+    jerk: Floats,
+    flat: NDArray[np.bool_],
+    v_start: float,
+    phases: Floats,
 ) -> tuple[int, int]:
     """Plan the window from speed ``v_start`` (zero acceleration) to rest at its end.
 
-    bound_s (n + 1,): arc length at the intervals' ends; speed (n,); accel, jerk (n, levels); flat (n,): crossed at constant speed (a stop
-    is a flat interval of no length at speed 0). phases (8 n + 16, 5): room for the result, rows of duration, s, v, a, j.
+    bound_s (n + 1,): arc length at the intervals' ends; speed (n,); accel, jerk (n, levels); flat
+    (n,): crossed at constant speed (a stop is a flat interval of no length at speed 0). phases (8 n
+    + 16, 5): room for the result, rows of duration, s, v, a, j.
 
-    Returns (status, phase count). START_TOO_FAST: by these bounds the motion can't be slowed in time from the fixed
-    start.
+    Returns (status, phase count). START_TOO_FAST: by these bounds the motion can't be slowed in
+    time from the fixed start.
     """
     n = len(speed)
     room = 2 * n + 4
@@ -227,7 +280,8 @@ def plan_window(
             pending = push(todo, queued, pending, i)
     free = count  # nodes that were taken out are used again
     splits = 0
-    # A span is looked at again when a neighbour changes, a few times at most; the bound only guards against a fault here.
+    # A span is looked at again when a neighbour changes, a few times at most; the bound only guards
+    # against a fault here.
     for _ in range(1000 * (n + 4)):
         if pending == 0:
             break
@@ -252,13 +306,16 @@ def plan_window(
                 pending = push(todo, queued, pending, faster)
             continue
         top = max(min(speed[first:last].max(), cap[i]), v[faster])
-        peak[i], span_a[i], span_j[i], time = best_profile(speed, accel, jerk, first, last, v[i], v[k], distance, top)
+        peak[i], span_a[i], span_j[i], time = best_profile(
+            speed, accel, jerk, first, last, v[i], v[k], distance, top
+        )
         if time == math.inf and v[faster] > 0.0:
             if kind[faster] == FIXED:
                 return START_TOO_FAST, 0
             before = preceding[faster]
             if kind[faster] == FOUND:
-                # It stood where a bound was broken; with what is lower now there may be nothing to break.
+                # It stood where a bound was broken; with what is lower now there may be nothing to
+                # break.
                 after = following[faster]
                 following[before] = after
                 preceding[after] = before
@@ -266,15 +323,22 @@ def plan_window(
                 free = min(free, faster)
             else:
                 a, j = span_bounds(speed, accel, jerk, first, last, math.inf)
-                v[faster] = max(v[slower], min(v[faster], reachable_speed(v[slower], distance, a, j)))
+                v[faster] = max(
+                    v[slower], min(v[faster], reachable_speed(v[slower], distance, a, j))
+                )
                 if following[faster] >= 0:
                     pending = push(todo, queued, pending, faster)
             cap[before] = math.inf
             pending = push(todo, queued, pending, before)
             continue
-        worst = lowest_violation(bound_s, speed, first, last, v[i], v[k], peak[i], span_a[i], span_j[i])
+        worst = lowest_violation(
+            bound_s, speed, first, last, v[i], v[k], peak[i], span_a[i], span_j[i]
+        )
         if worst < 0:
-            if splits >= n or (span_a[i] >= UNEVEN * accel[first:last, 0].max() and span_j[i] >= UNEVEN * jerk[first:last, 0].max()):
+            if splits >= n or (
+                span_a[i] >= UNEVEN * accel[first:last, 0].max()
+                and span_j[i] >= UNEVEN * jerk[first:last, 0].max()
+            ):
                 continue
             new_lo, new_v = best_split(bound_s, speed, accel, jerk, first, last, v[i], v[k], time)
             new_hi = new_lo
@@ -342,6 +406,8 @@ def plan_window(
             written += 1
         k = following[i]
         if k >= 0 and lo[k] > hi[i]:
-            written = write_profile(v[i], v[k], end, bound_s[lo[k]], peak[i], span_a[i], span_j[i], phases, written)
+            written = write_profile(
+                v[i], v[k], end, bound_s[lo[k]], peak[i], span_a[i], span_j[i], phases, written
+            )
         i = k
     return PLANNED, written

@@ -1,4 +1,5 @@
-r"""The ramps at a stop on a corner overlap in time: the ramp from rest begins while the ramp to rest still runs.
+r"""The ramps at a stop on a corner overlap in time: the ramp from rest begins while the ramp to
+rest still runs.
 
         v |``\                  ,--     A stop takes the ramp down and the ramp up one after the other. Where both end and begin with
           |   \  before        /        constant jerk (J1, J2) the second may begin tau early: the motion cuts the corner by
@@ -11,10 +12,11 @@ r"""The ramps at a stop on a corner overlap in time: the ramp from rest begins w
 
                                              tau = (24 eps / (J sin(theta/2)))^(1/3).
 
-In common every axis has the jerk J1 u1 + J2 u2: constant, so that the common part is a timed piece (:mod:`cnc.kernels.planner.timed`). Speeds and
-accelerations of an axis are means of those of the two ramps, with weights whose sum is no more than 1; its jerk is a sum, and has to be
-looked at. So have the tangential jerk (about J (4 sin^2(theta/2) / cos(theta/2) + 2 cos(theta/2)) in the middle: never less than 2 J)
-and accelerations along the path where the machine limits them.
+In common every axis has the jerk J1 u1 + J2 u2: constant, so that the common part is a timed piece
+(:mod:`cnc.kernels.planner.timed`). Speeds and accelerations of an axis are means of those of the
+two ramps, with weights whose sum is no more than 1; its jerk is a sum, and has to be looked at. So
+have the tangential jerk (about J (4 sin^2(theta/2) / cos(theta/2) + 2 cos(theta/2)) in the middle:
+never less than 2 J) and accelerations along the path where the machine limits them.
 
 Before that each ramp may be made to run past the corner (:mod:`cnc.kernels.planner.overshoot`).
 """
@@ -42,7 +44,9 @@ LOOKS = 33
 """Places at which a motion in common is compared with the limits along the path."""
 
 CLOSER = 4
-"""Times that as many places again are looked at between the neighbours of the highest: a sharp corner's jerk has a sharp peak."""
+"""Times that as many places again are looked at between the neighbours of the highest: a sharp
+corner's jerk has a sharp peak.
+"""
 
 ROOM_OF_CORNER = 3
 """Timed pieces that a corner may have."""
@@ -53,10 +57,12 @@ def overlap_time(
     u: Floats, sine: float, widest: float, j1: float, j2: float, t1: float, t2: float, room1: float, room2: float, eps: float,
     rules: Floats, axis_j: Floats,
 ) -> float:  # fmt: skip
-    """How long the ramps of two lines may have in common, s; 0 where that breaks a limit or saves nothing.
+    """How long the ramps of two lines may have in common, s; 0 where that breaks a limit or saves
+    nothing.
 
-    u, sine, widest: from :func:`directions`. j1, j2: the jerks beside the corner, t1, t2: how long they last. room1, room2: how much of
-    each line may be used, mm. eps: how far the motion may stay away from the corner, mm.
+    u, sine, widest: from :func:`directions`. j1, j2: the jerks beside the corner, t1, t2: how long
+    they last. room1, room2: how much of each line may be used, mm. eps: how far the motion may stay
+    away from the corner, mm.
     """
     if sine > SHARPEST or sine == 0.0:
         return 0.0
@@ -65,20 +71,33 @@ def overlap_time(
             return 0.0
     roots = j1 ** (1.0 / 3.0) + j2 ** (1.0 / 3.0)
     tau = (3.0 * eps / (j1 * j2 * widest)) ** (1.0 / 3.0) * roots
-    tau = min(tau, PHASE_SHARE * t1, PHASE_SHARE * t2, (6.0 * room1 / j1) ** (1.0 / 3.0), (6.0 * room2 / j2) ** (1.0 / 3.0))
-    if min(rules[0], rules[1], rules[2]) < math.inf or rules[3] < rules[4] * rules[4] / 8.0 * max(j1, j2) * tau:
+    tau = min(
+        tau,
+        PHASE_SHARE * t1,
+        PHASE_SHARE * t2,
+        (6.0 * room1 / j1) ** (1.0 / 3.0),
+        (6.0 * room2 / j2) ** (1.0 / 3.0),
+    )
+    if (
+        min(rules[0], rules[1], rules[2]) < math.inf
+        or rules[3] < rules[4] * rules[4] / 8.0 * max(j1, j2) * tau
+    ):
         most, pull, bend = along_in_common(j1, j2, 1.0 - 2.0 * sine * sine)
         if most > rules[1]:
             return 0.0
-        tau = min(tau, rules[0] / pull, rules[2] / bend, 8.0 * rules[3] / (rules[4] * rules[4] * bend))
+        tau = min(
+            tau, rules[0] / pull, rules[2] / bend, 8.0 * rules[3] / (rules[4] * rules[4] * bend)
+        )
     return tau if min(j1, j2) * tau**3 / 6.0 > SHORTEST else 0.0
 
 
 @njit
 def along_in_common(j1: float, j2: float, cos: float) -> tuple[float, float, float]:
-    """Largest tangential jerk, tangential and normal acceleration while two ramps with jerks j1, j2 have a time of 1 in common.
+    """Largest tangential jerk, tangential and normal acceleration while two ramps with jerks j1, j2
+    have a time of 1 in common.
 
-    cos: of the turn. The jerk is the same for any time, the accelerations grow with it. The motion is that of :func:`timed_motion` there.
+    cos: of the turn. The jerk is the same for any time, the accelerations grow with it. The motion
+    is that of :func:`timed_motion` there.
     """
     most = np.zeros(3)
     values = np.zeros(3)
@@ -96,7 +115,10 @@ def along_in_common(j1: float, j2: float, cos: float) -> tuple[float, float, flo
                 speed = math.sqrt(v1 * v1 + v2 * v2 + 2.0 * v1 * v2 * cos)
                 squared = a1 * a1 + a2 * a2 + 2.0 * a1 * a2 * cos
                 along = (v1 * a1 + v2 * a2 + (v1 * a2 + v2 * a1) * cos) / speed
-                values[0] = abs((squared + v1 * j1 + v2 * j2 + (v1 * j2 + v2 * j1) * cos - along * along) / speed)
+                values[0] = abs(
+                    (squared + v1 * j1 + v2 * j2 + (v1 * j2 + v2 * j1) * cos - along * along)
+                    / speed
+                )
                 values[1] = abs(along)
                 values[2] = math.sqrt(max(squared - along * along, 0.0))
                 if values[m] > most[m]:
@@ -108,7 +130,16 @@ def along_in_common(j1: float, j2: float, cos: float) -> tuple[float, float, flo
 
 
 @njit
-def at_time(t: float, k: int, phase_t: Floats, phase_s: Floats, phase_v: Floats, phase_a: Floats, phase_j: Floats, out: Floats) -> None:
+def at_time(
+    t: float,
+    k: int,
+    phase_t: Floats,
+    phase_s: Floats,
+    phase_v: Floats,
+    phase_a: Floats,
+    phase_j: Floats,
+    out: Floats,
+) -> None:
     """Write s, v, a at time ``t`` of phase ``k``, and its jerk."""
     dt = t - phase_t[k]
     j = phase_j[k]
@@ -128,10 +159,11 @@ def overlap_stops(
 ) -> tuple[int, int, int]:  # fmt: skip
     """Let the ramps at the stops on corners of a plan overlap.
 
-    kind .. phase_j: a plan, as in PlanChunk; past: overshoots at the ends of its pieces (:func:`overshoot`). out_*: room for the new one:
-    four times the pieces, phases and four for each piece and one more, and for the data that of all records and :func:`overlap_room` for
-    each piece. Returns how many (pieces, phases, numbers) that has; (0, 0, 0) if nothing changes, (-1, 0, 0) if an overshoot isn't
-    possible.
+    kind .. phase_j: a plan, as in PlanChunk; past: overshoots at the ends of its pieces
+    (:func:`overshoot`). out_*: room for the new one: four times the pieces, phases and four for
+    each piece and one more, and for the data that of all records and :func:`overlap_room` for each
+    piece. Returns how many (pieces, phases, numbers) that has; (0, 0, 0) if nothing changes, (-1,
+    0, 0) if an overshoot isn't possible.
     """
     n = len(axis_j)
     pieces = len(kind)
@@ -151,7 +183,13 @@ def overlap_stops(
             continue
         while b + 1 < pieces and piece_s[b + 1] < phase_s[k] - REST:
             b += 1
-        if b + 1 >= pieces or stop_after[b] or not tolerance[b] > 0.0 or kind[b] != LINE or kind[b + 1] != LINE:
+        if (
+            b + 1 >= pieces
+            or stop_after[b]
+            or not tolerance[b] > 0.0
+            or kind[b] != LINE
+            or kind[b + 1] != LINE
+        ):
             continue
         if abs(phase_s[k] - piece_s[b + 1]) > REST:
             continue
@@ -168,12 +206,20 @@ def overlap_stops(
         common = 0.0
         if e > 0.0:
             near = tolerance[b] / math.sqrt(2.0)
-            common = min(time_remaining(near / j1, e) + time_remaining(near / j2, e), PHASE_SHARE * t1, PHASE_SHARE * t2)
-            common = min(common, 8.0 * rules[3] / (rules[4] * rules[4] * math.sqrt(j1 * j1 + j2 * j2)))
+            common = min(
+                time_remaining(near / j1, e) + time_remaining(near / j2, e),
+                PHASE_SHARE * t1,
+                PHASE_SHARE * t2,
+            )
+            common = min(
+                common, 8.0 * rules[3] / (rules[4] * rules[4] * math.sqrt(j1 * j1 + j2 * j2))
+            )
         elif j1 > 0.0 and j2 > 0.0 and abs(phase_a[k - 1] + j1 * t1) <= SPLIT * j1:
             room1 = min(LEGS_SHARE * length[b], phase_s[k] - phase_s[k - 1])
             room2 = min(LEGS_SHARE * length[b + 1], phase_s[k + 1] - phase_s[k])
-            common = overlap_time(u, sine, widest, j1, j2, t1, t2, room1, room2, tolerance[b], rules, axis_j)
+            common = overlap_time(
+                u, sine, widest, j1, j2, t1, t2, room1, room2, tolerance[b], rules, axis_j
+            )
         if common > 0.0:
             at_time(phase_t[k] - common, k - m, phase_t, phase_s, phase_v, phase_a, phase_j, a)
             at_time(phase_t[k] + common, k + m - 1, phase_t, phase_s, phase_v, phase_a, phase_j, c)
@@ -259,14 +305,20 @@ def overlap_stops(
             at_time(begin + until, ka, phase_t, phase_s, phase_v, phase_a, phase_j, a)
             at_time(phase_t[r] + until, kb, phase_t, phase_s, phase_v, phase_a, phase_j, c)
             for i in range(n):
-                ends[3, i] = data[corner + i] + (a[0] - phase_s[r]) * u[0, i] + (c[0] - phase_s[r]) * u[1, i]
+                ends[3, i] = (
+                    data[corner + i] + (a[0] - phase_s[r]) * u[0, i] + (c[0] - phase_s[r]) * u[1, i]
+                )
                 if until == common:
                     ends[3, i] = data[corner + i] + before[b + 1] * u[1, i]
             out_kind[count] = SPAN
             out_at[count] = used
             used = write_timed(out_data, used, left, ends[0], ends[1], ends[2], ends[3], q)
             out_length[count] = out_data[out_at[count] + LENGTH]
-            out_feed[count] = max(feed[b], feed[b + 1]) if feed[b] == feed[b] and feed[b + 1] == feed[b + 1] else math.nan
+            out_feed[count] = (
+                max(feed[b], feed[b + 1])
+                if feed[b] == feed[b] and feed[b + 1] == feed[b + 1]
+                else math.nan
+            )
             # that of the faster move: a traverse's speed is not laid to a feed move
             faster = feed[b] < feed[b + 1] or (feed[b] == feed[b] and feed[b + 1] != feed[b + 1])
             out_line[count] = line[b + 1] if faster else line[b]

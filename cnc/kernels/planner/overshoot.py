@@ -1,9 +1,11 @@
 r"""A ramp to rest or from rest that runs past its corner by a little and comes back.
 
-Where the two legs move different axes each may run past the corner by a little and come back: jerks +J, -J at the end of the ramp to rest
-instead of +J alone, the last for a time e. That costs 2 e a ramp, and lets the motion in common last about 6 e longer: near its end a ramp
-that overshoots is closer to the corner than one that doesn't. It is a ramp to the speed -J e^2 at J e^3 behind the corner and a way back
-of 2 e, and it passes the corner by 1.943 J e^3, which is to be within the tolerance.
+Where the two legs move different axes each may run past the corner by a little and come back: jerks
++J, -J at the end of the ramp to rest instead of +J alone, the last for a time e. That costs 2 e a
+ramp, and lets the motion in common last about 6 e longer: near its end a ramp that overshoots is
+closer to the corner than one that doesn't. It is a ramp to the speed -J e^2 at J e^3 behind the
+corner and a way back of 2 e, and it passes the corner by 1.943 J e^3, which is to be within the
+tolerance.
 """
 
 from __future__ import annotations
@@ -21,16 +23,22 @@ from cnc.kernels.planner.scurve import peak_speed, ramp_distance, ramp_shape
 Flags = NDArray[np.bool_]
 
 PHASE_SHARE = 0.999
-"""The part of a ramp's last phase that may be overlapped: something is left of it, so that phases remain where they are."""
+"""The part of a ramp's last phase that may be overlapped: something is left of it, so that phases
+remain where they are.
+"""
 
 SPLIT = 1e-12
 """s: what rounding leaves of a time of nothing."""
 
 PAST = 1.943
-"""A ramp of jerk J passes the corner by this times J e^3: what :func:`remaining` has at its lowest, at t = e (2 + sqrt 2)."""
+"""A ramp of jerk J passes the corner by this times J e^3: what :func:`remaining` has at its lowest,
+at t = e (2 + sqrt 2).
+"""
 
 BACK = 4.85
-"""A ramp to rest is beyond the corner for the last this times e: :func:`remaining` is negative there."""
+"""A ramp to rest is beyond the corner for the last this times e: :func:`remaining` is negative
+there.
+"""
 
 TRIES = 4
 """Overshoots that are compared: the largest that the tolerance allows, and parts of it."""
@@ -44,14 +52,18 @@ GAIN = 1e-5
 
 @njit
 def remaining(t: float, e: float) -> float:
-    """Distance that a ramp to rest of jerk 1 has left a time ``t`` before its end, t >= e, if it ends with an overshoot of ``e``."""
+    """Distance that a ramp to rest of jerk 1 has left a time ``t`` before its end, t >= e, if it
+    ends with an overshoot of ``e``.
+    """
     x = t - e
     return ((x / 3.0 - e) * x - e * e) * x / 2.0 - e * e * e / 6.0
 
 
 @njit
 def time_remaining(distance: float, e: float) -> float:
-    """The time before its end at which the ramp of :func:`remaining` has ``distance`` > 0 left for the last time."""
+    """The time before its end at which the ramp of :func:`remaining` has ``distance`` > 0 left for
+    the last time.
+    """
     low = 3.0 * e
     high = 4.0 * e + 2.0 * (6.0 * distance) ** (1.0 / 3.0)
     for _ in range(60):
@@ -68,7 +80,8 @@ def write_leg(
     s: float, length: float, e1: float, e2: float, top: float, a: float, j: float, t: float,
     out_t: Floats, out_s: Floats, out_v: Floats, out_a: Floats, out_j: Floats, written: int,
 ) -> int:  # fmt: skip
-    """Write the phases of a move from rest to rest that overshoots for times ``e1`` and ``e2`` at its ends; returns the new count.
+    """Write the phases of a move from rest to rest that overshoots for times ``e1`` and ``e2`` at
+    its ends; returns the new count.
 
     s, t: where and when it begins; length mm; top, a, j: bounds.
     """
@@ -78,7 +91,9 @@ def write_leg(
     peak = peak_speed(v1, v2, distance, top, a, j)
     t1, c1, _ = ramp_shape(peak - v1, a, j)
     t2, c2, _ = ramp_shape(peak - v2, a, j)
-    cruise = max(distance - ramp_distance(v1, peak, a, j) - ramp_distance(peak, v2, a, j), 0.0) / peak
+    cruise = (
+        max(distance - ramp_distance(v1, peak, a, j) - ramp_distance(peak, v2, a, j), 0.0) / peak
+    )
     v = 0.0
     acc = 0.0
     here = s
@@ -118,8 +133,9 @@ def overshoot(
 ) -> int:  # fmt: skip
     """Let straight moves between two rests run past their corners where that saves time.
 
-    kind .. phase_j: a plan, as in PlanChunk; bound: largest feed of each piece. past (pieces,): the time of the overshoot at the end of
-    each, or 0. out_*: room for the new phases, PHASES more for each piece. Returns how many phases there are; 0 if nothing changes.
+    kind .. phase_j: a plan, as in PlanChunk; bound: largest feed of each piece. past (pieces,): the
+    time of the overshoot at the end of each, or 0. out_*: room for the new phases, PHASES more for
+    each piece. Returns how many phases there are; 0 if nothing changes.
     """
     pieces = len(kind)
     phases = len(phase_j)
@@ -141,7 +157,11 @@ def overshoot(
         if rest >= 0:
             while b + 1 < pieces and piece_s[b + 1] <= phase_s[rest] + REST:
                 b += 1
-            if kind[b] == LINE and abs(piece_s[b] - phase_s[rest]) <= REST and abs(piece_s[b + 1] - phase_s[k]) <= REST:
+            if (
+                kind[b] == LINE
+                and abs(piece_s[b] - phase_s[rest]) <= REST
+                and abs(piece_s[b + 1] - phase_s[k]) <= REST
+            ):
                 directions(data, at[b], data, at[b], u)
                 first[b] = rest
                 end[b] = k
@@ -161,7 +181,13 @@ def overshoot(
     found = False
     for b in range(pieces - 1):
         past[b] = 0.0
-        if first[b] < 0 or first[b + 1] < 0 or stop_after[b] or not tolerance[b] > 0.0 or end[b] != first[b + 1]:
+        if (
+            first[b] < 0
+            or first[b + 1] < 0
+            or stop_after[b]
+            or not tolerance[b] > 0.0
+            or end[b] != first[b + 1]
+        ):
             continue
         sine, _ = directions(data, at[b], data, at[b + 1], u)
         j1 = jerk[b]
@@ -186,7 +212,11 @@ def overshoot(
             gain -= 0.5 * (accel[b] / peak1 + accel[b + 1] / peak2) * e * e
             if m == 0:
                 best += gain
-            elif gain > best and common > 2.1 * BACK * e and max(j1 / accel[b], j2 / accel[b + 1]) * e < 0.5:
+            elif (
+                gain > best
+                and common > 2.1 * BACK * e
+                and max(j1 / accel[b], j2 / accel[b + 1]) * e < 0.5
+            ):
                 best = gain
                 past[b] = e
         found = found or past[b] > 0.0

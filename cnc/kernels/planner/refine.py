@@ -1,22 +1,27 @@
-r"""The fastest motion near a plan: an interior-point descent over constant-jerk phases, legal in every axis.
+r"""The fastest motion near a plan: an interior-point descent over constant-jerk phases, legal in
+every axis.
 
-The plan of :mod:`cnc.kernels.planner.lookahead` keeps to bounds that combine the largest speed with the largest acceleration of a stretch and the
-worst directions of both. On a curve that costs up to half of the time, because velocity, acceleration and jerk of an axis,
+The plan of :mod:`cnc.kernels.planner.lookahead` keeps to bounds that combine the largest speed with
+the largest acceleration of a stretch and the worst directions of both. On a curve that costs up to
+half of the time, because velocity, acceleration and jerk of an axis,
 
     q' v,    q'' v^2 + q' a,    q''' v^3 + 3 q'' v a + q' j,
 
-partly cancel: out of a tight bend -kappa^2 v^3 leaves room for j. Here the exact sums are held within their limits.
+partly cancel: out of a tight bend -kappa^2 v^3 leaves room for j. Here the exact sums are held
+within their limits.
 
     plan ──► cells (cnc.kernels.planner.cells) ──► rounds of descent (cnc.kernels.planner.descent) ──► phases
                                               ^  heavier time, tighter cells   |
                                               '── between the points of each ◄─'  (cnc.kernels.planner.intervals)
 
-The weight of the time rises from round to round until the barrier costs little. The descent holds the limits at four points of a cell; what
-it misses between them is looked for when it is near its end, and the cell is allowed less in the rounds that follow.
+The weight of the time rises from round to round until the barrier costs little. The descent holds
+the limits at four points of a cell; what it misses between them is looked for when it is near its
+end, and the cell is allowed less in the rounds that follow.
 
-Why this and not the classic sequential linear program over v^2 on a grid: there each step has to be turned into phases, which breaks limits
-between the grid's points; here every step is a motion. Against a fine nonlinear optimum with the same limits it takes 0.3 to 0.5 % longer,
-for 8 us a cell on a curve that binds; a plan in which no curve costs time isn't touched.
+Why this and not the classic sequential linear program over v^2 on a grid: there each step has to be
+turned into phases, which breaks limits between the grid's points; here every step is a motion.
+Against a fine nonlinear optimum with the same limits it takes 0.3 to 0.5 % longer, for 8 us a cell
+on a curve that binds; a plan in which no curve costs time isn't touched.
 """
 
 from __future__ import annotations
@@ -36,23 +41,33 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 WINDOW = 400
-"""Cells that are refined together; of a longer stretch the first half is kept each time, and the rest refined with what follows."""
+"""Cells that are refined together; of a longer stretch the first half is kept each time, and the
+rest refined with what follows.
+"""
 
 FIRST_WEIGHT = 2.0
 LAST_WEIGHT = 2592.0
 WEIGHT_STEP = 6.0
-"""The weight of the time, per cell and the time itself: to begin with, at the end, and from one round to the next."""
+"""The weight of the time, per cell and the time itself: to begin with, at the end, and from one
+round to the next.
+"""
 
 CHECKED_FROM = 50.0
-"""From this weight on the motion is good enough to see what the constraints miss between their points."""
+"""From this weight on the motion is good enough to see what the constraints miss between their
+points.
+"""
 
 MARGIN = 5e-5
 JERK_MARGIN = 2.0 * UNSEEN
-"""Parts of the limits kept free: for the interpolation of the path's derivatives, for jumps of curvature that show in differences."""
+"""Parts of the limits kept free: for the interpolation of the path's derivatives, for jumps of
+curvature that show in differences.
+"""
 
 ROUNDS = 20
 SETBACKS = 4
-"""Rounds at most: five, and again for cells whose limits had to be tightened; and how often that is done to better a legal motion."""
+"""Rounds at most: five, and again for cells whose limits had to be tightened; and how often that is
+done to better a legal motion.
+"""
 
 TIGHT = 0.8
 """A cell that takes up less than this of every limit isn't looked at more closely."""
@@ -66,7 +81,8 @@ def tighten(
     first: int, last: int, s: Floats, v: Floats, a: Floats, d: Floats, cell_top: Floats, share: Floats, q: Floats, end: Floats, top: Floats,
     sampled: Floats, samples: Floats, limit_a: Floats, limit_j: Floats,
 ) -> float:  # fmt: skip
-    """Look between the points at which constraints are held. Where more is taken up there, the cell is allowed less from now on.
+    """Look between the points at which constraints are held. Where more is taken up there, the cell
+    is allowed less from now on.
 
     Returns the largest part of a limit that is taken up.
     """
@@ -82,15 +98,62 @@ def tighten(
             return math.inf
         h = x[0]
         half = s[m] + h * (v[m] + h * (0.5 * a[m] + h * x[1] / 6.0))
-        one, fast_one, k = phase_worst(h, s[m], v[m], a[m], x[1], half, k, end, top, sampled, samples, limit_a, limit_j, scratch)
-        two, fast_two, k = phase_worst(h, half, x[3], x[4], x[2], s[m + 1], k, end, top, sampled, samples, limit_a, limit_j, scratch)
+        one, fast_one, k = phase_worst(
+            h,
+            s[m],
+            v[m],
+            a[m],
+            x[1],
+            half,
+            k,
+            end,
+            top,
+            sampled,
+            samples,
+            limit_a,
+            limit_j,
+            scratch,
+        )
+        two, fast_two, k = phase_worst(
+            h,
+            half,
+            x[3],
+            x[4],
+            x[2],
+            s[m + 1],
+            k,
+            end,
+            top,
+            sampled,
+            samples,
+            limit_a,
+            limit_j,
+            scratch,
+        )
         seen = max(one, two)
         fastest = max(fast_one, fast_two)
         largest = max(largest, seen, fastest)
         if fastest > 1.0:
             cell_top[m] /= fastest * (1.0 + TOUCH)
         if seen > TIGHT:
-            _, held, _ = merit(m, m + 1, v, a, d, cell_top, share, q, limit_a, limit_j, 0.0, HIGH, False, no_blocks, no_blocks, no_gradient)
+            _, held, _ = merit(
+                m,
+                m + 1,
+                v,
+                a,
+                d,
+                cell_top,
+                share,
+                q,
+                limit_a,
+                limit_j,
+                0.0,
+                HIGH,
+                False,
+                no_blocks,
+                no_blocks,
+                no_gradient,
+            )
             held = max(held * share[m], TIGHT)
             if seen > held * (1.0 + TOUCH):
                 share[m] = min(share[m], (1.0 - TOUCH) * held / seen)
@@ -102,7 +165,9 @@ def descend(
     first: int, last: int, s: Floats, v: Floats, a: Floats, d: Floats, cell_top: Floats, share: Floats, q: Floats, end: Floats, top: Floats,
     sampled: Floats, samples: Floats, limit_a: Floats, limit_j: Floats,
 ) -> bool:  # fmt: skip
-    """Bring the cells [first, last) near to the least time, from any motion; whether a legal one was found."""
+    """Bring the cells [first, last) near to the least time, from any motion; whether a legal one
+    was found.
+    """
     weight = FIRST_WEIGHT
     good = 0.0
     setbacks = 0
@@ -111,7 +176,23 @@ def descend(
     for _ in range(ROUNDS):
         legal = centre(first, last, v, a, d, cell_top, share, q, limit_a, limit_j, weight) <= 1.0
         if weight > CHECKED_FROM:
-            seen = tighten(first, last, s, v, a, d, cell_top, share, q, end, top, sampled, samples, limit_a, limit_j)
+            seen = tighten(
+                first,
+                last,
+                s,
+                v,
+                a,
+                d,
+                cell_top,
+                share,
+                q,
+                end,
+                top,
+                sampled,
+                samples,
+                limit_a,
+                limit_j,
+            )
             legal = legal and seen <= 1.0 + TOUCH
             if legal and weight > good:
                 good = weight
@@ -130,8 +211,21 @@ def descend(
 
 
 @njit
-def write_cell(s: float, v0: float, a0: float, v1: float, a1: float, d: float, x: Floats, dx: Floats, out: Floats, count: int) -> int:
-    """Append the phases of a cell to ``out``, one in which the acceleration changes its sign in two; returns the new count."""
+def write_cell(
+    s: float,
+    v0: float,
+    a0: float,
+    v1: float,
+    a1: float,
+    d: float,
+    x: Floats,
+    dx: Floats,
+    out: Floats,
+    count: int,
+) -> int:
+    """Append the phases of a cell to ``out``, one in which the acceleration changes its sign in
+    two; returns the new count.
+    """
     cell_phases(v0, a0, v1, a1, d, x, dx)
     for p in range(2):
         t = x[0]
@@ -144,7 +238,13 @@ def write_cell(s: float, v0: float, a0: float, v1: float, a1: float, d: float, x
         if a * behind < 0.0:
             t = -a / j
             out[count - 1, 0] = t
-            out[count] = (x[0] - t, s + t * (v + t * (0.5 * a + t * j / 6.0)), v + 0.5 * t * a, 0.0, j)
+            out[count] = (
+                x[0] - t,
+                s + t * (v + t * (0.5 * a + t * j / 6.0)),
+                v + 0.5 * t * a,
+                0.0,
+                j,
+            )
             count += 1
         t = x[0]
         s += t * (v + t * (0.5 * a + t * j / 6.0))
@@ -158,10 +258,12 @@ def refine(
 ) -> tuple[bool, Floats]:  # fmt: skip
     """Make a plan faster where curves cost time.
 
-    phases (p, 5): rows of duration, s, v, a, j. end, top, flat (n,): where the intervals that it runs over end, the speed that no motion
-    over them exceeds, and whether they are crossed at constant speed. sampled (n, 2): from where to where their ``samples`` (n, 5, 3, axes)
-    of q', q'', q''' reach. axis_a, axis_j (axes,), tangential_a, tangential_j: limits in mm/s^2 and mm/s^3, infinite where there is none.
-    rough: the plan itself need not be legal. Returns whether the result is, and its phases.
+    phases (p, 5): rows of duration, s, v, a, j. end, top, flat (n,): where the intervals that it
+    runs over end, the speed that no motion over them exceeds, and whether they are crossed at
+    constant speed. sampled (n, 2): from where to where their ``samples`` (n, 5, 3, axes) of q',
+    q'', q''' reach. axis_a, axis_j (axes,), tangential_a, tangential_j: limits in mm/s^2 and
+    mm/s^3, infinite where there is none. rough: the plan itself need not be legal. Returns whether
+    the result is, and its phases.
     """
     axes = len(axis_a)
     limit_a = np.empty(axes + 1)
@@ -188,7 +290,9 @@ def refine(
             while last < total and not apart[last] and rows[last, 2] > 0.0:
                 last += 1
         cells = 0
-        if not apart[first] and (rough or can_gain(rows, first, last, end, top, samples, limit_a, limit_j)):
+        if not apart[first] and (
+            rough or can_gain(rows, first, last, end, top, samples, limit_a, limit_j)
+        ):
             cells = place_cuts(rows, first, last, end, x, x, x, False)
         refined = False
         if cells > 1:
@@ -211,7 +315,23 @@ def refine(
             done = 0
             while refined and done < cells:
                 until = min(done + WINDOW, cells)
-                refined = descend(done, until, s, v, a, d, cell_top, share, q, end, top, sampled, samples, limit_a, limit_j)
+                refined = descend(
+                    done,
+                    until,
+                    s,
+                    v,
+                    a,
+                    d,
+                    cell_top,
+                    share,
+                    q,
+                    end,
+                    top,
+                    sampled,
+                    samples,
+                    limit_a,
+                    limit_j,
+                )
                 done = until if until == cells else done + WINDOW // 2
             if refined:
                 before = 0.0

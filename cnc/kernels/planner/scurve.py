@@ -1,7 +1,9 @@
-r"""S-curve ramps: speed changes at bounded acceleration and jerk that start and end at zero acceleration.
+r"""S-curve ramps: speed changes at bounded acceleration and jerk that start and end at zero
+acceleration.
 
-A ramp between speeds v0 and v1 has up to three phases (jerk, constant acceleration, jerk back); a profile over a length is a ramp up, a
-cruise and a ramp down: the seven phases of Hui, Wei and Gao (2013), section 4.1.
+A ramp between speeds v0 and v1 has up to three phases (jerk, constant acceleration, jerk back); a
+profile over a length is a ramp up, a cruise and a ramp down: the seven phases of Hui, Wei and Gao
+(2013), section 4.1.
 
         a                                     with dv = |v1 - v0|
       A |    ________                           dv >= A^2/J:  t = dv/A + A/J          (the plateau is reached)
@@ -30,7 +32,9 @@ ROUNDING = 1e-13
 
 @njit
 def ramp_shape(change: float, accel: float, jerk: float) -> tuple[float, float, float]:
-    """Durations of a ramp's jerk phases (each) and constant phase, and its top acceleration, for a given change of speed."""
+    """Durations of a ramp's jerk phases (each) and constant phase, and its top acceleration, for a
+    given change of speed.
+    """
     if change * jerk >= accel * accel:
         t_jerk = accel / jerk
         return t_jerk, change / accel - t_jerk, accel
@@ -53,7 +57,8 @@ def ramp_distance(v0: float, v1: float, accel: float, jerk: float) -> float:
 
 @njit
 def reachable_speed(v0: float, distance: float, accel: float, jerk: float) -> float:
-    """Largest speed that a ramp from ``v0`` reaches within ``distance``; by symmetry the largest from which one brakes to ``v0``.
+    """Largest speed that a ramp from ``v0`` reaches within ``distance``; by symmetry the largest
+    from which one brakes to ``v0``.
 
     It is rounded down by more than the arithmetic's own rounding, so that the ramp fits.
     """
@@ -66,7 +71,8 @@ def reachable_speed(v0: float, distance: float, accel: float, jerk: float) -> fl
         v1 = 0.5 * (math.sqrt(discriminant) - plateau)
         if v1 - v0 >= plateau:
             return max(v0, v1 * (1.0 - ROUNDING))
-    # Without: with x = sqrt((v1 - v0) / jerk), jerk x^3 + 2 v0 x = distance. Convex for x > 0, so Newton from above converges one-sidedly.
+    # Without: with x = sqrt((v1 - v0) / jerk), jerk x^3 + 2 v0 x = distance. Convex for x > 0, so
+    # Newton from above converges one-sidedly.
     x = (distance / jerk) ** (1.0 / 3.0)
     if v0 > 0.0:
         x = min(x, distance / (2.0 * v0))
@@ -79,8 +85,12 @@ def reachable_speed(v0: float, distance: float, accel: float, jerk: float) -> fl
 
 
 @njit
-def peak_speed(v0: float, v1: float, distance: float, cap: float, accel: float, jerk: float) -> float:
-    """Largest speed up to ``cap`` for which the ramps v0 -> peak -> v1 fit into ``distance``; they must fit for the larger of v0 and v1."""
+def peak_speed(
+    v0: float, v1: float, distance: float, cap: float, accel: float, jerk: float
+) -> float:
+    """Largest speed up to ``cap`` for which the ramps v0 -> peak -> v1 fit into ``distance``; they
+    must fit for the larger of v0 and v1.
+    """
     if ramp_distance(v0, cap, accel, jerk) + ramp_distance(cap, v1, accel, jerk) <= distance:
         return cap
     low = max(v0, v1)
@@ -89,7 +99,10 @@ def peak_speed(v0: float, v1: float, distance: float, cap: float, accel: float, 
         middle = 0.5 * (low + high)
         if middle <= low or middle >= high:
             break
-        if ramp_distance(v0, middle, accel, jerk) + ramp_distance(middle, v1, accel, jerk) <= distance:
+        if (
+            ramp_distance(v0, middle, accel, jerk) + ramp_distance(middle, v1, accel, jerk)
+            <= distance
+        ):
             low = middle
         else:
             high = middle
@@ -98,7 +111,9 @@ def peak_speed(v0: float, v1: float, distance: float, cap: float, accel: float, 
 
 @njit
 def ramp_distance_to_speed(v0: float, v1: float, accel: float, jerk: float, v: float) -> float:
-    """Distance from the start at which the rising ramp v0 -> v1 passes speed ``v`` (v0 <= v <= v1)."""
+    """Distance from the start at which the rising ramp v0 -> v1 passes speed ``v`` (v0 <= v <=
+    v1).
+    """
     t_jerk, t_const, top = ramp_shape(v1 - v0, accel, jerk)
     gained = v - v0
     by_jerk = 0.5 * jerk * t_jerk * t_jerk
@@ -113,8 +128,12 @@ def ramp_distance_to_speed(v0: float, v1: float, accel: float, jerk: float, v: f
 
 
 @njit
-def write_ramp(v0: float, v1: float, accel: float, jerk: float, s: float, phases: Floats, count: int) -> tuple[int, float]:
-    """Append the phases of a ramp that starts at ``s`` to ``phases`` (rows: duration, s, v, a, j); returns (count, s at the end)."""
+def write_ramp(
+    v0: float, v1: float, accel: float, jerk: float, s: float, phases: Floats, count: int
+) -> tuple[int, float]:
+    """Append the phases of a ramp that starts at ``s`` to ``phases`` (rows: duration, s, v, a, j);
+    returns (count, s at the end).
+    """
     change = abs(v1 - v0)
     if change == 0.0:
         return count, s
@@ -150,9 +169,18 @@ def write_ramp(v0: float, v1: float, accel: float, jerk: float, s: float, phases
 
 @njit
 def write_profile(
-    v0: float, v1: float, start: float, end: float, peak: float, accel: float, jerk: float, phases: Floats, count: int
+    v0: float,
+    v1: float,
+    start: float,
+    end: float,
+    peak: float,
+    accel: float,
+    jerk: float,
+    phases: Floats,
+    count: int,
 ) -> int:
-    """Append ramp, cruise and ramp over [start, end] with the given peak speed; returns the new count.
+    """Append ramp, cruise and ramp over [start, end] with the given peak speed; returns the new
+    count.
 
     What rounding leaves of the length goes into the cruise, so that the last phase ends on ``end``.
     """
@@ -173,7 +201,9 @@ def write_profile(
 
 @njit
 def phase_time(v: float, a: float, j: float, duration: float, distance: float) -> float:
-    """Time within a constant-jerk phase at which ``distance`` has been covered: bracketed Newton, speed being >= 0 throughout."""
+    """Time within a constant-jerk phase at which ``distance`` has been covered: bracketed Newton,
+    speed being >= 0 throughout.
+    """
     low = 0.0
     high = duration
     t = duration * 0.5

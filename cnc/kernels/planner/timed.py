@@ -1,7 +1,9 @@
-r"""Timed pieces: where one move begins before the one before it has ended, the path is what the two motions add up to.
+r"""Timed pieces: where one move begins before the one before it has ended, the path is what the two
+motions add up to.
 
-A ramp to rest ends with a phase of constant jerk, a ramp from rest begins with one. While both run every axis has a constant jerk, so
-that its position is a cubic of time: a SPAN of degree 3 and weight 1 whose parameter runs evenly with the time.
+A ramp to rest ends with a phase of constant jerk, a ramp from rest begins with one. While both run
+every axis has a constant jerk, so that its position is a cubic of time: a SPAN of degree 3 and
+weight 1 whose parameter runs evenly with the time.
 
         .....d1....,C      With C the corner, u1 and u2 the directions, J1 and J2 the jerks and tau the time in common,
         ------.__     :      r(t) = C - u1 J1 (tau - t)^3 / 6 + u2 J2 t^3 / 6,
@@ -10,8 +12,9 @@ that its position is a cubic of time: a SPAN of degree 3 and weight 1 whose para
                     | :
                     | '
 
-Such a record has no table of the arc length (entry TABLE is 0): the plan's coordinate along the piece is its parameter, and one phase
-without acceleration crosses it. |dr/du| is not 1 there, so speed, tangential acceleration and jerk follow from the derivatives.
+Such a record has no table of the arc length (entry TABLE is 0): the plan's coordinate along the
+piece is its parameter, and one phase without acceleration crosses it. |dr/du| is not 1 there, so
+speed, tangential acceleration and jerk follow from the derivatives.
 """
 
 from __future__ import annotations
@@ -36,8 +39,10 @@ from cnc.kernels.path.curve import (
 )
 
 ACCURACY = 1e-10
-"""Relative: how well two halves of a part, each measured by Gauss-Legendre of 6 points, agree with the whole. They are 2^12 times as good.
-Where one axis has much less jerk than the other, the speed changes all at once."""
+"""Relative: how well two halves of a part, each measured by Gauss-Legendre of 6 points, agree with
+the whole. They are 2^12 times as good. Where one axis has much less jerk than the other, the speed
+changes all at once.
+"""
 
 SMALLEST = 1e-6
 """Parts of a timed piece are not made smaller than this part of it."""
@@ -54,10 +59,14 @@ def is_timed(kind: int, data: Floats, at: int) -> bool:
 
 
 @njit
-def timed_motion(data: Floats, at: int, q: Floats, rate: float) -> tuple[float, float, float, float]:
-    """Speed, tangential acceleration and jerk and normal acceleration where a timed piece has derivatives ``q`` (4, n) by its parameter.
+def timed_motion(
+    data: Floats, at: int, q: Floats, rate: float
+) -> tuple[float, float, float, float]:
+    """Speed, tangential acceleration and jerk and normal acceleration where a timed piece has
+    derivatives ``q`` (4, n) by its parameter.
 
-    rate: du/dt. With r the position, v = |r'|: v' = r'.r'' / v and v'' = (r''.r'' + r'.r''' - v'^2) / v.
+    rate: du/dt. With r the position, v = |r'|: v' = r'.r'' / v and v'' = (r''.r'' + r'.r''' - v'^2)
+    / v.
     """
     d11 = 0.0
     d12 = 0.0
@@ -118,11 +127,14 @@ def _part_length(kind: int, data: Floats, at: int, u: float, step: float, q: Flo
 
 
 @njit
-def write_cubic(data: Floats, at: int, like: int, start: Floats, first: Floats, second: Floats, end: Floats) -> int:
-    """Write all of a record of a cubic on [0, 1] but for its length, table and turning points at index ``at``; returns the index behind.
+def write_cubic(
+    data: Floats, at: int, like: int, start: Floats, first: Floats, second: Floats, end: Floats
+) -> int:
+    """Write all of a record of a cubic on [0, 1] but for its length, table and turning points at
+    index ``at``; returns the index behind.
 
-    start, end (n,): its ends; first, second (n,): the two Bernstein coefficients between, measured from the start. Metric axes are those of
-    the record at ``like``.
+    start, end (n,): its ends; first, second (n,): the two Bernstein coefficients between, measured
+    from the start. Metric axes are those of the record at ``like``.
     """
     n = len(start)
     body = at + START + 2 * n
@@ -147,7 +159,9 @@ def write_cubic(data: Floats, at: int, like: int, start: Floats, first: Floats, 
 
 @njit
 def write_turns(data: Floats, at: int, to: int) -> int:
-    """Write the turning points of a cubic's record from index ``to`` on, behind everything else of it; returns the index behind them."""
+    """Write the turning points of a cubic's record from index ``to`` on, behind everything else of
+    it; returns the index behind them.
+    """
     n = int(data[at])
     body = at + START + 2 * n
     extent = data[at + U1] - data[at + U0]
@@ -176,10 +190,21 @@ def write_turns(data: Floats, at: int, to: int) -> int:
 
 
 @njit
-def write_timed(data: Floats, at: int, like: int, start: Floats, first: Floats, second: Floats, end: Floats, q: Floats) -> int:
-    """Write the record of a timed piece, from :func:`write_cubic`'s arguments; returns the index behind it. q: scratch (4, n).
+def write_timed(
+    data: Floats,
+    at: int,
+    like: int,
+    start: Floats,
+    first: Floats,
+    second: Floats,
+    end: Floats,
+    q: Floats,
+) -> int:
+    """Write the record of a timed piece, from :func:`write_cubic`'s arguments; returns the index
+    behind it. q: scratch (4, n).
 
-    The parameter is scaled to the piece's length, so that coordinates behind the piece are path lengths again.
+    The parameter is scaled to the piece's length, so that coordinates behind the piece are path
+    lengths again.
     """
     behind = write_cubic(data, at, like, start, first, second, end)
     extent = timed_length(SPAN, data, at, 1.0, q)

@@ -1,7 +1,8 @@
-"""Reference pulses in any number of axes, each of which steps where it crosses its own half-grid lines.
+"""Reference pulses in any number of axes, each of which steps where it crosses its own half-grid
+lines.
 
-In units of one step (BLU) an axis is at P(u) = q(u) * steps_per_mm and its grid point is the integer nearest to P, so that a step falls
-due where P crosses a half-grid line:
+In units of one step (BLU) an axis is at P(u) = q(u) * steps_per_mm and its grid point is the
+integer nearest to P, so that a step falls due where P crosses a half-grid line:
 
       k + 1  - - - - - - - - - - - - -       The axis is cut at its turning points into stretches in which P only rises or only
                           ,--.               falls. The value at the end of a stretch tells the grid point g there, hence how many
@@ -9,12 +10,14 @@ due where P crosses a half-grid line:
                      ,-'        `-.          to the crossings' places. The crossings of each axis come in order, and the axes
       k      - - --'- - - - - - - -`-        are merged by their place on the path.
 
-A crossing's place: on a line in closed form; on arcs and spans see :mod:`cnc.kernels.pulses.crossings`.
+A crossing's place: on a line in closed form; on arcs and spans see
+:mod:`cnc.kernels.pulses.crossings`.
 
-A line counts as crossed only when P is beyond it by more than SLACK. So an axis that rests on a half-grid line while others move gives no
-pulses, whatever the rounding, nor does one that turns back on reaching it; and which of two equally near grid points it has there is
-the one that it came from. Axes that are within SLACK of their lines at the same path point share a row. Both keep |g - P| <= 1/2 + SLACK,
-not at each row only but between them, too.
+A line counts as crossed only when P is beyond it by more than SLACK. So an axis that rests on a
+half-grid line while others move gives no pulses, whatever the rounding, nor does one that turns
+back on reaching it; and which of two equally near grid points it has there is the one that it came
+from. Axes that are within SLACK of their lines at the same path point share a row. Both keep |g -
+P| <= 1/2 + SLACK, not at each row only but between them, too.
 """
 
 from __future__ import annotations
@@ -34,10 +37,12 @@ def crossing_rows(
     kind: int, data: Floats, at: int, u: float, upto: float, s0: float, scale: Floats, grid: Ints, state: Floats, rows: int,
     step: NDArray[np.int8], reach: Floats,
 ) -> tuple[int, float, float]:  # fmt: skip
-    """Write the grid moves of a piece from u to ``upto``, from row ``rows`` on, as many as there is room for.
+    """Write the grid moves of a piece from u to ``upto``, from row ``rows`` on, as many as there is
+    room for.
 
-    s0: path coordinate of the piece's start. scale (n,): steps per mm. grid (n,) is carried on. state: not needed here. step gets the rows,
-    reach the path coordinate of each. Returns the number of rows, the u up to which all is done, and the largest |grid - position| in BLU.
+    s0: path coordinate of the piece's start. scale (n,): steps per mm. grid (n,) is carried on.
+    state: not needed here. step gets the rows, reach the path coordinate of each. Returns the
+    number of rows, the u up to which all is done, and the largest |grid - position| in BLU.
     """
     n = len(grid)
     here = np.empty((4, n))
@@ -93,8 +98,12 @@ def crossing_rows(
 
 
 @njit
-def _on_line(p0: float, rate: float, g: int, target: int, u0: float, begin: float, upto: float) -> float:
-    """The u in [begin, upto] at which an axis at p0 + (u - u0) rate (BLU) crosses the line next to g on its way to ``target``; else inf."""
+def _on_line(
+    p0: float, rate: float, g: int, target: int, u0: float, begin: float, upto: float
+) -> float:
+    """The u in [begin, upto] at which an axis at p0 + (u - u0) rate (BLU) crosses the line next to
+    g on its way to ``target``; else inf.
+    """
     if g == target:
         return math.inf
     sign = 1 if target > g else -1

@@ -1,9 +1,11 @@
 """Where axes cross half-grid lines along a window of a curve.
 
-A window is a part [ua, ub] of a piece, x = (u - ua) / (ub - ua), over which the position of each axis in BLU, and the arc length, are
-polynomials of degree 7: the Hermite interpolants through the values and first three derivatives at both ends. They are compared with the
-curve itself at two points inside, and the window is made shorter until they agree to what rounding leaves. On a cubic the axes' are exact;
-on an arc a window is about 180 steps, whatever the radius. So a crossing costs a few products, not an evaluation of the curve.
+A window is a part [ua, ub] of a piece, x = (u - ua) / (ub - ua), over which the position of each
+axis in BLU, and the arc length, are polynomials of degree 7: the Hermite interpolants through the
+values and first three derivatives at both ends. They are compared with the curve itself at two
+points inside, and the window is made shorter until they agree to what rounding leaves. On a cubic
+the axes' are exact; on an arc a window is about 180 steps, whatever the radius. So a crossing costs
+a few products, not an evaluation of the curve.
 """
 
 from __future__ import annotations
@@ -28,31 +30,49 @@ from cnc.kernels.path.curve import (
 )
 
 SLACK = 5e-10
-"""BLU. Far below anything that matters, and above the rounding of positions of up to 100 000 BLU."""
+"""BLU. Far below anything that matters, and above the rounding of positions of up to 100 000
+BLU.
+"""
 SLACK_PER_BLU = 2e-15
-"""Added to SLACK for each BLU of distance from the origin, where rounding grows with the position: some products of that size."""
+"""Added to SLACK for each BLU of distance from the origin, where rounding grows with the position:
+some products of that size.
+"""
 EXACT = 1e-11
 """mm: by how much the arc length's polynomial may be off."""
 CHECKS = (0.375, 0.75)
-"""Where in a window the polynomials are compared with the curve: not in the middle, where the error may vanish by symmetry."""
+"""Where in a window the polynomials are compared with the curve: not in the middle, where the error
+may vanish by symmetry.
+"""
 SHORTEST = 2.0**-20
 """Part of a piece that is not divided any more."""
 ROUNDING = 1e3
-"""A polynomial off by up to so many times what is allowed is taken where a narrower window is hardly better: rounding."""
+"""A polynomial off by up to so many times what is allowed is taken where a narrower window is
+hardly better: rounding.
+"""
 FEW = 8.0
-"""BLU: next to a cusp, where the arc length is no polynomial of u at any scale, it is asked of the table over so much of the path."""
+"""BLU: next to a cusp, where the arc length is no polynomial of u at any scale, it is asked of the
+table over so much of the path.
+"""
 TOGETHER = 1e-4
-"""Part of a window within which another axis's crossing is looked at for being at the same point."""
+"""Part of a window within which another axis's crossing is looked at for being at the same
+point.
+"""
 GENTLE = 1.0 / 256.0
-"""With second and third derivatives so much smaller than the first the inverse series of the cubic is sharp to 1e-9 of a step."""
+"""With second and third derivatives so much smaller than the first the inverse series of the cubic
+is sharp to 1e-9 of a step.
+"""
 
 KEPT = 32
-"""Numbers that a generator of rows may keep of a piece while it is under way; zeros when the piece is entered."""
+"""Numbers that a generator of rows may keep of a piece while it is under way; zeros when the piece
+is entered.
+"""
 
 POLYNOMIAL = 26
 """Coefficients of a polynomial (8) and of its first (7), second (6) and third derivative (5)."""
 X, OFF, RATE, BEND, TWIST, LINE_AT = range(6)
-"""State of an axis in a window: the last point looked at, position there less LINE_AT, and the first three derivatives by x."""
+"""State of an axis in a window: the last point looked at, position there less LINE_AT, and the
+first three derivatives by x.
+"""
 STATE = 6
 DUE = -math.inf
 """In the place of a crossing: still to be found."""
@@ -66,7 +86,9 @@ def slack(p: float) -> float:
 
 @njit
 def grid_after(g: int, p: float) -> int:
-    """The grid point of an axis that had g and has moved to p BLU: g unless p is beyond the half-grid line next to g."""
+    """The grid point of an axis that had g and has moved to p BLU: g unless p is beyond the
+    half-grid line next to g.
+    """
     margin = 0.5 + slack(p)
     if p > g + margin:
         return math.ceil(p - margin)
@@ -79,7 +101,9 @@ def grid_after(g: int, p: float) -> int:
 def interpolate(
     poly: Floats, row: int, p0: float, p1: float, p2: float, p3: float, q0: float, q1: float, q2: float, q3: float
 ) -> None:  # fmt: skip
-    """Write the polynomial with value, slope, half of the second and a sixth of the third derivative p at 0 and q at 1."""
+    """Write the polynomial with value, slope, half of the second and a sixth of the third
+    derivative p at 0 and q at 1.
+    """
     e0 = q0 - p0 - (p1 + p2 + p3)
     e1 = q1 - (p1 + 2.0 * p2 + 3.0 * p3)
     e2 = q2 - (p2 + 3.0 * p3)
@@ -102,7 +126,9 @@ def interpolate(
 
 
 @njit
-def risen(c0: float, c1: float, c2: float, c3: float, c4: float, c5: float, c6: float, c7: float, x: float) -> float:
+def risen(
+    c0: float, c1: float, c2: float, c3: float, c4: float, c5: float, c6: float, c7: float, x: float
+) -> float:
     """The polynomial at x, c0 added last."""
     x2 = x * x
     return c0 + (c1 * x + (c2 + c3 * x) * x2 + ((c4 + c5 * x) + (c6 + c7 * x) * x2) * (x2 * x2))
@@ -116,7 +142,9 @@ def _value(poly: Floats, row: int, x: float) -> float:
 
 @njit
 def length_rates(data: Floats, at: int, r: Floats, out: Floats) -> None:
-    """Write the arc length's first three derivatives by u into out[1:], from r (4, n); just a 0 first where it does not grow."""
+    """Write the arc length's first three derivatives by u into out[1:], from r (4, n); just a 0
+    first where it does not grow.
+    """
     d11 = 0.0
     d12 = 0.0
     d22_13 = 0.0
@@ -136,11 +164,13 @@ def length_rates(data: Floats, at: int, r: Floats, out: Floats) -> None:
 def fit_window(
     kind: int, data: Floats, at: int, ua: float, ub: float, scale: Floats, ra: Floats, rb: Floats, rc: Floats, lengths: Floats, poly: Floats
 ) -> tuple[float, float]:  # fmt: skip
-    """Fit the polynomials (n + 1, POLYNOMIAL) of the axes (BLU) and, in the last row, of the arc length (mm from the piece's start).
+    """Fit the polynomials (n + 1, POLYNOMIAL) of the axes (BLU) and, in the last row, of the arc
+    length (mm from the piece's start).
 
-    ra (4, n): the curve at ua; lengths[0, 0]: arc length there. scale (n,): steps per mm. rb (4, n) becomes the curve at ub, lengths[1, 0]
-    the arc length there. rc (4, n) and the rest of lengths (2, 4): scratch. Returns by how many times what is allowed the axes' and the arc
-    length's polynomials are off.
+    ra (4, n): the curve at ua; lengths[0, 0]: arc length there. scale (n,): steps per mm. rb (4, n)
+    becomes the curve at ub, lengths[1, 0] the arc length there. rc (4, n) and the rest of lengths
+    (2, 4): scratch. Returns by how many times what is allowed the axes' and the arc length's
+    polynomials are off.
     """
     n = len(scale)
     u0, _ = curve_range(kind, data, at)
@@ -184,13 +214,17 @@ def fit_window(
             p = rc[0, i] * scale[i]
             axes_off = max(axes_off, abs(_value(poly, i, x) - p) / allowed)
         if measured and length_off < math.inf:
-            length_off = max(length_off, abs(_value(poly, n, x) - curve_arclen(kind, data, at, u0, u)) / EXACT)
+            length_off = max(
+                length_off, abs(_value(poly, n, x) - curve_arclen(kind, data, at, u0, u)) / EXACT
+            )
     return axes_off, length_off
 
 
 @njit
 def approach(f: float, f1: float, f2: float, f3: float) -> float:
-    """The step to the zero of the cubic with value f <= 0 and these derivatives, as good as one step gets; inf where it has none ahead."""
+    """The step to the zero of the cubic with value f <= 0 and these derivatives, as good as one
+    step gets; inf where it has none ahead.
+    """
     step = math.inf
     square = GENTLE * f1 * f1
     if f1 > 0.0 and abs(f * f2) <= square and abs(f * f * f3) <= square * f1:
@@ -200,7 +234,8 @@ def approach(f: float, f1: float, f2: float, f3: float) -> float:
         b = f3 * inverse * w * w / 6.0
         step = w * (1.0 - a + 2.0 * a * a - b - 5.0 * a * (a * a - b))
     else:
-        # Euler's irrational method: the parabola that touches solves a crossing next to a turning point, too
+        # Euler's irrational method: the parabola that touches solves a crossing next to a turning
+        # point, too
         under = f1 * f1 - 2.0 * f * f2
         slope = f1 + math.sqrt(max(under, 0.0))
         if under >= 0.0 and f1 >= 0.0 and slope > 0.0:
@@ -219,9 +254,10 @@ def window_rows(
 ) -> tuple[int, float, float]:  # fmt: skip
     """Write the grid moves of a window from row ``rows`` on, as many as there is room for.
 
-    ends (n, ..): x where each axis turns, in order, then 1. rb: the curve at x = 1. grid (n,) is carried on. state (n, STATE), place (n,),
-    stretch (n, 2): scratch. step gets the rows, reach the x of each. Returns the number of rows, the x up to which all is done (1 when the
-    window is through), and the largest |grid - position| in BLU seen so far.
+    ends (n, ..): x where each axis turns, in order, then 1. rb: the curve at x = 1. grid (n,) is
+    carried on. state (n, STATE), place (n,), stretch (n, 2): scratch. step gets the rows, reach the
+    x of each. Returns the number of rows, the x up to which all is done (1 when the window is
+    through), and the largest |grid - position| in BLU seen so far.
     """
     n = len(grid)
     first = rows
@@ -245,7 +281,9 @@ def window_rows(
                 while stretch[i, 1] == g and ends[i, k] < 1.0:
                     low = ends[i, k]
                     k += 1
-                    at_end = _value(poly, i, ends[i, k]) if ends[i, k] < 1.0 else rb[0, i] * scale[i]
+                    at_end = (
+                        _value(poly, i, ends[i, k]) if ends[i, k] < 1.0 else rb[0, i] * scale[i]
+                    )
                     stretch[i, 1] = grid_after(g, at_end)
                 stretch[i, 0] = k
                 place[i] = math.inf
@@ -266,9 +304,21 @@ def window_rows(
                         if not known:
                             x2 = x * x
                             x4 = x2 * x2
-                            at_line = off + (c[1] * x + (c[2] + c[3] * x) * x2 + ((c[4] + c[5] * x) + (c[6] + c[7] * x) * x2) * x4)
-                            f1 = (c[8] + c[9] * x) + (c[10] + c[11] * x) * x2 + ((c[12] + c[13] * x) + c[14] * x2) * x4
-                            f2 = (c[15] + c[16] * x) + (c[17] + c[18] * x) * x2 + (c[19] + c[20] * x) * x4
+                            at_line = off + (
+                                c[1] * x
+                                + (c[2] + c[3] * x) * x2
+                                + ((c[4] + c[5] * x) + (c[6] + c[7] * x) * x2) * x4
+                            )
+                            f1 = (
+                                (c[8] + c[9] * x)
+                                + (c[10] + c[11] * x) * x2
+                                + ((c[12] + c[13] * x) + c[14] * x2) * x4
+                            )
+                            f2 = (
+                                (c[15] + c[16] * x)
+                                + (c[17] + c[18] * x) * x2
+                                + (c[19] + c[20] * x) * x4
+                            )
                             f3 = (c[21] + c[22] * x) + (c[23] + c[24] * x) * x2 + c[25] * x4
                         known = False
                         f = sign * at_line
@@ -332,9 +382,11 @@ def next_window(
     kind: int, data: Floats, at: int, ua: float, limit: float, width: float, scale: Floats, ra: Floats, rb: Floats, rc: Floats,
     lengths: Floats, poly: Floats,
 ) -> tuple[float, float, bool]:  # fmt: skip
-    """Fit the next window, from ua on, at most to ``limit`` and about ``width`` long if that can be: see :func:`fit_window`.
+    """Fit the next window, from ua on, at most to ``limit`` and about ``width`` long if that can
+    be: see :func:`fit_window`.
 
-    Returns its end ub, the width that the next one may try, and whether arc lengths in it are to be asked of the table.
+    Returns its end ub, the width that the next one may try, and whether arc lengths in it are to be
+    asked of the table.
     """
     u0, u1 = curve_range(kind, data, at)
     shortest = SHORTEST * (u1 - u0)
@@ -349,10 +401,15 @@ def next_window(
         ub = ua + width if limit - (ua + width) > 0.1 * width else limit
         axes_off, length_off = fit_window(kind, data, at, ua, ub, scale, ra, rb, rc, lengths, poly)
         # the error goes with the eighth power of the width
-        width = (ub - ua) * min(max(0.9 * math.sqrt(math.sqrt(math.sqrt(1.0 / max(axes_off, length_off, 1e-9)))), 0.1), 4.0)
+        width = (ub - ua) * min(
+            max(0.9 * math.sqrt(math.sqrt(math.sqrt(1.0 / max(axes_off, length_off, 1e-9)))), 0.1),
+            4.0,
+        )
         by_table = length_off > 1.0
         by_rounding = 0.5 * wider_off < axes_off < ROUNDING
-        too_wide = (axes_off > 1.0 and not by_rounding) or (by_table and (lengths[1, 0] - lengths[0, 0]) * steepest > FEW)
+        too_wide = (axes_off > 1.0 and not by_rounding) or (
+            by_table and (lengths[1, 0] - lengths[0, 0]) * steepest > FEW
+        )
         too_wide = too_wide and ub - ua > shortest
         if too_wide:
             width = min(width, 0.7 * (ub - ua))
@@ -365,9 +422,21 @@ def next_window(
 
 @njit
 def place_rows(
-    kind: int, data: Floats, at: int, ua: float, ub: float, s0: float, by_table: bool, poly: Floats, first: int, rows: int, reach: Floats
+    kind: int,
+    data: Floats,
+    at: int,
+    ua: float,
+    ub: float,
+    s0: float,
+    by_table: bool,
+    poly: Floats,
+    first: int,
+    rows: int,
+    reach: Floats,
 ) -> None:
-    """Turn the x of the rows from ``first`` on, places in the window [ua, ub], into path coordinates: s0 at the start of the piece."""
+    """Turn the x of the rows from ``first`` on, places in the window [ua, ub], into path
+    coordinates: s0 at the start of the piece.
+    """
     u0, _ = curve_range(kind, data, at)
     c = poly[len(poly) - 1]
     for row in range(first, rows):
@@ -383,10 +452,12 @@ def curve_rows(
     ends: Floats, poly: Floats, ra: Floats, rb: Floats, rc: Floats, lengths: Floats, state: Floats, place: Floats, stretch: Ints,
     error: float, rows: int, step: NDArray[np.int8], reach: Floats,
 ) -> tuple[int, float, float]:  # fmt: skip
-    """Write the grid moves of an arc or a span from u = begin to upto, from row ``rows`` on, as many as there is room for.
+    """Write the grid moves of an arc or a span from u = begin to upto, from row ``rows`` on, as
+    many as there is room for.
 
-    turns .. stretch: scratch. step gets the rows, reach the arc length of each, s0 at the start of the piece. Returns the number of rows,
-    the u up to which all is done, and the largest |grid - position| in BLU seen so far.
+    turns .. stretch: scratch. step gets the rows, reach the arc length of each, s0 at the start of
+    the piece. Returns the number of rows, the u up to which all is done, and the largest |grid -
+    position| in BLU seen so far.
     """
     n = len(grid)
     u0, _ = curve_range(kind, data, at)
@@ -398,7 +469,9 @@ def curve_rows(
     lengths[0, 0] = curve_arclen(kind, data, at, u0, ua)
     full = False
     while ua < upto and not full:
-        ub, width, by_table = next_window(kind, data, at, ua, upto, width, scale, ra, rb, rc, lengths, poly)
+        ub, width, by_table = next_window(
+            kind, data, at, ua, upto, width, scale, ra, rb, rc, lengths, poly
+        )
         for i in range(n):
             k = 0
             for j in range(MAX_TURNING_POINTS):
@@ -409,7 +482,9 @@ def curve_rows(
                     k += 1
             ends[i, k] = 1.0
         first = rows
-        rows, x, error = window_rows(poly, ends, scale, rb, grid, state, place, stretch, error, rows, step, reach)
+        rows, x, error = window_rows(
+            poly, ends, scale, rb, grid, state, place, stretch, error, rows, step, reach
+        )
         full = x < 1.0
         place_rows(kind, data, at, ua, ub, s0, by_table, poly, first, rows, reach)
         ua = ua + x * (ub - ua) if full else ub

@@ -1,4 +1,5 @@
-"""The arcs of :mod:`cnc.kernels.pulses.half_step`: what leads, how far it is seen ahead, and which candidate is the nearer one.
+"""The arcs of :mod:`cnc.kernels.pulses.half_step`: what leads, how far it is seen ahead, and which
+candidate is the nearer one.
 
 y, s ^            ,-o b      Window from a to b in which one axis, the leader p, is the fastest: the positions y of the others, the arc
      |        ,-'            length s and the parameter u as polynomials of p. A row is on each grid line of p, where
@@ -38,7 +39,9 @@ def arc_rows(
     kind: int, data: Floats, at: int, u: float, upto: float, s0: float, scale: Floats, grid: Ints, here: Floats, error: float, rows: int,
     step: NDArray[np.int8], reach: Floats,
 ) -> tuple[int, float, float, bool]:  # fmt: skip
-    """The rows at which an arc's leader is on a grid line; see :func:`half_step_rows`. Returns also whether room was left."""
+    """The rows at which an arc's leader is on a grid line; see :func:`half_step_rows`. Returns also
+    whether room was left.
+    """
     n = len(grid)
     room = len(reach)
     u0, u1 = curve_range(kind, data, at)
@@ -60,7 +63,9 @@ def arc_rows(
         leader = _fastest(ra, scale)
         sign = 1 if ra[1, leader] > 0.0 else -1
         if sign * (ra[0, leader] * scale[leader] - grid[leader]) >= 1.0:
-            rows, u, error, done = round_to(kind, data, at, u, ua, s0, scale, grid, here, error, rows, step, reach)
+            rows, u, error, done = round_to(
+                kind, data, at, u, ua, s0, scale, grid, here, error, rows, step, reach
+            )
             if not done:
                 full = True
                 break
@@ -70,7 +75,11 @@ def arc_rows(
             ub = _lead_ends(kind, data, at, ua, ub, leader, scale, ra, rb)
         off = _fit(kind, data, at, ua, ub, leader, scale, ra, rb, here, lengths, poly)
         # the error goes with the eighth power of the width
-        width = min((ub - ua) * min(max(0.9 * math.sqrt(math.sqrt(math.sqrt(1.0 / max(off, 1e-9)))), 0.1), 4.0), widest)
+        width = min(
+            (ub - ua)
+            * min(max(0.9 * math.sqrt(math.sqrt(math.sqrt(1.0 / max(off, 1e-9)))), 0.1), 4.0),
+            widest,
+        )
         if off > 1.0 and not 0.5 * wider_off < off < ROUNDING and ub - ua > shortest:
             width = min(width, 0.7 * (ub - ua))
             wider_off = off
@@ -90,7 +99,12 @@ def arc_rows(
             if i != leader:
                 c = poly[i]
                 far = 0.5 + slack(max(abs(ra[0, i]), abs(rb[0, i])) * scale[i])
-                if ra[1, i] == 0.0 and rb[1, i] == 0.0 and ra[0, i] == rb[0, i] and abs(c[0] - grid[i]) <= far:
+                if (
+                    ra[1, i] == 0.0
+                    and rb[1, i] == 0.0
+                    and ra[0, i] == rb[0, i]
+                    and abs(c[0] - grid[i]) <= far
+                ):
                     _rests(step[rows : rows + count, i])
                     error = max(error, abs(c[0] - grid[i]) if count > 0 else 0.0)
                     continue
@@ -113,7 +127,9 @@ def arc_rows(
             c = poly[leader]
             u = u0 + risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x + (made - 1) * dx)
             c = poly[max(measured, leader)]
-            _reaches(s0, c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x, dx, reach[rows : rows + made])
+            _reaches(
+                s0, c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x, dx, reach[rows : rows + made]
+            )
             rows += made
         if made < count:
             # an axis would make two steps there
@@ -123,10 +139,14 @@ def arc_rows(
             full = True
         else:
             before = rows
-            rows, u, error, done = prepare(kind, data, at, u, ub, ub, s0, scale, grid, here, error, rows, step, reach)
+            rows, u, error, done = prepare(
+                kind, data, at, u, ub, ub, s0, scale, grid, here, error, rows, step, reach
+            )
             if done and made < count and rows == before:
                 # there the polynomial and the curve are on two sides of the limit
-                rows, u, error, done = round_to(kind, data, at, u, ub, s0, scale, grid, here, error, rows, step, reach)
+                rows, u, error, done = round_to(
+                    kind, data, at, u, ub, s0, scale, grid, here, error, rows, step, reach
+                )
             full = not done
             if made == count and rows == before:
                 ua = ub
@@ -160,8 +180,20 @@ def _lead(r: Floats, leader: int, scale: Floats) -> float:
 
 
 @njit
-def _lead_ends(kind: int, data: Floats, at: int, low: float, high: float, leader: int, scale: Floats, ra: Floats, rb: Floats) -> float:
-    """Where between low and high (the curve there: ra, rb) the leader is overtaken; rb becomes the curve there. Illinois' method."""
+def _lead_ends(
+    kind: int,
+    data: Floats,
+    at: int,
+    low: float,
+    high: float,
+    leader: int,
+    scale: Floats,
+    ra: Floats,
+    rb: Floats,
+) -> float:
+    """Where between low and high (the curve there: ra, rb) the leader is overtaken; rb becomes the
+    curve there. Illinois' method.
+    """
     close = 1e-7 / (abs(ra[1, leader]) * scale[leader])
     lead = _lead(ra, leader, scale)
     lag = _lead(rb, leader, scale)
@@ -195,9 +227,10 @@ def _fit(
 ) -> float:  # fmt: skip
     """Fit polynomials in the leader's position, 0 at ua and 1 at ub, to the other axes (BLU).
 
-    That in the leader's row is u - u0, and that in the last the arc length from the piece's start (mm), where u does not stand for it.
-    ra, rb (4, n): the curve at ua and ub. lengths[0, 0]: arc length at ua; lengths[1, 0] becomes that at ub. rc (4, n): scratch. Returns by
-    how many times what is allowed a polynomial is off.
+    That in the leader's row is u - u0, and that in the last the arc length from the piece's start
+    (mm), where u does not stand for it. ra, rb (4, n): the curve at ua and ub. lengths[0, 0]: arc
+    length at ua; lengths[1, 0] becomes that at ub. rc (4, n): scratch. Returns by how many times
+    what is allowed a polynomial is off.
     """
     n = len(scale)
     u0, _ = curve_range(kind, data, at)
@@ -210,8 +243,24 @@ def _fit(
         lengths[1, 0] = curve_arclen(kind, data, at, u0, ub)
         length_rates(data, at, ra, lengths[0])
         length_rates(data, at, rb, lengths[1])
-        a1, a2, a3 = _by_leader(lengths[0, 1], lengths[0, 2], lengths[0, 3], ra[1, leader] * k, ra[2, leader] * k, ra[3, leader] * k, h)
-        b1, b2, b3 = _by_leader(lengths[1, 1], lengths[1, 2], lengths[1, 3], rb[1, leader] * k, rb[2, leader] * k, rb[3, leader] * k, h)
+        a1, a2, a3 = _by_leader(
+            lengths[0, 1],
+            lengths[0, 2],
+            lengths[0, 3],
+            ra[1, leader] * k,
+            ra[2, leader] * k,
+            ra[3, leader] * k,
+            h,
+        )
+        b1, b2, b3 = _by_leader(
+            lengths[1, 1],
+            lengths[1, 2],
+            lengths[1, 3],
+            rb[1, leader] * k,
+            rb[2, leader] * k,
+            rb[3, leader] * k,
+            h,
+        )
         interpolate(poly, n, lengths[0, 0], a1, a2, a3, lengths[1, 0], b1, b2, b3)
     for i in range(n):
         if i == leader:
@@ -220,8 +269,24 @@ def _fit(
             interpolate(poly, i, ua - u0, a1, a2, a3, ub - u0, b1, b2, b3)
         else:
             q = scale[i]
-            a1, a2, a3 = _by_leader(ra[1, i] * q, ra[2, i] * q, ra[3, i] * q, ra[1, leader] * k, ra[2, leader] * k, ra[3, leader] * k, h)
-            b1, b2, b3 = _by_leader(rb[1, i] * q, rb[2, i] * q, rb[3, i] * q, rb[1, leader] * k, rb[2, leader] * k, rb[3, leader] * k, h)
+            a1, a2, a3 = _by_leader(
+                ra[1, i] * q,
+                ra[2, i] * q,
+                ra[3, i] * q,
+                ra[1, leader] * k,
+                ra[2, leader] * k,
+                ra[3, leader] * k,
+                h,
+            )
+            b1, b2, b3 = _by_leader(
+                rb[1, i] * q,
+                rb[2, i] * q,
+                rb[3, i] * q,
+                rb[1, leader] * k,
+                rb[2, leader] * k,
+                rb[3, leader] * k,
+                h,
+            )
             interpolate(poly, i, ra[0, i] * q, a1, a2, a3, rb[0, i] * q, b1, b2, b3)
     # a leader that does not move, but for rounding, leads nowhere
     moves = h * ra[1, leader] > 0.0
@@ -245,8 +310,12 @@ def _fit(
 
 
 @njit
-def _by_leader(q1: float, q2: float, q3: float, p1: float, p2: float, p3: float, h: float) -> tuple[float, float, float]:
-    """dq/dp h, half of d2q/dp2 h^2 and a sixth of d3q/dp3 h^3 from the derivatives of q and p by u."""
+def _by_leader(
+    q1: float, q2: float, q3: float, p1: float, p2: float, p3: float, h: float
+) -> tuple[float, float, float]:
+    """dq/dp h, half of d2q/dp2 h^2 and a sixth of d3q/dp3 h^3 from the derivatives of q and p
+    by u.
+    """
     inverse = 1.0 / p1
     y1 = q1 * inverse
     y2 = (q2 - y1 * p2) * inverse * inverse
@@ -259,9 +328,11 @@ def _nearest(
     c0: float, c1: float, c2: float, c3: float, c4: float, c5: float, c6: float, c7: float, x: float, dx: float, far: float,
     step: NDArray[np.int8],
 ) -> tuple[int, int, float]:  # fmt: skip
-    """One axis of an arc: of the two candidates of each row the nearer one. c0 .. c7: the polynomial, less the grid point.
+    """One axis of an arc: of the two candidates of each row the nearer one. c0 .. c7: the
+    polynomial, less the grid point.
 
-    Returns the number of rows, up to one that would take two steps; the steps made; and the largest distance after a row.
+    Returns the number of rows, up to one that would take two steps; the steps made; and the largest
+    distance after a row.
     """
     kept = len(step)
     g = 0.0

@@ -1,7 +1,9 @@
-"""Reference pulses by the shortest normal (Kiritsis, Computer-Aided Design 26(11), 1994; equations 2 and 3 of Samad & Wan Yusof, 2002).
+"""Reference pulses by the shortest normal (Kiritsis, Computer-Aided Design 26(11), 1994; equations
+2 and 3 of Samad & Wan Yusof, 2002).
 
-The baseline beside :mod:`cnc.kernels.pulses.enclosing_line`. The tangent at r, the curve's point of the last step, tells in which quadrant the
-path goes on; there the grid point P has three neighbours ahead, 2^n - 1 in n axes:
+The baseline beside :mod:`cnc.kernels.pulses.enclosing_line`. The tangent at r, the curve's point of
+the last step, tells in which quadrant the path goes on; there the grid point P has three neighbours
+ahead, 2^n - 1 in n axes:
 
        P2 o-----o P3          Each neighbour's distance from the curve is measured along the normal through it: one step of Newton's
           |    ,'             iteration for (P_i - r(u)) . r'(u) = 0 from the last u gives
@@ -11,9 +13,10 @@ path goes on; there the grid point P has three neighbours ahead, 2^n - 1 in n ax
        r
                               and the nearest one is the next.
 
-Mended beyond that: where the nearest is more than half a BLU from the curve in some axis, u_i is refined by further steps. Where it stays
-so, or lies behind the last one, the curve bends away within a BLU: none of the neighbours ahead may then be near it, and the step is that
-of the enclosing line.
+Mended beyond that: where the nearest is more than half a BLU from the curve in some axis, u_i is
+refined by further steps. Where it stays so, or lies behind the last one, the curve bends away
+within a BLU: none of the neighbours ahead may then be near it, and the step is that of the
+enclosing line.
 """
 
 from __future__ import annotations
@@ -40,13 +43,17 @@ def _look(poly: Floats, x: float, now: Floats) -> None:
     for i in range(len(now)):
         c = poly[i]
         now[i, 0] = risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x)
-        now[i, 1] = (c[8] + c[9] * x) + (c[10] + c[11] * x) * x2 + ((c[12] + c[13] * x) + c[14] * x2) * x4
+        now[i, 1] = (
+            (c[8] + c[9] * x) + (c[10] + c[11] * x) * x2 + ((c[12] + c[13] * x) + c[14] * x2) * x4
+        )
         now[i, 2] = (c[15] + c[16] * x) + (c[17] + c[18] * x) * x2 + (c[19] + c[20] * x) * x4
 
 
 @njit
 def _foot(grid: Ints, ahead: Ints, mask: int, x: float, now: Floats) -> float:
-    """Equation 2: where the normal through the neighbour ``mask`` meets the curve, by one step from x; inf where it doesn't."""
+    """Equation 2: where the normal through the neighbour ``mask`` meets the curve, by one step from
+    x; inf where it doesn't.
+    """
     above = 0.0
     below = 0.0
     for i in range(len(grid)):
@@ -58,7 +65,9 @@ def _foot(grid: Ints, ahead: Ints, mask: int, x: float, now: Floats) -> float:
 
 @njit
 def _apart(grid: Ints, ahead: Ints, mask: int, now: Floats) -> float:
-    """The largest distance in any axis, in BLU, of the neighbour ``mask`` from the curve's point."""
+    """The largest distance in any axis, in BLU, of the neighbour ``mask`` from the curve's
+    point.
+    """
     apart = 0.0
     for i in range(len(grid)):
         apart = max(apart, abs(grid[i] + (ahead[i] if mask >> i & 1 else 0) - now[i, 0]))
@@ -67,9 +76,19 @@ def _apart(grid: Ints, ahead: Ints, mask: int, now: Floats) -> float:
 
 @njit
 def window_rows(
-    poly: Floats, ends: Floats, x: float, grid: Ints, error: float, rows: int, room: int, step: NDArray[np.int8], reach: Floats
+    poly: Floats,
+    ends: Floats,
+    x: float,
+    grid: Ints,
+    error: float,
+    rows: int,
+    room: int,
+    step: NDArray[np.int8],
+    reach: Floats,
 ) -> tuple[int, float, float]:
-    """Write the grid moves of a window: see :func:`cnc.kernels.pulses.enclosing_line.window_rows`."""
+    """Write the grid moves of a window: see
+    :func:`cnc.kernels.pulses.enclosing_line.window_rows`.
+    """
     n = len(grid)
     now = np.empty((n, 3))
     ahead = np.empty(n, np.int64)
@@ -93,7 +112,11 @@ def window_rows(
                 normal = 0.0
                 for i in range(n):
                     c = poly[i]
-                    off = grid[i] + (ahead[i] if mask >> i & 1 else 0) - risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], foot)
+                    off = (
+                        grid[i]
+                        + (ahead[i] if mask >> i & 1 else 0)
+                        - risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], foot)
+                    )
                     normal += off * off
                 if normal < least - SLACK:
                     least = normal
@@ -129,7 +152,8 @@ def window_rows(
 def as_printed(
     kind: int, data: Floats, at: int, scale: Floats, grid: Ints, step: NDArray[np.int8], place: Floats
 ) -> tuple[int, float]:  # fmt: skip
-    """Equations 2 and 3 on a piece in two axes, one step of Newton's iteration each, no end treated.
+    """Equations 2 and 3 on a piece in two axes, one step of Newton's iteration each, no end
+    treated.
 
     Takes and returns what :func:`cnc.kernels.pulses.enclosing_line.as_printed` does.
     """
@@ -156,7 +180,9 @@ def as_printed(
         for k in range(1, 4):
             px = sx * (k & 1)
             py = sy * (k >> 1)
-            ui = u - ((px - x0) * x1 + (py - y0) * y1) / ((px - x0) * x2 + (py - y0) * y2 - x1 * x1 - y1 * y1)
+            ui = u - ((px - x0) * x1 + (py - y0) * y1) / (
+                (px - x0) * x2 + (py - y0) * y2 - x1 * x1 - y1 * y1
+            )
             curve_eval(kind, data, at, ui, tried)
             nx = px - (tried[0, 0] * scale[0] - grid[0])
             ny = py - (tried[0, 1] * scale[1] - grid[1])

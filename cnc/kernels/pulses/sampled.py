@@ -1,20 +1,23 @@
 """Sampled interpolation: where the path is at every period, by predictor and corrector.
 
-s(t) comes from the plan, so the step ds of a period is known, and the u that makes it is looked for. Hui, Wei and Gao (2013, section 3.2)
-foretell u from the three samples before and correct it by secants until the chord fits to a thousandth; :mod:`cnc.kernels.papers.nurbs_lookahead`
-has that. Here both halves go further:
+s(t) comes from the plan, so the step ds of a period is known, and the u that makes it is looked
+for. Hui, Wei and Gao (2013, section 3.2) foretell u from the three samples before and correct it by
+secants until the chord fits to a thousandth; :mod:`cnc.kernels.papers.nurbs_lookahead` has that.
+Here both halves go further:
 
     predictor      u~ = u(s), the table of the piece: to its accuracy at once, however uneven the steps
     corrector      u = u~ + (ds - L(u_i, u~)) / |r'(u~)| until what is left is rounding; one round as a rule
 
-L is the arc length from u_i to u~ by a short Gauss quadrature, not the chord (equation 4): chords are shorter than arcs, so that steps of
-chords run ahead of s(t) a little more on every bend. Newton's last correction is not measured again where its square is rounding. The root
-stays bracketed: next to a cusp |r'| vanishes.
+L is the arc length from u_i to u~ by a short Gauss quadrature, not the chord (equation 4): chords
+are shorter than arcs, so that steps of chords run ahead of s(t) a little more on every bend.
+Newton's last correction is not measured again where its square is rounding. The root stays
+bracketed: next to a cusp |r'| vanishes.
 
-The step asked for is s(t) less the length made so far, so that what rounding leaves of one step is made good by the next: hence no drift,
-and no noise in third differences.
+The step asked for is s(t) less the length made so far, so that what rounding leaves of one step is
+made good by the next: hence no drift, and no noise in third differences.
 
-Where u is itself the arc length (lines, arcs) there is nothing to look for; nor on timed pieces, where u follows from the clock.
+Where u is itself the arc length (lines, arcs) there is nothing to look for; nor on timed pieces,
+where u follows from the clock.
 """
 
 from __future__ import annotations
@@ -25,7 +28,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import METRIC, METRICS, TABLE, curve_arclen, curve_eval, curve_inv_arclen, curve_range, curve_speed
+from cnc.kernels.path.curve import (
+    METRIC,
+    METRICS,
+    TABLE,
+    curve_arclen,
+    curve_eval,
+    curve_inv_arclen,
+    curve_range,
+    curve_speed,
+)
 from cnc.kernels.planner.timed import is_timed, timed_length, timed_motion
 
 Floats = NDArray[np.float64]
@@ -34,19 +46,29 @@ Ints = NDArray[np.int64]
 SNAP = 1e-9
 """mm: a chunk that ends this near to the end of a piece ends with it."""
 TINY = 1e-7
-"""mm: the relative deviation of a shorter step would show the rounding of positions, and counts as 0."""
+"""mm: the relative deviation of a shorter step would show the rounding of positions, and counts as
+0.
+"""
 ROUNDING = 2.3e-16
 SETTLED = 1e-16
-"""Relative: what a correction leaves of a step, its square times how unevenly the curve runs there."""
+"""Relative: what a correction leaves of a step, its square times how unevenly the curve runs
+there.
+"""
 
 S, CHORD = 0, 1
-"""Float state: path length at the last sample, and the length of the polygon from it to where the motion has been followed."""
+"""Float state: path length at the last sample, and the length of the polygon from it to where the
+motion has been followed.
+"""
 FLOATS = 2
 
 
 @njit
-def advance(kind: int, data: Floats, at: int, u: float, ds: float, guess: float, upto: float) -> tuple[float, float]:
-    """The parameter ds of arc length after u, at most ``upto``, and the arc length that lies between in fact."""
+def advance(
+    kind: int, data: Floats, at: int, u: float, ds: float, guess: float, upto: float
+) -> tuple[float, float]:
+    """The parameter ds of arc length after u, at most ``upto``, and the arc length that lies
+    between in fact.
+    """
     low = u
     high = upto
     x = guess if low < guess <= high else 0.5 * (low + high)
@@ -87,15 +109,17 @@ def samples(
     s_before: float, first: float, done: int, period: float, place: Ints, history: Floats, floats: Floats, vertex: Floats, last: bool,
     position: Floats, s: Floats, feed: Floats, accel: Floats, jerk: Floats, step_deviation: Floats, line: NDArray[np.int32],
 ) -> None:  # fmt: skip
-    """Rows at the times first + k period, counted from the chunk's start, from k = done on and for as many k as the outputs have rows.
+    """Rows at the times first + k period, counted from the chunk's start, from k = done on and for
+    as many k as the outputs have rows.
 
-    kind .. phase_j: as in PlanChunk; s_before: path length before local 0. Carried from call to call of one chunk, zeros at its
-    start: place [piece, phase, whether begun], history [arc length made in the piece, u of the last sample]. Carried for
-    good: floats, and vertex (n,): the last point of the polygon. ``last``: no rows of this chunk come after these; the motion is
-    followed to its end, and vertex becomes the end point. Outputs as in SampleChunk.
+    kind .. phase_j: as in PlanChunk; s_before: path length before local 0. Carried from call to
+    call of one chunk, zeros at its start: place [piece, phase, whether begun], history [arc length
+    made in the piece, u of the last sample]. Carried for good: floats, and vertex (n,): the last
+    point of the polygon. ``last``: no rows of this chunk come after these; the motion is followed
+    to its end, and vertex becomes the end point. Outputs as in SampleChunk.
 
-    The step made is the polygon from sample to sample over the ends of pieces between them: what is cut off from a corner there is
-    the chord's, not the interpolator's.
+    The step made is the polygon from sample to sample over the ends of pieces between them: what is
+    cut off from a corner there is the chord's, not the interpolator's.
     """
     n = position.shape[1]
     rows = len(s)
@@ -135,7 +159,9 @@ def samples(
             elif not measured:
                 u = min(max(u0 + wanted, u), u1)
             elif wanted > made:
-                u, length = advance(k, data, where, u, wanted - made, curve_inv_arclen(k, data, where, wanted), u1)
+                u, length = advance(
+                    k, data, where, u, wanted - made, curve_inv_arclen(k, data, where, wanted), u1
+                )
                 made += length
             curve_eval(k, data, where, u, r)
             square = 0.0
@@ -153,7 +179,9 @@ def samples(
             begun = 1
         if row < rows:
             timed = is_timed(k, data, where)
-            total = s_before + (piece_s[piece] + timed_length(k, data, where, u, r) if timed else local)
+            total = s_before + (
+                piece_s[piece] + timed_length(k, data, where, u, r) if timed else local
+            )
             step_deviation[row] = deviation(floats[CHORD], total - floats[S])
             floats[S] = total
             floats[CHORD] = 0.0

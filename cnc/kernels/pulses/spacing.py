@@ -1,10 +1,13 @@
-"""What is too fast for the board: pulses that are taken back at once, and rows nearer to each other than it takes them.
+"""What is too fast for the board: pulses that are taken back at once, and rows nearer to each other
+than it takes them.
 
-A graze, an axis that turns back so soon behind a half-grid line that its two pulses would come faster than the board takes them, is passed
-over: both pulses are taken out again. Grazes that rest exactly on the line are common in real programs, and the slack of the generators
-deals with them; those that reach a hair beyond it are rare in one move but sure to come in a million.
+A graze, an axis that turns back so soon behind a half-grid line that its two pulses would come
+faster than the board takes them, is passed over: both pulses are taken out again. Grazes that rest
+exactly on the line are common in real programs, and the slack of the generators deals with them;
+those that reach a hair beyond it are rare in one move but sure to come in a million.
 
-Rows of different axes may fall due at almost the same time. Where the board needs more time they become one:
+Rows of different axes may fall due at almost the same time. Where the board needs more time they
+become one:
 
       x   |      |      |      |         at the time of the later: there the curve is within half a BLU of the grid point that both lead to.
       y     |       |      |    |        Two rows of the same axis only come so near where another axis takes the lead: its steps were
@@ -25,15 +28,29 @@ Lines = NDArray[np.int32]
 
 
 @njit
-def without_grazes(first: int, rows: int, time_ns: Ints, step: Steps, line: Lines, recent: Ints, min_pulse_ns: float) -> int:
-    """Take out, from row ``first`` on, pulses that an axis takes back too soon and those that take them back; returns the rows left."""
+def without_grazes(
+    first: int,
+    rows: int,
+    time_ns: Ints,
+    step: Steps,
+    line: Lines,
+    recent: Ints,
+    min_pulse_ns: float,
+) -> int:
+    """Take out, from row ``first`` on, pulses that an axis takes back too soon and those that take
+    them back; returns the rows left.
+    """
     n = len(recent)
     grazed = False
     for row in range(first, rows):
         for i in range(n):
             if step[row, i] != 0:
                 back = recent[i]
-                if back >= 0 and step[back, i] != step[row, i] and time_ns[row] - time_ns[back] < min_pulse_ns:
+                if (
+                    back >= 0
+                    and step[back, i] != step[row, i]
+                    and time_ns[row] - time_ns[back] < min_pulse_ns
+                ):
                     step[back, i] = 0
                     step[row, i] = 0
                     recent[i] = -1
@@ -64,8 +81,18 @@ def _close_ranks(rows: int, time_ns: Ints, step: Steps, line: Lines, recent: Int
 
 
 @njit
-def spaced(rows: int, released_ns: int, time_ns: Ints, step: Steps, line: Lines, recent: Ints, min_ns: float) -> int:
-    """Keep rows min_ns apart, the first one from ``released_ns``; returns how many remain. Those that waited stay as they are."""
+def spaced(
+    rows: int,
+    released_ns: int,
+    time_ns: Ints,
+    step: Steps,
+    line: Lines,
+    recent: Ints,
+    min_ns: float,
+) -> int:
+    """Keep rows min_ns apart, the first one from ``released_ns``; returns how many remain. Those
+    that waited stay as they are.
+    """
     n = len(recent)
     kept = 0
     for row in range(rows):

@@ -1,13 +1,14 @@
 """When the motion is where: the inverse of s(t) inside a constant-jerk phase, and time stamps.
 
-Rows come dense: many lie so near to each other that the speed changes by a few hundredths over all of them. About a time t_e with speed v,
-acceleration a and jerk j, s - s_e = v (x + alpha x^2 + beta x^3) with x = t - t_e, alpha = a / 2v and beta = j / 6v, so that with
-y = (s - s_e) / v
+Rows come dense: many lie so near to each other that the speed changes by a few hundredths over all
+of them. About a time t_e with speed v, acceleration a and jerk j, s - s_e = v (x + alpha x^2 + beta
+x^3) with x = t - t_e, alpha = a / 2v and beta = j / 6v, so that with y = (s - s_e) / v
 
     x = y - alpha y^2 + (2 alpha^2 - beta) y^3 + .. ,    c_n = 1/n [x^(n-1)] (1 + alpha x + beta x^2)^-n    (Lagrange's inversion)
 
-which is cut behind y^7: seven products a row, no root and no quotient. The next term is at most 2871 kappa^7 y^8 with kappa the larger of
-|alpha| and sqrt|beta|; that gives the reach of a series. Where rows are too far apart for one, next to rest, each is found by itself.
+which is cut behind y^7: seven products a row, no root and no quotient. The next term is at most
+2871 kappa^7 y^8 with kappa the larger of |alpha| and sqrt|beta|; that gives the reach of a series.
+Where rows are too far apart for one, next to rest, each is found by itself.
 """
 
 from __future__ import annotations
@@ -23,27 +24,34 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CLOSE = 1e-12
-"""s: a step this short ends the iteration; the convergence is cubic, so what remains is rounding."""
+"""s: a step this short ends the iteration; the convergence is cubic, so what remains is
+rounding.
+"""
 
 TAIL = 1e-14
-"""s: the first term that a series leaves out is at most 2871 times that by the speed at its first row, three times as much where the motion
-brakes: less than 0.1 ns."""
+"""s: the first term that a series leaves out is at most 2871 times that by the speed at its first
+row, three times as much where the motion brakes: less than 0.1 ns.
+"""
 NEAR = 0.125
-"""A series reaches so far in units of 1 / kappa at most: what it leaves out shrinks by a factor of two or more with each term."""
+"""A series reaches so far in units of 1 / kappa at most: what it leaves out shrinks by a factor of
+two or more with each term.
+"""
 DENSE = 2
 """Rows that are worth a series."""
 
 
 @njit
 def time_in_phase(v: float, a: float, j: float, ds: float, span: float, guess: float) -> float:
-    """The t in [0, span] with t (v + t (a / 2 + t j / 6)) = ds, on a phase in which the speed is never negative.
+    """The t in [0, span] with t (v + t (a / 2 + t j / 6)) = ds, on a phase in which the speed is
+    never negative.
 
-    v, a, j: speed, acceleration and jerk (mm/s, mm/s^2, mm/s^3) at t = 0 and throughout. ds mm. guess: where to begin. The ends stand in
-    for a ds outside.
+    v, a, j: speed, acceleration and jerk (mm/s, mm/s^2, mm/s^3) at t = 0 and throughout. ds mm.
+    guess: where to begin. The ends stand in for a ds outside.
 
-    Euler's irrational method: each step solves the parabola that touches the cubic, so that the approach is cubic and a start or an end at
-    rest (v = 0, where Newton's step would be infinite) is no trouble. The root stays bracketed; a step out of the bracket is halved
-    into it, so that it always ends.
+    Euler's irrational method: each step solves the parabola that touches the cubic, so that the
+    approach is cubic and a start or an end at rest (v = 0, where Newton's step would be infinite)
+    is no trouble. The root stays bracketed; a step out of the bracket is halved into it, so that it
+    always ends.
     """
     if ds <= 0.0:
         return 0.0
@@ -82,7 +90,9 @@ def time_in_phase(v: float, a: float, j: float, ds: float, span: float, guess: f
 
 @njit
 def nanoseconds(whole_ns: int, seconds: float) -> int:
-    """``whole_ns`` plus ``seconds``, to the nearest ns. The sum is integer, so that it is as exact after days as at the start."""
+    """``whole_ns`` plus ``seconds``, to the nearest ns. The sum is integer, so that it is as exact
+    after days as at the start.
+    """
     return whole_ns + int(np.rint(seconds * 1e9))
 
 
@@ -91,10 +101,11 @@ def phase_times(
     t0: float, s0: float, v0: float, a0: float, j0: float, span: float, dt: float, whole_ns: int, last_ns: int, first: int, rows: int,
     reach: Floats, time_ns: Ints,
 ) -> tuple[float, int]:  # fmt: skip
-    """Write when rows ``first`` to ``rows``, all in one phase, are due: at the path coordinates in ``reach``, and none before ``last_ns``.
+    """Write when rows ``first`` to ``rows``, all in one phase, are due: at the path coordinates in
+    ``reach``, and none before ``last_ns``.
 
-    The phase begins at whole_ns + t0 (s) at s0 with v0, a0, j0 and lasts for ``span``; dt: where in it the row before was due. Returns that
-    of the last row and its time.
+    The phase begins at whole_ns + t0 (s) at s0 with v0, a0, j0 and lasts for ``span``; dt: where in
+    it the row before was due. Returns that of the last row and its time.
     """
     row = first
     if a0 == 0.0 and j0 == 0.0 and v0 > 0.0:

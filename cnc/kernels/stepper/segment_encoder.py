@@ -1,14 +1,16 @@
 """Grid moves to segments: the longest ones whose times stay within a tolerance.
 
-At each move three forms of segment are tried, the one with the fewest bytes a move is taken, and what none of them makes short becomes
-timed moves. A segment grows slot by slot: the times of the slots, and the places of the steps of the axes with a phase, are lines through
-windows (:mod:`cnc.kernels.stepper.windows`), and it ends where one of them finds no line with whole coefficients. Windows are where a time may be:
+At each move three forms of segment are tried, the one with the fewest bytes a move is taken, and
+what none of them makes short becomes timed moves. A segment grows slot by slot: the times of the
+slots, and the places of the steps of the axes with a phase, are lines through windows
+(:mod:`cnc.kernels.stepper.windows`), and it ends where one of them finds no line with whole
+coefficients. Windows are where a time may be:
 
       time   ---[----due----]------[----due----]----      due: as asked for, or the board's smallest spacing after the one before.
 
-In placed segments one half of the tolerance is for the slots, the other for the axes inside them. A segment begins where the clock
-really is after the one before, so that errors don't add up; and each one is played before it's accepted, and ends before the first
-move that comes out wrong.
+In placed segments one half of the tolerance is for the slots, the other for the axes inside them. A
+segment begins where the clock really is after the one before, so that errors don't add up; and each
+one is played before it's accepted, and ends before the first move that comes out wrong.
 """
 
 from __future__ import annotations
@@ -45,7 +47,9 @@ from cnc.kernels.stepper.segments import (
 from cnc.kernels.stepper.windows import Floats, longest
 
 AHEAD = 1024
-"""Grid moves, more than the longest segment has: so many are looked at before the first one is encoded."""
+"""Grid moves, more than the longest segment has: so many are looked at before the first one is
+encoded.
+"""
 ROOM = 1024
 """Bytes, more than three of the longest segments: so many must be free for a move to be encoded."""
 PAUSE = 0x8000
@@ -54,8 +58,10 @@ FIRST_GLANCE = 16
 """Slots looked ahead at the start; later twice as many as the last segment had."""
 
 CLOCK, DUE_NS, LATEST_NS, GLANCE, LAST_AT, HASTE = range(6)
-"""State: clock in 1/256 tick, when the last move taken is due, longest delay for spacing, slots looked ahead, byte of the last segment,
-and how many moves are timed before the next try to do better."""
+"""State: clock in 1/256 tick, when the last move taken is due, longest delay for spacing, slots
+looked ahead, byte of the last segment, and how many moves are timed before the next try to do
+better.
+"""
 STATE = 6
 MOST_HASTE = 16
 ENOUGH = 0.6
@@ -68,8 +74,8 @@ def take(
 ) -> None:  # fmt: skip
     """Append grid moves to the buffers, of which ``rows`` rows are taken.
 
-    axes, backward: masks of the axes that step, and that step down. due: ns; a move that comes sooner than spacing_ns after the one before,
-    or after the start, is put off.
+    axes, backward: masks of the axes that step, and that step down. due: ns; a move that comes
+    sooner than spacing_ns after the one before, or after the start, is put off.
     """
     latest = state[DUE_NS]
     for row in range(len(time_ns)):
@@ -108,10 +114,12 @@ def encode(
     axes: Ints, backward: Ints, due: Ints, rows: int, keep: int, tolerance: int, spacing: int, state: Ints, out: Bytes,
     trial: Bytes, tick: Ints, mask: Bytes, ends: Ints, windows: Floats, px: Floats, py: Floats,
 ) -> tuple[int, int]:  # fmt: skip
-    """Write the segments of the first grid moves in the buffers; returns how many moves are done, and the bytes.
+    """Write the segments of the first grid moves in the buffers; returns how many moves are done,
+    and the bytes.
 
-    rows: moves in the buffers; ``keep`` of them are left for the next call. tolerance: ns. spacing: least ticks between two moves. trial
-    (3, LONGEST), tick, mask (MOST_ROWS,), ends (MOST_SLOTS,), windows (4, MOST_SLOTS), px, py (2, CORNERS): scratch.
+    rows: moves in the buffers; ``keep`` of them are left for the next call. tolerance: ns. spacing:
+    least ticks between two moves. trial (3, LONGEST), tick, mask (MOST_ROWS,), ends (MOST_SLOTS,),
+    windows (4, MOST_SLOTS), px, py (2, CORNERS): scratch.
     """
     done, size = 0, 0
     run_at = -1
@@ -184,7 +192,9 @@ def _candidate(
     form: int, axes: Ints, backward: Ints, due: Ints, first: int, rows: int, tolerance: int, spacing: int, state: Ints, out: Bytes,
     tick: Ints, mask: Bytes, ends: Ints, windows: Floats, px: Floats, py: Floats,
 ) -> tuple[int, int]:  # fmt: skip
-    """Write to ``out`` the longest segment of a form from move ``first`` on; returns its bytes and its moves, 0 if there is none."""
+    """Write to ``out`` the longest segment of a form from move ``first`` on; returns its bytes and
+    its moves, 0 if there is none.
+    """
     clock = state[CLOCK]
     always, phases = 0, 0
     if form != PACKED:
@@ -192,7 +202,21 @@ def _candidate(
     count = (phases & 1) + (phases >> 1 & 1) + (phases >> 2 & 1) + (phases >> 3)
     slots, minus = 0, 0
     if count <= MOST_PHASES and (form == PACKED or always != 0) and (form != PLACED or count > 0):
-        slots, minus = _slots(form, always, phases, axes, backward, due, first, rows, clock, tolerance, state[GLANCE], ends, windows)
+        slots, minus = _slots(
+            form,
+            always,
+            phases,
+            axes,
+            backward,
+            due,
+            first,
+            rows,
+            clock,
+            tolerance,
+            state[GLANCE],
+            ends,
+            windows,
+        )
     interval, add = 0, 0
     if slots > 0:
         slots, interval, add = longest(
@@ -201,7 +225,9 @@ def _candidate(
     at = HEAD
     for i in range(MOST_AXES):
         if phases >> i & 1 and slots > 0:
-            slots, steps = _steps(form, 1 << i, axes, due, first, clock, tolerance, slots, ends, windows)
+            slots, steps = _steps(
+                form, 1 << i, axes, due, first, clock, tolerance, slots, ends, windows
+            )
             met, phase, period = longest(
                 windows[0], windows[1], windows[2], slots, 0.0, LONGEST_PERIOD, SLOT, LONGEST_PERIOD, px, py
             )  # fmt: skip
@@ -229,7 +255,20 @@ def _candidate(
                     out[MASKS_AT + k // 2] |= axes[first + k] << 4
                 else:
                     out[MASKS_AT + k // 2] = axes[first + k]
-        slots, covered = _played(form, always, axes, due, first, ends[slots - 1] + 1 - first, tolerance, spacing, clock, out, tick, mask)
+        slots, covered = _played(
+            form,
+            always,
+            axes,
+            due,
+            first,
+            ends[slots - 1] + 1 - first,
+            tolerance,
+            spacing,
+            clock,
+            out,
+            tick,
+            mask,
+        )
         out[0] = slots
     return MASKS_AT + (slots + 1) // 2 if form == PACKED else at, covered
 
@@ -239,9 +278,11 @@ def _slots(
     form: int, always: int, phases: int, axes: Ints, backward: Ints, due: Ints, first: int, rows: int, clock: int, tolerance: int,
     most: int, ends: Ints, windows: Floats,
 ) -> tuple[int, int]:  # fmt: skip
-    """Divide the moves from ``first`` on into at most ``most`` slots; returns their number, and the axes that go down.
+    """Divide the moves from ``first`` on into at most ``most`` slots; returns their number, and the
+    axes that go down.
 
-    ends: gets the last move of each slot. windows: w, low and high of the line of their times, a row each.
+    ends: gets the last move of each slot. windows: w, low and high of the line of their times, a
+    row each.
     """
     plus, minus = 0, 0
     slots, row = 0, first
@@ -257,7 +298,10 @@ def _slots(
         for k in range(row, last + 1):
             up |= axes[k] & ~backward[k]
             down |= backward[k]
-            legal = legal and (form == PACKED or (axes[k] & ~(always | phases) == 0 and (k == last or axes[k] & always == 0)))
+            legal = legal and (
+                form == PACKED
+                or (axes[k] & ~(always | phases) == 0 and (k == last or axes[k] & always == 0))
+            )
         legal = legal and up & down == 0
         if legal:
             plus, minus = up, down
@@ -272,9 +316,19 @@ def _slots(
 
 @njit
 def _steps(
-    form: int, axis: int, axes: Ints, due: Ints, first: int, clock: int, tolerance: int, slots: int, ends: Ints, windows: Floats
+    form: int,
+    axis: int,
+    axes: Ints,
+    due: Ints,
+    first: int,
+    clock: int,
+    tolerance: int,
+    slots: int,
+    ends: Ints,
+    windows: Floats,
 ) -> tuple[int, int]:
-    """Windows of the line of an axis's steps among the slots, one a slot; returns how many slots have but one step of it, and the steps.
+    """Windows of the line of an axis's steps among the slots, one a slot; returns how many slots
+    have but one step of it, and the steps.
 
     windows[3] gets where each step should be.
     """
@@ -319,7 +373,9 @@ def _steps(
 
 @njit
 def _bend(windows: Floats, slots: int, steps: int) -> int:
-    """How much an axis's period changes from step to step, by the mean places of its first, middle and last steps; windows without it."""
+    """How much an axis's period changes from step to step, by the mean places of its first, middle
+    and last steps; windows without it.
+    """
     third = steps // 3
     first, middle, last = 0.0, 0.0, 0.0
     for j in range(third):
@@ -328,7 +384,12 @@ def _bend(windows: Floats, slots: int, steps: int) -> int:
         last += windows[3, 2 * third + j]
     change = 0
     if third > 0:
-        change = int(np.floor(min(max((first - 2.0 * middle + last) / float(third) ** 3, LEAST_ADD), MOST_ADD) + 0.5))
+        change = int(
+            np.floor(
+                min(max((first - 2.0 * middle + last) / float(third) ** 3, LEAST_ADD), MOST_ADD)
+                + 0.5
+            )
+        )
     for slot in range(slots):
         j = windows[0, slot]
         windows[1, slot] -= 0.5 * j * (j - 1.0) * change
@@ -338,7 +399,9 @@ def _bend(windows: Floats, slots: int, steps: int) -> int:
 
 @njit
 def _roles(form: int, axes: Ints, backward: Ints, first: int, until: int) -> tuple[int, int]:
-    """Masks of the axes that step in every slot, and of the others that step, judged by moves ``first`` to ``until``."""
+    """Masks of the axes that step in every slot, and of the others that step, judged by moves
+    ``first`` to ``until``.
+    """
     plus, minus, every = 0, 0, 15
     row = first
     count = np.zeros(MOST_AXES, np.int64)
@@ -368,7 +431,9 @@ def _roles(form: int, axes: Ints, backward: Ints, first: int, until: int) -> tup
 
 
 @njit
-def _head(out: Bytes, at: int, slots: int, form: int, backward: int, roles: int, interval: int, add: int) -> None:
+def _head(
+    out: Bytes, at: int, slots: int, form: int, backward: int, roles: int, interval: int, add: int
+) -> None:
     """Write the eight bytes that all forms with slots begin with."""
     out[at] = slots
     out[at + 1] = form | backward << 4
@@ -391,13 +456,19 @@ def _played(
     form: int, always: int, axes: Ints, due: Ints, first: int, covered: int, tolerance: int, spacing: int, clock: int, out: Bytes,
     tick: Ints, mask: Bytes,
 ) -> tuple[int, int]:  # fmt: skip
-    """Play a segment; returns how many of its slots, and of its moves, come out right from its beginning on."""
+    """Play a segment; returns how many of its slots, and of its moves, come out right from its
+    beginning on.
+    """
     rows, _ = play(out, 0, clock, tick, mask)
     before = clock // SUB
     slots, kept = 0, 0
     for k in range(min(rows, covered)):
         row = first + k
-        if mask[k] != axes[row] or tick[k] < before + spacing or not abs(tick[k] * TICK_NS - due[row]) <= tolerance:
+        if (
+            mask[k] != axes[row]
+            or tick[k] < before + spacing
+            or not abs(tick[k] * TICK_NS - due[row]) <= tolerance
+        ):
             break
         before = tick[k]
         if form != PLACED or mask[k] & always:

@@ -1,8 +1,10 @@
-"""Compressed grid moves: the format of a segment and its player, in the integer arithmetic of an 8-bit board.
+"""Compressed grid moves: the format of a segment and its player, in the integer arithmetic of an
+8-bit board.
 
-Grid moves are played in slots. Slot k lasts interval + k * add, so that a segment follows an even or evenly changing speed; the axes of the
-``always`` mask step at its end. An axis that steps less often has a phase: the time to its next step, counted in slots. Its period may
-change from step to step, too, as it does along a curve.
+Grid moves are played in slots. Slot k lasts interval + k * add, so that a segment follows an even
+or evenly changing speed; the axes of the ``always`` mask step at its end. An axis that steps less
+often has a phase: the time to its next step, counted in slots. Its period may change from step to
+step, too, as it does along a curve.
 
       slot            0          1          2          3          4              phase = 1.8 slots, period = 2.6 slots
       always   |------x----|-----x----|----x----|----x---|---x---|
@@ -10,9 +12,9 @@ change from step to step, too, as it does along a curve.
     even              .          xy         .         .       xy                 the step joins that of its slot, or it is
     placed            .       y  x          .         .   y   x                  placed inside the slot: 0.8 and 0.4 of its length
 
-Even are the moves of algorithms that step the fastest axis in every move; placed those made where axes cross grid lines, one at a time.
-What is neither is ``packed`` (one mask a slot) or ``timed`` (a mask and an interval of its own for each move). ``docs/segments.md`` has the
-bits.
+Even are the moves of algorithms that step the fastest axis in every move; placed those made where
+axes cross grid lines, one at a time. What is neither is ``packed`` (one mask a slot) or ``timed``
+(a mask and an interval of its own for each move). ``docs/segments.md`` has the bits.
 """
 
 from __future__ import annotations
@@ -43,7 +45,9 @@ MOST_AXES = 4
 MOST_PHASES = 2
 
 TOGETHER = 1
-"""Ticks: steps in a placed segment that are no farther apart are one grid move; no board could tell them apart."""
+"""Ticks: steps in a placed segment that are no farther apart are one grid move; no board could tell
+them apart.
+"""
 NEVER = 2**62
 
 EVEN, PLACED, PACKED, TIMED = 0, 1, 2, 3
@@ -52,10 +56,14 @@ FORM = 3
 END = 4
 """Bit of byte 1: nothing need follow, the board may run dry."""
 COMMAND = 8
-"""Bit of byte 1: no segment but a command, with as many bytes behind byte 1 as byte 0 says; bits 4-7 of byte 1 tell which."""
+"""Bit of byte 1: no segment but a command, with as many bytes behind byte 1 as byte 0 says; bits
+4-7 of byte 1 tell which.
+"""
 
 HEAD, PHASE_BYTES, MASKS_AT, TIMED_AT = 8, 8, 7, 2
-"""Bytes of the fixed part and of a phase; where the masks of packed and the words of timed segments begin."""
+"""Bytes of the fixed part and of a phase; where the masks of packed and the words of timed segments
+begin.
+"""
 LONGEST = TIMED_AT + 2 * MOST_SLOTS
 """Bytes of the longest segment."""
 
@@ -78,7 +86,9 @@ def _signed16(data: Bytes, at: int) -> int:
 
 @njit
 def segment_bytes(data: Bytes, at: int) -> int:
-    """Length of the segment or command that begins at byte ``at``; -1 if that is none, or not yet there as a whole."""
+    """Length of the segment or command that begins at byte ``at``; -1 if that is none, or not yet
+    there as a whole.
+    """
     size = -1
     if at + 2 <= len(data) and data[at + 1] & COMMAND:
         size = 2 + whole_number(data, at, 1)
@@ -104,10 +114,12 @@ def segment_bytes(data: Bytes, at: int) -> int:
 
 @njit
 def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int, int]:
-    """Play the segment at byte ``at`` as the board does; returns the number of grid moves and the clock after it (1/256 tick).
+    """Play the segment at byte ``at`` as the board does; returns the number of grid moves and the
+    clock after it (1/256 tick).
 
-    tick, mask (MOST_ROWS,): get when each move is made, and which axes step in it. The clock is the only thing that goes on from segment to
-    segment; a board needs but its low byte. Nothing here is wider than 24 bits, but for the product of two 16-bit numbers.
+    tick, mask (MOST_ROWS,): get when each move is made, and which axes step in it. The clock is the
+    only thing that goes on from segment to segment; a board needs but its low byte. Nothing here is
+    wider than 24 bits, but for the product of two 16-bit numbers.
     """
     slots = whole_number(data, at, 1)
     form = data[at + 1] & FORM
@@ -138,7 +150,12 @@ def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int
                     if first_axis == 0:
                         first_axis, phase, period, change = 1 << i, due, every, more
                     else:
-                        second_axis, other_phase, other_period, other_change = 1 << i, due, every, more
+                        second_axis, other_phase, other_period, other_change = (
+                            1 << i,
+                            due,
+                            every,
+                            more,
+                        )
         for k in range(slots):
             begin = clock // SUB
             clock += interval
@@ -162,7 +179,9 @@ def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int
                     soonest = min(here, there)
                     if soonest < end:
                         tick[rows] = soonest
-                        mask[rows] = (first_axis if here == soonest else 0) | (second_axis if there == soonest else 0)
+                        mask[rows] = (first_axis if here == soonest else 0) | (
+                            second_axis if there == soonest else 0
+                        )
                         rows += 1
                         here = NEVER if here == soonest else here
                         there = NEVER if there == soonest else there
@@ -181,8 +200,11 @@ def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int
 
 
 @njit
-def play_all(data: Bytes, at: int, clock: int, time_ns: Ints, step: NDArray[np.int8], tick: Ints, mask: Bytes) -> tuple[int, int, int]:
-    """Play segments from byte ``at`` on while there is room for the longest one; returns the bytes done, the clock and the rows.
+def play_all(
+    data: Bytes, at: int, clock: int, time_ns: Ints, step: NDArray[np.int8], tick: Ints, mask: Bytes
+) -> tuple[int, int, int]:
+    """Play segments from byte ``at`` on while there is room for the longest one; returns the bytes
+    done, the clock and the rows.
 
     time_ns (rows,), step (rows, axes): get the grid moves. tick, mask: scratch for one segment.
     """

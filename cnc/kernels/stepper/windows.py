@@ -1,4 +1,5 @@
-"""A line with whole-number coefficients through as many windows as it can meet, one after the other.
+"""A line with whole-number coefficients through as many windows as it can meet, one after the
+other.
 
 value                    All (x, y) for which x + w y lies in given windows are a convex polygon. A line from its middle is
   |           _|_        tried; the first window that it misses cuts the polygon smaller, and the next line is taken from
@@ -28,7 +29,8 @@ CORNERS = 64
 def longest(
     w: Floats, low: Floats, high: Floats, count: int, x0: float, x1: float, y0: float, y1: float, px: Floats, py: Floats,
 ) -> tuple[int, int, int]:  # fmt: skip
-    """How many of the first ``count`` windows low <= x + w y <= high one line can meet, and its x and y, whole numbers.
+    """How many of the first ``count`` windows low <= x + w y <= high one line can meet, and its x
+    and y, whole numbers.
 
     x is between x0 and x1, y between y0 and y1. px, py (2, CORNERS): scratch.
     """
@@ -55,7 +57,8 @@ def longest(
 
 @njit
 def narrow(corners: int, w: float, low: float, high: float, px: Floats, py: Floats) -> int:
-    """Keep the part of the polygon where low <= x + w y <= high; returns the number of its corners, 0 if nothing is left.
+    """Keep the part of the polygon where low <= x + w y <= high; returns the number of its corners,
+    0 if nothing is left.
 
     px, py (2, CORNERS): the corners in order, in the first row; the second is scratch.
     """

@@ -1,7 +1,9 @@
-r"""From a plan to few points that show it: the motion is followed in steps of time, then points that the rest foretells are left out.
+r"""From a plan to few points that show it: the motion is followed in steps of time, then points
+that the rest foretells are left out.
 
-Both steps compare motions, not shapes: the point drawn at a time with the point planned for that very time. What lies within a tolerance
-so lies within it as a shape, too, and what is played back is where the tool is.
+Both steps compare motions, not shapes: the point drawn at a time with the point planned for that
+very time. What lies within a tolerance so lies within it as a shape, too, and what is played back
+is where the tool is.
 
       x                 ,o   Between the points kept the tool is drawn at a steady speed. A point can be left out as long as one line
       |            ,-'` .    from the last point kept (A) meets the windows p +- tolerance of all the points since then. Each window
@@ -9,9 +11,10 @@ so lies within it as a shape, too, and what is played back is where the tool is.
       |   ,-'` |.  |         is kept and a new fan begins there. The fan is kept for each axis by itself, with tolerance / sqrt(3),
       A -----------+----- t  so that together they stay within the tolerance.
 
-This is the swinging door of process historians (Bristol, US patent 4669097, 1987), ending on points of the data. One pass, one point of
-memory. The chord of a motion over a time h is off by at most |p''| h^2 / 8; that gives the steps along straight lines, on curves the middle
-and the quarter of each step are looked at.
+This is the swinging door of process historians (Bristol, US patent 4669097, 1987), ending on points
+of the data. One pass, one point of memory. The chord of a motion over a time h is off by at most
+|p''| h^2 / 8; that gives the steps along straight lines, on curves the middle and the quarter of
+each step are looked at.
 """
 
 from __future__ import annotations
@@ -30,8 +33,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 T, X, Y, Z, S, A, J, RAPID, V, MARK, PIECE = range(11)
-"""Columns of a point: time in s, position in mm, path length in mm; of the motion from there to the next: tangential acceleration mm/s^2,
-jerk mm/s^3, and 1 for a traverse. Points that are followed have as well: speed mm/s, marks, number of the piece in the chunk."""
+"""Columns of a point: time in s, position in mm, path length in mm; of the motion from there to the
+next: tangential acceleration mm/s^2, jerk mm/s^3, and 1 for a traverse. Points that are followed
+have as well: speed mm/s, marks, number of the piece in the chunk.
+"""
 KEPT, FOLLOWED = 8, 11
 """Columns of a point that was kept, of one that was followed."""
 
@@ -45,15 +50,21 @@ FRESH, UNDER_WAY, AT_END = range(3)
 SAME = 1e-9
 """mm: a piece that ends this near to the end of a phase ends with it."""
 LEAST_PARTS = 4
-"""A curve's stretch within a phase is cut into so many at least, a timed piece into twice as many."""
+"""A curve's stretch within a phase is cut into so many at least, a timed piece into twice as
+many.
+"""
 
 ANCHOR, LAST, LOW, HIGH, MOST_A, MOST_J, RAPIDLY, HAS, LONG = 0, 8, 16, 19, 22, 23, 24, 25, 26
 STATE = 27
-"""Places of the state of :func:`thin`: the point kept last, the point seen last, the fan (3 each), extremes since the former."""
+"""Places of the state of :func:`thin`: the point kept last, the point seen last, the fan (3 each),
+extremes since the former.
+"""
 
 
 @njit
-def _place(kind: int, data: Floats, at: int, columns: Ints, s: float, q: Floats, p: Floats) -> float:
+def _place(
+    kind: int, data: Floats, at: int, columns: Ints, s: float, q: Floats, p: Floats
+) -> float:
     """Position p (3,) at ``s`` mm into the piece, and its parameter there; q: scratch (4, n)."""
     u = curve_inv_arclen(kind, data, at, s)
     curve_eval(kind, data, at, u, q)
@@ -77,11 +88,14 @@ def follow(
     phase_t: Floats, phase_s: Floats, phase_v: Floats, phase_a: Floats, phase_j: Floats,
     t0: float, s0: float, rapid: NDArray[np.bool_], columns: Ints, fine: float, place: Ints, now: Floats, out: Floats,
 ) -> int:  # fmt: skip
-    """Points of a chunk of plan: at the ends of phases and pieces, and so many between that their chords are within ``fine`` mm.
+    """Points of a chunk of plan: at the ends of phases and pieces, and so many between that their
+    chords are within ``fine`` mm.
 
-    kind .. phase_j: as in PlanChunk. t0, s0: time and path length at its start. rapid (pieces,). columns (3,): those of x, y and z in a
-    position, -1 for none. place (3,), now (1,): zeros at first, then where the last call came to. out (rows, FOLLOWED).
-    Returns the number of points; until the stage is AT_END there are more, the first of which is the last of these once more, unmarked.
+    kind .. phase_j: as in PlanChunk. t0, s0: time and path length at its start. rapid (pieces,).
+    columns (3,): those of x, y and z in a position, -1 for none. place (3,), now (1,): zeros at
+    first, then where the last call came to. out (rows, FOLLOWED). Returns the number of points;
+    until the stage is AT_END there are more, the first of which is the last of these once more,
+    unmarked.
     """
     n = int(data[at[0]])
     q = np.empty((4, n))
@@ -217,11 +231,14 @@ def _keep(state: Floats, out: Floats, count: int) -> int:
 
 @njit
 def thin(points: Floats, exact: bool, tolerance: float, state: Floats, out: Floats) -> int:
-    """Keep of points (n, KEPT or more) those that the rest needs to stay within ``tolerance`` mm at any time; returns how many.
+    """Keep of points (n, KEPT or more) those that the rest needs to stay within ``tolerance`` mm at
+    any time; returns how many.
 
-    exact: the acceleration is that at a point and changes with the jerk; else it is the greatest up to the next. state (STATE,): zeros at
-    first, carried from call to call. out (n + 1, KEPT): as they come, the last one is kept back. Acceleration and jerk become the greatest
-    on the way to the next point kept, with their sign. A traverse begins and ends at a point kept, if it is longer than the tolerance.
+    exact: the acceleration is that at a point and changes with the jerk; else it is the greatest up
+    to the next. state (STATE,): zeros at first, carried from call to call. out (n + 1, KEPT): as
+    they come, the last one is kept back. Acceleration and jerk become the greatest on the way to
+    the next point kept, with their sign. A traverse begins and ends at a point kept, if it is
+    longer than the tolerance.
     """
     reach = tolerance / math.sqrt(3.0)
     count = 0
@@ -244,7 +261,11 @@ def thin(points: Floats, exact: bool, tolerance: float, state: Floats, out: Floa
                 slope = (row[X + i] - state[ANCHOR + X + i]) / span
                 fits = fits and state[LOW + i] <= slope <= state[HIGH + i]
                 moved += (state[LAST + X + i] - state[ANCHOR + X + i]) ** 2
-            other = state[LONG] > 0.0 and state[RAPIDLY] != state[LAST + RAPID] and moved > tolerance * tolerance
+            other = (
+                state[LONG] > 0.0
+                and state[RAPIDLY] != state[LAST + RAPID]
+                and moved > tolerance * tolerance
+            )
             if state[LONG] > 0.0 and (other or not fits):
                 count = _keep(state, out, count)
                 span = step

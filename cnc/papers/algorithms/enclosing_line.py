@@ -1,7 +1,8 @@
-"""The reference pulse interpolator of Samad & Wan Yusof (2002), and Kiritsis's (1994) beside it, on a bare curve.
+"""The reference pulse interpolator of Samad & Wan Yusof (2002), and Kiritsis's (1994) beside it, on
+a bare curve.
 
-Without a plan: grid points and where on the curve they are due. The kernels are those of production (:mod:`cnc.kernels.pulses.monotone`), and the
-paper's procedures as printed, for comparison.
+Without a plan: grid points and where on the curve they are due. The kernels are those of production
+(:mod:`cnc.kernels.pulses.monotone`), and the paper's procedures as printed, for comparison.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ AXES = ("x", "y", "z", "a", "b", "c", "u", "v", "w")
 
 
 class Algorithm(Enum):
-    """Which neighbour is taken: the one next to where the curve leaves the square, or the one with the shortest normal."""
+    """Which neighbour is taken: the one next to where the curve leaves the square, or the one with
+    the shortest normal.
+    """
 
     ENCLOSING_LINE = "enclosing line"
     KIRITSIS = "Kiritsis"
@@ -48,8 +51,9 @@ class Algorithm(Enum):
 class Steps:
     """One row an iteration.
 
-    step (m, n): -1, 0, 1 each axis. u (m,): the curve's parameter there. grid (m + 1, n): the grid points, with the first. error_blu:
-    largest distance of a grid point from r(u), in any axis, or straight where the procedure is as printed. seconds: computing time.
+    step (m, n): -1, 0, 1 each axis. u (m,): the curve's parameter there. grid (m + 1, n): the grid
+    points, with the first. error_blu: largest distance of a grid point from r(u), in any axis, or
+    straight where the procedure is as printed. seconds: computing time.
     """
 
     step: NDArray[np.int8]
@@ -64,9 +68,17 @@ class Steps:
         return int((self.step == 0).all(axis=1).sum())
 
 
-def interpolate(curve: PathChunk, steps_per_mm: ArrayLike, algorithm: Algorithm = Algorithm.ENCLOSING_LINE) -> Steps:
-    """The grid points of a curve in any number of axes, each within half a BLU of it in every axis, from its start to its end, rounded."""
-    rows_of = monotone.enclosing_line_rows if algorithm is Algorithm.ENCLOSING_LINE else monotone.kiritsis_rows
+def interpolate(
+    curve: PathChunk, steps_per_mm: ArrayLike, algorithm: Algorithm = Algorithm.ENCLOSING_LINE
+) -> Steps:
+    """The grid points of a curve in any number of axes, each within half a BLU of it in every axis,
+    from its start to its end, rounded.
+    """
+    rows_of = (
+        monotone.enclosing_line_rows
+        if algorithm is Algorithm.ENCLOSING_LINE
+        else monotone.kiritsis_rows
+    )
     kind, at, data, scale, grid = _arrays(curve, steps_per_mm)
     first = grid.copy()
     step = np.empty((ROWS, len(grid)), dtype=np.int8)
@@ -82,17 +94,25 @@ def interpolate(curve: PathChunk, steps_per_mm: ArrayLike, algorithm: Algorithm 
             rows, u, off = rows_of(k, data, a, u, u1, 0.0, scale, grid, state, 0, step, reach)
             seconds += perf_counter() - begin
             steps.append(step[:rows].copy())
-            places.append(np.array([curve_inv_arclen(k, data, a, s) for s in reach[:rows].tolist()]))
+            places.append(
+                np.array([curve_inv_arclen(k, data, a, s) for s in reach[:rows].tolist()])
+            )
             error = max(error, float(off))
     here = np.empty((4, len(grid)))
-    rows, _, off, _ = round_to(int(kind[-1]), data, int(at[-1]), u1, u1, 0.0, scale, grid, here, error, 0, step, reach)
+    rows, _, off, _ = round_to(
+        int(kind[-1]), data, int(at[-1]), u1, u1, 0.0, scale, grid, here, error, 0, step, reach
+    )
     steps.append(step[:rows].copy())
     places.append(np.full(rows, u1))
     return _steps(np.concatenate(steps), np.concatenate(places), first, float(off), seconds)
 
 
-def as_printed(curve: PathChunk, steps_per_mm: ArrayLike, algorithm: Algorithm = Algorithm.ENCLOSING_LINE) -> Steps:
-    """The paper's procedure on a curve of one piece in two axes, with nothing mended but signs. It ends before it would pass the end."""
+def as_printed(
+    curve: PathChunk, steps_per_mm: ArrayLike, algorithm: Algorithm = Algorithm.ENCLOSING_LINE
+) -> Steps:
+    """The paper's procedure on a curve of one piece in two axes, with nothing mended but signs. It
+    ends before it would pass the end.
+    """
     if len(curve) != 1 or len(curve.axes) != 2:
         raise ValueError("as printed, the procedures take one smooth curve in two axes")
     kernel = enclosing_line if algorithm is Algorithm.ENCLOSING_LINE else kiritsis
@@ -107,10 +127,14 @@ def as_printed(curve: PathChunk, steps_per_mm: ArrayLike, algorithm: Algorithm =
     return _steps(step[:rows], u[:rows], first, float(error), seconds)
 
 
-def fitted(position: Function, derivative: Function, u0: float, u1: float, accuracy: float = 1e-9) -> PathChunk:
-    """A curve r(u) given as two functions, position (mm) and derivative by u, as pieces of path, to ``accuracy`` mm.
+def fitted(
+    position: Function, derivative: Function, u0: float, u1: float, accuracy: float = 1e-9
+) -> PathChunk:
+    """A curve r(u) given as two functions, position (mm) and derivative by u, as pieces of path, to
+    ``accuracy`` mm.
 
-    Each piece is the polynomial of degree 7 with r and r' at four places (Hermite), halved until three places between agree.
+    Each piece is the polynomial of degree 7 with r and r' at four places (Hermite), halved until
+    three places between agree.
     """
     breaks = [u0]
     points = [np.asarray(position(u0), dtype=np.float64)[None]]
@@ -119,9 +143,13 @@ def fitted(position: Function, derivative: Function, u0: float, u1: float, accur
         a, b = waiting.pop()
         width = b - a
         values = np.array([position(u) for u in a + width * NODES])
-        control = FROM_NODES @ np.concatenate((values, width * np.array([derivative(u) for u in a + width * NODES])))
+        control = FROM_NODES @ np.concatenate(
+            (values, width * np.array([derivative(u) for u in a + width * NODES]))
+        )
         control[0], control[-1] = values[0], values[-1]
-        off = np.abs(_bernstein(CHECKS) @ control - np.array([position(u) for u in a + width * CHECKS])).max()
+        off = np.abs(
+            _bernstein(CHECKS) @ control - np.array([position(u) for u in a + width * CHECKS])
+        ).max()
         if off > accuracy and width > NARROWEST * (u1 - u0):
             middle = 0.5 * (a + b)
             waiting += [(middle, b), (a, middle)]
@@ -131,9 +159,17 @@ def fitted(position: Function, derivative: Function, u0: float, u1: float, accur
     knots = np.concatenate(([u0], np.repeat(breaks, DEGREE), [u1]))
     control = np.concatenate(points)
     block = NurbsFeed("", 1, DEGREE, knots, control, np.ones(len(control)), 1.0)
-    chunks = [item for item in build([block], axes=AXES[: control.shape[1]], start=control[0]) if isinstance(item, PathChunk)]
+    chunks = [
+        item
+        for item in build([block], axes=AXES[: control.shape[1]], start=control[0])
+        if isinstance(item, PathChunk)
+    ]
     if len(chunks) != 1:
-        raise ValueError("the curve has no length" if not chunks else f"the curve needs {len(breaks) - 1} pieces: is it smooth?")
+        raise ValueError(
+            "the curve has no length"
+            if not chunks
+            else f"the curve needs {len(breaks) - 1} pieces: is it smooth?"
+        )
     return chunks[0]
 
 
@@ -154,7 +190,9 @@ FROM_NODES = np.linalg.inv(np.concatenate((_bernstein(NODES), _bernstein_slopes(
 """Values and derivatives by t at NODES to Bernstein coefficients."""
 
 
-def _arrays(curve: PathChunk, steps_per_mm: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats, NDArray[np.int64]]:
+def _arrays(
+    curve: PathChunk, steps_per_mm: ArrayLike
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats, NDArray[np.int64]]:
     """What the kernels take: kind, at, data, steps per mm (n,), and the grid point of the start."""
     at, data = plain(curve.at, np.int64), plain(curve.data, np.float64)
     scale = np.array(np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), len(curve.axes)))
@@ -162,6 +200,10 @@ def _arrays(curve: PathChunk, steps_per_mm: ArrayLike) -> tuple[NDArray[np.int64
     return plain(curve.kind, np.int64), at, data, scale, np.rint(start * scale).astype(np.int64)
 
 
-def _steps(step: NDArray[np.int8], u: Floats, first: NDArray[np.int64], error: float, seconds: float) -> Steps:
-    grid = first + np.concatenate((np.zeros((1, step.shape[1]), np.int64), np.cumsum(step, axis=0, dtype=np.int64)))
+def _steps(
+    step: NDArray[np.int8], u: Floats, first: NDArray[np.int64], error: float, seconds: float
+) -> Steps:
+    grid = first + np.concatenate(
+        (np.zeros((1, step.shape[1]), np.int64), np.cumsum(step, axis=0, dtype=np.int64))
+    )
     return Steps(step.copy(), u.copy(), grid, error, seconds)

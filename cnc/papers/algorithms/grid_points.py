@@ -14,7 +14,9 @@ FARTHEST = 2**28
 
 
 def checked_end(end: ArrayLike, axes: int | None = None) -> Points:
-    """The end of a line from the origin, if it is a grid point off the origin, in reach, in ``axes`` axes."""
+    """The end of a line from the origin, if it is a grid point off the origin, in reach, in
+    ``axes`` axes.
+    """
     given = np.asarray(end)
     whole: Points = np.rint(given).astype(np.int64)
     if whole.ndim != 1 or (axes is not None and len(whole) != axes) or (whole != given).any():
@@ -33,4 +35,6 @@ def checked_radius(radius: int) -> int:
 
 def points(first: Points, step: NDArray[np.int8]) -> Points:
     """The grid points (m + 1, n) that the steps (m, n) lead to, with the first."""
-    return first + np.concatenate((np.zeros((1, len(first)), np.int64), np.cumsum(step, axis=0, dtype=np.int64)))
+    return first + np.concatenate(
+        (np.zeros((1, len(first)), np.int64), np.cumsum(step, axis=0, dtype=np.int64))
+    )

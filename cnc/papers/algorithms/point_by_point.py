@@ -1,4 +1,5 @@
-"""Point-by-point comparison, the baseline of Shu et al. 2019, on the bare data of the paper: a line from the origin and a circle about it.
+"""Point-by-point comparison, the baseline of Shu et al. 2019, on the bare data of the paper: a line
+from the origin and a circle about it.
 
 Pieces of a path are done by the kernel of the same name, within half a BLU instead of one.
 """
@@ -13,7 +14,9 @@ from cnc.papers.algorithms.grid_points import Points, checked_end, checked_radiu
 
 
 def line(end: ArrayLike) -> Points:
-    """From the origin to ``end`` (2,), integers: the grid points (m + 1, 2), one axis a step (equations 6 and 7)."""
+    """From the origin to ``end`` (2,), integers: the grid points (m + 1, 2), one axis a step
+    (equations 6 and 7).
+    """
     xe, ye = checked_end(end, 2).tolist()
     step = np.empty((abs(xe) + abs(ye), 2), np.int8)
     rows = comparison.line_by_points(xe, ye, step)
@@ -21,7 +24,9 @@ def line(end: ArrayLike) -> Points:
 
 
 def circle(radius: int, *, clockwise: bool = False, inward_on_circle: bool = True) -> Points:
-    """A full turn about the origin from (radius, 0): the grid points (m + 1, 2). inward_on_circle: which way a point on the circle goes."""
+    """A full turn about the origin from (radius, 0): the grid points (m + 1, 2). inward_on_circle:
+    which way a point on the circle goes.
+    """
     step = np.empty((8 * checked_radius(radius), 2), np.int8)
     rows = comparison.circle_by_points(radius, -1 if clockwise else 1, inward_on_circle, step)
     return points(np.array([radius, 0]), step[:rows])

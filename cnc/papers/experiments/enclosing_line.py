@@ -1,6 +1,8 @@
-"""Samad & Wan Yusof, "Reference pulse CNC interpolator based on enclosing line for 2D parametric curve", Jurnal Teknologi 37(D), 2002.
+"""Samad & Wan Yusof, "Reference pulse CNC interpolator based on enclosing line for 2D parametric
+curve", Jurnal Teknologi 37(D), 2002.
 
-A circle and a polynomial, by the enclosing line and by Kiritsis's interpolator: as printed, and as they are made here.
+A circle and a polynomial, by the enclosing line and by Kiritsis's interpolator: as printed, and as
+they are made here.
 """
 
 from __future__ import annotations
@@ -36,8 +38,14 @@ EQUATIONS = {
     ),
     Algorithm.ENCLOSING_LINE: ("abs(x1) * dy - abs(y1) * dx", "(X + S) - x", "(Y + S) - y"),
 }
-"""What Table 6 counts: equations 2 and 3, once a neighbour; geometric factor and distances (Figure 2)."""
-OPERATORS: tuple[tuple[type[ast.operator], ...], ...] = ((ast.Add, ast.Sub), (ast.Mult, ast.Div), (ast.Pow,))
+"""What Table 6 counts: equations 2 and 3, once a neighbour; geometric factor and distances (Figure
+2).
+"""
+OPERATORS: tuple[tuple[type[ast.operator], ...], ...] = (
+    (ast.Add, ast.Sub),
+    (ast.Mult, ast.Div),
+    (ast.Pow,),
+)
 NEIGHBOURS = {Algorithm.KIRITSIS: 3, Algorithm.ENCLOSING_LINE: 1}
 ORDER = (Algorithm.KIRITSIS, Algorithm.ENCLOSING_LINE)
 
@@ -45,7 +53,9 @@ ORDER = (Algorithm.KIRITSIS, Algorithm.ENCLOSING_LINE)
 def section() -> Section:
     """Tables 6 to 8, Figures 4 and 5, and what became of the algorithm."""
     circle_table = _table(
-        "Table 7: the circle, BLU 0.001 mm", circle(), {Algorithm.KIRITSIS: (0.49996, 12.14), Algorithm.ENCLOSING_LINE: (0.49999, 4.13)}
+        "Table 7: the circle, BLU 0.001 mm",
+        circle(),
+        {Algorithm.KIRITSIS: (0.49996, 12.14), Algorithm.ENCLOSING_LINE: (0.49999, 4.13)},
     )
     polynomial_table = _table(
         "Table 8: the polynomial, BLU 0.001 mm", polynomial(),
@@ -59,9 +69,17 @@ def section() -> Section:
         "point; it is what runs programs. Published times are those of a 500 MHz Celeron.",
         (_operations(), circle_table, polynomial_table, _further()),
         (
-            Figure("enclosing-line-circle", "Figure 4: the circle, BLU 1 mm", lambda canvas: _draw(canvas, circle()), (8.0, 4.7)),
             Figure(
-                "enclosing-line-polynomial", "Figure 5: the polynomial, BLU 1 mm", lambda canvas: _draw(canvas, polynomial()), (8.0, 4.7)
+                "enclosing-line-circle",
+                "Figure 4: the circle, BLU 1 mm",
+                lambda canvas: _draw(canvas, circle()),
+                (8.0, 4.7),
+            ),
+            Figure(
+                "enclosing-line-polynomial",
+                "Figure 5: the polynomial, BLU 1 mm",
+                lambda canvas: _draw(canvas, polynomial()),
+                (8.0, 4.7),
             ),
         ),
     )
@@ -86,11 +104,21 @@ def _operations() -> Table:
     rows: list[list[Cell]] = []
     published = {Algorithm.KIRITSIS: "36, 15, 12", Algorithm.ENCLOSING_LINE: "5, 2, 0"}
     for algorithm in ORDER:
-        kinds = [type(node.op) for text in EQUATIONS[algorithm] for node in ast.walk(ast.parse(text)) if isinstance(node, ast.BinOp)]
-        counts = [NEIGHBOURS[algorithm] * sum(kinds.count(kind) for kind in column) for column in OPERATORS]
+        kinds = [
+            type(node.op)
+            for text in EQUATIONS[algorithm]
+            for node in ast.walk(ast.parse(text))
+            if isinstance(node, ast.BinOp)
+        ]
+        counts = [
+            NEIGHBOURS[algorithm] * sum(kinds.count(kind) for kind in column)
+            for column in OPERATORS
+        ]
         rows.append([algorithm.value, published[algorithm], ", ".join(map(str, counts))])
     return Table(
-        "Table 6: additions, multiplications, squares of an iteration", ("interpolator", "published", "counted in the equations"), rows
+        "Table 6: additions, multiplications, squares of an iteration",
+        ("interpolator", "published", "counted in the equations"),
+        rows,
     )
 
 
@@ -108,7 +136,19 @@ def _table(title: str, curve: PathChunk, published: dict[Algorithm, tuple[float,
             f"{_cost(printed):.4f}", f"{_cost(ours):.4f}", len(printed.step), len(ours.step),
         ])  # fmt: skip
     ratio = published[ORDER[0]][1] / published[ORDER[1]][1]
-    rows.append(["Kiritsis / enclosing line", "", "", "", f"{ratio:.2f}", f"{times[0] / times[1]:.2f}", "", "", ""])
+    rows.append(
+        [
+            "Kiritsis / enclosing line",
+            "",
+            "",
+            "",
+            f"{ratio:.2f}",
+            f"{times[0] / times[1]:.2f}",
+            "",
+            "",
+            "",
+        ]
+    )
     columns = (
         "interpolator", "error, BLU: published", "as printed", "ours", "us an iteration: published", "as printed, here", "ours",
         "iterations, as printed", "ours",
@@ -131,20 +171,44 @@ def _further() -> Table:
     }  # fmt: skip
     rows: list[list[Cell]] = []
     for name, (curve, scale) in curves.items():
-        runs = [(algorithm.value, _timed(lambda a=algorithm, c=curve, s=scale: interpolate(c, s, a))) for algorithm in ORDER]  # type: ignore[misc]
+        runs = [
+            (algorithm.value, _timed(lambda a=algorithm, c=curve, s=scale: interpolate(c, s, a)))
+            for algorithm in ORDER
+        ]  # type: ignore[misc]
         if len(curve) == 1 and len(scale) == 2:
-            runs = [(f"{algorithm.value}, as printed", as_printed(curve, scale, algorithm)) for algorithm in ORDER] + runs
+            runs = [
+                (f"{algorithm.value}, as printed", as_printed(curve, scale, algorithm))
+                for algorithm in ORDER
+            ] + runs
         for kind, steps in runs:
             miss = float(np.abs(steps.grid[-1] - _end(curve) * scale).max())
             axis_steps = int(np.abs(steps.step).sum())
-            rows.append([name, kind, len(steps.step), axis_steps, steps.null, f"{steps.error_blu:.6f}", f"{miss:.3f}"])
+            rows.append(
+                [
+                    name,
+                    kind,
+                    len(steps.step),
+                    axis_steps,
+                    steps.null,
+                    f"{steps.error_blu:.6f}",
+                    f"{miss:.3f}",
+                ]
+            )
     note = (
         "As printed both stop before the end, and at a coarse BLU the tangent alone leads astray: a null step and more than half a BLU on "
         "the polynomial, normals that lead elsewhere. In space the square is a box and Kiritsis has seven neighbours to try."
     )
     return Table(
         "Mended and carried on",
-        ("curve", "interpolator", "iterations", "axis steps", "null", "error, BLU", "end missed by, BLU"),
+        (
+            "curve",
+            "interpolator",
+            "iterations",
+            "axis steps",
+            "null",
+            "error, BLU",
+            "end missed by, BLU",
+        ),
         rows,
         note,
     )
@@ -167,7 +231,9 @@ def trefoil() -> PathChunk:
 
 
 def _path(block: Block, start: Floats) -> PathChunk:
-    (path,) = (item for item in build([block], axes=("x", "y"), start=start) if isinstance(item, PathChunk))
+    (path,) = (
+        item for item in build([block], axes=("x", "y"), start=start) if isinstance(item, PathChunk)
+    )
     return path
 
 
@@ -198,9 +264,21 @@ def _draw(canvas: Canvas, curve: PathChunk) -> None:
         points.append(here[0].copy())
     line = np.array(points)
     plots: Any = canvas.subplots(1, 2, sharex=True, sharey=True)
-    for plot, name, steps in zip(plots, ("as printed", "ours"), (as_printed(curve, COARSE), interpolate(curve, COARSE)), strict=True):
+    for plot, name, steps in zip(
+        plots,
+        ("as printed", "ours"),
+        (as_printed(curve, COARSE), interpolate(curve, COARSE)),
+        strict=True,
+    ):
         plot.plot(line[:, 0], line[:, 1], color="0.6", label="curve")
-        plot.plot(steps.grid[:, 0], steps.grid[:, 1], "o-", markersize=3.5, color="tab:blue", label="enclosing line")
+        plot.plot(
+            steps.grid[:, 0],
+            steps.grid[:, 1],
+            "o-",
+            markersize=3.5,
+            color="tab:blue",
+            label="enclosing line",
+        )
         plot.set_title(f"{name}: {len(steps.step)} iterations, {steps.error_blu:.3f} BLU")
         plot.set_xlabel("x, mm")
         plot.set_aspect("equal")

@@ -1,7 +1,8 @@
-"""Shu et al., "An Optimization Algorithm of Circular Interpolation Aiming at Point-by-Point Comparison Method", 2019: section 4.
+"""Shu et al., "An Optimization Algorithm of Circular Interpolation Aiming at Point-by-Point
+Comparison Method", 2019: section 4.
 
-A full circle of radius 10 on the grid, by point-by-point comparison and by half-step deviation; then every radius below 400, the moves of
-figure 6, and a line.
+A full circle of radius 10 on the grid, by point-by-point comparison and by half-step deviation;
+then every radius below 400, the moves of figure 6, and a line.
 """
 
 from __future__ import annotations
@@ -25,10 +26,21 @@ END = (10, 4)
 LARGE = 100_000
 """Radius of the circle that is timed."""
 REPEATS = 3
-SIGNS = {(1, 0): "+X", (-1, 0): "-X", (0, 1): "+Y", (0, -1): "-Y", (1, 1): "+X+Y", (1, -1): "+X-Y", (-1, 1): "-X+Y", (-1, -1): "-X-Y"}
+SIGNS = {
+    (1, 0): "+X",
+    (-1, 0): "-X",
+    (0, 1): "+Y",
+    (0, -1): "-Y",
+    (1, 1): "+X+Y",
+    (1, -1): "+X-Y",
+    (-1, 1): "-X+Y",
+    (-1, -1): "-X-Y",
+}
 
 METHODS: dict[str, Callable[[int], Points]] = {
-    "point-by-point, F > 0 goes inward": lambda radius: point_by_point.circle(radius, inward_on_circle=False),
+    "point-by-point, F > 0 goes inward": lambda radius: point_by_point.circle(
+        radius, inward_on_circle=False
+    ),
     "point-by-point, F >= 0 goes inward": point_by_point.circle,
     "half-step": half_step.circle,
 }
@@ -52,8 +64,21 @@ def circle_of_ten() -> Table:
         walked = circle(RADIUS)
         inner, outer = off(RADIUS, walked)
         steps, radii, remark = published[name]
-        rows.append([name, steps, len(walked) - 1, radii, f"{RADIUS + inner:.3f} .. {RADIUS + outer:.3f}", remark])
-    return Table("A full circle, R = 10", ("", "steps, published", "ours", "radii, published", "ours", "remark"), rows)
+        rows.append(
+            [
+                name,
+                steps,
+                len(walked) - 1,
+                radii,
+                f"{RADIUS + inner:.3f} .. {RADIUS + outer:.3f}",
+                remark,
+            ]
+        )
+    return Table(
+        "A full circle, R = 10",
+        ("", "steps, published", "ours", "radii, published", "ours", "remark"),
+        rows,
+    )
 
 
 def every_radius() -> Table:
@@ -64,10 +89,26 @@ def every_radius() -> Table:
         seconds = min(_seconds(circle) for _ in range(REPEATS))
         steps = len(circle(LARGE)) - 1
         bound = "0.5" if circle is half_step.circle else "1"
-        rows.append([name, bound, f"{-extremes[:, 0].min():.5f}", f"{extremes[:, 1].max():.5f}", steps, f"{1e9 * seconds / steps:.1f}"])
+        rows.append(
+            [
+                name,
+                bound,
+                f"{-extremes[:, 0].min():.5f}",
+                f"{extremes[:, 1].max():.5f}",
+                steps,
+                f"{1e9 * seconds / steps:.1f}",
+            ]
+        )
     return Table(
         f"Every radius from {RADII[0]} to {RADII[-1]}, and R = {LARGE}",
-        ("", "largest error, published", "ours, inside", "ours, outside", f"steps at R = {LARGE}", "ns a step"),
+        (
+            "",
+            "largest error, published",
+            "ours, inside",
+            "ours, outside",
+            f"steps at R = {LARGE}",
+            "ns a step",
+        ),
         rows,
         "Errors in pulses. Computing time of the recursion in integers and of the list of its grid points.",
     )
@@ -87,12 +128,29 @@ def octants() -> Table:
         found = []
         for walked in ways:
             middle = 0.5 * (walked[1:] + walked[:-1])
-            inside = np.floor(np.arctan2(middle[:, 1], middle[:, 0]) / (0.25 * np.pi)).astype(np.int64) % 8 == octant
+            inside = (
+                np.floor(np.arctan2(middle[:, 1], middle[:, 0]) / (0.25 * np.pi)).astype(np.int64)
+                % 8
+                == octant
+            )
             moves, count = np.unique(np.diff(walked, axis=0)[inside], axis=0, return_counts=True)
             # where two octants meet there may be one move of the next
-            found.append(", ".join(sorted(SIGNS[int(x), int(y)] for (x, y), often in zip(moves, count, strict=True) if often > 1)))
+            found.append(
+                ", ".join(
+                    sorted(
+                        SIGNS[int(x), int(y)]
+                        for (x, y), often in zip(moves, count, strict=True)
+                        if often > 1
+                    )
+                )
+            )
         rows.append([f"{45 * octant} to {45 * octant + 45}", *found])
-    return Table("Figure 6. The feeds of the octants, R = 1000", ("degrees", "counter-clockwise", "clockwise"), rows, OCTANTS)
+    return Table(
+        "Figure 6. The feeds of the octants, R = 1000",
+        ("degrees", "counter-clockwise", "clockwise"),
+        rows,
+        OCTANTS,
+    )
 
 
 OCTANTS = "The signs in rules (1) and (2) of section 3.1.1 are garbled. Each octant has one move along an axis and one of both."
@@ -101,11 +159,16 @@ OCTANTS = "The signs in rules (1) and (2) of section 3.1.1 are garbled. Each oct
 def lines() -> Table:
     """The line of table 1's first region, both ways."""
     rows: list[list[Cell]] = []
-    for name, walked in (("point-by-point", point_by_point.line(END)), ("half-step", half_step.line(END))):
+    for name, walked in (
+        ("point-by-point", point_by_point.line(END)),
+        ("half-step", half_step.line(END)),
+    ):
         distance = np.abs(END[0] * walked[:, 1] - END[1] * walked[:, 0]) / np.hypot(*END)
         moves = " ".join(SIGNS[int(x), int(y)] for x, y in np.diff(walked, axis=0))
         rows.append([name, len(walked) - 1, f"{distance.max():.3f}", moves])
-    return Table(f"A line to {END}", ("", "steps", "largest distance, pulses", "moves"), rows, LINES)
+    return Table(
+        f"A line to {END}", ("", "steps", "largest distance, pulses", "moves"), rows, LINES
+    )
 
 
 LINES = "Table 1 of the paper, with the end of section 3 mended: f >= 0 steps X alone, f < 0 both; it is printed the other way round there."
@@ -115,14 +178,23 @@ def picture(walked: Points, title: str) -> Callable[[Canvas], None]:
     """The walked circle on the grid, between the circles that hold it."""
 
     def draw(canvas: Canvas) -> None:
-        axes: Any = canvas.add_subplot(aspect="equal", title=title, xlabel="x, pulses", ylabel="y, pulses")
+        axes: Any = canvas.add_subplot(
+            aspect="equal", title=title, xlabel="x, pulses", ylabel="y, pulses"
+        )
         ticks = range(-RADIUS - 1, RADIUS + 2)
-        axes.set(xticks=ticks, yticks=ticks, xlim=(-RADIUS - 1.5, RADIUS + 1.5), ylim=(-RADIUS - 1.5, RADIUS + 1.5))
+        axes.set(
+            xticks=ticks,
+            yticks=ticks,
+            xlim=(-RADIUS - 1.5, RADIUS + 1.5),
+            ylim=(-RADIUS - 1.5, RADIUS + 1.5),
+        )
         axes.tick_params(labelsize=6)
         angle = np.linspace(0.0, 2.0 * np.pi, 361)
         inner, outer = off(RADIUS, walked)
         for radius, style in ((RADIUS + inner, ":"), (float(RADIUS), "-"), (RADIUS + outer, ":")):
-            axes.plot(radius * np.cos(angle), radius * np.sin(angle), style, color="0.5", linewidth=0.8)
+            axes.plot(
+                radius * np.cos(angle), radius * np.sin(angle), style, color="0.5", linewidth=0.8
+            )
         axes.plot(walked[:, 0], walked[:, 1], ".-")
 
     return draw
@@ -148,4 +220,9 @@ keeps within half a pulse. Both run as the paper describes them, in integers; it
 def section() -> Section:
     """All of it."""
     tables = [circle_of_ten(), every_radius(), octants(), lines()]
-    return Section("Half-step deviation and point-by-point comparison (Shu et al. 2019)", TEXT, tables, figures())
+    return Section(
+        "Half-step deviation and point-by-point comparison (Shu et al. 2019)",
+        TEXT,
+        tables,
+        figures(),
+    )

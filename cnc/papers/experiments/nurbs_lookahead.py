@@ -1,6 +1,8 @@
-"""Hui, Wei, Gao, "Study on the algorithm for real-time interpolation of NURBS curve and simulation", TELKOMNIKA 11(5), 2013: section 5.
+"""Hui, Wei, Gao, "Study on the algorithm for real-time interpolation of NURBS curve and
+simulation", TELKOMNIKA 11(5), 2013: section 5.
 
-The trident at 18 m/min, sampled every millisecond: by the paper's interpolator without and with its look-ahead, and by our plan.
+The trident at 18 m/min, sampled every millisecond: by the paper's interpolator without and with its
+look-ahead, and by our plan.
 """
 
 from __future__ import annotations
@@ -46,8 +48,9 @@ METRES = per_minute(1.0) / 1e3
 class Run:
     """One row a period T: position, and of the period before it what the paper shows.
 
-    position mm, feed mm/s, acceleration mm/s^2 and jerk mm/s^3 along the path (the feed's differences; of our plan the plan's own), chord
-    error mm, deviation of the step, relative. cost: computing time of a sample, s. went_back: how often the look-ahead did.
+    position mm, feed mm/s, acceleration mm/s^2 and jerk mm/s^3 along the path (the feed's
+    differences; of our plan the plan's own), chord error mm, deviation of the step, relative. cost:
+    computing time of a sample, s. went_back: how often the look-ahead did.
     """
 
     name: str
@@ -69,15 +72,23 @@ class Run:
 
 @cache
 def machine() -> Machine:
-    """The paper's limits: F 18 m/min, T 1 ms, a_N 0.5 g, A 2400 mm/s^2, J 48000 mm/s^3, h_max 1 um, delta_max 0.001."""
+    """The paper's limits: F 18 m/min, T 1 ms, a_N 0.5 g, A 2400 mm/s^2, J 48000 mm/s^3, h_max 1 um,
+    delta_max 0.001.
+    """
     return load_machine("paper-nurbs")
 
 
 def curve(points: Sequence[tuple[float, float]]) -> PathChunk:
     """The cubic NURBS with weights of one over these control points."""
     control = np.array([(x, y, 0.0) for x, y in points])
-    block = NurbsFeed("", 1, 3, np.array(KNOTS), control, np.ones(len(control)), machine().path.max_feed)
-    (path,) = (item for item in build([block], axes=machine().axis_names, start=control[0]) if isinstance(item, PathChunk))
+    block = NurbsFeed(
+        "", 1, 3, np.array(KNOTS), control, np.ones(len(control)), machine().path.max_feed
+    )
+    (path,) = (
+        item
+        for item in build([block], axes=machine().axis_names, start=control[0])
+        if isinstance(item, PathChunk)
+    )
     return path
 
 
@@ -96,7 +107,9 @@ def papers_run(path: PathChunk, *, look_ahead: bool) -> Run:
 
 
 def planned_run(path: PathChunk) -> Run:
-    """Our plan, sampled. The chord errors are measured in the middle of each period, by samples at twice the rate."""
+    """Our plan, sampled. The chord errors are measured in the middle of each period, by samples at
+    twice the rate.
+    """
     limits = machine().path
     start = path.data[path.at[0] :][9 : 9 + len(path.axes)]
     plans = [item for item in LookAhead(machine()).plan([path]) if isinstance(item, PlanChunk)]
@@ -104,7 +117,9 @@ def planned_run(path: PathChunk) -> Run:
 
     def sampled(period: float) -> list[Floats]:
         sampler = Sampled(period, start)
-        chunks = [chunk for plan in plans for chunk in sampler.samples(plan)] + list(sampler.finish(end))
+        chunks = [chunk for plan in plans for chunk in sampler.samples(plan)] + list(
+            sampler.finish(end)
+        )
         return [np.concatenate([getattr(chunk, name) for chunk in chunks]) for name in NAMES]
 
     cost, (position, feed, accel, jerk, deviation) = _timed(lambda: sampled(limits.period))
@@ -114,7 +129,17 @@ def planned_run(path: PathChunk) -> Run:
     off = middle - position[:-1]
     off -= (off * chord).sum(axis=1, keepdims=True) / square * chord
     error = np.concatenate([[0.0], np.linalg.norm(off, axis=1)])
-    return Run("our plan, sampled", limits.period, position, feed, accel, jerk, error, deviation, cost / len(feed))
+    return Run(
+        "our plan, sampled",
+        limits.period,
+        position,
+        feed,
+        accel,
+        jerk,
+        error,
+        deviation,
+        cost / len(feed),
+    )
 
 
 NAMES = ("position", "feed", "accel", "jerk", "step_deviation")
@@ -133,17 +158,41 @@ def _timed(work: Callable[[], Any]) -> tuple[float, Any]:
 def table_1(printed: Run, trident: Run, ours: Run) -> Table:
     """The paper's extremes beside those of its algorithm on both curves and of our plan."""
 
-    def row(what: str, published: str, value: Callable[[Run], float], remark: str = "") -> list[Cell]:
+    def row(
+        what: str, published: str, value: Callable[[Run], float], remark: str = ""
+    ) -> list[Cell]:
         return [what, published, *(f"{value(run):.5g}" for run in (printed, trident, ours)), remark]
 
     # without the start, which no step leads to, and the last step, which is what is left
     return Table(
         "Table 1. Results of the interpolation",
-        ("", "published", "paper's algorithm, points as printed", "the same, the trident", "our plan, the trident", "remark"),
         (
-            row("h, largest, mm", "6.1359e-4", lambda r: r.chord_error.max(), "published rows max and min swapped; a_N T^2 / 8 = 6.13e-4"),
-            row("h, smallest, mm", "3.1493e-13", lambda r: r.chord_error[1:-1].min(), "the first steps: rounding"),
-            row("delta, largest", "9.7969e-4", lambda r: r.deviation.max(), "delta_max is 1e-3; ours: the chord against the arc"),
+            "",
+            "published",
+            "paper's algorithm, points as printed",
+            "the same, the trident",
+            "our plan, the trident",
+            "remark",
+        ),
+        (
+            row(
+                "h, largest, mm",
+                "6.1359e-4",
+                lambda r: r.chord_error.max(),
+                "published rows max and min swapped; a_N T^2 / 8 = 6.13e-4",
+            ),
+            row(
+                "h, smallest, mm",
+                "3.1493e-13",
+                lambda r: r.chord_error[1:-1].min(),
+                "the first steps: rounding",
+            ),
+            row(
+                "delta, largest",
+                "9.7969e-4",
+                lambda r: r.deviation.max(),
+                "delta_max is 1e-3; ours: the chord against the arc",
+            ),
             row("delta, smallest", "1.574e-7", lambda r: r.deviation[1:-1].min(), "chance"),
             row("F, largest, m/min", "17.916", lambda r: METRES * r.feed.max(), FEED_REMARK),
             row(
@@ -154,7 +203,12 @@ def table_1(printed: Run, trident: Run, ours: Run) -> Table:
             ),
             row("a, largest, mm/s^2", "2400", lambda r: r.accel.max()),
             row("a, smallest, mm/s^2", "-2400", lambda r: r.accel.min()),
-            row("cost of a sample, us", "5 to 57", lambda r: 1e6 * r.cost, "predict, correct, evaluate, limit; ours without the plan"),
+            row(
+                "cost of a sample, us",
+                "5 to 57",
+                lambda r: 1e6 * r.cost,
+                "predict, correct, evaluate, limit; ours without the plan",
+            ),
         ),
     )
 
@@ -180,7 +234,16 @@ def legality(runs: Sequence[Run]) -> Table:
     ]
     return Table(
         "The trident: what keeps to the limits",
-        ("", "periods", "time, s", "largest F, m/min", "largest h, mm", "largest a, mm/s^2", "largest jerk, mm/s^3", "went back"),
+        (
+            "",
+            "periods",
+            "time, s",
+            "largest F, m/min",
+            "largest h, mm",
+            "largest a, mm/s^2",
+            "largest jerk, mm/s^3",
+            "went back",
+        ),
         rows,
         f"The limits along the path are {limits.max_tangential_acceleration:.0f} mm/s^2 and {limits.max_jerk:.0f} mm/s^3. "
         "The adaptive step alone comes to the end of the curve at full speed. Going back holds the acceleration; only the plan holds both, "
@@ -193,7 +256,13 @@ def figures(trident: PathChunk, printed: PathChunk, runs: Sequence[Run]) -> list
     limits = machine().path
     back = runs[1]
 
-    def over_time(axes: Any, shown: Sequence[Run], value: Callable[[Run], Floats], label: str, *bounds: float | None) -> None:
+    def over_time(
+        axes: Any,
+        shown: Sequence[Run],
+        value: Callable[[Run], Floats],
+        label: str,
+        *bounds: float | None,
+    ) -> None:
         for run in shown:
             axes.plot(run.time, value(run), label=run.name, color=f"C{runs.index(run)}")
         for bound in bounds:
@@ -203,13 +272,19 @@ def figures(trident: PathChunk, printed: PathChunk, runs: Sequence[Run]) -> list
         axes.legend()
 
     def figure_4(canvas: Canvas) -> None:
-        for k, (name, points, path) in enumerate((("the trident", TRIDENT, trident), ("as printed", AS_PRINTED, printed))):
-            axes = canvas.add_subplot(1, 2, k + 1, aspect="equal", title=name, xlabel="x, mm", ylabel="y, mm")
+        for k, (name, points, path) in enumerate(
+            (("the trident", TRIDENT, trident), ("as printed", AS_PRINTED, printed))
+        ):
+            axes = canvas.add_subplot(
+                1, 2, k + 1, aspect="equal", title=name, xlabel="x, mm", ylabel="y, mm"
+            )
             axes.plot(*np.array(points, float).T, "o--", color="0.6", linewidth=0.8, markersize=3)
             axes.plot(*interpolate(path, limits).position[:, :2].T)
 
     def figure_5(canvas: Canvas) -> None:
-        axes = canvas.add_subplot(projection="3d", xlabel="x, mm", ylabel="y, mm", zlabel="z, mm", zlim=(-1.0, 1.0))
+        axes = canvas.add_subplot(
+            projection="3d", xlabel="x, mm", ylabel="y, mm", zlabel="z, mm", zlim=(-1.0, 1.0)
+        )
         axes.plot(*back.position.T, ".-", markersize=3, linewidth=0.5)
         axes.set_box_aspect(None, zoom=0.85)  # type: ignore[attr-defined, unused-ignore]
 
@@ -219,34 +294,74 @@ def figures(trident: PathChunk, printed: PathChunk, runs: Sequence[Run]) -> list
         canvas.colorbar(points, ax=axes, label="feed, m/min")
 
     def figure_7(canvas: Canvas) -> None:
-        over_time(canvas.add_subplot(), runs, lambda run: METRES * run.feed, "feed, m/min", METRES * limits.max_feed)
+        over_time(
+            canvas.add_subplot(),
+            runs,
+            lambda run: METRES * run.feed,
+            "feed, m/min",
+            METRES * limits.max_feed,
+        )
 
     def figure_8(canvas: Canvas) -> None:
-        over_time(canvas.add_subplot(), runs, lambda run: 1e3 * run.chord_error, "chord error, µm", 1e3 * limits.chord_error)
+        over_time(
+            canvas.add_subplot(),
+            runs,
+            lambda run: 1e3 * run.chord_error,
+            "chord error, µm",
+            1e3 * limits.chord_error,
+        )
 
     def figure_9(canvas: Canvas) -> None:
-        over_time(canvas.add_subplot(), runs[1:], lambda run: run.deviation, "deviation of the step", limits.step_deviation)
+        over_time(
+            canvas.add_subplot(),
+            runs[1:],
+            lambda run: run.deviation,
+            "deviation of the step",
+            limits.step_deviation,
+        )
 
     def figure_10(canvas: Canvas) -> None:
         most, jerk = limits.max_tangential_acceleration or 0.0, limits.max_jerk or 0.0
-        over_time(canvas.add_subplot(2, 1, 1), runs[1:], lambda run: run.accel, "acceleration, mm/s²", -most, most)
+        over_time(
+            canvas.add_subplot(2, 1, 1),
+            runs[1:],
+            lambda run: run.accel,
+            "acceleration, mm/s²",
+            -most,
+            most,
+        )
         axes = canvas.add_subplot(2, 1, 2)
         over_time(axes, runs[1:], lambda run: run.jerk, "jerk, mm/s³", -jerk, jerk)
         axes.set_yscale("symlog", linthresh=2.0 * jerk)
 
     return [
-        Figure("nurbs-4-curve", "Figure 4. The curve with its control points, and as they are printed", figure_4, (8.0, 4.5)),
+        Figure(
+            "nurbs-4-curve",
+            "Figure 4. The curve with its control points, and as they are printed",
+            figure_4,
+            (8.0, 4.5),
+        ),
         Figure(
             "nurbs-5-trajectory",
             "Figure 5. Trajectory of the interpolation: the paper's algorithm with its look-ahead",
             figure_5,
             (5.5, 5.0),
         ),
-        Figure("nurbs-6-projection", "Figure 6. Its projection on the plane XY, a point a period", figure_6, (5.5, 4.5)),
+        Figure(
+            "nurbs-6-projection",
+            "Figure 6. Its projection on the plane XY, a point a period",
+            figure_6,
+            (5.5, 4.5),
+        ),
         Figure("nurbs-7-feed", "Figure 7. Feed", figure_7),
         Figure("nurbs-8-chord-error", "Figure 8. Chord error", figure_8),
         Figure("nurbs-9-deviation", "Figure 9. Deviation of the step", figure_9),
-        Figure("nurbs-10-acceleration", "Figure 10. Acceleration along the path, and the jerk that goes with it", figure_10, (7.0, 6.0)),
+        Figure(
+            "nurbs-10-acceleration",
+            "Figure 10. Acceleration along the path, and the jerk that goes with it",
+            figure_10,
+            (7.0, 6.0),
+        ),
     ]
 
 
@@ -260,6 +375,15 @@ same limits of the path, and to the jerk, too."""
 def section() -> Section:
     """All of it."""
     trident, printed = curve(TRIDENT), curve(AS_PRINTED)
-    runs = [papers_run(trident, look_ahead=False), papers_run(trident, look_ahead=True), planned_run(trident)]
+    runs = [
+        papers_run(trident, look_ahead=False),
+        papers_run(trident, look_ahead=True),
+        planned_run(trident),
+    ]
     tables = [table_1(papers_run(printed, look_ahead=True), runs[1], runs[2]), legality(runs)]
-    return Section("Sampled interpolation of NURBS with look-ahead (Hui, Wei, Gao 2013)", TEXT, tables, figures(trident, printed, runs))
+    return Section(
+        "Sampled interpolation of NURBS with look-ahead (Hui, Wei, Gao 2013)",
+        TEXT,
+        tables,
+        figures(trident, printed, runs),
+    )

@@ -1,4 +1,6 @@
-"""The GRBL sender on the board in the box: it streams without losing a byte, and tells every way in which a board can fail."""
+"""The GRBL sender on the board in the box: it streams without losing a byte, and tells every way in
+which a board can fail.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,9 @@ def mixed(count: int, seed: int) -> list[str]:
         if kind < 0.55:
             lines.append(f"G1X{x:.3f}Y{y:.3f}F{rng.randint(900, 2000)}")
         elif kind < 0.75:
-            lines.append(f"G1 X{x:.4f} Y{y:.4f} Z{-rng.random():.4f} F{rng.randint(900, 2000)} ({'x' * rng.randint(0, 30)})")
+            lines.append(
+                f"G1 X{x:.4f} Y{y:.4f} Z{-rng.random():.4f} F{rng.randint(900, 2000)} ({'x' * rng.randint(0, 30)})"
+            )
         elif kind < 0.9:
             lines.append(f"X{x:.1f}")
         elif kind < 0.99:
@@ -116,12 +120,18 @@ def test_an_operators_stop_keeps_the_position_and_throws_no_alarm() -> None:
         board = started(box, control)
         when = box.now + rng.uniform(0.2, 6.0)
 
-        def stop_in_time(when: float = when, box: GrblBox = box, control: Control = control) -> None:
+        def stop_in_time(
+            when: float = when, box: GrblBox = box, control: Control = control
+        ) -> None:
             if box.now > when:
                 control.stop()
 
         board.attend(control, stop_in_time)
-        feed(board, PREAMBLE, *(f"G1 X{rng.uniform(0, 9):.3f} Y{rng.uniform(0, 9):.3f} F1500" for _ in range(40)))
+        feed(
+            board,
+            PREAMBLE,
+            *(f"G1 X{rng.uniform(0, 9):.3f} Y{rng.uniform(0, 9):.3f} F1500" for _ in range(40)),
+        )
         board.finish()
         assert control.stopped
         board.stop()
@@ -216,7 +226,14 @@ def test_a_hold_at_the_machine_is_the_operators_until_he_goes_on_here_or_there()
 
 
 @pytest.mark.parametrize(
-    ("wanted", "now", "byte"), [(150, 100, b"\x91"), (50, 100, b"\x92"), (105, 100, b"\x93"), (95, 100, b"\x94"), (100, 100, b"")]
+    ("wanted", "now", "byte"),
+    [
+        (150, 100, b"\x91"),
+        (50, 100, b"\x92"),
+        (105, 100, b"\x93"),
+        (95, 100, b"\x94"),
+        (100, 100, b""),
+    ],
 )
 def test_the_override_goes_by_tens_and_ones(wanted: int, now: int, byte: bytes) -> None:
     wishes = Wishes(Control(wanted))
@@ -321,7 +338,9 @@ def test_a_line_too_long_is_not_sent() -> None:
 
 
 class Device:
-    """A device that is no GRBL board: it says ``greeting`` and echoes what it is asked, or says nothing."""
+    """A device that is no GRBL board: it says ``greeting`` and echoes what it is asked, or says
+    nothing.
+    """
 
     def __init__(self, greeting: bytes, answer: bytes = b"") -> None:
         self.time = 0.0
@@ -364,7 +383,9 @@ class Device:
         (b"<Run|MPos:1.000,0.000,0.000|FS:500,0>\r\n", b"", "board-busy"),
     ],
 )
-def test_what_is_no_grbl_board_is_refused_before_anything_moves(greeting: bytes, answer: bytes, code: str) -> None:
+def test_what_is_no_grbl_board_is_refused_before_anything_moves(
+    greeting: bytes, answer: bytes, code: str
+) -> None:
     device = Device(greeting, answer)
     board = GrblBoard(device, MACHINE, device, "/dev/ttyUSB0")
     with pytest.raises(BoardError) as caught:
@@ -404,7 +425,15 @@ def test_a_board_that_restarts_by_itself_is_noticed() -> None:
 
 def test_what_the_board_tells_of_itself() -> None:
     info = BoardInfo("1.1h", hal=False)
-    info.take([Feedback("OPT", "VZ,35,255"), Setting(130, "200.000"), Setting(131, "100"), Setting(20, "1"), Setting(23, "1")])
+    info.take(
+        [
+            Feedback("OPT", "VZ,35,255"),
+            Setting(130, "200.000"),
+            Setting(131, "100"),
+            Setting(20, "1"),
+            Setting(23, "1"),
+        ]
+    )
     assert (info.options, info.blocks, info.rx_bytes) == ("VZ", 35, 255)
     # $23 says that X homes downwards, and the build puts the origin there.
     assert (info.travel(0), info.travel(1), info.travel(2)) == ((0.0, 200.0), (-100.0, 0.0), None)

@@ -1,4 +1,6 @@
-"""The GRBL sender and every fault that the box knows, at random moments: told in time, at its line, and nothing moves after it."""
+"""The GRBL sender and every fault that the box knows, at random moments: told in time, at its line,
+and nothing moves after it.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,17 @@ import pytest
 
 from cnc.boards.grbl.protocol import Reported
 from cnc.boards.grbl.simulator.box import GrblBox
-from cnc.boards.grbl.simulator.faults import Alarm, Corrupt, Drop, Duplicate, Error, Fault, Freeze, Swallow, Unplug
+from cnc.boards.grbl.simulator.faults import (
+    Alarm,
+    Corrupt,
+    Drop,
+    Duplicate,
+    Error,
+    Fault,
+    Freeze,
+    Swallow,
+    Unplug,
+)
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.grbl_rig import LATEST, ROUTER, fails, outcome, started
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
@@ -26,19 +38,30 @@ FAULTS: list[tuple[str, Callable[[random.Random], Fault], set[str]]] = [
     ("swallow", lambda rng: Swallow(), {"reply-lost", "reply-missing"}),
     ("freeze", lambda rng: Freeze(), {"board-silent"}),
     ("unplug", lambda rng: Unplug(), {"port-lost"}),
-    *((f"alarm {code}", lambda rng, code=code: Alarm(code), {"board-alarm"}) for code in range(1, 11)),
-    *((f"error {code}", lambda rng, code=code: Error(code), {"board-error"}) for code in (*range(1, 18), *range(20, 39))),
+    *(
+        (f"alarm {code}", lambda rng, code=code: Alarm(code), {"board-alarm"})
+        for code in range(1, 11)
+    ),
+    *(
+        (f"error {code}", lambda rng, code=code: Error(code), {"board-error"})
+        for code in (*range(1, 18), *range(20, 39))
+    ),
 ]
 
 
 @pytest.mark.parametrize(("name", "make", "codes"), FAULTS, ids=[name for name, _, _ in FAULTS])
-def test_every_fault_is_told_in_time_and_nothing_moves_after_it(name: str, make: Callable[[random.Random], Fault], codes: set[str]) -> None:
+def test_every_fault_is_told_in_time_and_nothing_moves_after_it(
+    name: str, make: Callable[[random.Random], Fault], codes: set[str]
+) -> None:
     for seed in range(share(40, 4)):
         rng = random.Random(f"{name} {seed}")
         slow = seed % 2 == 0
         box = GrblBox(settings=None if slow else ROUTER)
         board = started(box)
-        lines = [PREAMBLE, *(f"G1 X{rng.uniform(0, 9):.3f} Y{rng.uniform(0, 9):.3f} F1500" for _ in range(60))]
+        lines = [
+            PREAMBLE,
+            *(f"G1 X{rng.uniform(0, 9):.3f} Y{rng.uniform(0, 9):.3f} F1500" for _ in range(60)),
+        ]
         struck = box.now + rng.uniform(0.3, 60.0 if slow else 7.0)
         box.inject(make(rng), time=struck)
         error = outcome(board, lines)
@@ -51,8 +74,13 @@ def test_every_fault_is_told_in_time_and_nothing_moves_after_it(name: str, make:
         assert error.exit_code == 3
         assert error.diagnostic.hint
         assert box.now - struck <= LATEST, (seed, code)
-        # Not before what the board was moving on, nor behind what it was sent; a line that it took may have been a question.
-        assert min(board.confirmed_line - 12, on_its_way(box, struck)) <= error.diagnostic.line <= board.confirmed_line + 6, (seed, code)
+        # Not before what the board was moving on, nor behind what it was sent; a line that it took
+        # may have been a question.
+        assert (
+            min(board.confirmed_line - 12, on_its_way(box, struck))
+            <= error.diagnostic.line
+            <= board.confirmed_line + 6
+        ), (seed, code)
         if name != "unplug":
             stands, moved = box.position, len(box.moves)
             box.advance(box.now + 10.0)
@@ -60,7 +88,9 @@ def test_every_fault_is_told_in_time_and_nothing_moves_after_it(name: str, make:
 
 
 def on_its_way(box: GrblBox, when: float) -> int:
-    """Source line, of a program of moves behind one line of modes, that the machine was on at a time."""
+    """Source line, of a program of moves behind one line of modes, that the machine was on at a
+    time.
+    """
     return sum(move.begin_time <= when for move in box.moves)
 
 
@@ -75,7 +105,9 @@ def on_its_way(box: GrblBox, when: float) -> int:
     ],
     ids=["zigzag", "chords", "arcs", "to and fro"],
 )
-def test_no_more_motion_is_sent_ahead_than_the_planner_has_use_for(lines: list[str], settings: dict[int, float] | None) -> None:
+def test_no_more_motion_is_sent_ahead_than_the_planner_has_use_for(
+    lines: list[str], settings: dict[int, float] | None
+) -> None:
     times = []
     for ahead in (None, math.inf):
         box = GrblBox(settings=settings)
@@ -86,13 +118,17 @@ def test_no_more_motion_is_sent_ahead_than_the_planner_has_use_for(lines: list[s
         feed(board, *lines, first=3)
         left = box.now
         board.finish()
-        times.append((box.moves[-1].end_time - box.moves[0].begin_time, box.moves[-1].end_time - left))
+        times.append(
+            (box.moves[-1].end_time - box.moves[0].begin_time, box.moves[-1].end_time - left)
+        )
     assert times[0][0] == pytest.approx(times[1][0], rel=0.002)
     assert times[0][1] < 4.0
 
 
 def test_a_report_that_is_wrong_once_is_none_twice_is_a_fault() -> None:
-    """An AVR reads its position while it steps: a number may be half the old and half the new one."""
+    """An AVR reads its position while it steps: a number may be half the old and half the new
+    one.
+    """
     box = GrblBox()
     board = started(box)
     feed(board, PREAMBLE, "G1 X9 F300")
@@ -148,7 +184,8 @@ def test_after_an_error_nothing_queued_behind_it_moves() -> None:
     assert (found.code, found.line) == ("board-error", 3)
     assert "error:20" in found.message
     box.advance(box.now + 5.0)
-    # it had gone on to a line behind the error for as long as the answer takes to come and the hold to go
+    # it had gone on to a line behind the error for as long as the answer takes to come and the hold
+    # to go
     assert box.position[1] < 0.5
     assert board.position == pytest.approx(box.position, abs=0.002)
     assert box.core.state == "Idle"

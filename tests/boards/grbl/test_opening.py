@@ -1,4 +1,6 @@
-"""Opening a board's port leaves DTR as it is, so a board that stands somewhere still knows where afterwards."""
+"""Opening a board's port leaves DTR as it is, so a board that stands somewhere still knows where
+afterwards.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +18,7 @@ from cnc.boards.grbl.simulator.faults import Unplug
 from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
 from cnc.boards.grbl.simulator.ports import BoxPort
 from cnc.boards.grbl.simulator.pty_server import PtyServer
+from cnc.boards import serial_port
 from cnc.boards.serial_port import SerialLink, identity, open_port
 from tests.support.boards.grbl_rig import MACHINE
 
@@ -138,10 +141,18 @@ class Opened:
 
 @pytest.mark.parametrize(
     ("lowered", "name", "lines"),
-    [(True, "COM3", (False, False)), (True, "rfc2217://host:1", (True, True)), (False, "/dev/ttyUSB0", (True, True))],
+    [
+        (True, "COM3", (False, False)),
+        (True, "rfc2217://host:1", (True, True)),
+        (False, "/dev/ttyUSB0", (True, True)),
+    ],
 )
-def test_no_line_is_toggled(monkeypatch: pytest.MonkeyPatch, lowered: bool, name: str, lines: tuple[bool, bool]) -> None:
-    """On Windows they are down from the first opening on; elsewhere they are as the system has them when it opens a port: up."""
+def test_no_line_is_toggled(
+    monkeypatch: pytest.MonkeyPatch, lowered: bool, name: str, lines: tuple[bool, bool]
+) -> None:
+    """On Windows they are down from the first opening on; elsewhere they are as the system has them
+    when it opens a port: up.
+    """
     opened = Opened()
     monkeypatch.setattr(serial_port, "LOWERED", lowered)
     monkeypatch.setattr("serial.serial_for_url", lambda *_, **__: opened)
@@ -165,7 +176,9 @@ def test_a_new_terminal_is_another_board_and_the_same_one_is_the_same() -> None:
 
 
 @TERMINALS
-def test_a_board_is_known_by_its_serial_number_then_by_its_port(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_board_is_known_by_its_serial_number_then_by_its_port(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     device, link = tmp_path / "ttyACM0", tmp_path / "usb-Arduino-if00"
     device.touch()
     link.symlink_to(device)
@@ -214,7 +227,9 @@ def test_a_greeting_without_a_restart_is_none() -> None:
 
 
 class NativeUsb:
-    """A board that sends only while DTR is up, on a system where opening its port leaves DTR down."""
+    """A board that sends only while DTR is up, on a system where opening its port leaves DTR
+    down.
+    """
 
     def __init__(self, box: GrblBox) -> None:
         self.port = BoxPort(box, lowered=True)

@@ -1,4 +1,6 @@
-"""The board followed along the lines that it was sent: on its way it is never taken to be off it, and off it it is found out."""
+"""The board followed along the lines that it was sent: on its way it is never taken to be off it,
+and off it it is found out.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,12 @@ Point = tuple[float, float, float]
 PLANES = {"G17": (0, 1), "G18": (2, 0), "G19": (1, 2)}
 
 
-def arc(start: Point, plane: str, radius: float, first: float, sweep: float, rise: float) -> tuple[str, list[Point]]:
-    """A line and the way that it means, by the definition of an arc: G3 turns the first axis of the plane towards the second."""
+def arc(
+    start: Point, plane: str, radius: float, first: float, sweep: float, rise: float
+) -> tuple[str, list[Point]]:
+    """A line and the way that it means, by the definition of an arc: G3 turns the first axis of the
+    plane towards the second.
+    """
     i, j = PLANES[plane]
     across = 3 - i - j
     centre = list(start)
@@ -62,7 +68,10 @@ def meant(program: Program) -> list[tuple[str, list[Point]]]:
         elif move != at:
             x, y, z = move
             parts = [k / STEPS for k in range(STEPS + 1)]
-            way = [(at[0] + (x - at[0]) * t, at[1] + (y - at[1]) * t, at[2] + (z - at[2]) * t) for t in parts]
+            way = [
+                (at[0] + (x - at[0]) * t, at[1] + (y - at[1]) * t, at[2] + (z - at[2]) * t)
+                for t in parts
+            ]
             lines.append((f"G1 X{x} Y{y} Z{z}", way))
         else:
             continue
@@ -76,7 +85,9 @@ def machine(point: Point) -> Point:
 
 
 @given(PROGRAMS, st.integers(1, 150), st.integers(0, 2**31))
-def test_a_board_on_its_way_is_on_it_and_is_never_taken_to_be_further(program: Program, stride: int, seed: int) -> None:
+def test_a_board_on_its_way_is_on_it_and_is_never_taken_to_be_further(
+    program: Program, stride: int, seed: int
+) -> None:
     rng = random.Random(seed)
     lines = [("", [(0.0, 0.0, 0.0)]), *meant(program)]
     follower = followed(lines)
@@ -91,10 +102,16 @@ def test_a_board_on_its_way_is_on_it_and_is_never_taken_to_be_further(program: P
 
 
 @given(PROGRAMS, st.floats(0.5, 3.0), st.floats(0, math.tau), st.floats(0, math.pi))
-def test_a_board_off_its_way_is_as_far_from_it_as_is_told(program: Program, far: float, a: float, b: float) -> None:
+def test_a_board_off_its_way_is_as_far_from_it_as_is_told(
+    program: Program, far: float, a: float, b: float
+) -> None:
     lines = [("", [(0.0, 0.0, 0.0)]), *meant(program)]
     x, y, z = lines[-1][1][-1]
-    lost = (x + far * math.cos(a) * math.sin(b), y + far * math.sin(a) * math.sin(b), z + far * math.cos(b))
+    lost = (
+        x + far * math.cos(a) * math.sin(b),
+        y + far * math.sin(a) * math.sin(b),
+        z + far * math.cos(b),
+    )
     nearest = min(math.dist(lost, point) for _, points in lines for point in points)
     # here the way is known in steps of some hundredths of it
     assert followed(lines).off(machine(lost), 0) == pytest.approx(nearest, abs=0.2)
@@ -118,7 +135,8 @@ def followed(lines: list[tuple[str, list[Point]]]) -> Whereabouts:
         (["G1 X10 F600", "Y10"], 3.0),
         # too short for the speed: 2 sqrt(d / a)
         (["G1 X0.8 F600"], 0.4),
-        # a traverse is as fast as its axes: 20 mm/s and 40 mm/s^2 along the diagonal of two like axes are each 1 / sqrt 2 of that
+        # a traverse is as fast as its axes: 20 mm/s and 40 mm/s^2 along the diagonal of two like
+        # axes are each 1 / sqrt 2 of that
         (["G0 X20"], 2.0),
         (["G0 X20 Y20"], 2.0),
         # a quarter of a circle

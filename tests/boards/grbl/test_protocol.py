@@ -1,4 +1,6 @@
-"""The conversation with a GRBL board: every message of the interface's documentation, in any pieces, among any noise; bytes are counted."""
+"""The conversation with a GRBL board: every message of the interface's documentation, in any
+pieces, among any noise; bytes are counted.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,30 @@ from hypothesis import strategies as st
 
 from cnc.boards.grbl.codes import ALARMS, ALARMS_HAL, ERRORS, alarm_meaning, error_meaning
 from cnc.boards.grbl.lines import kind_of, seconds_of
-from cnc.boards.grbl.messages import Alarm, Feedback, Message, Messages, Other, Reply, Report, Setting, Welcome, message
-from cnc.boards.grbl.protocol import MARK_BYTES, Alarmed, Confirmed, GrblProtocol, Lost, Rejected, Reported, Started, State, Stray
+from cnc.boards.grbl.messages import (
+    Alarm,
+    Feedback,
+    Message,
+    Messages,
+    Other,
+    Reply,
+    Report,
+    Setting,
+    Welcome,
+    message,
+)
+from cnc.boards.grbl.protocol import (
+    MARK_BYTES,
+    Alarmed,
+    Confirmed,
+    GrblProtocol,
+    Lost,
+    Rejected,
+    Reported,
+    Started,
+    State,
+    Stray,
+)
 from cnc.boards.grbl.status import StatusReader
 
 DOCUMENTED: list[tuple[str, Message]] = [
@@ -25,7 +49,10 @@ DOCUMENTED: list[tuple[str, Message]] = [
     ("$110=500.000", Setting(110, "500.000")),
     ("[MSG:Reset to continue]", Feedback("MSG", "Reset to continue")),
     ("[PRB:1.000,2.000,-3.000:1]", Feedback("PRB", "1.000,2.000,-3.000:1")),
-    ("[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]", Feedback("GC", "G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0")),
+    (
+        "[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]",
+        Feedback("GC", "G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0"),
+    ),
     ("[VER:1.1h.20190830:]", Feedback("VER", "1.1h.20190830:")),
     ("[OPT:V,15,128]", Feedback("OPT", "V,15,128")),
     ("[G54:1.000,0.000,0.000]", Feedback("G54", "1.000,0.000,0.000")),
@@ -79,9 +106,17 @@ def test_noise_is_no_end_of_the_world(noise: list[bytes], data: st.DataObject) -
 
 
 @settings(max_examples=60)
-@given(st.integers(32, 1024), st.lists(st.integers(1, 79), min_size=1, max_size=300), st.integers(0, 2**32))
-def test_never_more_than_the_buffer_holds_and_every_line_gets_through(rx: int, lengths: list[int], seed: int) -> None:
-    """A ring that holds one byte less than its size, as rings do, and a board that answers when it likes."""
+@given(
+    st.integers(32, 1024),
+    st.lists(st.integers(1, 79), min_size=1, max_size=300),
+    st.integers(0, 2**32),
+)
+def test_never_more_than_the_buffer_holds_and_every_line_gets_through(
+    rx: int, lengths: list[int], seed: int
+) -> None:
+    """A ring that holds one byte less than its size, as rings do, and a board that answers when it
+    likes.
+    """
     order = random.Random(seed)
     protocol = ready()
     protocol.rx_bytes = rx
@@ -172,7 +207,11 @@ def test_seconds_of_a_dwell() -> None:
     assert seconds_of("$h") > 100.0
 
 
-@given(st.lists(st.sampled_from(["G1X1", "$110=5", "G10L2P1X1", "$H", "G28.1"]), min_size=1, max_size=30))
+@given(
+    st.lists(
+        st.sampled_from(["G1X1", "$110=5", "G10L2P1X1", "$H", "G28.1"]), min_size=1, max_size=30
+    )
+)
 def test_writers_and_system_commands_are_under_way_alone(lines: list[str]) -> None:
     protocol, under_way = ready(), deque()
     for text in lines:
@@ -203,7 +242,10 @@ def test_a_late_ok_after_the_reset_is_not_counted() -> None:
     protocol.send("G1X1", 1)
     protocol.reset()
     assert protocol.receive(b"ok\r\n") == []
-    assert [type(event) for event in protocol.receive(b"ALARM:3\r\n" + WELCOME)] == [Alarmed, Started]
+    assert [type(event) for event in protocol.receive(b"ALARM:3\r\n" + WELCOME)] == [
+        Alarmed,
+        Started,
+    ]
     assert (protocol.waiting, protocol.used) == (0, 0)
     assert protocol.room("G1X1")
 
@@ -265,12 +307,17 @@ def test_a_mark_that_is_answered_in_its_place_finds_nothing() -> None:
     protocol.send("G1 X1 F1500", 1)
     protocol.mark()
     protocol.send("G1 X2", 2)
-    assert [type(event) for event in protocol.receive(b"ok\r\n[GC:G1 G54 F1500 S0]\r\nok\r\nok\r\n")] == [Confirmed, Confirmed]
+    assert [
+        type(event) for event in protocol.receive(b"ok\r\n[GC:G1 G54 F1500 S0]\r\nok\r\nok\r\n")
+    ] == [Confirmed, Confirmed]
     assert protocol.state is State.READY
     assert not protocol.marked
 
 
-@pytest.mark.parametrize(("told", "fine"), [("F1500 S0", True), ("F1500. S0.", True), ("F150 S0", False), ("F1500 S12000", True)])
+@pytest.mark.parametrize(
+    ("told", "fine"),
+    [("F1500 S0", True), ("F1500. S0.", True), ("F150 S0", False), ("F1500 S12000", True)],
+)
 def test_a_mark_shows_whether_the_feed_arrived(told: str, fine: bool) -> None:
     protocol = ready()
     protocol.send("G1 X1 F1500.4", 1)
@@ -311,7 +358,9 @@ FIELDS = {
 
 @given(st.permutations(sorted(FIELDS)), st.sets(st.sampled_from(sorted(set(FIELDS) - {"MPos"}))))
 def test_status_fields_in_any_order_and_number(order: list[str], left_out: set[str]) -> None:
-    text = "|".join(["Hold:1", *(f"{name}:{FIELDS[name]}" for name in order if name not in left_out)])
+    text = "|".join(
+        ["Hold:1", *(f"{name}:{FIELDS[name]}" for name in order if name not in left_out)]
+    )
     status = StatusReader().read(text)
     assert status is not None
     assert (status.state, status.phase, status.position) == ("Hold", 1, (1.0, 2.0, 3.0))
@@ -353,10 +402,14 @@ def test_a_garbled_report_is_none(text: str) -> None:
     StatusReader().read(text)
 
 
-@pytest.mark.parametrize("text", ["", "Idle|MPos:1.0,x,0", "Idle|Ov:1,2", "12|MPos:0,0,0", "Idle|Bf:15"])
+@pytest.mark.parametrize(
+    "text", ["", "Idle|MPos:1.0,x,0", "Idle|Ov:1,2", "12|MPos:0,0,0", "Idle|Bf:15"]
+)
 def test_these_are_garbled(text: str) -> None:
     protocol = ready()
-    assert not any(isinstance(event, Reported) for event in protocol.receive(f"<{text}>\r\n".encode()))
+    assert not any(
+        isinstance(event, Reported) for event in protocol.receive(f"<{text}>\r\n".encode())
+    )
 
 
 def test_every_code_has_a_meaning_and_advice() -> None:

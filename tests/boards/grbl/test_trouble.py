@@ -1,4 +1,6 @@
-"""The GRBL sender in trouble: whatever the line garbles, whenever the board falls silent, it ends in time, with the truth or a fault."""
+"""The GRBL sender in trouble: whatever the line garbles, whenever the board falls silent, it ends
+in time, with the truth or a fault.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ END = (4.5, 3.25, 0.0)
 
 
 class Wire:
-    """A port with something between it and the board: ``heard`` may change what the board says, ``said`` what it is told."""
+    """A port with something between it and the board: ``heard`` may change what the board says,
+    ``said`` what it is told.
+    """
 
     def __init__(self, box: GrblBox) -> None:
         self.port = BoxPort(box)
@@ -81,7 +85,9 @@ def moves_no_more(box: GrblBox) -> bool:
 
 
 @pytest.mark.parametrize("wrong", ["drop", "flip", "double", "noise"])
-def test_whatever_happens_to_what_the_board_says_the_run_ends_well_or_in_a_fault(wrong: str) -> None:
+def test_whatever_happens_to_what_the_board_says_the_run_ends_well_or_in_a_fault(
+    wrong: str,
+) -> None:
     for seed in range(share(60, 6)):
         rng = random.Random(f"{wrong} {seed}")
         box = GrblBox()
@@ -89,13 +95,20 @@ def test_whatever_happens_to_what_the_board_says_the_run_ends_well_or_in_a_fault
         begins = box.now + rng.uniform(0.0, 20.0)
         left = rng.randint(1, 12)
 
-        def garble(data: bytes, rng: random.Random = rng, begins: float = begins, box: GrblBox = box) -> bytes:
+        def garble(
+            data: bytes, rng: random.Random = rng, begins: float = begins, box: GrblBox = box
+        ) -> bytes:
             nonlocal left
             if not data or not left or box.now < begins:
                 return data
             left -= 1
             at = rng.randrange(len(data))
-            middle = {"drop": b"", "flip": bytes([data[at] ^ 4]), "double": data[at : at + 1] * 2, "noise": rng.randbytes(9)}[wrong]
+            middle = {
+                "drop": b"",
+                "flip": bytes([data[at] ^ 4]),
+                "double": data[at : at + 1] * 2,
+                "noise": rng.randbytes(9),
+            }[wrong]
             return data[:at] + middle + data[at + 1 :]
 
         wire.heard = garble
@@ -124,26 +137,34 @@ class Damage:
             return data[:at] + data[at + count :]
         if self.wrong == "double":
             return data[: at + count] + data[at:]
-        # a blank would become the "!" of a hold, which nobody can tell from a button of the machine's
+        # a blank would become the "!" of a hold, which nobody can tell from a button of the
+        # machine's
         bit = 0 if data[at] == ord(" ") else self.rng.choice((1, 2, 4, 8))
         return data[:at] + bytes([data[at] ^ bit]) + data[at + 1 :]
 
 
 @pytest.mark.parametrize("wrong", ["drop", "flip", "double"])
 def test_a_line_that_is_damaged_on_its_way_is_told_in_time_and_named(wrong: str) -> None:
-    """Bytes of one line are lost, changed by a bit, or come twice; on a fresh board moves take seconds."""
+    """Bytes of one line are lost, changed by a bit, or come twice; on a fresh board moves take
+    seconds.
+    """
     for seed in range(share(40, 6)):
         rng = random.Random(f"{wrong} {seed}")
         box = GrblBox((GRBL, GRBLHAL)[seed % 2], settings=(None, ROUTER)[seed // 2 % 2])
         board, wire = started(box)
         places = [f"X{rng.uniform(0, 9):.3f} Y{rng.uniform(0, 9):.3f}" for _ in range(30)]
-        lines = [PREAMBLE, *(f"G1 {place} F1500" if k % 3 == 0 else place for k, place in enumerate(places))]
+        lines = [
+            PREAMBLE,
+            *(f"G1 {place} F1500" if k % 3 == 0 else place for k, place in enumerate(places)),
+        ]
         victim = rng.randint(3, 28)
         damage = Damage(wrong, lines[victim].encode() + b"\n", rng, box)
         wire.said = damage.said
         error = fault(board, *lines)
         if error is None:
-            assert box.position == pytest.approx((*(float(word[1:]) for word in places[-1].split()), 0.0), abs=0.01), seed
+            assert box.position == pytest.approx(
+                (*(float(word[1:]) for word in places[-1].split()), 0.0), abs=0.01
+            ), seed
             continue
         assert box.now - damage.struck <= LATEST, (seed, error)
         # where it leaves its way is told by five reports a second
@@ -153,9 +174,25 @@ def test_a_line_that_is_damaged_on_its_way_is_told_in_time_and_named(wrong: str)
 
 @pytest.mark.parametrize("make", [Unplug, Freeze])
 @pytest.mark.parametrize("flavour", [GRBL, GRBLHAL])
-def test_a_board_that_goes_away_at_any_moment_of_its_life_is_noticed(make: Callable[[], Unplug | Freeze], flavour: Flavour) -> None:
-    """Greeting, settings, offsets to EEPROM, a dwell, a probe, a pause, a hold: somewhere in there."""
-    lines = [PREAMBLE, "G10 L2 P2 X1", "G1 X3 F400", "G4 P3", "G10 L2 P3 X2", "G38.3 Z-3 F100", "G0 Z0", "M3 S100", "M0", "G1 X0", "M5"]
+def test_a_board_that_goes_away_at_any_moment_of_its_life_is_noticed(
+    make: Callable[[], Unplug | Freeze], flavour: Flavour
+) -> None:
+    """Greeting, settings, offsets to EEPROM, a dwell, a probe, a pause, a hold: somewhere in
+    there.
+    """
+    lines = [
+        PREAMBLE,
+        "G10 L2 P2 X1",
+        "G1 X3 F400",
+        "G4 P3",
+        "G10 L2 P3 X2",
+        "G38.3 Z-3 F100",
+        "G0 Z0",
+        "M3 S100",
+        "M0",
+        "G1 X0",
+        "M5",
+    ]
     for seed in range(share(60, 8)):
         rng = random.Random(seed)
         box = GrblBox(flavour, world=World(surface=((0.0, 0.0, 1.0), -2.0)))
@@ -165,13 +202,19 @@ def test_a_board_that_goes_away_at_any_moment_of_its_life_is_noticed(make: Calla
         if error is None:
             assert box.now < struck
             continue
-        assert error.diagnostic.code in (("port-lost",) if make is Unplug else ("board-silent", "no-answer")), seed
+        assert error.diagnostic.code in (
+            ("port-lost",) if make is Unplug else ("board-silent", "no-answer")
+        ), seed
         # a board that has not greeted yet may take its time
-        assert box.now - struck <= (1.0 if make is Unplug else 12.0 if struck < 3.0 else LATEST), seed
+        assert box.now - struck <= (1.0 if make is Unplug else 12.0 if struck < 3.0 else LATEST), (
+            seed
+        )
 
 
 def lived(box: GrblBox, lines: list[str]) -> BoardError | None:
-    """A board from its greeting to its end; the operator goes on after two seconds wherever it waits for him."""
+    """A board from its greeting to its end; the operator goes on after two seconds wherever it
+    waits for him.
+    """
     control = Control()
     held: list[float] = []
 
@@ -420,7 +463,11 @@ def test_a_board_that_says_run_and_stands_still_is_stuck_even_if_nothing_is_due(
 
 
 def test_a_dwell_and_a_spindle_have_their_time() -> None:
-    for kind, seconds, patience in (("plain", 0.0, 2.0), ("dwell", 9.0, 11.0), ("spindle", 0.0, 22.0)):
+    for kind, seconds, patience in (
+        ("plain", 0.0, 2.0),
+        ("dwell", 9.0, 11.0),
+        ("spindle", 0.0, 22.0),
+    ):
         vital = Vital()
         vital.begin(0.0)
         sent = Sent("", 3, 1, kind, seconds)  # type: ignore[arg-type]

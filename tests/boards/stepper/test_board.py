@@ -1,4 +1,6 @@
-"""The stepper board in the simulator passes what every pulse board has to; and a run of a program from its text to the pins."""
+"""The stepper board in the simulator passes what every pulse board has to; and a run of a program
+from its text to the pins.
+"""
 
 from __future__ import annotations
 
@@ -46,12 +48,20 @@ if REAL_PORT:
             return Stepper.from_machine(machine(), Path(REAL_PORT))
 
 
-def played(program: Path, folder: Path, known: Machine, algorithm: Algorithm | None = None) -> tuple[Report, Simulator]:
+def played(
+    program: Path, folder: Path, known: Machine, algorithm: Algorithm | None = None
+) -> tuple[Report, Simulator]:
     """A program run on a simulated board, with its pulses in ``pulses.npz``."""
     simulator = Simulator()
     port = SimulatorPort(simulator)
     board = Stepper(port, known, "the simulator", clock=port)
-    report = run(program, known, board=board, outputs=Outputs(pulses=str(folder / "pulses.npz")), algorithm=algorithm)
+    report = run(
+        program,
+        known,
+        board=board,
+        outputs=Outputs(pulses=str(folder / "pulses.npz")),
+        algorithm=algorithm,
+    )
     board.close()
     return report, simulator
 
@@ -88,7 +98,9 @@ def test_a_program_comes_out_of_the_pins_as_planned(small: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize("program", [None, PROGRAMS / "trident.nc"], ids=["small", "trident"])
-def test_the_pins_take_as_long_as_estimated(program: Path | None, small: Path, tmp_path: Path) -> None:
+def test_the_pins_take_as_long_as_estimated(
+    program: Path | None, small: Path, tmp_path: Path
+) -> None:
     """Both end on the grid: the last edge is the end of the motion."""
     known = machine()
     report, simulator = played(program or small, tmp_path, known)
@@ -98,20 +110,26 @@ def test_the_pins_take_as_long_as_estimated(program: Path | None, small: Path, t
         first = float(pulses["time_ns"][0]) * 1e-9
     took = first + float(cycles[-1] - cycles[0]) / FREQUENCY
     assert took == pytest.approx(report.duration_s, abs=known.path.period)
-    assert report.duration_s == pytest.approx(plan_only(program or small, known).duration_s, abs=known.path.period)
+    assert report.duration_s == pytest.approx(
+        plan_only(program or small, known).duration_s, abs=known.path.period
+    )
 
 
 SHIPPED = sorted(path.name for path in PROGRAMS.glob("*.nc"))
 SENSING = ("turned-thread.nc",)
 """What this board does not feel: the turning spindle."""
 DENSE = ("crossings", "point-by-point")
-"""Algorithms that give each axis rows of its own, which may be more than the wire carries: that is said before anything moves."""
+"""Algorithms that give each axis rows of its own, which may be more than the wire carries: that is
+said before anything moves.
+"""
 PROBING = ("probing.nc",)
 """What needs something to touch."""
 
 
 @pytest.mark.parametrize("algorithm", share(ALGORITHMS, ("crossings",)))
-@pytest.mark.parametrize("name", share([name for name in SHIPPED if name not in SENSING + PROBING], ["trident.nc"]))
+@pytest.mark.parametrize(
+    "name", share([name for name in SHIPPED if name not in SENSING + PROBING], ["trident.nc"])
+)
 def test_shipped_programs(name: str, algorithm: Algorithm, tmp_path: Path) -> None:
     report, simulator = played(PROGRAMS / name, tmp_path, load_machine("default"), algorithm)
     if algorithm in DENSE and not report.ok:
@@ -138,7 +156,9 @@ HORIZON = 0.15
 
 
 def stopping(acceleration: float, jerk: float) -> float:
-    """Seconds from full speed to rest along an S: v / a + a / j (Biagiotti, Melchiorri 2008, 3.4)."""
+    """Seconds from full speed to rest along an S: v / a + a / j (Biagiotti, Melchiorri 2008,
+    3.4).
+    """
     return FULL / acceleration + acceleration / jerk
 
 
@@ -147,8 +167,12 @@ SPEEDING_UP = ON_A_LINE + ACCELERATION / JERK
 """Speeding up, the acceleration has to end first."""
 _ROUND = FULL**2 / RADIUS
 _LEFT = (ACCELERATION**2 - _ROUND**2) ** 0.5
-ON_THE_ARC = stopping(_LEFT, (JERK**2 - (3 * FULL * _LEFT / RADIUS) ** 2) ** 0.5 - FULL**3 / RADIUS**2)
-"""Going round takes v^2/r across the path, and of the jerk 3 v a / r across and v^3 / r^2 along it: braking has the rest, at worst."""
+ON_THE_ARC = stopping(
+    _LEFT, (JERK**2 - (3 * FULL * _LEFT / RADIUS) ** 2) ** 0.5 - FULL**3 / RADIUS**2
+)
+"""Going round takes v^2/r across the path, and of the jerk 3 v a / r across and v^3 / r^2 along it:
+braking has the rest, at worst.
+"""
 
 
 @pytest.mark.parametrize(
@@ -157,10 +181,15 @@ ON_THE_ARC = stopping(_LEFT, (JERK**2 - (3 * FULL * _LEFT / RADIUS) ** 2) ** 0.5
         ("G1 X30 F2400", 0.01, SPEEDING_UP),
         ("G1 X30 F2400", 0.3, ON_A_LINE),
         ("G2 X0 Y0 I5 J0 F2400", 0.01, ON_THE_ARC + ACCELERATION / JERK),
-        *(("G2 X0 Y0 I5 J0 F2400", moment, ON_THE_ARC) for moment in share(np.linspace(0.2, 0.6, 20).tolist(), [0.49])),
+        *(
+            ("G2 X0 Y0 I5 J0 F2400", moment, ON_THE_ARC)
+            for moment in share(np.linspace(0.2, 0.6, 20).tolist(), [0.49])
+        ),
     ],
 )
-def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(tmp_path: Path, text: str, moment: float, braking: float) -> None:
+def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(
+    tmp_path: Path, text: str, moment: float, braking: float
+) -> None:
     (tmp_path / "p.ngc").write_text(f"G21 G90 G17\n{text}\nM2\n")
     plain, reference = played(tmp_path / "p.ngc", tmp_path, machine())
     assert plain.ok
@@ -176,12 +205,16 @@ def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(tmp_path: Path, 
             rest.append(int(simulator.moves()[0][-1]))
             control.resume()
 
-    assert run(tmp_path / "p.ngc", machine(), board=board, control=control, watch=Watch(on_sent=on_sent)).ok
+    assert run(
+        tmp_path / "p.ngc", machine(), board=board, control=control, watch=Watch(on_sent=on_sent)
+    ).ok
     board.close()
     assert (rest[0] - asked[0]) / FREQUENCY <= HORIZON + braking
     cycles, expected = simulator.moves()[0], reference.moves()[0]
     committed = np.searchsorted(cycles, asked[0] + 0.1 * FREQUENCY)
-    assert off_plan_us(cycles[:committed], expected[:committed] * 1e9 / FREQUENCY) <= CLOSE_US, "a hold changes nothing that is committed"
+    assert off_plan_us(cycles[:committed], expected[:committed] * 1e9 / FREQUENCY) <= CLOSE_US, (
+        "a hold changes nothing that is committed"
+    )
     simulator.close()
     reference.close()
 
@@ -232,7 +265,9 @@ def test_the_next_program_begins_where_the_machine_stands(small: Path, tmp_path:
 
 
 class Part:
-    """Something that the probe touches: its input is low wherever the pins have brought X to ``at`` steps, or beyond."""
+    """Something that the probe touches: its input is low wherever the pins have brought X to ``at``
+    steps, or beyond.
+    """
 
     def __init__(self, simulator: Simulator, at: int) -> None:
         self.place = self.seen = self.backward = 0
@@ -273,7 +308,8 @@ def test_a_probe_ends_at_the_grid_move(tmp_path: Path, kind: int) -> None:
     board.close()
     _, made = simulator.moves()
     places = made.cumsum(axis=0, dtype=np.int64)
-    # 300 mm/min are 2 steps a millisecond: contact, seen within 0.2 ms, at the latest at the next grid move
+    # 300 mm/min are 2 steps a millisecond: contact, seen within 0.2 ms, at the latest at the next
+    # grid move
     contact = int(places[np.flatnonzero(places[:, 1] > 0)[0] - 1, 0])
     assert 1000 <= contact <= 1002
     assert places[:, 0].max() <= 1002
@@ -299,7 +335,9 @@ def test_nothing_moves_behind_the_contact(tmp_path: Path, behind: str) -> None:
 
 
 def test_a_probe_that_finds_nothing(tmp_path: Path) -> None:
-    (tmp_path / "probe.ngc").write_text("G21 G90\nG38.3 X2 F600\nG1 X[2 + #5070] F600\nG38.2 X4 F600\nM2\n")
+    (tmp_path / "probe.ngc").write_text(
+        "G21 G90\nG38.3 X2 F600\nG1 X[2 + #5070] F600\nG38.2 X4 F600\nM2\n"
+    )
     simulator = Simulator()
     port = SimulatorPort(simulator)
     board = Stepper(port, machine(), "the simulator", clock=port)
@@ -339,7 +377,13 @@ def test_a_tool_change_waits_for_the_operator(tmp_path: Path) -> None:
             rests.append(len(simulator.moves()[0]))
             control.resume()
 
-    assert run(tmp_path / "change.ngc", machine(), board=board, control=control, watch=Watch(on_sent=on_sent)).ok
+    assert run(
+        tmp_path / "change.ngc",
+        machine(),
+        board=board,
+        control=control,
+        watch=Watch(on_sent=on_sent),
+    ).ok
     board.close()
     assert rests == [400]
     assert len(simulator.moves()[0]) == 800

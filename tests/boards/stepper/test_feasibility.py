@@ -1,4 +1,6 @@
-"""What is more than the board can play is said from the plan, before anything moves, with the board and without one."""
+"""What is more than the board can play is said from the plan, before anything moves, with the board
+and without one.
+"""
 
 from __future__ import annotations
 
@@ -63,19 +65,34 @@ def test_nothing_to_bear() -> None:
 
 
 def dense() -> Machine:
-    """45 000 steps a second on each of three axes: half steps put them in rows, crossings give each its own."""
+    """45 000 steps a second on each of three axes: half steps put them in rows, crossings give each
+    its own.
+    """
     known = machine()
-    quick = {"max_velocity": 45.0, "max_acceleration": 4000.0, "max_jerk": 300_000.0, "steps_per_mm": 1000.0}
+    quick = {
+        "max_velocity": 45.0,
+        "max_acceleration": 4000.0,
+        "max_jerk": 300_000.0,
+        "steps_per_mm": 1000.0,
+    }
     axes = {letter: axis.model_copy(update=quick) for letter, axis in known.axes.items()}
     board = known.board.model_copy(update={"max_step_rate": 55_000.0})
-    return known.model_copy(update={"axes": axes, "board": board, "path": known.path.model_copy(update={"max_feed": 80.0})})
+    return known.model_copy(
+        update={
+            "axes": axes,
+            "board": board,
+            "path": known.path.model_copy(update={"max_feed": 80.0}),
+        }
+    )
 
 
 PROGRAM = "G21 G90\nG1 X1 F600\nG1 X8.1 Y7.3 Z6.77 F4000\nM2\n"
 
 
 @pytest.mark.parametrize(("algorithm", "codes"), [(None, []), ("crossings", ["board-too-dense"])])
-def test_the_board_is_spared_what_the_check_refuses(tmp_path: Path, algorithm, codes: list[str]) -> None:
+def test_the_board_is_spared_what_the_check_refuses(
+    tmp_path: Path, algorithm, codes: list[str]
+) -> None:
     (tmp_path / "p.ngc").write_text(PROGRAM)
     checked = check(tmp_path / "p.ngc", dense(), algorithm=algorithm)
     simulator = Simulator()
@@ -107,12 +124,16 @@ def test_the_board_is_spared_what_the_check_refuses(tmp_path: Path, algorithm, c
 def test_a_machine_that_is_none_for_the_board(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], letters: str, velocity: int, code: str
 ) -> None:
-    """Its file alone tells, without a board: too fast, or with axes that are not the board's, in another order even."""
+    """Its file alone tells, without a board: too fast, or with axes that are not the board's, in
+    another order even.
+    """
     (tmp_path / "p.ngc").write_text("G21 G90\nG1 X1 F600\nM2\n")
     text = "".join(
         f"[axes.{letter}]\nsteps_per_mm = 1000\nmax_velocity = {velocity}\nmax_acceleration = 4000\nmax_jerk = 300000\n"
         for letter in letters
     )
     (tmp_path / "m.toml").write_text(text + '[board]\nkind = "stepper"\nmax_step_rate = 200000\n')
-    assert exit_code(["check", str(tmp_path / "p.ngc"), "--machine", str(tmp_path / "m.toml"), "--quiet"]) == (1 if code else 0)
+    assert exit_code(
+        ["check", str(tmp_path / "p.ngc"), "--machine", str(tmp_path / "m.toml"), "--quiet"]
+    ) == (1 if code else 0)
     assert code in capsys.readouterr().err

@@ -1,4 +1,6 @@
-"""The firmware under a reviewer's eyes: its size, its other builds, its switches, and what it does with what should not come."""
+"""The firmware under a reviewer's eyes: its size, its other builds, its switches, and what it does
+with what should not come.
+"""
 
 from __future__ import annotations
 
@@ -34,22 +36,49 @@ from tests.support.boards.stepper_host import (
     outputs,
     straight,
 )
-from tests.support.boards.stepper_rig import CLOSE_US, board, chunks, eased, line, machine, off_plan_us, stands_at, wander
-from tests.support.boards.stepper_simulator import DIRECTION_PINS, FREQUENCY, STEP_PINS, Simulator, SimulatorPort, built
+from tests.support.boards.stepper_rig import (
+    CLOSE_US,
+    board,
+    chunks,
+    eased,
+    line,
+    machine,
+    off_plan_us,
+    stands_at,
+    wander,
+)
+from tests.support.boards.stepper_simulator import (
+    DIRECTION_PINS,
+    FREQUENCY,
+    STEP_PINS,
+    Simulator,
+    SimulatorPort,
+    built,
+)
 from tests.support.soak import share
 
 STACK = 256
 """Bytes of the stack that nothing has touched, at least."""
 RAM = 2048
 BUILDS = [(3, 250_000), (4, 1_000_000), (4, 500_000)]
-LIMIT_X, PROBE_PIN, ENABLE_PIN, SPINDLE_PIN, EMERGENCY_STOP_PIN, HOLD_PIN, RESUME_PIN = 9, 19, 8, 11, 14, 15, 16
+LIMIT_X, PROBE_PIN, ENABLE_PIN, SPINDLE_PIN, EMERGENCY_STOP_PIN, HOLD_PIN, RESUME_PIN = (
+    9,
+    19,
+    8,
+    11,
+    14,
+    15,
+    16,
+)
 
 
 def with_axes(axes: int, **board_changes: object) -> Machine:
     """The shipped machine, with a fourth axis, or another board."""
     known = machine()
     letters = dict(zip("xyza", [*known.axes.values(), known.axes["x"]][:axes], strict=False))
-    return known.model_copy(update={"axes": letters, "board": known.board.model_copy(update=board_changes)})
+    return known.model_copy(
+        update={"axes": letters, "board": known.board.model_copy(update=board_changes)}
+    )
 
 
 @pytest.fixture
@@ -72,7 +101,12 @@ def host(simulator: Simulator) -> Host:
     return made
 
 
-def send_all(driver: Stepper, time_ns: NDArray[np.int64], step: NDArray[np.int8], after: Callable[[int], None]) -> None:
+def send_all(
+    driver: Stepper,
+    time_ns: NDArray[np.int64],
+    step: NDArray[np.int8],
+    after: Callable[[int], None],
+) -> None:
     """Send rows to their end; ``after`` is told how many have been sent."""
     for part in chunks(time_ns, step, 100):
         driver.send(part)
@@ -80,21 +114,31 @@ def send_all(driver: Stepper, time_ns: NDArray[np.int64], step: NDArray[np.int8]
     driver.finish()
 
 
-# ---------------------------------------------------------------------------------------------------------------------- builds
+# ----------------------------------------------------------------------------------------------------------------------
+# builds
 
 EVERY_BUILD = [(axes, baud) for axes in (1, 2, 3, 4) for baud in (250_000, 500_000, 1_000_000)]
 
 
 @pytest.mark.parametrize(("axes", "baud"), share(EVERY_BUILD, [(3, 1_000_000), *BUILDS]))
 def test_every_build_fits_the_chip(axes: int, baud: int) -> None:
-    made = subprocess.run(["avr-size", built(axes, baud) / "stepper.elf"], capture_output=True, text=True, check=True)
+    made = subprocess.run(
+        ["avr-size", built(axes, baud) / "stepper.elf"], capture_output=True, text=True, check=True
+    )
     text, data, bss = (int(word) for word in made.stdout.splitlines()[1].split()[:3])
     assert text + data < 8 * 1024
     assert data + bss <= 1536, "1.6 kB, and not just so"
 
 
 def test_a_speed_that_the_chip_does_not_make_exactly_is_refused() -> None:
-    command = ["make", "-C", str(built().parents[1] / "firmware"), f"BUILD={built().parent / 'wrong'}", "BAUD=115200", "all"]
+    command = [
+        "make",
+        "-C",
+        str(built().parents[1] / "firmware"),
+        f"BUILD={built().parent / 'wrong'}",
+        "BAUD=115200",
+        "all",
+    ]
     made = subprocess.run(command, capture_output=True, text=True, check=False)
     assert made.returncode != 0
     assert "BAUD is" in made.stderr
@@ -125,12 +169,19 @@ def test_every_build_plays_as_planned(axes: int, baud: int) -> None:
 
 
 def test_a_program_of_four_axes(tmp_path: Path) -> None:
-    (tmp_path / "four.ngc").write_text("G21 G90 G64 P0.01\nG1 X5 Y3 A4 F2000\nG2 X8 Y0 I0 J-3 A-1\nG0 X0 Y0 Z1 A0.5\nM2\n")
+    (tmp_path / "four.ngc").write_text(
+        "G21 G90 G64 P0.01\nG1 X5 Y3 A4 F2000\nG2 X8 Y0 I0 J-3 A-1\nG0 X0 Y0 Z1 A0.5\nM2\n"
+    )
     simulator = Simulator(4, 500_000)
     port = SimulatorPort(simulator)
     known = with_axes(4)
     driver = Stepper(port, known, "the simulator", clock=port)
-    report = run(tmp_path / "four.ngc", known, board=driver, outputs=Outputs(pulses=str(tmp_path / "pulses.npz")))
+    report = run(
+        tmp_path / "four.ngc",
+        known,
+        board=driver,
+        outputs=Outputs(pulses=str(tmp_path / "pulses.npz")),
+    )
     driver.close()
     assert report.ok, report.faults
     with np.load(tmp_path / "pulses.npz") as pulses:
@@ -141,12 +192,17 @@ def test_a_program_of_four_axes(tmp_path: Path) -> None:
     simulator.close()
 
 
-# ---------------------------------------------------------------------------------------------------------------------- pulses
+# ----------------------------------------------------------------------------------------------------------------------
+# pulses
 
 
 @pytest.mark.parametrize(("axes", "pulse_us", "setup_us"), [(3, 5, 5), (3, 20, 12), (4, 3, 25)])
-def test_pulses_are_as_long_as_asked_and_directions_there_before(axes: int, pulse_us: int, setup_us: int) -> None:
-    """From the first move on, with turns at every chance, and moves that come sooner than they can be made."""
+def test_pulses_are_as_long_as_asked_and_directions_there_before(
+    axes: int, pulse_us: int, setup_us: int
+) -> None:
+    """From the first move on, with turns at every chance, and moves that come sooner than they can
+    be made.
+    """
     simulator = Simulator(axes)
     known = with_axes(axes, step_pulse=pulse_us * 1e-6, direction_setup=setup_us * 1e-6)
     least_ns = max(18_000, (pulse_us + max(pulse_us, setup_us) + 4) * 1000)
@@ -170,18 +226,26 @@ def test_pulses_are_as_long_as_asked_and_directions_there_before(axes: int, puls
         falls = falls[falls > rises[0]]
         assert len(falls) == len(rises)
         assert (falls - rises).min() >= pulse_us * 16
-        assert (falls - rises).max() <= pulse_us * 16 + 8 + 100, "a tick, and the longest that another interrupt takes"
+        assert (falls - rises).max() <= pulse_us * 16 + 8 + 100, (
+            "a tick, and the longest that another interrupt takes"
+        )
         assert (rises[1:] - falls[:-1]).min() >= pulse_us * 16 - 8
         turns = edges["cycle"][edges["pin"] == DIRECTION_PINS[axis]].astype(np.int64)
         after = np.searchsorted(rises, turns)
-        assert (rises[after[after < len(rises)]] - turns[after < len(rises)]).min() >= setup_us * 16 - 8
+        assert (
+            rises[after[after < len(rises)]] - turns[after < len(rises)]
+        ).min() >= setup_us * 16 - 8
     simulator.close()
 
 
 @pytest.mark.parametrize(("pulse_us", "setup_us"), [(20, 20), (60, 60), (10, 30)])
-def test_steps_as_near_as_long_pulses_allow_come_at_their_time(simulator: Simulator, pulse_us: int, setup_us: int) -> None:
+def test_steps_as_near_as_long_pulses_allow_come_at_their_time(
+    simulator: Simulator, pulse_us: int, setup_us: int
+) -> None:
     known = with_axes(3, step_pulse=pulse_us * 1e-6, direction_setup=setup_us * 1e-6)
-    slow = {letter: axis.model_copy(update={"max_velocity": 5.0}) for letter, axis in known.axes.items()}
+    slow = {
+        letter: axis.model_copy(update={"max_velocity": 5.0}) for letter, axis in known.axes.items()
+    }
     time_ns, step = line(1_000, (pulse_us + max(pulse_us, setup_us) + 4) * 1_000)
     with board(simulator, known=known.model_copy(update={"axes": slow})) as driver:
         driver.start(np.zeros(3, np.int64))
@@ -192,7 +256,9 @@ def test_steps_as_near_as_long_pulses_allow_come_at_their_time(simulator: Simula
 
 
 class Noise(SimulatorPort):
-    """Spikes on the switches' wires, at any moment: shorter than a switch is looked at, but often."""
+    """Spikes on the switches' wires, at any moment: shorter than a switch is looked at, but
+    often.
+    """
 
     def __init__(self, simulator: Simulator, seed: int, pause: float) -> None:
         super().__init__(simulator)
@@ -221,8 +287,11 @@ class Noise(SimulatorPort):
 
 
 @pytest.mark.parametrize("pause", [1e-3, 60e-6])
-def test_noise_on_the_switches_costs_no_step_at_full_speed(simulator: Simulator, pause: float) -> None:
-    """An interrupt that looks at the inputs must not keep the ends of pulses waiting until the next ones are due.
+def test_noise_on_the_switches_costs_no_step_at_full_speed(
+    simulator: Simulator, pause: float
+) -> None:
+    """An interrupt that looks at the inputs must not keep the ends of pulses waiting until the next
+    ones are due.
 
     Thirty thousand spikes a second leave the board no time for all of it: then it may come to rest.
     """
@@ -245,13 +314,18 @@ def test_noise_on_the_switches_costs_no_step_at_full_speed(simulator: Simulator,
         assert off_plan_us(cycles, time_ns) <= CLOSE_US
 
 
-# -------------------------------------------------------------------------------------------------------------------- switches
+# --------------------------------------------------------------------------------------------------------------------
+# switches
 
 
 @pytest.mark.parametrize(("pin", "within"), [(EMERGENCY_STOP_PIN, 200e-6), (LIMIT_X, 100e-6)])
 @pytest.mark.parametrize("seed", range(share(40, 3)))
-def test_a_switch_ends_the_motion_soon_whatever_else_goes_on(pin: int, within: float, seed: int) -> None:
-    """At full speed, at any cycle, while bytes come as fast as the line has them, and statuses go out."""
+def test_a_switch_ends_the_motion_soon_whatever_else_goes_on(
+    pin: int, within: float, seed: int
+) -> None:
+    """At full speed, at any cycle, while bytes come as fast as the line has them, and statuses go
+    out.
+    """
     simulator = Simulator()
     host = Host(simulator)
     host.hear()
@@ -265,7 +339,11 @@ def test_a_switch_ends_the_motion_soon_whatever_else_goes_on(pin: int, within: f
     while simulator.now < began + 0.1:
         if simulator.on_its_way < 40:
             simulator.send(frame(Kind.ASK, 0) * 6)
-        host.hear(1e-4 if pressed or simulator.now + 1e-4 < began + moment else max(began + moment - simulator.now, 1e-6))
+        host.hear(
+            1e-4
+            if pressed or simulator.now + 1e-4 < began + moment
+            else max(began + moment - simulator.now, 1e-6)
+        )
         if not pressed and simulator.now >= began + moment:
             pressed = simulator.cycle
             simulator.set_pin(pin, 0)
@@ -305,13 +383,26 @@ def test_a_contact_that_bounces_ends_the_motion_as_soon(pin: int, within: float,
     simulator.close()
 
 
-NORMALLY_CLOSED = {"limits": (9, 10, 12), "probe": (19,), "emergency-stop": (14,), "hold": (15,), "resume": (16,)}
+NORMALLY_CLOSED = {
+    "limits": (9, 10, 12),
+    "probe": (19,),
+    "emergency-stop": (14,),
+    "hold": (15,),
+    "resume": (16,),
+}
 
 
 @pytest.mark.parametrize(
-    ("name", "pin", "code"), [("limits", 10, "board-limit"), ("emergency-stop", 14, "board-emergency-stop"), ("limits", 12, "board-limit")]
+    ("name", "pin", "code"),
+    [
+        ("limits", 10, "board-limit"),
+        ("emergency-stop", 14, "board-emergency-stop"),
+        ("limits", 12, "board-limit"),
+    ],
 )
-def test_a_wire_that_breaks_stops_the_machine(simulator: Simulator, name: str, pin: int, code: str) -> None:
+def test_a_wire_that_breaks_stops_the_machine(
+    simulator: Simulator, name: str, pin: int, code: str
+) -> None:
     """Normally closed, the switch holds its input low; broken, the pull-up makes it high."""
     for each in NORMALLY_CLOSED[name]:
         simulator.set_pin(each, 0)
@@ -325,7 +416,10 @@ def test_a_wire_that_breaks_stops_the_machine(simulator: Simulator, name: str, p
         np.testing.assert_array_equal(made, step[: len(made)])
         assert 0 < len(made) < len(step)
         assert driver.position_steps.tolist() == stands_at(made)
-    with pytest.raises(BoardError) as again, board(simulator, known=with_axes(3, normally_closed=(name,))) as driver:
+    with (
+        pytest.raises(BoardError) as again,
+        board(simulator, known=with_axes(3, normally_closed=(name,))) as driver,
+    ):
         driver.start(np.zeros(3, np.int64))
     assert again.value.diagnostic.code == code
 
@@ -333,7 +427,10 @@ def test_a_wire_that_breaks_stops_the_machine(simulator: Simulator, name: str, p
 def test_which_level_a_switch_has_is_for_the_machine_file_to_say(simulator: Simulator) -> None:
     """Told wrongly, every switch is pressed; told otherwise, the alarm that this made is gone."""
     names = tuple(NORMALLY_CLOSED)
-    with pytest.raises(BoardError) as caught, board(simulator, known=with_axes(3, normally_closed=names)):
+    with (
+        pytest.raises(BoardError) as caught,
+        board(simulator, known=with_axes(3, normally_closed=names)),
+    ):
         """Never here."""
     assert caught.value.diagnostic.code == "board-emergency-stop"
     for pins in NORMALLY_CLOSED.values():
@@ -345,7 +442,9 @@ def test_which_level_a_switch_has_is_for_the_machine_file_to_say(simulator: Simu
 
 
 @pytest.mark.parametrize("inverted", [False, True])
-def test_the_drivers_are_on_with_the_level_that_they_want(simulator: Simulator, inverted: bool) -> None:
+def test_the_drivers_are_on_with_the_level_that_they_want(
+    simulator: Simulator, inverted: bool
+) -> None:
     """From the start of a program on, alarms included; configured again, they stay as they are."""
     known = with_axes(3, invert_enable=inverted)
     simulator.run(0.01)
@@ -363,7 +462,8 @@ def test_the_drivers_are_on_with_the_level_that_they_want(simulator: Simulator, 
         assert simulator.level(ENABLE_PIN) == inverted
 
 
-# --------------------------------------------------------------------------------------------------------------------- buttons
+# ---------------------------------------------------------------------------------------------------------------------
+# buttons
 
 
 PROGRAM = "G21 G90\nG1 X20 Y10 F2000\nM2\n"
@@ -375,7 +475,9 @@ def wait(simulator: Simulator, driver: Stepper, seconds: float) -> None:
         driver._pump(0.002)
 
 
-def test_the_hold_button_holds_and_the_resume_button_goes_on(simulator: Simulator, tmp_path: Path) -> None:
+def test_the_hold_button_holds_and_the_resume_button_goes_on(
+    simulator: Simulator, tmp_path: Path
+) -> None:
     (tmp_path / "p.ngc").write_text(PROGRAM)
     port = SimulatorPort(simulator)
     driver = Stepper(port, machine(), "the simulator", clock=port)
@@ -395,7 +497,9 @@ def test_the_hold_button_holds_and_the_resume_button_goes_on(simulator: Simulato
             simulator.set_pin(RESUME_PIN, 1)
             assert not control.held
 
-    report = run(tmp_path / "p.ngc", machine(), board=driver, control=control, watch=Watch(on_sent=on_sent))
+    report = run(
+        tmp_path / "p.ngc", machine(), board=driver, control=control, watch=Watch(on_sent=on_sent)
+    )
     driver.close()
     assert report.ok, report.faults
     cycles, made = simulator.moves()
@@ -423,9 +527,15 @@ def test_a_press_counts_once_however_it_bounces(host: Host) -> None:
     assert len(unasked) >= 2, "it says so by itself"
 
 
-@pytest.mark.parametrize(("pin", "code"), [(EMERGENCY_STOP_PIN, "board-emergency-stop"), (None, "board-silent")])
-def test_a_fault_while_the_program_is_held_ends_the_run(tmp_path: Path, pin: int | None, code: str) -> None:
-    """Nobody waits for a resume that can't help; time is the link's thread's, as with a real port."""
+@pytest.mark.parametrize(
+    ("pin", "code"), [(EMERGENCY_STOP_PIN, "board-emergency-stop"), (None, "board-silent")]
+)
+def test_a_fault_while_the_program_is_held_ends_the_run(
+    tmp_path: Path, pin: int | None, code: str
+) -> None:
+    """Nobody waits for a resume that can't help; time is the link's thread's, as with a real
+    port.
+    """
     (tmp_path / "p.ngc").write_text(PROGRAM)
     simulator = Simulator()
     port = SimulatorPort(simulator)
@@ -448,14 +558,17 @@ def test_a_fault_while_the_program_is_held_ends_the_run(tmp_path: Path, pin: int
                 else:
                     simulator.set_pin(pin, 0)
 
-    report = run(tmp_path / "p.ngc", machine(), board=driver, control=control, watch=Watch(on_sent=on_sent))
+    report = run(
+        tmp_path / "p.ngc", machine(), board=driver, control=control, watch=Watch(on_sent=on_sent)
+    )
     driver.close()
     assert [fault.diagnostic.code for fault in report.faults] == [code]
     assert report.exit_code == 3
     simulator.close()
 
 
-# ---------------------------------------------------------------------------------------------------------------------- frames
+# ----------------------------------------------------------------------------------------------------------------------
+# frames
 
 
 def test_what_can_not_be_kept_is_refused(host: Host) -> None:
@@ -484,9 +597,14 @@ def test_a_request_is_carried_out_once(host: Host) -> None:
 
 
 def test_a_frame_that_is_damaged_changes_nothing(host: Host) -> None:
-    """Every single bit of a request and of a piece of the stream: whole for COBS or not, its CRC is wrong."""
+    """Every single bit of a request and of a piece of the stream: whole for COBS or not, its CRC is
+    wrong.
+    """
     before = host.ask()
-    for whole in (frame(Kind.SET_POSITION, 99, bytes(range(16))), frame(Kind.DATA, 0, b"\1\x80" + straight(9, 300))):
+    for whole in (
+        frame(Kind.SET_POSITION, 99, bytes(range(16))),
+        frame(Kind.DATA, 0, b"\1\x80" + straight(9, 300)),
+    ):
         for bit in range(share(8 * (len(whole) - 1), 40)):
             wrong = bytearray(whole)
             wrong[bit // 8] ^= 1 << bit % 8
@@ -498,7 +616,9 @@ def test_a_frame_that_is_damaged_changes_nothing(host: Host) -> None:
 
 
 def test_a_reset_in_the_middle_moves_nothing_that_came_before(host: Host) -> None:
-    """Whatever numbers the frames under way have: they may be those that the board wants after its reset."""
+    """Whatever numbers the frames under way have: they may be those that the board wants after its
+    reset.
+    """
     host.stream(b"".join(straight(100, 200) for _ in range(10)), 100, end=False)
     assert host.request(Kind.RUN)
     host.hear(0.02)
@@ -535,7 +655,9 @@ def test_the_driver_notices_a_reset(simulator: Simulator) -> None:
         assert driver.standing_steps == (None,) * 3
         _, made = simulator.moves()
         places = made.cumsum(axis=0, dtype=np.int64)
-        behind = len(places) - 1 - int(np.flatnonzero((places == driver.position_steps).all(axis=1))[0])
+        behind = (
+            len(places) - 1 - int(np.flatnonzero((places == driver.position_steps).all(axis=1))[0])
+        )
         assert behind < 0.03 / 50e-6, "where it was when it last told"
         simulator.run(0.5)
         assert len(simulator.moves()[0]) == len(made)
@@ -583,7 +705,8 @@ def test_a_stream_without_sense_is_an_alarm(host: Host, wrong: bytes) -> None:
     assert list(said.position[:3]) == [100 + len(host.simulator.moves()[0]), -200, 300]
 
 
-# ---------------------------------------------------------------------------------------------------------------------- alarms
+# ----------------------------------------------------------------------------------------------------------------------
+# alarms
 
 
 @pytest.mark.parametrize("how", [0, 1])
@@ -614,7 +737,10 @@ def test_a_stop_does_not_hide_an_alarm(host: Host) -> None:
 @pytest.mark.parametrize("touch", [False, True])
 def test_the_outputs_go_off_when_the_host_dies_at_rest(host: Host, touch: bool) -> None:
     """After a probe's touch, too."""
-    host.stream(outputs(0b01001) + (arm(0x10, 0) + straight(200, 2_000) if touch else b"") + END_OF_STREAM, 220)
+    host.stream(
+        outputs(0b01001) + (arm(0x10, 0) + straight(200, 2_000) if touch else b"") + END_OF_STREAM,
+        220,
+    )
     assert host.request(Kind.RUN)
     host.hear(0.05)
     if touch:
@@ -630,8 +756,14 @@ def test_the_outputs_go_off_when_the_host_dies_at_rest(host: Host, touch: bool) 
 
 
 @pytest.mark.parametrize("alarm", ["e-stop", "limit", "silence", "stream"])
-def test_every_alarm_ends_spindle_and_coolant_and_keeps_the_drivers_on(host: Host, alarm: str) -> None:
-    host.stream(outputs(0b11011, 200) + b"".join(straight(100, 2_000) for _ in range(5)), 500, end=alarm == "silence")
+def test_every_alarm_ends_spindle_and_coolant_and_keeps_the_drivers_on(
+    host: Host, alarm: str
+) -> None:
+    host.stream(
+        outputs(0b11011, 200) + b"".join(straight(100, 2_000) for _ in range(5)),
+        500,
+        end=alarm == "silence",
+    )
     if alarm == "stream":
         host.stream(bytes((0, 0)) + bytes(6), 500)
     assert host.request(Kind.RUN)
@@ -666,7 +798,9 @@ def test_a_board_that_only_speaks_up_about_its_spindle(simulator: Simulator) -> 
 
 @pytest.mark.parametrize("ms", share(list(range(20, 120, 5)), [37, 80]))
 def test_a_host_that_falls_behind_costs_no_place(host: Host, ms: int) -> None:
-    """It asks, so it lives, but the stream ends without saying so: all axes come to rest together, and what was made is what is told."""
+    """It asks, so it lives, but the stream ends without saying so: all axes come to rest together,
+    and what was made is what is told.
+    """
     moves = ms * 2_000 // 50
     both = b"".join(straight(min(200, moves - at), 50, 3, down=2) for at in range(0, moves, 200))
     host.stream(both, ms, end=False)
@@ -677,14 +811,19 @@ def test_a_host_that_falls_behind_costs_no_place(host: Host, ms: int) -> None:
     cycles, made = host.simulator.moves()
     assert 0 < len(made) < moves
     assert list(said.position[:3]) == [100 + len(made), -200 - len(made), 300]
-    # 40 000 steps a second before; at rest the last gaps are many times that, and none is shorter than planned
+    # 40 000 steps a second before; at rest the last gaps are many times that, and none is shorter
+    # than planned
     gaps = np.diff(cycles)
     assert gaps.min() >= 25e-6 * FREQUENCY - 80
     assert gaps[-3:].min() > 2 * 25e-6 * FREQUENCY
 
 
-def test_the_board_waits_a_quarter_of_a_second_for_its_host_and_slows_along_an_s(host: Host) -> None:
-    """What is left of the speed at x of the ramp is 1 - x^2 (3 - 2 x), to one of its 32 steps; the fourth is the first that shows."""
+def test_the_board_waits_a_quarter_of_a_second_for_its_host_and_slows_along_an_s(
+    host: Host,
+) -> None:
+    """What is left of the speed at x of the ramp is 1 - x^2 (3 - 2 x), to one of its 32 steps; the
+    fourth is the first that shows.
+    """
     ramp, gap = 0.2, 100e-6
     assert host.configure(ramp=round(ramp * 1e3))
     host.stream(b"".join(straight(250, 200, 1) for _ in range(60)), 1_500)

@@ -46,7 +46,11 @@ class Peer:
 
 
 def welcome(version: int = 1, axes: int = 3, least: int = 36) -> bytes:
-    return frame(Kind.WELCOME, 0, b"cnc" + bytes((version, axes, 0xF4, 1, 0xFC, 3, least & 255, least >> 8, 0, 0)))
+    return frame(
+        Kind.WELCOME,
+        0,
+        b"cnc" + bytes((version, axes, 0xF4, 1, 0xFC, 3, least & 255, least >> 8, 0, 0)),
+    )
 
 
 @pytest.mark.parametrize(
@@ -72,7 +76,9 @@ def test_what_answers_is_no_board_for_this_machine(words: bytes, code: str) -> N
     assert caught.value.diagnostic.hint
     assert peer.time < 5.0
     sent = [unframed(each) for each in peer.heard.split(b"\0") if each]
-    assert all(each is not None and each[0] == Kind.HELLO for each in sent), "nothing but hellos before it is known what answers"
+    assert all(each is not None and each[0] == Kind.HELLO for each in sent), (
+        "nothing but hellos before it is known what answers"
+    )
 
 
 @pytest.fixture
@@ -84,7 +90,9 @@ def simulator() -> Iterator[Simulator]:
 
 @pytest.mark.parametrize(("pin", "code"), [(14, "board-emergency-stop"), (10, "board-limit")])
 def test_a_switch_that_is_pressed(simulator: Simulator, pin: int, code: str) -> None:
-    """Before anything moves; a limit switch does not keep the machine from being homed, so it counts when a program starts."""
+    """Before anything moves; a limit switch does not keep the machine from being homed, so it
+    counts when a program starts.
+    """
     simulator.set_pin(pin, 0)
     port = SimulatorPort(simulator)
     with pytest.raises(BoardError) as caught:
@@ -106,7 +114,12 @@ def test_axes_in_another_order(simulator: Simulator) -> None:
     axes = machine().axes
     port = SimulatorPort(simulator)
     with pytest.raises(BoardError) as caught:
-        Stepper(port, machine(axes={letter: axes[letter] for letter in ("x", "z", "y")}), "PORT", clock=port)
+        Stepper(
+            port,
+            machine(axes={letter: axes[letter] for letter in ("x", "z", "y")}),
+            "PORT",
+            clock=port,
+        )
     assert caught.value.diagnostic.code == "board-axes"
     assert "X Z Y" in caught.value.diagnostic.message
 
@@ -122,7 +135,9 @@ def test_an_axis_that_is_too_fast(simulator: Simulator) -> None:
 
 
 def test_it_comes_up_after_a_reset(simulator: Simulator) -> None:
-    """An Uno is reset when its port is opened: what it was told in the meantime it has not heard."""
+    """An Uno is reset when its port is opened: what it was told in the meantime it has not
+    heard.
+    """
     port = SimulatorPort(simulator)
     write = port.write
     port.write = lambda data: write(data) if simulator.now > 1.6 else None  # type: ignore[method-assign]

@@ -1,4 +1,6 @@
-"""The stepper board's protocol without a board: frames as documented, and a stream that arrives whole whatever the line does."""
+"""The stepper board's protocol without a board: frames as documented, and a stream that arrives
+whole whatever the line does.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,9 @@ def test_anything_may_come(data: bytes) -> None:
 
 
 def test_a_hello_does_nothing_to_grbl() -> None:
-    """Neither a real-time command (GRBL 1.1, "Real-time Commands": ! ~ ? Ctrl-X and 0x80 up) nor the end of a line."""
+    """Neither a real-time command (GRBL 1.1, "Real-time Commands": ! ~ ? Ctrl-X and 0x80 up) nor
+    the end of a line.
+    """
     link = StepperLink()
     link.hello(0.0)
     wire = link.outgoing(0.0)
@@ -94,7 +98,9 @@ def test_the_words_of_another_board_are_kept() -> None:
 
 
 class ModelBoard:
-    """The board's side of the link by the letter of PROTOCOL.md: takes frames in order, has little room, plays slowly."""
+    """The board's side of the link by the letter of PROTOCOL.md: takes frames in order, has little
+    room, plays slowly.
+    """
 
     def __init__(self, room: int, pace: int) -> None:
         self.room, self.pace = room, pace
@@ -142,14 +148,24 @@ class ModelBoard:
         return self.says(Kind.ACK)
 
     def says(self, kind: Kind) -> bytes:
-        return frame(kind, self.expected, bytes((State.RUNNING,)) + (self.room - self.held).to_bytes(2, "little"))
+        return frame(
+            kind,
+            self.expected,
+            bytes((State.RUNNING,)) + (self.room - self.held).to_bytes(2, "little"),
+        )
 
 
 def spoilt(data: bytes, chance: float, dice: random.Random) -> bytes:
     out = bytearray()
     for byte in data:
         fate = dice.random()
-        out += b"" if fate < chance else bytes((byte ^ 1 << dice.randrange(8),)) if fate < 2 * chance else bytes((byte,))
+        out += (
+            b""
+            if fate < chance
+            else bytes((byte ^ 1 << dice.randrange(8),))
+            if fate < 2 * chance
+            else bytes((byte,))
+        )
         if fate > 1 - chance:
             out.append(byte)
     return bytes(out)
@@ -161,7 +177,9 @@ def test_the_stream_arrives_whole_and_in_order(chance: float, seed: int) -> None
     dice = random.Random(seed)
     link, board = StepperLink(), ModelBoard(room=200, pace=30)
     stream = dice.randbytes(6000)
-    link.receive(frame(Kind.WELCOME, 0, b"cnc" + bytes((VERSION, 3, 0xF4, 1, 200, 0, 36, 0, 0, 1))), 0.0)
+    link.receive(
+        frame(Kind.WELCOME, 0, b"cnc" + bytes((VERSION, 3, 0xF4, 1, 200, 0, 36, 0, 0, 1))), 0.0
+    )
     board.expected = 0
     link.receive(board.says(Kind.ACK), 0.0)
     sent = 0
@@ -186,18 +204,30 @@ def test_the_stream_arrives_whole_and_in_order(chance: float, seed: int) -> None
 def test_a_status_says_all_of_it() -> None:
     link = StepperLink()
     link.request(Kind.RUN, b"", 0.0)
-    payload = bytes((0, State.ALARM, 1020 & 255, 1020 >> 8, Alarm.LIMIT, 1, 0x12)) + (70_000).to_bytes(4, "little") + b"\0\0"
-    payload += b"".join(each.to_bytes(4, "little", signed=True) for each in (1, -2, 300_000, 0)) + bytes((3, 250))
+    payload = (
+        bytes((0, State.ALARM, 1020 & 255, 1020 >> 8, Alarm.LIMIT, 1, 0x12))
+        + (70_000).to_bytes(4, "little")
+        + b"\0\0"
+    )
+    payload += b"".join(
+        each.to_bytes(4, "little", signed=True) for each in (1, -2, 300_000, 0)
+    ) + bytes((3, 250))
     [said] = link.receive(frame(Kind.STATUS, 1, payload), 0.1)
-    assert said == Status(1, State.ALARM, Alarm.LIMIT, True, 0x12, 70_000, None, (1, -2, 300_000, 0), 3, 250)
+    assert said == Status(
+        1, State.ALARM, Alarm.LIMIT, True, 0x12, 70_000, None, (1, -2, 300_000, 0), 3, 250
+    )
     assert not link.requesting
 
 
-# ------------------------------------------------------------------------------------------------------------------------ the page
+# ------------------------------------------------------------------------------------------------------------------------
+# the page
 
 FIRMWARE = ROOT / "firmware"
 PAGE = (FIRMWARE / "PROTOCOL.md").read_text()
-ROWS = {name: (int(number, 16), fields) for number, name, fields in re.findall(r"^\| (0x\w+) (\w+) \| \w+ \| (.*?) \|", PAGE, re.M)}
+ROWS = {
+    name: (int(number, 16), fields)
+    for number, name, fields in re.findall(r"^\| (0x\w+) (\w+) \| \w+ \| (.*?) \|", PAGE, re.M)
+}
 
 
 def size(fields: str) -> int:
@@ -227,7 +257,14 @@ def test_the_page_tells_the_types_that_both_sides_have() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "form"), [("STATUS", "<BBHBBBIh4iBB"), ("WELCOME", "<3sBBHHHBB"), ("CONFIGURE", "<6B"), ("ACK", "<BH"), ("DATA", "<H")]
+    ("name", "form"),
+    [
+        ("STATUS", "<BBHBBBIh4iBB"),
+        ("WELCOME", "<3sBBHHHBB"),
+        ("CONFIGURE", "<6B"),
+        ("ACK", "<BH"),
+        ("DATA", "<H"),
+    ],
 )
 def test_the_page_tells_how_long_they_are(name: str, form: str) -> None:
     assert size(ROWS[name][1].replace(", stream 0 to 40", "")) == struct.calcsize(form)
@@ -237,7 +274,16 @@ def test_the_page_tells_how_long_they_are(name: str, form: str) -> None:
 def test_the_page_tells_the_numbers_of(word: str, known: type[State] | type[Alarm]) -> None:
     sentence = re.search(rf"\b{word}: (0 [^.]*)\.", PAGE, re.S)
     assert sentence is not None
-    assert [int(number) for number in re.findall(r"\b(\d) [a-z]", sentence[1])] == [each.value for each in known]
-    in_c = counted(re.search(rf"enum {{ ({'IDLE' if word == 'state' else 'NO_ALARM'}.*?) }}", (FIRMWARE / "board.h").read_text())[1])
+    assert [int(number) for number in re.findall(r"\b(\d) [a-z]", sentence[1])] == [
+        each.value for each in known
+    ]
+    in_c = counted(
+        re.search(
+            rf"enum {{ ({'IDLE' if word == 'state' else 'NO_ALARM'}.*?) }}",
+            (FIRMWARE / "board.h").read_text(),
+        )[1]
+    )
     assert list(in_c.values()) == [each.value for each in known]
-    assert [name.removesuffix("_ALARM") if word == "alarm" else name for name in in_c][1:] == [each.name for each in known][1:]
+    assert [name.removesuffix("_ALARM") if word == "alarm" else name for name in in_c][1:] == [
+        each.name for each in known
+    ][1:]

@@ -28,7 +28,10 @@ class Terminal:
         self.edges = folder / "edges.csv"
         program = built()
         self.process = subprocess.Popen(
-            [program / "simulator", program / "stepper.elf", self.edges], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+            [program / "simulator", program / "stepper.elf", self.edges],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
         )
         assert self.process.stdout is not None
         self.name = ""
@@ -64,13 +67,26 @@ def terminal(tmp_path: Path) -> Iterator[Terminal]:
 def cncrun(*arguments: str) -> subprocess.Popen[str]:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.Popen(
-        [*COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL, env=environment
+        [*COMMAND, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        stdin=subprocess.DEVNULL,
+        env=environment,
     )
 
 
 def test_a_program_and_a_port_in_use(terminal: Terminal, tmp_path: Path) -> None:
     (tmp_path / "p.ngc").write_text("G21 G90\nG1 X4 Y-3 F1200\nG1 X8 Y1 Z2\nM2\n")
-    arguments = (str(tmp_path / "p.ngc"), "--machine", "stepper-uno", "--board", "stepper", "--port", terminal.name)
+    arguments = (
+        str(tmp_path / "p.ngc"),
+        "--machine",
+        "stepper-uno",
+        "--board",
+        "stepper",
+        "--port",
+        terminal.name,
+    )
     with cncrun(*arguments) as first:
         out, error = first.communicate(timeout=120)
     assert first.returncode == 0, out + error
@@ -98,7 +114,15 @@ def test_boards_knows_it(terminal: Terminal) -> None:
 
 def test_a_host_that_is_killed(terminal: Terminal, tmp_path: Path) -> None:
     (tmp_path / "p.ngc").write_text("G21 G90\nG1 X200 Y100 F2000\nM2\n")
-    arguments = (str(tmp_path / "p.ngc"), "--machine", "stepper-uno", "--board", "stepper", "--port", terminal.name)
+    arguments = (
+        str(tmp_path / "p.ngc"),
+        "--machine",
+        "stepper-uno",
+        "--board",
+        "stepper",
+        "--port",
+        terminal.name,
+    )
     with cncrun(*arguments) as host:
         until = time.monotonic() + 100
         while terminal.edges.stat().st_size < 20_000 and time.monotonic() < until:

@@ -1,4 +1,6 @@
-"""Segments: what goes in comes out, in order and in time, for anything that a path can do; and few bytes do it."""
+"""Segments: what goes in comes out, in order and in time, for anything that a path can do; and few
+bytes do it.
+"""
 
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ from tests.support.soak import share
 
 
 def chunk(time_ns, step):
-    return PulseChunk(np.asarray(time_ns, np.int64), np.asarray(step, np.int8), np.zeros(len(time_ns), np.int32))
+    return PulseChunk(
+        np.asarray(time_ns, np.int64), np.asarray(step, np.int8), np.zeros(len(time_ns), np.int32)
+    )
 
 
 def encoded(time_ns, step, *, tolerance_ns=2000, spacing_ns=0, cuts=(), flushes=()):
@@ -44,7 +48,9 @@ def when_due(time_ns, spacing_ns):
 
 def check(time_ns, step, *, tolerance_ns=2000, spacing_ns=0, cuts=(), flushes=()):
     """All that is promised; returns bytes a move."""
-    data, put_off = encoded(time_ns, step, tolerance_ns=tolerance_ns, spacing_ns=spacing_ns, cuts=cuts, flushes=flushes)
+    data, put_off = encoded(
+        time_ns, step, tolerance_ns=tolerance_ns, spacing_ns=spacing_ns, cuts=cuts, flushes=flushes
+    )
     time, again = played(data, step.shape[1])
     np.testing.assert_array_equal(again, step)
     due = when_due(time_ns, spacing_ns)
@@ -57,11 +63,14 @@ def check(time_ns, step, *, tolerance_ns=2000, spacing_ns=0, cuts=(), flushes=()
     return len(data) / len(step)
 
 
-# ------------------------------------------------------------------------------------------------------------------- paths
+# -------------------------------------------------------------------------------------------------------------------
+# paths
 
 
 def cutting(counts):
-    """A line that makes a move wherever an axis crosses a half-grid line; axes that do so at one place share it. Places 0 to 1."""
+    """A line that makes a move wherever an axis crosses a half-grid line; axes that do so at one
+    place share it. Places 0 to 1.
+    """
     places, which = [], []
     for axis, count in enumerate(counts):
         places.append((np.arange(abs(count)) + 0.5) / max(abs(count), 1))
@@ -105,7 +114,9 @@ def circle(radius, turns, per_axis=(1.0, 1.0)):
 def smooth_time(place, duration_s):
     """From rest to rest with an S-curve of fifth degree; ns."""
     t = np.linspace(0.0, 1.0, 100_001)
-    return np.round(np.interp(place, t**3 * (10 - 15 * t + 6 * t * t), t) * duration_s * 1e9).astype(np.int64)
+    return np.round(
+        np.interp(place, t**3 * (10 - 15 * t + 6 * t * t), t) * duration_s * 1e9
+    ).astype(np.int64)
 
 
 PATHS = {
@@ -139,7 +150,8 @@ def test_three_turns_at_five_thousand_moves_a_second():
     assert check(smooth_time(place, len(place) / 5_000), step) <= 0.95
 
 
-# ------------------------------------------------------------------------------------------------------------------ anything
+# ------------------------------------------------------------------------------------------------------------------
+# anything
 
 MASKS = st.integers(1, 15)
 GAPS = st.one_of(
@@ -153,7 +165,9 @@ GAPS = st.one_of(
 
 @st.composite
 def runs(draw):
-    """Moves of 4 axes: runs with a pattern, an interval that changes steadily and directions of their own, and moves without any order."""
+    """Moves of 4 axes: runs with a pattern, an interval that changes steadily and directions of
+    their own, and moves without any order.
+    """
     steps, gaps = [], []
     for _ in range(draw(st.integers(1, 6))):
         down = draw(st.integers(0, 15))
@@ -171,10 +185,19 @@ def runs(draw):
 
 
 @settings(max_examples=share(1500, 60), deadline=None)
-@given(runs(), st.sampled_from([500, 1000, 2000, 10_000]), st.sampled_from([0, 0, 500, 10_000, 25_001]), st.data())
+@given(
+    runs(),
+    st.sampled_from([500, 1000, 2000, 10_000]),
+    st.sampled_from([0, 0, 500, 10_000, 25_001]),
+    st.data(),
+)
 def test_anything_comes_out_as_it_went_in(run, tolerance_ns, spacing_ns, data):
     time_ns, step = run
-    cuts = tuple(sorted(data.draw(st.lists(st.integers(1, len(step) - 1), max_size=3, unique=True)))) if len(step) > 1 else ()
+    cuts = (
+        tuple(sorted(data.draw(st.lists(st.integers(1, len(step) - 1), max_size=3, unique=True))))
+        if len(step) > 1
+        else ()
+    )
     check(time_ns, step, tolerance_ns=tolerance_ns, spacing_ns=spacing_ns, cuts=cuts)
 
 
@@ -190,7 +213,9 @@ def test_the_description_is_enough_to_play_them(run):
 
 
 @settings(max_examples=share(300, 20), deadline=None)
-@given(st.lists(st.integers(-400, 400), min_size=2, max_size=4), st.floats(0.005, 3.0), st.booleans())
+@given(
+    st.lists(st.integers(-400, 400), min_size=2, max_size=4), st.floats(0.005, 3.0), st.booleans()
+)
 def test_lines_of_any_slope(counts, duration_s, lead):
     if any(counts):
         place, step = (fastest_leads if lead else cutting)(counts)
@@ -198,7 +223,12 @@ def test_lines_of_any_slope(counts, duration_s, lead):
 
 
 def test_pauses_of_hours():
-    time_ns = np.cumsum(np.array([0, 1, 32_767_500, 32_768_000, 40_000_000, 3 * 3600 * 10**9, 1, 7 * 24 * 3600 * 10**9], np.int64))
+    time_ns = np.cumsum(
+        np.array(
+            [0, 1, 32_767_500, 32_768_000, 40_000_000, 3 * 3600 * 10**9, 1, 7 * 24 * 3600 * 10**9],
+            np.int64,
+        )
+    )
     check(time_ns, np.ones((len(time_ns), 1), np.int8))
 
 
@@ -242,7 +272,8 @@ def test_memory_does_not_grow():
     assert rows == share(200, 8) * len(step)
 
 
-# ----------------------------------------------------------------------------------------------------------------- bad input
+# -----------------------------------------------------------------------------------------------------------------
+# bad input
 
 
 @pytest.mark.parametrize(
@@ -283,9 +314,13 @@ def test_commands_stand_between_segments_and_take_no_time():
     assert step.tolist() == [[1, 0]] * 4
 
 
-@given(st.lists(st.tuples(st.integers(1, 10**10), st.integers(0, 3 * 10**9)), min_size=1, max_size=5))
+@given(
+    st.lists(st.tuples(st.integers(1, 10**10), st.integers(0, 3 * 10**9)), min_size=1, max_size=5)
+)
 def test_pauses_end_when_they_should(gaps):
-    """Moves with pauses asked for between them come at their times, and each pause is over within a tick."""
+    """Moves with pauses asked for between them come at their times, and each pause is over within a
+    tick.
+    """
     encoder, decoder = SegmentEncoder(1), SegmentDecoder(1)
     at, due, parts = 0, [], []
     for gap, idle in gaps:

@@ -1,4 +1,6 @@
-"""The stepper board's firmware in simavr, driven by the real driver: what its pins do, move by move and cycle by cycle."""
+"""The stepper board's firmware in simavr, driven by the real driver: what its pins do, move by move
+and cycle by cycle.
+"""
 
 from __future__ import annotations
 
@@ -69,7 +71,9 @@ def test_a_straight_move_of_three_axes(simulator: Simulator, gap_ns: int) -> Non
 
 @pytest.mark.parametrize("baud", share((1_000_000, 500_000), (500_000,)))
 @pytest.mark.parametrize("shares", [(1.0, 1.0, 1.0), (1.0, -0.63, 0.277)])
-def test_fifty_thousand_moves_a_second_that_turn_every_forty(baud: int, shares: tuple[float, ...]) -> None:
+def test_fifty_thousand_moves_a_second_that_turn_every_forty(
+    baud: int, shares: tuple[float, ...]
+) -> None:
     """Segments of 40 moves: all axes step in each, or one in each and the others between."""
     simulator = Simulator(baud=baud)
     time_ns, step = line(10_000, 20_000, shares)
@@ -107,7 +111,10 @@ def test_pulses_are_as_long_as_they_should_be_and_directions_settle(simulator: S
     for axis in range(3):
         own = edges[edges["pin"] == 2 + axis]
         own = own[1:] if len(own) % 2 else own
-        rises, falls = own["cycle"][own["level"] == 1].astype(np.int64), own["cycle"][own["level"] == 0].astype(np.int64)
+        rises, falls = (
+            own["cycle"][own["level"] == 1].astype(np.int64),
+            own["cycle"][own["level"] == 0].astype(np.int64),
+        )
         assert (falls - rises).min() >= 5e-6 * FREQUENCY - 8
         turns = edges["cycle"][edges["pin"] == 5 + axis].astype(np.int64)
         after = np.searchsorted(rises, turns)
@@ -141,7 +148,8 @@ def test_commands_come_at_their_time(simulator: Simulator) -> None:
     np.testing.assert_array_equal(made, step)
 
 
-# -------------------------------------------------------------------------------------------------------------------- faults
+# --------------------------------------------------------------------------------------------------------------------
+# faults
 
 
 @pytest.mark.parametrize("chance", [0.001, 0.01])
@@ -195,7 +203,9 @@ class Killed(Exception):
 
 
 @pytest.mark.parametrize("moment", np.linspace(0.1, 0.6, share(50, 4)).tolist())
-def test_a_host_that_dies_leaves_the_machine_on_its_path(simulator: Simulator, moment: float) -> None:
+def test_a_host_that_dies_leaves_the_machine_on_its_path(
+    simulator: Simulator, moment: float
+) -> None:
     time_ns, step = eased(6_000, 50_000)
     with board(simulator) as driver:
         driver.start(ORIGIN)
@@ -237,12 +247,15 @@ def test_a_ramp_is_smooth(simulator: Simulator) -> None:
     begin = np.flatnonzero(speed < 0.95)[0]
     assert (speed[2:begin] > 0.94).all()
     assert (np.diff(speed[begin:]) < 0.06).all()
-    assert (np.diff(speed[begin - 2 :]) > -0.12).all(), "steeper than the S is in 2.5 ms, the length of a step of the ramp"
+    assert (np.diff(speed[begin - 2 :]) > -0.12).all(), (
+        "steeper than the S is in 2.5 ms, the length of a step of the ramp"
+    )
     assert 0.05 < t[-1] - begin * 1e-3 < 0.085
 
 
 @pytest.mark.parametrize(
-    ("pin", "code", "within"), [(14, "board-emergency-stop", 200e-6), (9, "board-limit", 100e-6), (12, "board-limit", 100e-6)]
+    ("pin", "code", "within"),
+    [(14, "board-emergency-stop", 200e-6), (9, "board-limit", 100e-6), (12, "board-limit", 100e-6)],
 )
 def test_a_switch_ends_the_motion(simulator: Simulator, pin: int, code: str, within: float) -> None:
     time_ns, step = eased(6_000, 50_000)
@@ -267,8 +280,12 @@ def test_a_switch_ends_the_motion(simulator: Simulator, pin: int, code: str, wit
 
 
 @pytest.mark.parametrize("seed", range(share(20, 1)))
-def test_moves_that_come_faster_than_the_link_end_in_a_ramp(simulator: Simulator, seed: int) -> None:
-    """More bytes than a megabaud carries: no move is ever late and made up for by a burst, the board comes to rest and says so."""
+def test_moves_that_come_faster_than_the_link_end_in_a_ramp(
+    simulator: Simulator, seed: int
+) -> None:
+    """More bytes than a megabaud carries: no move is ever late and made up for by a burst, the
+    board comes to rest and says so.
+    """
     chance = np.random.default_rng(seed)
     time_ns, step = wander(seed, 12_000, LEAST_NS)
     time_ns = np.cumsum(chance.integers(LEAST_NS, 26_000, len(time_ns)))
@@ -320,7 +337,9 @@ class LooseCable(SimulatorPort):
         return self.pulled <= self.now() < self.put_back
 
     def read(self, timeout: float) -> bytes:
-        data = super().read(min(timeout, max(self.pulled - self.now(), 0.001)) if not self.off else timeout)
+        data = super().read(
+            min(timeout, max(self.pulled - self.now(), 0.001)) if not self.off else timeout
+        )
         return b"" if self.off else data
 
     def write(self, data: bytes) -> None:
@@ -330,7 +349,9 @@ class LooseCable(SimulatorPort):
 
 @pytest.mark.parametrize("seed", range(share(50, 4)))
 def test_a_cable_that_is_pulled_and_put_back(simulator: Simulator, seed: int) -> None:
-    """For 10 ms to 5 s: nothing has happened, or the error comes within a second, with the last line, and nothing moves after that."""
+    """For 10 ms to 5 s: nothing has happened, or the error comes within a second, with the last
+    line, and nothing moves after that.
+    """
     chance = np.random.default_rng(seed)
     time_ns, step = eased(6_000, 50_000)
     cable = LooseCable(simulator, 1e9, 0.0)
@@ -338,7 +359,9 @@ def test_a_cable_that_is_pulled_and_put_back(simulator: Simulator, seed: int) ->
     driver = Stepper(cable, machine(), "the simulator", clock=cable)
     driver.start(ORIGIN)
     cable.pulled = simulator.now + float(chance.uniform(0.05, 0.5))
-    cable.put_back = cable.pulled + (0.01, 5.0, 0.1, float(10 ** chance.uniform(-2.0, 0.7)))[min(seed, 3)]
+    cable.put_back = (
+        cable.pulled + (0.01, 5.0, 0.1, float(10 ** chance.uniform(-2.0, 0.7)))[min(seed, 3)]
+    )
     try:
         send_all(driver, time_ns, step)
     except BoardError as error:
@@ -355,10 +378,13 @@ def test_a_cable_that_is_pulled_and_put_back(simulator: Simulator, seed: int) ->
         simulator.run(max(cable.put_back - simulator.now, 0.0) + 1.0)
         assert len(simulator.moves()[1]) == len(made), "it goes on by itself"
         said = status(simulator)
-        assert said.state.name == ("ALARM" if len(made) < len(step) else "IDLE"), "all of it may have got through"
+        assert said.state.name == ("ALARM" if len(made) < len(step) else "IDLE"), (
+            "all of it may have got through"
+        )
         assert list(said.position[:3]) == stands_at(made)
         if fault.code == "board-silent":
-            # the last that is known to have reached the board: of what came after it no answer came back
+            # the last that is known to have reached the board: of what came after it no answer came
+            # back
             assert abs(time_ns[fault.line - 1] - time_ns[len(made) - 1]) < 150e6
         else:
             assert fault.line == len(made)
@@ -367,17 +393,24 @@ def test_a_cable_that_is_pulled_and_put_back(simulator: Simulator, seed: int) ->
 
 
 def test_the_decoder_knows_what_goes_over_the_wire(simulator: Simulator) -> None:
-    """The stream that reached the board, played by the Python decoder: the same moves as on the pins."""
+    """The stream that reached the board, played by the Python decoder: the same moves as on the
+    pins.
+    """
     time_ns, step = wander(3, 800, 40_000)
     with board(simulator) as driver:
         sent = bytearray()
         stream = driver._link.stream
-        driver._link.stream = lambda data, *rest, **more: (sent.extend(data), stream(data, *rest, **more))[1]
+        driver._link.stream = lambda data, *rest, **more: (
+            sent.extend(data),
+            stream(data, *rest, **more),
+        )[1]
         driver.start(ORIGIN)
         for part in chunks(time_ns, step):
             driver.send(part)
         driver.finish()
-    played = [np.concatenate(each) for each in zip(*SegmentDecoder(3).play(bytes(sent)), strict=True)]
+    played = [
+        np.concatenate(each) for each in zip(*SegmentDecoder(3).play(bytes(sent)), strict=True)
+    ]
     cycles, made = simulator.moves()
     np.testing.assert_array_equal(played[1], made)
     assert off_plan_us(cycles, played[0]) <= 1.5

@@ -19,14 +19,31 @@ def reach(w, low, high, x, y):
 def test_as_long_as_the_best_of_all(count, width, seed):
     random = np.random.default_rng(seed)
     w = np.arange(count) * 0.5
-    middle = random.uniform(-20, 20) + w * random.uniform(-6, 6) + random.uniform(-1, 1) * w * w / count
-    low, high = middle - random.uniform(0.3, 1.0, count) * width, middle + random.uniform(0.3, 1.0, count) * width
+    middle = (
+        random.uniform(-20, 20) + w * random.uniform(-6, 6) + random.uniform(-1, 1) * w * w / count
+    )
+    low, high = (
+        middle - random.uniform(0.3, 1.0, count) * width,
+        middle + random.uniform(0.3, 1.0, count) * width,
+    )
     x, y = np.meshgrid(np.arange(-40, 41), np.arange(-12, 13))
     best = reach(w, low, high, x.ravel().astype(float), y.ravel().astype(float))
     assume(best > 0)
-    met, found_x, found_y = longest(w, low, high, count, -40.0, 40.0, -12.0, 12.0, np.empty((2, CORNERS)), np.empty((2, CORNERS)))
+    met, found_x, found_y = longest(
+        w,
+        low,
+        high,
+        count,
+        -40.0,
+        40.0,
+        -12.0,
+        12.0,
+        np.empty((2, CORNERS)),
+        np.empty((2, CORNERS)),
+    )
     assert met == reach(w, low, high, np.array([float(found_x)]), np.array([float(found_y)]))
-    # whole numbers in a polygon are looked for on one line through its middle, so a little may be missed in narrow ones
+    # whole numbers in a polygon are looked for on one line through its middle, so a little may be
+    # missed in narrow ones
     assert met <= best
     assert met >= 1
     if width > 4.0:

@@ -1,4 +1,6 @@
-"""Values in the text of comments. The expected texts are LinuxCNC's, but for what its manual promises and it does not keep."""
+"""Values in the text of comments. The expected texts are LinuxCNC's, but for what its manual
+promises and it does not keep.
+"""
 
 from __future__ import annotations
 
@@ -51,8 +53,14 @@ def test_a_vacant_variable() -> None:
 
 def test_comments_of_a_program() -> None:
     """Those of a line come after its assignments and before its moves; MSG is not filled."""
-    source = "#1=2.5\n#1=[#1*2] (debug, is %.1f#1) G0 X#1\n(print,#<_x> %d#5420)\n(msg, #1)\n(note #1)"
-    assert [block.text for block in run(source) if hasattr(block, "text")] == ["is 5.0", "2.500000 2", "#1"]
+    source = (
+        "#1=2.5\n#1=[#1*2] (debug, is %.1f#1) G0 X#1\n(print,#<_x> %d#5420)\n(msg, #1)\n(note #1)"
+    )
+    assert [block.text for block in run(source) if hasattr(block, "text")] == [
+        "is 5.0",
+        "2.500000 2",
+        "#1",
+    ]
 
 
 def test_an_abort_says_why_in_the_programs_own_words() -> None:
@@ -65,7 +73,9 @@ def test_an_abort_says_why_in_the_programs_own_words() -> None:
 
 
 def test_the_moves_before_an_abort_are_made_and_rest() -> None:
-    blocks = interpret(Text.of_lines(["F60", "G41.1 D2", "G1 X10", "X20", "(ABORT, now) X30"], "test.nc"))
+    blocks = interpret(
+        Text.of_lines(["F60", "G41.1 D2", "G1 X10", "X20", "(ABORT, now) X30"], "test.nc")
+    )
     moves = next(blocks)
     assert isinstance(moves, Polyline)
     assert moves.points.round(9).tolist() == [[10.0, 1.0, 0.0], [20.0, 1.0, 0.0]]
@@ -82,7 +92,9 @@ def test_an_answer_that_nobody_gave_aborts_nothing() -> None:
     told: list[Diagnostic] = []
     blocks = run(ASKED.format(0), warn=told.append)
     assert [type(block) for block in blocks] == [WaitInput, Polyline]
-    assert [(found.code, found.severity, found.line, found.column) for found in told] == [("abort-possible", "warning", 5, 1)]
+    assert [(found.code, found.severity, found.line, found.column) for found in told] == [
+        ("abort-possible", "warning", 5, 1)
+    ]
     assert told[0].message == "the program may abort itself: input 0"
     told.clear()
     run(ASKED.format(1), warn=told.append)

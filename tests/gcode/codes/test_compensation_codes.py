@@ -20,7 +20,9 @@ END: Row = ("end",)
 
 
 def tools() -> ToolTable:
-    """Tools of 10 mm and 4 mm, one that is 0.2 mm too small for its contour, one without a diameter, one for turning."""
+    """Tools of 10 mm and 4 mm, one that is 0.2 mm too small for its contour, one without a
+    diameter, one for turning.
+    """
     return ToolTable(
         [
             ToolEntry(1, diameter=10.0),
@@ -36,7 +38,8 @@ ALONG = "G1 F60 X20\nX40\n"
 """Entry and a move along X; compensated by r to the left, both end at Y r."""
 
 
-# how the radius is told: D of the table, the tool in the spindle, D0, G10, units, the diameter itself
+# how the radius is told: D of the table, the tool in the spindle, D0, G10, units, the diameter
+# itself
 @pytest.mark.parametrize(
     ("source", "y"),
     [
@@ -69,11 +72,15 @@ ALONG = "G1 F60 X20\nX40\n"
 def test_the_radius(source: str, y: float) -> None:
     lines = [block for block in run(source, tools=tools()) if isinstance(block, Polyline)]
     points = [point for block in lines for point in block.points.tolist()]
-    assert [value for point in points for value in point] == pytest.approx([20, y, 0, 40, y, 0], abs=1e-12)
+    assert [value for point in points for value in point] == pytest.approx(
+        [20, y, 0, 40, y, 0], abs=1e-12
+    )
 
 
 def test_fanuc_keeps_the_number_of_the_offset() -> None:
-    source = "G10 L12 P7 R4.\nG10 L13 P7 R.5\nG41 D7\nG1 F60. X20.\nG40 X30. Y-9.\nG42 X60. Y0\nX80.\n"
+    source = (
+        "G10 L12 P7 R4.\nG10 L13 P7 R.5\nG41 D7\nG1 F60. X20.\nG40 X30. Y-9.\nG42 X60. Y0\nX80.\n"
+    )
     length = math.hypot(30, 9)
     right = 4.5 * 9 / length, -4.5 * 30 / length
     end: tuple[float, float] = (60 + right[0], right[1])
@@ -102,7 +109,9 @@ M2
 
 
 def test_a_square() -> None:
-    """From 45 degrees below: the end of the entry lies beside it, and the corner there is an inside one: y is where x + 5 sqrt 2 = y."""
+    """From 45 degrees below: the end of the entry lies beside it, and the corner there is an inside
+    one: y is where x + 5 sqrt 2 = y.
+    """
     means(
         SQUARE,
         ("rapid", -10, -10, 0),
@@ -140,10 +149,16 @@ M62 P3
 M30
 """
     far = 2 / math.cos(math.pi / 8)
-    vertices = [(20 + far * math.cos(math.radians(a)), 10 + far * math.sin(math.radians(a))) for a in (157.5, 112.5)]
+    vertices = [
+        (20 + far * math.cos(math.radians(a)), 10 + far * math.sin(math.radians(a)))
+        for a in (157.5, 112.5)
+    ]
     found = run(source, tools=tools())
     kinds = [type(block).__name__ for block in found]
-    assert " ".join(kinds) == "Polyline Spindle Message Dwell PathMode Polyline Stop Coolant Polyline DigitalOutput Spindle End"
+    assert (
+        " ".join(kinds)
+        == "Polyline Spindle Message Dwell PathMode Polyline Stop Coolant Polyline DigitalOutput Spindle End"
+    )
     first, second, third = (block for block in found if isinstance(block, Polyline))
     assert first.points.tolist() == [[10, 2, 0], [18, 2, 0], [18, 2, -1]]
     assert second.points.tolist() == [[18, 10, -1]]
@@ -167,7 +182,18 @@ def test_an_arc_in_another_plane() -> None:
 # the control point seen from the nose's centre, Z and X, in radii
 @pytest.mark.parametrize(
     ("orientation", "z", "x"),
-    [(0, 0, 0), (1, 1, -1), (2, -1, -1), (3, -1, 1), (4, 1, 1), (5, 1, 0), (6, 0, -1), (7, -1, 0), (8, 0, 1), (9, 0, 0)],
+    [
+        (0, 0, 0),
+        (1, 1, -1),
+        (2, -1, -1),
+        (3, -1, 1),
+        (4, 1, 1),
+        (5, 1, 0),
+        (6, 0, -1),
+        (7, -1, 0),
+        (8, 0, 1),
+        (9, 0, 0),
+    ],
 )
 def test_turning_tools(orientation: int, z: int, x: int) -> None:
     expected = [("line", end + 5 * x, 0, 5 * z - 5, 60) for end in (20, 40)]
@@ -186,7 +212,12 @@ def test_the_coordinate_system_may_be_shifted_rotated_and_in_inches() -> None:
 
 
 def test_the_move_after_g40_leads_out_even_across_the_plane() -> None:
-    means("G41.1 D4\nG1 X10 F60\nG40\nZ5\nX20\n", ("line", 10, 2, 0, 60), ("line", 10, 0, 5, 60), ("line", 20, 0, 5, 60))
+    means(
+        "G41.1 D4\nG1 X10 F60\nG40\nZ5\nX20\n",
+        ("line", 10, 2, 0, 60),
+        ("line", 10, 0, 5, 60),
+        ("line", 20, 0, 5, 60),
+    )
 
 
 def test_arcs_and_splines_may_follow_the_lead_out() -> None:
@@ -203,8 +234,19 @@ def test_a_contour_over_two_files_names_both(tmp_path: Path) -> None:
     (tmp_path / "side.ngc").write_text("o<side> sub\nG1 X20\nX30\no<side> endsub\n")
     source = "G41.1 D2\nG1 F60 X10\no<side> call\nG1 X40\nX50\nM2\n"
     blocks = interpret(Text.of_lines(source.split("\n"), "main.ngc"), folders=[tmp_path])
-    found = [(Path(block.file).name, line) for block in blocks if isinstance(block, Polyline) for line in block.lines.tolist()]
-    assert found == [("main.ngc", 2), ("side.ngc", 2), ("side.ngc", 3), ("main.ngc", 4), ("main.ngc", 5)]
+    found = [
+        (Path(block.file).name, line)
+        for block in blocks
+        if isinstance(block, Polyline)
+        for line in block.lines.tolist()
+    ]
+    assert found == [
+        ("main.ngc", 2),
+        ("side.ngc", 2),
+        ("side.ngc", 3),
+        ("main.ngc", 4),
+        ("main.ngc", 5),
+    ]
 
 
 def test_an_error_in_the_file_before(tmp_path: Path) -> None:
@@ -213,13 +255,20 @@ def test_an_error_in_the_file_before(tmp_path: Path) -> None:
     with pytest.raises(GcodeError) as caught:
         list(interpret(Text.of_lines(source.split("\n"), "main.ngc"), folders=[tmp_path]))
     found = caught.value.diagnostic
-    assert (found.code, Path(found.file).name, found.line, found.column) == ("compensation-gouge", "side.ngc", 3, 3)
+    assert (found.code, Path(found.file).name, found.line, found.column) == (
+        "compensation-gouge",
+        "side.ngc",
+        3,
+        3,
+    )
 
 
 def test_a_radius_of_nothing_is_worth_a_warning() -> None:
     said: list[Diagnostic] = []
     run("G41\nG1 F60 X20\n", warn=said.append)
-    assert [(one.code, one.line, one.column) for one in said] == [("compensation-radius-zero", 1, 1)]
+    assert [(one.code, one.line, one.column) for one in said] == [
+        ("compensation-radius-zero", 1, 1)
+    ]
 
 
 ON = "G41 D2\nG1 F60 X20\nX40\n"
@@ -287,7 +336,9 @@ def test_refused(source: str, code: str) -> None:
     stands(code, source, tools=tools())
 
 
-@pytest.mark.parametrize(("dialect", "source"), [("grbl", "G41 D1"), ("grbl", "G42.1 D1"), ("fanuc", "G41.1 D1")])
+@pytest.mark.parametrize(
+    ("dialect", "source"), [("grbl", "G41 D1"), ("grbl", "G42.1 D1"), ("fanuc", "G41.1 D1")]
+)
 def test_not_in_every_dialect(dialect: str, source: str) -> None:
     assert refused(source, dialect=dialect).code == "code-not-in-dialect"
 

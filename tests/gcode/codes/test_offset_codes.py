@@ -1,4 +1,6 @@
-"""Coordinate systems, shifts, reference positions and tool offsets as programs write them; blocks worked out by hand or by formula."""
+"""Coordinate systems, shifts, reference positions and tool offsets as programs write them; blocks
+worked out by hand or by formula.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,13 @@ XYZ = ("x", "y", "z")
 
 
 def table() -> ToolTable:
-    return ToolTable([ToolEntry(1, 1, {"X": 0.5, "Z": 40.0, "U": 9.0}, 6.0), ToolEntry(2, 2, {"Z": 100.0}), ToolEntry(3, 3)])
+    return ToolTable(
+        [
+            ToolEntry(1, 1, {"X": 0.5, "Z": 40.0, "U": 9.0}, 6.0),
+            ToolEntry(2, 2, {"Z": 100.0}),
+            ToolEntry(3, 3),
+        ]
+    )
 
 
 def ends(*points: tuple[float, ...]) -> list[tuple[str | float, ...]]:
@@ -125,20 +133,41 @@ FANUC = {
     "G43 Z H": ("G90 G0 G43 Z5 H2", ends((0, 0, 105))),
     "H0": ("G43 H2\nG43 H0\nG0 Z1", ends((0, 0, 1))),
     "L10 and L11": ("G10 L10 P5 R50\nG10 L11 P5 R-0.5\nG43 H5\nG0 Z0", ends((0, 0, 49.5))),
-    "L10 adds under G91": ("G10 L10 P5 R50\nG91 G10 L10 P5 R1\nG90 G43 H5\nG0 Z0", ends((0, 0, 51))),
-    "L11 adds under G91": ("G10 L11 P2 R1\nG91 G10 L11 P2 R1\nG90 G43 H2\nG0 Z0", ends((0, 0, 102))),
+    "L10 adds under G91": (
+        "G10 L10 P5 R50\nG91 G10 L10 P5 R1\nG90 G43 H5\nG0 Z0",
+        ends((0, 0, 51)),
+    ),
+    "L11 adds under G91": (
+        "G10 L11 P2 R1\nG91 G10 L11 P2 R1\nG90 G43 H2\nG0 Z0",
+        ends((0, 0, 102)),
+    ),
     "L10 in inches": ("G20 G10 L10 P5 R1\nG43 H5\nG0 Z0", ends((0, 0, INCH))),
-    "P0 is everywhere": ("G10 L2 P0 X1\nG10 L2 P2 X100\nG0 X0\nG55 X0", ends((1, 0, 0), (101, 0, 0))),
+    "P0 is everywhere": (
+        "G10 L2 P0 X1\nG10 L2 P2 X100\nG0 X0\nG55 X0",
+        ends((1, 0, 0), (101, 0, 0)),
+    ),
     "G52 and G92 are two": ("G92 X10\nG52 X5\nG0 X0\nG52 X0\nX0", ends((-5, 0, 0), (-10, 0, 0))),
     "G52 stays": ("G10 L2 P2 X100\nG52 X5\nG55 G0 X0", ends((105, 0, 0))),
     "G92 ends G52": ("G52 X5 Y5\nG92 X0\nG0 X1 Y0", ends((1, 5, 0))),
     "G28": ("G0 X5 Z5\nG91 G28 Z0\nG90 X5", ends((5, 0, 5), (5, 0, 5), (5, 0, 0), (5, 0, 0))),
     "G0 G28": ("G0 G91 G28 X0 Y0 Z0", ends((0, 0, 0), (0, 0, 0))),
     "G30": ("#5183=30\nG91 G30 Z0\nG30 P2 Z0", ends((0, 0, 0), (0, 0, 30), (0, 0, 30), (0, 0, 30))),
-    "G54.1": ("G10 L20 P1 X10\nG10 L20 P48 X480\nG0 G54.1 P1 X1\nG54.1 P48 X1\nG54 X1", ends((11, 0, 0), (481, 0, 0), (1, 0, 0))),
-    "G54.1 and its variables": ("#7001=10\n#7941=480\nG0 G54.1 P1 X0\nG54.1 P48 X0\n#7941=0\nX0", ends((10, 0, 0), (480, 0, 0), (0, 0, 0))),
-    "L20 adds under G91": ("G10 L20 P1 X10\nG91 G10 L20 P1 X5\nG90 G54.1 P1 G0 X0", ends((15, 0, 0))),
-    "the external offset's variable": ("#5201=7\nG0 X0\nG10 L2 P0 X[#5201+1]\nX0", ends((7, 0, 0), (8, 0, 0))),
+    "G54.1": (
+        "G10 L20 P1 X10\nG10 L20 P48 X480\nG0 G54.1 P1 X1\nG54.1 P48 X1\nG54 X1",
+        ends((11, 0, 0), (481, 0, 0), (1, 0, 0)),
+    ),
+    "G54.1 and its variables": (
+        "#7001=10\n#7941=480\nG0 G54.1 P1 X0\nG54.1 P48 X0\n#7941=0\nX0",
+        ends((10, 0, 0), (480, 0, 0), (0, 0, 0)),
+    ),
+    "L20 adds under G91": (
+        "G10 L20 P1 X10\nG91 G10 L20 P1 X5\nG90 G54.1 P1 G0 X0",
+        ends((15, 0, 0)),
+    ),
+    "the external offset's variable": (
+        "#5201=7\nG0 X0\nG10 L2 P0 X[#5201+1]\nX0",
+        ends((7, 0, 0), (8, 0, 0)),
+    ),
     "a variable is in effect at once": ("#5221=10\nG0 X0", ends((10, 0, 0))),
 }
 
@@ -151,7 +180,10 @@ def test_fanuc_blocks(name: str) -> None:
 
 GRBL = {
     "G43.1": ("G43.1 Z5\nG0 X0 Z0\nG49 Z0", ends((0, 0, 5), (0, 0, 0))),
-    "G28.1": ("G0 X1 Y2\nG28.1\nX5\nG28 X9\nG28", ends((1, 2, 0), (5, 2, 0), (9, 2, 0), (1, 2, 0), (1, 2, 0))),
+    "G28.1": (
+        "G0 X1 Y2\nG28.1\nX5\nG28 X9\nG28",
+        ends((1, 2, 0), (5, 2, 0), (9, 2, 0), (1, 2, 0), (1, 2, 0)),
+    ),
     "L20 P0": ("G0 X10\nG10 L20 P0 X2\nX3", ends((10, 0, 0), (11, 0, 0))),
     "G53 under G91": ("G0 X5\nG91 G53 X1", ends((5, 0, 0), (1, 0, 0))),
     "G92.1": ("G92 X5\nG0 X0\nG92.1\nX0", ends((-5, 0, 0), (0, 0, 0))),
@@ -264,14 +296,27 @@ def test_rotation_needs_both_axes() -> None:
 
 def test_offsets_of_further_axes() -> None:
     axes = ("x", "z", "u", "a")
-    means("G43 H1\nG0 X0 Z0 U0 A0\nG10 L1 P1 A5\nG43 H1 A0", *ends((0.5, 40, 9, 0), (0.5, 40, 9, 5)), axes=axes, tools=table())
+    means(
+        "G43 H1\nG0 X0 Z0 U0 A0\nG10 L1 P1 A5\nG43 H1 A0",
+        *ends((0.5, 40, 9, 0), (0.5, 40, 9, 5)),
+        axes=axes,
+        tools=table(),
+    )
 
 
 def test_what_a_program_leaves_behind() -> None:
     parameters = Parameters()
     run("G55\nG10 L2 P2 X1 R45\nG53 G0 X9\nG28.1\nG52 Y3\nM2", parameters=parameters)
     stored = parameters.stored()
-    assert [stored[number] for number in (5220, 5241, 5250, 5161, 5210, 5211, 5212)] == [1, 1, 45, 9, 1, 0, 3]
+    assert [stored[number] for number in (5220, 5241, 5250, 5161, 5210, 5211, 5212)] == [
+        1,
+        1,
+        45,
+        9,
+        1,
+        0,
+        3,
+    ]
     assert 5420 not in stored
 
 
@@ -285,10 +330,17 @@ def test_without_m2_the_system_stays() -> None:
 def test_fanuc_leaves_no_local_offset() -> None:
     parameters = Parameters(macro=True)
     run("G52 X5\nM30", dialect="fanuc", parameters=parameters)
-    means("G0 X1", *ends((1, 0, 0)), dialect="fanuc", parameters=Parameters(parameters.stored(), macro=True))
+    means(
+        "G0 X1",
+        *ends((1, 0, 0)),
+        dialect="fanuc",
+        parameters=Parameters(parameters.stored(), macro=True),
+    )
 
 
-@pytest.mark.parametrize(("dialect", "x"), [("linuxcnc", 6.0), ("auto", 6.0), ("fanuc", 1.0), ("grbl", 1.0)])
+@pytest.mark.parametrize(
+    ("dialect", "x"), [("linuxcnc", 6.0), ("auto", 6.0), ("fanuc", 1.0), ("grbl", 1.0)]
+)
 def test_whether_a_shift_outlives_its_program(dialect: str, x: float) -> None:
     stored = {5210: 1.0, 5211: 5.0}
     parameters = Parameters(stored, macro=dialect == "fanuc")

@@ -1,4 +1,6 @@
-"""Random programs of offset codes against a model of its own: complex numbers for X and Y, and a zero point for Z."""
+"""Random programs of offset codes against a model of its own: complex numbers for X and Y, and a
+zero point for Z.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +62,11 @@ class Model:
         return (self.here - self.tool - self.origins[n]).turned(-self.angles[n]) - self.shift
 
     def machine(self, program: Place) -> Place:
-        return self.tool + self.origins[self.current] + (program + self.shift).turned(self.angles[self.current])
+        return (
+            self.tool
+            + self.origins[self.current]
+            + (program + self.shift).turned(self.angles[self.current])
+        )
 
     def move(self, words: dict[str, float], absolute: bool) -> None:
         if absolute:
@@ -100,7 +106,9 @@ def line(rng: random.Random, model: Model, dialect: str) -> tuple[str, bool]:
         return f"G10 L2 P{system + 1} R{model.angles[system]}", False
     if what == "L20":
         wanted = model.program(system).given(words)
-        model.origins[system] = model.here - model.tool - (wanted + model.shift).turned(model.angles[system])
+        model.origins[system] = (
+            model.here - model.tool - (wanted + model.shift).turned(model.angles[system])
+        )
         return f"G10 L20 P{system + 1} {text(words)}", False
     if what == "G92":
         model.shift = model.kept = model.shift + model.program() - model.program().given(words)
@@ -135,7 +143,8 @@ def line(rng: random.Random, model: Model, dialect: str) -> tuple[str, bool]:
     tool = rng.choice(list(TOOLS))
     place = Place(complex(*TOOLS[tool][:2]), TOOLS[tool][2])
     if what == "L10":
-        # The tool that gives the position these coordinates, put on, and the table as it was before.
+        # The tool that gives the position these coordinates, put on, and the table as it was
+        # before.
         angle = model.angles[model.current]
         bare = model.here - model.origins[model.current]
         wanted = (bare.turned(-angle) - model.shift).given(words)
@@ -160,8 +169,14 @@ def test_a_random_program_ends_where_the_model_does(seed: int, dialect: str) -> 
         source.append(written)
         if moves:
             expected.append(model.here)
-    tools = ToolTable(ToolEntry(n, n, dict(zip("XYZ", offsets, strict=True))) for n, offsets in TOOLS.items())
-    found = [row[1:] for row in rows(run("\n".join([*source, "M2"]), dialect=dialect, tools=tools)) if row[0] == "rapid"]
+    tools = ToolTable(
+        ToolEntry(n, n, dict(zip("XYZ", offsets, strict=True))) for n, offsets in TOOLS.items()
+    )
+    found = [
+        row[1:]
+        for row in rows(run("\n".join([*source, "M2"]), dialect=dialect, tools=tools))
+        if row[0] == "rapid"
+    ]
     # Of a move by G28 only the end is compared.
     via = [n for n, written in enumerate(source[1:]) if written.startswith("G28.1")]
     moving = [n for n, written in enumerate(source[1:]) if "G0" in written or "G28" in written]
@@ -171,15 +186,23 @@ def test_a_random_program_ends_where_the_model_does(seed: int, dialect: str) -> 
         ends.append(found[at - 1])
     assert len(ends) == len(expected)
     for end, place in zip(ends, expected, strict=True):
-        assert end == pytest.approx((place.xy.real, place.xy.imag, place.z), rel=1e-12, abs=1e-9), "\n".join(source)
+        assert end == pytest.approx((place.xy.real, place.xy.imag, place.z), rel=1e-12, abs=1e-9), (
+            "\n".join(source)
+        )
 
 
 @pytest.mark.parametrize("seed", range(share(500, 20)))
 def test_offset_codes_never_move(seed: int) -> None:
-    """Whatever they say: no block, and an empty increment ends where the machine stood, to the bit."""
+    """Whatever they say: no block, and an empty increment ends where the machine stood, to the
+    bit.
+    """
     rng = random.Random(seed)
     model = Model(9)
-    lines = [written for written, moves in (line(rng, model, "linuxcnc") for _ in range(40)) if not moves]
-    tools = ToolTable(ToolEntry(n, n, dict(zip("XYZ", offsets, strict=True))) for n, offsets in TOOLS.items())
+    lines = [
+        written for written, moves in (line(rng, model, "linuxcnc") for _ in range(40)) if not moves
+    ]
+    tools = ToolTable(
+        ToolEntry(n, n, dict(zip("XYZ", offsets, strict=True))) for n, offsets in TOOLS.items()
+    )
     source = "\n".join(["G53 G0 X1.1 Y2.2 Z3.3", *lines, "G91 X0 Y0 Z0"])
     assert list(rows(run(source, tools=tools))) == [("rapid", 1.1, 2.2, 3.3)] * 2

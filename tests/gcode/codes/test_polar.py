@@ -12,20 +12,35 @@ HALF = f"{math.sqrt(3) / 2 * 10:.6f}"
 
 PROGRAMS = {
     "distance and angle": ("G0 @10 ^30", [f"rapid {HALF} 5 0"]),
-    "quarters are exact": ("G0 @1 ^90\n^180\n^-90\n^360", ["rapid 0 1 0", "rapid -1 0 0", "rapid 0 -1 0", "rapid 1 0 0"]),
-    "what is not given stays": ("G0 X3 Y4\n@10\n^90", ["rapid 3 4 0", "rapid 6 8 0", "rapid 0 10 0"]),
+    "quarters are exact": (
+        "G0 @1 ^90\n^180\n^-90\n^360",
+        ["rapid 0 1 0", "rapid -1 0 0", "rapid 0 -1 0", "rapid 1 0 0"],
+    ),
+    "what is not given stays": (
+        "G0 X3 Y4\n@10\n^90",
+        ["rapid 3 4 0", "rapid 6 8 0", "rapid 0 10 0"],
+    ),
     "an angle at the zero point": ("G0 ^90 Z1", ["rapid 0 0 1"]),
     "a negative distance": ("G0 @-5 ^0", ["rapid -5 0 0"]),
     "blanks": ("g 0 @ 1 0 ^ 3 0", [f"rapid {HALF} 5 0"]),
     "computed": ("#1=5\nG0 @[#1*2] ^#2", ["rapid 10 0 0"]),
     "increments": ("G0 X3 Y4\nG91 @5\n^90", ["rapid 3 4 0", "rapid 6 8 0", "rapid -8 6 0"]),
     "other axes": ("G1 F60 @2 ^0 Z3", ["line 2 0 3 F60"]),
-    "about the zero of the system": ("G10 L2 P1 X10 Y1\nG0 @5 ^0\n^90", ["rapid 15 1 0", "rapid 10 6 0"]),
+    "about the zero of the system": (
+        "G10 L2 P1 X10 Y1\nG0 @5 ^0\n^90",
+        ["rapid 15 1 0", "rapid 10 6 0"],
+    ),
     "in a turned system": ("G10 L2 P1 R90\nG0 @5 ^0", ["rapid 0 5 0"]),
     "inches": ("G20 G0 @1 ^90", ["rapid 0 25.4 0"]),
     "diameters": ("G7 G0 @5 ^0", ["rapid 5 0 0"]),
-    "the end of an arc": ("G0 X10\nG3 @10 ^90 I-10 F60", ["rapid 10 0 0", "arc xy 0 0 0 10 0 10 0.25 60"]),
-    "a cycle": ("G0 Z5\nG81 @5 ^90 Z-1 R1 F60", ["rapid 0 0 5", "rapid 0 5 5", "rapid 0 5 1", "line 0 5 -1 F60", "rapid 0 5 5"]),
+    "the end of an arc": (
+        "G0 X10\nG3 @10 ^90 I-10 F60",
+        ["rapid 10 0 0", "arc xy 0 0 0 10 0 10 0.25 60"],
+    ),
+    "a cycle": (
+        "G0 Z5\nG81 @5 ^90 Z-1 R1 F60",
+        ["rapid 0 0 5", "rapid 0 5 5", "rapid 0 5 1", "line 0 5 -1 F60", "rapid 0 5 5"],
+    ),
     "a probe": ("G38.2 @5 ^0 F60", ["probe 5 0 0 F60 true true"]),
 }
 
@@ -69,7 +84,9 @@ def test_where_they_can_not_stand(name: str) -> None:
     stands(*ERRORS[name])
 
 
-@pytest.mark.parametrize(("dialect", "code"), [("grbl", "syntax-not-in-dialect"), ("fanuc", "character-unknown")])
+@pytest.mark.parametrize(
+    ("dialect", "code"), [("grbl", "syntax-not-in-dialect"), ("fanuc", "character-unknown")]
+)
 def test_other_dialects_have_none(dialect: str, code: str) -> None:
     assert refused("G0 @5", dialect=dialect).code == code
 

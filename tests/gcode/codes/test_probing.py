@@ -1,4 +1,6 @@
-"""Probing: the blocks, what a program knows after them without a board and with one, and programs that must be refused."""
+"""Probing: the blocks, what a program knows after them without a board and with one, and programs
+that must be refused.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,14 @@ PROBES: dict[str, tuple[str, list[str]]] = {
     "G38.3": ("G38.3 Z-1", ["probe 1 2 -1 F600 true false"]),
     "G38.4": ("G38.4 Z-1", ["probe 1 2 -1 F600 false true"]),
     "G38.5": ("G38.5 X-1 F60", ["probe -1 2 3 F60 false false"]),
-    "it goes on from the end": ("G38.2 Z-1\nG91\nG0 Z1", ["probe 1 2 -1 F600 true true", "rapid 1 2 0"]),
-    "it stays in effect": ("G38.3 Z-1\nX0", ["probe 1 2 -1 F600 true false", "probe 0 2 -1 F600 true false"]),
+    "it goes on from the end": (
+        "G38.2 Z-1\nG91\nG0 Z1",
+        ["probe 1 2 -1 F600 true true", "rapid 1 2 0"],
+    ),
+    "it stays in effect": (
+        "G38.3 Z-1\nX0",
+        ["probe 1 2 -1 F600 true false", "probe 0 2 -1 F600 true false"],
+    ),
     "under G91 and G20": ("G91 G20\nG38.2 Z-0.1", ["probe 1 2 0.46 F600 true true"]),
     "under G93": ("G93\nG38.2 Z-1 F30", ["probe 1 2 -1 F120 true true"]),
     "in a rotated system": ("G10 L2 P1 R90\nG38.2 X4", ["probe 1 4 3 F600 true true"]),
@@ -28,7 +36,10 @@ PROBES: dict[str, tuple[str, list[str]]] = {
         "G10 L2 P1 X10 R90\nG38.2 X4\n#1=#5061 #2=#5062 #3=#5063 #4=#5070\nG53 G0 X#1 Y#2 Z[#3+#4]",
         ["probe 1 4 3 F600 true true", "rapid 4 9 4"],
     ),
-    "contact in the units of the program": ("G20\nG38.2 Z0\nG1 X#5063 Y#5061 F10", ["probe 1 2 0 F600 true true", "line 0 1 0 F254"]),
+    "contact in the units of the program": (
+        "G20\nG38.2 Z0\nG1 X#5063 Y#5061 F10",
+        ["probe 1 2 0 F600 true true", "line 0 1 0 F254"],
+    ),
 }
 
 
@@ -47,7 +58,9 @@ def answered(source: str, *values: float) -> Iterator[Block]:
 
 
 def test_the_program_goes_on_from_where_contact_was() -> None:
-    found = list(rows(list(answered("G38.2 Z-1\nG91\nG0 Z1\nG90\nG0 X#5063 Y#5070", 1.0, 1.0, 2.0, 0.25))))
+    found = list(
+        rows(list(answered("G38.2 Z-1\nG91\nG0 Z1\nG90\nG0 X#5063 Y#5070", 1.0, 1.0, 2.0, 0.25)))
+    )
     assert found[2:] == [("rapid", 1.0, 2.0, 1.25), ("rapid", 0.25, 1.0, 1.25)]
 
 

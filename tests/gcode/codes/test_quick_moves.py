@@ -1,4 +1,6 @@
-"""The quick way to make a move gives what the full order of execution gives, bit for bit, and refuses what it refuses."""
+"""The quick way to make a move gives what the full order of execution gives, bit for bit, and
+refuses what it refuses.
+"""
 
 from dataclasses import replace
 
@@ -19,7 +21,10 @@ numbers = st.one_of(st.integers(-3, 3), st.floats(-50, 50).map(lambda value: rou
 @st.composite
 def moves(draw):
     """A line near to the plainest kind, whole or not."""
-    words = [f"{letter}{draw(numbers)}" for letter in draw(st.sets(st.sampled_from("XYZAIJKRF"), max_size=4))]
+    words = [
+        f"{letter}{draw(numbers)}"
+        for letter in draw(st.sets(st.sampled_from("XYZAIJKRF"), max_size=4))
+    ]
     code = draw(st.sampled_from(["", "G0", "G1", "G2", "G3"]))
     return " ".join(draw(st.permutations([code, *words])))
 
@@ -28,17 +33,43 @@ def moves(draw):
 def half_turns(draw):
     """An arc that closes: half a turn, there or back."""
     x, y = draw(numbers), draw(numbers)
-    return f"G91 {draw(st.sampled_from(['G2', 'G3']))} X{2 * x} Y{2 * y} I{x} J{y}", "G1 X0 Y0", f"G2 X{2 * x} Y{2 * y} I{x} J{y} F{abs(x)}"
+    return (
+        f"G91 {draw(st.sampled_from(['G2', 'G3']))} X{2 * x} Y{2 * y} I{x} J{y}",
+        "G1 X0 Y0",
+        f"G2 X{2 * x} Y{2 * y} I{x} J{y} F{abs(x)}",
+    )
 
 
 settings = st.sampled_from(
-    ["G20", "G21", "G7", "G8", "G90", "G91", "G17", "G18", "G19", "G90.1", "G91.1", "G93", "G94", "F100", "G61.1", "(a remark)"]
+    [
+        "G20",
+        "G21",
+        "G7",
+        "G8",
+        "G90",
+        "G91",
+        "G17",
+        "G18",
+        "G19",
+        "G90.1",
+        "G91.1",
+        "G93",
+        "G94",
+        "F100",
+        "G61.1",
+        "(a remark)",
+    ]
 )
-programs = st.lists(st.one_of(moves().map(lambda line: (line,)), settings.map(lambda line: (line,)), half_turns()), max_size=12)
+programs = st.lists(
+    st.one_of(moves().map(lambda line: (line,)), settings.map(lambda line: (line,)), half_turns()),
+    max_size=12,
+)
 
 
 def outcome(lines, *, quick):
-    interpreter = Interpreter("p", ("x", "y", "z", "a"), dialects.load("auto"), [1.0, 2.0, 3.0, 4.0], Parameters(), None)
+    interpreter = Interpreter(
+        "p", ("x", "y", "z", "a"), dialects.load("auto"), [1.0, 2.0, 3.0, 4.0], Parameters(), None
+    )
     if not quick:
         whole = interpreter._prepare
 
@@ -75,11 +106,15 @@ def test_both_ways_agree(groups):
 
 def test_the_quick_way_is_taken():
     """Else the comparison would compare the full way with itself."""
-    interpreter = Interpreter("p", ("x", "y", "z"), dialects.load("auto"), [0.0] * 3, Parameters(), None)
+    interpreter = Interpreter(
+        "p", ("x", "y", "z"), dialects.load("auto"), [0.0] * 3, Parameters(), None
+    )
     taken = []
     way = interpreter.motion.quick
     interpreter.motion.quick = lambda move: taken.append(way(move)) or taken[-1]
-    for number, line in enumerate(["G1 X1 F100", "Y2", "G0 Z5", "G2 X2 I0.5", "G3 X3 R0.5"], start=1):
+    for number, line in enumerate(
+        ["G1 X1 F100", "Y2", "G0 Z5", "G2 X2 I0.5", "G3 X3 R0.5"], start=1
+    ):
         interpreter.execute(parse_line(line), number)
     interpreter.out.flush()
     assert taken == [True] * 5

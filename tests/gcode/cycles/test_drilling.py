@@ -1,4 +1,6 @@
-"""Canned cycles as programs: what every word and mode does to them, worked out by hand, and programs that must be refused."""
+"""Canned cycles as programs: what every word and mode does to them, worked out by hand, and
+programs that must be refused.
+"""
 
 from __future__ import annotations
 
@@ -40,11 +42,23 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
         "G98 G81 X4 Y5 Z-1 R1\nG0 Z7\nG81 X5 Z-1 R1",
         hole(4, 5, 3, 1, -1, 3) + ["rapid 4 5 7"] + hole(5, 5, 7, 1, -1, 7),
     ),
-    "G98 below R ends at R": ("G0 Z0\nG98 G81 X4 Y5 Z-1 R1", ["rapid 1 2 0", "rapid 1 2 1"] + hole(4, 5, 1, 1, -1, 1)),
+    "G98 below R ends at R": (
+        "G0 Z0\nG98 G81 X4 Y5 Z-1 R1",
+        ["rapid 1 2 0", "rapid 1 2 1"] + hole(4, 5, 1, 1, -1, 1),
+    ),
     # words that stay
-    "Z and R stay": ("G98 G81 X4 Y5 Z-1 R1\nX5\nG81 Y6", hole(4, 5, 3, 1, -1, 3) + hole(5, 5, 3, 1, -1, 3) + hole(5, 6, 3, 1, -1, 3)),
-    "a new Z stays": ("G98 G81 X4 Y5 Z-1 R1\nZ-2\nX5", hole(4, 5, 3, 1, -1, 3) + hole(4, 5, 3, 1, -2, 3)[1:] + hole(5, 5, 3, 1, -2, 3)),
-    "a new R stays": ("G98 G81 X4 Y5 Z-1 R1\nX5 R2\nX6", hole(4, 5, 3, 1, -1, 3) + hole(5, 5, 3, 2, -1, 3) + hole(6, 5, 3, 2, -1, 3)),
+    "Z and R stay": (
+        "G98 G81 X4 Y5 Z-1 R1\nX5\nG81 Y6",
+        hole(4, 5, 3, 1, -1, 3) + hole(5, 5, 3, 1, -1, 3) + hole(5, 6, 3, 1, -1, 3),
+    ),
+    "a new Z stays": (
+        "G98 G81 X4 Y5 Z-1 R1\nZ-2\nX5",
+        hole(4, 5, 3, 1, -1, 3) + hole(4, 5, 3, 1, -2, 3)[1:] + hole(5, 5, 3, 1, -2, 3),
+    ),
+    "a new R stays": (
+        "G98 G81 X4 Y5 Z-1 R1\nX5 R2\nX6",
+        hole(4, 5, 3, 1, -1, 3) + hole(5, 5, 3, 2, -1, 3) + hole(6, 5, 3, 2, -1, 3),
+    ),
     "P stays": (
         "G98 G82 X4 Y5 Z-1 R1 P0.5\nX5\nX6 P2",
         ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -1 F600", "dwell 0.5", "rapid 4 5 3"]
@@ -53,29 +67,65 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
     ),
     "Q stays": (
         "G99 G73 X4 Y5 Z-1 R1 Q1.5\nX5",
-        ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -0.5 F600", "rapid 4 5 -0.246", "line 4 5 -1 F600", "rapid 4 5 1"]
-        + ["rapid 5 5 1", "line 5 5 -0.5 F600", "rapid 5 5 -0.246", "line 5 5 -1 F600", "rapid 5 5 1"],
+        [
+            "rapid 4 5 3",
+            "rapid 4 5 1",
+            "line 4 5 -0.5 F600",
+            "rapid 4 5 -0.246",
+            "line 4 5 -1 F600",
+            "rapid 4 5 1",
+        ]
+        + [
+            "rapid 5 5 1",
+            "line 5 5 -0.5 F600",
+            "rapid 5 5 -0.246",
+            "line 5 5 -1 F600",
+            "rapid 5 5 1",
+        ],
     ),
     "what stays is read in the units of its line": (
         "G99 G81 X4 Y5 Z-1 R1\nG20 X0",
-        [*hole(4, 5, 3, 1, -1, 1), "rapid 4 5 25.4", "rapid 0 5 25.4", "line 0 5 -25.4 F600", "rapid 0 5 25.4"],
+        [
+            *hole(4, 5, 3, 1, -1, 1),
+            "rapid 4 5 25.4",
+            "rapid 0 5 25.4",
+            "line 0 5 -25.4 F600",
+            "rapid 0 5 25.4",
+        ],
     ),
     "only the dwell of a tap may be left out": (
         "G99 G84 X4 Y5 Z-1 R1",
-        ["rapid 4 5 3", "rapid 4 5 1", "overrides false false", "line 4 5 -1 F600", "spindle off 0", "spindle ccw 1000", "line 4 5 1 F600"]
+        [
+            "rapid 4 5 3",
+            "rapid 4 5 1",
+            "overrides false false",
+            "line 4 5 -1 F600",
+            "spindle off 0",
+            "spindle ccw 1000",
+            "line 4 5 1 F600",
+        ]
         + ["spindle off 0", "spindle cw 1000", "overrides true true"],
     ),
     # repeats and G91
-    "L under G90 drills again": ("G99 G81 X4 Y5 Z-1 R1 L2", hole(4, 5, 3, 1, -1, 1) + hole(4, 5, 1, 1, -1, 1)[1:]),
+    "L under G90 drills again": (
+        "G99 G81 X4 Y5 Z-1 R1 L2",
+        hole(4, 5, 3, 1, -1, 1) + hole(4, 5, 1, 1, -1, 1)[1:],
+    ),
     "L under G91 goes on": (
         "G91 G98 G81 X4 Y5 Z-0.6 R1.8 L3",
-        ["rapid 1 2 4.8"] + hole(5, 7, 4.8, 4.8, 4.2, 4.8) + hole(9, 12, 4.8, 4.8, 4.2, 4.8) + hole(13, 17, 4.8, 4.8, 4.2, 4.8),
+        ["rapid 1 2 4.8"]
+        + hole(5, 7, 4.8, 4.8, 4.2, 4.8)
+        + hole(9, 12, 4.8, 4.8, 4.2, 4.8)
+        + hole(13, 17, 4.8, 4.8, 4.2, 4.8),
     ),
     "under G91 R counts from the level of the series": (
         "G91 G99 G81 X4 Z-0.5 R-1 L2\nX1",
         hole(5, 2, 3, 2, 1.5, 2) + hole(9, 2, 2, 2, 1.5, 2) + hole(10, 2, 2, 2, 1.5, 2),
     ),
-    "L does not stay": ("G91 G99 G81 X1 Z-1 R-1 L2\nX1", hole(2, 2, 3, 2, 1, 2) + hole(3, 2, 2, 2, 1, 2) + hole(4, 2, 2, 2, 1, 2)),
+    "L does not stay": (
+        "G91 G99 G81 X1 Z-1 R-1 L2\nX1",
+        hole(2, 2, 3, 2, 1, 2) + hole(3, 2, 2, 2, 1, 2) + hole(4, 2, 2, 2, 1, 2),
+    ),
     # planes
     "G18 drills along Y": (
         "G18 G98 G81 X4 Y-5 Z-0.6 R1",
@@ -92,7 +142,15 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
     ),
     "a rotated coordinate system turns the plane": (
         "G10 L2 P1 R90\nG99 G81 X4 Y5 Z-1 R1\nX6",
-        ["rapid -5 4 3", "rapid -5 4 1", "line -5 4 -1 F600", "rapid -5 4 1", "rapid -5 6 1", "line -5 6 -1 F600", "rapid -5 6 1"],
+        [
+            "rapid -5 4 3",
+            "rapid -5 4 1",
+            "line -5 4 -1 F600",
+            "rapid -5 4 1",
+            "rapid -5 6 1",
+            "line -5 6 -1 F600",
+            "rapid -5 6 1",
+        ],
     ),
     "G20": (
         "G20 F10\nG99 G83 X0 Y0 Z-0.5 R0.1 Q0.4",
@@ -107,13 +165,22 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
         ],
     ),
     # what ends a cycle
-    "G80 with a traverse": ("G99 G81 X4 Y5 Z-1 R1\nG80 G0 X9", [*hole(4, 5, 3, 1, -1, 1), "rapid 9 5 1"]),
-    "a traverse after a cycle": ("G99 G81 X4 Y5 Z-1 R1\nG0 X9", [*hole(4, 5, 3, 1, -1, 1), "rapid 9 5 1"]),
+    "G80 with a traverse": (
+        "G99 G81 X4 Y5 Z-1 R1\nG80 G0 X9",
+        [*hole(4, 5, 3, 1, -1, 1), "rapid 9 5 1"],
+    ),
+    "a traverse after a cycle": (
+        "G99 G81 X4 Y5 Z-1 R1\nG0 X9",
+        [*hole(4, 5, 3, 1, -1, 1), "rapid 9 5 1"],
+    ),
     "M-codes between two holes": (
         "G99 G81 X4 Y5 Z-1 R1\nM8\nX5",
         [*hole(4, 5, 3, 1, -1, 1), "coolant false true", *hole(5, 5, 1, 1, -1, 1)],
     ),
-    "a feed in the line": ("G99 G81 X4 Y5 Z-1 R1 F120", ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -1 F120", "rapid 4 5 1"]),
+    "a feed in the line": (
+        "G99 G81 X4 Y5 Z-1 R1 F120",
+        ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -1 F120", "rapid 4 5 1"],
+    ),
     "a feed a turn": (
         "G95 F0.1\nG99 G81 X4 Y5 Z-1 R1",
         ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -1 F100", "rapid 4 5 1"],
@@ -146,16 +213,39 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
         ]
         + ["line 4 5 1 F600", "spindle off 0", "spindle cw 1000", "overrides true false"],
     ),
-    "G85": ("G98 G85 X4 Y5 Z-1 R1", ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -1 F600", "line 4 5 1 F600", "rapid 4 5 3"]),
+    "G85": (
+        "G98 G85 X4 Y5 Z-1 R1",
+        ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -1 F600", "line 4 5 1 F600", "rapid 4 5 3"],
+    ),
     "G86": (
         "G98 G86 X4 Y5 Z-1 R1 P0.5",
-        ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -1 F600", "dwell 0.5", "spindle off 0", "rapid 4 5 3", "spindle cw 1000"],
+        [
+            "rapid 4 5 3",
+            "rapid 4 5 1",
+            "line 4 5 -1 F600",
+            "dwell 0.5",
+            "spindle off 0",
+            "rapid 4 5 3",
+            "spindle cw 1000",
+        ],
     ),
     "G88": (
         "G98 G88 X4 Y5 Z-1 R1 P0.5",
-        ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -1 F600", "dwell 0.5", "spindle off 0", "stop", "rapid 4 5 3", "spindle cw 1000"],
+        [
+            "rapid 4 5 3",
+            "rapid 4 5 1",
+            "line 4 5 -1 F600",
+            "dwell 0.5",
+            "spindle off 0",
+            "stop",
+            "rapid 4 5 3",
+            "spindle cw 1000",
+        ],
     ),
-    "G89": ("G98 G89 X4 Y5 Z-1 R1 P0.5", ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -1 F600", "dwell 0.5", "line 4 5 3 F600"]),
+    "G89": (
+        "G98 G89 X4 Y5 Z-1 R1 P0.5",
+        ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -1 F600", "dwell 0.5", "line 4 5 3 F600"],
+    ),
 }
 
 
@@ -168,10 +258,18 @@ def test_a_program_drills_its_holes(name: str) -> None:
 FANUC: dict[str, tuple[str, list[str]]] = {
     "words stay from cycle to cycle": (
         "G98 G81 X4. Y5. Z-1. R1.\nG85 X5.",
-        hole(4, 5, 3, 1, -1, 3) + ["rapid 5 5 3", "rapid 5 5 1"] + ["line 5 5 -1 F600", "line 5 5 1 F600", "rapid 5 5 3"],
+        hole(4, 5, 3, 1, -1, 3)
+        + ["rapid 5 5 3", "rapid 5 5 1"]
+        + ["line 5 5 -1 F600", "line 5 5 1 F600", "rapid 5 5 3"],
     ),
-    "R alone drills again": ("G98 G81 X4. Y5. Z-1. R1.\nR2.", hole(4, 5, 3, 1, -1, 3) + hole(4, 5, 3, 2, -1, 3)[1:]),
-    "until G80": ("G98 G81 X4. Y5. Z-1. R1.\nG80\nG81 X5. Z-2. R1.", hole(4, 5, 3, 1, -1, 3) + hole(5, 5, 3, 1, -2, 3)),
+    "R alone drills again": (
+        "G98 G81 X4. Y5. Z-1. R1.\nR2.",
+        hole(4, 5, 3, 1, -1, 3) + hole(4, 5, 3, 2, -1, 3)[1:],
+    ),
+    "until G80": (
+        "G98 G81 X4. Y5. Z-1. R1.\nG80\nG81 X5. Z-2. R1.",
+        hole(4, 5, 3, 1, -1, 3) + hole(5, 5, 3, 1, -2, 3),
+    ),
     "the level of the series is the default": ("G81 X4. Y5. Z-1. R1.", hole(4, 5, 3, 1, -1, 3)),
     "K repeats, P is in milliseconds": (
         "G91 G99 G82 X1. Z-1. R-1. P500 K2",
@@ -181,25 +279,72 @@ FANUC: dict[str, tuple[str, list[str]]] = {
     "the dwell may be left out": ("G99 G82 X4. Y5. Z-1. R1.", hole(4, 5, 3, 1, -1, 1)),
     "G83": (
         "G99 G83 X4. Y5. Z-1. R1. Q1.5",
-        ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -0.5 F600", "rapid 4 5 1", "rapid 4 5 0", "line 4 5 -1 F600", "rapid 4 5 1"],
+        [
+            "rapid 4 5 3",
+            "rapid 4 5 1",
+            "line 4 5 -0.5 F600",
+            "rapid 4 5 1",
+            "rapid 4 5 0",
+            "line 4 5 -1 F600",
+            "rapid 4 5 1",
+        ],
     ),
     "G84 dwells before each reversal and traverses above R": (
         "G84 X4. Y5. Z-1. R1. P250",
-        ["rapid 4 5 3", "rapid 4 5 1", "overrides false false", "line 4 5 -1 F600", "dwell 0.25", "spindle off 0", "spindle ccw 1000"]
-        + ["line 4 5 1 F600", "dwell 0.25", "spindle off 0", "spindle cw 1000", "overrides true true", "rapid 4 5 3"],
+        [
+            "rapid 4 5 3",
+            "rapid 4 5 1",
+            "overrides false false",
+            "line 4 5 -1 F600",
+            "dwell 0.25",
+            "spindle off 0",
+            "spindle ccw 1000",
+        ]
+        + [
+            "line 4 5 1 F600",
+            "dwell 0.25",
+            "spindle off 0",
+            "spindle cw 1000",
+            "overrides true true",
+            "rapid 4 5 3",
+        ],
     ),
     "G89 feeds to R": (
         "G89 X4. Y5. Z-1. R1. P250",
-        ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -1 F600", "dwell 0.25", "line 4 5 1 F600", "rapid 4 5 3"],
+        [
+            "rapid 4 5 3",
+            "rapid 4 5 1",
+            "line 4 5 -1 F600",
+            "dwell 0.25",
+            "line 4 5 1 F600",
+            "rapid 4 5 3",
+        ],
     ),
     "G76 bores finely": (
         "G76 X4. Y5. Z-1. R1. Q0.1 P250",
-        ["rapid 4 5 3", "rapid 4 5 1", "line 4 5 -1 F600", "dwell 0.25", "spindle off 0", "orient 0", "rapid 4.1 5 -1", "rapid 4.1 5 3"]
+        [
+            "rapid 4 5 3",
+            "rapid 4 5 1",
+            "line 4 5 -1 F600",
+            "dwell 0.25",
+            "spindle off 0",
+            "orient 0",
+            "rapid 4.1 5 -1",
+            "rapid 4.1 5 3",
+        ]
         + ["rapid 4 5 3", "spindle cw 1000"],
     ),
     "G76 in G19 shifts along Y": (
         "G19 G99 G76 X-1. Y5. Z3. R0.5 Q0.1",
-        ["rapid 1 5 3", "rapid 0.5 5 3", "line -1 5 3 F600", "spindle off 0", "orient 0", "rapid -1 5.1 3", "rapid 0.5 5.1 3"]
+        [
+            "rapid 1 5 3",
+            "rapid 0.5 5 3",
+            "line -1 5 3 F600",
+            "spindle off 0",
+            "orient 0",
+            "rapid -1 5.1 3",
+            "rapid 0.5 5.1 3",
+        ]
         + ["rapid 0.5 5 3", "spindle cw 1000"],
     ),
 }
@@ -208,7 +353,9 @@ FANUC: dict[str, tuple[str, list[str]]] = {
 @pytest.mark.parametrize("name", FANUC)
 def test_fanuc(name: str) -> None:
     source, expected = FANUC[name]
-    assert said("G21 F600. S1000 M3\nG0 X1. Y2. Z3.\n" + source, dialect="fanuc") == STARTED + expected
+    assert (
+        said("G21 F600. S1000 M3\nG0 X1. Y2. Z3.\n" + source, dialect="fanuc") == STARTED + expected
+    )
 
 
 def test_the_default_level_is_the_dialect_s() -> None:
@@ -304,7 +451,9 @@ NEEDED = {"G81": "ZR", "G82": "ZRP", "G83": "ZRQ", "G85": "ZR"}
 
 @st.composite
 def series(draw: st.DrawFn) -> list[tuple[str, str, str, dict[str, int]]]:
-    """Lines of distance mode, retract mode, code and words; most of them have what their cycle needs."""
+    """Lines of distance mode, retract mode, code and words; most of them have what their cycle
+    needs.
+    """
     program, current = [], ""
     for _ in range(draw(st.integers(1, 6))):
         code = draw(st.sampled_from(["", "", *NEEDED])) or ("" if current else "G81")
@@ -313,15 +462,32 @@ def series(draw: st.DrawFn) -> list[tuple[str, str, str, dict[str, int]]]:
         words = {letter: draw(st.integers(-9, 9)) for letter in "XY" if draw(st.integers(0, 2))}
         for letter in NEEDED[current]:
             if draw(st.integers(0, 14)) if begins else not draw(st.integers(0, 4)):
-                words[letter] = draw(st.integers(-9, 2) if letter == "Z" else st.integers(-2, 9) if letter == "R" else st.integers(1, 4))
+                words[letter] = draw(
+                    st.integers(-9, 2)
+                    if letter == "Z"
+                    else st.integers(-2, 9)
+                    if letter == "R"
+                    else st.integers(1, 4)
+                )
         if not draw(st.integers(0, 3)):
             words["L"] = draw(st.integers(1, 3))
-        program.append((draw(st.sampled_from(["", "", "", "G90", "G91"])), draw(st.sampled_from(["", "", "G98", "G99"])), code, words))
+        program.append(
+            (
+                draw(st.sampled_from(["", "", "", "G90", "G91"])),
+                draw(st.sampled_from(["", "", "G98", "G99"])),
+                code,
+                words,
+            )
+        )
     return program
 
 
-def model(program: list[tuple[str, str, str, dict[str, int]]]) -> Iterator[tuple[str, list[Hole], dict[str, int]]]:
-    """Cycle, holes and words in effect of each line: the rules a second time, in the simplest way. ValueError at a wrong line."""
+def model(
+    program: list[tuple[str, str, str, dict[str, int]]],
+) -> Iterator[tuple[str, list[Hole], dict[str, int]]]:
+    """Cycle, holes and words in effect of each line: the rules a second time, in the simplest way.
+    ValueError at a wrong line.
+    """
     x = y = 0.0
     level, absolute, initial, current = 5.0, True, True, ""
     known: dict[str, int] = {}
@@ -352,7 +518,9 @@ def model(program: list[tuple[str, str, str, dict[str, int]]]) -> Iterator[tuple
 
 @settings(max_examples=share(20000, 400), deadline=None)
 @given(series())
-def test_series_against_the_rules_written_twice(program: list[tuple[str, str, str, dict[str, int]]]) -> None:
+def test_series_against_the_rules_written_twice(
+    program: list[tuple[str, str, str, dict[str, int]]],
+) -> None:
     text = "F600\nG0 Z5\n"
     for *codes, words in program:
         text += " ".join([*codes, *(f"{letter}{value}" for letter, value in words.items())]) + "\n"
@@ -362,12 +530,16 @@ def test_series_against_the_rules_written_twice(program: list[tuple[str, str, st
     try:
         for cycle, holes, known in model(program):
             line += 1
-            how = Manner(feed=10.0, dwell=known.get("P", 0), peck=known.get("Q", 0), clearance=0.254)
+            how = Manner(
+                feed=10.0, dwell=known.get("P", 0), peck=known.get("Q", 0), clearance=0.254
+            )
             for step in steps(int(cycle[1:]) * 10, place, holes, how):
                 if isinstance(step, Pause):
                     expected.append(("dwell", step.seconds))
                 elif isinstance(step, Rapid | Cut):
-                    expected.append(("line", *step.to, 600.0) if isinstance(step, Cut) else ("rapid", *step.to))
+                    expected.append(
+                        ("line", *step.to, 600.0) if isinstance(step, Cut) else ("rapid", *step.to)
+                    )
                     place = step.to
     except ValueError:
         assert refused(text).line == line + 1

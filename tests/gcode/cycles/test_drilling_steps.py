@@ -1,4 +1,6 @@
-"""Canned cycles as steps: each against its moves written out by hand, and properties over random holes."""
+"""Canned cycles as steps: each against its moves written out by hand, and properties over random
+holes.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,15 @@ HIGH = Hole(4, 5, bottom=-1, retract=1, clear=3)
 LOW = Hole(4, 5, bottom=-1, retract=1, clear=1)
 START = (0.0, 0.0, 3.0)
 HOW = Manner(feed=10, dwell=0.5, peck=0.75, clearance=0.25, shift=0.1)
-FANUC = Manner(feed=10, dwell=0.5, peck=0.75, clearance=0.25, shift=0.1, feed_out_to="retract", tap_dwell="before-each")
+FANUC = Manner(
+    feed=10,
+    dwell=0.5,
+    peck=0.75,
+    clearance=0.25,
+    shift=0.1,
+    feed_out_to="retract",
+    tap_dwell="before-each",
+)
 OVER = [Rapid((4, 5, 3)), Rapid((4, 5, 1))]
 
 
@@ -56,7 +66,11 @@ TABLE: list[tuple[int, Hole, Manner, list[Step]]] = [
 ]
 
 
-@pytest.mark.parametrize(("cycle", "hole", "how", "expected"), TABLE, ids=lambda value: str(value) if isinstance(value, int) else "")
+@pytest.mark.parametrize(
+    ("cycle", "hole", "how", "expected"),
+    TABLE,
+    ids=lambda value: str(value) if isinstance(value, int) else "",
+)
 def test_what_each_cycle_does(cycle: int, hole: Hole, how: Manner, expected: list[Step]) -> None:
     assert list(steps(cycle, START, [hole], how)) == OVER + expected
 
@@ -78,9 +92,12 @@ def test_between_holes_the_tool_stays_where_the_last_one_ended() -> None:
 
 
 @pytest.mark.parametrize(
-    ("top", "bottom", "peck", "count"), [(1, -1, 0.1, 20), (0.3, 0, 0.1, 3), (1, -1, 0.75, 3), (1, 1, 1, 1), (0, -1, 1, 1)]
+    ("top", "bottom", "peck", "count"),
+    [(1, -1, 0.1, 20), (0.3, 0, 0.1, 3), (1, -1, 0.75, 3), (1, 1, 1, 1), (0, -1, 1, 1)],
 )
-def test_the_number_of_bites_is_not_spoilt_by_rounding(top: float, bottom: float, peck: float, count: int) -> None:
+def test_the_number_of_bites_is_not_spoilt_by_rounding(
+    top: float, bottom: float, peck: float, count: int
+) -> None:
     """1 - 20 * 0.1 is not -1 to the bit."""
     assert bites(top, bottom, peck) == count
 
@@ -93,7 +110,9 @@ def test_a_bite_shorter_than_the_clearance_never_goes_above_r() -> None:
 
 heights = st.floats(-50, 50, allow_nan=False)
 holes = st.builds(
-    lambda first, second, bottom, deep, above: Hole(first, second, bottom, bottom + deep, bottom + deep + above),
+    lambda first, second, bottom, deep, above: Hole(
+        first, second, bottom, bottom + deep, bottom + deep + above
+    ),
     heights,
     heights,
     heights,
@@ -121,8 +140,12 @@ CYCLES = (730, 740, 760, 810, 820, 830, 840, 850, 860, 880, 890)
     how=manners,
     height=heights,
 )
-def test_no_traverse_goes_into_material(cycle: int, many: list[Hole], how: Manner, height: float) -> None:
-    """Sideways only at R or above (fine boring: its shift in the hole), down by traverse only to R or into what has been drilled."""
+def test_no_traverse_goes_into_material(
+    cycle: int, many: list[Hole], how: Manner, height: float
+) -> None:
+    """Sideways only at R or above (fine boring: its shift in the hole), down by traverse only to R
+    or into what has been drilled.
+    """
     place, reached = (0.0, 0.0, height), math.inf
     for hole in many:
         for step in steps(cycle, place, [hole], how):

@@ -15,22 +15,54 @@ AT_LATHE = ["spindle cw 600", "rapid 20 0 5"]
 MOVES: dict[str, tuple[str, list[str]]] = {
     "G33": ("G33 Z-1 K1.5", ["sync 1.5", "line 1 2 -1 F900", "sync 0"]),
     "K counts along the move": ("G33 X4 Z-1 K1.5", ["sync 1.5", "line 4 2 -1 F900", "sync 0"]),
-    "G33 again": ("G33 Z-1 K1.5\nZ-2 K1", ["sync 1.5", "line 1 2 -1 F900", "sync 0", "sync 1", "line 1 2 -2 F600", "sync 0"]),
-    "G33 under G91 and G20": ("G91 G20\nG33 Z-1 K0.1", ["sync 2.54", "line 1 2 -22.4 F1524", "sync 0"]),
-    "G33 in a rotated system": ("G10 L2 P1 R90\nG33 X4 K1.5", ["sync 1.5", "line 1 4 3 F900", "sync 0"]),
+    "G33 again": (
+        "G33 Z-1 K1.5\nZ-2 K1",
+        ["sync 1.5", "line 1 2 -1 F900", "sync 0", "sync 1", "line 1 2 -2 F600", "sync 0"],
+    ),
+    "G33 under G91 and G20": (
+        "G91 G20\nG33 Z-1 K0.1",
+        ["sync 2.54", "line 1 2 -22.4 F1524", "sync 0"],
+    ),
+    "G33 in a rotated system": (
+        "G10 L2 P1 R90\nG33 X4 K1.5",
+        ["sync 1.5", "line 1 4 3 F900", "sync 0"],
+    ),
     "G33 needs no F": ("G93\nG33 Z-1 K1.5", ["sync 1.5", "line 1 2 -1 F900", "sync 0"]),
     "G33 of no length": ("G33 Z3 K1.5", []),
     "G33.1": (
         "G33.1 Z-1 K1.5",
-        ["sync 1.5", "line 1 2 -1 F900", "spindle ccw 600", "line 1 2 3 F900", "spindle cw 600", "sync 0"],
+        [
+            "sync 1.5",
+            "line 1 2 -1 F900",
+            "spindle ccw 600",
+            "line 1 2 3 F900",
+            "spindle cw 600",
+            "sync 0",
+        ],
     ),
     "G33.1 left-hand, back twice as fast": (
         "M4\nG33.1 Z-1 K1.5 I2",
-        ["spindle ccw 600", "sync 1.5", "line 1 2 -1 F900", "spindle cw 1200", "line 1 2 3 F1800", "spindle ccw 600", "sync 0"],
+        [
+            "spindle ccw 600",
+            "sync 1.5",
+            "line 1 2 -1 F900",
+            "spindle cw 1200",
+            "line 1 2 3 F1800",
+            "spindle ccw 600",
+            "sync 0",
+        ],
     ),
     "G33.1 goes on from its start": (
         "G33.1 Z-1 K1\nG91\nG0 Z1",
-        ["sync 1", "line 1 2 -1 F600", "spindle ccw 600", "line 1 2 3 F600", "spindle cw 600", "sync 0", "rapid 1 2 4"],
+        [
+            "sync 1",
+            "line 1 2 -1 F600",
+            "spindle ccw 600",
+            "line 1 2 3 F600",
+            "spindle cw 600",
+            "sync 0",
+            "rapid 1 2 4",
+        ],
     ),
 }
 
@@ -43,21 +75,47 @@ def test_moves_that_follow_the_spindle(name: str) -> None:
 
 def turning(x: float, away: float) -> list[str]:
     """A plain pass of the thread below."""
-    return [f"rapid {x:g} 0 5", "sync 1.5", f"line {x:g} 0 -20 F900", "sync 0", f"rapid {away:g} 0 -20"]
+    return [
+        f"rapid {x:g} 0 5",
+        "sync 1.5",
+        f"line {x:g} 0 -20 F900",
+        "sync 0",
+        f"rapid {away:g} 0 -20",
+    ]
 
 
 THREADS: dict[str, tuple[str, list[str]]] = {
     "an external thread of two passes": (
         "G76 P1.5 Z-20 I-1 J0.4 K0.8",
-        ["overrides false true", "rapid 20.4 0 5", *turning(18.6, 20.4), "rapid 20 0 5", *turning(18.2, 20), "overrides true true"],
+        [
+            "overrides false true",
+            "rapid 20.4 0 5",
+            *turning(18.6, 20.4),
+            "rapid 20 0 5",
+            *turning(18.2, 20),
+            "overrides true true",
+        ],
     ),
     "an internal one": (
         "G76 P1.5 Z-20 I1 J0.4 K0.8",
-        ["overrides false true", "rapid 19.6 0 5", *turning(21.4, 19.6), "rapid 20 0 5", *turning(21.8, 20), "overrides true true"],
+        [
+            "overrides false true",
+            "rapid 19.6 0 5",
+            *turning(21.4, 19.6),
+            "rapid 20 0 5",
+            *turning(21.8, 20),
+            "overrides true true",
+        ],
     ),
     "one pass and a spring pass": (
         "G76 P1.5 Z-20 I-1 J0.8 K0.8 H1",
-        ["overrides false true", *turning(18.2, 20), "rapid 20 0 5", *turning(18.2, 20), "overrides true true"],
+        [
+            "overrides false true",
+            *turning(18.2, 20),
+            "rapid 20 0 5",
+            *turning(18.2, 20),
+            "overrides true true",
+        ],
     ),
     "under G91 Z is a way": (
         "G91\nG76 P1.5 Z-25 I-1 J0.8 K0.8",
@@ -69,17 +127,37 @@ THREADS: dict[str, tuple[str, list[str]]] = {
     ),
     "an exit taper of 45 degrees": (
         "G76 P1.5 Z-20 I-1 J0.8 K0.8 E0.8 L2",
-        ["overrides false true", "rapid 18.2 0 5", "sync 1.5", "line 18.2 0 -19.2 F900", "sync 2.12132"]
+        [
+            "overrides false true",
+            "rapid 18.2 0 5",
+            "sync 1.5",
+            "line 18.2 0 -19.2 F900",
+            "sync 2.12132",
+        ]
         + ["line 19 0 -20 F1272.792206", "sync 0", "rapid 20 0 -20", "overrides true true"],
     ),
     "an entry taper and the slide": (
         "G76 P1.5 Z-20 I-1 J0.8 K0.8 Q45 E0.8 L1",
-        ["overrides false true", "rapid 20 0 4.2", "sync 2.12132", "line 19 0 4.2 F1272.792206", "line 18.2 0 3.4 F1272.792206"]
+        [
+            "overrides false true",
+            "rapid 20 0 4.2",
+            "sync 2.12132",
+            "line 19 0 4.2 F1272.792206",
+            "line 18.2 0 3.4 F1272.792206",
+        ]
         + ["sync 1.5", "line 18.2 0 -20 F900", "sync 0", "rapid 20 0 -20", "overrides true true"],
     ),
     "towards plus": (
         "G76 P1.5 Z30 I-1 J0.8 K0.8 Q45",
-        ["overrides false true", "rapid 20 0 5.8", "rapid 18.2 0 5.8", "sync 1.5", "line 18.2 0 30 F900", "sync 0", "rapid 20 0 30"]
+        [
+            "overrides false true",
+            "rapid 20 0 5.8",
+            "rapid 18.2 0 5.8",
+            "sync 1.5",
+            "line 18.2 0 30 F900",
+            "sync 0",
+            "rapid 20 0 30",
+        ]
         + ["overrides true true"],
     ),
 }
@@ -93,9 +171,20 @@ def test_g76(name: str) -> None:
 
 def test_a_lathe_has_no_y() -> None:
     begin = "G18 G21 S600 M3\nG0 X20 Z5\n"
-    assert said(begin + "G76 P1.5 Z-20 I-1 J0.8 K0.8", axes=("x", "z"))[2:5] == ["overrides false true", "rapid 18.2 5", "sync 1.5"]
-    assert said(begin + "G17 G33 X10 Z-20 K1.5", axes=("x", "z"))[2:] == ["sync 1.5", "line 10 -20 F900", "sync 0"]
-    assert refused(begin.replace("X20", "") + "G76 P1.5 Z-20 I-1 J0.8 K0.8", axes=("y", "z")).code == "axis-missing"
+    assert said(begin + "G76 P1.5 Z-20 I-1 J0.8 K0.8", axes=("x", "z"))[2:5] == [
+        "overrides false true",
+        "rapid 18.2 5",
+        "sync 1.5",
+    ]
+    assert said(begin + "G17 G33 X10 Z-20 K1.5", axes=("x", "z"))[2:] == [
+        "sync 1.5",
+        "line 10 -20 F900",
+        "sync 0",
+    ]
+    assert (
+        refused(begin.replace("X20", "") + "G76 P1.5 Z-20 I-1 J0.8 K0.8", axes=("y", "z")).code
+        == "axis-missing"
+    )
 
 
 WRONG: dict[str, tuple[str, str]] = {
@@ -112,7 +201,10 @@ WRONG: dict[str, tuple[str, str]] = {
     "G33.1 back at no speed": ("value-out-of-range", "G33.1 Z-1 K1 ¦I0"),
     "G33.1 back the wrong way": ("value-out-of-range", "G33.1 Z-1 K1 ¦I-1"),
     "G33 under cutter compensation": ("compensation-active", "G41.1 D1\nG1 X40 F60\n¦G33 X50 K1"),
-    "G76 under cutter compensation": ("compensation-active", "G41.1 D1\nG1 X40 F60\n¦G76 P1 Z-20 I-1 J.4 K.8"),
+    "G76 under cutter compensation": (
+        "compensation-active",
+        "G41.1 D1\nG1 X40 F60\n¦G76 P1 Z-20 I-1 J.4 K.8",
+    ),
     "G33 in machine coordinates": ("machine-coordinates-motion", "¦G53 G33 Z-1 K1"),
     "G76 in G17": ("thread-plane", "G17 ¦G76 P1 Z-20 I-1 J.4 K.8"),
     "G76 with X": ("axis-not-allowed", "G76 P1 ¦X1 Z-20 I-1 J.4 K.8"),

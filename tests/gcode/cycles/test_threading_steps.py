@@ -1,4 +1,6 @@
-"""Threads as steps: passes against a second way to compute them, and one thread against figures of LinuxCNC's own interpreter."""
+"""Threads as steps: passes against a second way to compute them, and one thread against figures of
+LinuxCNC's own interpreter.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.gcode.cycles.steps import Allow, Cut, Rapid, Step, Synchronise, Turn
-from cnc.gcode.cycles.threading_steps import MOST_PASSES, Thread, cut, depths, follow, passes, tap_rigidly
+from cnc.gcode.cycles.threading_steps import (
+    MOST_PASSES,
+    Thread,
+    cut,
+    depths,
+    follow,
+    passes,
+    tap_rigidly,
+)
 from tests.support.soak import share
 
 PLAIN = Thread(start=5, end=-20, drive=20, height=0, pitch=1.5, peak=-1, first=0.2, full=0.8)
@@ -21,11 +31,19 @@ def thread(**words: float | bool) -> Thread:
 
 
 def test_a_thread_of_equal_depths_pass_by_pass() -> None:
-    """Drive line at x 20, peak 1 inside of it, four passes of 0.2 mm; the pass moves out by what is left to cut."""
+    """Drive line at x 20, peak 1 inside of it, four passes of 0.2 mm; the pass moves out by what is
+    left to cut.
+    """
     found = list(cut(PLAIN, 10.0))
     expected: list[Step] = [Allow(overrides=False, spindle=False)]
     for bottom, away in ((18.8, 20.6), (18.6, 20.4), (18.4, 20.2), (18.2, 20.0)):
-        expected += [Rapid((5, away, 0)), Rapid((5, bottom, 0)), Synchronise(1.5), Cut((-20, bottom, 0), 15.0), Synchronise(0.0)]
+        expected += [
+            Rapid((5, away, 0)),
+            Rapid((5, bottom, 0)),
+            Synchronise(1.5),
+            Cut((-20, bottom, 0), 15.0),
+            Synchronise(0.0),
+        ]
         expected += [Rapid((-20, away, 0))]
     expected.append(Allow(overrides=True, spindle=False))
     assert len(found) == len(expected)
@@ -38,8 +56,12 @@ def test_a_thread_of_equal_depths_pass_by_pass() -> None:
 
 
 def test_compound_slide_and_both_tapers() -> None:
-    """Figures that rs274 of LinuxCNC 2.9 prints for G76 P1.5 Z-20 I-1 J0.2 K0.8 R1.5 Q29.5 H1 E2 L3 from X20 Z5, first and second pass."""
-    found = list(cut(thread(degression=1.5, angle=29.5, springs=1, taper=2, entry=True, exit=True), 10.0))
+    """Figures that rs274 of LinuxCNC 2.9 prints for G76 P1.5 Z-20 I-1 J0.2 K0.8 R1.5 Q29.5 H1 E2 L3
+    from X20 Z5, first and second pass.
+    """
+    found = list(
+        cut(thread(degression=1.5, angle=29.5, springs=1, taper=2, entry=True, exit=True), 10.0)
+    )
     figures: list[tuple[type[Step], float, float]] = [
         (Rapid, 20.6, 4.8868),
         (Synchronise, 1.615549, 0),
@@ -115,7 +137,9 @@ threads = st.builds(
 @settings(max_examples=share(5000, 200), deadline=None)
 @given(threads)
 def test_depths_by_adding_up_what_every_pass_takes(case: Thread) -> None:
-    """depth ** degression grows by first ** degression a pass: the meaning of degression (2: area), added up."""
+    """depth ** degression grows by first ** degression a pass: the meaning of degression (2: area),
+    added up.
+    """
     taken, found = 0.0, []
     while True:
         taken += case.first**case.degression
@@ -130,7 +154,9 @@ def test_depths_by_adding_up_what_every_pass_takes(case: Thread) -> None:
 @settings(max_examples=share(5000, 200), deadline=None)
 @given(threads)
 def test_every_pass_keeps_the_pitch_along_z(case: Thread) -> None:
-    """z moves pitch a turn wherever the tool cuts along the thread, so that no pass leaves the groove; the stroke is always the same."""
+    """z moves pitch a turn wherever the tool cuts along the thread, so that no pass leaves the
+    groove; the stroke is always the same.
+    """
     speed, synchronised, place = 5.0, 0.0, (case.start, case.drive, case.height)
     inward = math.copysign(1.0, case.peak)
     for step in cut(case, speed):
@@ -152,7 +178,11 @@ def test_every_pass_keeps_the_pitch_along_z(case: Thread) -> None:
 
 
 def test_a_synchronised_move() -> None:
-    assert list(follow((0, 0, 3), (1, 0, -1), 1.5, 10.0)) == [Synchronise(1.5), Cut((1, 0, -1), 15.0), Synchronise(0.0)]
+    assert list(follow((0, 0, 3), (1, 0, -1), 1.5, 10.0)) == [
+        Synchronise(1.5),
+        Cut((1, 0, -1), 15.0),
+        Synchronise(0.0),
+    ]
     assert not list(follow((0, 0, 3), (0, 0, 3), 1.5, 10.0))
 
 

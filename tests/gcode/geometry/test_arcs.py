@@ -31,9 +31,22 @@ def point(center: complex, radius: float, angle: float) -> tuple[float, float]:
     st.floats(1e-4, math.tau - 1e-4),
     st.booleans(),
 )
-def test_the_centre_format_sweeps_what_the_angles_say(center: complex, radius: float, angle: float, sweep: float, clockwise: bool) -> None:
-    start, end = point(center, radius, angle), point(center, radius, angle - sweep if clockwise else angle + sweep)
-    arc = arcs.from_center(start, end, (center.real, center.imag), clockwise=clockwise, turns=1, tolerance=MM, word=WORD)
+def test_the_centre_format_sweeps_what_the_angles_say(
+    center: complex, radius: float, angle: float, sweep: float, clockwise: bool
+) -> None:
+    start, end = (
+        point(center, radius, angle),
+        point(center, radius, angle - sweep if clockwise else angle + sweep),
+    )
+    arc = arcs.from_center(
+        start,
+        end,
+        (center.real, center.imag),
+        clockwise=clockwise,
+        turns=1,
+        tolerance=MM,
+        word=WORD,
+    )
     assert arc.turns * math.tau == pytest.approx(-sweep if clockwise else sweep, abs=1e-9)
     assert arc.length(3.0) == pytest.approx(math.hypot(radius * sweep, 3.0), rel=1e-9)
 
@@ -45,10 +58,17 @@ def test_the_centre_format_sweeps_what_the_angles_say(center: complex, radius: f
     st.floats(0.01, math.tau - 0.01).filter(lambda sweep: abs(sweep - math.pi) > 0.01),
     st.booleans(),
 )
-def test_the_radius_format_finds_the_centre(center: complex, radius: float, angle: float, sweep: float, clockwise: bool) -> None:
-    start, end = point(center, radius, angle), point(center, radius, angle - sweep if clockwise else angle + sweep)
+def test_the_radius_format_finds_the_centre(
+    center: complex, radius: float, angle: float, sweep: float, clockwise: bool
+) -> None:
+    start, end = (
+        point(center, radius, angle),
+        point(center, radius, angle - sweep if clockwise else angle + sweep),
+    )
     given_radius = -radius if sweep > math.pi else radius
-    arc = arcs.from_radius(start, end, given_radius, clockwise=clockwise, turns=1, tolerance=MM, word=WORD)
+    arc = arcs.from_radius(
+        start, end, given_radius, clockwise=clockwise, turns=1, tolerance=MM, word=WORD
+    )
     assert math.dist(arc.center, (center.real, center.imag)) < 1e-6
     assert arc.turns * math.tau == pytest.approx(-sweep if clockwise else sweep, abs=1e-6)
 
@@ -115,16 +135,33 @@ def test_turns_of_an_arc_that_only_nearly_closes() -> None:
 
 
 @pytest.mark.parametrize("dialect", ["auto", "grbl", "fanuc"])
-@pytest.mark.parametrize("words", ["G17\nG2 X2. Y0. I1. J0. K0.", "G18\nG2 X2. Z0. I1. J0. K0.", "G19\nG2 Y2. Z0. I0. J1. K0."])
+@pytest.mark.parametrize(
+    "words",
+    ["G17\nG2 X2. Y0. I1. J0. K0.", "G18\nG2 X2. Z0. I1. J0. K0.", "G19\nG2 Y2. Z0. I0. J1. K0."],
+)
 def test_the_axis_across_the_plane_may_be_named_with_0(dialect: str, words: str) -> None:
     before, line = words.split("\n")
-    (found,) = (block for block in run(f"{before}\nF60\n{line}\nM2", dialect=dialect) if isinstance(block, ArcFeed))
+    (found,) = (
+        block
+        for block in run(f"{before}\nF60\n{line}\nM2", dialect=dialect)
+        if isinstance(block, ArcFeed)
+    )
     idle = {"G17": " K0.", "G18": " J0.", "G19": " I0."}[before]
-    (plain,) = (block for block in run(f"{before}\nF60\n{line.replace(idle, '')}\nM2", dialect=dialect) if isinstance(block, ArcFeed))
-    assert (found.center, list(found.end), found.turns) == (plain.center, list(plain.end), plain.turns)
+    (plain,) = (
+        block
+        for block in run(f"{before}\nF60\n{line.replace(idle, '')}\nM2", dialect=dialect)
+        if isinstance(block, ArcFeed)
+    )
+    assert (found.center, list(found.end), found.turns) == (
+        plain.center,
+        list(plain.end),
+        plain.turns,
+    )
 
 
-@pytest.mark.parametrize(("dialect", "word"), [("linuxcnc", "K0"), ("auto", "K0.5"), ("grbl", "K0.5"), ("fanuc", "K.5")])
+@pytest.mark.parametrize(
+    ("dialect", "word"), [("linuxcnc", "K0"), ("auto", "K0.5"), ("grbl", "K0.5"), ("fanuc", "K.5")]
+)
 def test_the_axis_across_the_plane_is_refused(dialect: str, word: str) -> None:
     fault = refused(f"F60\nG2 X2. Y0. I1. J0. {word}\nM2", dialect=dialect)
     assert (fault.code, fault.line, fault.column) == ("word-unused", 2, 20)

@@ -1,4 +1,6 @@
-"""Compensated contours against rows worked out by hand: every kind of corner, entry, exit, and what comes between the moves."""
+"""Compensated contours against rows worked out by hand: every kind of corner, entry, exit, and what
+comes between the moves.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,24 @@ import pytest
 from cnc.gcode.geometry.compensation import MAX_WAITING, Compensation
 from cnc.model.blocks import ArcFeed
 from cnc.model.diagnostics import GcodeError
-from tests.support.gcode.compensation_cases import FEED, HERE, Arc, Line, Move, Recorder, Row, record, same, send
+from tests.support.gcode.compensation_cases import (
+    FEED,
+    HERE,
+    Arc,
+    Line,
+    Move,
+    Recorder,
+    Row,
+    record,
+    same,
+    send,
+)
 
 H = math.sqrt(0.5)
 
 
-# The tool, of radius 2, runs around a square of side 10: clockwise on its left, so outside; the entry comes up along the left side.
+# The tool, of radius 2, runs around a square of side 10: clockwise on its left, so outside; the
+# entry comes up along the left side.
 def test_around_a_square_from_outside() -> None:
     moves: list[Move] = [Line(0, 0), Line(0, 10), Line(10, 10), Line(10, 0), Line(-5, 0)]
     found = record(moves, "left", 2.0, start=(0.0, -8.0, 0.0))
@@ -42,17 +56,26 @@ def test_along_a_square_from_inside() -> None:
     same(found.rows, [("line", x, y, 0) for x, y in ends])
 
 
-# A circle of radius 5 about 0, 0 from 5, 0 and the tool of radius 2, straight in: compensated radius 7 outside, 3 inside.
+# A circle of radius 5 about 0, 0 from 5, 0 and the tool of radius 2, straight in: compensated
+# radius 7 outside, 3 inside.
 @pytest.mark.parametrize(
     ("side", "turns", "radius", "start"),
-    [("right", 1.0, 7.0, (5.0, -9.0)), ("left", -1.0, 7.0, (5.0, 9.0)), ("left", 1.0, 3.0, (5.0, -9.0)), ("right", -1.0, 3.0, (5.0, 9.0))],
+    [
+        ("right", 1.0, 7.0, (5.0, -9.0)),
+        ("left", -1.0, 7.0, (5.0, 9.0)),
+        ("left", 1.0, 3.0, (5.0, -9.0)),
+        ("right", -1.0, 3.0, (5.0, 9.0)),
+    ],
 )
-def test_a_full_circle_keeps_its_centre(side: str, turns: float, radius: float, start: tuple[float, float]) -> None:
+def test_a_full_circle_keeps_its_centre(
+    side: str, turns: float, radius: float, start: tuple[float, float]
+) -> None:
     found = record([Line(5, 0), Arc(5, 0, 0, 0, turns)], side, 2.0, start=(*start, 0.0))
     same(found.rows, [("line", radius, 0, 0), ("arc", radius, 0, 0, 0, 0, radius, turns)])
 
 
-# Along X, then an arc about 10, -5 or 10, 5 whose tangent at 10, 0 is X: both convexities pass straight.
+# Along X, then an arc about 10, -5 or 10, 5 whose tangent at 10, 0 is X: both convexities pass
+# straight.
 @pytest.mark.parametrize(
     ("side", "arc", "expected"),
     [
@@ -68,8 +91,9 @@ def test_tangent_moves_pass_straight(side: str, arc: Arc, expected: Row) -> None
     same(found.rows, [("line", 5, y, 0), ("line", 10, y, 0), expected])
 
 
-# A line up to 10, 0 and an arc that leaves at a right angle to the tool's side: circles about 15, 0 (radius 5) and 5, 0.
-# Offset line y = 2; offset circles: 5 + 2 = 7 outside the first one, 5 - 2 = 3 inside the second.
+# A line up to 10, 0 and an arc that leaves at a right angle to the tool's side: circles about 15, 0
+# (radius 5) and 5, 0. Offset line y = 2; offset circles: 5 + 2 = 7 outside the first one, 5 - 2 = 3
+# inside the second.
 @pytest.mark.parametrize(
     ("arc", "enter", "radius"),
     [
@@ -82,7 +106,11 @@ def test_inside_corner_of_line_and_arc(arc: Arc, enter: tuple[float, float], rad
     spin = math.copysign(1.0, arc.turns)
     swept = math.asin(2.0 / radius) / math.tau
     end = arc.cx + math.copysign(radius, arc.x - arc.cx), arc.cy
-    expected: list[Row] = [("line", 5, 2, 0), ("line", *enter, 0), ("arc", *end, 0, arc.cx, arc.cy, radius, spin * (0.5 - swept))]
+    expected: list[Row] = [
+        ("line", 5, 2, 0),
+        ("line", *enter, 0),
+        ("arc", *end, 0, arc.cx, arc.cy, radius, spin * (0.5 - swept)),
+    ]
     same(found.rows, expected)
 
 
@@ -92,19 +120,31 @@ def test_inside_corner_of_arc_and_line() -> None:
     found = record(moves, "right", 2.0, start=(20.0, -10.0, 0.0))
     swept = 0.5 - math.asin(2 / 7) / math.tau
     corner = 15 - math.sqrt(45)
-    same(found.rows, [("line", 22, 0, 0), ("arc", corner, 2, 0, 15, 0, 7, swept), ("line", -10, 2, 0)])
+    same(
+        found.rows,
+        [("line", 22, 0, 0), ("arc", corner, 2, 0, 15, 0, 7, swept), ("line", -10, 2, 0)],
+    )
 
 
-# Two half circles of radius 5 about 5, 0 and 15, 0 over the X axis meet in a cusp that points down: offsets of radius 7 cross at x = 10.
+# Two half circles of radius 5 about 5, 0 and 15, 0 over the X axis meet in a cusp that points down:
+# offsets of radius 7 cross at x = 10.
 def test_inside_corner_of_two_arcs() -> None:
     moves: list[Move] = [Line(0, 0), Arc(10, 0, 5, 0, -0.5), Arc(20, 0, 15, 0, -0.5)]
     found = record(moves, "left", 2.0, start=(0.0, -9.0, 0.0))
     swept = 0.5 - math.acos(5 / 7) / math.tau
     y = math.sqrt(49 - 25)
-    same(found.rows, [("line", -2, 0, 0), ("arc", 10, y, 0, 5, 0, 7, -swept), ("arc", 22, 0, 0, 15, 0, 7, -swept)])
+    same(
+        found.rows,
+        [
+            ("line", -2, 0, 0),
+            ("arc", 10, y, 0, 5, 0, 7, -swept),
+            ("arc", 22, 0, 0, 15, 0, 7, -swept),
+        ],
+    )
 
 
-# The cusp is 1e-4 rad off: the second arc begins below the first, or above, where its centre is lower or higher by 5e-4.
+# The cusp is 1e-4 rad off: the second arc begins below the first, or above, where its centre is
+# lower or higher by 5e-4.
 @pytest.mark.parametrize("off", [-5e-4, 5e-4])
 def test_a_cusp_not_quite_exact(off: float) -> None:
     half = math.sqrt(25 - off * off)
@@ -131,11 +171,27 @@ def test_outside_corner_of_two_arcs() -> None:
 def test_the_way_back_goes_around_the_end() -> None:
     moves: list[Move] = [Line(10, 0), Line(20, 0), Line(5, 0)]
     found = record(moves, "left", 2.0)
-    same(found.rows, [("line", 10, 2, 0), ("line", 20, 2, 0), ("arc", 20, -2, 0, 20, 0, 2, -0.5), ("line", 5, -2, 0)])
+    same(
+        found.rows,
+        [
+            ("line", 10, 2, 0),
+            ("line", 20, 2, 0),
+            ("arc", 20, -2, 0, 20, 0, 2, -0.5),
+            ("line", 5, -2, 0),
+        ],
+    )
 
 
 def test_what_comes_between_happens_where_the_move_before_ends() -> None:
-    moves: list[Move] = [Line(10, 0), Line(20, 0), Line(20, 0, -3), "dwell", Line(20, 10), Line(20, 10, 5, rapid=True), Line(40, 10)]
+    moves: list[Move] = [
+        Line(10, 0),
+        Line(20, 0),
+        Line(20, 0, -3),
+        "dwell",
+        Line(20, 10),
+        Line(20, 10, 5, rapid=True),
+        Line(40, 10),
+    ]
     found = record(moves, "left", 2.0)
     expected: list[Row] = [
         ("line", 10, 2, 0),
@@ -152,11 +208,23 @@ def test_what_comes_between_happens_where_the_move_before_ends() -> None:
 
 
 def test_moves_across_the_plane_before_the_entry_stay_where_they_are() -> None:
-    found = record([Line(0, 0, 5, rapid=True), "dwell", Line(0, 0, -1), Line(10, 0), Line(20, 0)], "right", 2.0)
-    same(found.rows, [("rapid", 0, 0, 5), ("dwell",), ("line", 0, 0, -1), ("line", 10, -2, -1), ("line", 20, -2, -1)])
+    found = record(
+        [Line(0, 0, 5, rapid=True), "dwell", Line(0, 0, -1), Line(10, 0), Line(20, 0)], "right", 2.0
+    )
+    same(
+        found.rows,
+        [
+            ("rapid", 0, 0, 5),
+            ("dwell",),
+            ("line", 0, 0, -1),
+            ("line", 10, -2, -1),
+            ("line", 20, -2, -1),
+        ],
+    )
 
 
-# The tool's centre leaves the arc of radius 2 along the lines that touch it every 45 degrees: they meet at 2 / cos 22.5 from the corner.
+# The tool's centre leaves the arc of radius 2 along the lines that touch it every 45 degrees: they
+# meet at 2 / cos 22.5 from the corner.
 def test_a_traverse_stays_outside_of_the_corner() -> None:
     found = record([Line(10, 0, rapid=True), Line(20, 0), Line(20, -10, rapid=True)], "left", 2.0)
     far = 2 / math.cos(math.pi / 8)
@@ -168,62 +236,120 @@ def test_a_traverse_stays_outside_of_the_corner() -> None:
 
 @pytest.mark.parametrize(("angle", "arcs"), [(0.049, 0), (0.051, 1)])
 def test_slight_outside_corners_run_on_to_where_the_lines_cross(angle: float, arcs: int) -> None:
-    found = record([Line(10, 0), Line(20, 0), Line(20 + 10 * math.cos(angle), -10 * math.sin(angle))], "left", 2.0)
+    found = record(
+        [Line(10, 0), Line(20, 0), Line(20 + 10 * math.cos(angle), -10 * math.sin(angle))],
+        "left",
+        2.0,
+    )
     assert [row[0] for row in found.rows].count("arc") == arcs
     if not arcs:
         same(found.rows[1:2], [("line", 20 + 2 * math.tan(angle / 2), 2, 0)])
 
 
 def test_slight_outside_corner_of_line_and_arc() -> None:
-    """An arc of radius 5 begins 0.01 rad to the right of the line before it: its offset crosses the line's behind the corner."""
+    """An arc of radius 5 begins 0.01 rad to the right of the line before it: its offset crosses the
+    line's behind the corner.
+    """
     off = 0.01
     center = 10 - 5j * cmath.exp(-1j * off)
     end = 2 * center - 10
-    found = record([Line(5, 0), Line(10, 0), Arc(end.real, end.imag, center.real, center.imag, -0.5)], "left", 2.0)
+    found = record(
+        [Line(5, 0), Line(10, 0), Arc(end.real, end.imag, center.real, center.imag, -0.5)],
+        "left",
+        2.0,
+    )
     x = center.real + math.sqrt(49 - (2 - center.imag) ** 2)
     same(found.rows[1:2], [("line", x, 2, 0)])
     assert 10 < x < 10.03
 
 
-# Circles of radius 10 about 0, 0 from 10, 0; the ways in and out are straight, quarters and halves of circles that touch it there.
+# Circles of radius 10 about 0, 0 from 10, 0; the ways in and out are straight, quarters and halves
+# of circles that touch it there.
 @pytest.mark.parametrize(
     ("side", "turns", "way_in", "way_out", "start"),
     [
         ("right", 1.0, [Line(10, -30), Line(10, 0)], [Line(10, 30)], (10, -50)),
-        ("right", 1.0, [Line(15, -5), Arc(10, 0, 15, 0, -0.25)], [Arc(15, 5, 15, 0, -0.25), Line(20, 5)], (30, -5)),
+        (
+            "right",
+            1.0,
+            [Line(15, -5), Arc(10, 0, 15, 0, -0.25)],
+            [Arc(15, 5, 15, 0, -0.25), Line(20, 5)],
+            (30, -5),
+        ),
         ("right", 1.0, [Line(50, 0), Arc(10, 0, 30, 0, -0.5)], [Arc(50, 0, 30, 0, -0.5)], (50, 20)),
-        ("left", 1.0, [Line(5, -5), Arc(10, 0, 5, 0, 0.25)], [Arc(5, 5, 5, 0, 0.25), Line(4, 5)], (-5, -5)),
+        (
+            "left",
+            1.0,
+            [Line(5, -5), Arc(10, 0, 5, 0, 0.25)],
+            [Arc(5, 5, 5, 0, 0.25), Line(4, 5)],
+            (-5, -5),
+        ),
         ("left", 1.0, [Line(0, 0), Arc(10, 0, 5, 0, 0.5)], [Arc(0, 0, 5, 0, 0.5)], (0, 8)),
-        ("right", 1.0 - 0.1 / math.tau, [Line(15, -5), Arc(10, 0, 15, 0, -0.25)], [Arc(10, 0, 0, 0, 0.1 / math.tau)], (30, -5)),
+        (
+            "right",
+            1.0 - 0.1 / math.tau,
+            [Line(15, -5), Arc(10, 0, 15, 0, -0.25)],
+            [Arc(10, 0, 0, 0, 0.1 / math.tau)],
+            (30, -5),
+        ),
     ],
 )
 def test_the_ways_to_a_full_circle_and_from_it(
-    side: Literal["left", "right"], turns: float, way_in: list[Move], way_out: list[Move], start: tuple[float, float]
+    side: Literal["left", "right"],
+    turns: float,
+    way_in: list[Move],
+    way_out: list[Move],
+    start: tuple[float, float],
 ) -> None:
     end = cmath.rect(10.0, math.tau * turns)
-    found = record([*way_in, Arc(end.real, end.imag, 0, 0, turns), *way_out], side, 3.0, start=(*start, 0.0))
+    found = record(
+        [*way_in, Arc(end.real, end.imag, 0, 0, turns), *way_out], side, 3.0, start=(*start, 0.0)
+    )
     circle = next(row for row in found.rows if row[0] == "arc" and row[4:6] == (0.0, 0.0))
     assert circle[6:] == pytest.approx((13.0 if side == "right" else 7.0, turns), abs=1e-9)
 
 
 def test_helix_of_many_turns() -> None:
-    found = record([Line(5, 0), Arc(5, 0, 0, 0, 3.0, z=-6.0), Line(5, 9)], "right", 2.0, start=(5.0, -9.0, 0.0))
+    found = record(
+        [Line(5, 0), Arc(5, 0, 0, 0, 3.0, z=-6.0), Line(5, 9)], "right", 2.0, start=(5.0, -9.0, 0.0)
+    )
     same(found.rows, [("line", 7, 0, 0), ("arc", 7, 0, -6, 0, 0, 7, 3), ("line", 7, 9, -6)])
 
 
 def test_an_inside_corner_cuts_a_helix_in_the_plane_only() -> None:
-    found = record([Line(10, 0), Arc(20, 0, 15, 0, -1.5, z=3.0), Line(40, 0)], "left", 2.0, start=(-10.0, 0.0, 0.0))
+    found = record(
+        [Line(10, 0), Arc(20, 0, 15, 0, -1.5, z=3.0), Line(40, 0)],
+        "left",
+        2.0,
+        start=(-10.0, 0.0, 0.0),
+    )
     off, swept = math.sqrt(45), 1.5 - 2 * math.asin(2 / 7) / math.tau
-    same(found.rows, [("line", 15 - off, 2, 0), ("arc", 15 + off, 2, 3, 15, 0, 7, -swept), ("line", 40, 2, 3)])
+    same(
+        found.rows,
+        [("line", 15 - off, 2, 0), ("arc", 15 + off, 2, 3, 15, 0, 7, -swept), ("line", 40, 2, 3)],
+    )
 
 
-@pytest.mark.parametrize(("side", "radius", "y"), [("left", 2.0, 2), ("left", -2.0, -2), ("right", 2.0, -2), ("right", -2.0, 2)])
+@pytest.mark.parametrize(
+    ("side", "radius", "y"),
+    [("left", 2.0, 2), ("left", -2.0, -2), ("right", 2.0, -2), ("right", -2.0, 2)],
+)
 def test_a_negative_radius_swaps_the_sides(side: str, radius: float, y: float) -> None:
-    same(record([Line(10, 0), Line(20, 0)], side, radius).rows, [("line", 10, y, 0), ("line", 20, y, 0)])
+    same(
+        record([Line(10, 0), Line(20, 0)], side, radius).rows,
+        [("line", 10, y, 0), ("line", 20, y, 0)],
+    )
 
 
 def test_no_radius_no_change() -> None:
-    moves: list[Move] = [Line(1, 0), Arc(1, 0, 0, 0, 1.0), "dwell", Line(1, 0, 4), Line(0.5, 0), Line(0.5, 0.25, rapid=True)]
+    moves: list[Move] = [
+        Line(1, 0),
+        Arc(1, 0, 0, 0, 1.0),
+        "dwell",
+        Line(1, 0, 4),
+        Line(0.5, 0),
+        Line(0.5, 0.25, rapid=True),
+    ]
     found = record(moves, "left", 0.0)
     expected: list[Row] = [("line", 1, 0, 0), ("arc", 1, 0, 0, 0, 0, 1, 1), ("dwell",)]
     same(found.rows, [*expected, ("line", 1, 0, 4), ("line", 0.5, 0, 4), ("rapid", 0.5, 0.25, 4)])
@@ -233,13 +359,16 @@ def test_a_slot_as_wide_as_the_tool_just_fits() -> None:
     """A slot of width 4: at its end the middle move has no length left, and none is sent."""
     found = record([Line(10, 0), Line(10, 4), Line(-10, 4)], "left", 2.0, start=(-10.0, 0.0, 0.0))
     same(found.rows, [("line", 8, 2, 0), ("line", -10, 2, 0)])
-    found = record([Line(10, 0), Line(10, 4, -1), Line(-10, 4)], "left", 2.0, start=(-10.0, 0.0, 0.0))
+    found = record(
+        [Line(10, 0), Line(10, 4, -1), Line(-10, 4)], "left", 2.0, start=(-10.0, 0.0, 0.0)
+    )
     same(found.rows, [("line", 8, 2, 0), ("line", 8, 2, -1), ("line", -10, 2, -1)])
 
 
-# An arc leads in on the circle through the start that touches the offset arc's end. Programmed: a quarter about 0, 10 from 0, 0 to 10, 10.
-# Tool on the right: the end is 15, 10; the centre c, 10 has c^2 + 100 = (15 - c)^2: c = 125 / 30.
-# Tool on the left: the end is 5, 10; c^2 + 100 = (5 - c)^2: c = -7.5.
+# An arc leads in on the circle through the start that touches the offset arc's end. Programmed: a
+# quarter about 0, 10 from 0, 0 to 10, 10. Tool on the right: the end is 15, 10; the centre c, 10
+# has c^2 + 100 = (15 - c)^2: c = 125 / 30. Tool on the left: the end is 5, 10; c^2 + 100 = (5 -
+# c)^2: c = -7.5.
 @pytest.mark.parametrize(("side", "x", "c"), [("right", 15.0, 125 / 30), ("left", 5.0, -7.5)])
 def test_an_arc_leads_in(side: str, x: float, c: float) -> None:
     found = record([Arc(10, 10, 0, 10, 0.25), Line(10, 20)], side, 5.0)
@@ -290,7 +419,9 @@ def test_another_plane() -> None:
 
 
 def test_the_control_point_of_a_lathe_tool() -> None:
-    """The rows of the nose's centre, moved by the shift; the way in and out is that of the control point itself."""
+    """The rows of the nose's centre, moved by the shift; the way in and out is that of the control
+    point itself.
+    """
     recorder = Recorder()
     compensation = Compensation(recorder, HERE)
     compensation.start("left", 5.0, "ZX", (2, 0), [0.0, 1.0, 0.0], shift=(-5.0, -5.0))
@@ -303,7 +434,16 @@ def test_the_control_point_of_a_lathe_tool() -> None:
 
 
 def test_feeds_stay_those_of_the_program() -> None:
-    found = record([Line(10, 0, feed=1.0), Line(20, 0, feed=2.0), Line(20, -10, feed=3.0), Line(30, -10, feed=4.0)], "left", 2.0)
+    found = record(
+        [
+            Line(10, 0, feed=1.0),
+            Line(20, 0, feed=2.0),
+            Line(20, -10, feed=3.0),
+            Line(30, -10, feed=4.0),
+        ],
+        "left",
+        2.0,
+    )
     assert found.feeds == [1.0, 2.0, 3.0, 3.0, 4.0]
 
 
@@ -313,7 +453,9 @@ def test_other_axes_go_where_they_are_sent() -> None:
     compensation.start("left", 2.0, "XY", (0, 1), [0.0, 0.0, 0.0, 0.0])
     compensation.move([10.0, 0.0, 0.0, 90.0], FEED, 1)
     compensation.move([10.0, 10.0, 0.0, 180.0], FEED, 2)
-    compensation.arc(ArcFeed("test.nc", 3, "XY", (5.0, 10.0), np.array([0.0, 10.0, -1.0, 270.0]), 5.0, 0.5, FEED))
+    compensation.arc(
+        ArcFeed("test.nc", 3, "XY", (5.0, 10.0), np.array([0.0, 10.0, -1.0, 270.0]), 5.0, 0.5, FEED)
+    )
     compensation.stop()
     assert [row[3:5] for row in recorder.rows] == [(0, 90), (0, 180), (-1, 270)]
 
@@ -322,7 +464,12 @@ def test_other_axes_go_where_they_are_sent() -> None:
 @pytest.mark.parametrize(("angle", "pieces"), [(90.0, 1), (200.0, 1), (300.0, 1), (359.0, 2)])
 def test_an_arc_off_its_circle_is_made_true(angle: float, pieces: int) -> None:
     end = cmath.rect(10.01, math.radians(angle) - math.pi / 2)
-    found = record([Line(0, -10), Arc(end.real, end.imag, 0, 0, angle / 360, z=-3.6)], "right", 2.0, start=(-30.0, -10.0, 0.0))
+    found = record(
+        [Line(0, -10), Arc(end.real, end.imag, 0, 0, angle / 360, z=-3.6)],
+        "right",
+        2.0,
+        start=(-30.0, -10.0, 0.0),
+    )
     here, arcs = complex(0, -12), [row for row in found.rows if row[0] == "arc"]
     assert len(arcs) == pieces
     for row in arcs:
@@ -344,4 +491,7 @@ def test_what_waits_is_bounded() -> None:
         compensation.move([10.0, 0.0, float(line % 2)], FEED, 2 + line)
     with pytest.raises(GcodeError) as caught:
         compensation.move([10.0, 0.0, 7.0], FEED, 5)
-    assert (caught.value.diagnostic.code, caught.value.diagnostic.line) == ("compensation-look-ahead", 1)
+    assert (caught.value.diagnostic.code, caught.value.diagnostic.line) == (
+        "compensation-look-ahead",
+        1,
+    )

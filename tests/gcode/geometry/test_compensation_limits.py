@@ -39,17 +39,30 @@ E = 1e-6
 GOUGE, ENTRY, ROUND = "compensation-gouge", "compensation-entry", "compensation-arc-radius"
 
 
-# From 15, 0, tangent to X: its floor has radius 4, and at 13.95, -3.74 comes back to within 3.88 of 15, 0.
+# From 15, 0, tangent to X: its floor has radius 4, and at 13.95, -3.74 comes back to within 3.88 of
+# 15, 0.
 POCKET = [
     Arc(19.207354924039482, -2.298488470659301, 15.0, -5.0, -0.15915494309189535),
-    Arc(13.946880612639237, -3.735088472654164, 15.806075764765673, -0.19342313184208093, -0.238732414637843),
+    Arc(
+        13.946880612639237,
+        -3.735088472654164,
+        15.806075764765673,
+        -0.19342313184208093,
+        -0.238732414637843,
+    ),
 ]
 BACK = [
     Arc(POCKET[0].x, POCKET[0].y, POCKET[1].cx, POCKET[1].cy, -POCKET[1].turns),
     Arc(15.0, 0.0, POCKET[0].cx, POCKET[0].cy, -POCKET[0].turns),
 ]
 TO = 40 + cmath.rect(24.0, math.radians(130)) + cmath.rect(24.0, math.radians(-115))
-FLOOR = Arc(TO.real, TO.imag, 40 + 24 * math.cos(math.radians(130)), 24 * math.sin(math.radians(130)), -65 / 360)
+FLOOR = Arc(
+    TO.real,
+    TO.imag,
+    40 + 24 * math.cos(math.radians(130)),
+    24 * math.sin(math.radians(130)),
+    -65 / 360,
+)
 """From 40, 0, at 40 degrees below the way there; it is 5.6 deep and 3.36 at its end."""
 
 GAP = math.asin(0.3)
@@ -88,30 +101,79 @@ TIP = Arc(10 - 5 * math.sin(2 * GAP), 5 - 5 * math.cos(2 * GAP), 10, 5, 1.0 - GA
         ("left", [Line(10, 0), Line(10, 1), Line(20, 1)], GOUGE, 2),
         ("left", [Line(5, 0), Line(10, 0), Line(10, -1), Line(20, -1)], GOUGE, 3),
         ("left", [Line(10, 0), Line(10.5, 0.5), Line(10.5, 10)], GOUGE, 2),
-        # a short move behind a corner that takes more than all of it: the corner itself can't be reached
+        # a short move behind a corner that takes more than all of it: the corner itself can't be
+        # reached
         ("left", [Line(10, 0), Line(10, 1), Line(10, 0.5)], GOUGE, 2),
         ("left", [Line(10, 0), Line(9.5, 0.5), Line(0, 0.6)], GOUGE, 2),
-        # arcs: a line through a circle, a notch of two circles, a hollow between two others, a step down behind a bump
+        # arcs: a line through a circle, a notch of two circles, a hollow between two others, a step
+        # down behind a bump
         ("left", [Line(10, 0), Line(20, 0), Arc(20, 20, 20, 10, 0.5), Line(25, -5)], GOUGE, 4),
-        ("left", [Line(10, 0), Line(20, 0), Arc(20, 6, 20, 3, 0.5), Arc(22.5, 3.5, 22.5, 6, 0.25)], GOUGE, 4),
-        ("right", [Line(10, 0), Line(11, 0), Arc(17, 0, 14, 0, 0.5), Arc(23, 0, 20, 0, 0.5)], GOUGE, 2),
-        ("left", [Line(10, 0), Arc(16, 0, 13, 0, -0.5), Arc(16.5, 0.5, 16.5, 0, -0.25), Line(30, 0.5)], GOUGE, 3),
+        (
+            "left",
+            [Line(10, 0), Line(20, 0), Arc(20, 6, 20, 3, 0.5), Arc(22.5, 3.5, 22.5, 6, 0.25)],
+            GOUGE,
+            4,
+        ),
+        (
+            "right",
+            [Line(10, 0), Line(11, 0), Arc(17, 0, 14, 0, 0.5), Arc(23, 0, 20, 0, 0.5)],
+            GOUGE,
+            2,
+        ),
+        (
+            "left",
+            [Line(10, 0), Arc(16, 0, 13, 0, -0.5), Arc(16.5, 0.5, 16.5, 0, -0.25), Line(30, 0.5)],
+            GOUGE,
+            3,
+        ),
         ("left", [Line(10, 0), Arc(30, 0, 20, 0, -0.5), Line(30, 10), Line(10, 10.5)], GOUGE, 3),
         # a move that crosses the one before it: the tool has gone there
-        ("left", [Line(9, 0), Line(10, 0), Line(30, 0), Arc(25 - math.sqrt(26), 1, 25, 1, math.atan(0.2) / math.tau - 0.5)], GOUGE, 4),
-        # a pocket that closes at its mouth, where the tool, beside the floor all the way out, cuts the corner at which the roof began; the
-        # same from the other end; and one under a straight roof
-        ("right", [Line(15, 0), POCKET[0], POCKET[1], Line(13.504172445037726, -3.5026890786383595)], GOUGE, 3),
+        (
+            "left",
+            [
+                Line(9, 0),
+                Line(10, 0),
+                Line(30, 0),
+                Arc(25 - math.sqrt(26), 1, 25, 1, math.atan(0.2) / math.tau - 0.5),
+            ],
+            GOUGE,
+            4,
+        ),
+        # a pocket that closes at its mouth, where the tool, beside the floor all the way out, cuts
+        # the corner at which the roof began; the same from the other end; and one under a straight
+        # roof
+        (
+            "right",
+            [Line(15, 0), POCKET[0], POCKET[1], Line(13.504172445037726, -3.5026890786383595)],
+            GOUGE,
+            3,
+        ),
         ("left", [Line(POCKET[1].x, POCKET[1].y), *BACK, Line(5, 0)], GOUGE, 2),
         ("right", [Line(10, 0), Line(40, 0), FLOOR, Line(13, -3)], GOUGE, 2),
         # around the tip of a C and into it, through a gap of 3
         ("right", [Line(10, 0), TIP, Line(TIP.x + math.cos(2.3), TIP.y + math.sin(2.3))], GOUGE, 3),
-        ("right", [Line(10, 0), TIP, Line(TIP.x + math.cos(2.3), TIP.y + math.sin(2.3), rapid=True)], GOUGE, 3),
+        (
+            "right",
+            [Line(10, 0), TIP, Line(TIP.x + math.cos(2.3), TIP.y + math.sin(2.3), rapid=True)],
+            GOUGE,
+            3,
+        ),
         # from outside around a corner into a circle
         ("left", [Line(10, 0), Arc(10, 0, 15, 0, 1.0)], GOUGE, 2),
-        # around an outside corner into a circle that closes there; on a line that touches a circle from outside, into it and out of it
-        ("left", [Line(5, 0), Line(10, 0), Arc(10, 0, 10 + 5 * math.sin(1), -5 * math.cos(1), 1.0)], GOUGE, 2),
-        ("left", [Line(10, 5), Line(10, 0), Arc(10, 0, 10 - 5 * math.sin(1), 5 * math.cos(1), 1.0)], GOUGE, 3),
+        # around an outside corner into a circle that closes there; on a line that touches a circle
+        # from outside, into it and out of it
+        (
+            "left",
+            [Line(5, 0), Line(10, 0), Arc(10, 0, 10 + 5 * math.sin(1), -5 * math.cos(1), 1.0)],
+            GOUGE,
+            2,
+        ),
+        (
+            "left",
+            [Line(10, 5), Line(10, 0), Arc(10, 0, 10 - 5 * math.sin(1), 5 * math.cos(1), 1.0)],
+            GOUGE,
+            3,
+        ),
         ("left", [Line(3, 0), Line(10, 0), Arc(10, 0, 10, 5, 1.0)], GOUGE, 2),
         ("left", [Line(10, 0), Arc(10, 0, 10, 5, 1.0), Line(20, 0)], GOUGE, 3),
     ],
@@ -129,7 +191,18 @@ def test_an_arc_does_not_lead_out(move: Arc) -> None:
     send(compensation, [Line(20, 0)], [0.0, 0.0, 0.0])
     compensation.stop()
     with pytest.raises(GcodeError) as caught:
-        compensation.arc(ArcFeed("test.nc", 7, "XY", (move.cx, move.cy), np.array([move.x, move.y, 0.0]), 5.0, move.turns, FEED))
+        compensation.arc(
+            ArcFeed(
+                "test.nc",
+                7,
+                "XY",
+                (move.cx, move.cy),
+                np.array([move.x, move.y, 0.0]),
+                5.0,
+                move.turns,
+                FEED,
+            )
+        )
     found = caught.value.diagnostic
     assert (found.code, found.column) == ("compensation-exit", WORD.column)
 
@@ -143,11 +216,20 @@ def test_on_while_on() -> None:
 
 @st.composite
 def contours(draw: st.DrawFn) -> list[Move]:
-    """An entry along X and up to five lines and arcs that turn by up to 3.1 rad where they meet, and often not at all."""
+    """An entry along X and up to five lines and arcs that turn by up to 3.1 rad where they meet,
+    and often not at all.
+    """
     moves: list[Move] = [Line(30.0, 0.0)]
     here, heading = 30 + 0j, 1 + 0j
     for _ in range(draw(st.integers(1, 5))):
-        heading *= cmath.exp(1j * draw(st.one_of(st.just(0.0), st.floats(-1.6, 1.6), st.floats(-0.06, 0.06), st.floats(-3.1, 3.1))))
+        heading *= cmath.exp(
+            1j
+            * draw(
+                st.one_of(
+                    st.just(0.0), st.floats(-1.6, 1.6), st.floats(-0.06, 0.06), st.floats(-3.1, 3.1)
+                )
+            )
+        )
         if draw(st.booleans()):
             length = draw(st.floats(0.5, 40.0))
             here += length * heading
@@ -161,7 +243,9 @@ def contours(draw: st.DrawFn) -> list[Move]:
             center = here + 1j * spin * radius * heading
             here = center + (here - center) * cmath.exp(1j * spin * swept)
             heading *= cmath.exp(1j * spin * swept)
-            moves.append(Arc(here.real, here.imag, center.real, center.imag, spin * swept / math.tau))
+            moves.append(
+                Arc(here.real, here.imag, center.real, center.imag, spin * swept / math.tau)
+            )
     return moves
 
 
@@ -182,7 +266,13 @@ def accepted(moves: list[Move], side: Literal["left", "right"], radius: float) -
     [
         Line(30.0, 0.0),
         Arc(38.414709848078964, -4.596976941318602, 30.0, -10.0, -0.15915494309189535),
-        Arc(27.893761225278475, -7.470176945308328, 31.612151529531346, -0.38684626368416186, -0.238732414637843),
+        Arc(
+            27.893761225278475,
+            -7.470176945308328,
+            31.612151529531346,
+            -0.38684626368416186,
+            -0.238732414637843,
+        ),
         Line(27.008344890075453, -7.005378157276719),
     ],
     "right",
@@ -192,14 +282,28 @@ def accepted(moves: list[Move], side: Literal["left", "right"], radius: float) -
     [
         Line(30.0, 0.0),
         Line(30.9372066360084, 0.0),
-        Arc(23.282388255775004, -59.509578310208326, 8787.036598955216, -1156.5590884587311, 0.001081197062410264),
-        Arc(48.643204279608014, -70.83361655818763, 37.5289163983611, -61.66418394482548, 0.4141027930517109),
+        Arc(
+            23.282388255775004,
+            -59.509578310208326,
+            8787.036598955216,
+            -1156.5590884587311,
+            0.001081197062410264,
+        ),
+        Arc(
+            48.643204279608014,
+            -70.83361655818763,
+            37.5289163983611,
+            -61.66418394482548,
+            0.4141027930517109,
+        ),
         Line(41.091688472501104, -70.66121473798894),
     ],
     "left",
     2.083805241617081,
 )
-def test_the_tool_keeps_its_distance(moves: list[Move], side: Literal["left", "right"], radius: float) -> None:
+def test_the_tool_keeps_its_distance(
+    moves: list[Move], side: Literal["left", "right"], radius: float
+) -> None:
     found = accepted(moves, side, radius)
     starts = [0j]
     starts += [complex(move.x, move.y) for move in moves if not isinstance(move, str)]
@@ -217,7 +321,11 @@ def test_the_tool_keeps_its_distance(moves: list[Move], side: Literal["left", "r
             # behind the entry joins are smooth, or inside corners, or slight
             assert sign * turn(before, first) > -3 * MITRE
         if line > 1:
-            corner = row[0] == "arc" and row[4:7] == (starts[line - 1].real, starts[line - 1].imag, radius)
+            corner = row[0] == "arc" and row[4:7] == (
+                starts[line - 1].real,
+                starts[line - 1].imag,
+                radius,
+            )
             points = sampled(row, here)
             for near in range(max(line - 1, 2), min(line + 1, len(moves)) + (0 if corner else 1)):
                 move = moves[near - 1]
@@ -225,7 +333,10 @@ def test_the_tool_keeps_its_distance(moves: list[Move], side: Literal["left", "r
                 assert distance(points, move, starts[near - 1]).min() > radius - 1e-9
             own = moves[line - 1]
             assert not isinstance(own, str)
-            assert distance(points, own, starts[line - 1]).max() < math.hypot(radius, MITRE * radius) + 1e-9
+            assert (
+                distance(points, own, starts[line - 1]).max()
+                < math.hypot(radius, MITRE * radius) + 1e-9
+            )
             if corner:
                 assert np.abs(np.abs(points - starts[line - 1]) - radius).max() < 1e-9
         here, before = end, last
@@ -258,10 +369,22 @@ def test_clearance_is_the_least_of_many_distances(
     path, move = offset(*a), offset(*b)
     row: tuple[object, ...] = ("line", a[1].x, a[1].y, 0.0)
     if isinstance(a[1], Arc):
-        row = ("arc", a[1].x, a[1].y, 0.0, a[1].cx, a[1].cy, abs(a[0] - complex(a[1].cx, a[1].cy)), a[1].turns)
+        row = (
+            "arc",
+            a[1].x,
+            a[1].y,
+            0.0,
+            a[1].cx,
+            a[1].cy,
+            abs(a[0] - complex(a[1].cx, a[1].cy)),
+            a[1].turns,
+        )
     points = sampled(row, a[0], 2001)[int(2000 * start) : int(2000 * stop) + 1]
     start, stop = int(2000 * start) / 2000, int(2000 * stop) / 2000
-    found, near = clearance(path, start * path.length, stop * path.length, move), distance(points, b[1], b[0]).min()
+    found, near = (
+        clearance(path, start * path.length, stop * path.length, move),
+        distance(points, b[1], b[0]).min(),
+    )
     # a place between two points is at most half their distance from one of them
     assert near - path.length * path.scale / 4000 - 1e-9 < found < near + 1e-9
 
@@ -309,4 +432,7 @@ def test_memory_does_not_grow() -> None:
 
 
 def test_a_contour_closed_by_an_entry_far_away() -> None:
-    assert record([Line(500.0, 0.0), Line(1000.0, 0.0)], "right", 0.001).rows[0][1:3] == (500.0, -0.001)
+    assert record([Line(500.0, 0.0), Line(1000.0, 0.0)], "right", 0.001).rows[0][1:3] == (
+        500.0,
+        -0.001,
+    )

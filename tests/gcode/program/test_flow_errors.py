@@ -1,4 +1,6 @@
-"""Faults of control flow: each with its error, at its line and column. The mark ¦ stands before the offending place and is taken out."""
+"""Faults of control flow: each with its error, at its line and column. The mark ¦ stands before the
+offending place and is taken out.
+"""
 
 from __future__ import annotations
 
@@ -32,13 +34,22 @@ NGC: dict[str, tuple[str, str]] = {
     "endwhile of a do": ("block-not-open", "o1 do\n¦o1 endwhile"),
     "endwhile of a repeat": ("block-not-open", "o1 repeat [1]\n¦o1 endwhile\no1 endrepeat"),
     "crossed blocks": ("block-crossed", "o1 if [1]\no2 while [1]\n¦o1 endif\no2 endwhile"),
-    "crossed by else": ("block-crossed", "o1 if [1]\no2 repeat [1]\n¦o1 else\no2 endrepeat\no1 endif"),
+    "crossed by else": (
+        "block-crossed",
+        "o1 if [1]\no2 repeat [1]\n¦o1 else\no2 endrepeat\no1 endif",
+    ),
     "crossed do": ("block-crossed", "o1 do\no2 do\n¦o1 while [1]\no2 while [1]"),
     "else twice": ("else-repeated", "o1 if [1]\no1 else\n¦o1 else\no1 endif"),
     "elseif after else": ("else-repeated", "o1 if [1]\no1 else\n¦o1 elseif [1]\no1 endif"),
     "a label used again": ("label-repeated", "o1 if [1]\no1 endif\n¦o1 if [1]\no1 endif"),
-    "a label within itself": ("label-repeated", "o1 while [1]\n¦o1 repeat [1]\no1 endrepeat\no1 endwhile"),
-    "a label of another kind": ("label-repeated", "o<a b> repeat [1]\no<ab> endrepeat\n¦o<AB> do\no<ab> while [0]"),
+    "a label within itself": (
+        "label-repeated",
+        "o1 while [1]\n¦o1 repeat [1]\no1 endrepeat\no1 endwhile",
+    ),
+    "a label of another kind": (
+        "label-repeated",
+        "o<a b> repeat [1]\no<ab> endrepeat\n¦o<AB> do\no<ab> while [0]",
+    ),
     "a computed label": ("label-computed", "#1=5\n¦o[#1] if [1]\no5 endif"),
     "a computed label of a sub": ("label-computed", "#1=5\n¦o#1 sub\no5 endsub"),
     "break outside": ("loop-not-open", "G0 X1\n¦o1 break"),
@@ -46,16 +57,37 @@ NGC: dict[str, tuple[str, str]] = {
     "break of a repeat": ("loop-not-open", "o1 repeat [2]\nG0 X1\n¦o1 break\no1 endrepeat"),
     "continue of another loop": ("loop-not-open", "o1 while [1]\n¦o2 continue\no1 endwhile"),
     "break behind its loop": ("loop-not-open", "o1 while [0]\no1 endwhile\n¦o1 break"),
-    "break of the caller's loop": ("loop-not-open", "o5 sub\n¦o1 break\no5 endsub\no1 while [1]\no5 call\no1 endwhile"),
-    "a fault in the block that is not taken": ("block-not-open", "o1 if [0]\n¦o2 endwhile\no1 endif"),
+    "break of the caller's loop": (
+        "loop-not-open",
+        "o5 sub\n¦o1 break\no5 endsub\no1 while [1]\no5 call\no1 endwhile",
+    ),
+    "a fault in the block that is not taken": (
+        "block-not-open",
+        "o1 if [0]\n¦o2 endwhile\no1 endif",
+    ),
     # values
     "a condition that can't be computed": ("division-by-zero", "o1 while [1 ¦/ 0]\no1 endwhile"),
-    "a condition that can't be computed the second time": ("division-by-zero", "#1=1\no1 while [1 ¦/ #1]\n#1=0\no1 endwhile"),
-    "elseif that can't be computed": ("division-by-zero", "o1 if [0]\no1 elseif [1 ¦/ 0]\no1 endif"),
+    "a condition that can't be computed the second time": (
+        "division-by-zero",
+        "#1=1\no1 while [1 ¦/ #1]\n#1=0\no1 endwhile",
+    ),
+    "elseif that can't be computed": (
+        "division-by-zero",
+        "o1 if [0]\no1 elseif [1 ¦/ 0]\no1 endif",
+    ),
     "a count that can't be computed": ("division-by-zero", "o1 repeat [1 ¦/ 0]\no1 endrepeat"),
-    "an argument that was never set": ("parameter-undefined", "o1 sub\no1 endsub\no1 call [1] [¦#<depth>]"),
-    "a local name of the caller": ("parameter-undefined", "o1 sub\nG0 X¦#<a>\no1 endsub\n#<a>=1\no1 call"),
-    "a name after the return": ("parameter-undefined", "o1 sub\n#<a>=1\no1 endsub\no1 call\nG0 X¦#<a>"),
+    "an argument that was never set": (
+        "parameter-undefined",
+        "o1 sub\no1 endsub\no1 call [1] [¦#<depth>]",
+    ),
+    "a local name of the caller": (
+        "parameter-undefined",
+        "o1 sub\nG0 X¦#<a>\no1 endsub\n#<a>=1\no1 call",
+    ),
+    "a name after the return": (
+        "parameter-undefined",
+        "o1 sub\n#<a>=1\no1 endsub\no1 call\nG0 X¦#<a>",
+    ),
     "the result is no parameter to set": ("parameter-read-only", "¦#<_value>=1"),
     # subroutines
     "no such sub": ("sub-unknown", "G0 X1\n¦o1 call"),
@@ -75,7 +107,10 @@ NGC: dict[str, tuple[str, str]] = {
     "sub twice behind": ("sub-repeated", "o1 call\nM2\no1 sub\no1 endsub\n¦o1 sub\no1 endsub"),
     "thirty-one arguments": ("call-arguments", f"o1 sub\no1 endsub\n¦o1 call {'[1]' * 31}"),
     "call of itself": ("call-too-deep", "o1 sub\nG0 X1\n ¦o1 call\no1 endsub\no1 call"),
-    "calls in a circle": ("call-too-deep", "o1 sub\n¦o2 call\no1 endsub\no2 sub\no1 call\no2 endsub\no2 call"),
+    "calls in a circle": (
+        "call-too-deep",
+        "o1 sub\n¦o2 call\no1 endsub\no2 sub\no1 call\no2 endsub\no2 call",
+    ),
     "a name that no file has": ("sub-unknown", "¦o<drill!> call"),
     "a sub that runs into a program": ("sub-not-closed", "¦o1 sub\nG0 X1\nO100\nM99"),
     "a path for a name": ("sub-file-outside", "¦o<../secret> call"),
@@ -95,7 +130,10 @@ NGC: dict[str, tuple[str, str]] = {
     "a program called as a sub": ("call-style-mixed", "¦o100 call\nM2\nO100\nM99"),
     "a sub called as a program": ("call-style-mixed", "o100 sub\no100 endsub\nM98 ¦P100\nM2"),
     "endsub in a program": ("sub-not-open", "M98 P1\nM2\nO1\n¦o1 endsub"),
-    "a program that runs into the next": ("subprogram-not-ended", "M98 P1\nM2\n¦O1\nG0 X1\nO2\nM99"),
+    "a program that runs into the next": (
+        "subprogram-not-ended",
+        "M98 P1\nM2\n¦O1\nG0 X1\nO2\nM99",
+    ),
     "a program that runs into the end": ("subprogram-not-ended", "M98 P1\nM2\n¦O1\nG0 X1"),
     "a program that runs into a percent": ("subprogram-not-ended", "%\nM98 P1\nM2\n¦O1\nG0 X1\n%"),
     "a program twice": ("program-repeated", "M98 P1\nM2\nO1\nM99\n¦O1\nM99"),
@@ -116,7 +154,10 @@ FANUC: dict[str, tuple[str, str]] = {
     "goto 0": ("jump-target-bad", "¦GOTO 0"),
     "goto vacant": ("jump-target-bad", "¦GOTO #1"),
     "goto into a loop": ("block-not-open", "GOTO 5\nWHILE [1 EQ 1] DO1\nN5 G0 X1\n¦END1"),
-    "goto back into a loop": ("jump-into-loop", "WHILE [#1 LT 1] DO1\nN5 #1=#1+1\nEND1\n¦IF [#1 EQ 1] GOTO 5"),
+    "goto back into a loop": (
+        "jump-into-loop",
+        "WHILE [#1 LT 1] DO1\nN5 #1=#1+1\nEND1\n¦IF [#1 EQ 1] GOTO 5",
+    ),
     "do without end": ("block-not-closed", "¦WHILE [1 EQ 1] DO1\nG0 X1"),
     "do cut by the next program": ("block-not-closed", "¦DO1\nM30\nO2\nEND1\nM99"),
     "end without do": ("block-not-open", "G0 X1\n¦END1"),
@@ -171,17 +212,33 @@ def test_the_message_names_the_line_that_it_is_about(source: str, words: str) ->
 ENDLESS: dict[str, tuple[str, str, str]] = {
     "while without body": ("auto", "¦o1 while [1]\no1 endwhile", "o1 while"),
     "do without body": ("auto", "G0 X1\n ¦o<x> do\no<x> while [1]", "o<x> do"),
-    "a condition that never changes": ("auto", "#1=0\n¦o1 while [#1 LT 5]\nG0 X#1\no1 endwhile", "o1 while"),
+    "a condition that never changes": (
+        "auto",
+        "#1=0\n¦o1 while [#1 LT 5]\nG0 X#1\no1 endwhile",
+        "o1 while",
+    ),
     "repeat for ever": ("auto", "¦o1 repeat [10**18]\no1 endrepeat", "o1 repeat"),
     "continue for ever": ("auto", "¦o1 while [1]\no1 continue\no1 endwhile", "o1 while"),
-    "the inner loop": ("auto", "o1 repeat [3]\n¦o2 while [1]\nG0 X1\no2 endwhile\no1 endrepeat", "o2 while"),
-    "the outer loop": ("auto", "¦o1 while [1]\no2 repeat [50]\nG0 X1\no2 endrepeat\no1 endwhile", "o1 while"),
+    "the inner loop": (
+        "auto",
+        "o1 repeat [3]\n¦o2 while [1]\nG0 X1\no2 endwhile\no1 endrepeat",
+        "o2 while",
+    ),
+    "the outer loop": (
+        "auto",
+        "¦o1 while [1]\no2 repeat [50]\nG0 X1\no2 endrepeat\no1 endwhile",
+        "o1 while",
+    ),
     "the loop that calls": (
         "auto",
         "o5 sub\no2 repeat [9]\nG0 X1\no2 endrepeat\no5 endsub\n¦o1 while [1]\no5 call\no1 endwhile",
         "o1 while",
     ),
-    "the loop in the sub": ("auto", "o5 sub\n¦o2 while [1]\no2 endwhile\no5 endsub\no1 repeat [9]\no5 call\no1 endrepeat", "o2 while"),
+    "the loop in the sub": (
+        "auto",
+        "o5 sub\n¦o2 while [1]\no2 endwhile\no5 endsub\no1 repeat [9]\no5 call\no1 endrepeat",
+        "o2 while",
+    ),
     "calls that branch": (
         "auto",
         "o1 sub\no2 if [#1 GT 0]\no1 call [#1 - 1]\no1 call [#1 - 1]\no2 endif\no1 endsub\n¦o1 call [50]",
@@ -201,7 +258,10 @@ ENDLESS: dict[str, tuple[str, str, str]] = {
 def test_a_program_without_end_is_found_out(dialect: str, source: str, name: str) -> None:
     begin = time.process_time()
     found = stands("loop-endless", source, dialect=dialect, limits=Limits(repeated_lines=1000))
-    assert found.message == f"{name} does not come to an end: more than 1 000 lines were executed again"
+    assert (
+        found.message
+        == f"{name} does not come to an end: more than 1 000 lines were executed again"
+    )
     assert time.process_time() - begin < 2
 
 
@@ -230,7 +290,12 @@ def test_after_an_error_nothing_is_executed() -> None:
 )
 def test_linuxcnc_misses_the_end(source: str, line: int, column: int, text: str) -> None:
     found = refused(source, dialect="linuxcnc")
-    assert (found.code, found.line, found.column, found.text) == ("program-end-missing", line, column, text)
+    assert (found.code, found.line, found.column, found.text) == (
+        "program-end-missing",
+        line,
+        column,
+        text,
+    )
 
 
 FILES: dict[str, tuple[str, str, str]] = {
@@ -240,12 +305,18 @@ FILES: dict[str, tuple[str, str, str]] = {
     "blocks in the file": ("block-not-open", "o<f> sub\n¦o1 endif\no<f> endsub", "o<f> call"),
     "twice": ("sub-repeated", "o<f> sub\no<f> endsub\n¦o<f> sub\no<f> endsub", "o<f> call"),
     "a call from the file": ("sub-unknown", "o<f> sub\n ¦o<g> call\no<f> endsub", "o<f> call"),
-    "the second line of a loop": ("division-by-zero", "o<f> sub\no1 while [1¦/#5]\no1 endwhile\no<f> endsub", "o<f> call"),
+    "the second line of a loop": (
+        "division-by-zero",
+        "o<f> sub\no1 while [1¦/#5]\no1 endwhile\no<f> endsub",
+        "o<f> call",
+    ),
 }
 
 
 @pytest.mark.parametrize(("code", "file", "main"), FILES.values(), ids=FILES)
-def test_an_error_names_the_file_that_it_stands_in(tmp_path: Path, code: str, file: str, main: str) -> None:
+def test_an_error_names_the_file_that_it_stands_in(
+    tmp_path: Path, code: str, file: str, main: str
+) -> None:
     (tmp_path / "f.ngc").write_text(file.replace("¦", ""))
     placed(refused(main, folders=[tmp_path]), code, file, file=str(tmp_path / "f.ngc"))
 

@@ -1,4 +1,6 @@
-"""Random programs of loops, branches and calls make the moves that an evaluator of trees says; damaged ones are refused in good order."""
+"""Random programs of loops, branches and calls make the moves that an evaluator of trees says;
+damaged ones are refused in good order.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ AMOUNT = share(10_000, 300)
 LIMITS = Limits(repeated_lines=20_000, depth=20)
 
 
-def programs(amount: int, *, most_loops: int = 9, repeats: bool = True) -> Iterator[tuple[int, Program, list[float]]]:
+def programs(
+    amount: int, *, most_loops: int = 9, repeats: bool = True
+) -> Iterator[tuple[int, Program, list[float]]]:
     """Seed, program and its moves."""
     count = moves_in_all = 0
     for seed in range(amount):
@@ -51,7 +55,9 @@ def test_macro_b() -> None:
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("dialect", ["auto", "fanuc"])
 def test_damaged_programs_are_refused_in_good_order(dialect: str) -> None:
-    """Lines that are lost, doubled or swapped: no traceback, no hang, and an error that names a place of the program."""
+    """Lines that are lost, doubled or swapped: no traceback, no hang, and an error that names a
+    place of the program.
+    """
     refused = 0
     for seed in range(AMOUNT):
         rng = random.Random(seed)
@@ -85,13 +91,54 @@ def test_damaged_programs_are_refused_in_good_order(dialect: str) -> None:
 
 
 NGC_SOUP = [
-    *(f"o{{}} {word}" for word in ("sub", "endsub", "call", "return", "else", "endif", "do", "endwhile", "endrepeat", "break", "continue")),
-    *(f"o{{}} {word} [{value}]" for word in ("if", "elseif", "while", "repeat") for value in ("0", "1", "#1 LT 2", "3")),
-    *("o{} call [#1 + 1]", "o{} return [#1]", "o[#1] call", "O{}", "M98 P{}", "M98 P{} L2", "M99", "M2", "%", "#1 = [#1 + 1]", "#1 = 0"),
+    *(
+        f"o{{}} {word}"
+        for word in (
+            "sub",
+            "endsub",
+            "call",
+            "return",
+            "else",
+            "endif",
+            "do",
+            "endwhile",
+            "endrepeat",
+            "break",
+            "continue",
+        )
+    ),
+    *(
+        f"o{{}} {word} [{value}]"
+        for word in ("if", "elseif", "while", "repeat")
+        for value in ("0", "1", "#1 LT 2", "3")
+    ),
+    *(
+        "o{} call [#1 + 1]",
+        "o{} return [#1]",
+        "o[#1] call",
+        "O{}",
+        "M98 P{}",
+        "M98 P{} L2",
+        "M99",
+        "M2",
+        "%",
+        "#1 = [#1 + 1]",
+        "#1 = 0",
+    ),
     *("G0 X#1", "G1 X1 F100", "/o{} if [1]", "(o{} endif)", "", "N{} G0 X2", "M73", "M70", "M72"),
 ]
 MACRO_SOUP = [
-    *("DO{}", "END{}", "WHILE [#1 LT 2] DO{}", "WHILE [#1 EQ #0] DO{}", "GOTO {}", "N{}", "N{} G0 X#1", "IF [#1 LT 2] GOTO {}", "GOTO #1"),
+    *(
+        "DO{}",
+        "END{}",
+        "WHILE [#1 LT 2] DO{}",
+        "WHILE [#1 EQ #0] DO{}",
+        "GOTO {}",
+        "N{}",
+        "N{} G0 X#1",
+        "IF [#1 LT 2] GOTO {}",
+        "GOTO #1",
+    ),
     *(
         "IF [#1 EQ #0] THEN #1 = 1",
         "#1 = #1 + 1",
@@ -109,7 +156,9 @@ MACRO_SOUP = [
 
 
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize(("dialect", "words"), [("auto", NGC_SOUP), ("linuxcnc", NGC_SOUP), ("fanuc", MACRO_SOUP)])
+@pytest.mark.parametrize(
+    ("dialect", "words"), [("auto", NGC_SOUP), ("linuxcnc", NGC_SOUP), ("fanuc", MACRO_SOUP)]
+)
 def test_soups_of_control_lines(dialect: str, words: list[str]) -> None:
     """Lines in no order at all: each program ends or is refused at one of its lines."""
     ended = 0

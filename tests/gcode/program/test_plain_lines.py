@@ -1,4 +1,6 @@
-"""Runs of straight moves on arrays, against the same lines executed one by one: equal to the last bit."""
+"""Runs of straight moves on arrays, against the same lines executed one by one: equal to the last
+bit.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,14 @@ from cnc.model.blocks import Answer, Block, Polyline
 from cnc.model.diagnostics import GcodeError
 from tests.support.soak import share
 
-AXES = [("x", "y", "z"), ("x", "y", "z", "a"), ("x", "z"), ("x", "y", "z", "a", "b", "c", "u", "v", "w"), ("a", "b"), ("x", "u")]
+AXES = [
+    ("x", "y", "z"),
+    ("x", "y", "z", "a"),
+    ("x", "z"),
+    ("x", "y", "z", "a", "b", "c", "u", "v", "w"),
+    ("a", "b"),
+    ("x", "u"),
+]
 SETUPS = """\
 G20
 G21
@@ -46,7 +55,9 @@ F100
 class Reader:
     """An interpreter fed line by line, through the fast lane where that is wanted."""
 
-    def __init__(self, lines: list[str], axes: tuple[str, ...], dialect: str, *, fast: bool) -> None:
+    def __init__(
+        self, lines: list[str], axes: tuple[str, ...], dialect: str, *, fast: bool
+    ) -> None:
         self.text = Text.of_lines(lines, "t")
         spoken = dialects.load(dialect)
         start = [0.1 * (index + 1) for index in range(len(axes))]
@@ -73,14 +84,21 @@ class Reader:
         self.interpreter.out.flush()
 
     def left(self) -> Any:
-        """All that can be seen of the program afterwards; repr tells numbers apart that are equal, and -0 from 0."""
+        """All that can be seen of the program afterwards; repr tells numbers apart that are equal,
+        and -0 from 0.
+        """
         interpreter = self.interpreter
-        return repr([self.error, interpreter.modal, interpreter.motion.position, interpreter.begun]), bits(interpreter.out.ready)
+        return repr(
+            [self.error, interpreter.modal, interpreter.motion.position, interpreter.begun]
+        ), bits(interpreter.out.ready)
 
 
 def bits(blocks: list[Block]) -> list[Any]:
     """Blocks in a form that compares bit by bit."""
-    return [[type(block).__name__, *(_bits(getattr(block, each.name)) for each in fields(block))] for block in blocks]
+    return [
+        [type(block).__name__, *(_bits(getattr(block, each.name)) for each in fields(block))]
+        for block in blocks
+    ]
 
 
 def _bits(value: Any) -> Any:
@@ -99,7 +117,16 @@ def both(lines: list[str], axes: tuple[str, ...] = AXES[0], dialect: str = "auto
 
 
 def number(rng: random.Random) -> str:
-    return rng.choice([f"{rng.uniform(-99, 99):.{rng.randint(0, 6)}f}", str(rng.randint(-9, 9)), "0", "-0", ".1", f"{rng.random()!r}"[:16]])
+    return rng.choice(
+        [
+            f"{rng.uniform(-99, 99):.{rng.randint(0, 6)}f}",
+            str(rng.randint(-9, 9)),
+            "0",
+            "-0",
+            ".1",
+            f"{rng.random()!r}"[:16],
+        ]
+    )
 
 
 def line(rng: random.Random, axes: tuple[str, ...]) -> str:
@@ -107,7 +134,21 @@ def line(rng: random.Random, axes: tuple[str, ...]) -> str:
     if rng.random() < 0.3:
         words.append(rng.choice(["G0", "G1", "G01", "G1.", "G00"] + ["G1"] * 20 + ["G-0"]))
     if rng.random() < 0.15:
-        words.append("F" + rng.choice([f"{rng.uniform(0.1, 5000):.2f}", "100", "0", "-1", "0.00001", "0.00006", "0.0000001", *["60"] * 50]))
+        words.append(
+            "F"
+            + rng.choice(
+                [
+                    f"{rng.uniform(0.1, 5000):.2f}",
+                    "100",
+                    "0",
+                    "-1",
+                    "0.00001",
+                    "0.00006",
+                    "0.0000001",
+                    *["60"] * 50,
+                ]
+            )
+        )
     if rng.random() < 0.003:
         words.append(rng.choice("ABCUVWXYZ") + number(rng))
     rng.shuffle(words)
@@ -140,7 +181,12 @@ def test_the_fast_lane_gives_what_the_slow_one_gives() -> None:
 def test_runs_are_cut_alike_whichever_way_moves_come() -> None:
     for before in (0, 1, 4095, 5000):
         lines = (
-            ["G1 F100"] + ["X1 G1"] * before + ["G4 P1"] * (before > 4000) + [f"X{n % 50}" for n in range(9000)] + ["M3 S1"] + ["X5"] * 10
+            ["G1 F100"]
+            + ["X1 G1"] * before
+            + ["G4 P1"] * (before > 4000)
+            + [f"X{n % 50}" for n in range(9000)]
+            + ["M3 S1"]
+            + ["X5"] * 10
         )
         found = both(lines)
         assert found.runs == len(lines) - 1 - (before > 4000)

@@ -77,10 +77,14 @@ G-0 X1
 F0
 Q5
 """.splitlines()
-"""Lines that make straight moves and arcs mean something else, or that look like them and are not."""
+"""Lines that make straight moves and arcs mean something else, or that look like them and are
+not.
+"""
 
 
-def outcome(lines: list[str], axes: tuple[str, ...], dialect: str, *, block_delete: bool = False) -> list[Any]:
+def outcome(
+    lines: list[str], axes: tuple[str, ...], dialect: str, *, block_delete: bool = False
+) -> list[Any]:
     """All that a program does."""
     warnings: list[Any] = []
     executed: list[int] = []
@@ -104,7 +108,14 @@ def outcome(lines: list[str], axes: tuple[str, ...], dialect: str, *, block_dele
     return [*found, repr(known.stored()), executed[-1:]]
 
 
-def agree(monkeypatch: pytest.MonkeyPatch, lines: list[str], axes: tuple[str, ...], dialect: str, *, block_delete: bool = False) -> None:
+def agree(
+    monkeypatch: pytest.MonkeyPatch,
+    lines: list[str],
+    axes: tuple[str, ...],
+    dialect: str,
+    *,
+    block_delete: bool = False,
+) -> None:
     quick = outcome(lines, axes, dialect, block_delete=block_delete)
     with monkeypatch.context() as patch:
         patch.setattr(program, "SHORTEST", len(lines) + 1)
@@ -118,7 +129,12 @@ def test_moves_between_other_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     for seed in range(share(30_000, 500)):
         rng = random.Random(seed)
         axes = rng.choice(AXES)
-        lines = [rng.choice(["G1 F100", "G21 G90 G17 G1 F500", "G20 G91 G1 F9", "%", "G1 F100", "O1000"]), "F100"]
+        lines = [
+            rng.choice(
+                ["G1 F100", "G21 G90 G17 G1 F500", "G20 G91 G1 F9", "%", "G1 F100", "O1000"]
+            ),
+            "F100",
+        ]
         for _ in range(rng.randint(1, 5)):
             lines += [line(rng, axes) for _ in range(rng.randint(1, 12))]
             lines += [rng.choice(OTHERS) for _ in range(rng.randint(0, 2))]
@@ -126,18 +142,34 @@ def test_moves_between_other_lines(monkeypatch: pytest.MonkeyPatch) -> None:
             at = rng.randrange(len(lines))
             lines[at:at] = ["#2=0", "o1 while [#2 LT 3]", "#2=[#2+1]"]
             lines.insert(rng.randint(at + 3, len(lines)), "o1 endwhile")
-        agree(monkeypatch, lines, axes, rng.choice(["auto", "linuxcnc", "grbl", "fanuc"]), block_delete=rng.random() < 0.5)
+        agree(
+            monkeypatch,
+            lines,
+            axes,
+            rng.choice(["auto", "linuxcnc", "grbl", "fanuc"]),
+            block_delete=rng.random() < 0.5,
+        )
 
 
 @pytest.mark.timeout(3600)
 def test_programs_of_any_kind(monkeypatch: pytest.MonkeyPatch) -> None:
     for seed in range(share(30_000, 300)):
         written = Author(seed).program()
-        agree(monkeypatch, list(written.lines), written.axes, written.dialect, block_delete=written.block_delete)
+        agree(
+            monkeypatch,
+            list(written.lines),
+            written.axes,
+            written.dialect,
+            block_delete=written.block_delete,
+        )
 
 
-@pytest.mark.parametrize("move", ["X1. Y2", "G1 X1 Y2", "G2 X1. I1. R5", "X1.(X2)", "(X2) X1.0 Y01"])
-def test_a_distance_without_a_point_is_warned_of_once_wherever_it_stands(monkeypatch: pytest.MonkeyPatch, move: str) -> None:
+@pytest.mark.parametrize(
+    "move", ["X1. Y2", "G1 X1 Y2", "G2 X1. I1. R5", "X1.(X2)", "(X2) X1.0 Y01"]
+)
+def test_a_distance_without_a_point_is_warned_of_once_wherever_it_stands(
+    monkeypatch: pytest.MonkeyPatch, move: str
+) -> None:
     for before in (0, 1, 20):
         lines = ["G1 F100", *["X1.5 Y0"] * before, move, *["X3 Y2"] * 20]
         agree(monkeypatch, lines, AXES[0], "fanuc")

@@ -1,4 +1,6 @@
-"""G5 and G5.1: Bezier curves in every plane, seen from start and end, going on in the direction of the one before."""
+"""G5 and G5.1: Bezier curves in every plane, seen from start and end, going on in the direction of
+the one before.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,11 @@ def test_the_documented_curvy_n() -> None:
     assert one.control_points.tolist() == [[0, 0, 0], [0, 3, 0], [1, -2, 0], [1, 1, 0]]
     assert two.control_points.tolist() == [[1, 1, 0], [1, 4, 0], [2, -1, 0], [2, 2, 0]]
     for block, line in ((one, 3), (two, 4)):
-        assert (block.degree, block.knots.tolist(), block.weights.tolist()) == (3, CUBIC, [1, 1, 1, 1])
+        assert (block.degree, block.knots.tolist(), block.weights.tolist()) == (
+            3,
+            CUBIC,
+            [1, 1, 1, 1],
+        )
         assert (block.line, block.feed) == (line, 1.0)
 
 
@@ -49,7 +55,11 @@ def test_a_quadratic_is_the_bezier_formula(seed: int) -> None:
     x0, y0, x, y, i, j = (round(value, 4) for value in random.uniform(-80, 80, 6).tolist())
     block = curve(f"G0 X{x0} Y{y0}\nG5.1 X{x} Y{y} I{i} J{j} F60")
     t = ALONG[:, None]
-    expected = (1 - t) ** 2 * np.array((x0, y0)) + 2 * t * (1 - t) * np.array((x0 + i, y0 + j)) + t**2 * np.array((x, y))
+    expected = (
+        (1 - t) ** 2 * np.array((x0, y0))
+        + 2 * t * (1 - t) * np.array((x0 + i, y0 + j))
+        + t**2 * np.array((x, y))
+    )
     assert points_on(block, ALONG)[:, :2] == pytest.approx(expected, abs=1e-12)
 
 
@@ -64,7 +74,11 @@ def test_a_quadratic_is_the_bezier_formula(seed: int) -> None:
 def test_every_plane(plane: str, words: str, control: list[list[float]]) -> None:
     assert curve(f"{plane} G5 {words} F60").control_points.tolist() == control
     quadratic = " ".join(words.split()[:4])
-    assert curve(f"{plane} G5.1 {quadratic} F60").control_points.tolist() == [control[0], control[1], control[3]]
+    assert curve(f"{plane} G5.1 {quadratic} F60").control_points.tolist() == [
+        control[0],
+        control[1],
+        control[3],
+    ]
 
 
 def test_a_coordinate_left_out_stays_and_an_offset_left_out_of_a_quadratic_is_0() -> None:
@@ -75,12 +89,19 @@ def test_a_coordinate_left_out_stays_and_an_offset_left_out_of_a_quadratic_is_0(
 
 def test_inches_incremental_and_absolute_centres() -> None:
     inches = curve("G20\nG5 X1 Y1 I0 J.5 P0 Q-.5 F60")
-    assert inches.control_points.tolist() == [[0, 0, 0], [0, 12.7, 0], [25.4, 12.7, 0], [25.4, 25.4, 0]]
+    assert inches.control_points.tolist() == [
+        [0, 0, 0],
+        [0, 12.7, 0],
+        [25.4, 12.7, 0],
+        [25.4, 25.4, 0],
+    ]
     assert inches.feed == pytest.approx(25.4, rel=1e-15)
     steps = curve("G0 X10 Y20\nG91 G5 X1 Y1 I0 J3 P0 Q-3 F60")
     assert steps.control_points.tolist() == [[10, 20, 0], [10, 23, 0], [11, 18, 0], [11, 21, 0]]
     offsets = "G0 X10 Y20\nG5 X1 Y1 I0 J3 P0 Q-3 F60"
-    assert curve(f"G90.1\n{offsets}").control_points.tolist() == curve(offsets).control_points.tolist()
+    assert (
+        curve(f"G90.1\n{offsets}").control_points.tolist() == curve(offsets).control_points.tolist()
+    )
 
 
 def test_a_g92_shift_moves_the_points_and_not_the_offsets() -> None:
@@ -94,7 +115,9 @@ def test_rotation_turns_the_whole_curve(plane: str) -> None:
     offsets = "".join({"X": "I", "Y": "J", "Z": "K"}[letter] for letter in letters)
     source = f"G0 X3 Y4 Z5\n{plane} G5 {letters[0]}9 {letters[1]}-7 {offsets[0]}1 {offsets[1]}2 P3 Q4 F60\nG5 {letters[0]}1 P1 Q1"
     angle = math.radians(30.0)
-    turn = np.array([[math.cos(angle), math.sin(angle), 0], [-math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
+    turn = np.array(
+        [[math.cos(angle), math.sin(angle), 0], [-math.sin(angle), math.cos(angle), 0], [0, 0, 1]]
+    )
     plain = curves_of(source)
     turned = curves_of(source, parameters=Parameters({5230: 30.0}))
     for a, b in zip(plain, turned, strict=True):
@@ -121,16 +144,22 @@ def test_what_was_kept_is_a_way_of_the_machine() -> None:
     assert units.control_points[-1].tolist() == shift.control_points[0].tolist()
 
 
-@pytest.mark.parametrize(("code", "words"), [("G5", "X1 Y1 ¦J3 P0 Q-3"), ("G5", "X1 Y1 ¦I3 P0 Q-3")])
+@pytest.mark.parametrize(
+    ("code", "words"), [("G5", "X1 Y1 ¦J3 P0 Q-3"), ("G5", "X1 Y1 ¦I3 P0 Q-3")]
+)
 def test_one_offset_is_not_enough(code: str, words: str) -> None:
     stands("spline-control-point-missing", f"{code} {words} F60")
 
 
-@pytest.mark.parametrize("between", ["G0 X1 Y1", "G1 X2", "G2 X2 Y1 I.5", "G0 X1", "G5.1 X2 I1", "G18", "G53 G0 X1 Y1"])
+@pytest.mark.parametrize(
+    "between", ["G0 X1 Y1", "G1 X2", "G2 X2 Y1 I.5", "G0 X1", "G5.1 X2 I1", "G18", "G53 G0 X1 Y1"]
+)
 def test_only_right_after_another_cubic(between: str) -> None:
     back = "\nG17" if between != "G18" else ""
     end = "Z2" if between == "G18" else "X2"
-    stands("spline-tangent-missing", f"G5 X1 Y1 I0 J3 P0 Q-3 F60\n{between}{back}\n¦G5 {end} P0 Q-3")
+    stands(
+        "spline-tangent-missing", f"G5 X1 Y1 I0 J3 P0 Q-3 F60\n{between}{back}\n¦G5 {end} P0 Q-3"
+    )
 
 
 def test_a_plane_chosen_and_left_again_is_no_matter() -> None:
@@ -139,7 +168,9 @@ def test_a_plane_chosen_and_left_again_is_no_matter() -> None:
 
 def test_inverse_time_counts_the_length_of_the_curve() -> None:
     length = 2 * math.sqrt(17) + math.asinh(4) / 2
-    assert curve("G0 X-2 Y4\nG93 G5.1 X2 I2 J-8 F3").feed == pytest.approx(length * 3 / 60, rel=1e-12)
+    assert curve("G0 X-2 Y4\nG93 G5.1 X2 I2 J-8 F3").feed == pytest.approx(
+        length * 3 / 60, rel=1e-12
+    )
     # A straight line as a cubic of even pace.
     assert curve("G93 G5 X9 I3 J0 P-3 Q0 F4").feed == pytest.approx(9 * 4 / 60, rel=1e-13)
 

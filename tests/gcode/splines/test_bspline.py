@@ -1,4 +1,6 @@
-"""BSPLINE: control points, intervals and weights in Siemens' words to a NURBS with clamped knots."""
+"""BSPLINE: control points, intervals and weights in Siemens' words to a NURBS with clamped
+knots.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ def test_the_documented_example() -> None:
 
 
 def test_the_documented_example_with_weights() -> None:
-    block = curve("G1 X0 Y0 F300\nBSPLINE\nX10 Y20 PW=2\nX20 Y40\nX30 Y30 PW=0.5\nX40 Y45\nX50 Y0\nM30")
+    block = curve(
+        "G1 X0 Y0 F300\nBSPLINE\nX10 Y20 PW=2\nX20 Y40\nX30 Y30 PW=0.5\nX40 Y45\nX50 Y0\nM30"
+    )
     assert block.weights.tolist() == [1, 2, 1, 0.5, 1, 1]
     assert block.control_points.tolist() == POINTS
 
@@ -36,7 +40,10 @@ def test_degree_2() -> None:
 
 def test_the_first_point_may_stand_in_the_first_line() -> None:
     rest = POLYGON.split("\n", 1)[1]
-    one, two = curve(f"F300\nBSPLINE SD=2 X10 Y20 PW=3\n{rest}"), curve(f"BSPLINE SD=2 F300\nX10 Y20 PW=3\n{rest}")
+    one, two = (
+        curve(f"F300\nBSPLINE SD=2 X10 Y20 PW=3\n{rest}"),
+        curve(f"BSPLINE SD=2 F300\nX10 Y20 PW=3\n{rest}"),
+    )
     assert one.control_points.tolist() == two.control_points.tolist() == POINTS
     assert one.weights.tolist() == two.weights.tolist() == [1, 3, 1, 1, 1, 1]
     assert one.knots.tolist() == two.knots.tolist()
@@ -82,7 +89,11 @@ def test_against_geomdl(seed: int) -> None:
     knots = [0.0] * (degree + 1) + inner.tolist() + [1.0] * (degree + 1)
     oracle.knotvector = knots
     # PL as a CAM system writes it: from one knot to the next.
-    lines = [f"X{x} Y{y} Z{z} PW={weights[i]} PL={knots[i + 1] - knots[i]:.6f}" for i, (x, y, z) in enumerate(points.tolist()) if i]
+    lines = [
+        f"X{x} Y{y} Z{z} PW={weights[i]} PL={knots[i + 1] - knots[i]:.6f}"
+        for i, (x, y, z) in enumerate(points.tolist())
+        if i
+    ]
     x, y, z = points[0].tolist()
     block = curve("\n".join([f"G0 X{x} Y{y} Z{z}", f"BSPLINE SD={degree} F60", *lines, "G0 Z60"]))
     assert block.knots == pytest.approx(np.array(knots), abs=1e-9)
@@ -90,7 +101,21 @@ def test_against_geomdl(seed: int) -> None:
     assert points_on(block, ALONG) == pytest.approx(np.array(expected), abs=1e-6)
 
 
-@pytest.mark.parametrize("end", ["G1 X9", "G0 X9", "G2 X60 I5", "G80", "M2", "M30", "", "BSPLINE\nX1 Y1\nX2 Y0\nX3 Y3", "%", "G5.1 X9 I1"])
+@pytest.mark.parametrize(
+    "end",
+    [
+        "G1 X9",
+        "G0 X9",
+        "G2 X60 I5",
+        "G80",
+        "M2",
+        "M30",
+        "",
+        "BSPLINE\nX1 Y1\nX2 Y0\nX3 Y3",
+        "%",
+        "G5.1 X9 I1",
+    ],
+)
 def test_what_completes_a_curve(end: str) -> None:
     block = curves_of(f"%\nF300\nBSPLINE\n{POLYGON}\n{end}")[0]
     assert block.control_points.tolist() == POINTS
@@ -114,13 +139,21 @@ def test_incremental_inches_rotation_and_what_is_left_out() -> None:
     inches = curve(f"F60\nG20\nBSPLINE\n{POLYGON}\nM2")
     assert inches.control_points == pytest.approx(np.array(POINTS) * 25.4, rel=1e-15)
     turned = curve(f"F60\nBSPLINE\n{POLYGON}\nM2", parameters=Parameters({5230: 90.0}))
-    assert turned.control_points == pytest.approx(np.array(POINTS) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]), abs=1e-12)
+    assert turned.control_points == pytest.approx(
+        np.array(POINTS) @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]), abs=1e-12
+    )
     rests = curve("F60\nBSPLINE SD=2\nX1\nY1\nZ1\nM2")
     assert rests.control_points.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [1, 1, 1]]
 
 
 @pytest.mark.parametrize(
-    "line", ["bspline sd = 2 x1 y1 f60", "BSPLINE SD=2 X1 Y1 F60", "N5 BSPLINE SD=[1+1] X[2-1] Y1 F60", "F60X1Y1SD=2BSPLINE"]
+    "line",
+    [
+        "bspline sd = 2 x1 y1 f60",
+        "BSPLINE SD=2 X1 Y1 F60",
+        "N5 BSPLINE SD=[1+1] X[2-1] Y1 F60",
+        "F60X1Y1SD=2BSPLINE",
+    ],
 )
 def test_ways_to_write_it(line: str) -> None:
     assert curve(f"{line}\nX2 Y0 PW=[1/2]\nM2").weights.tolist() == [1, 1, 0.5]
@@ -135,7 +168,10 @@ def test_the_feed_before_the_second_point_is_that_of_the_curve() -> None:
 CASES: dict[str, tuple[str, str]] = {
     "too few points": ("nurbs-too-few-points", "F60\n¦BSPLINE\nX1 Y1\nX2 Y2\nG0 X5"),
     "too few points at the end": ("nurbs-too-few-points", "F60\n¦BSPLINE\nX1 Y1\nX2 Y2\nM30"),
-    "too few points at the end of the file": ("nurbs-too-few-points", "F60\nN5 ¦BSPLINE SD=2\nX1 Y1"),
+    "too few points at the end of the file": (
+        "nurbs-too-few-points",
+        "F60\nN5 ¦BSPLINE SD=2\nX1 Y1",
+    ),
     "no points": ("nurbs-too-few-points", "F60\n¦BSPLINE\nG1 X1"),
     "degree 1": ("value-out-of-range", "F60\nBSPLINE ¦SD=1"),
     "degree 4": ("value-out-of-range", "F60\nBSPLINE ¦SD=4 X1"),
@@ -145,8 +181,14 @@ CASES: dict[str, tuple[str, str]] = {
     "weight without a point": ("nurbs-foreign-word", "F60\nBSPLINE ¦PW=2"),
     "interval without a point": ("nurbs-foreign-word", "F60\nBSPLINE\n¦PL=2"),
     "negative interval": ("value-out-of-range", "F60\nBSPLINE\nX1 ¦PL=-1"),
-    "interval of a point that completes nothing": ("nurbs-interval-unused", "F60\nBSPLINE\nX1 PL=0\nX2 ¦PL=.5\nX3 PL=1\nX4 PL=2\nM2"),
-    "interval of the first of degree 2": ("nurbs-interval-unused", "F60\nBSPLINE SD=2\nX1 ¦PL=.5\nX2\nX3\nM2"),
+    "interval of a point that completes nothing": (
+        "nurbs-interval-unused",
+        "F60\nBSPLINE\nX1 PL=0\nX2 ¦PL=.5\nX3 PL=1\nX4 PL=2\nM2",
+    ),
+    "interval of the first of degree 2": (
+        "nurbs-interval-unused",
+        "F60\nBSPLINE SD=2\nX1 ¦PL=.5\nX2\nX3\nM2",
+    ),
     "first piece empty": ("nurbs-end-multiplicity", "F60\nBSPLINE SD=2\nX1\nX2 ¦PL=0\nX3\nM2"),
     "last piece empty": ("nurbs-end-multiplicity", "F60\nBSPLINE SD=2\nX1\nX2\nX3\nX4 ¦PL=0\nM2"),
     "torn apart": ("nurbs-position-jump", "F60\nBSPLINE SD=2\nX1\nX2\nX3 PL=0\nX4 ¦PL=0\nX5\nM2"),

@@ -16,7 +16,9 @@ ALONG = np.linspace(0.0, 1.0, 41)
 
 
 def test_the_documented_example() -> None:
-    block = curve("G0 X0 Y0 (rapid move)\nF10 (set feed rate)\nG5.2 P1 L3\n X0 Y1 P1\n X2 Y2 P1\n X2 Y0 P1\n X0 Y0 P2\nG5.3\nM2")
+    block = curve(
+        "G0 X0 Y0 (rapid move)\nF10 (set feed rate)\nG5.2 P1 L3\n X0 Y1 P1\n X2 Y2 P1\n X2 Y0 P1\n X0 Y0 P2\nG5.3\nM2"
+    )
     assert (block.degree, block.line) == (2, 3)
     assert block.knots.tolist() == [0, 0, 0, 1, 2, 3, 3, 3]
     assert block.control_points.tolist() == [[0, 0, 0], [0, 1, 0], [2, 2, 0], [2, 0, 0], [0, 0, 0]]
@@ -25,14 +27,25 @@ def test_the_documented_example() -> None:
 
 
 def test_points_of_the_documented_example_as_linuxcnc_moves_through_them() -> None:
-    """Ends of its straight moves, to the digits that it rounds knots and basis functions to: u = 1 and u = 2 are knots."""
+    """Ends of its straight moves, to the digits that it rounds knots and basis functions to: u = 1
+    and u = 2 are knots.
+    """
     block = curve("F10\nG5.2 P1 L3\nX0 Y1 P1\nX2 Y2 P1\nX2 Y0 P1\nX0 Y0 P2\nG5.3")
-    assert points_on(block, np.array([0, 1 / 3, 2 / 3, 1]))[:, :2].tolist() == [[0, 0], [1, 1.5], [2, 1], [0, 0]]
+    assert points_on(block, np.array([0, 1 / 3, 2 / 3, 1]))[:, :2].tolist() == [
+        [0, 0],
+        [1, 1.5],
+        [2, 1],
+        [0, 0],
+    ]
 
 
 def test_what_may_be_left_out() -> None:
     full = curve("F60\nG5.2 P1 L3\nX0 Y1 P1\nX1 Y1 P1\nG5.3")
-    for short in ("F60\nG5.2\nX0 Y1\nX1 Y1\nG5.3", "F60\nG5.2 X0 Y1\nX1 Y1\nG5.3", "G5.2 L3\nX0 Y1\nX1 Y1 F60\nG5.3"):
+    for short in (
+        "F60\nG5.2\nX0 Y1\nX1 Y1\nG5.3",
+        "F60\nG5.2 X0 Y1\nX1 Y1\nG5.3",
+        "G5.2 L3\nX0 Y1\nX1 Y1 F60\nG5.3",
+    ):
         other = curve(short)
         assert other.weights.tolist() == full.weights.tolist() == [1, 1, 1]
         assert other.knots.tolist() == full.knots.tolist() == [0, 0, 0, 1, 1, 1]
@@ -61,9 +74,14 @@ def test_against_geomdl(seed: int) -> None:
     count = order + int(random.integers(0, 6))
     points = random.uniform(-50, 50, (count, 3)).round(3)
     weights = random.uniform(0.2, 4, count).round(3)
-    lines = [f"X{x} Y{y} Z{z} P{w}" for (x, y, z), w in zip(points.tolist(), weights.tolist(), strict=True)]
+    lines = [
+        f"X{x} Y{y} Z{z} P{w}"
+        for (x, y, z), w in zip(points.tolist(), weights.tolist(), strict=True)
+    ]
     start = lines[0].split(" P")
-    block = curve("\n".join([f"G0 {start[0]}", f"F60 G5.2 P{start[1]} L{order}", *lines[1:], "G5.3"]))
+    block = curve(
+        "\n".join([f"G0 {start[0]}", f"F60 G5.2 P{start[1]} L{order}", *lines[1:], "G5.3"])
+    )
     oracle = NURBS.Curve()
     oracle.degree = order - 1
     oracle.ctrlpts = points.tolist()
@@ -99,10 +117,16 @@ def test_incremental_points_count_from_where_the_curve_begins() -> None:
 def test_inches_and_rotation() -> None:
     source = "F60\nG20\nG0 X1 Y1\nG5.2\nX2 Y1\nX2 Y3\nG5.3"
     block = curve(source)
-    assert block.control_points.tolist() == [[25.4, 25.4, 0], [50.8, 25.4, 0], [50.8, pytest.approx(76.2), 0]]
+    assert block.control_points.tolist() == [
+        [25.4, 25.4, 0],
+        [50.8, 25.4, 0],
+        [50.8, pytest.approx(76.2), 0],
+    ]
     assert block.knots.tolist() == [0, 0, 0, 1, 1, 1]
     turned = curve(source, parameters=Parameters({5230: 90.0}))
-    assert turned.control_points == pytest.approx(block.control_points @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]), abs=1e-12)
+    assert turned.control_points == pytest.approx(
+        block.control_points @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]), abs=1e-12
+    )
 
 
 def test_the_last_feed_before_the_end_counts_for_the_whole() -> None:
@@ -119,7 +143,10 @@ def test_inverse_time_counts_the_length_of_the_curve() -> None:
 def test_g5_2_may_be_repeated() -> None:
     plain = curve("F60\nG5.2 P2 L3\nX0 Y1 P1\nX1 Y1 P1\nG5.3")
     again = curve("F60\nG5.2 P2 L3\nG5.2 X0 Y1 P1\nG5.2 X1 Y1 P1\nG5.3")
-    assert (again.control_points.tolist(), again.weights.tolist()) == (plain.control_points.tolist(), plain.weights.tolist())
+    assert (again.control_points.tolist(), again.weights.tolist()) == (
+        plain.control_points.tolist(),
+        plain.weights.tolist(),
+    )
 
 
 def test_modes_in_the_first_line() -> None:

@@ -45,7 +45,11 @@ def test_the_paper_form() -> None:
 
 @pytest.mark.parametrize("dialect", ["auto", "fanuc"])
 def test_both_forms_make_the_same_blocks(dialect: str) -> None:
-    same(list(rows(run("G0 X10\n" + fanuc(), dialect=dialect))), list(rows(run("G0 X10\n" + paper(), dialect="paper"))), abs=0)
+    same(
+        list(rows(run("G0 X10\n" + fanuc(), dialect=dialect))),
+        list(rows(run("G0 X10\n" + paper(), dialect="paper"))),
+        abs=0,
+    )
 
 
 @pytest.mark.parametrize("degree", range(1, 10))
@@ -81,7 +85,15 @@ def test_the_feed_may_be_modal() -> None:
 
 def test_comments_blank_lines_numbers_and_block_delete_inside() -> None:
     lines = paper().split("\n")
-    source = "\n".join(["G0 X10", *(f"N{n} {line} (note) ; and more\n\n/U9 G0 X99\n(plain)" for n, line in enumerate(lines))])
+    source = "\n".join(
+        [
+            "G0 X10",
+            *(
+                f"N{n} {line} (note) ; and more\n\n/U9 G0 X99\n(plain)"
+                for n, line in enumerate(lines)
+            ),
+        ]
+    )
     a, b = curve(source, block_delete=True), curve("G0 X10\n" + paper())
     assert a.control_points.tolist() == b.control_points.tolist()
 
@@ -117,7 +129,15 @@ def test_the_next_move_starts_where_the_curve_ends() -> None:
 
 def test_two_curves_in_a_row_and_other_codes_between() -> None:
     blocks = list(rows(run("G0 X10\n" + fanuc() + "\nM3 S1\n" + fanuc() + "\nG0 X1\nM2")))
-    assert [row[0] for row in blocks] == ["rapid", "nurbs", "spindle", "nurbs", "rapid", "spindle", "end"]
+    assert [row[0] for row in blocks] == [
+        "rapid",
+        "nurbs",
+        "spindle",
+        "nurbs",
+        "rapid",
+        "spindle",
+        "end",
+    ]
 
 
 def test_the_curve_starts_exactly_at_the_position() -> None:
@@ -150,7 +170,9 @@ def test_knots_and_weights_are_no_distances_without_a_decimal_point() -> None:
     assert not found
     run(source.format("X5."), dialect="fanuc", warn=found.append)
     run(source.replace("X20.", "X20").format("X5"), dialect="fanuc", warn=found.append)
-    assert [(each.code, each.line, each.column) for each in found] == [("decimal-point-missing", 3, 4)]
+    assert [(each.code, each.line, each.column) for each in found] == [
+        ("decimal-point-missing", 3, 4)
+    ]
 
 
 @pytest.mark.parametrize("plane", ["G17", "G18", "G19"])
@@ -158,6 +180,12 @@ def test_knots_and_weights_are_no_distances_without_a_decimal_point() -> None:
 def test_rotation_and_plane(plane: str, mode: str) -> None:
     source = f"F60\nG0 X1 Y2 Z3\n{mode} {plane}\nG6.2 P3 K0\nK0 X4 Y5 Z6\nK0 X7 Y-8 Z9\nK1\nK1\nK1"
     plain, turned = curve(source), curve(source, parameters=Parameters({5230: 90.0}))
-    assert turned.control_points == pytest.approx(plain.control_points @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]), abs=1e-12)
+    assert turned.control_points == pytest.approx(
+        plain.control_points @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]), abs=1e-12
+    )
     last = [7, -8, 9] if mode == "G90" else [12, -1, 18]
-    assert plain.control_points.tolist() == [[1, 2, 3], [4, 5, 6] if mode == "G90" else [5, 7, 9], last]
+    assert plain.control_points.tolist() == [
+        [1, 2, 3],
+        [4, 5, 6] if mode == "G90" else [5, 7, 9],
+        last,
+    ]

@@ -1,4 +1,6 @@
-"""Programs with a fault in a spline: each with its error, at its line and column. The mark ¦ stands before the offending place."""
+"""Programs with a fault in a spline: each with its error, at its line and column. The mark ¦ stands
+before the offending place.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,10 @@ CASES: dict[str, tuple[str, str]] = {
     "FANUC's contour control": ("axis-words-missing", FEED + "¦G05.1 Q1"),
     # G5.2, G5.3
     "too few points": ("nurbs-too-few-points", OPEN + "¦G5.3"),
-    "too few points of a higher order": ("nurbs-too-few-points", FEED + "G5.2 L5\nX1 Y1\nX2 Y2\nX3 Y3\n¦G5.3"),
+    "too few points of a higher order": (
+        "nurbs-too-few-points",
+        FEED + "G5.2 L5\nX1 Y1\nX2 Y2\nX3 Y3\n¦G5.3",
+    ),
     "no points": ("nurbs-too-few-points", FEED + "G5.2 L2\n¦G5.3"),
     "not open": ("nurbs-not-open", FEED + "G1 X1\n¦G5.3"),
     "closed twice": ("nurbs-not-open", OPEN + "X1 Y1\nG5.3\n¦G5.3"),
@@ -87,13 +92,25 @@ CASES: dict[str, tuple[str, str]] = {
     "compensated G5.2": ("compensation-active", LEFT + "¦G5.2 L2\nX9 Y9\nG5.3"),
     "compensated BSPLINE": ("compensation-active", LEFT + "¦BSPLINE SD=2\nX9\nX8 Y8"),
     "compensated G6.2, FANUC's form": ("fanuc-1006", LEFT + "¦G6.2 P2 K0\nK0 X9\nK1\nK1"),
-    "compensated G6.2, the paper's form": ("nurbs-wrong-mode", LEFT + "¦G6.2 K1 U0 X5 Y5\nU0 X9\nU1\nU1"),
+    "compensated G6.2, the paper's form": (
+        "nurbs-wrong-mode",
+        LEFT + "¦G6.2 K1 U0 X5 Y5\nU0 X9\nU1\nU1",
+    ),
     "the way out of compensation": ("compensation-exit", LEFT + "X9\nG40\n¦G5.1 X5 I1"),
     "compensation inside": ("nurbs-foreign-word", OPEN + "¦G41.1 D2"),
     # G6.2
-    "paper's form without its first knot": ("nurbs-knot-missing", "¦G6.2 X0 Y0 F60\nU0 X1 Y1\nU1\nU1"),
-    "paper's form with a degree, without its first knot": ("nurbs-knot-missing", "¦G6.2 K2 X0 Y0 F60\nU0 X1 Y1 W1\nU1\nU1"),
-    "FANUC's form told by the second line": ("nurbs-foreign-word", "G6.2 X0 Y0 F60\nK0 X1 Y1\n¦U0 X2 Y2"),
+    "paper's form without its first knot": (
+        "nurbs-knot-missing",
+        "¦G6.2 X0 Y0 F60\nU0 X1 Y1\nU1\nU1",
+    ),
+    "paper's form with a degree, without its first knot": (
+        "nurbs-knot-missing",
+        "¦G6.2 K2 X0 Y0 F60\nU0 X1 Y1 W1\nU1\nU1",
+    ),
+    "FANUC's form told by the second line": (
+        "nurbs-foreign-word",
+        "G6.2 X0 Y0 F60\nK0 X1 Y1\n¦U0 X2 Y2",
+    ),
     "coolant beside G6.2": ("nurbs-foreign-word", "¦M8 G6.2 P2 K0 X0 Y0 F60"),
     "dwell beside G6.2": ("nurbs-foreign-word", "¦G4 P1 G6.2 K1 U0 X0 Y0 F60"),
     "tool beside G6.2": ("nurbs-foreign-word", "¦T3 G6.2 P2 K0 X0 Y0 F60"),

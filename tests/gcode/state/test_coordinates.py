@@ -1,4 +1,6 @@
-"""Coordinate systems as pure state: golden values by formula, and properties over random offsets."""
+"""Coordinate systems as pure state: golden values by formula, and properties over random
+offsets.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ ROOT = math.sqrt(3.0) / 2.0
 NUMBERS = st.floats(-1000, 1000)
 
 
-def fresh(values: dict[int, float] | None = None, axes: tuple[str, ...] = XYZ, **options: bool) -> Coordinates:
+def fresh(
+    values: dict[int, float] | None = None, axes: tuple[str, ...] = XYZ, **options: bool
+) -> Coordinates:
     return Coordinates(axes, Parameters(values), **options)
 
 
@@ -33,11 +37,16 @@ def test_everything_at_once() -> None:
     place.local({0: 4.0, 2: 6.0})
     place.tool_offset = [0.5, 0.0, 40.0]
     x, y = 6.0 + 4.0, 8.0
-    assert place.to_machine([6.0, 8.0, 1.0]) == pytest.approx([100.5 + ROOT * x - 0.5 * y, 200.0 + 0.5 * x + ROOT * y, 347.0], rel=1e-15)
+    assert place.to_machine([6.0, 8.0, 1.0]) == pytest.approx(
+        [100.5 + ROOT * x - 0.5 * y, 200.0 + 0.5 * x + ROOT * y, 347.0], rel=1e-15
+    )
     assert place.turned([2.0, 0.0, 7.0]) == pytest.approx([2.0 * ROOT, 1.0, 7.0], rel=1e-15)
 
 
-@pytest.mark.parametrize(("angle", "x", "y"), [(90, -2, 1), (180, -1, -2), (-90, 2, -1), (270, 2, -1), (360, 1, 2), (-450, 2, -1)])
+@pytest.mark.parametrize(
+    ("angle", "x", "y"),
+    [(90, -2, 1), (180, -1, -2), (-90, 2, -1), (270, 2, -1), (360, 1, 2), (-450, 2, -1)],
+)
 def test_quarter_turns_are_exact(angle: float, x: float, y: float) -> None:
     place = fresh()
     place.set_origin(0, {}, rotation=angle)
@@ -102,11 +111,24 @@ def test_the_system_in_use_is_stored() -> None:
 def test_numbers_of_each_system() -> None:
     place = fresh(axes=("x", "y", "z", "a", "b", "c", "u", "v", "w"))
     place.set_origin(8, dict(enumerate(range(1, 10))), rotation=15.0)
-    assert [place.parameters.values[number] for number in range(5381, 5391)] == [1, 2, 3, 4, 5, 6, 7, 8, 9, 15]
+    assert [place.parameters.values[number] for number in range(5381, 5391)] == [
+        1,
+        2,
+        3,
+        4,
+        5,
+        6,
+        7,
+        8,
+        9,
+        15,
+    ]
 
 
 def test_origin_here_under_a_rotation_keeps_the_other_coordinate() -> None:
-    """Machine (10, 20) under R90 is program (20, -10); G10 L20 X5 keeps Y -10: origin = (10, 20) - R90 (5, -10) = (0, 15)."""
+    """Machine (10, 20) under R90 is program (20, -10); G10 L20 X5 keeps Y -10: origin = (10, 20) -
+    R90 (5, -10) = (0, 15).
+    """
     place = fresh()
     place.set_origin(0, {}, rotation=90.0)
     place.set_origin_here(0, {0: 5.0}, [10.0, 20.0, 0.0])
@@ -124,7 +146,9 @@ def test_origin_here_of_another_system_counts_its_own_rotation() -> None:
 
 
 def test_shift_here_under_a_rotation() -> None:
-    """Machine (10, 20) under R90 is program (20, -10); G92 X1 shifts by 19 along program X, which is machine Y."""
+    """Machine (10, 20) under R90 is program (20, -10); G92 X1 shifts by 19 along program X, which
+    is machine Y.
+    """
     place = fresh()
     place.set_origin(0, {}, rotation=90.0)
     place.shift_here({0: 1.0}, [10.0, 20.0, 0.0])
@@ -173,7 +197,8 @@ def test_tool_for_under_a_rotation_keeps_the_other_way() -> None:
     """The old offset's Y, seen in program directions, stays; X gets what makes the coordinate 5."""
     place = fresh()
     place.set_origin(0, {}, rotation=90.0)
-    # Machine (-2, 1) is program (1, 2). Tool (2.54, 0) is (0, -2.54) in program directions; its X becomes 1 - 5.
+    # Machine (-2, 1) is program (1, 2). Tool (2.54, 0) is (0, -2.54) in program directions; its X
+    # becomes 1 - 5.
     tool = place.tool_for([2.54, 0.0, 12.7], {0: 5.0}, [-2.0, 1.0, 3.0])
     assert tool == {0: 2.54, 1: -4.0}
 
@@ -199,8 +224,25 @@ def test_live_parameters() -> None:
     place.set_origin(0, {0: 25.4, 2: 90.0})
     place.bind(lambda: [50.8, 25.4, 100.0], lambda: 25.4)
     parameters = place.parameters
-    assert [parameters.number(5420 + n, 1) for n in range(9)] == [1.0, 0.0, 1.0, 10.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    assert [parameters.name(name, 1) for name in ("_x", "_z", "_a", "_b", "_abs_x", "_abs_a")] == [1.0, 1.0, 10.0, 0.0, 2.0, 100.0]
+    assert [parameters.number(5420 + n, 1) for n in range(9)] == [
+        1.0,
+        0.0,
+        1.0,
+        10.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    ]
+    assert [parameters.name(name, 1) for name in ("_x", "_z", "_a", "_b", "_abs_x", "_abs_a")] == [
+        1.0,
+        1.0,
+        10.0,
+        0.0,
+        2.0,
+        100.0,
+    ]
     place.select(6)
     assert parameters.name("_coord_system", 1) == 591.0
 
@@ -209,18 +251,28 @@ POINTS = st.lists(NUMBERS, min_size=3, max_size=3)
 
 
 @given(POINTS, POINTS, POINTS, POINTS, st.floats(-720, 720))
-def test_there_and_back(point: list[float], origin: list[float], shift: list[float], tool: list[float], angle: float) -> None:
+def test_there_and_back(
+    point: list[float], origin: list[float], shift: list[float], tool: list[float], angle: float
+) -> None:
     place = fresh()
     place.set_origin(0, dict(enumerate(origin)), rotation=angle)
     place.local(dict(enumerate(shift)))
     place.tool_offset = tool
     size = 4.0 * max(map(abs, point + origin + shift + tool)) + 1e-300
-    assert place.to_program(place.to_machine(point)) == pytest.approx(point, rel=1e-12, abs=1e-15 * size)
-    assert place.to_machine(place.to_program(point)) == pytest.approx(point, rel=1e-12, abs=1e-15 * size)
+    assert place.to_program(place.to_machine(point)) == pytest.approx(
+        point, rel=1e-12, abs=1e-15 * size
+    )
+    assert place.to_machine(place.to_program(point)) == pytest.approx(
+        point, rel=1e-12, abs=1e-15 * size
+    )
 
 
 @given(
-    POINTS, POINTS, st.dictionaries(st.integers(0, 2), NUMBERS, min_size=1), st.floats(-720, 720), st.sampled_from(["L20", "G92", "L10"])
+    POINTS,
+    POINTS,
+    st.dictionaries(st.integers(0, 2), NUMBERS, min_size=1),
+    st.floats(-720, 720),
+    st.sampled_from(["L20", "G92", "L10"]),
 )
 def test_the_position_gets_the_values_asked_for(
     point: list[float], origin: list[float], values: dict[int, float], angle: float, way: str

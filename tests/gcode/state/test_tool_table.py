@@ -76,8 +76,15 @@ def test_a_table_that_is_not_there(tmp_path: Path) -> None:
 
 
 def test_wear_adds_to_radius_and_length() -> None:
-    entry = ToolEntry(1, offsets={"X": 1.0, "Z": 40.0}, diameter=6.0, length_wear=-0.25, radius_wear=0.125)
-    assert (entry.radius, entry.offset("Z"), entry.offset("X"), entry.offset("Y")) == (3.125, 39.75, 1.0, 0.0)
+    entry = ToolEntry(
+        1, offsets={"X": 1.0, "Z": 40.0}, diameter=6.0, length_wear=-0.25, radius_wear=0.125
+    )
+    assert (entry.radius, entry.offset("Z"), entry.offset("X"), entry.offset("Y")) == (
+        3.125,
+        39.75,
+        1.0,
+        0.0,
+    )
 
 
 def test_what_a_program_writes_is_read_back() -> None:
@@ -117,14 +124,21 @@ def test_only_what_was_written_changes_in_the_file(tmp_path: Path) -> None:
     assert again.offsets == {"Z": 1e-7, "X": -0.1}
 
 
-@given(st.dictionaries(st.sampled_from("XYZABCUVW"), st.floats(allow_nan=False, allow_infinity=False)), st.floats(-1e9, 1e9))
-def test_a_saved_tool_is_read_back_to_the_bit(tmp_path_factory: pytest.TempPathFactory, offsets: dict[str, float], diameter: float) -> None:
+@given(
+    st.dictionaries(st.sampled_from("XYZABCUVW"), st.floats(allow_nan=False, allow_infinity=False)),
+    st.floats(-1e9, 1e9),
+)
+def test_a_saved_tool_is_read_back_to_the_bit(
+    tmp_path_factory: pytest.TempPathFactory, offsets: dict[str, float], diameter: float
+) -> None:
     path = tmp_path_factory.mktemp("tools") / "tool.tbl"
     table = ToolTable()
     table.put(ToolEntry(1, 2, offsets, diameter))
     table.save(path)
     found = ToolTable.load(path).tool(1)
-    assert found == ToolEntry(1, 2, {letter: value for letter, value in offsets.items() if value}, diameter)
+    assert found == ToolEntry(
+        1, 2, {letter: value for letter, value in offsets.items() if value}, diameter
+    )
 
 
 def test_parameters_show_the_loaded_tool(tmp_path: Path) -> None:
@@ -132,7 +146,22 @@ def test_parameters_show_the_loaded_tool(tmp_path: Path) -> None:
     table.bind(parameters, lambda: spindle[0])
     assert [parameters.number(number, 1) for number in range(5400, 5414)] == [0.0] * 14
     spindle[0] = 3
-    assert [parameters.number(number, 1) for number in range(5400, 5414)] == [3, 1, 2, 3, 4, 5, 6, 7, 8, 9, 0.8, 95, -155.5, 2]
+    assert [parameters.number(number, 1) for number in range(5400, 5414)] == [
+        3,
+        1,
+        2,
+        3,
+        4,
+        5,
+        6,
+        7,
+        8,
+        9,
+        0.8,
+        95,
+        -155.5,
+        2,
+    ]
     assert parameters.name("_current_tool", 1) == 3.0
     spindle[0] = 7  # a tool that the table has not
     assert [parameters.number(number, 1) for number in (5400, 5403, 5410)] == [7.0, 0.0, 0.0]

@@ -16,7 +16,11 @@ def found(text: str, dialect: str = "linuxcnc") -> list[tuple[str, int, int, str
     told = []
     for _ in interpret(Text.of_lines(text.split("\n"), "p"), dialect=dialect, warn=told.append):
         pass
-    return [(each.code, each.line, each.column, each.message.split()[0]) for each in told if each.severity == "note"]
+    return [
+        (each.code, each.line, each.column, each.message.split()[0])
+        for each in told
+        if each.severity == "note"
+    ]
 
 
 @pytest.mark.parametrize("padding", ["", PADDING])
@@ -36,7 +40,10 @@ def found(text: str, dialect: str = "linuxcnc") -> list[tuple[str, int, int, str
         ("F500\nG5.2 X1 Y1 L3\nX2 Y2\nX3 Y0\nG5.3\nM2", []),
         ("o1 sub\nF500\nG1 X5\nG1 X0\no1 endsub\no1 call\no1 call\nM2", []),
         ("#1=3\no1 while [#1]\nG1 X#1 F[#1*100]\n#1=[#1-1]\no1 endwhile\nM2", []),
-        ("#1=3\no1 while [#1]\nG0 X#1 F[#1*100]\n#1=[#1-1]\no1 endwhile\nM2", [(NOTHING, 3, 8, "F[#1*100]")]),
+        (
+            "#1=3\no1 while [#1]\nG0 X#1 F[#1*100]\n#1=[#1-1]\no1 endwhile\nM2",
+            [(NOTHING, 3, 8, "F[#1*100]")],
+        ),
         ("S100\nS200\nM3\nM2", [(SHADOWED, 1, 1, "S100")]),
         ("S100\nM3\nS200\nS300\nM2", []),
         ("S100 M3\nM5\nS200\nM2", [(NOTHING, 3, 1, "S200")]),
@@ -51,7 +58,9 @@ def found(text: str, dialect: str = "linuxcnc") -> list[tuple[str, int, int, str
 def test_words_that_nothing_uses(text, wanted, padding):
     lines = padding.count("\n") + 1 if padding else 0
     before = f"{padding}\n{text}" if padding else text
-    assert found(before) == [(code, line + lines, column, word) for code, line, column, word in wanted]
+    assert found(before) == [
+        (code, line + lines, column, word) for code, line, column, word in wanted
+    ]
 
 
 def test_the_end_of_the_file_is_an_end():
@@ -65,14 +74,27 @@ def test_a_dialect_without_tool_changes_has_no_use_for_t():
 
 def test_a_note_says_what_came_instead():
     told = []
-    for _ in interpret(Text.of_lines(["(F7) F500 (F8)", "G0 X1 F 6 0", "G1 X2", "M2"], "p"), warn=told.append):
+    for _ in interpret(
+        Text.of_lines(["(F7) F500 (F8)", "G0 X1 F 6 0", "G1 X2", "M2"], "p"), warn=told.append
+    ):
         pass
     (note,) = told
     assert note.message == "F500 has no effect: F60 in line 2 replaces it before a feed move"
-    assert (note.file, note.line, note.column, note.length, note.text) == ("p", 1, 6, 4, "(F7) F500 (F8)")
+    assert (note.file, note.line, note.column, note.length, note.text) == (
+        "p",
+        1,
+        6,
+        4,
+        "(F7) F500 (F8)",
+    )
 
 
-WORDS = st.lists(st.sampled_from(["F100", "F200", "G0 X{0} F100", "G0 X{0} F300", "G1 X{0}", "G1 X{0} F200", "G0 X{0}", ""]), max_size=30)
+WORDS = st.lists(
+    st.sampled_from(
+        ["F100", "F200", "G0 X{0} F100", "G0 X{0} F300", "G1 X{0}", "G1 X{0} F200", "G0 X{0}", ""]
+    ),
+    max_size=30,
+)
 
 
 @given(WORDS)
@@ -100,4 +122,6 @@ def test_against_a_model(words):
             waiting = None
     if waiting:
         wanted.append((NOTHING, waiting[0], f"F{waiting[1]}"))
-    assert [(code, line, word) for code, line, _, word in found("\n".join([*lines, "M2"]))] == wanted
+    assert [
+        (code, line, word) for code, line, _, word in found("\n".join([*lines, "M2"]))
+    ] == wanted

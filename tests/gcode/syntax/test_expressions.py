@@ -83,7 +83,9 @@ def full(tree: Tree) -> str:
 
 
 @given(st.integers(0, 2**32), st.integers(1, 4))
-def test_a_tree_printed_without_spare_brackets_is_read_as_the_same_tree(seed: int, depth: int) -> None:
+def test_a_tree_printed_without_spare_brackets_is_read_as_the_same_tree(
+    seed: int, depth: int
+) -> None:
     tree = grow(Random(seed), depth)
 
     def outcome(text: str) -> object:
@@ -244,4 +246,7 @@ def test_a_loop_line_is_quick() -> None:
 
     computes = [compute for _, compute in parse_line("G1 X[#1*0.5+2] Y[SIN[#2]*10]", NGC).computed]
     known = parameters()
-    assert min(timeit.repeat(lambda: [compute(known) for compute in computes], number=1000, repeat=5)) < 0.015
+    assert (
+        min(timeit.repeat(lambda: [compute(known) for compute in computes], number=1000, repeat=5))
+        < 0.015
+    )

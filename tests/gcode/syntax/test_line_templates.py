@@ -1,4 +1,6 @@
-"""A line that takes its shape from another one says what its own full parse says, bit for bit, errors included."""
+"""A line that takes its shape from another one says what its own full parse says, bit for bit,
+errors included.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,15 @@ NGC = [
     "X[ROUND[_]+FIX[-_]]", "G[_] X#1", "M[_]", "X[_ AND _ OR #1]", "X[-_**_]", "X.5 Y[_.]", "#1=#2 X[#3]", "x [ # 1 + _ ]", "X-[_] Y+[_]",
     "@_ ^[_*2]", "X[EXISTS[#<far>]+_]", "X[#<near 2>+_]", "G_ X[_]", "X[#_]", "X_._ Y[#1]", "X_ _ Y[#1]", "X[_] X[_]", "T[_] S_",
 ]  # fmt: skip
-MACRO = ["X[#1+_] Y_.", "#100=ROUND[_]", "X[ROUND[_/_]]", "X#1 Y[#2+_]", "#5=[#1 EQ #0] X_", "X[FUP[-_]+BIN[_]]", "G1X[_*#3]F_"]
+MACRO = [
+    "X[#1+_] Y_.",
+    "#100=ROUND[_]",
+    "X[ROUND[_/_]]",
+    "X#1 Y[#2+_]",
+    "#5=[#1 EQ #0] X_",
+    "X[FUP[-_]+BIN[_]]",
+    "G1X[_*#3]F_",
+]
 ODD = [
     "o_ call [_]",
     "o1 while [#1 LT _]",
@@ -36,7 +46,22 @@ ODD = [
     "X[_] (a (b) _)",
     "IF [#1 EQ _] GOTO _",
 ]
-WRITTEN = ["0", "1", "2.5", ".25", "7.", "007", "123456789.125", "3", "10", "1e", "9" * 20, "2000000000", "0.1", "9" * 400]
+WRITTEN = [
+    "0",
+    "1",
+    "2.5",
+    ".25",
+    "7.",
+    "007",
+    "123456789.125",
+    "3",
+    "10",
+    "1e",
+    "9" * 20,
+    "2000000000",
+    "0.1",
+    "9" * 400,
+]
 
 
 def bits(value: float) -> bytes:
@@ -53,18 +78,34 @@ def outcome(compute) -> object:  # type: ignore[no-untyped-def]
 
 def meaning(statement: Statement, parameters: Parameters) -> object:
     """All that a statement says, and what it comes to."""
-    words = [(word.letter, bits(word.number), word.written, word.column, word.length) for word in statement.words]
-    computed = [(index, outcome(lambda value=value: value(parameters))) for index, value in statement.computed]  # type: ignore[misc]
+    words = [
+        (word.letter, bits(word.number), word.written, word.column, word.length)
+        for word in statement.words
+    ]
+    computed = [
+        (index, outcome(lambda value=value: value(parameters)))
+        for index, value in statement.computed
+    ]  # type: ignore[misc]
     assignments = [
         (
-            each.target if isinstance(each.target, str) else outcome(lambda each=each: each.target(parameters)),  # type: ignore[misc]
+            each.target
+            if isinstance(each.target, str)
+            else outcome(lambda each=each: each.target(parameters)),  # type: ignore[misc]
             outcome(lambda each=each: each.value(parameters)),  # type: ignore[misc]
             each.column,
             each.length,
         )
         for each in statement.assignments
     ]
-    return words, computed, assignments, statement.remarks, statement.control is None, statement.percent, statement.deletable
+    return (
+        words,
+        computed,
+        assignments,
+        statement.remarks,
+        statement.control is None,
+        statement.percent,
+        statement.deletable,
+    )
 
 
 def parameters(*, macro: bool = False) -> Parameters:
@@ -97,11 +138,17 @@ def test_a_shape_says_what_the_grammar_says(data: st.DataObject) -> None:
 
     def said(text: str, *, in_full: bool) -> object:
         parse_line.cache_clear()
-        return outcome(lambda: meaning(parser._parse(text, syntax, None) if in_full else parse_line(text, syntax), known))
+        return outcome(
+            lambda: meaning(
+                parser._parse(text, syntax, None) if in_full else parse_line(text, syntax), known
+            )
+        )
 
     line_templates._shapes.clear()
     for _ in range(5):
-        text = filled(template, [data.draw(st.sampled_from(WRITTEN)) for _ in range(template.count("_"))])
+        text = filled(
+            template, [data.draw(st.sampled_from(WRITTEN)) for _ in range(template.count("_"))]
+        )
         assert said(text, in_full=False) == said(text, in_full=True), text
 
 
@@ -122,12 +169,16 @@ def lines_parsed(monkeypatch: pytest.MonkeyPatch, lines: list[str]) -> int:
     return count
 
 
-def test_the_grammar_reads_a_shape_twice_and_once_with_its_numbers_open(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_grammar_reads_a_shape_twice_and_once_with_its_numbers_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     assert lines_parsed(monkeypatch, [f"G1 X[#1+{k}.5] Y{k} (pass {k})" for k in range(50)]) == 3
 
 
 def test_control_lines_and_active_comments_are_always_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert lines_parsed(monkeypatch, [f"o{k} while [#1 LT {k}]" for k in range(20)]) == 21, "the second one was tried as a shape"
+    assert lines_parsed(monkeypatch, [f"o{k} while [#1 LT {k}]" for k in range(20)]) == 21, (
+        "the second one was tried as a shape"
+    )
     assert lines_parsed(monkeypatch, [f"(print, {k}) X[{k}]" for k in range(20)]) == 20
 
 

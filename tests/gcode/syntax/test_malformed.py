@@ -1,4 +1,6 @@
-"""Malformed programs: each with its error, at its line and column. The mark ¦ stands before the offending place and is taken out."""
+"""Malformed programs: each with its error, at its line and column. The mark ¦ stands before the
+offending place and is taken out.
+"""
 
 from __future__ import annotations
 
@@ -200,7 +202,10 @@ CASES: dict[str, tuple[str, str]] = {
     "left early, M2": ("nurbs-left-early", PAPER + "U0 X1\n¦M2"),
     "inverse time": ("nurbs-wrong-mode", "G93\n¦G06.2 K1 U0 X0 F60"),
     "end multiplicity": ("nurbs-end-multiplicity", PAPER + "¦U1 X1\nU2\nU2"),
-    "inner multiplicity": ("nurbs-inner-multiplicity", PAPER + "U0 X1\nU1 X2\nU1 X3\n¦U1 X4\nU2\nU2"),
+    "inner multiplicity": (
+        "nurbs-inner-multiplicity",
+        PAPER + "U0 X1\nU1 X2\nU1 X3\n¦U1 X4\nU2\nU2",
+    ),
     "start point": ("nurbs-start-point", "G06.2 K1 U0 ¦X1 F60"),
     "degree too small": ("value-out-of-range", "G06.2 ¦K0 U0 X0 F60"),
     "degree too large": ("value-out-of-range", "G06.2 ¦K10 U0 X0 F60"),
@@ -235,25 +240,44 @@ CASES: dict[str, tuple[str, str]] = {
 }
 
 
-TOOLS = (ToolEntry(1, 1, {"X": 0.5, "Z": 40.0}, 6.0), ToolEntry(2, 2, {"Z": 100.0}), ToolEntry(3, 3, {}, 4.0))
+TOOLS = (
+    ToolEntry(1, 1, {"X": 0.5, "Z": 40.0}, 6.0),
+    ToolEntry(2, 2, {"Z": 100.0}),
+    ToolEntry(3, 3, {}, 4.0),
+)
 
 
 def _errors() -> Iterator[tuple[str, str, str, str]]:
-    """Name, dialect, code and marked program of every line of errors.txt, and of the table above."""
+    """Name, dialect, code and marked program of every line of errors.txt, and of the table
+    above.
+    """
     yield from ((name, "auto", code, marked) for name, (code, marked) in CASES.items())
-    for number, line in enumerate((GCODE / "errors.txt").read_text(encoding="utf-8").split("\n"), 1):
+    for number, line in enumerate(
+        (GCODE / "errors.txt").read_text(encoding="utf-8").split("\n"), 1
+    ):
         if number > 4 and (found := re.fullmatch(r"([a-z0-9-]+)(?: \[(\w+)\])?: (.*)", line)):
-            yield f"errors.txt {number} {found[1]}", found[2] or "auto", found[1], found[3].replace("\\n", "\n")
+            yield (
+                f"errors.txt {number} {found[1]}",
+                found[2] or "auto",
+                found[1],
+                found[3].replace("\\n", "\n"),
+            )
 
 
 ERRORS = list(_errors())
 
 
-@pytest.mark.parametrize(("dialect", "code", "marked"), [error[1:] for error in ERRORS], ids=[error[0] for error in ERRORS])
+@pytest.mark.parametrize(
+    ("dialect", "code", "marked"),
+    [error[1:] for error in ERRORS],
+    ids=[error[0] for error in ERRORS],
+)
 def test_the_error_stands_at_its_place(dialect: str, code: str, marked: str) -> None:
     tools = None if code == "tool-table-missing" else ToolTable(TOOLS)
     limits = Limits(repeated_lines=5000, depth=20)
-    found = stands(code, marked, dialect=dialect, tools=tools, folders=[GCODE / "subroutines"], limits=limits)
+    found = stands(
+        code, marked, dialect=dialect, tools=tools, folders=[GCODE / "subroutines"], limits=limits
+    )
     assert found.severity == "error"
     assert "token" not in found.message.lower()
 
@@ -269,15 +293,30 @@ word-without-effect
 no-such-file unreadable-file unwritable-file unknown-dialect
 parameter-file-line parameter-file-order tool-repeated tool-table-malformed tool-table-unreadable
 """
-"""Warnings, and errors of files and names, that no program brings about; their own tests have them."""
+"""Warnings, and errors of files and names, that no program brings about; their own tests have
+them.
+"""
 
 
 def test_no_error_is_forgotten() -> None:
-    """Whatever looks like the code of an error anywhere in the interpreter is that of a program in the tables."""
-    sources = [ast.parse(file.read_text(encoding="utf-8")) for file in Path(gcode.__file__).parent.rglob("*.py")]
-    texts = {node.value for tree in sources for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    """Whatever looks like the code of an error anywhere in the interpreter is that of a program in
+    the tables.
+    """
+    sources = [
+        ast.parse(file.read_text(encoding="utf-8"))
+        for file in Path(gcode.__file__).parent.rglob("*.py")
+    ]
+    texts = {
+        node.value
+        for tree in sources
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
     codes = {text for text in texts if re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)+", text)}
-    assert codes - {code for _, _, code, _ in ERRORS} - {*NO_ERRORS.split(), *ELSEWHERE.split()} == set()
+    assert (
+        codes - {code for _, _, code, _ in ERRORS} - {*NO_ERRORS.split(), *ELSEWHERE.split()}
+        == set()
+    )
     assert {*NO_ERRORS.split(), *ELSEWHERE.split()} <= codes
 
 
@@ -299,25 +338,42 @@ def test_an_error_is_drawn_with_its_place() -> None:
 
     with pytest.raises(GcodeError) as caught:
         list(interpret(Text.of_lines(["G0 X1", "G1 Y2 I3 F60"], "part.nc")))
-    assert str(caught.value).split("\n")[:3] == ["part.nc:2:7: word-unused: I3 has no use in this line", "  G1 Y2 I3 F60", "        ^~"]
+    assert str(caught.value).split("\n")[:3] == [
+        "part.nc:2:7: word-unused: I3 has no use in this line",
+        "  G1 Y2 I3 F60",
+        "        ^~",
+    ]
 
 
 def test_an_error_in_a_file_that_is_called_stands_in_that_file() -> None:
     found = refused("G0 X1\no<broken> call\nG0 X2", folders=[GCODE / "subroutines"])
-    assert (found.code, found.line, found.column, found.text) == ("word-unused", 3, 7, "G1 Y2 I3 F60")
+    assert (found.code, found.line, found.column, found.text) == (
+        "word-unused",
+        3,
+        7,
+        "G1 Y2 I3 F60",
+    )
     assert Path(found.file) == GCODE / "subroutines" / "broken.ngc"
 
 
 @pytest.mark.parametrize(
-    ("dialect", "source"), [("auto", "o<deep> call [1]"), ("auto", "o<again> call"), ("fanuc", "N1 M98 P2001\nGOTO 1")]
+    ("dialect", "source"),
+    [("auto", "o<deep> call [1]"), ("auto", "o<again> call"), ("fanuc", "N1 M98 P2001\nGOTO 1")],
 )
 def test_what_never_ends_is_ended(dialect: str, source: str) -> None:
-    found = refused(source, dialect=dialect, folders=[GCODE / "subroutines"], limits=Limits(repeated_lines=1000, depth=10))
+    found = refused(
+        source,
+        dialect=dialect,
+        folders=[GCODE / "subroutines"],
+        limits=Limits(repeated_lines=1000, depth=10),
+    )
     assert found.code in ("call-too-deep", "loop-endless")
     assert found.line
     assert found.hint
 
 
-@pytest.mark.parametrize("value", ["1/0", "5 MOD 0", "SQRT[-1]", "LN[0]", "TAN[90]", "0**-1", "EXP[1000]", "ACOS[2]"])
+@pytest.mark.parametrize(
+    "value", ["1/0", "5 MOD 0", "SQRT[-1]", "LN[0]", "TAN[90]", "0**-1", "EXP[1000]", "ACOS[2]"]
+)
 def test_what_can_not_be_computed_says_what_to_do(value: str) -> None:
     assert refused(f"G0 X[{value}]").hint

@@ -100,13 +100,22 @@ def test_a_call_has_its_own_names_and_numbers() -> None:
     assert known.number(1, 7) == 0
     known.pop()
     known.pop()
-    assert [known.number(1, 7), known.number(31, 7), known.name("a", 7), known.name("_g", 7)] == [10, -2, 12, -4]
+    assert [known.number(1, 7), known.number(31, 7), known.name("a", 7), known.name("_g", 7)] == [
+        10,
+        -2,
+        12,
+        -4,
+    ]
 
 
 def test_an_argument_that_is_not_given_is_vacant() -> None:
     known = Parameters(macro=True)
     known.push([1.0, math.nan, 3.0])
-    assert [known.number(number, 7) for number in (1, 3, 33)] == [1, 3, pytest.approx(math.nan, nan_ok=True)]
+    assert [known.number(number, 7) for number in (1, 3, 33)] == [
+        1,
+        3,
+        pytest.approx(math.nan, nan_ok=True),
+    ]
     assert math.isnan(known.number(2, 7))
 
 
@@ -142,11 +151,15 @@ def test_what_the_file_keeps() -> None:
 
 
 @given(st.dictionaries(st.integers(1, 5602), st.floats(allow_nan=False, allow_infinity=False)))
-def test_every_value_comes_back_to_the_last_bit(tmp_path_factory: pytest.TempPathFactory, values: dict[int, float]) -> None:
+def test_every_value_comes_back_to_the_last_bit(
+    tmp_path_factory: pytest.TempPathFactory, values: dict[int, float]
+) -> None:
     path = tmp_path_factory.getbasetemp() / "rs274ngc.var"
     write_parameters(path, values)
     found = read_parameters(path)
-    assert {number: value.hex() for number, value in found.items()} == {number: value.hex() for number, value in values.items()}
+    assert {number: value.hex() for number, value in found.items()} == {
+        number: value.hex() for number, value in values.items()
+    }
     assert list(found) == sorted(values)
 
 
@@ -158,7 +171,9 @@ def test_the_form_of_the_file(tmp_path: Path) -> None:
 
 def test_what_linuxcnc_wrote_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a.var"
-    path.write_bytes(b"5161\t0.000000\r\n  5162   -10.5  \n\n5220\t1.000000\n5221 +.25\n5222 1e-3\n")
+    path.write_bytes(
+        b"5161\t0.000000\r\n  5162   -10.5  \n\n5220\t1.000000\n5221 +.25\n5222 1e-3\n"
+    )
     assert read_parameters(path) == {5161: 0, 5162: -10.5, 5220: 1, 5221: 0.25, 5222: 0.001}
 
 
@@ -182,7 +197,9 @@ def test_what_linuxcnc_wrote_is_read(tmp_path: Path) -> None:
         ("5162 1\n5162 1", "parameter-file-order", 2, 1),
     ],
 )
-def test_a_malformed_file_is_refused_at_its_line(tmp_path: Path, text: str, code: str, line: int, column: int) -> None:
+def test_a_malformed_file_is_refused_at_its_line(
+    tmp_path: Path, text: str, code: str, line: int, column: int
+) -> None:
     path = tmp_path / "a.var"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(UsageError) as caught:
@@ -199,7 +216,9 @@ def test_a_file_that_is_not_there_or_can_not_be_read(tmp_path: Path) -> None:
         assert caught.value.diagnostic.code == code
 
 
-def test_a_file_that_can_not_be_written_stays_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_can_not_be_written_stays_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "a.var"
     write_parameters(path, {31: 1.0})
 

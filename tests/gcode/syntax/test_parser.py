@@ -57,7 +57,14 @@ READ = "from cnc.gcode.syntax.parser import parse_line; print(parse_line('G1 X2'
 
 def read_in_a_process(home: Path) -> None:
     environment = {**os.environ, "XDG_CACHE_HOME": str(home)}
-    found = subprocess.run([sys.executable, "-c", READ], env=environment, capture_output=True, text=True, check=True, timeout=60)
+    found = subprocess.run(
+        [sys.executable, "-c", READ],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
     assert (found.stdout, found.stderr) == ("2.0\n", "")
 
 

@@ -15,7 +15,12 @@ from cnc.model.diagnostics import GcodeError
 from tests.support.gcode.fuzzing import Author
 from tests.support.soak import share
 
-SYNTAXES = [Syntax(flavour, siemens, dollar) for flavour in ("ngc", "macro-b", "none") for siemens in (0, 1) for dollar in (0, 1)]  # type: ignore[arg-type]
+SYNTAXES = [
+    Syntax(flavour, siemens, dollar)
+    for flavour in ("ngc", "macro-b", "none")
+    for siemens in (0, 1)
+    for dollar in (0, 1)
+]  # type: ignore[arg-type]
 
 PLAIN = """\
   \t
@@ -104,13 +109,28 @@ def test_the_lines_of_any_cam_program_are_plain() -> None:
         agree(line, window.statement(index, SYNTAXES[0]), SYNTAXES[0])
 
 
-@pytest.mark.parametrize("line", [*NOT_PLAIN, "X\x0b1", "X1\x00", "X1\x7f", "(\x01)", ";\x1f", "(\x7f)", ";\x80", "X1".ljust(MAX_LINE + 1)])
+@pytest.mark.parametrize(
+    "line",
+    [
+        *NOT_PLAIN,
+        "X\x0b1",
+        "X1\x00",
+        "X1\x7f",
+        "(\x01)",
+        ";\x1f",
+        "(\x7f)",
+        ";\x80",
+        "X1".ljust(MAX_LINE + 1),
+    ],
+)
 def test_all_else_is_for_the_grammar(line: str) -> None:
     assert scan(line.encode("latin-1") + b"\n", whole=True).plain[0] == 0
 
 
 def test_the_longest_line_is_plain() -> None:
-    assert scan(b"X1".ljust(MAX_LINE) + b"\nG1" + b"X1" * (MAX_LINE // 2 - 1), whole=True).plain[:2].tolist() == [2, 1]
+    assert scan(b"X1".ljust(MAX_LINE) + b"\nG1" + b"X1" * (MAX_LINE // 2 - 1), whole=True).plain[
+        :2
+    ].tolist() == [2, 1]
 
 
 def agree(line: str, found: Statement, syntax: Syntax) -> None:
@@ -118,11 +138,28 @@ def agree(line: str, found: Statement, syntax: Syntax) -> None:
     expected = parse_line.__wrapped__(line, syntax)
     assert found == expected, line
     # Equal numbers may still differ in the sign of zero.
-    assert [word.number.hex() for word in found.words] == [word.number.hex() for word in expected.words], line
+    assert [word.number.hex() for word in found.words] == [
+        word.number.hex() for word in expected.words
+    ], line
 
 
 LETTERS = "XYZFGMNIJKRPSTHDABCUVWLQEOxyzgmno"
-COMMENTS = ["", "note", "T1 D=5", "a, b", "msg, hi", " MSG ,hi", "debug,#1", "py", "Print,x", "log", "logclose", "probe x", "é", "a\tb"]
+COMMENTS = [
+    "",
+    "note",
+    "T1 D=5",
+    "a, b",
+    "msg, hi",
+    " MSG ,hi",
+    "debug,#1",
+    "py",
+    "Print,x",
+    "log",
+    "logclose",
+    "probe x",
+    "é",
+    "a\tb",
+]
 ODD = [*"é\x00\x0b\x7f\u2028#=%/*$@.-+();1", "[1]", "#1", "O100", "SD=3"]
 
 
@@ -148,17 +185,46 @@ class Adversary:
             case 6:
                 return rng.choice(["", "-", "+"]) + self.digits(1, 20)
             case 7:
-                return rng.choice(["9007199254740992", "9007199254740993", "1000000000", "1000000000.1", "900719925.4740993", "-0", "-.0"])
+                return rng.choice(
+                    [
+                        "9007199254740992",
+                        "9007199254740993",
+                        "1000000000",
+                        "1000000000.1",
+                        "900719925.4740993",
+                        "-0",
+                        "-.0",
+                    ]
+                )
             case 8:
                 return rng.choice(["", "-", "+"]) + repr(rng.random())
             case _:
-                return rng.choice(["1.", ".5", "-.25", "+3", "00012", "1 2 . 5", "- 5", "1e5", "", "-", "1.2.3", ".", "#1", "[2*3]"])
+                return rng.choice(
+                    [
+                        "1.",
+                        ".5",
+                        "-.25",
+                        "+3",
+                        "00012",
+                        "1 2 . 5",
+                        "- 5",
+                        "1e5",
+                        "",
+                        "-",
+                        "1.2.3",
+                        ".",
+                        "#1",
+                        "[2*3]",
+                    ]
+                )
 
     def comment(self) -> str:
         rng = self.rng
         inside = rng.choice(COMMENTS)
         return (
-            rng.choice([f"({inside})", f"({inside})", f"({inside}", f"{inside})", f"({inside}(x))"]) if rng.random() < 0.9 else ";" + inside
+            rng.choice([f"({inside})", f"({inside})", f"({inside}", f"{inside})", f"({inside}(x))"])
+            if rng.random() < 0.9
+            else ";" + inside
         )
 
     def line(self) -> str:
@@ -171,7 +237,9 @@ class Adversary:
         for _ in range(rng.randint(0, 6)):
             kind = rng.random()
             if kind < 0.8:
-                parts.append(rng.choice(LETTERS) + rng.choice(["", *[""] * 20, " "]) + self.number())
+                parts.append(
+                    rng.choice(LETTERS) + rng.choice(["", *[""] * 20, " "]) + self.number()
+                )
             elif kind < 0.97:
                 parts.append(self.comment())
             else:
@@ -184,7 +252,10 @@ class Adversary:
         pieces = []
         for _ in range(count):
             line = self.line().replace("\n", "").replace("\r", "")
-            pieces += [line.encode(rng.choice(["utf-8", "utf-8", "latin-1"]), errors="replace"), rng.choice([b"\n", b"\n", b"\r\n", b"\r"])]
+            pieces += [
+                line.encode(rng.choice(["utf-8", "utf-8", "latin-1"]), errors="replace"),
+                rng.choice([b"\n", b"\n", b"\r\n", b"\r"]),
+            ]
         return b"".join(pieces)
 
 
@@ -212,7 +283,9 @@ def test_every_plain_line_has_the_words_of_the_grammar() -> None:
                 text = decoded(line)
                 agree(text, found.statement(index, text), next(syntaxes))
                 plain += 1
-    assert amount * 0.3 < plain < amount * 0.9, "a test of nothing but plain lines, or of none, tests little"
+    assert amount * 0.3 < plain < amount * 0.9, (
+        "a test of nothing but plain lines, or of none, tests little"
+    )
 
 
 def test_what_is_not_plain_is_what_the_grammar_makes_of_it(tmp_path) -> None:  # type: ignore[no-untyped-def]
@@ -222,7 +295,10 @@ def test_what_is_not_plain_is_what_the_grammar_makes_of_it(tmp_path) -> None:  #
     while window := text.window(line):
         for index in range(window.count):
             outcomes = []
-            for read in (lambda: window.statement(index, SYNTAXES[1]), lambda: parse_line(window.text(index), SYNTAXES[1])):  # noqa: B023
+            for read in (
+                lambda: window.statement(index, SYNTAXES[1]),
+                lambda: parse_line(window.text(index), SYNTAXES[1]),
+            ):
                 try:
                     outcomes.append(repr(read()))
                 except GcodeError as error:
@@ -261,7 +337,10 @@ def test_what_is_not_plain_is_what_the_grammar_makes_of_it(tmp_path) -> None:  #
 )
 def test_head_and_label(line: str, head: str | int, label: int) -> None:
     found = scan(line.encode() + b"\n", whole=True)
-    assert (int(found.head[0]), int(found.label[0])) == (ord(head) if isinstance(head, str) else head, label)
+    assert (int(found.head[0]), int(found.label[0])) == (
+        ord(head) if isinstance(head, str) else head,
+        label,
+    )
 
 
 def test_the_label_of_any_line_is_its_n_word() -> None:
@@ -279,17 +358,48 @@ def test_the_label_of_any_line_is_its_n_word() -> None:
             if not words or words[0].letter != "N":
                 assert found.label[index] == -1, line
                 # @ and ^ are words, but no letters.
-                assert not words or found.head[index] == (ord(words[0].letter) if words[0].letter.isalpha() else 0), line
+                assert not words or found.head[index] == (
+                    ord(words[0].letter) if words[0].letter.isalpha() else 0
+                ), line
             elif words[0].written[1:].isdigit():
                 assert found.label[index] == words[0].number, line
 
 
-STRAIGHT = ["", "N1", "X1", "G0", "G01 X1 Y2 Z3 A1 B1 C1 U1 V1 W1 F1", "N5 G1 F100 X1", "(a) X1", "F5"]
-BENT = ["G2 X1", "G-0 X1", "N-0", "N1.5", "X1 X2", "G0 G1", "F0", "F-1", "M3", "I1", "S1", "T1", "E1", "%", "X[1]", "G1.5", "G10"]
+STRAIGHT = [
+    "",
+    "N1",
+    "X1",
+    "G0",
+    "G01 X1 Y2 Z3 A1 B1 C1 U1 V1 W1 F1",
+    "N5 G1 F100 X1",
+    "(a) X1",
+    "F5",
+]
+BENT = [
+    "G2 X1",
+    "G-0 X1",
+    "N-0",
+    "N1.5",
+    "X1 X2",
+    "G0 G1",
+    "F0",
+    "F-1",
+    "M3",
+    "I1",
+    "S1",
+    "T1",
+    "E1",
+    "%",
+    "X[1]",
+    "G1.5",
+    "G10",
+]
 
 
 def test_straight_lines_are_told_from_others() -> None:
-    assert scan("\n".join(STRAIGHT).encode() + b"\n", whole=True).straight[: len(STRAIGHT)].tolist() == list(range(len(STRAIGHT), 0, -1))
+    assert scan("\n".join(STRAIGHT).encode() + b"\n", whole=True).straight[
+        : len(STRAIGHT)
+    ].tolist() == list(range(len(STRAIGHT), 0, -1))
     for line in BENT:
         assert scan(line.encode() + b"\n", whole=True).straight[0] == 0, line
 

@@ -66,7 +66,9 @@ def test_lines_of_a_file(tmp_path: Path, data: bytes, lines: list[str]) -> None:
 @pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
 @pytest.mark.parametrize("shift", range(-3, 4))
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
-def test_a_line_end_on_the_border_of_a_window(tmp_path: Path, small: int, end: bytes, shift: int, mark: bytes) -> None:
+def test_a_line_end_on_the_border_of_a_window(
+    tmp_path: Path, small: int, end: bytes, shift: int, mark: bytes
+) -> None:
     second = small + shift - 20 - len(end)
     data = mark + b"x" * 20 + end + b"y" * second + end + b"G0" + end
     assert lines_of(tmp_path, data) == ["x" * 20, "y" * second, "G0"]
@@ -74,7 +76,9 @@ def test_a_line_end_on_the_border_of_a_window(tmp_path: Path, small: int, end: b
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
 @pytest.mark.parametrize("length", [62, 63, 64, 65, 66, 126, 127, 128, 129, 1000])
-def test_a_line_longer_than_a_window_is_cut_and_the_next_one_is_whole(tmp_path: Path, small: int, end: bytes, length: int) -> None:
+def test_a_line_longer_than_a_window_is_cut_and_the_next_one_is_whole(
+    tmp_path: Path, small: int, end: bytes, length: int
+) -> None:
     found = lines_of(tmp_path, b"G0" + end + b"x" * length + end + b"G1" + end + b"G2")
     assert found == ["G0", "x" * min(length, small), "G1", "G2"]
     assert lines_of(tmp_path, b"x" * length) == ["x" * min(length, small)]
@@ -84,7 +88,10 @@ def test_lines_of_any_ends_and_lengths(tmp_path: Path, monkeypatch: pytest.Monke
     rng = random.Random(5)
     for _ in range(share(3000, 300)):
         monkeypatch.setattr(module, "WINDOW_BYTES", rng.randint(40, 80))
-        data = b"".join(rng.choice([b"\n", b"\r", b"\r\n", b"x" * rng.randint(0, 15)]) for _ in range(rng.randint(0, 200)))
+        data = b"".join(
+            rng.choice([b"\n", b"\r", b"\r\n", b"x" * rng.randint(0, 15)])
+            for _ in range(rng.randint(0, 200))
+        )
         longest = max(map(len, data.splitlines()), default=0)
         if longest < module.WINDOW_BYTES - 1:
             assert lines_of(tmp_path, data) == data.decode().splitlines(), data
@@ -161,7 +168,22 @@ def test_lines_in_memory_are_read_as_they_are_needed() -> None:
 
 @pytest.mark.parametrize(
     "line",
-    ["", "G0\x0bX1", "(\ud800)", "a\nb", "a\rb", "a\n", "?", "(ä) X1", "\ufeffG0", "\udcff", "(what?)", "o1 sub (ä)", "\0", "G1 X1\r"],
+    [
+        "",
+        "G0\x0bX1",
+        "(\ud800)",
+        "a\nb",
+        "a\rb",
+        "a\n",
+        "?",
+        "(ä) X1",
+        "\ufeffG0",
+        "\udcff",
+        "(what?)",
+        "o1 sub (ä)",
+        "\0",
+        "G1 X1\r",
+    ],
 )
 def test_a_line_in_memory_stays_what_it_is(line: str) -> None:
     found = texts(Text.of_lines([line, line, "G1"], "t"))
@@ -185,7 +207,9 @@ def test_equal_lines_share_a_statement_and_each_syntax_has_its_own() -> None:
         window.statement(1, grbl)
 
 
-def test_plain_statements_are_memoised_by_text_in_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plain_statements_are_memoised_by_text_in_bounded_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(module, "_memo", {})
 
     def statement(line: str) -> object:
@@ -227,7 +251,9 @@ def test_a_file_that_goes_away(tmp_path: Path, small: int) -> None:
 def test_a_pipe_can_be_read_in_any_order(tmp_path: Path, small: int) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)
-    writer = threading.Thread(target=path.write_bytes, args=(b"".join(b"X%d\n" % n for n in range(1, 101)),))
+    writer = threading.Thread(
+        target=path.write_bytes, args=(b"".join(b"X%d\n" % n for n in range(1, 101)),)
+    )
     writer.start()
     text = Text.of_file(path)
     writer.join()

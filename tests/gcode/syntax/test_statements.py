@@ -43,7 +43,15 @@ def test_a_computed_word_says_nan_and_where_it_stands() -> None:
     statement = parse_line("n10 G1 x [ #1 + 2 ] y-#2 Z3.5 a sin[#30] f#<A>")
     assert [word.letter for word in statement.words] == list("NGXYZAF")
     numbers = [word.number for word in statement.words]
-    assert [math.isnan(number) for number in numbers] == [False, False, True, True, False, True, True]
+    assert [math.isnan(number) for number in numbers] == [
+        False,
+        False,
+        True,
+        True,
+        False,
+        True,
+        True,
+    ]
     assert statement.words[2] == Word("X", numbers[2], "X[#1+2]", 8, 12)
     assert [(word.written, word.column, word.length) for word in statement.words[3:]] == [
         ("Y-#2", 21, 4), ("Z3.5", 26, 4), ("ASIN[#30]", 31, 10), ("F#<A>", 42, 5)
@@ -63,10 +71,18 @@ def test_a_word_in_brackets_is_computed_though_it_is_constant() -> None:
 def test_assignments() -> None:
     statement = parse_line("#1=2 #[#2+1] = [#1*3] X5 #<A b>=#1 #<_c>=-.5")
     parameters = known()
-    targets = [each.target if isinstance(each.target, str) else each.target(parameters) for each in statement.assignments]
+    targets = [
+        each.target if isinstance(each.target, str) else each.target(parameters)
+        for each in statement.assignments
+    ]
     assert targets == [1.0, 3.0, "ab", "_c"]
     assert [each.value(parameters) for each in statement.assignments] == [2.0, 3.0, 1.0, -0.5]
-    assert [(each.column, each.length) for each in statement.assignments] == [(1, 2), (6, 7), (26, 6), (36, 5)]
+    assert [(each.column, each.length) for each in statement.assignments] == [
+        (1, 2),
+        (6, 7),
+        (26, 6),
+        (36, 5),
+    ]
     assert [word.written for word in statement.words] == ["X5"]
 
 

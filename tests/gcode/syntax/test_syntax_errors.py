@@ -1,4 +1,6 @@
-"""Lines that no grammar takes: each with its error, at its column. The mark ¦ stands before the offending place and is taken out."""
+"""Lines that no grammar takes: each with its error, at its column. The mark ¦ stands before the
+offending place and is taken out.
+"""
 
 from __future__ import annotations
 
@@ -204,10 +206,18 @@ NONE_CASES = [
     ("syntax-not-in-dialect", "¦SD=3", ""),
 ]
 
-CASES = [(*case, syntax) for table, syntax in ((NGC_CASES, NGC), (MACRO_CASES, MACRO), (NONE_CASES, NONE)) for case in table]
+CASES = [
+    (*case, syntax)
+    for table, syntax in ((NGC_CASES, NGC), (MACRO_CASES, MACRO), (NONE_CASES, NONE))
+    for case in table
+]
 
 
-@pytest.mark.parametrize(("code", "marked", "hint", "syntax"), CASES, ids=lambda value: value if isinstance(value, str) else "")
+@pytest.mark.parametrize(
+    ("code", "marked", "hint", "syntax"),
+    CASES,
+    ids=lambda value: value if isinstance(value, str) else "",
+)
 def test_the_error_stands_at_its_place(code: str, marked: str, hint: str, syntax: Syntax) -> None:
     text = marked.replace("¦", "")
     column = marked.index("¦") + 1

@@ -1,4 +1,6 @@
-"""What every pulse board must do, whatever is behind it. The test of a driver subclasses :class:`PulseBoardConformance`."""
+"""What every pulse board must do, whatever is behind it. The test of a driver subclasses
+:class:`PulseBoardConformance`.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ def chunk(*rows: tuple[int, tuple[int, ...]], line: int = 1) -> PulseChunk:
     """Rows of (time_ns, steps); source lines count up from ``line``."""
     return PulseChunk(
         np.array([time for time, _ in rows], dtype=np.int64),
-        np.array([step for _, step in rows], dtype=np.int8).reshape(len(rows), -1 if rows else AXES),
+        np.array([step for _, step in rows], dtype=np.int8).reshape(
+            len(rows), -1 if rows else AXES
+        ),
         np.arange(line, line + len(rows), dtype=np.int32),
     )
 
@@ -70,7 +74,9 @@ class PulseBoardConformance:
     def test_follows_the_pulses(self, fresh: PulseSink) -> None:
         board = fresh
         board.start(np.array([10, -5, 0]))
-        board.send(chunk((0, (1, 0, 0)), (self.least + 1000, (1, -1, 0)), (self.least + 1000, (0, 0, 1))))
+        board.send(
+            chunk((0, (1, 0, 0)), (self.least + 1000, (1, -1, 0)), (self.least + 1000, (0, 0, 1)))
+        )
         board.send(chunk((2 * self.least + 2000, (-1, 0, 0)), line=7))
         assert board.position_steps.tolist() == [11, -6, 1]
         assert board.confirmed_line == 7
@@ -108,11 +114,23 @@ class PulseBoardConformance:
         self.fails(board, "board-order", 9, chunk((10, (1, 0, 0))), chunk((9, (0, 1, 0)), line=9))
 
     def test_pulses_of_an_axis_too_close(self, board: PulseSink) -> None:
-        self.fails(board, "board-step-rate", 3, chunk((0, (1, 0, 0)), (self.least - 1000, (0, 1, 0)), (self.least - 2, (-1, 0, 0))))
+        self.fails(
+            board,
+            "board-step-rate",
+            3,
+            chunk((0, (1, 0, 0)), (self.least - 1000, (0, 1, 0)), (self.least - 2, (-1, 0, 0))),
+        )
         assert board.position_steps.tolist() == [1, 1, 0]
 
     def test_also_between_chunks(self, board: PulseSink) -> None:
-        self.fails(board, "board-step-rate", 8, chunk((0, (1, 0, 0))), chunk((100, (0, 1, 0))), chunk((self.least - 2, (1, 0, 0)), line=8))
+        self.fails(
+            board,
+            "board-step-rate",
+            8,
+            chunk((0, (1, 0, 0))),
+            chunk((100, (0, 1, 0))),
+            chunk((self.least - 2, (1, 0, 0)), line=8),
+        )
 
     def test_a_nanosecond_of_rounding_is_allowed(self, board: PulseSink) -> None:
         board.send(chunk((0, (1, 0, 0)), (self.least - 1, (1, 0, 0))))
@@ -120,7 +138,9 @@ class PulseBoardConformance:
         assert board.position_steps.tolist() == [3, 0, 0]
 
     @pytest.mark.parametrize("step", [(0, 0, 0), (2, 0, 0), (0, -2, 1), (-128, 0, 0)])
-    def test_steps_are_single_and_no_row_is_empty(self, board: PulseSink, step: tuple[int, int, int]) -> None:
+    def test_steps_are_single_and_no_row_is_empty(
+        self, board: PulseSink, step: tuple[int, int, int]
+    ) -> None:
         self.fails(board, "board-step", 2, chunk((0, (1, 0, 0)), (self.least, step)))
 
     @pytest.mark.parametrize(
@@ -162,5 +182,9 @@ class PulseBoardConformance:
         board.stop()
         board.abort()
         board.close()
-        stands = [[1, 0, 0]] if self.plays_at_once or how in ("stop", "fault") else [[0, 0, 0], [1, 0, 0]]
+        stands = (
+            [[1, 0, 0]]
+            if self.plays_at_once or how in ("stop", "fault")
+            else [[0, 0, 0], [1, 0, 0]]
+        )
         assert board.position_steps.tolist() in stands

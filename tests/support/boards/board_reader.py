@@ -1,7 +1,8 @@
-"""A small reader of what GRBL 1.1 is sent, written from its documentation: lines to moves, moves to dense points.
+"""A small reader of what GRBL 1.1 is sent, written from its documentation: lines to moves, moves to
+dense points.
 
-It knows the modes G0 to G3, G17 to G19, G21, G38 and G90, arcs by I J K and what chords GRBL makes of them, the feed, and the rules by
-which it refuses an arc; of the rest, which codes there are.
+It knows the modes G0 to G3, G17 to G19, G21, G38 and G90, arcs by I J K and what chords GRBL makes
+of them, the feed, and the rules by which it refuses an arc; of the rest, which codes there are.
 """
 
 import math
@@ -48,12 +49,18 @@ KNOWN_G = {
     38.5,
 }
 KNOWN_M = {0, 1, 2, 3, 4, 5, 7, 8, 9, 30}
-PLANES = {17: ("X", "Y", "I", "J", "Z"), 18: ("Z", "X", "K", "I", "Y"), 19: ("Y", "Z", "J", "K", "X")}
+PLANES = {
+    17: ("X", "Y", "I", "J", "Z"),
+    18: ("Z", "X", "K", "I", "Y"),
+    19: ("Y", "Z", "J", "K", "X"),
+}
 
 
 @dataclass
 class Move:
-    """One move: text, points along it (k, 3) with both ends, mode (0 to 3, 38), feed mm/min (None: traverse), radius of an arc."""
+    """One move: text, points along it (k, 3) with both ends, mode (0 to 3, 38), feed mm/min (None:
+    traverse), radius of an arc.
+    """
 
     text: str
     points: np.ndarray
@@ -124,7 +131,9 @@ class Reader:
         center = start[first] + given.get(i, 0.0), start[second] + given.get(j, 0.0)
         r0 = math.hypot(start[first] - center[0], start[second] - center[1])
         r1 = math.hypot(end[first] - center[0], end[second] - center[1])
-        assert abs(r1 - r0) <= 0.005 or (abs(r1 - r0) <= 0.5 and abs(r1 - r0) <= 0.001 * r0), f"error:33 {text}"
+        assert abs(r1 - r0) <= 0.005 or (abs(r1 - r0) <= 0.5 and abs(r1 - r0) <= 0.001 * r0), (
+            f"error:33 {text}"
+        )
         a0 = math.atan2(start[second] - center[1], start[first] - center[0])
         a1 = math.atan2(end[second] - center[1], end[first] - center[0])
         sweep = math.remainder(a1 - a0, math.tau)

@@ -1,12 +1,14 @@
 """What GRBL 1.1 makes of lines, to the last bit, and whether that is the same motion as another.
 
-Facts are those of GRBL's documentation and of the behaviour of its sources (gcode.c, motion_control.c, nuts_bolts.c), all in 32-bit floats:
-numbers are read as integers and scaled by powers of ten; offsets are added when a line is read; an arc starts from where the machine is,
-with the radius that I J K give, is cut into chords by ``$12``, turned by an approximation that is put right every twelfth chord, and its
-last chord goes to the end as it was read.
+Facts are those of GRBL's documentation and of the behaviour of its sources (gcode.c,
+motion_control.c, nuts_bolts.c), all in 32-bit floats: numbers are read as integers and scaled by
+powers of ten; offsets are added when a line is read; an arc starts from where the machine is, with
+the radius that I J K give, is cut into chords by ``$12``, turned by an approximation that is put
+right every twelfth chord, and its last chord goes to the end as it was read.
 
-The motions are compared by their Frechet distance (Alt, Godau 1995): how short a leash may be on which two walkers, neither of whom ever
-turns back, can go along both. Unlike a distance of sets it sees what comes in another order, twice, or never.
+The motions are compared by their Frechet distance (Alt, Godau 1995): how short a leash may be on
+which two walkers, neither of whom ever turns back, can go along both. Unlike a distance of sets it
+sees what comes in another order, twice, or never.
 """
 
 import math
@@ -54,8 +56,9 @@ def hypot(x: np.float32, y: np.float32) -> np.float32:
 class Replay:
     """A board that stands at ``at`` (machine mm), whose work coordinates lie at ``offset``.
 
-    arc_tolerance: ``$12``. travel: lowest and highest of each axis, or None. points: where the motion so far went; sources: number of the
-    line of each; feeds: mm/min of each way to a point (nan: traverse). arcs: line, plane and radius of each arc.
+    arc_tolerance: ``$12``. travel: lowest and highest of each axis, or None. points: where the
+    motion so far went; sources: number of the line of each; feeds: mm/min of each way to a point
+    (nan: traverse). arcs: line, plane and radius of each arc.
     """
 
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -85,7 +88,9 @@ class Replay:
             raise Refused(f"overflow: {text}")
         bare = re.sub(r"\([^)]*\)", "", text).replace(" ", "")
         words = WORD.findall(bare)
-        if "".join(letter + value for letter, value in words) != bare or any(value in ("", "-", ".") for _, value in words):
+        if "".join(letter + value for letter, value in words) != bare or any(
+            value in ("", "-", ".") for _, value in words
+        ):
             raise Refused(f"error:1 or 2: {text}")
         given: dict[str, np.float32] = {}
         for letter, value in words:
@@ -114,7 +119,8 @@ class Replay:
 
     def move(self, text: str, given: dict[str, np.float32]) -> None:
         target = [
-            F(given[axis] + F(shift)) if axis in given else here for axis, shift, here in zip("XYZ", self.offset, self.here, strict=True)
+            F(given[axis] + F(shift)) if axis in given else here
+            for axis, shift, here in zip("XYZ", self.offset, self.here, strict=True)
         ]
         if self.motion != 0 and not self.feed > 0.0:
             raise Refused(f"error:22: {text}")
@@ -152,7 +158,11 @@ class Replay:
             angle = F(angle + F(2.0 * math.pi))
         tolerance = F(self.arc_tolerance)
         half = float(tolerance) * (2.0 * float(radius) - float(tolerance))
-        count = math.floor(abs(0.5 * float(angle) * float(radius)) / math.sqrt(half)) if half > 0.0 else 0
+        count = (
+            math.floor(abs(0.5 * float(angle) * float(radius)) / math.sqrt(half))
+            if half > 0.0
+            else 0
+        )
         if count:
             theta = F(angle / F(count))
             rise = F(F(target[across] - self.here[across]) / F(count))

@@ -14,7 +14,9 @@ from tests.support.boards.line_board_conformance import ORIGIN, feed
 
 MACHINE = load_machine("grbl-uno")
 ROUTER = {110: 5000.0, 111: 5000.0, 120: 250.0, 121: 250.0}
-"""Settings of a hobby router: moves of some mm take a third of a second. On a fresh board they take seconds."""
+"""Settings of a hobby router: moves of some mm take a third of a second. On a fresh board they take
+seconds.
+"""
 LATEST = 5.0
 """Seconds from a fault to its report."""
 
@@ -26,7 +28,9 @@ def connected(box: GrblBox) -> GrblBoard:
     return board
 
 
-def started(box: GrblBox, control: Control | None = None, watcher: Callable[[], None] = lambda: None) -> GrblBoard:
+def started(
+    box: GrblBox, control: Control | None = None, watcher: Callable[[], None] = lambda: None
+) -> GrblBoard:
     board = connected(box)
     board.attend(control or Control(), watcher)
     board.start(ORIGIN)

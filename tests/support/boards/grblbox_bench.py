@@ -12,7 +12,12 @@ BYTE = 10 / 115200
 class Bench:
     """A board that has been switched on."""
 
-    def __init__(self, flavour: Flavour = GRBL, settings: dict[int, float] | None = None, world: World | None = None) -> None:
+    def __init__(
+        self,
+        flavour: Flavour = GRBL,
+        settings: dict[int, float] | None = None,
+        world: World | None = None,
+    ) -> None:
         self.box = GrblBox(flavour, settings=settings, world=world)
         self.port = BoxPort(self.box)
         self.welcome = self.hear(2.0)
@@ -31,7 +36,11 @@ class Bench:
 
     def reply(self, line: str, seconds: float = 1.0) -> str:
         """The answer to one line."""
-        (reply,) = (heard for heard in self.send(line + "\n", seconds) if heard == "ok" or heard.startswith("error:"))
+        (reply,) = (
+            heard
+            for heard in self.send(line + "\n", seconds)
+            if heard == "ok" or heard.startswith("error:")
+        )
         return reply
 
     def status(self) -> dict[str, str]:

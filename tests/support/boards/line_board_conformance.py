@@ -1,4 +1,6 @@
-"""What every board that takes lines must do, whatever is behind it. The test of a driver subclasses :class:`LineBoardConformance`."""
+"""What every board that takes lines must do, whatever is behind it. The test of a driver subclasses
+:class:`LineBoardConformance`.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ class LineBoardConformance:
     """Subclass and give :meth:`make`."""
 
     def make(self) -> LineSink:
-        """A fresh board with AXES axes at machine zero, free to go 10 mm each way, whose offsets are zero."""
+        """A fresh board with AXES axes at machine zero, free to go 10 mm each way, whose offsets
+        are zero.
+        """
         raise NotImplementedError
 
     @pytest.fixture

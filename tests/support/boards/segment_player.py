@@ -1,4 +1,6 @@
-"""Segments played by the letter of docs/segments.md, with Python's whole numbers and nothing of the kernels."""
+"""Segments played by the letter of docs/segments.md, with Python's whole numbers and nothing of the
+kernels.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +32,17 @@ def moves(data: bytes) -> list[Move]:
             at += 8
             phases = []
             for axis in axes:
-                phase, period = (int.from_bytes(data[at + k : at + k + 3], "little") for k in (0, 3))
-                phases.append([1 << axis, phase, period, int.from_bytes(data[at + 6 : at + 8], "little", signed=True)])
+                phase, period = (
+                    int.from_bytes(data[at + k : at + k + 3], "little") for k in (0, 3)
+                )
+                phases.append(
+                    [
+                        1 << axis,
+                        phase,
+                        period,
+                        int.from_bytes(data[at + 6 : at + 8], "little", signed=True),
+                    ]
+                )
                 at += 8
         for mask in masks:
             begin = clock >> 8
@@ -54,5 +65,7 @@ def moves(data: bytes) -> list[Move]:
                 phase[1] -= 0x10000
             if mask:
                 steps[end] = steps.get(end, 0) | mask
-            played += [(tick, axes_mask, down & axes_mask) for tick, axes_mask in sorted(steps.items())]
+            played += [
+                (tick, axes_mask, down & axes_mask) for tick, axes_mask in sorted(steps.items())
+            ]
     return played

@@ -1,4 +1,6 @@
-"""A host of the stepper board as `firmware/PROTOCOL.md` has it, byte by byte: what it sends may be wrong, late, or somebody else's."""
+"""A host of the stepper board as `firmware/PROTOCOL.md` has it, byte by byte: what it sends may be
+wrong, late, or somebody else's.
+"""
 
 from __future__ import annotations
 
@@ -57,8 +59,23 @@ class Host:
         if not statuses:
             return None
         _, token, payload = statuses[-1]
-        following, state, room, alarm, known, inputs, taken, left, *position, holds, resumes = struct.unpack("<BBHBBBIh4iBB", payload)
-        return Said(token, following, state, room, alarm, known, inputs, taken, left, tuple(position), holds, resumes)
+        following, state, room, alarm, known, inputs, taken, left, *position, holds, resumes = (
+            struct.unpack("<BBHBBBIh4iBB", payload)
+        )
+        return Said(
+            token,
+            following,
+            state,
+            room,
+            alarm,
+            known,
+            inputs,
+            taken,
+            left,
+            tuple(position),
+            holds,
+            resumes,
+        )
 
     def ask(self) -> Said:
         answer = self.said(b"\0" + frame(Kind.ASK, 0))
@@ -72,24 +89,40 @@ class Host:
         return answer is not None and answer.token == self.token
 
     def configure(self, **changes: int) -> bool:
-        known = {"pulse": 10, "setup": 10, "ramp": 60, "limits": 7, "inverted": 0, "drivers": 0, **changes}
+        known = {
+            "pulse": 10,
+            "setup": 10,
+            "ramp": 60,
+            "limits": 7,
+            "inverted": 0,
+            "drivers": 0,
+            **changes,
+        }
         return self.request(Kind.CONFIGURE, bytes(known.values()))
 
     def stand_at(self, *position: int) -> bool:
-        return self.request(Kind.SET_POSITION, struct.pack("<4i", *position, *[0] * (4 - len(position))))
+        return self.request(
+            Kind.SET_POSITION, struct.pack("<4i", *position, *[0] * (4 - len(position)))
+        )
 
     def stream(self, data: bytes, until_ms: int, end: bool = True) -> None:
         for at in range(0, len(data), 40):
             last = at + 40 >= len(data)
             promise = until_ms | (0x8000 if end and last else 0)
-            self.simulator.send(frame(Kind.DATA, self.sequence, promise.to_bytes(2, "little") + data[at : at + 40]))
+            self.simulator.send(
+                frame(Kind.DATA, self.sequence, promise.to_bytes(2, "little") + data[at : at + 40])
+            )
             self.sequence = (self.sequence + 1) % 256
             self.hear(0.002)
 
 
 def straight(slots: int, ticks: int, axes: int = 1, down: int = 0, end: bool = False) -> bytes:
     """An even segment: so many steps of all these axes, so many ticks apart."""
-    return bytes((slots, 4 * end | down << 4)) + (ticks << 8).to_bytes(3, "little") + bytes((0, 0, axes))
+    return (
+        bytes((slots, 4 * end | down << 4))
+        + (ticks << 8).to_bytes(3, "little")
+        + bytes((0, 0, axes))
+    )
 
 
 def outputs(bits: int, duty: int = 0) -> bytes:

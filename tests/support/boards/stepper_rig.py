@@ -1,4 +1,6 @@
-"""What the tests of the stepper board share: machines, rows of grid moves, a bad cable, and what the pins have to show."""
+"""What the tests of the stepper board share: machines, rows of grid moves, a bad cable, and what
+the pins have to show.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ def machine(**changes: object) -> Machine:
 
 
 @contextmanager
-def board(simulator: Simulator, port: SimulatorPort | None = None, known: Machine | None = None) -> Iterator[Stepper]:
+def board(
+    simulator: Simulator, port: SimulatorPort | None = None, known: Machine | None = None
+) -> Iterator[Stepper]:
     """A driver on a simulated board."""
     port = port or SimulatorPort(simulator)
     driver = Stepper(port, known or machine(), "the simulator", clock=port)
@@ -35,20 +39,30 @@ def board(simulator: Simulator, port: SimulatorPort | None = None, known: Machin
         driver.close()
 
 
-def chunks(time_ns: NDArray[np.int64], step: NDArray[np.int8], rows: int = 500) -> Iterator[PulseChunk]:
+def chunks(
+    time_ns: NDArray[np.int64], step: NDArray[np.int8], rows: int = 500
+) -> Iterator[PulseChunk]:
     for at in range(0, len(time_ns), rows):
         part = slice(at, at + rows)
-        yield PulseChunk(time_ns[part], step[part], np.arange(at + 1, at + 1 + len(time_ns[part]), dtype=np.int32))
+        yield PulseChunk(
+            time_ns[part],
+            step[part],
+            np.arange(at + 1, at + 1 + len(time_ns[part]), dtype=np.int32),
+        )
 
 
-def line(rows: int, gap_ns: int, shares: tuple[float, ...] = (1.0, -0.63, 0.277)) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+def line(
+    rows: int, gap_ns: int, shares: tuple[float, ...] = (1.0, -0.63, 0.277)
+) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
     """A straight move at a steady speed: the first axis steps in every row."""
     k = np.arange(rows + 1)[:, None]
     step = np.diff(np.floor(k * np.abs(shares) + 0.5), axis=0) * np.sign(shares)
     return (np.arange(rows, dtype=np.int64) + 1) * gap_ns, step.astype(np.int8)
 
 
-def eased(rows: int, fastest_gap_ns: int, shares: tuple[float, ...] = (1.0, -0.63, 0.277)) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
+def eased(
+    rows: int, fastest_gap_ns: int, shares: tuple[float, ...] = (1.0, -0.63, 0.277)
+) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
     """The same from rest to rest."""
     _, step = line(rows, fastest_gap_ns, shares)
     t = np.linspace(0.0, 1.0, 20_001)
@@ -58,7 +72,9 @@ def eased(rows: int, fastest_gap_ns: int, shares: tuple[float, ...] = (1.0, -0.6
 
 
 def wander(seed: int, rows: int, least_ns: int) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-    """Rows without any order: any axes, any direction, any time from ``least_ns`` to long pauses."""
+    """Rows without any order: any axes, any direction, any time from ``least_ns`` to long
+    pauses.
+    """
     chance = np.random.default_rng(seed)
     step = np.zeros((rows, 3), np.int8)
     while (empty := ~step.any(axis=1)).any():
@@ -80,7 +96,9 @@ FAULTS = ("damaged", "dropped", "doubled", "all")
 
 
 class BadCable(SimulatorPort):
-    """A line that damages, drops or doubles bytes, or each of that, with the same chance, both ways."""
+    """A line that damages, drops or doubles bytes, or each of that, with the same chance, both
+    ways.
+    """
 
     def __init__(self, simulator: Simulator, chance: float, seed: int, faults: str = "all") -> None:
         super().__init__(simulator)
@@ -114,7 +132,9 @@ def off_plan_us(cycles: NDArray[np.int64], time_ns: NDArray[np.int64]) -> float:
 
 
 def assert_played(cycles: NDArray[np.int64], time_ns: NDArray[np.int64]) -> None:
-    """Moves are on time; or they are to a moment, and from there on each is later than the one before: a ramp, nothing made up for."""
+    """Moves are on time; or they are to a moment, and from there on each is later than the one
+    before: a ramp, nothing made up for.
+    """
     late_us = cycles * (1e6 / FREQUENCY) - time_ns[: len(cycles)] * 1e-3
     late_us -= np.median(late_us[:50])
     off = np.flatnonzero(np.abs(late_us) > CLOSE_US)

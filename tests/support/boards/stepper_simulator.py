@@ -1,4 +1,5 @@
-"""The stepper board's firmware in simavr, in virtual time: a Port and a Clock for the driver, pins and edges for the tests.
+"""The stepper board's firmware in simavr, in virtual time: a Port and a Clock for the driver, pins
+and edges for the tests.
 
 Nothing here waits: time goes on while the driver reads, by as much as it is ready to wait.
 """
@@ -24,7 +25,9 @@ STEP_PINS = (2, 3, 4, 12)
 DIRECTION_PINS = (5, 6, 7, 13)
 ONE_MOVE = 8
 """Cycles within which edges are those of one grid move: the fourth axis has another port."""
-EDGE = np.dtype([("cycle", np.uint64), ("pin", np.uint8), ("level", np.uint8), ("reserved", np.uint8, 6)])
+EDGE = np.dtype(
+    [("cycle", np.uint64), ("pin", np.uint8), ("level", np.uint8), ("reserved", np.uint8, 6)]
+)
 MOST_EDGES = 1 << 16
 
 
@@ -37,7 +40,9 @@ def missing() -> str:
 
 @cache
 def built(axes: int = 3, baud: int = 1_000_000) -> Path:
-    """The folder with firmware and simulator, made now; skips the test where they can't be made, in CI that is a failure."""
+    """The folder with firmware and simulator, made now; skips the test where they can't be made, in
+    CI that is a failure.
+    """
     lacking = missing()
     if lacking:
         message = f"{lacking} missing: {TO_INSTALL}"
@@ -47,7 +52,15 @@ def built(axes: int = 3, baud: int = 1_000_000) -> Path:
     folder = ROOT / "build" / f"firmware-{axes}-{baud}"
     # Several test processes may get here at once.
     folder.mkdir(parents=True, exist_ok=True)
-    command = ["make", "-C", str(ROOT / "firmware"), f"BUILD={folder}", f"AXES={axes}", f"BAUD={baud}", "simulator"]
+    command = [
+        "make",
+        "-C",
+        str(ROOT / "firmware"),
+        f"BUILD={folder}",
+        f"AXES={axes}",
+        f"BAUD={baud}",
+        "simulator",
+    ]
     subprocess.run(["flock", str(folder), *command], check=True, capture_output=True, text=True)
     return folder
 
@@ -63,7 +76,9 @@ class Simulator:
         library.simulator_cycle.restype = ctypes.c_uint64
         library.simulator_run.argtypes = (ctypes.c_void_p, ctypes.c_uint64, ctypes.c_int)
         self._library = library
-        self._board = ctypes.c_void_p(library.simulator_new(str(folder / "stepper.elf").encode(), baud))
+        self._board = ctypes.c_void_p(
+            library.simulator_new(str(folder / "stepper.elf").encode(), baud)
+        )
         assert self._board
         self._edges = np.empty(0, EDGE)
         self._buffer = np.empty(MOST_EDGES, EDGE)
@@ -83,7 +98,9 @@ class Simulator:
 
     def run(self, seconds: float, *, or_byte: bool = False) -> None:
         until = self.cycle + round(seconds * FREQUENCY)
-        assert self._library.simulator_run(self._board, until, or_byte) == 0, "the board has crashed"
+        assert self._library.simulator_run(self._board, until, or_byte) == 0, (
+            "the board has crashed"
+        )
 
     def send(self, data: bytes) -> None:
         self._library.simulator_send(self._board, data, len(data))
@@ -122,19 +139,27 @@ class Simulator:
 
     def edges(self) -> NDArray[np.void]:
         """All edges of the output pins so far: cycle, pin, level."""
-        while count := self._library.simulator_edges(self._board, self._buffer.ctypes.data_as(ctypes.c_void_p), len(self._buffer)):
+        while count := self._library.simulator_edges(
+            self._board, self._buffer.ctypes.data_as(ctypes.c_void_p), len(self._buffer)
+        ):
             self._edges = np.concatenate((self._edges, self._buffer[:count]))
         return self._edges
 
     def moves(self) -> tuple[NDArray[np.int64], NDArray[np.int8]]:
-        """The grid moves that the pins made: cycles (n,) of the rising edges and steps (n, axes); edges of one move share a row."""
+        """The grid moves that the pins made: cycles (n,) of the rising edges and steps (n, axes);
+        edges of one move share a row.
+        """
         edges, axes = self.edges(), self.axes
         level = np.zeros(20, np.int8)
         directions = np.zeros((len(edges), axes), np.int8)
         for axis in range(axes):
             changed = np.flatnonzero(edges["pin"] == DIRECTION_PINS[axis])
             where = np.searchsorted(changed, np.arange(len(edges)), side="right") - 1
-            directions[:, axis] = np.where(where >= 0, edges["level"][changed[np.maximum(where, 0)]] if len(changed) else 0, level[0])
+            directions[:, axis] = np.where(
+                where >= 0,
+                edges["level"][changed[np.maximum(where, 0)]] if len(changed) else 0,
+                level[0],
+            )
         rising = np.flatnonzero(np.isin(edges["pin"], STEP_PINS[:axes]) & (edges["level"] == 1))
         risen = edges["cycle"][rising].astype(np.int64)
         first = np.diff(risen, prepend=-ONE_MOVE - 1) > ONE_MOVE

@@ -1,4 +1,6 @@
-"""Contours as short lists of moves, sent through compensation; and the distance of a point from a move, measured on its own."""
+"""Contours as short lists of moves, sent through compensation; and the distance of a point from a
+move, measured on its own.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,9 @@ Move = Line | Arc | Literal["dwell"]
 
 @dataclass
 class Recorder:
-    """What compensation sends, as rows: the kind, the end, then centre, radius and turns of an arc; the line of each in ``lines``."""
+    """What compensation sends, as rows: the kind, the end, then centre, radius and turns of an arc;
+    the line of each in ``lines``.
+    """
 
     rows: list[Row] = field(default_factory=list)
     lines: list[int] = field(default_factory=list)
@@ -83,11 +87,26 @@ def send(compensation: Compensation, moves: list[Move], position: list[float]) -
             compensation.move(position, math.nan if move.rapid else move.feed, line)
         else:
             radius = math.dist(start[:2], (move.cx, move.cy))
-            block = ArcFeed("test.nc", line, "XY", (move.cx, move.cy), np.array(position), radius, move.turns, FEED)
+            block = ArcFeed(
+                "test.nc",
+                line,
+                "XY",
+                (move.cx, move.cy),
+                np.array(position),
+                radius,
+                move.turns,
+                FEED,
+            )
             compensation.arc(block)
 
 
-def record(moves: list[Move], side: Literal["left", "right"], radius: float, *, start: Row = (0.0, 0.0, 0.0)) -> Recorder:
+def record(
+    moves: list[Move],
+    side: Literal["left", "right"],
+    radius: float,
+    *,
+    start: Row = (0.0, 0.0, 0.0),
+) -> Recorder:
     """A contour from ``start`` to G40."""
     recorder = Recorder()
     compensation = Compensation(recorder, HERE)
@@ -97,7 +116,13 @@ def record(moves: list[Move], side: Literal["left", "right"], radius: float, *, 
     return recorder
 
 
-def refused(moves: list[Move], side: Literal["left", "right"], radius: float, *, start: Row = (0.0, 0.0, 0.0)) -> Diagnostic:
+def refused(
+    moves: list[Move],
+    side: Literal["left", "right"],
+    radius: float,
+    *,
+    start: Row = (0.0, 0.0, 0.0),
+) -> Diagnostic:
     """The diagnostic of a contour that can't be cut."""
     with pytest.raises(GcodeError) as caught:
         record(moves, side, radius, start=start)
@@ -121,7 +146,9 @@ def sampled(row: Row, start: complex, points: int = 200) -> NDArray[np.complex12
     return center + (start - center) * np.exp(1j * math.tau * row[7] * share)
 
 
-def distance(points: NDArray[np.complex128], move: Line | Arc, start: complex) -> NDArray[np.float64]:
+def distance(
+    points: NDArray[np.complex128], move: Line | Arc, start: complex
+) -> NDArray[np.float64]:
     """How far points lie from a move that begins at ``start``."""
     end = complex(move.x, move.y)
     if isinstance(move, Line):
@@ -129,9 +156,15 @@ def distance(points: NDArray[np.complex128], move: Line | Arc, start: complex) -
         share = np.clip(((points - start) * along.conjugate()).real / abs(along) ** 2, 0.0, 1.0)
         return np.abs(points - start - share * along)
     center = complex(move.cx, move.cy)
-    angle = np.angle((points - center) / (start - center)) * math.copysign(1.0, move.turns) % math.tau
+    angle = (
+        np.angle((points - center) / (start - center)) * math.copysign(1.0, move.turns) % math.tau
+    )
     beside = np.abs(np.abs(points - center) - abs(start - center))
-    return np.where(angle <= math.tau * abs(move.turns), beside, np.minimum(np.abs(points - start), np.abs(points - end)))
+    return np.where(
+        angle <= math.tau * abs(move.turns),
+        beside,
+        np.minimum(np.abs(points - start), np.abs(points - end)),
+    )
 
 
 def headings(row: Row, start: complex) -> tuple[complex, complex]:

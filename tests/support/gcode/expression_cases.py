@@ -1,4 +1,6 @@
-"""Random expressions, and what they are worth by a second opinion: recursion over the tree, in exact arithmetic where that can be had."""
+"""Random expressions, and what they are worth by a second opinion: recursion over the tree, in
+exact arithmetic where that can be had.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +10,18 @@ from fractions import Fraction
 from random import Random
 
 UNARY = ["ABS", "ACOS", "ASIN", "COS", "EXP", "FIX", "FUP", "LN", "ROUND", "SIN", "SQRT", "TAN"]
-LEVELS = [["**"], ["*", "/", "MOD"], ["+", "-"], ["EQ", "NE", "GT", "GE", "LT", "LE"], ["AND", "OR", "XOR"]]
-MACRO_LEVELS = [["*", "/", "MOD", "AND"], ["+", "-", "OR", "XOR"], ["EQ", "NE", "GT", "GE", "LT", "LE"]]
+LEVELS = [
+    ["**"],
+    ["*", "/", "MOD"],
+    ["+", "-"],
+    ["EQ", "NE", "GT", "GE", "LT", "LE"],
+    ["AND", "OR", "XOR"],
+]
+MACRO_LEVELS = [
+    ["*", "/", "MOD", "AND"],
+    ["+", "-", "OR", "XOR"],
+    ["EQ", "NE", "GT", "GE", "LT", "LE"],
+]
 
 
 class NoValue(Exception):
@@ -32,32 +44,53 @@ def grow(rng: Random, depth: int, *, macro: bool = False) -> Tree:
         choice = rng.random()
         if choice < 0.6:
             return Tree(
-                "number", rng.choice([str(rng.randint(0, 9)), f"{rng.uniform(0, 100):.3f}", f".{rng.randint(0, 999)}", "90.", "0.5"])
+                "number",
+                rng.choice(
+                    [
+                        str(rng.randint(0, 9)),
+                        f"{rng.uniform(0, 100):.3f}",
+                        f".{rng.randint(0, 999)}",
+                        "90.",
+                        "0.5",
+                    ]
+                ),
             )
         if choice < 0.9 or macro:
-            return Tree("parameter", parts=(Tree("number", str(rng.choice([1, 2, 3, 30, 100, 101]))),))
+            return Tree(
+                "parameter", parts=(Tree("number", str(rng.choice([1, 2, 3, 30, 100, 101]))),)
+            )
         return Tree("name", rng.choice(["a", "_g"]))
     if kind < 0.4:
         return Tree("sign", rng.choice("+--"), (grow(rng, depth - 1, macro=macro),))
     if kind < 0.6:
         return Tree("function", rng.choice(UNARY), (grow(rng, depth - 1, macro=macro),))
     if kind < 0.65:
-        return Tree("atan", "ATAN", (grow(rng, depth - 1, macro=macro), grow(rng, depth - 1, macro=macro)))
+        return Tree(
+            "atan", "ATAN", (grow(rng, depth - 1, macro=macro), grow(rng, depth - 1, macro=macro))
+        )
     operator = rng.choice([name for level in (MACRO_LEVELS if macro else LEVELS) for name in level])
-    return Tree("operator", operator, (grow(rng, depth - 1, macro=macro), grow(rng, depth - 1, macro=macro)))
+    return Tree(
+        "operator", operator, (grow(rng, depth - 1, macro=macro), grow(rng, depth - 1, macro=macro))
+    )
 
 
 def spell(tree: Tree, rng: Random | None = None, *, macro: bool = False) -> str:
-    """The tree as text with no more brackets than it needs; with ``rng`` with spare ones, blanks and either case."""
+    """The tree as text with no more brackets than it needs; with ``rng`` with spare ones, blanks
+    and either case.
+    """
     text, _ = _spell(tree, rng, macro)
     if rng is None:
         return text
-    spread = "".join(rng.choice(["", "", " ", "\t "]) + rng.choice([char.lower(), char.upper()]) for char in text)
+    spread = "".join(
+        rng.choice(["", "", " ", "\t "]) + rng.choice([char.lower(), char.upper()]) for char in text
+    )
     return spread
 
 
 def _spell(tree: Tree, rng: Random | None, macro: bool) -> tuple[str, int]:
-    """Text, and how tightly it holds together: -1 an operand, 0 one with a sign, from 1 on the levels of the operators."""
+    """Text, and how tightly it holds together: -1 an operand, 0 one with a sign, from 1 on the
+    levels of the operators.
+    """
     if tree.kind == "number":
         text, level = tree.text, -1
     elif tree.kind == "parameter":
@@ -69,12 +102,18 @@ def _spell(tree: Tree, rng: Random | None, macro: bool) -> tuple[str, int]:
     elif tree.kind == "function":
         text, level = f"{tree.text}[{_spell(tree.parts[0], rng, macro)[0]}]", -1
     elif tree.kind == "atan":
-        text, level = "ATAN" + "/".join(f"[{_spell(part, rng, macro)[0]}]" for part in tree.parts), -1
+        text, level = (
+            "ATAN" + "/".join(f"[{_spell(part, rng, macro)[0]}]" for part in tree.parts),
+            -1,
+        )
     else:
         levels = MACRO_LEVELS if macro else LEVELS
         level = 1 + next(index for index, names in enumerate(levels) if tree.text in names)
         # From left to right: what stands on the right of an equal level needs brackets.
-        left, right = _within(tree.parts[0], level, rng, macro), _within(tree.parts[1], level - 1, rng, macro)
+        left, right = (
+            _within(tree.parts[0], level, rng, macro),
+            _within(tree.parts[1], level - 1, rng, macro),
+        )
         text = f"{left}{tree.text}{right}"
     if rng is not None and rng.random() < 0.1:
         return f"[{text}]", -1
@@ -162,6 +201,17 @@ def _operator(name: str, a: float, b: float, macro: bool) -> float:
             i, j = int(_function("ROUND", a, True)), int(_function("ROUND", b, True))
             return {"AND": i & j, "OR": i | j, "XOR": i ^ j}[name]
         case "AND" | "OR" | "XOR":
-            return {"AND": bool(a) and bool(b), "OR": bool(a) or bool(b), "XOR": bool(a) is not bool(b)}[name]
+            return {
+                "AND": bool(a) and bool(b),
+                "OR": bool(a) or bool(b),
+                "XOR": bool(a) is not bool(b),
+            }[name]
     near = abs(a - b) < 1e-6 and not macro
-    return {"EQ": a == b or near, "NE": a != b and not near, "GT": a > b, "GE": a >= b, "LT": a < b, "LE": a <= b}[name]
+    return {
+        "EQ": a == b or near,
+        "NE": a != b and not near,
+        "GT": a > b,
+        "GE": a >= b,
+        "LT": a < b,
+        "LE": a <= b,
+    }[name]

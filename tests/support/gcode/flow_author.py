@@ -1,7 +1,9 @@
-"""Random programs of loops, branches and calls: as O-words, as FANUC's macro B, and what they do, worked out by a small evaluator of trees.
+"""Random programs of loops, branches and calls: as O-words, as FANUC's macro B, and what they do,
+worked out by a small evaluator of trees.
 
-A program is a tree of tuples, so that the evaluator has nothing in common with an interpreter of lines: Python's own loops, exceptions for
-what leaves them, Python's own recursion for calls. Numbers stay small and whole, where floats are exact.
+A program is a tree of tuples, so that the evaluator has nothing in common with an interpreter of
+lines: Python's own loops, exceptions for what leaves them, Python's own recursion for calls.
+Numbers stay small and whole, where floats are exact.
 """
 
 from __future__ import annotations
@@ -41,7 +43,9 @@ class Program:
 
 
 class Author:
-    """Writes programs. ``most_loops``: loops within each other in one body. ``repeats``: whether repeat loops are known."""
+    """Writes programs. ``most_loops``: loops within each other in one body. ``repeats``: whether
+    repeat loops are known.
+    """
 
     def __init__(self, seed: int, *, most_loops: int = 9, repeats: bool = True) -> None:
         self.rng = random.Random(seed)
@@ -59,7 +63,9 @@ class Author:
         main.append(("move", ("number", 999)))
         return Program(main, subs, {number for number in subs if rng.random() < 0.3})
 
-    def body(self, sub: int | None, subs: int, depth: int, loops: list[tuple[int, str]]) -> list[Node]:
+    def body(
+        self, sub: int | None, subs: int, depth: int, loops: list[tuple[int, str]]
+    ) -> list[Node]:
         found = []
         for _ in range(self.rng.randint(1, 4 if depth < 2 else 2)):
             found.append(self.node(sub, subs, depth, loops))
@@ -86,7 +92,10 @@ class Author:
             case "set":
                 return "set", rng.choice([1, 2, 3, 4, 101, 102]), self.value()
             case "if":
-                branches = [(self.condition(), self.body(sub, subs, depth + 1, loops)) for _ in range(rng.choice([1, 1, 2, 3]))]
+                branches = [
+                    (self.condition(), self.body(sub, subs, depth + 1, loops))
+                    for _ in range(rng.choice([1, 1, 2, 3]))
+                ]
                 otherwise = self.body(sub, subs, depth + 1, loops) if rng.random() < 0.5 else None
                 self.block += 1
                 return "if", self.block, branches, otherwise
@@ -94,15 +103,31 @@ class Author:
                 self.block += 1
                 self.counter += 1
                 label, counter = self.block, 110 + self.counter
-                return kind, label, counter, rng.randint(0, 3), self.body(sub, subs, depth + 1, [*loops, (label, kind)])
+                return (
+                    kind,
+                    label,
+                    counter,
+                    rng.randint(0, 3),
+                    self.body(sub, subs, depth + 1, [*loops, (label, kind)]),
+                )
             case "repeat":
                 self.block += 1
                 label = self.block
-                return "repeat", label, rng.randint(-1, 3), self.body(sub, subs, depth + 1, [*loops, (label, kind)])
+                return (
+                    "repeat",
+                    label,
+                    rng.randint(-1, 3),
+                    self.body(sub, subs, depth + 1, [*loops, (label, kind)]),
+                )
             case "leave":
                 label = rng.choice([label for label, kind in loops if kind != "repeat"])
                 self.block += 1
-                return "if", self.block, [(self.condition(), [(rng.choice(["break", "continue"]), label)])], None
+                return (
+                    "if",
+                    self.block,
+                    [(self.condition(), [(rng.choice(["break", "continue"]), label)])],
+                    None,
+                )
             case "call":
                 arguments: list[Node] = [self.value() for _ in range(rng.randint(0, 4))]
                 if len(arguments) == 4:
@@ -112,7 +137,11 @@ class Author:
                 # Calls itself with a smaller #1, at most a few times.
                 self.block += 1
                 less = ("sum", ("variable", 5), "-", ("number", 1))
-                call: Node = ("call", sub, [self.value(), self.value(), self.value(), self.value(), less])
+                call: Node = (
+                    "call",
+                    sub,
+                    [self.value(), self.value(), self.value(), self.value(), less],
+                )
                 return "if", self.block, [((("variable", 5), "GT", ("number", 0)), [call])], None
             case _:
                 self.block += 1
@@ -124,7 +153,12 @@ class Author:
             [
                 ("number", rng.randint(-9, 9)),
                 ("variable", rng.choice([1, 2, 3, 101, 102])),
-                ("sum", ("variable", rng.choice([1, 2, 3, 101, 102, 103])), rng.choice("+-"), ("number", rng.randint(1, 5))),
+                (
+                    "sum",
+                    ("variable", rng.choice([1, 2, 3, 101, 102, 103])),
+                    rng.choice("+-"),
+                    ("number", rng.randint(1, 5)),
+                ),
             ]
         )
 
@@ -159,7 +193,9 @@ class Evaluator:
 
     def holds(self, condition: Node, own: dict[int, float]) -> bool:
         a, b = self.value(condition[0], own), self.value(condition[2], own)
-        return {"EQ": a == b, "NE": a != b, "GT": a > b, "GE": a >= b, "LT": a < b, "LE": a <= b}[condition[1]]
+        return {"EQ": a == b, "NE": a != b, "GT": a > b, "GE": a >= b, "LT": a < b, "LE": a <= b}[
+            condition[1]
+        ]
 
     def body(self, nodes: list[Node], own: dict[int, float]) -> None:
         for node in nodes:
@@ -197,7 +233,9 @@ class Evaluator:
             case ("continue", label):
                 raise _Continue(label)
             case ("call", sub, arguments):
-                inner = {index + 1: self.value(argument, own) for index, argument in enumerate(arguments)}
+                inner = {
+                    index + 1: self.value(argument, own) for index, argument in enumerate(arguments)
+                }
                 self.depth += 1
                 if self.depth > DEEPEST:
                     raise OverflowError
@@ -241,7 +279,9 @@ def bracket(node: Node) -> str:
 
 
 class OWords:
-    """A program in RS274/NGC. Labels are numbers or names; what #103 is to hold comes from ``#<_value>``."""
+    """A program in RS274/NGC. Labels are numbers or names; what #103 is to hold comes from
+    ``#<_value>``.
+    """
 
     def __init__(self, program: Program, seed: int) -> None:
         self.program = program
@@ -273,7 +313,11 @@ class OWords:
 
     def label(self, block: int) -> str:
         if block not in self.names:
-            self.names[block] = f"o{block}" if self.rng.random() < 0.7 else f"o<block {'abcdefghij'[block % 10]}{block}>"
+            self.names[block] = (
+                f"o{block}"
+                if self.rng.random() < 0.7
+                else f"o<block {'abcdefghij'[block % 10]}{block}>"
+            )
         return self.names[block]
 
     def sub(self, number: int) -> None:
@@ -322,7 +366,9 @@ class OWords:
             case ("break" | "continue" as word, block):
                 out(f"{self.label(block)} {word}")
             case ("call", sub, arguments):
-                out(f"o<sub{sub}> call {' '.join(f'[{expression(argument)}]' for argument in arguments)}")
+                out(
+                    f"o<sub{sub}> call {' '.join(f'[{expression(argument)}]' for argument in arguments)}"
+                )
                 out("#103 = #<_value>")
             case ("return", value):
                 out(f"o<sub{self.current()}> return [{expression(value)}]")
@@ -334,7 +380,9 @@ class OWords:
 
 
 class MacroB:
-    """A program in FANUC's macro B: branches by GOTO, loops by WHILE, calls by G65. A program returns its value in #103."""
+    """A program in FANUC's macro B: branches by GOTO, loops by WHILE, calls by G65. A program
+    returns its value in #103.
+    """
 
     def __init__(self, program: Program, seed: int) -> None:
         self.program = program
@@ -386,7 +434,9 @@ class MacroB:
                 self.body(otherwise or [])
                 out(f"N{end}")
             case ("while" | "do" as kind, label, counter, times, body):
-                number = self.rng.choice([number for number in (1, 2, 3) if number not in self.loops])
+                number = self.rng.choice(
+                    [number for number in (1, 2, 3) if number not in self.loops]
+                )
                 self.ends[label] = again, behind = self.new(), self.new()
                 self.loops.append(number)
                 if kind == "while":
@@ -409,7 +459,10 @@ class MacroB:
                 out(f"GOTO {self.ends[label][0]}")
             case ("call", sub, arguments):
                 # #4 is not reached by a letter of the first list that is not I.
-                written = "".join(f" {letter}{expression(argument)}" for letter, argument in zip("ABCIJ", arguments, strict=False))
+                written = "".join(
+                    f" {letter}{expression(argument)}"
+                    for letter, argument in zip("ABCIJ", arguments, strict=False)
+                )
                 out(f"G65 P{2000 + sub}{written}")
             case ("return", value):
                 out(f"#103 = {expression(value)}")

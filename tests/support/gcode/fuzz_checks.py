@@ -1,8 +1,10 @@
 """What has to hold of every program, whatever it says: the checks of the fuzz.
 
-No traceback, no hang; an error says in plain words what is wrong, at a place that is in the text; blocks are finite and go on where the
-last one ended; and no accepted word is ignored. The last is seen from outside: the numbers of an accepted line are changed one by one, and
-what the program does or leaves behind has to change with them (or it is refused). A code is taken for others of its modal group.
+No traceback, no hang; an error says in plain words what is wrong, at a place that is in the text;
+blocks are finite and go on where the last one ended; and no accepted word is ignored. The last is
+seen from outside: the numbers of an accepted line are changed one by one, and what the program does
+or leaves behind has to change with them (or it is refused). A code is taken for others of its modal
+group.
 """
 
 from __future__ import annotations
@@ -28,16 +30,33 @@ from cnc.gcode.syntax.parser import Syntax, parse_line
 from cnc.gcode.syntax.source_text import Text
 from cnc.gcode.syntax.statement import Statement
 from cnc.gcode.syntax.words import Word
-from cnc.model.blocks import PLANE_AXES, AnalogOutput, ArcFeed, Block, Dwell, NurbsFeed, Orient, Polyline, Probe, Spindle, SpindleSync
+from cnc.model.blocks import (
+    PLANE_AXES,
+    AnalogOutput,
+    ArcFeed,
+    Block,
+    Dwell,
+    NurbsFeed,
+    Orient,
+    Polyline,
+    Probe,
+    Spindle,
+    SpindleSync,
+)
 from cnc.model.diagnostics import CncError, Diagnostic
 from tests.support.gcode.fuzzing import Author, Program
 
 SECONDS = 5.0
 """CPU time that a program may take: most take a thousandth of a second."""
 LIMITS = Limits(repeated_lines=500, depth=10)
-TOOLS = tuple(ToolEntry(number, number, {"X": 0.5, "Z": 10.0 * number}, diameter=0.5 * number) for number in (1, 2, 3, 11))
+TOOLS = tuple(
+    ToolEntry(number, number, {"X": 0.5, "Z": 10.0 * number}, diameter=0.5 * number)
+    for number in (1, 2, 3, 11)
+)
 FOLDERS = (Path(__file__).parent / "subroutines",)
-PLAIN = re.compile(r"\b(?:Token|None|True|False|nan|inf|[A-Z]+_[A-Z_]+|__\w+|lark|python|object at|self)\b|Error\b|\\x|\bdict\b|<class")
+PLAIN = re.compile(
+    r"\b(?:Token|None|True|False|nan|inf|[A-Z]+_[A-Z_]+|__\w+|lark|python|object at|self)\b|Error\b|\\x|\bdict\b|<class"
+)
 """What no message may say: names from inside."""
 IDLE = frozenset("NO")
 """Line and program numbers mean nothing."""
@@ -49,7 +68,9 @@ IDLE_WITH = {"Q": {"G64"}}
 
 @contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Raise TimeoutError in the block when it takes longer than this (CPU time, where the platform has such a clock)."""
+    """Raise TimeoutError in the block when it takes longer than this (CPU time, where the platform
+    has such a clock).
+    """
     if not hasattr(signal, "setitimer"):
         yield
         return
@@ -69,7 +90,12 @@ def limited(seconds: float) -> Iterator[None]:
 def blocks_of(what: Program, **options: Any) -> list[Block]:
     """Run a program."""
     text = Text.of_lines(what.lines, "test.nc")
-    options |= {"block_delete": what.block_delete, "limits": LIMITS, "folders": FOLDERS, "tools": ToolTable(TOOLS)}
+    options |= {
+        "block_delete": what.block_delete,
+        "limits": LIMITS,
+        "folders": FOLDERS,
+        "tools": ToolTable(TOOLS),
+    }
     return list(program.interpret(text, axes=what.axes, dialect=what.dialect, **options))
 
 
@@ -84,12 +110,16 @@ def sound(blocks: list[Block], axes: tuple[str, ...]) -> None:
                 assert len(block.points) == len(block.feeds) == len(block.lines) > 0
                 position = block.points[-1]
             case ArcFeed():
-                assert np.isfinite([*block.center, *block.end, block.radius, block.turns, block.feed]).all()
+                assert np.isfinite(
+                    [*block.center, *block.end, block.radius, block.turns, block.feed]
+                ).all()
                 assert block.radius > 0
                 assert block.feed > 0
                 assert block.turns != 0
                 start = [position[axes.index(axis)] for axis in PLANE_AXES[block.plane]]
-                assert math.isclose(math.dist(start, block.center), block.radius, rel_tol=1e-6, abs_tol=1e-6), "it begins elsewhere"
+                assert math.isclose(
+                    math.dist(start, block.center), block.radius, rel_tol=1e-6, abs_tol=1e-6
+                ), "it begins elsewhere"
                 position = block.end
             case NurbsFeed():
                 assert len(block.knots) == len(block.control_points) + block.degree + 1
@@ -112,7 +142,11 @@ def sound(blocks: list[Block], axes: tuple[str, ...]) -> None:
                 assert 0 <= block.pitch < math.inf
             case Orient() | AnalogOutput():
                 assert np.isfinite(
-                    [getattr(block, field.name) for field in fields(block) if isinstance(getattr(block, field.name), float)]
+                    [
+                        getattr(block, field.name)
+                        for field in fields(block)
+                        if isinstance(getattr(block, field.name), float)
+                    ]
                 ).all()
             case _:
                 pass
@@ -143,7 +177,9 @@ _UNSEEN = (Word, Statement, Diagnostic)
 
 
 def picture(thing: Any, seen: set[int] | None = None) -> Any:
-    """Everything inside an object of the interpreter, as plain tuples; text and functions left out."""
+    """Everything inside an object of the interpreter, as plain tuples; text and functions left
+    out.
+    """
     seen = set() if seen is None else seen
     if thing is None or isinstance(thing, str | int | float):
         return repr(thing)
@@ -153,24 +189,40 @@ def picture(thing: Any, seen: set[int] | None = None) -> Any:
         return None
     if isinstance(thing, dict):
         seen.add(id(thing))
-        return tuple((repr(key) if isinstance(key, str | int | float) else "", picture(value, seen)) for key, value in thing.items())
+        return tuple(
+            (repr(key) if isinstance(key, str | int | float) else "", picture(value, seen))
+            for key, value in thing.items()
+        )
     if isinstance(thing, list | tuple):
         return tuple(picture(each, seen) for each in thing)
     if isinstance(thing, set | frozenset):
         return tuple(sorted(repr(each) for each in thing))
     seen.add(id(thing))
-    names = [field.name for field in fields(thing)] if is_dataclass(thing) else _slots(thing) or list(getattr(thing, "__dict__", ()))
+    names = (
+        [field.name for field in fields(thing)]
+        if is_dataclass(thing)
+        else _slots(thing) or list(getattr(thing, "__dict__", ()))
+    )
     return tuple(
-        (name, picture(getattr(thing, name, None), seen)) for name in names if name not in ("_prepared", "text_of", "here", "_here")
+        (name, picture(getattr(thing, name, None), seen))
+        for name in names
+        if name not in ("_prepared", "text_of", "here", "_here")
     )
 
 
 def _slots(thing: Any) -> list[str]:
-    return [name for kind in type(thing).__mro__ for name in getattr(kind, "__slots__", ()) if name[:2] != "__"]
+    return [
+        name
+        for kind in type(thing).__mro__
+        for name in getattr(kind, "__slots__", ())
+        if name[:2] != "__"
+    ]
 
 
 def known(dialect: str) -> Parameters:
-    """Parameters with which every coordinate system has an origin of its own, so that it matters which one is in use."""
+    """Parameters with which every coordinate system has an origin of its own, so that it matters
+    which one is in use.
+    """
     origins = {5221 + 20 * system + axis: 0.5 + system for system in range(9) for axis in range(9)}
     homes = {first + axis: 3.25 + axis for first in (5161, 5181) for axis in range(9)}
     return Parameters(origins | homes, macro=dialects.load(dialect).flavour == "macro-b")
@@ -211,7 +263,12 @@ def outcome(what: Program) -> Outcome:
         return Outcome([], None, False, error.diagnostic)
     finally:
         program.Interpreter = whole  # type: ignore[misc]
-    return Outcome(blocks, (picture(made[0]), [(found.code, found.line) for found in warnings]), made[0].ended, None)
+    return Outcome(
+        blocks,
+        (picture(made[0]), [(found.code, found.line) for found in warnings]),
+        made[0].ended,
+        None,
+    )
 
 
 # No word is ignored
@@ -220,13 +277,26 @@ def outcome(what: Program) -> Outcome:
 def _others(word: Word) -> list[str]:
     """What to write instead of a word."""
     if word.letter not in "GM":
-        numbers = (word.number + 4.0, -word.number - 3.3, word.number / 16.0, word.number + 0.5, 0.0)
+        numbers = (
+            word.number + 4.0,
+            -word.number - 3.3,
+            word.number / 16.0,
+            word.number + 0.5,
+            0.0,
+        )
         return [f"{word.letter}{number:.6f}" for number in numbers if math.isfinite(number)]
     if not (number := word.tenths if word.letter == "G" else word.whole):
         return ["G1", "G92"] if word.letter == "G" else ["M30"]
     groups, unit = (GROUP_OF_G, 10) if word.letter == "G" else (GROUP_OF_M, 1)
     group = groups.get(number)
-    return ["", *(f"{word.letter}{other / unit:g}" for other, name in groups.items() if name == group and other != number)]
+    return [
+        "",
+        *(
+            f"{word.letter}{other / unit:g}"
+            for other, name in groups.items()
+            if name == group and other != number
+        ),
+    ]
 
 
 def _assigned_otherwise(text: str, column: int, length: int) -> str:
@@ -246,10 +316,24 @@ def variants(text: str, syntax: Syntax) -> Iterator[tuple[str, list[str]]]:
             continue  # of the zero point any angle is the same
         if word.letter == "G" and index not in computed and word.tenths in IDLE_CODES:
             continue
-        if word.letter in IDLE or codes & IDLE_WITH.get(word.letter, set()) or (index in computed and word.letter in "GM"):
+        if (
+            word.letter in IDLE
+            or codes & IDLE_WITH.get(word.letter, set())
+            or (index in computed and word.letter in "GM")
+        ):
             continue
-        new = [f"{word.letter}{number}" for number in ("37.4321", "-37", "2", "0")] if index in computed else _others(word)
-        yield word.written, [text[: word.column - 1] + other + text[word.column - 1 + word.length :] for other in new]
+        new = (
+            [f"{word.letter}{number}" for number in ("37.4321", "-37", "2", "0")]
+            if index in computed
+            else _others(word)
+        )
+        yield (
+            word.written,
+            [
+                text[: word.column - 1] + other + text[word.column - 1 + word.length :]
+                for other in new
+            ],
+        )
     for each in statement.assignments:
         yield text, [_assigned_otherwise(text, each.column, each.length)]
 
@@ -257,7 +341,9 @@ def variants(text: str, syntax: Syntax) -> Iterator[tuple[str, list[str]]]:
 def every_word_matters(what: Program) -> int:
     """Check the last line of an accepted program; the number of words that were changed."""
     spoken = dialects.load(what.dialect)
-    syntax = Syntax(spoken.flavour, siemens=spoken.siemens, dollar=spoken.dollar, dialect=spoken.name)
+    syntax = Syntax(
+        spoken.flavour, siemens=spoken.siemens, dollar=spoken.dollar, dialect=spoken.name
+    )
     before = outcome(what)
     assert before.error is None
     count = 0
@@ -304,7 +390,9 @@ def check(what: Program) -> Diagnostic | None:
 
 
 def check_words(what: Program, author: Author, error: Diagnostic | None) -> int:
-    """Try a line behind an accepted program, or behind what comes before the error; the number of words that were changed."""
+    """Try a line behind an accepted program, or behind what comes before the error; the number of
+    words that were changed.
+    """
     line = author.expand("tail").split("\n")[0]
     if error is not None:
         what = replace(what, lines=what.lines[: error.line - 1])
@@ -317,7 +405,8 @@ def check_words(what: Program, author: Author, error: Diagnostic | None) -> int:
 
 
 def check_seeds(first: int, count: int, words_of: int = 10) -> Tally:
-    """A share of the fuzz: that many programs, and the words of a line behind every ``words_of``-th, or behind what is accepted of it.
+    """A share of the fuzz: that many programs, and the words of a line behind every
+    ``words_of``-th, or behind what is accepted of it.
 
     What goes wrong is raised with the seed of its program.
     """
@@ -335,5 +424,7 @@ def check_seeds(first: int, count: int, words_of: int = 10) -> Tally:
                 tally.words += check_words(what, author, error)
         except Exception as wrong:
             text = "\n".join(what.lines)
-            raise AssertionError(f"seed {seed}, {what.dialect}, {what.axes}: {type(wrong).__name__}: {wrong}\n{text}") from wrong
+            raise AssertionError(
+                f"seed {seed}, {what.dialect}, {what.axes}: {type(wrong).__name__}: {wrong}\n{text}"
+            ) from wrong
     return tally

@@ -1,8 +1,9 @@
 r"""A loose grammar of whole programs, for the fuzz: mostly sense, some nonsense.
 
-A line here is a name, a colon and alternatives, of which one is taken: ``name: this | that``. ``{name}`` stands for an expansion of that
-name, ``{name?}`` for one in every second case; ``{A}`` to ``{D}`` are labels, the same within one alternative and new in the next. ``\n``
-breaks the line. Names that are not in the table are made by :class:`fuzzing.Author`.
+A line here is a name, a colon and alternatives, of which one is taken: ``name: this | that``.
+``{name}`` stands for an expansion of that name, ``{name?}`` for one in every second case; ``{A}``
+to ``{D}`` are labels, the same within one alternative and new in the next. ``\n`` breaks the line.
+Names that are not in the table are made by :class:`fuzzing.Author`.
 """
 
 from __future__ import annotations
@@ -186,13 +187,17 @@ Parts = list[str | tuple[str, bool]]
 
 
 def _read(text: str) -> dict[str, list[Parts]]:
-    """A table as names and alternatives, each a list of text and (name, whether it may be left out)."""
+    """A table as names and alternatives, each a list of text and (name, whether it may be left
+    out).
+    """
     table: dict[str, list[Parts]] = {}
     for line in text.replace("\n   |", " |").strip().split("\n"):
         if not line:
             continue
         name, _, rest = line.partition(": ")
-        table[name] = [_parts(alternative.strip(" ").replace("\\n", "\n")) for alternative in rest.split(" | ")]
+        table[name] = [
+            _parts(alternative.strip(" ").replace("\\n", "\n")) for alternative in rest.split(" | ")
+        ]
     return table
 
 
@@ -208,7 +213,17 @@ def _parts(alternative: str) -> Parts:
     return parts
 
 
-FLAVOURS = {"ngc": _read(COMMON) | _read(NGC), "macro-b": _read(COMMON) | _read(MACRO), "none": _read(COMMON) | _read(NONE)}
+FLAVOURS = {
+    "ngc": _read(COMMON) | _read(NGC),
+    "macro-b": _read(COMMON) | _read(MACRO),
+    "none": _read(COMMON) | _read(NONE),
+}
 """The grammar of each flavour."""
-DIALECTS = {"linuxcnc": _read(LINUXCNC), "paper": _read(PAPER), "fanuc": _read(FANUC), "auto": {}, "grbl": {}}
+DIALECTS = {
+    "linuxcnc": _read(LINUXCNC),
+    "paper": _read(PAPER),
+    "fanuc": _read(FANUC),
+    "auto": {},
+    "grbl": {},
+}
 """What differs in a dialect."""

@@ -12,9 +12,63 @@ from tests.support.paths import ROOT
 
 ALPHABET = "0123456789.+-GMXYZIJKRPFUWNSTLODE ()/;%#[]<>=\t*\0\u00e9@$"
 LETTERS = "ABCDEFHIJKLPQRSTUVWXYZ"
-ODD_NUMBERS = ("0", "1.", ".5", "-.25", "+3", "00012", "1 2 . 5", "-0", "999999999", "1e5", "", "-", "1.2.3", "0.0000001", "1000000001")
-NAMES = ("foo", "_bar", "depth", "foo", "_bar", "depth", "_x", "_metric", "_feed", "f oo", "FOO", "_x")
-NUMBERS = (1, 2, 1, 2, 1, 2, 3, 5, 30, 31, 33, 100, 500, 600, 5061, 5161, 5210, 5220, 5221, 5230, 5399, 5400, 5420, 5421)
+ODD_NUMBERS = (
+    "0",
+    "1.",
+    ".5",
+    "-.25",
+    "+3",
+    "00012",
+    "1 2 . 5",
+    "-0",
+    "999999999",
+    "1e5",
+    "",
+    "-",
+    "1.2.3",
+    "0.0000001",
+    "1000000001",
+)
+NAMES = (
+    "foo",
+    "_bar",
+    "depth",
+    "foo",
+    "_bar",
+    "depth",
+    "_x",
+    "_metric",
+    "_feed",
+    "f oo",
+    "FOO",
+    "_x",
+)
+NUMBERS = (
+    1,
+    2,
+    1,
+    2,
+    1,
+    2,
+    3,
+    5,
+    30,
+    31,
+    33,
+    100,
+    500,
+    600,
+    5061,
+    5161,
+    5210,
+    5220,
+    5221,
+    5230,
+    5399,
+    5400,
+    5420,
+    5421,
+)
 XYZ = ("x", "y", "z")
 AXES = (*[XYZ] * 9, *[(*XYZ, "a")] * 3, *[(*XYZ, "a", "b", "c", "u", "v", "w")] * 3, ("x", "z"))
 DEEPEST = 4
@@ -39,7 +93,12 @@ class Program:
 @lru_cache(maxsize=1)
 def _shipped() -> list[str]:
     """Lines of the programs that come with this one."""
-    return [line for file in SHIPPED for line in file.read_text(encoding="utf-8").split("\n")[:300] if line]
+    return [
+        line
+        for file in SHIPPED
+        for line in file.read_text(encoding="utf-8").split("\n")[:300]
+        if line
+    ]
 
 
 def _as_written(number: float) -> str:
@@ -49,7 +108,9 @@ def _as_written(number: float) -> str:
 @lru_cache(maxsize=len(dialects.NAMES))
 def _codes(dialect: str) -> list[str]:
     spoken = dialects.load(dialect)
-    return [f"G{_as_written(code / 10)}" for code in sorted(spoken.g)] + [f"M{code}" for code in sorted(spoken.m)]
+    return [f"G{_as_written(code / 10)}" for code in sorted(spoken.g)] + [
+        f"M{code}" for code in sorted(spoken.m)
+    ]
 
 
 class Author:
@@ -94,10 +155,16 @@ class Author:
         return str(self.below(4)) if self.random() < 0.9 else str(self.below(12))
 
     def _par(self) -> str:
-        return str(NUMBERS[self.below(len(NUMBERS))]) if self.random() < 0.97 else str(self.below(9999))
+        return (
+            str(NUMBERS[self.below(len(NUMBERS))])
+            if self.random() < 0.97
+            else str(self.below(9999))
+        )
 
     def _name(self) -> str:
-        return self.pick(NAMES) if self.random() < 0.97 else self.pick(["none", "_value", "_tool", ""])
+        return (
+            self.pick(NAMES) if self.random() < 0.97 else self.pick(["none", "_value", "_tool", ""])
+        )
 
     def _letter(self) -> str:
         return LETTERS[self.below(len(LETTERS))]
@@ -125,25 +192,40 @@ class Author:
         knot, weight, size = ("U", "W", f"K{order - 1}") if paper else ("K", "R", f"P{order}")
         points = ["X0 Y0", *(f"X{self._n()} Y{self._n()}" for _ in range(count - 1))]
         tails = ["", f" {weight}{self._positive()}"]
-        lines = [f"{knot}{u} {point}{self.pick(tails)}" for u, point in zip(knots, points, strict=False)]
+        lines = [
+            f"{knot}{u} {point}{self.pick(tails)}" for u, point in zip(knots, points, strict=False)
+        ]
         first = self.pick(["G0 X0 Y0\n", ""]) + f"G06.2 {size} {lines[0]} F{self._positive()}"
         return "\n".join([first, *lines[1:], *(f"{knot}{u}" for u in knots[count:])])
 
     def _curve(self) -> str:
         """G5, G5.1, G5.2 to G5.3 or BSPLINE as they should be, but for numbers."""
-        plane, first, second, i, j = (("G17", "X", "Y", "I", "J"), ("G18", "Z", "X", "K", "I"), ("G19", "Y", "Z", "J", "K"))[self.below(3)]
+        plane, first, second, i, j = (
+            ("G17", "X", "Y", "I", "J"),
+            ("G18", "Z", "X", "K", "I"),
+            ("G19", "Y", "Z", "J", "K"),
+        )[self.below(3)]
         number, positive = self._n, self._positive
         kind, count = self.below(4), 2 + self.below(5)
         points = [f"{first}{number()} {second}{number()}" for _ in range(count)]
         feed = f" F{positive()}"
         if kind == 0:
-            start = f"{plane}\nG5 {points[0]} {i}{number()} {j}{number()} P{number()} Q{number()}{feed}"
-            return "\n".join([start, *(f"G5 {point} P{number()} Q{number()}" for point in points[: self.below(3)])])
+            start = (
+                f"{plane}\nG5 {points[0]} {i}{number()} {j}{number()} P{number()} Q{number()}{feed}"
+            )
+            return "\n".join(
+                [
+                    start,
+                    *(f"G5 {point} P{number()} Q{number()}" for point in points[: self.below(3)]),
+                ]
+            )
         if kind == 1:
             return f"{plane} G5.1 {points[0]} {i}{number()} {j}{positive()}{feed}"
         if kind == 2:
             lines = [point + self.pick(["", f" P{positive()}"]) for point in points]
-            return "\n".join([plane, f"G5.2 P{positive()} L{2 + self.below(count)}{feed}", *lines, "G5.3"])
+            return "\n".join(
+                [plane, f"G5.2 P{positive()} L{2 + self.below(count)}{feed}", *lines, "G5.3"]
+            )
         lines = [point + self.pick(["", f" PW={positive()}"]) for point in points]
         lines[2:] = [line + self.pick(["", f" PL={positive()}"]) for line in lines[2:]]
         return "\n".join([plane, f"BSPLINE SD={2 + self.below(2)}{feed}", *lines, "G0 X0"])
@@ -208,7 +290,9 @@ class Author:
         texts += [self.expand("item") for _ in range(1 + self.below(5))]
         if self.random() < 0.05:
             shipped, first = _shipped(), self.below(1000)
-            texts.insert(self.below(len(texts)), "\n".join(shipped[first : first + 1 + self.below(6)]))
+            texts.insert(
+                self.below(len(texts)), "\n".join(shipped[first : first + 1 + self.below(6)])
+            )
         if self.random() < (0.8 if self.dialect == "linuxcnc" else 0.2):
             texts.append(self.expand("end"))
         if flavour == "macro-b" and self.random() < 0.5:

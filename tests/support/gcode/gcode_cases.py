@@ -41,16 +41,33 @@ def run(source: str, **options: Any) -> list[Block]:
 
 
 def rows(blocks: list[Block]) -> Iterator[Row]:
-    """Blocks as tuples; feeds in mm/min, None for a traverse. Runs of straight moves one tuple a move."""
+    """Blocks as tuples; feeds in mm/min, None for a traverse. Runs of straight moves one tuple a
+    move.
+    """
     for block in blocks:
         match block:
             case Polyline():
                 for end, feed in zip(block.points.tolist(), block.feeds.tolist(), strict=True):
                     yield ("rapid", *end) if math.isnan(feed) else ("line", *end, feed * 60)
             case ArcFeed():
-                yield ("arc", block.plane, *block.center, *block.end.tolist(), block.radius, block.turns, block.feed * 60)
+                yield (
+                    "arc",
+                    block.plane,
+                    *block.center,
+                    *block.end.tolist(),
+                    block.radius,
+                    block.turns,
+                    block.feed * 60,
+                )
             case NurbsFeed():
-                yield ("nurbs", block.degree, block.knots.tolist(), block.control_points.tolist(), block.weights.tolist(), block.feed * 60)
+                yield (
+                    "nurbs",
+                    block.degree,
+                    block.knots.tolist(),
+                    block.control_points.tolist(),
+                    block.weights.tolist(),
+                    block.feed * 60,
+                )
             case PathMode():
                 yield ("path", block.control, block.tolerance)
             case Dwell():
@@ -80,10 +97,15 @@ def rows(blocks: list[Block]) -> Iterator[Row]:
 
 
 def said(source: str, **options: Any) -> list[str]:
-    """The blocks of a program in short: ``rapid 4 5 -1``, ``line 4 5 -1 F600``; numbers to six digits behind the point."""
+    """The blocks of a program in short: ``rapid 4 5 -1``, ``line 4 5 -1 F600``; numbers to six
+    digits behind the point.
+    """
     out = []
     for kind, *values in rows(run(source, **options)):
-        words = [str(value).lower() if isinstance(value, str | bool) else f"{round(value, 6) + 0.0:.10g}" for value in values]
+        words = [
+            str(value).lower() if isinstance(value, str | bool) else f"{round(value, 6) + 0.0:.10g}"
+            for value in values
+        ]
         if kind == "line":
             words[-1] = f"F{words[-1]}"
         elif kind == "probe":
@@ -125,7 +147,9 @@ def placed(found: Diagnostic, code: str, marked: str, *, file: str = "test.nc") 
     """The diagnostic has the code, and stands in the text of ``file`` where the mark ¦ is."""
     before = marked[: marked.index("¦")]
     place = before.count("\n") + 1, len(before) - before.rfind("\n")
-    assert (found.code, found.file, found.line, found.column) == (code, file, *place), found.render()
+    assert (found.code, found.file, found.line, found.column) == (code, file, *place), (
+        found.render()
+    )
     line = marked.replace("¦", "").split("\n")[found.line - 1]
     assert found.text == (line if len(line) <= MAX_LINE else "")
     assert found.length >= 1

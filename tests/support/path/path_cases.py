@@ -12,7 +12,9 @@ XYZ = ("x", "y", "z")
 
 
 def random_nurbs(rng, degree, count, axes=3, weights=(0.1, 10.0), size=20.0, knots="random"):
-    """A clamped NURBS block; knots "random" (inside), "multiple" (some doubled) or "full" (some of multiplicity degree)."""
+    """A clamped NURBS block; knots "random" (inside), "multiple" (some doubled) or "full" (some of
+    multiplicity degree).
+    """
     inner = count - degree - 1
     values = np.sort(rng.uniform(0.05, 0.95, inner))
     if knots == "multiple" and degree > 1:
@@ -27,7 +29,9 @@ def random_nurbs(rng, degree, count, axes=3, weights=(0.1, 10.0), size=20.0, kno
 
 
 def nurbs_oracle(block):
-    """A function u -> (4, n): position and three derivatives by SciPy's B-splines in homogeneous coordinates and the quotient rule."""
+    """A function u -> (4, n): position and three derivatives by SciPy's B-splines in homogeneous
+    coordinates and the quotient rule.
+    """
     homogeneous = np.column_stack((block.weights, block.weights[:, None] * block.control_points))
     spline = BSpline(block.knots, homogeneous, block.degree)
 
@@ -59,11 +63,22 @@ def lines(points, feeds=10.0, line=1):
     """A polyline block; feeds a number or one a move."""
     points = np.array(points, float)
     feeds = np.broadcast_to(np.array(feeds, float), len(points)).copy()
-    return Polyline("part.nc", line, points, feeds, np.arange(line, line + len(points), dtype=np.int32))
+    return Polyline(
+        "part.nc", line, points, feeds, np.arange(line, line + len(points), dtype=np.int32)
+    )
 
 
 def arc(end, center, turns, plane="XY", line=3):
-    return ArcFeed("part.nc", line, plane, (float(center[0]), float(center[1])), np.array(end, float), 0.0, turns, 10.0)
+    return ArcFeed(
+        "part.nc",
+        line,
+        plane,
+        (float(center[0]), float(center[1])),
+        np.array(end, float),
+        0.0,
+        turns,
+        10.0,
+    )
 
 
 def piece(chunk, k):

@@ -1,7 +1,8 @@
 """The planner's figures: motions whose best legal time is known, and the time that ours may take.
 
-``best`` are feasible motions found by a nonlinear optimum on a fine grid with exact constant-jerk intervals, or theory where it has a
-formula. Lengths mm, times s. Programs start at machine zero, so nothing but the motion itself is timed.
+``best`` are feasible motions found by a nonlinear optimum on a fine grid with exact constant-jerk
+intervals, or theory where it has a formula. Lengths mm, times s. Programs start at machine zero, so
+nothing but the motion itself is timed.
 """
 
 from __future__ import annotations
@@ -59,7 +60,9 @@ def machine(
         tolerance=TOLERANCE,
         period=period,
     )
-    return Machine(axes={"x": axis, "y": axis, "z": axis}, path=path, board=Board(max_step_rate=1e6))
+    return Machine(
+        axes={"x": axis, "y": axis, "z": axis}, path=path, board=Board(max_step_rate=1e6)
+    )
 
 
 def with_period(case: Machine, period: float) -> Machine:
@@ -67,10 +70,17 @@ def with_period(case: Machine, period: float) -> Machine:
     return case.model_copy(update={"path": case.path.model_copy(update={"period": period})})
 
 
-def chain(points: NDArray[np.float64], feed: float, mode: str = f"G64 P{TOLERANCE:g}", digits: int = 4) -> str:
+def chain(
+    points: NDArray[np.float64], feed: float, mode: str = f"G64 P{TOLERANCE:g}", digits: int = 4
+) -> str:
     """Straight moves through points after the first, which is where the machine stands."""
-    moves = (" ".join(f"{letter}{value:.{digits}f}" for letter, value in zip("XYZ", point, strict=False)) for point in points[1:].tolist())
-    return "\n".join(("G21 G90 G94 G17", mode, f"F{60 * feed:g}", *("G1 " + move for move in moves), "M2", ""))
+    moves = (
+        " ".join(f"{letter}{value:.{digits}f}" for letter, value in zip("XYZ", point, strict=False))
+        for point in points[1:].tolist()
+    )
+    return "\n".join(
+        ("G21 G90 G94 G17", mode, f"F{60 * feed:g}", *("G1 " + move for move in moves), "M2", "")
+    )
 
 
 def circle(radius: float, feed: float) -> str:
@@ -86,9 +96,14 @@ def ring(radius: float, chord: float) -> NDArray[np.float64]:
 
 def trident() -> str:
     """The symmetric trident of Hui, Wei and Gao (2013), its first point at zero."""
-    rows = [f"U{knot:g} X{x - 10:g} Y{y:g} W1" for knot, (x, y) in zip(TRIDENT_KNOTS, TRIDENT, strict=False)]
+    rows = [
+        f"U{knot:g} X{x - 10:g} Y{y:g} W1"
+        for knot, (x, y) in zip(TRIDENT_KNOTS, TRIDENT, strict=False)
+    ]
     rest = [f"U{knot:g}" for knot in TRIDENT_KNOTS[len(TRIDENT) :]]
-    return "\n".join(("G21 G90 G94 G17", "G61", f"G06.2 K3 {rows[0]} F18000", *rows[1:], *rest, "M2", ""))
+    return "\n".join(
+        ("G21 G90 G94 G17", "G61", f"G06.2 K3 {rows[0]} F18000", *rows[1:], *rest, "M2", "")
+    )
 
 
 def trident_points(count: int = 2000) -> NDArray[np.float64]:
@@ -101,11 +116,18 @@ def trident_points(count: int = 2000) -> NDArray[np.float64]:
             return np.asarray((u >= knots[i]) & ((u < knots[i + 1]) | (last & (u == 1.0))), float)
         left, right = knots[i + degree] - knots[i], knots[i + degree + 1] - knots[i + 1]
         rise = (u - knots[i]) / left * basis(i, degree - 1, u) if left else np.zeros_like(u)
-        fall = (knots[i + degree + 1] - u) / right * basis(i + 1, degree - 1, u) if right else np.zeros_like(u)
+        fall = (
+            (knots[i + degree + 1] - u) / right * basis(i + 1, degree - 1, u)
+            if right
+            else np.zeros_like(u)
+        )
         return rise + fall
 
     u = np.linspace(0.0, 1.0, count + 1)
-    return sum((np.outer(basis(i, 3, u), (x - 10.0, y)) for i, (x, y) in enumerate(TRIDENT)), np.zeros((count + 1, 2)))
+    return sum(
+        (np.outer(basis(i, 3, u), (x - 10.0, y)) for i, (x, y) in enumerate(TRIDENT)),
+        np.zeros((count + 1, 2)),
+    )
 
 
 def straight(piece: float, length: float = 100.0) -> NDArray[np.float64]:
@@ -116,14 +138,22 @@ def straight(piece: float, length: float = 100.0) -> NDArray[np.float64]:
 
 
 def finishing(moves: int = 4000, length: float = 630.0) -> NDArray[np.float64]:
-    """A finishing pass over a wavy surface: rows, joined by half circles, cut in moves of equal length and rounded to four digits."""
+    """A finishing pass over a wavy surface: rows, joined by half circles, cut in moves of equal
+    length and rounded to four digits.
+    """
     radius, row = 1.5, 40.0
     rows = 20
     x, y = [], []
-    along, bow = np.linspace(0.0, row, 4000, endpoint=False), np.linspace(0.0, math.pi, 400, endpoint=False)
+    along, bow = (
+        np.linspace(0.0, row, 4000, endpoint=False),
+        np.linspace(0.0, math.pi, 400, endpoint=False),
+    )
     for k in range(rows):
         forth = k % 2 == 0
-        x += [along if forth else row - along, row + radius * np.sin(bow) if forth else -radius * np.sin(bow)]
+        x += [
+            along if forth else row - along,
+            row + radius * np.sin(bow) if forth else -radius * np.sin(bow),
+        ]
         y += [np.full(len(along), 2 * radius * k), 2 * radius * k + radius * (1 - np.cos(bow))]
     flat = np.stack((np.concatenate(x), np.concatenate(y)), axis=1)
     height = 1.5 * np.sin(flat[:, 0] / 5.0) * np.cos(flat[:, 1] / 6.0)
@@ -138,9 +168,13 @@ def cases() -> Iterator[Case]:
     line = straight(100.0)
     ten, curve = ring(10.0, 0.05), trident_points()
     yield Case("line 100 mm", machine(), chain(line, 300.0, "G61"), 0.50833, 0.5084, line)
-    yield Case("circle R10, aN 2400", machine(normal=2400.0), circle(10.0, 300.0), 0.5201, 0.531, ten)
+    yield Case(
+        "circle R10, aN 2400", machine(normal=2400.0), circle(10.0, 300.0), 0.5201, 0.531, ten
+    )
     yield Case("circle R10, aN 4903", machine(), circle(10.0, 300.0), 0.4260, 0.435, ten)
-    yield Case("circle R10, per axis", machine(per_axis=True), circle(10.0, 300.0), 0.5293, 0.556, ten)
+    yield Case(
+        "circle R10, per axis", machine(per_axis=True), circle(10.0, 300.0), 0.5293, 0.556, ten
+    )
     yield Case("trident", machine(), trident(), 0.7090, 0.723, curve)
     yield Case("trident, per axis", machine(per_axis=True), trident(), 0.7264, 0.763, curve)
 
@@ -151,13 +185,30 @@ def cases() -> Iterator[Case]:
     uncut = 100.0 / 50.0 + 50.0 / 1000.0 + 1000.0 / 50_000.0
     for piece in (5.0, 1.0, 0.15, 0.05):
         points = straight(piece)
-        yield Case(f"line in pieces of {piece:g}", short(), chain(points, 50.0), uncut, 1.005 * uncut, points)
+        yield Case(
+            f"line in pieces of {piece:g}",
+            short(),
+            chain(points, 50.0),
+            uncut,
+            1.005 * uncut,
+            points,
+        )
     big, pass_ = ring(50.0, CHORD), finishing()
-    for name, points, margin in (("circle R50 in chords", big, 1.02), ("finishing, 4000 moves", pass_, 1.03)):
+    for name, points, margin in (
+        ("circle R50 in chords", big, 1.02),
+        ("finishing, 4000 moves", pass_, 1.03),
+    ):
         length = float(np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)).sum())
         for per_axis in (False, True):
             title = name + (", per axis" if per_axis else "")
-            yield Case(title, short(per_axis=per_axis), chain(points, 25.0), length / 25.0, margin * length / 25.0, points)
+            yield Case(
+                title,
+                short(per_axis=per_axis),
+                chain(points, 25.0),
+                length / 25.0,
+                margin * length / 25.0,
+                points,
+            )
     corner = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
     for per_axis in (True, False):
         title = "corner of 90 degrees" + (", per axis" if per_axis else "")

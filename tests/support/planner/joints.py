@@ -1,9 +1,11 @@
-"""Programs of two or three moves: every kind of move, joint, feed and path mode, on random machines.
+"""Programs of two or three moves: every kind of move, joint, feed and path mode, on random
+machines.
 
     mode, (kind, feed) joint (kind, feed) [joint (kind, feed)]
 
-A joint says how the second move's direction follows from the first one's: on the same line, back along it, at an angle, or along the
-tangent. Kinds and joints are enumerated; feeds, lengths, tolerances and machines are random by seed.
+A joint says how the second move's direction follows from the first one's: on the same line, back
+along it, at an angle, or along the tangent. Kinds and joints are enumerated; feeds, lengths,
+tolerances and machines are random by seed.
 """
 
 from __future__ import annotations
@@ -20,7 +22,12 @@ JOINTS = ("collinear", "reversed", "corner", "tangent")
 MODES = ("G61", "G61.1", "G64 P")
 MACHINES = 50
 
-SHAPES = [(kinds, joints) for count in (2, 3) for kinds in product(KINDS, repeat=count) for joints in product(JOINTS, repeat=count - 1)]
+SHAPES = [
+    (kinds, joints)
+    for count in (2, 3)
+    for kinds in product(KINDS, repeat=count)
+    for joints in product(JOINTS, repeat=count - 1)
+]
 """All pairs and triples of kinds of move and the joints between them."""
 
 SLOWEST = 1.0 / 60.0
@@ -59,7 +66,9 @@ def machine_number(number: int, seed: int) -> Machine:
         tolerance=10 ** rng.uniform(-3, -1),
         period=float(rng.choice((1e-3, 1e-4))) if acceleration > 300.0 else 1e-3,
     )
-    return Machine(axes={"x": axis(), "y": axis(), "z": axis()}, path=path, board=Board(max_step_rate=1e9))
+    return Machine(
+        axes={"x": axis(), "y": axis(), "z": axis()}, path=path, board=Board(max_step_rate=1e9)
+    )
 
 
 class Chain:
@@ -88,10 +97,14 @@ class Chain:
         elif joint == "corner":
             side = np.cross(self.ahead, self.direction())
             angle = self.rng.uniform(0.01, 3.0)
-            self.ahead = math.cos(angle) * self.ahead + math.sin(angle) * side / np.linalg.norm(side)
+            self.ahead = math.cos(angle) * self.ahead + math.sin(angle) * side / np.linalg.norm(
+                side
+            )
         elif joint == "tangent":
             side = np.cross(self.ahead, self.direction())
-            self.ahead = self.ahead + 10 ** self.rng.uniform(-7.0, -3.0) * side / np.linalg.norm(side)
+            self.ahead = self.ahead + 10 ** self.rng.uniform(-7.0, -3.0) * side / np.linalg.norm(
+                side
+            )
             self.ahead /= np.linalg.norm(self.ahead)
 
     def move(self, kind: str) -> None:
@@ -102,7 +115,9 @@ class Chain:
         elif kind == "NURBS":
             self.nurbs(length, feed)
         else:
-            self.go("G0" if kind == "G0" else f"G1 F{60.0 * feed:.4f}", self.here + length * self.ahead)
+            self.go(
+                "G0" if kind == "G0" else f"G1 F{60.0 * feed:.4f}", self.here + length * self.ahead
+            )
 
     def go(self, head: str, there: np.ndarray, tail: str = "") -> None:
         words = " ".join(f"{letter}{value:.9f}" for letter, value in zip("XYZ", there, strict=True))
@@ -110,7 +125,9 @@ class Chain:
         self.here = np.round(there, 9)
 
     def arc(self, length: float, feed: float) -> None:
-        """An arc in the XY plane (a helix where the direction rises) that begins in the direction ahead."""
+        """An arc in the XY plane (a helix where the direction rises) that begins in the direction
+        ahead.
+        """
         flat = float(np.hypot(self.ahead[0], self.ahead[1]))
         if flat < 0.1:
             self.ahead = np.array([1.0, 0.0, 0.0])
@@ -123,19 +140,33 @@ class Chain:
         to_centre = np.round(sense * radius * left, 9)
         out = -to_centre
         angle = sense * sweep
-        turned = np.array([math.cos(angle) * out[0] - math.sin(angle) * out[1], math.sin(angle) * out[0] + math.cos(angle) * out[1]])
+        turned = np.array(
+            [
+                math.cos(angle) * out[0] - math.sin(angle) * out[1],
+                math.sin(angle) * out[0] + math.cos(angle) * out[1],
+            ]
+        )
         there = self.here.copy()
         there[:2] += to_centre + turned
         there[2] += length * self.ahead[2]
-        self.go("G3" if sense > 0 else "G2", there, f"I{to_centre[0]:.9f} J{to_centre[1]:.9f} F{60.0 * feed:.4f}")
+        self.go(
+            "G3" if sense > 0 else "G2",
+            there,
+            f"I{to_centre[0]:.9f} J{to_centre[1]:.9f} F{60.0 * feed:.4f}",
+        )
         end = sense * np.array([-turned[1], turned[0]]) / np.linalg.norm(turned) * flat
         self.ahead = np.array([*end, self.ahead[2]])
 
     def nurbs(self, length: float, feed: float) -> None:
-        """A cubic with five points that begins in the direction ahead, straight where the seed wants it."""
+        """A cubic with five points that begins in the direction ahead, straight where the seed
+        wants it.
+        """
         bend = length * float(self.rng.choice((0.0, 10 ** self.rng.uniform(-3.0, -0.5))))
         points = [self.here, self.here + 0.25 * length * self.ahead]
-        points += [self.here + part * length * self.ahead + bend * self.direction() for part in (0.5, 0.75, 1.0)]
+        points += [
+            self.here + part * length * self.ahead + bend * self.direction()
+            for part in (0.5, 0.75, 1.0)
+        ]
         knots = (0, 0, 0, 0, 0.5, 1, 1, 1, 1)
         before = self.here
         for index, point in enumerate(points):
@@ -150,7 +181,9 @@ class Chain:
 
 
 def joint_program(number: int, seed: int) -> tuple[str, Machine]:
-    """Program ``number`` of a series: shapes and modes in turn, machines and the rest at random by ``seed``."""
+    """Program ``number`` of a series: shapes and modes in turn, machines and the rest at random by
+    ``seed``.
+    """
     rng = np.random.default_rng((seed, number))
     kinds, joints = SHAPES[number % len(SHAPES)]
     mode = MODES[int(rng.integers(len(MODES)))]

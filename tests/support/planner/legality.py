@@ -1,12 +1,14 @@
-"""Is a motion legal? An answer from the files that a check writes, by mathematics that the planner has no part in.
+"""Is a motion legal? An answer from the files that a check writes, by mathematics that the planner
+has no part in.
 
-The blocks file says what was programmed, the trace where the machine was at every period, the pulse file when its last step came.
-Velocity, acceleration and jerk are differences of the positions; the distance from the path is that from lines, arcs and NURBS made anew
-(scipy's B-splines). A difference of order n is a weighted mean of the n-th derivative over n periods, so a motion that keeps a limit shows
-no larger one, however long the period.
+The blocks file says what was programmed, the trace where the machine was at every period, the pulse
+file when its last step came. Velocity, acceleration and jerk are differences of the positions; the
+distance from the path is that from lines, arcs and NURBS made anew (scipy's B-splines). A
+difference of order n is a weighted mean of the n-th derivative over n periods, so a motion that
+keeps a limit shows no larger one, however long the period.
 
-A finer trace needs a machine with a shorter period: some limits depend on it (the chord error, how fast a joint is crossed), so the motion
-is planned anew and need not be the same.
+A finer trace needs a machine with a shorter period: some limits depend on it (the chord error, how
+fast a joint is crossed), so the motion is planned anew and need not be the same.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ APART = 1e-6
 NOISE = 1e-12
 """mm that a position may be off by its arc length's accuracy and by rounding."""
 SLICES_S, SLICES_LENGTH = 0.2, 0.02
-"""s, mm: how far the motion may go on without what the operator wishes; the length counts at a crawl."""
+"""s, mm: how far the motion may go on without what the operator wishes; the length counts at a
+crawl.
+"""
 WINDOW = 4
 """Programmed pieces more, before and after, that a row may belong to by its source line."""
 PLANES = {"XY": ("x", "y"), "ZX": ("z", "x"), "YZ": ("y", "z")}
@@ -39,7 +43,9 @@ PLANES = {"XY": ("x", "y"), "ZX": ("z", "x"), "YZ": ("y", "z")}
 
 @dataclass
 class Piece:
-    """A programmed move: ``curve`` maps u of 0..1 (n,) to points (n, axes); a straight one is known by ``start`` and ``end`` alone."""
+    """A programmed move: ``curve`` maps u of 0..1 (n,) to points (n, axes); a straight one is known
+    by ``start`` and ``end`` alone.
+    """
 
     line: int
     feed: float
@@ -55,28 +61,44 @@ class Piece:
         return np.stack((self.start, self.end)) if self.curve is None else self.curve(u)
 
     def distance(self, points: np.ndarray, *, everywhere: bool = False) -> np.ndarray:
-        """Of points from the curve: the nearest chords of many, even in u and along the curve, and golden sections on what they span.
+        """Of points from the curve: the nearest chords of many, even in u and along the curve, and
+        golden sections on what they span.
 
-        The nearest chords are those of the nearest ends of chords, unless ``everywhere``: where the curve comes by twice, one time with
-        shorter chords, those are not always the same.
+        The nearest chords are those of the nearest ends of chords, unless ``everywhere``: where the
+        curve comes by twice, one time with shorter chords, those are not always the same.
         """
         u = np.linspace(0.0, 1.0, 4097)
         along = np.concatenate(([0.0], np.cumsum(_lengths(np.diff(self.curve(u), axis=0)))))
-        u = np.unique(np.concatenate((u, np.interp(np.linspace(0.0, along[-1], 4097), along, u), self.corners)))
+        u = np.unique(
+            np.concatenate(
+                (u, np.interp(np.linspace(0.0, along[-1], 4097), along, u), self.corners)
+            )
+        )
         on = self.curve(u)
         if everywhere:
-            chords = np.stack([np.argsort(_from_segments(np.broadcast_to(point, on[1:].shape), on[:-1], on[1:]))[:16] for point in points])
+            chords = np.stack(
+                [
+                    np.argsort(
+                        _from_segments(np.broadcast_to(point, on[1:].shape), on[:-1], on[1:])
+                    )[:16]
+                    for point in points
+                ]
+            )
         else:
             _, near = cKDTree(on).query(points, k=8)
             chords = np.clip(np.concatenate((near - 1, near), axis=1), 0, len(u) - 2)
-        apart = np.stack([_from_segments(points, on[chord], on[chord + 1]) for chord in chords.T], axis=1)
+        apart = np.stack(
+            [_from_segments(points, on[chord], on[chord + 1]) for chord in chords.T], axis=1
+        )
         best = np.full(len(points), math.inf)
         for rank in range(3):
             chord = chords[np.arange(len(points)), np.argsort(apart, axis=1)[:, rank]]
             low, high = u[chord], u[chord + 1]
             for _ in range(40):
                 third = (high - low) * 0.381966
-                nearer = _lengths(self.curve(low + third) - points) < _lengths(self.curve(high - third) - points)
+                nearer = _lengths(self.curve(low + third) - points) < _lengths(
+                    self.curve(high - third) - points
+                )
                 low, high = np.where(nearer, low, low + third), np.where(nearer, high - third, high)
             best = np.minimum(best, _lengths(self.curve(0.5 * (low + high)) - points))
         return best
@@ -99,13 +121,24 @@ class Findings:
         return max(self.ratios.items(), key=lambda item: item[1], default=("nothing", 0.0))
 
 
-def examine(text: str, machine: Machine, folder: Path, *, judged_by: Machine | None = None) -> Findings:
-    """Check a program with a machine, and judge the files that this writes into ``folder`` by its limits, or by another's."""
-    program, blocks, trace, pulses = (folder / name for name in ("program.nc", "blocks.jsonl", "trace.npz", "pulses.npz"))
+def examine(
+    text: str, machine: Machine, folder: Path, *, judged_by: Machine | None = None
+) -> Findings:
+    """Check a program with a machine, and judge the files that this writes into ``folder`` by its
+    limits, or by another's.
+    """
+    program, blocks, trace, pulses = (
+        folder / name for name in ("program.nc", "blocks.jsonl", "trace.npz", "pulses.npz")
+    )
     program.write_text(text)
-    report = check(program, machine, outputs=Outputs(blocks=str(blocks), trace=str(trace), pulses=str(pulses)))
+    report = check(
+        program, machine, outputs=Outputs(blocks=str(blocks), trace=str(trace), pulses=str(pulses))
+    )
     if not report.ok:
-        return Findings(refused=report.faults[0].diagnostic.code, wrong=[str(fault.diagnostic.message) for fault in report.faults])
+        return Findings(
+            refused=report.faults[0].diagnostic.code,
+            wrong=[str(fault.diagnostic.message) for fault in report.faults],
+        )
     return judge(blocks, trace, pulses, judged_by or machine, report.duration_s)
 
 
@@ -114,12 +147,23 @@ Override = tuple[np.ndarray, np.ndarray]
 NEVER: Override = np.zeros(1), np.ones(1)
 
 
-def judge(blocks: Path, trace: Path, pulses: Path, machine: Machine, duration: float, override: Override = NEVER) -> Findings:
-    """The files of a check or a run, how long it says that the motion takes, and how feeds were overridden."""
+def judge(
+    blocks: Path,
+    trace: Path,
+    pulses: Path,
+    machine: Machine,
+    duration: float,
+    override: Override = NEVER,
+) -> Findings:
+    """The files of a check or a run, how long it says that the motion takes, and how feeds were
+    overridden.
+    """
     found = Findings(duration)
     rows = dict(np.load(trace).items())
     path = programmed([json.loads(line) for line in blocks.read_text().splitlines()], machine)
-    if not all(np.isfinite(rows[name]).all() for name in ("t", "position", "s", "feed", "accel", "jerk")):
+    if not all(
+        np.isfinite(rows[name]).all() for name in ("t", "position", "s", "feed", "accel", "jerk")
+    ):
         found.wrong.append("the trace has numbers that are none")
         return found
     found.moved = bool(path)
@@ -139,17 +183,33 @@ def programmed(blocks: list[dict], machine: Machine) -> list[Piece]:
     here, tolerance = np.array(start_position(machine), float), 0.0
     pieces: list[Piece] = []
 
-    def add(end: np.ndarray, curve: Callable | None = None, corners: tuple[float, ...] = ()) -> None:
+    def add(
+        end: np.ndarray, curve: Callable | None = None, corners: tuple[float, ...] = ()
+    ) -> None:
         nonlocal here
         if curve is not None or (end != here).any():
             feed = block.get("feed")
-            pieces.append(Piece(block["line"], math.inf if feed is None else feed / 60.0, tolerance, here, end, curve, corners))
+            pieces.append(
+                Piece(
+                    block["line"],
+                    math.inf if feed is None else feed / 60.0,
+                    tolerance,
+                    here,
+                    end,
+                    curve,
+                    corners,
+                )
+            )
         here = end
 
     for block in blocks:
         match block["kind"]:
             case "path-mode":
-                tolerance = (block["tolerance"] or machine.path.tolerance) if block["control"] == "blend" else 0.0
+                tolerance = (
+                    (block["tolerance"] or machine.path.tolerance)
+                    if block["control"] == "blend"
+                    else 0.0
+                )
             case "line" | "traverse" | "probe":
                 add(_place(block["end"], axes))
             case "arc":
@@ -165,7 +225,9 @@ def _place(where: dict[str, float], axes: tuple[str, ...]) -> np.ndarray:
     return np.array([where[axis] for axis in axes])
 
 
-def _arc(block: dict, axes: tuple[str, ...], start: np.ndarray, end: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def _arc(
+    block: dict, axes: tuple[str, ...], start: np.ndarray, end: np.ndarray
+) -> Callable[[np.ndarray], np.ndarray]:
     plane = [axes.index(axis) for axis in PLANES[block["plane"]]]
     center = np.array([block["center"][axis] for axis in PLANES[block["plane"]]])
     out, back = start[plane] - center, end[plane] - center
@@ -173,19 +235,30 @@ def _arc(block: dict, axes: tuple[str, ...], start: np.ndarray, end: np.ndarray)
 
     def curve(u: np.ndarray) -> np.ndarray:
         points = start + u[:, None] * (end - start)
-        angle, radius = first + 2 * math.pi * block["turns"] * u, radii[0] + (radii[1] - radii[0]) * u
-        points[:, plane[0]], points[:, plane[1]] = center[0] + radius * np.cos(angle), center[1] + radius * np.sin(angle)
+        angle, radius = (
+            first + 2 * math.pi * block["turns"] * u,
+            radii[0] + (radii[1] - radii[0]) * u,
+        )
+        points[:, plane[0]], points[:, plane[1]] = (
+            center[0] + radius * np.cos(angle),
+            center[1] + radius * np.sin(angle),
+        )
         return points
 
     return curve
 
 
-def _nurbs(block: dict, axes: tuple[str, ...], start: np.ndarray) -> tuple[Callable[[np.ndarray], np.ndarray], tuple[float, ...]]:
+def _nurbs(
+    block: dict, axes: tuple[str, ...], start: np.ndarray
+) -> tuple[Callable[[np.ndarray], np.ndarray], tuple[float, ...]]:
     degree, knots, weights = block["degree"], np.array(block["knots"]), np.array(block["weights"])
     points = np.tile(start, (len(weights), 1))
     for column, axis in enumerate(block["axes"]):
         points[:, axes.index(axis)] = np.array(block["control_points"])[:, column]
-    above, below = BSpline(knots, points * weights[:, None], degree), BSpline(knots, weights, degree)
+    above, below = (
+        BSpline(knots, points * weights[:, None], degree),
+        BSpline(knots, weights, degree),
+    )
     low, high = knots[degree], knots[-degree - 1]
     # Just before a knot of full multiplicity the curve has another limit than at it.
     inner = np.unique(knots[(knots > low) & (knots < high)])
@@ -201,10 +274,16 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
     return np.sqrt((vectors**2).sum(axis=1))
 
 
-def _judge_clock(rows: dict, pulses: dict, machine: Machine, duration: float, found: Findings) -> None:
-    """Rows are a period apart and end with the motion; the last pulse lies in it, from there on half a step is the most that is left."""
+def _judge_clock(
+    rows: dict, pulses: dict, machine: Machine, duration: float, found: Findings
+) -> None:
+    """Rows are a period apart and end with the motion; the last pulse lies in it, from there on
+    half a step is the most that is left.
+    """
     period, t, p = machine.path.period, rows["t"], rows["position"]
-    if abs(float(rows["period"]) - period) > 1e-15 or np.abs(t - np.arange(len(t)) * period).max() > 1e-9 * max(1.0, t[-1]):
+    if abs(float(rows["period"]) - period) > 1e-15 or np.abs(
+        t - np.arange(len(t)) * period
+    ).max() > 1e-9 * max(1.0, t[-1]):
         found.wrong.append("rows are not a period apart")
     if not duration - 1e-9 <= t[-1] <= duration + period + 1e-9:
         found.wrong.append(f"the trace ends at {t[-1]:.6f} s, the motion at {duration:.6f} s")
@@ -213,29 +292,44 @@ def _judge_clock(rows: dict, pulses: dict, machine: Machine, duration: float, fo
     last = float(pulses["time_ns"][-1]) * 1e-9 if len(pulses["time_ns"]) else 0.0
     left = np.abs(p[min(math.ceil(last / period), len(p) - 1) :] * per_mm - grid).max()
     if last > duration + 2e-9 or left > 0.5 + 1e-3:
-        found.wrong.append(f"the last pulse comes at {last:.6f} s, {left:.4f} steps from where the motion still goes to")
+        found.wrong.append(
+            f"the last pulse comes at {last:.6f} s, {left:.4f} steps from where the motion still goes to"
+        )
 
 
 def _judge_limits(rows: dict, machine: Machine, found: Findings) -> None:
     """Differences against limits."""
     period, p, s, path = machine.path.period, rows["position"], rows["s"], machine.path
-    noise = [0.0] + [2.0**order * (NOISE + 4.0 * np.spacing(np.abs(p).max(initial=1.0))) / period**order for order in (1, 2, 3)]
-    s_noise = [0.0] + [2.0**order * (NOISE + 4.0 * np.spacing(s[-1])) / period**order for order in (1, 2, 3)]
+    noise = [0.0] + [
+        2.0**order * (NOISE + 4.0 * np.spacing(np.abs(p).max(initial=1.0))) / period**order
+        for order in (1, 2, 3)
+    ]
+    s_noise = [0.0] + [
+        2.0**order * (NOISE + 4.0 * np.spacing(s[-1])) / period**order for order in (1, 2, 3)
+    ]
 
-    def note(name: str, values: np.ndarray, order: int, limit: float | None, unsure: list[float]) -> None:
+    def note(
+        name: str, values: np.ndarray, order: int, limit: float | None, unsure: list[float]
+    ) -> None:
         if limit is not None:
-            found.ratios[name] = max(0.0, float(np.abs(values).max(initial=0.0)) / period**order - unsure[order]) / limit
+            found.ratios[name] = (
+                max(0.0, float(np.abs(values).max(initial=0.0)) / period**order - unsure[order])
+                / limit
+            )
 
     for column, (letter, axis) in enumerate(machine.axes.items()):
         limits = (axis.max_velocity, axis.max_acceleration, axis.max_jerk)
-        for order, (name, limit) in enumerate(zip(("velocity", "acceleration", "jerk"), limits, strict=True), 1):
+        for order, (name, limit) in enumerate(
+            zip(("velocity", "acceleration", "jerk"), limits, strict=True), 1
+        ):
             note(f"{name} of {letter}", np.diff(p[:, column], order), order, limit, noise)
     if len(p) < 4:
         return
     note("tangential acceleration", np.diff(s, 2), 2, path.max_tangential_acceleration, s_noise)
     note("tangential jerk", np.diff(s, 3), 3, path.max_jerk, s_noise)
 
-    # The path length against the positions, and the normal acceleration from them; around a stop the directions before and after mix.
+    # The path length against the positions, and the normal acceleration from them; around a stop
+    # the directions before and after mix.
     step, ds = np.diff(p, axis=0), np.diff(s)
     moving = ds > _crawl(machine)
     chord = _lengths(step)
@@ -251,12 +345,19 @@ def _judge_limits(rows: dict, machine: Machine, found: Findings) -> None:
 
 
 def _crawl(machine: Machine) -> float:
-    """A step that shorter ones may follow or precede where the motion comes to rest between two samples."""
-    jerk = min(machine.path.max_jerk or math.inf, math.sqrt(sum((axis.max_jerk or math.inf) ** 2 for axis in machine.axes.values())))
+    """A step that shorter ones may follow or precede where the motion comes to rest between two
+    samples.
+    """
+    jerk = min(
+        machine.path.max_jerk or math.inf,
+        math.sqrt(sum((axis.max_jerk or math.inf) ** 2 for axis in machine.axes.values())),
+    )
     return max(2.0 * jerk * machine.path.period**3, 1e-9)
 
 
-def _judge_path(rows: dict, path: list[Piece], machine: Machine, override: Override, found: Findings) -> None:
+def _judge_path(
+    rows: dict, path: list[Piece], machine: Machine, override: Override, found: Findings
+) -> None:
     """The trace against the programmed path, and the path against the trace."""
     p, line, ds = rows["position"], rows["line"], np.diff(rows["s"])
     first, last = _belongs(line, np.array([piece.line for piece in path]))
@@ -280,36 +381,53 @@ def _judge_path(rows: dict, path: list[Piece], machine: Machine, override: Overr
             wanted = np.concatenate(some)
             wanted = wanted[best[wanted] > allowed[wanted] + 0.5 * APART]
             if len(wanted):
-                best[wanted] = np.minimum(best[wanted], path[k].distance(p[wanted], everywhere=everywhere))
+                best[wanted] = np.minimum(
+                    best[wanted], path[k].distance(p[wanted], everywhere=everywhere)
+                )
     found.apart = float((best - allowed).max())
     if found.apart > APART:
         worst = int(np.argmax(best - allowed))
-        found.wrong.append(f"{best[worst]:.3g} mm from the path at {rows['t'][worst]:.4f} s (line {line[worst]})")
+        found.wrong.append(
+            f"{best[worst]:.3g} mm from the path at {rows['t'][worst]:.4f} s (line {line[worst]})"
+        )
 
-    # A sample's step against the path that it covers, but at corners: those that are stopped at, and those that a tolerance rounds.
+    # A sample's step against the path that it covers, but at corners: those that are stopped at,
+    # and those that a tolerance rounds.
     chord = _lengths(np.diff(p, axis=0))
     moving = ds > _crawl(machine)
     inside = np.zeros(len(ds), bool)
     inside[1:-1] = moving[1:-1] & moving[:-2] & moving[2:]
     inside &= (ds > machine.path.chord_error) & (allowed[1:] == 0.0) & (allowed[:-1] == 0.0)
     if machine.path.step_deviation is not None:
-        found.ratios["step deviation"] = float(((ds - chord)[inside] / ds[inside]).max(initial=0.0)) / machine.path.step_deviation
+        found.ratios["step deviation"] = (
+            float(((ds - chord)[inside] / ds[inside]).max(initial=0.0))
+            / machine.path.step_deviation
+        )
 
-    # Speed against the feed of any piece that the step may lie on; a traverse has none, the axes limit it.
+    # Speed against the feed of any piece that the step may lie on; a traverse has none, the axes
+    # limit it.
     feed = np.array([piece.feed for piece in path])
     lo, hi = np.minimum(first[:-1], first[1:]), np.maximum(last[:-1], last[1:])
     highest = _range_max(feed, lo, hi)
     fed = np.isfinite(highest)
     highest = np.minimum(
-        highest * _in_force(override, rows["t"][: len(p)], rows["s"], ds / machine.path.period / highest, _letting_go(machine)),
+        highest
+        * _in_force(
+            override,
+            rows["t"][: len(p)],
+            rows["s"],
+            ds / machine.path.period / highest,
+            _letting_go(machine),
+        ),
         machine.path.max_feed,
     )
     noise = 2.0 * (NOISE + 4.0 * np.spacing(rows["s"][-1])) / machine.path.period
     over = (ds[fed] / machine.path.period - noise) / highest[fed]
     found.ratios["feed"] = max(0.0, float(over.max(initial=0.0)))
 
-    # Every programmed corner and points along every curve lie within the tolerance of the polygon of samples, which itself cuts a bend by
-    # the chord error at most, and a corner that is stopped at by the steps about it.
+    # Every programmed corner and points along every curve lie within the tolerance of the polygon
+    # of samples, which itself cuts a bend by the chord error at most, and a corner that is stopped
+    # at by the steps about it.
     tree = cKDTree(p)
     for k, piece in enumerate(path):
         targets = piece.points(33)
@@ -324,36 +442,54 @@ def _judge_path(rows: dict, path: list[Piece], machine: Machine, override: Overr
         allow = reach + machine.path.chord_error + APART
         for far in np.flatnonzero(apart > allow + slack):
             # the nearest samples may be those of another stretch, where the motion is slower
-            apart[far] = _from_segments(np.broadcast_to(targets[far], p[1:].shape), p[:-1], p[1:]).min()
+            apart[far] = _from_segments(
+                np.broadcast_to(targets[far], p[1:].shape), p[:-1], p[1:]
+            ).min()
         over_by = apart - (allow + slack)
         if (over_by > 0.0).any():
-            found.wrong.append(f"the motion passes line {piece.line} by {apart[int(np.argmax(over_by))]:.3g} mm")
+            found.wrong.append(
+                f"the motion passes line {piece.line} by {apart[int(np.argmax(over_by))]:.3g} mm"
+            )
             break
     if np.abs(p[-1] - path[-1].end).max() > 1e-9:
-        found.wrong.append(f"the end point is missed by {np.abs(p[-1] - path[-1].end).max():.3g} mm")
+        found.wrong.append(
+            f"the end point is missed by {np.abs(p[-1] - path[-1].end).max():.3g} mm"
+        )
 
 
-def _in_force(override: Override, t: np.ndarray, s: np.ndarray, used: np.ndarray, letting_go: float) -> np.ndarray:
+def _in_force(
+    override: Override, t: np.ndarray, s: np.ndarray, used: np.ndarray, letting_go: float
+) -> np.ndarray:
     """The factor of its feed that each step may use, of which it does use a part.
 
-    A wish takes effect where the motion that the board has or is about to get ends: two slices. From there on acceleration may be let go
-    of, for so long, and then no step is faster than the fastest by then until feeds are as they were wished.
+    A wish takes effect where the motion that the board has or is about to get ends: two slices.
+    From there on acceleration may be let go of, for so long, and then no step is faster than the
+    fastest by then until feeds are as they were wished.
     """
     since, factors = override
     now = factors[np.searchsorted(since, t[1:], side="right") - 1]
     allowed = now.copy()
     for changed in np.flatnonzero(np.diff(now)) + 1:
-        handed_out = max(t[changed + 1] + SLICES_S, t[min(int(np.searchsorted(s, s[changed + 1] + SLICES_LENGTH)), len(now))])
+        handed_out = max(
+            t[changed + 1] + SLICES_S,
+            t[min(int(np.searchsorted(s, s[changed + 1] + SLICES_LENGTH)), len(now))],
+        )
         gone = min(int(np.searchsorted(t[1:], handed_out + letting_go)) + 1, len(now))
         before, peak = allowed[changed - 1], used[changed:gone].max()
-        slowed = gone + int(np.append(np.flatnonzero(used[gone:] <= now[gone:] * (1.0 + ALLOWED)), len(now) - gone)[0])
+        slowed = gone + int(
+            np.append(np.flatnonzero(used[gone:] <= now[gone:] * (1.0 + ALLOWED)), len(now) - gone)[
+                0
+            ]
+        )
         allowed[changed:gone] = np.maximum(now[changed:gone], before)
         allowed[gone:slowed] = np.maximum(now[gone:slowed], min(before, peak))
     return allowed
 
 
 def _letting_go(machine: Machine) -> float:
-    """s; twice as long as any acceleration takes to come to nothing where nothing else needs jerk."""
+    """s; twice as long as any acceleration takes to come to nothing where nothing else needs
+    jerk.
+    """
     limits = [(machine.path.max_tangential_acceleration, machine.path.max_jerk)]
     limits += [(axis.max_acceleration, axis.max_jerk) for axis in machine.axes.values()]
     return 2.0 * max(a / j for a, j in limits if a is not None and j is not None)
@@ -362,9 +498,9 @@ def _letting_go(machine: Machine) -> float:
 def _belongs(line: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First and last piece that each row may lie on.
 
-    They follow each other as the rows' source lines do. Where moves become one curve a row's line is that of any of them: it may lie
-    between the pieces of the line before its own and those of the second after it (a rounded corner reaches into what follows), and
-    WINDOW pieces more.
+    They follow each other as the rows' source lines do. Where moves become one curve a row's line
+    is that of any of them: it may lie between the pieces of the line before its own and those of
+    the second after it (a rounded corner reaches into what follows), and WINDOW pieces more.
     """
     runs = np.append(0, np.flatnonzero(np.diff(line)) + 1)
     begins, ends = np.empty(len(runs), np.int64), np.empty(len(runs), np.int64)
@@ -394,5 +530,7 @@ def _from_segments(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarr
     """Distance of each point from the segment a..b of its own."""
     along = b - a
     square = (along**2).sum(axis=1)
-    part = np.divide(((points - a) * along).sum(axis=1), square, out=np.zeros(len(points)), where=square > 0.0)
+    part = np.divide(
+        ((points - a) * along).sum(axis=1), square, out=np.zeros(len(points)), where=square > 0.0
+    )
     return _lengths(a + np.clip(part, 0.0, 1.0)[:, None] * along - points)

@@ -25,7 +25,9 @@ def machine(
     chord_error=0.001,
     deviation=None,
 ):
-    """A three-axis machine; ``axis`` is (acceleration, jerk) of each axis, or None for limits along the path alone."""
+    """A three-axis machine; ``axis`` is (acceleration, jerk) of each axis, or None for limits along
+    the path alone.
+    """
     a, j = axis if axis else (None, None)
     each = Axis(steps_per_mm=100.0, max_velocity=velocity, max_acceleration=a, max_jerk=j)
     return Machine(
@@ -45,7 +47,9 @@ def machine(
 def lines(points, feed=100.0, first=1):
     points = np.atleast_2d(np.asarray(points, float))
     n = len(points)
-    return Polyline("t.nc", first, points, np.full(n, feed), np.arange(first, first + n, dtype=np.int32))
+    return Polyline(
+        "t.nc", first, points, np.full(n, feed), np.arange(first, first + n, dtype=np.int32)
+    )
 
 
 def arc(start, center, turns, feed=100.0, rise=0.0, line=1):
@@ -53,10 +57,18 @@ def arc(start, center, turns, feed=100.0, rise=0.0, line=1):
     start, center = np.asarray(start, float), np.asarray(center, float)
     radius = math.dist(start[:2], center)
     angle = math.atan2(start[1] - center[1], start[0] - center[0]) + 2 * math.pi * turns
-    end = np.array([center[0] + radius * math.cos(angle), center[1] + radius * math.sin(angle), start[2] + rise])
+    end = np.array(
+        [
+            center[0] + radius * math.cos(angle),
+            center[1] + radius * math.sin(angle),
+            start[2] + rise,
+        ]
+    )
     if turns == round(turns):
         end[:2] = start[:2]
-    return ArcFeed("t.nc", line, "XY", (float(center[0]), float(center[1])), end, radius, turns, feed)
+    return ArcFeed(
+        "t.nc", line, "XY", (float(center[0]), float(center[1])), end, radius, turns, feed
+    )
 
 
 def nurbs(points, weights=None, degree=3, feed=100.0, line=1):
@@ -65,7 +77,15 @@ def nurbs(points, weights=None, degree=3, feed=100.0, line=1):
     n = len(points)
     inner = np.arange(1, n - degree) / (n - degree)
     knots = np.concatenate((np.zeros(degree + 1), inner, np.ones(degree + 1)))
-    return NurbsFeed("t.nc", line, degree, knots, points, np.ones(n) if weights is None else np.asarray(weights, float), feed)
+    return NurbsFeed(
+        "t.nc",
+        line,
+        degree,
+        knots,
+        points,
+        np.ones(n) if weights is None else np.asarray(weights, float),
+        feed,
+    )
 
 
 def random_blocks(rng: np.random.Generator, count: int = 8) -> list[Block]:
@@ -94,22 +114,47 @@ def random_blocks(rng: np.random.Generator, count: int = 8) -> list[Block]:
                 left = np.array([-along[1], along[0], 0.0])
                 sense, turns = rng.choice((-1, 1)), rng.uniform(0.05, 0.9)
                 corner = here + size * along
-                bow = arc(corner, (corner + sense * radius * left)[:2], sense * turns, feed if feed == feed else 100.0, line=line)
+                bow = arc(
+                    corner,
+                    (corner + sense * radius * left)[:2],
+                    sense * turns,
+                    feed if feed == feed else 100.0,
+                    line=line,
+                )
                 out = heading + sense * turns * 2 * math.pi
                 end = bow.end + size * np.array([math.cos(out), math.sin(out), 0.0])
                 blocks += [lines(corner, feed, line), bow, lines(end, feed, line)]
                 here = end
             case 3:
                 center = here[:2] + rng.normal(0, size, 2)
-                turns = rng.choice((-1, 1)) * (rng.uniform(0.02, 1.0) if rng.random() < 0.8 else rng.integers(1, 4))
-                bow = arc(here, center, float(turns), feed if feed == feed else 50.0, rise=rng.normal(0, size), line=line)
+                turns = rng.choice((-1, 1)) * (
+                    rng.uniform(0.02, 1.0) if rng.random() < 0.8 else rng.integers(1, 4)
+                )
+                bow = arc(
+                    here,
+                    center,
+                    float(turns),
+                    feed if feed == feed else 50.0,
+                    rise=rng.normal(0, size),
+                    line=line,
+                )
                 blocks.append(bow)
                 here = bow.end
             case 4:
                 degree = int(rng.integers(2, 6))
                 n = int(rng.integers(degree + 1, degree + 9))
-                points = here + np.concatenate(([np.zeros(3)], np.cumsum(rng.normal(0, size, (n - 1, 3)), axis=0)))
-                blocks.append(nurbs(points, 10 ** rng.uniform(-1, 1, n), degree, feed if feed == feed else 80.0, line))
+                points = here + np.concatenate(
+                    ([np.zeros(3)], np.cumsum(rng.normal(0, size, (n - 1, 3)), axis=0))
+                )
+                blocks.append(
+                    nurbs(
+                        points,
+                        10 ** rng.uniform(-1, 1, n),
+                        degree,
+                        feed if feed == feed else 80.0,
+                        line,
+                    )
+                )
                 here = points[-1]
             case _:
                 blocks.append(
@@ -132,13 +177,22 @@ def sampled(chunks: list[PlanChunk], period: float):
     for chunk in chunks:
         while k * period <= chunk.t0 + chunk.duration:
             t = max(k * period - chunk.t0, 0.0)
-            i = min(int(np.searchsorted(chunk.phase_t, t, side="right")) - 1, len(chunk.phase_j) - 1)
+            i = min(
+                int(np.searchsorted(chunk.phase_t, t, side="right")) - 1, len(chunk.phase_j) - 1
+            )
             dt = t - chunk.phase_t[i]
-            s = chunk.phase_s[i] + dt * (chunk.phase_v[i] + dt * (chunk.phase_a[i] / 2 + dt * chunk.phase_j[i] / 6))
-            m = min(max(int(np.searchsorted(chunk.piece_s, s, side="right")) - 1, 0), len(chunk.path) - 1)
+            s = chunk.phase_s[i] + dt * (
+                chunk.phase_v[i] + dt * (chunk.phase_a[i] / 2 + dt * chunk.phase_j[i] / 6)
+            )
+            m = min(
+                max(int(np.searchsorted(chunk.piece_s, s, side="right")) - 1, 0),
+                len(chunk.path) - 1,
+            )
             kind, at = int(chunk.path.kind[m]), int(chunk.path.at[m])
             local = min(max(s - chunk.piece_s[m], 0.0), chunk.path.length[m])
-            curve_eval(kind, chunk.path.data, at, curve_inv_arclen(kind, chunk.path.data, at, local), q)
+            curve_eval(
+                kind, chunk.path.data, at, curve_inv_arclen(kind, chunk.path.data, at, local), q
+            )
             rows.append(q[0].copy())
             k += 1
     return np.array(rows)

@@ -1,4 +1,6 @@
-"""Random programs and the machines to run them on, by seed: moves of every kind, every path mode, limits over three decades."""
+"""Random programs and the machines to run them on, by seed: moves of every kind, every path mode,
+limits over three decades.
+"""
 
 import math
 
@@ -38,7 +40,9 @@ def random_machine(rng: np.random.Generator, period: float) -> tuple[Machine, fl
         period=period,
     )
     reach = min(0.3 * accel * min(slow), velocity * min(slow), 20.0)
-    return Machine(axes=axes, path=path, board=Board(max_step_rate=1e9)), max(reach * (1.0 if period >= 1e-3 else 0.3), 0.02)
+    return Machine(axes=axes, path=path, board=Board(max_step_rate=1e9)), max(
+        reach * (1.0 if period >= 1e-3 else 0.3), 0.02
+    )
 
 
 class Job:
@@ -59,11 +63,24 @@ class Job:
 
     def go(self, there: np.ndarray, head: str, tail: str = "") -> None:
         there = np.round(there, 4)
-        self.lines.append(" ".join((head, *(f"{axis}{value:.4f}" for axis, value in zip(AXES, there, strict=True)), tail)).strip())
+        self.lines.append(
+            " ".join(
+                (
+                    head,
+                    *(f"{axis}{value:.4f}" for axis, value in zip(AXES, there, strict=True)),
+                    tail,
+                )
+            ).strip()
+        )
         self.here = there
 
     def near(self, scale: float = 1.0) -> np.ndarray:
-        return np.round(self.here + self.rng.normal(0, self.size * scale, 3) * self.rng.choice((0.0, 1.0), 3, p=(0.2, 0.8)), 4)
+        return np.round(
+            self.here
+            + self.rng.normal(0, self.size * scale, 3)
+            * self.rng.choice((0.0, 1.0), 3, p=(0.2, 0.8)),
+            4,
+        )
 
     def rapid(self) -> None:
         self.go(self.near(), "G0")
@@ -74,7 +91,9 @@ class Job:
             self.go(self.near(scale), "G1", feed)
 
     def chain(self) -> None:
-        """Chords of a smooth curve, as CAM writes it: now straight, now turning, with a corner here and there."""
+        """Chords of a smooth curve, as CAM writes it: now straight, now turning, with a corner here
+        and there.
+        """
         count, feed = int(self.rng.integers(10, 120)), self.feed()
         chord = max(self.size * 10 ** self.rng.uniform(-2.5, -1), 2e-4)
         bend = np.cumsum(self.rng.normal(0, 10 ** self.rng.uniform(-3, -1.2), count))
@@ -84,29 +103,47 @@ class Job:
         rise = np.cumsum(self.rng.normal(0, 0.03, count)) * (self.rng.random() < 0.7)
         for angle, up in zip(turn, rise, strict=True):
             length = chord * (1.0 if self.rng.random() < 0.9 else self.rng.uniform(0.05, 2.0))
-            self.go(self.here + length * np.array([math.cos(angle), math.sin(angle), up]), "G1", feed)
+            self.go(
+                self.here + length * np.array([math.cos(angle), math.sin(angle), up]), "G1", feed
+            )
 
     def arc(self) -> None:
-        radius, angle = self.size * 10 ** self.rng.uniform(-1.5, 0), self.rng.uniform(0, 2 * math.pi)
+        radius, angle = (
+            self.size * 10 ** self.rng.uniform(-1.5, 0),
+            self.rng.uniform(0, 2 * math.pi),
+        )
         offset = np.round(radius * np.array([math.cos(angle), math.sin(angle)]), 4)
         if not offset.any():
             return
-        sweep = self.rng.choice((-1.0, 1.0)) * (self.rng.uniform(0.1, 6.1) if self.rng.random() < 0.8 else 2 * math.pi)
+        sweep = self.rng.choice((-1.0, 1.0)) * (
+            self.rng.uniform(0.1, 6.1) if self.rng.random() < 0.8 else 2 * math.pi
+        )
         cos, sin = (1.0, 0.0) if abs(sweep) > 6.2 else (math.cos(sweep), math.sin(sweep))
         there = self.here.copy()
         there[:2] += offset - [cos * offset[0] - sin * offset[1], sin * offset[0] + cos * offset[1]]
         there[2] += self.rng.normal(0, self.size) if self.rng.random() < 0.4 else 0.0
-        self.go(there, "G3" if sweep > 0 else "G2", f"I{offset[0]:.4f} J{offset[1]:.4f} {self.feed()}")
+        self.go(
+            there, "G3" if sweep > 0 else "G2", f"I{offset[0]:.4f} J{offset[1]:.4f} {self.feed()}"
+        )
 
     def tangent(self) -> None:
         """A line, an arc that goes on in its direction, and another line."""
-        heading, radius = self.rng.uniform(0, 2 * math.pi), self.size * 10 ** self.rng.uniform(-1, 0)
-        along, sense, feed = np.array([math.cos(heading), math.sin(heading), 0.0]), self.rng.choice((-1, 1)), self.feed()
+        heading, radius = (
+            self.rng.uniform(0, 2 * math.pi),
+            self.size * 10 ** self.rng.uniform(-1, 0),
+        )
+        along, sense, feed = (
+            np.array([math.cos(heading), math.sin(heading), 0.0]),
+            self.rng.choice((-1, 1)),
+            self.feed(),
+        )
         left = sense * np.array([-along[1], along[0], 0.0])
         self.go(self.here + self.size * along, "G1", feed)
         sweep = self.rng.uniform(0.2, 3.0)
         there = self.here + radius * (left * (1 - math.cos(sweep)) + along * math.sin(sweep))
-        self.go(there, "G3" if sense > 0 else "G2", f"I{radius * left[0]:.6f} J{radius * left[1]:.6f}")
+        self.go(
+            there, "G3" if sense > 0 else "G2", f"I{radius * left[0]:.6f} J{radius * left[1]:.6f}"
+        )
         self.go(self.here + self.size * (math.cos(sweep) * along + math.sin(sweep) * left), "G1")
 
     def nurbs(self) -> None:
@@ -116,13 +153,23 @@ class Job:
         if (np.unique(inner, return_counts=True)[1] > degree).any():
             return
         knots = [0.0] * (degree + 1) + inner.tolist() + [1.0] * (degree + 1)
-        self.lines.append(f"G06.2 K{degree} U0 X{self.here[0]:.4f} Y{self.here[1]:.4f} Z{self.here[2]:.4f} W1 {self.feed()}")
+        self.lines.append(
+            f"G06.2 K{degree} U0 X{self.here[0]:.4f} Y{self.here[1]:.4f} Z{self.here[2]:.4f} W1 {self.feed()}"
+        )
         for knot in knots[1:count]:
             self.go(self.near(0.5), f"U{knot:.3f}", f"W{10 ** self.rng.uniform(-0.7, 0.7):.3f}")
         self.lines += [f"U{knot:.3f}" for knot in knots[count:]]
 
     def write(self) -> str:
-        moves = (self.rapid, self.corners, self.chain, self.chain, self.arc, self.tangent, self.nurbs)
+        moves = (
+            self.rapid,
+            self.corners,
+            self.chain,
+            self.chain,
+            self.arc,
+            self.tangent,
+            self.nurbs,
+        )
         for _ in range(int(self.rng.integers(1, 7))):
             moves[int(self.rng.integers(len(moves)))]()
             if self.rng.random() < 0.2:

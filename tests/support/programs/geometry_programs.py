@@ -1,4 +1,6 @@
-"""Random programs for boards that take lines, and where they lead, by geometry alone: nothing of the project reads them here."""
+"""Random programs for boards that take lines, and where they lead, by geometry alone: nothing of
+the project reads them here.
+"""
 
 import math
 from collections.abc import Callable
@@ -33,7 +35,10 @@ class Geometry:
         return np.round(np.asarray(values) / self.unit, digits) * self.unit
 
     def words(self, letters: str, values: np.ndarray, digits: int = 5) -> str:
-        return " ".join(f"{letter}{value / self.unit:.{digits}f}" for letter, value in zip(letters, values, strict=True))
+        return " ".join(
+            f"{letter}{value / self.unit:.{digits}f}"
+            for letter, value in zip(letters, values, strict=True)
+        )
 
     def feed(self) -> str:
         return f"F{10 ** self.rng.uniform(1.5, 3.9) / self.unit:.2f}"
@@ -59,7 +64,9 @@ class Geometry:
         rows, at = [], self.at
         for _ in range(count):
             heading += bend + rough * self.rng.normal()
-            at = self.rounded(at + step * np.array([math.cos(heading), math.sin(heading), 0.1 * bend]))
+            at = self.rounded(
+                at + step * np.array([math.cos(heading), math.sin(heading), 0.1 * bend])
+            )
             rows.append(at)
         feed = self.feed()
         self.lines += [f"G1 {self.words('XYZ', row)} {feed}" for row in rows]
@@ -75,8 +82,18 @@ class Geometry:
         out = self.rounded(radius * np.array([math.cos(angle), math.sin(angle)]), digits)
         sign = float(self.rng.choice([1.0, -1.0]))
         whole = self.rng.random() < 0.25
-        sweep = math.tau if whole else float(self.rng.choice([self.rng.uniform(0.02, math.tau - 0.02), self.rng.uniform(0.002, 0.2)]))
-        climb = float(self.rng.choice([0.0, self.rng.uniform(-2, 2) * radius, self.rng.uniform(-0.5, 0.5)]))
+        sweep = (
+            math.tau
+            if whole
+            else float(
+                self.rng.choice(
+                    [self.rng.uniform(0.02, math.tau - 0.02), self.rng.uniform(0.002, 0.2)]
+                )
+            )
+        )
+        climb = float(
+            self.rng.choice([0.0, self.rng.uniform(-2, 2) * radius, self.rng.uniform(-0.5, 0.5)])
+        )
         if turns is None:
             turns = int(self.rng.choice([1, 1, 1, self.rng.integers(2, 6)]))
         start, end = self.at, self.at.copy()
@@ -84,7 +101,9 @@ class Geometry:
         if not whole:
             c, s = math.cos(sign * sweep), math.sin(sign * sweep)
             turned = np.array([c * begin[0] - s * begin[1], s * begin[0] + c * begin[1]])
-            ends = self.rounded(np.array([start[i] + out[0] + turned[0], start[j] + out[1] + turned[1]]), digits)
+            ends = self.rounded(
+                np.array([start[i] + out[0] + turned[0], start[j] + out[1] + turned[1]]), digits
+            )
             if np.linalg.norm(ends - [start[i], start[j]]) < 1e-3 * self.unit:
                 return
             end[i], end[j] = ends
@@ -122,18 +141,27 @@ class Geometry:
         if degree is None:
             degree = int(self.rng.integers(1, 6))
         count = degree + 1 + int(self.rng.integers(0, 5))
-        inner = sorted((self.rng.choice(np.arange(50, 950), count - degree - 1, replace=False) / 1000).tolist())
+        inner = sorted(
+            (self.rng.choice(np.arange(50, 950), count - degree - 1, replace=False) / 1000).tolist()
+        )
         knots = np.array([0.0] * (degree + 1) + inner + [1.0] * (degree + 1))
         reach = float(10 ** self.rng.uniform(-1.5, 1.5))
         control = [self.at]
         for _ in range(count - 1):
-            control.append(self.rounded(control[-1] + self.rng.uniform(-reach, reach, 3) * ([1.0, 1.0, 0.0] if flat else 1.0)))
+            control.append(
+                self.rounded(
+                    control[-1]
+                    + self.rng.uniform(-reach, reach, 3) * ([1.0, 1.0, 0.0] if flat else 1.0)
+                )
+            )
         weights = np.round(np.concatenate(([1.0], self.rng.uniform(0.3, 3.0, count - 2), [1.0])), 3)
         for k, (knot, point, weight) in enumerate(zip(knots, control, weights, strict=False)):
             head, tail = (f"G06.2 K{degree} ", " " + self.feed()) if k == 0 else ("", "")
             self.lines.append(f"{head}U{knot:.3f} {self.words('XYZ', point)} W{weight:.3f}{tail}")
         self.lines += [f"U{knot:.3f}" for knot in knots[count:]]
-        spline = BSpline(knots, np.column_stack((np.array(control) * weights[:, None], weights)), degree)
+        spline = BSpline(
+            knots, np.column_stack((np.array(control) * weights[:, None], weights)), degree
+        )
         borders = np.unique(knots)
         between = [np.linspace(a, b, 1 if degree == 1 else 400) for a, b in pairwise(borders)]
         parts = np.unique(np.concatenate([*between, borders]))
@@ -141,16 +169,31 @@ class Geometry:
         self.points.append((rows[:, :3] / rows[:, 3:])[1:])
 
     def drill(self) -> None:
-        """G81 with G98: over the hole, down to R by a traverse, to the bottom, back to where Z was."""
+        """G81 with G98: over the hole, down to R by a traverse, to the bottom, back to where Z
+        was.
+        """
         x, y, z = self.at
         over = self.rounded(np.array([x, y]) + self.rng.uniform(-5, 5, 2))
-        level, bottom = self.rounded(np.array([z - self.rng.uniform(0.1, 1)]))[0], self.rounded(np.array([z - self.rng.uniform(1.2, 4)]))[0]
-        self.lines.append(f"G17 G98 G81 {self.words('XYZR', np.array([*over, bottom, level]))} {self.feed()}")
+        level, bottom = (
+            self.rounded(np.array([z - self.rng.uniform(0.1, 1)]))[0],
+            self.rounded(np.array([z - self.rng.uniform(1.2, 4)]))[0],
+        )
+        self.lines.append(
+            f"G17 G98 G81 {self.words('XYZR', np.array([*over, bottom, level]))} {self.feed()}"
+        )
         self.lines.append("G80")
-        self.points.append(np.array([[*over, z], [*over, level], [*over, bottom], [*over, level], [*over, z]]))
+        self.points.append(
+            np.array([[*over, z], [*over, level], [*over, bottom], [*over, level], [*over, z]])
+        )
 
     def between(self) -> None:
-        self.lines.append(str(self.rng.choice(["G4 P0.01", "M3 S1000", "(MSG, on)", "M8", "G61", "G61.1", "G64 P0.02"])))
+        self.lines.append(
+            str(
+                self.rng.choice(
+                    ["G4 P0.01", "M3 S1000", "(MSG, on)", "M8", "G61", "G61.1", "G64 P0.02"]
+                )
+            )
+        )
 
 
 KINDS: list[Callable[[Geometry], None]] = [
@@ -163,7 +206,10 @@ def geometry(seed: int) -> Geometry:
     rng = np.random.default_rng(seed)
     made = Geometry(rng, INCH if rng.random() < 0.25 else 1.0)
     made.points.append(np.zeros((1, 3)))
-    made.lines += [f"{'G20' if made.unit == INCH else 'G21'} G90 G94 G17", str(rng.choice(["G61", "G61.1", "G64", "G64 P0.01"]))]
+    made.lines += [
+        f"{'G20' if made.unit == INCH else 'G21'} G90 G94 G17",
+        str(rng.choice(["G61", "G61.1", "G64", "G64 P0.01"])),
+    ]
     first = made.rounded(rng.uniform(-50, 50, 3))
     made.lines.append(f"G0 {made.words('XYZ', first)}")
     made.points.append(np.array([first]))

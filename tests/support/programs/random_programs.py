@@ -4,7 +4,11 @@ import math
 
 import numpy as np
 
-PLANES = {"G17": ("X", "Y", "I", "J", "Z"), "G18": ("Z", "X", "K", "I", "Y"), "G19": ("Y", "Z", "J", "K", "X")}
+PLANES = {
+    "G17": ("X", "Y", "I", "J", "Z"),
+    "G18": ("Z", "X", "K", "I", "Y"),
+    "G19": ("Y", "Z", "J", "K", "X"),
+}
 BOX = {"X": (5.0, 60.0), "Y": (5.0, 60.0), "Z": (-30.0, 0.0)}
 
 
@@ -43,12 +47,16 @@ class Writer:
         self.go(there)
 
     def arc(self) -> None:
-        """By its centre and the angle it sweeps; the end, rounded to four digits, is off the circle by less than the slack."""
+        """By its centre and the angle it sweeps; the end, rounded to four digits, is off the circle
+        by less than the slack.
+        """
         code = str(self.rng.choice(list(PLANES)))
         first, second, i, j, across = PLANES[code]
         radius, angle = float(self.rng.uniform(0.3, 6.0)), float(self.rng.uniform(0, 2 * math.pi))
         offset = round(radius * math.cos(angle), 4), round(radius * math.sin(angle), 4)
-        sweep = float(self.rng.choice([1.0, -1.0])) * float(self.rng.uniform(0.3, 2 * math.pi - 0.3))
+        sweep = float(self.rng.choice([1.0, -1.0])) * float(
+            self.rng.uniform(0.3, 2 * math.pi - 0.3)
+        )
         cos, sin = math.cos(sweep), math.sin(sweep)
         there = {
             first: round(self.at[first] + offset[0] - (cos * offset[0] - sin * offset[1]), 4),
@@ -57,13 +65,17 @@ class Writer:
         if self.rng.random() < 0.4:
             there[across] = self.target(2.0)[across]
         words = " ".join(word(axis, value) for axis, value in there.items())
-        self.lines.append(f"{code} {'G3' if sweep > 0 else 'G2'} {words} {word(i, offset[0])} {word(j, offset[1])} {self.feed()}")
+        self.lines.append(
+            f"{code} {'G3' if sweep > 0 else 'G2'} {words} {word(i, offset[0])} {word(j, offset[1])} {self.feed()}"
+        )
         self.go(there)
 
     def nurbs(self) -> None:
         degree = int(self.rng.integers(1, 5))
         count = degree + 1 + int(self.rng.integers(0, 4))
-        inner = sorted((self.rng.choice(np.arange(50, 950), count - degree - 1, replace=False) / 1000).tolist())
+        inner = sorted(
+            (self.rng.choice(np.arange(50, 950), count - degree - 1, replace=False) / 1000).tolist()
+        )
         knots = [0.0] * (degree + 1) + inner + [1.0] * (degree + 1)
         points = [dict(self.at)]
         for _ in range(count - 1):

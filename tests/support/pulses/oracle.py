@@ -1,4 +1,6 @@
-"""Paths evaluated another way: closed formulas and scipy's splines on the canonical blocks, with none of the package's kernels."""
+"""Paths evaluated another way: closed formulas and scipy's splines on the canonical blocks, with
+none of the package's kernels.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,11 @@ def _arc(p: Floats, block: ArcFeed) -> Segment:
     rise = np.linalg.norm((block.end - p)[2:3])
 
     def speed(w: float) -> float:
-        return float(np.sqrt((2 * np.pi * block.turns * (r0 + (r1 - r0) * w)) ** 2 + (r1 - r0) ** 2 + rise**2))
+        return float(
+            np.sqrt(
+                (2 * np.pi * block.turns * (r0 + (r1 - r0) * w)) ** 2 + (r1 - r0) ** 2 + rise**2
+            )
+        )
 
     if abs(r1 - r0) < 1e-9:
         return Segment(q, lambda w: w * speed(0.5))
@@ -56,7 +62,9 @@ def _arc(p: Floats, block: ArcFeed) -> Segment:
 def _spans(block: NurbsFeed) -> list[Segment]:
     """One a knot span, by scipy in homogeneous coordinates."""
     weights = block.weights[:, None]
-    spline = BSpline(block.knots, np.hstack((block.control_points * weights, weights)), block.degree)
+    spline = BSpline(
+        block.knots, np.hstack((block.control_points * weights, weights)), block.degree
+    )
     slope = spline.derivative()
 
     def speed(u: float) -> float:
@@ -116,9 +124,13 @@ def _roots(f: Callable[[Floats], Floats], a: float, b: float) -> float:
     return 0.5 * (a + b)
 
 
-def crossings(segments: Sequence[Segment], steps_per_mm: Floats, grid: NDArray[np.int64], dense: int) -> list[Crossing]:
-    """Every crossing of a half-grid line, from ``dense`` points a segment and bisection between; excursions that turn back between two
-    points by less than their curvature can show are missed, so paths are to be chosen with that in mind."""
+def crossings(
+    segments: Sequence[Segment], steps_per_mm: Floats, grid: NDArray[np.int64], dense: int
+) -> list[Crossing]:
+    """Every crossing of a half-grid line, from ``dense`` points a segment and bisection between;
+    excursions that turn back between two points by less than their curvature can show are missed,
+    so paths are to be chosen with that in mind.
+    """
     g = grid.copy()
     found: list[Crossing] = []
     for number, segment in enumerate(segments):
@@ -132,7 +144,13 @@ def crossings(segments: Sequence[Segment], steps_per_mm: Floats, grid: NDArray[n
                     line = g[axis] + 0.5 * sign
                     where = w[i]
                     if (p[i, axis] - line) * sign < 0:
-                        where = _roots(lambda x, s=segment, n=axis, h=line: s.q(x)[..., n] * steps_per_mm[n] - h, w[i], w[i + 1])
+                        where = _roots(
+                            lambda x, s=segment, n=axis, h=line: (
+                                s.q(x)[..., n] * steps_per_mm[n] - h
+                            ),
+                            w[i],
+                            w[i + 1],
+                        )
                     found.append(Crossing(number + where, axis, sign))
                     g[axis] += sign
     found.sort(key=lambda c: c.place)

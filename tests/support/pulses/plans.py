@@ -1,4 +1,6 @@
-"""Paths and plans for the tests of the interpolators, made without the planner: any legal phases over the pieces of a path."""
+"""Paths and plans for the tests of the interpolators, made without the planner: any legal phases
+over the pieces of a path.
+"""
 
 from __future__ import annotations
 
@@ -22,10 +24,14 @@ NAMES = ("x", "y", "z", "a", "b", "c", "u", "v", "w")
 def polyline(points: ArrayLike, line: int = 1) -> Polyline:
     """Straight moves at 10 mm/s."""
     p = np.atleast_2d(np.asarray(points, dtype=np.float64))
-    return Polyline(FILE, line, p, np.full(len(p), 10.0), np.arange(line, line + len(p), dtype=np.int32))
+    return Polyline(
+        FILE, line, p, np.full(len(p), 10.0), np.arange(line, line + len(p), dtype=np.int32)
+    )
 
 
-def path_of(blocks: Sequence[Block], start: ArrayLike, axes: Sequence[str] | None = None) -> PathChunk:
+def path_of(
+    blocks: Sequence[Block], start: ArrayLike, axes: Sequence[str] | None = None
+) -> PathChunk:
     """The blocks as one stretch of path."""
     origin = np.asarray(start, dtype=np.float64)
     names = tuple(axes) if axes is not None else NAMES[: len(origin)]
@@ -34,7 +40,9 @@ def path_of(blocks: Sequence[Block], start: ArrayLike, axes: Sequence[str] | Non
     return chunks[0]
 
 
-def arc(start: ArrayLike, center: tuple[float, float], turns: float, *, rise: float = 0.0, line: int = 1) -> ArcFeed:
+def arc(
+    start: ArrayLike, center: tuple[float, float], turns: float, *, rise: float = 0.0, line: int = 1
+) -> ArcFeed:
     """In the XY plane, from start by ``turns``; the third axis rises on the way."""
     p = np.asarray(start, dtype=np.float64)
     d = p[:2] - center
@@ -48,7 +56,9 @@ def arc(start: ArrayLike, center: tuple[float, float], turns: float, *, rise: fl
 
 def trident(line: int = 1) -> NurbsFeed:
     """The curve of the paper on sampled interpolation, as printed."""
-    points = np.array([[10, 10], [20, 10], [12, 8], [10, 20], [8, 8], [0, 20], [10, 0]], dtype=np.float64)
+    points = np.array(
+        [[10, 10], [20, 10], [12, 8], [10, 20], [8, 8], [0, 20], [10, 0]], dtype=np.float64
+    )
     knots = np.array([0, 0, 0, 0, 0.25, 0.5, 0.75, 1, 1, 1, 1])
     return NurbsFeed(FILE, line, 3, knots, points, np.ones(7), 300.0)
 
@@ -73,10 +83,13 @@ def rest_to_rest(length: float, v: float, a: float, j: float) -> list[tuple[floa
 
 def plan_of(path: PathChunk, phases: Sequence[tuple[float, float]] | None = None, *, t0: float = 0.0, s0: float = 0.0,
             v: float = 50.0, a: float = 1000.0, j: float = 20000.0) -> PlanChunk:  # fmt: skip
-    """``phases`` as (duration, jerk) from rest over the whole path; rest to rest within v, a, j where none are given. The last one
-    ends exactly at the path's end."""
+    """``phases`` as (duration, jerk) from rest over the whole path; rest to rest within v, a, j
+    where none are given. The last one ends exactly at the path's end.
+    """
     piece_s = np.concatenate(([0.0], np.cumsum(path.length)))
-    todo = [(t, jerk) for t, jerk in (phases or rest_to_rest(float(piece_s[-1]), v, a, j)) if t > 0.0]
+    todo = [
+        (t, jerk) for t, jerk in (phases or rest_to_rest(float(piece_s[-1]), v, a, j)) if t > 0.0
+    ]
     rows = [(0.0, 0.0, 0.0, 0.0)]
     for index, (dt, jerk) in enumerate(todo):
         t, s, speed, acc = rows[-1]
@@ -86,7 +99,14 @@ def plan_of(path: PathChunk, phases: Sequence[tuple[float, float]] | None = None
         ))  # fmt: skip
     table = np.array(rows)
     table[-1, 1:] = piece_s[-1], 0.0, 0.0
-    return PlanChunk(path, piece_s, t0, s0, *(np.ascontiguousarray(c) for c in table.T), np.array([jerk for _, jerk in todo]))
+    return PlanChunk(
+        path,
+        piece_s,
+        t0,
+        s0,
+        *(np.ascontiguousarray(c) for c in table.T),
+        np.array([jerk for _, jerk in todo]),
+    )
 
 
 def at_constant_speed(path: PathChunk, v: float) -> PlanChunk:
@@ -101,16 +121,31 @@ def state_at(plan: PlanChunk, t: NDArray[np.float64]) -> NDArray[np.float64]:
     k = np.clip(np.searchsorted(plan.phase_t, t, side="right") - 1, 0, len(plan.phase_j) - 1)
     dt = t - plan.phase_t[k]
     v, a, j = plan.phase_v[k], plan.phase_a[k], plan.phase_j[k]
-    return np.stack((plan.phase_s[k] + dt * (v + dt * (a / 2 + dt * j / 6)), v + dt * (a + dt * j / 2), a + dt * j))
+    return np.stack(
+        (
+            plan.phase_s[k] + dt * (v + dt * (a / 2 + dt * j / 6)),
+            v + dt * (a + dt * j / 2),
+            a + dt * j,
+        )
+    )
 
 
 def at_rest(
-    path: PathChunk, s0: float, scale: NDArray[np.float64], grid: NDArray[np.int64], step: NDArray[np.int8], reach: NDArray[np.float64]
+    path: PathChunk,
+    s0: float,
+    scale: NDArray[np.float64],
+    grid: NDArray[np.int64],
+    step: NDArray[np.int8],
+    reach: NDArray[np.float64],
 ) -> tuple[int, float]:
-    """The rows that round the grid point to the path's end, whose last piece begins at s0: into step and reach. Their number and error."""
+    """The rows that round the grid point to the path's end, whose last piece begins at s0: into
+    step and reach. Their number and error.
+    """
     kind, at = int(path.kind[-1]), int(path.at[-1])
     _, u1 = curve_range(kind, path.data, at)
-    rows, _, error, _ = round_to(kind, path.data, at, u1, u1, s0, scale, grid, np.empty((4, len(grid))), 0.0, 0, step, reach)
+    rows, _, error, _ = round_to(
+        kind, path.data, at, u1, u1, s0, scale, grid, np.empty((4, len(grid))), 0.0, 0, step, reach
+    )
     return rows, float(error)
 
 
@@ -122,7 +157,9 @@ def pieces(path: PathChunk, first: int, last: int) -> PathChunk:
 
 
 def cut(plan: PlanChunk, times: Sequence[float]) -> list[PlanChunk]:
-    """The same motion in several chunks, cut at ``times`` from its start: inside phases and pieces as it comes."""
+    """The same motion in several chunks, cut at ``times`` from its start: inside phases and pieces
+    as it comes.
+    """
     ends = sorted({0.0, *(float(t) for t in times if 0.0 < t < plan.duration), plan.duration})
     chunks = []
     for begin, end in itertools.pairwise(ends):
@@ -133,8 +170,14 @@ def cut(plan: PlanChunk, times: Sequence[float]) -> list[PlanChunk]:
         a[:-1] = plan.phase_a[k] + (t[:-1] - plan.phase_t[k]) * plan.phase_j[k]
         if end == plan.duration:
             s[-1], v[-1], a[-1] = plan.phase_s[-1], plan.phase_v[-1], plan.phase_a[-1]
-        first = int(np.clip(np.searchsorted(plan.piece_s, s[0], side="right") - 1, 0, len(plan.path) - 1))
-        last = int(np.clip(np.searchsorted(plan.piece_s, s[-1], side="left") - 1, first, len(plan.path) - 1))
+        first = int(
+            np.clip(np.searchsorted(plan.piece_s, s[0], side="right") - 1, 0, len(plan.path) - 1)
+        )
+        last = int(
+            np.clip(
+                np.searchsorted(plan.piece_s, s[-1], side="left") - 1, first, len(plan.path) - 1
+            )
+        )
         base = plan.piece_s[first]
         chunks.append(
             PlanChunk(pieces(plan.path, first, last), plan.piece_s[first : last + 2] - base, plan.t0 + begin, plan.s0 + base,

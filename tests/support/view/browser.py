@@ -1,4 +1,6 @@
-"""Debian's Chromium without a window, by the Chrome DevTools Protocol over a pair of pipes: JSON with a NUL behind each message."""
+"""Debian's Chromium without a window, by the Chrome DevTools Protocol over a pair of pipes: JSON
+with a NUL behind each message.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +33,20 @@ class Browser:
 
     def __init__(self, width: int = 1280, height: int = 800) -> None:
         self.events: list[tuple[str, dict[str, Any]]] = []
-        self._folder = tempfile.TemporaryDirectory(prefix="cnc-browser-", ignore_cleanup_errors=True)
+        self._folder = tempfile.TemporaryDirectory(
+            prefix="cnc-browser-", ignore_cleanup_errors=True
+        )
         to_browser, self._write = os.pipe()
         self._read, from_browser = os.pipe()
         # The browser reads its file 3 and writes its file 4; a shell puts the pipes there.
         shell = f'exec "$@" 3<&{to_browser} 4>&{from_browser}'
-        command = [FOUND or "chromium", *FLAGS, f"--window-size={width},{height}", f"--user-data-dir={self._folder.name}", "about:blank"]
+        command = [
+            FOUND or "chromium",
+            *FLAGS,
+            f"--window-size={width},{height}",
+            f"--user-data-dir={self._folder.name}",
+            "about:blank",
+        ]
         self._process = subprocess.Popen(
             ["/bin/bash", "-c", shell, "chromium", *command],
             pass_fds=(to_browser, from_browser),
@@ -50,8 +60,12 @@ class Browser:
         self._buffer = b""
         self._number = 0
         self._session: str | None = None
-        page = next(each for each in self.call("Target.getTargets")["targetInfos"] if each["type"] == "page")
-        self._session = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)["sessionId"]
+        page = next(
+            each for each in self.call("Target.getTargets")["targetInfos"] if each["type"] == "page"
+        )
+        self._session = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)[
+            "sessionId"
+        ]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.call(f"{domain}.enable")
 
@@ -102,9 +116,15 @@ class Browser:
 
     def evaluate(self, expression: str) -> Any:
         """The value of a JavaScript expression, a promise's when it is kept."""
-        result = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
+        result = self.call(
+            "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
+        )
         if "exceptionDetails" in result:
-            raise RuntimeError(result["exceptionDetails"].get("exception", {}).get("description", result["exceptionDetails"]["text"]))
+            raise RuntimeError(
+                result["exceptionDetails"]
+                .get("exception", {})
+                .get("description", result["exceptionDetails"]["text"])
+            )
         return result["result"].get("value")
 
     def open(self, page: Path, ready: str = READY) -> Any:
@@ -125,7 +145,10 @@ class Browser:
 
     def dark(self, on: bool) -> None:
         """What the user prefers."""
-        self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark" if on else "light"}])
+        self.call(
+            "Emulation.setEmulatedMedia",
+            features=[{"name": "prefers-color-scheme", "value": "dark" if on else "light"}],
+        )
 
     def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
         """A mouse event: mouseMoved, mousePressed, mouseReleased, mouseWheel."""
@@ -139,7 +162,9 @@ class Browser:
 
     def screenshot(self, file: Path) -> None:
         """What is in sight, as PNG."""
-        file.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
+        file.write_bytes(
+            base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+        )
 
     @property
     def complaints(self) -> list[str]:

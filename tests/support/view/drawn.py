@@ -21,7 +21,9 @@ PERIOD = 0.0013
 
 @dataclass(frozen=True)
 class Drawn:
-    """A picture, and the plan every PERIOD: time, position, feed, acceleration, jerk, source line, and whether a traverse is under way."""
+    """A picture, and the plan every PERIOD: time, position, feed, acceleration, jerk, source line,
+    and whether a traverse is under way.
+    """
 
     picture: Picture
     t: NDArray[np.float64]
@@ -44,7 +46,10 @@ def drawn(program: Path, machine_name: str = "default", sizes: Sizes = EVERYTHIN
             clock += item.seconds
     samples += sampler.finish(clock)
     t = np.concatenate([chunk.first + np.arange(len(chunk.s)) for chunk in samples]) * PERIOD
-    columns = [np.concatenate([getattr(chunk, name) for chunk in samples]) for name in ("position", "feed", "accel", "jerk", "line")]
+    columns = [
+        np.concatenate([getattr(chunk, name) for chunk in samples])
+        for name in ("position", "feed", "accel", "jerk", "line")
+    ]
     inside = t <= clock
     return Drawn(
         collector.picture(), t[inside], columns[0][inside, :3], np.stack(columns[1:4])[:, inside], columns[4][inside]

@@ -1,4 +1,6 @@
-"""``python -m cnc.boards.grbl.simulator``: a GRBL board behind a pseudo-terminal, until it is interrupted or unplugged."""
+"""``python -m cnc.boards.grbl.simulator``: a GRBL board behind a pseudo-terminal, until it is
+interrupted or unplugged.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +33,29 @@ def fault(text: str) -> Appointment:
 
 def main(arguments: list[str] | None = None) -> int:
     """Serve; the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m cnc.boards.grbl.simulator", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m cnc.boards.grbl.simulator", description=__doc__
+    )
     parser.add_argument("--flavour", choices=FLAVOURS, default="grbl", help="which firmware")
-    parser.add_argument("--factor", type=float, default=1.0, help="how much faster than the wall its clock runs")
-    parser.add_argument("--setting", type=setting, action="append", default=[], metavar="N=VALUE", help="a $ setting, any number of them")
-    parser.add_argument("--fault", type=fault, action="append", default=[], metavar="KIND[:N][@byte|line|time:N]", help="what goes wrong")
+    parser.add_argument(
+        "--factor", type=float, default=1.0, help="how much faster than the wall its clock runs"
+    )
+    parser.add_argument(
+        "--setting",
+        type=setting,
+        action="append",
+        default=[],
+        metavar="N=VALUE",
+        help="a $ setting, any number of them",
+    )
+    parser.add_argument(
+        "--fault",
+        type=fault,
+        action="append",
+        default=[],
+        metavar="KIND[:N][@byte|line|time:N]",
+        help="what goes wrong",
+    )
     chosen = parser.parse_args(arguments)
     if not chosen.factor > 0.0:
         parser.error("--factor must be greater than 0")
@@ -47,7 +67,9 @@ def main(arguments: list[str] | None = None) -> int:
     with PtyServer(box, chosen.factor) as server:
         changed = ", ".join(setting_text(number, value) for number, value in chosen.setting)
         sys.stdout.write(f"{server.name}\n")
-        sys.stderr.write(f"a {chosen.flavour} board at {server.name}{f' with {changed}' if changed else ''}; end it with Ctrl-C\n")
+        sys.stderr.write(
+            f"a {chosen.flavour} board at {server.name}{f' with {changed}' if changed else ''}; end it with Ctrl-C\n"
+        )
         sys.stdout.flush()
         try:
             server.wait()

@@ -1,4 +1,5 @@
-"""Arcs become chords whose middle is no further from the circle than ``$12`` (settings.md, ``$12``).
+"""Arcs become chords whose middle is no further from the circle than ``$12`` (settings.md,
+``$12``).
 
 sagitta e of a chord over the angle 2b on radius r:   e = r (1 - cos b)   =>   chord^2 = 4 (2 r e - e^2)
 """
@@ -15,7 +16,12 @@ SAME_ANGLE = 5e-7
 
 
 def chords(
-    start: Point, end: Point, center: tuple[float, float], plane: tuple[int, int, int], clockwise: bool, tolerance: float
+    start: Point,
+    end: Point,
+    center: tuple[float, float],
+    plane: tuple[int, int, int],
+    clockwise: bool,
+    tolerance: float,
 ) -> list[Point]:
     """Ends of the chords of an arc or helix; ``center`` is relative to the start, in the plane."""
     first, second, normal = plane

@@ -1,4 +1,6 @@
-"""``--board grbl-sim``: the GRBL driver on the board in the box, in virtual time, as fast as it computes."""
+"""``--board grbl-sim``: the GRBL driver on the board in the box, in virtual time, as fast as it
+computes.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,10 @@
 """The board: its parts, and the one clock that moves them.
 
-Nothing happens by itself: :meth:`GrblBox.advance` goes from event to event in the order of time, each the earliest of
+Nothing happens by itself: :meth:`GrblBox.advance` goes from event to event in the order of time,
+each the earliest of
 
-    a byte is off the wire | the processor is free | a wait is over | a block ends | a timer | a fault
+    a byte is off the wire | the processor is free | a wait is over | a block ends | a timer | a
+    fault
 
 so a run depends on nothing but the bytes, their moments, and the faults asked for.
 """
@@ -17,7 +19,18 @@ from numpy.typing import NDArray
 
 from cnc.boards.grbl.simulator import realtime
 from cnc.boards.grbl.simulator.core import BUSY, CRITICAL, Abandon, Abort, Core, Event, Wait
-from cnc.boards.grbl.simulator.faults import Alarm, Corrupt, Drop, Duplicate, Error, Fault, Freeze, Garbler, Swallow, Unplug
+from cnc.boards.grbl.simulator.faults import (
+    Alarm,
+    Corrupt,
+    Drop,
+    Duplicate,
+    Error,
+    Fault,
+    Freeze,
+    Garbler,
+    Swallow,
+    Unplug,
+)
 from cnc.boards.grbl.simulator.firmware import Firmware
 from cnc.boards.grbl.simulator.firmware_profile import GRBL, Flavour
 from cnc.boards.grbl.simulator.planner import Move, Point
@@ -25,10 +38,14 @@ from cnc.boards.grbl.simulator.workpiece import World
 
 BAUD = 115200
 BOOT_TIME = 1.5
-"""Seconds from a reset by DTR to the welcome: the Arduino's boot loader waits for a new program first."""
+"""Seconds from a reset by DTR to the welcome: the Arduino's boot loader waits for a new program
+first.
+"""
 PROBE_ALARMS = (4, 5)
 WITHOUT_RESET = (*CRITICAL, *PROBE_ALARMS)
-"""Alarms that do not come with a reset of the firmware: those that wait for one, and the probe's."""
+"""Alarms that do not come with a reset of the firmware: those that wait for one, and the
+probe's.
+"""
 
 
 @dataclass(slots=True)
@@ -42,18 +59,29 @@ class Due:
 
 
 class GrblBox:
-    """A GRBL board, not yet switched on. ``settings``: ``$`` settings that differ from a fresh board's. ``world``: what is around it."""
+    """A GRBL board, not yet switched on. ``settings``: ``$`` settings that differ from a fresh
+    board's. ``world``: what is around it.
+    """
 
     def __init__(
-        self, flavour: Flavour = GRBL, *, baud: float = BAUD, settings: dict[int, float] | None = None, world: World | None = None
+        self,
+        flavour: Flavour = GRBL,
+        *,
+        baud: float = BAUD,
+        settings: dict[int, float] | None = None,
+        world: World | None = None,
     ) -> None:
         memory = flavour.settings | (settings or {})
-        self.core = Core(flavour, baud, world or World.of_travels(memory[130], memory[131], memory[132]))
+        self.core = Core(
+            flavour, baud, world or World.of_travels(memory[130], memory[131], memory[132])
+        )
         self.core.eeprom.settings.update(memory)
         self.firmware = Firmware(self.core)
         self.plugged = True
         self.dtr = False
-        """Whether the host's DTR line is up. Its rise resets the processor, through a capacitor, as on every Arduino."""
+        """Whether the host's DTR line is up. Its rise resets the processor, through a capacitor, as
+        on every Arduino.
+        """
         self._garbler = Garbler()
         self._due: list[Due] = []
         self._program = self.firmware.run()
@@ -85,13 +113,17 @@ class GrblBox:
         return self.core.events
 
     def trail(self) -> NDArray[np.float64]:
-        """Every corner of the way that was moved, (n, 3) mm: what lies between two rows is straight."""
+        """Every corner of the way that was moved, (n, 3) mm: what lies between two rows is
+        straight.
+        """
         corners = [corner for move in self.moves for corner in (move.start, move.reached)]
         return np.array(corners or [self.position])
 
     @property
     def lost(self) -> int:
-        """Bytes that reached the board and were lost there: to a full ring or to an EEPROM write."""
+        """Bytes that reached the board and were lost there: to a full ring or to an EEPROM
+        write.
+        """
         return self.core.receiver.lost
 
     @property
@@ -100,17 +132,23 @@ class GrblBox:
         return self.core.receiver.fullest
 
     def raise_dtr(self, delay: float = BOOT_TIME) -> None:
-        """A host raises DTR, as every system does when it opens a port: a reset, unless the line was left up."""
+        """A host raises DTR, as every system does when it opens a port: a reset, unless the line
+        was left up.
+        """
         if not (self.dtr and self.plugged):
             self.power_up(delay)
         self.dtr = True
 
     def drop_dtr(self) -> None:
-        """The host drops DTR, as closing a port does unless HUPCL is off. The board does not notice."""
+        """The host drops DTR, as closing a port does unless HUPCL is off. The board does not
+        notice.
+        """
         self.dtr = False
 
     def power_up(self, delay: float = BOOT_TIME) -> None:
-        """A reset: motion stops dead, position, offset (G92) and state are lost, memory stays; bytes sent in ``delay`` s are lost."""
+        """A reset: motion stops dead, position, offset (G92) and state are lost, memory stays;
+        bytes sent in ``delay`` s are lost.
+        """
         core = self.core
         if core.steppers.running:
             core.note("reset", "power")
@@ -138,14 +176,31 @@ class GrblBox:
         """What the host can read now."""
         return self.core.transmitter.collect(self.core.now)
 
-    def inject(self, fault: Fault, *, byte: int | None = None, line: int | None = None, time: float | None = None) -> None:
-        """Let something go wrong: now, or at the byte or line that is the box's number ``byte`` or ``line`` (from 1), or at a time."""
-        when = -math.inf if byte is None and line is None and time is None else math.inf if time is None else time
+    def inject(
+        self,
+        fault: Fault,
+        *,
+        byte: int | None = None,
+        line: int | None = None,
+        time: float | None = None,
+    ) -> None:
+        """Let something go wrong: now, or at the byte or line that is the box's number ``byte`` or
+        ``line`` (from 1), or at a time.
+        """
+        when = (
+            -math.inf
+            if byte is None and line is None and time is None
+            else math.inf
+            if time is None
+            else time
+        )
         self._due.append(Due(fault, byte, line, when))
         self._strike()
 
     def advance(self, until: float, *, answer: bool = False) -> None:
-        """Let time pass to ``until``; with ``answer``, no further than to when the host can read something, or finds the cable gone."""
+        """Let time pass to ``until``; with ``answer``, no further than to when the host can read
+        something, or finds the cable gone.
+        """
         core = self.core
         while True:
             self._run_program()
@@ -173,7 +228,11 @@ class GrblBox:
         core = self.core
         if core.now < core.cpu_free:
             return core.cpu_free
-        return self._wait.until if self._wait.serves and not core.suspended and self._wait.until > core.now else math.inf
+        return (
+            self._wait.until
+            if self._wait.serves and not core.suspended and self._wait.until > core.now
+            else math.inf
+        )
 
     def _receive(self, until: float) -> None:
         """Bytes off the wire, as long as none of them makes something happen before ``until``."""
@@ -186,7 +245,12 @@ class GrblBox:
                 if realtime.is_realtime(byte):
                     realtime.receive(core, byte)
                     until = -math.inf
-                elif firmware.reading and not receiver.ring and not firmware.complete and not core.suspended:
+                elif (
+                    firmware.reading
+                    and not receiver.ring
+                    and not firmware.complete
+                    and not core.suspended
+                ):
                     # The program waits for bytes: they go through the ring without staying in it.
                     receiver.fullest = max(receiver.fullest, 1)
                     if firmware.buffer.feed(byte):
@@ -258,5 +322,8 @@ class GrblBox:
                 core.stop_dead()
                 core.sync_position()
                 core.abandoned = core.answering and code in PROBE_ALARMS
-                core.flags.reset = core.flags.reset or code not in (*WITHOUT_RESET, core.flavour.estop_alarm)
+                core.flags.reset = core.flags.reset or code not in (
+                    *WITHOUT_RESET,
+                    core.flavour.estop_alarm,
+                )
                 core.alarm(code)

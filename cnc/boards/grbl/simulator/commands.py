@@ -1,4 +1,6 @@
-"""``$`` commands (commands.md): settings, reports, jogs, homing, check mode, sleep. Each returns an error code, 0 for ok."""
+"""``$`` commands (commands.md): settings, reports, jogs, homing, check mode, sleep. Each returns an
+error code, 0 for ok.
+"""
 
 from __future__ import annotations
 
@@ -129,7 +131,12 @@ def _set(core: Core, body: str) -> Answer:
         return 2
     flavour = core.flavour
     try:
-        written = core.eeprom.set(int(float(number.group())), float(value.group()), flavour.max_step_rate_hz, flavour.variable_spindle)
+        written = core.eeprom.set(
+            int(float(number.group())),
+            float(value.group()),
+            flavour.max_step_rate_hz,
+            flavour.variable_spindle,
+        )
     except Refused as refused:
         return refused.code
     yield from write_eeprom(core, lambda: written)
@@ -173,7 +180,9 @@ def run_startup_lines(core: Core) -> Answer:
 
 
 def _jog(core: Core, body: str) -> Answer:
-    """``$J=``: a motion that leaves the parser's modes alone (jogging.md). Errors 8, 15, 16, 22 and those of its words."""
+    """``$J=``: a motion that leaves the parser's modes alone (jogging.md). Errors 8, 15, 16, 22 and
+    those of its words.
+    """
     if core.state not in ("Idle", "Jog"):
         return 8
     if not body.startswith("="):

@@ -1,4 +1,6 @@
-"""What the parts of the box share: memory, rings, planner, steppers, the state of the machine, and the record of what it did."""
+"""What the parts of the box share: memory, rings, planner, steppers, the state of the machine, and
+the record of what it did.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ def _always() -> bool:
 class Wait:
     """What the main program waits for: a condition, or a moment if that comes first.
 
-    serves: real-time commands are carried out meanwhile, and neither a hold nor a lock lets it go on.
+    serves: real-time commands are carried out meanwhile, and neither a hold nor a lock lets it go
+    on.
     """
 
     condition: Callable[[], bool] = _always
@@ -46,12 +49,16 @@ Program = Generator[Wait, None, None]
 
 
 class Abandon(Exception):
-    """An alarm that ends the line in hand, and nothing else: thrown into the main program where it waits."""
+    """An alarm that ends the line in hand, and nothing else: thrown into the main program where it
+    waits.
+    """
 
 
 @dataclass(slots=True)
 class Flags:
-    """Real-time commands that wait to be carried out: the same one twice is once (commands.md, "Realtime commands")."""
+    """Real-time commands that wait to be carried out: the same one twice is once (commands.md,
+    "Realtime commands").
+    """
 
     status: bool = False
     start: bool = False
@@ -66,7 +73,9 @@ class Flags:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something the board did that is no motion: spindle, coolant, dwell, alarm, reset, error, line, hold, resume, pause, end, eeprom."""
+    """Something the board did that is no motion: spindle, coolant, dwell, alarm, reset, error,
+    line, hold, resume, pause, end, eeprom.
+    """
 
     time: float
     kind: str
@@ -134,7 +143,12 @@ class Core:
     @property
     def place(self) -> Place:
         """Where the parser stands."""
-        return Place(self.parsed, self.eeprom.systems | {"G92": self.shift}, self.tool_length, self.flavour.mist)
+        return Place(
+            self.parsed,
+            self.eeprom.systems | {"G92": self.shift},
+            self.tool_length,
+            self.flavour.mist,
+        )
 
     @property
     def offset(self) -> Point:
@@ -144,7 +158,11 @@ class Core:
     @property
     def suspended(self) -> bool:
         """Whether the main program is kept from going on."""
-        return self.locked or self.jog_cancelling or (self.state in ("Hold", "Door", "Sleep") and not self.soft_limit_stop)
+        return (
+            self.locked
+            or self.jog_cancelling
+            or (self.state in ("Hold", "Door", "Sleep") and not self.soft_limit_stop)
+        )
 
     def note(self, kind: str, value: str = "") -> None:
         """Into the record."""
@@ -176,14 +194,19 @@ class Core:
         self.flags.alarm = code
 
     def sync_position(self) -> None:
-        """The parser goes on from where the machine stands: on a whole step, but at a switch that homing looks for."""
+        """The parser goes on from where the machine stands: on a whole step, but at a switch that
+        homing looks for.
+        """
         if self.state != "Home":
             self.steppers.position = self.on_grid(self.steppers.position)
         self.parsed = self.planned = self.steppers.position
 
     def on_grid(self, point: Point) -> Point:
         """The nearest point that whole steps reach."""
-        x, y, z = (math.floor(value * steps + 0.5) / steps for value, steps in zip(point, self.per_axis(100), strict=True))
+        x, y, z = (
+            math.floor(value * steps + 0.5) / steps
+            for value, steps in zip(point, self.per_axis(100), strict=True)
+        )
         return (x, y, z)
 
     def at(self, time: float, action: Callable[[], None]) -> None:
@@ -230,9 +253,13 @@ class Core:
         self.set_coolant(self.modes.flood, self.modes.mist)
 
     def toggle_coolant(self, mist: bool) -> None:
-        """The override of a coolant, which changes the parser's mode with it (commands.md, 0xA0, 0xA1)."""
+        """The override of a coolant, which changes the parser's mode with it (commands.md, 0xA0,
+        0xA1).
+        """
         modes = self.modes
-        self.modes = replace(modes, mist=not modes.mist) if mist else replace(modes, flood=not modes.flood)
+        self.modes = (
+            replace(modes, mist=not modes.mist) if mist else replace(modes, flood=not modes.flood)
+        )
         self.set_coolant(self.modes.flood, self.modes.mist)
 
     def start_cycle(self) -> None:

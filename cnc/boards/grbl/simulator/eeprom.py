@@ -1,7 +1,9 @@
-"""What a board remembers without power: settings, offsets, start-up lines, build info; and what a write costs.
+"""What a board remembers without power: settings, offsets, start-up lines, build info; and what a
+write costs.
 
-A byte of EEPROM is written only where it differs, in 3.4 ms each (:data:`cnc.boards.grbl.simulator.wire.EEPROM_BYTE_TIME`); numbers are kept as
-single floats, every record with one byte of checksum.
+A byte of EEPROM is written only where it differs, in 3.4 ms each
+(:data:`cnc.boards.grbl.simulator.wire.EEPROM_BYTE_TIME`); numbers are kept as single floats, every
+record with one byte of checksum.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ ORIGIN: Point = (0.0, 0.0, 0.0)
 
 
 class Eeprom:
-    """The memory. ``damaged``: names of records whose checksum is wrong (error 7 when they are read)."""
+    """The memory. ``damaged``: names of records whose checksum is wrong (error 7 when they are
+    read).
+    """
 
     def __init__(self, defaults: dict[int, float]) -> None:
         self._defaults = dict(defaults)
@@ -35,7 +39,9 @@ class Eeprom:
         self.build_info = ""
         self.damaged: set[str] = set()
 
-    def set(self, number: int, value: float, max_step_rate_hz: float | None, variable_spindle: bool) -> int:
+    def set(
+        self, number: int, value: float, max_step_rate_hz: float | None, variable_spindle: bool
+    ) -> int:
         """``$number=value``; bytes written. Errors 3, 4, 6, 10, 12, 17."""
         settings = dict(self.settings)
         if number not in settings:
@@ -85,7 +91,9 @@ class Eeprom:
         if what in "#*":
             written += sum(self.store(name, ORIGIN) for name in SYSTEMS)
         if what == "*":
-            written += sum(self.store_startup(index, "") for index in range(STARTUP_LINES)) + self.store_build_info("")
+            written += sum(
+                self.store_startup(index, "") for index in range(STARTUP_LINES)
+            ) + self.store_build_info("")
         return written
 
 
@@ -95,7 +103,10 @@ def setting_text(number: int, value: float) -> str:
 
 
 def _numbers(settings: dict[int, float]) -> bytes:
-    return b"".join(struct.pack("<H", int(value)) if number in WHOLE else _single(value) for number, value in settings.items())
+    return b"".join(
+        struct.pack("<H", int(value)) if number in WHOLE else _single(value)
+        for number, value in settings.items()
+    )
 
 
 def _point(point: Point) -> bytes:

@@ -42,7 +42,9 @@ class Swallow:
 
 @dataclass(frozen=True, slots=True)
 class Freeze:
-    """The main program hangs: nothing is answered, planned motion runs out, bytes still fill the ring."""
+    """The main program hangs: nothing is answered, planned motion runs out, bytes still fill the
+    ring.
+    """
 
     seconds: float = math.inf
 
@@ -82,7 +84,9 @@ KINDS = (*COUNTED, "freeze", "unplug", "alarm", "error")
 
 @dataclass(frozen=True, slots=True)
 class Appointment:
-    """A fault and its moment, as :meth:`cnc.boards.grbl.simulator.box.GrblBox.inject` takes them."""
+    """A fault and its moment, as :meth:`cnc.boards.grbl.simulator.box.GrblBox.inject` takes
+    them.
+    """
 
     fault: Fault
     byte: int | None = None
@@ -91,7 +95,9 @@ class Appointment:
 
 
 def parse_fault(text: str) -> Appointment:
-    """``kind[:amount][@byte|line|time:number]``, such as ``drop:3@line:40``, ``unplug@time:2.5``. ValueError if it is not of that form."""
+    """``kind[:amount][@byte|line|time:number]``, such as ``drop:3@line:40``, ``unplug@time:2.5``.
+    ValueError if it is not of that form.
+    """
     what, _, moment = text.partition("@")
     name, _, amount = what.partition(":")
     if name not in KINDS:

@@ -1,4 +1,6 @@
-"""The main program: start, then one line at a time, for ever (interface.md, "Grbl Response Messages")."""
+"""The main program: start, then one line at a time, for ever (interface.md, "Grbl Response
+Messages").
+"""
 
 from __future__ import annotations
 
@@ -7,13 +9,17 @@ from cnc.boards.grbl.simulator.core import BUSY, Abandon, Abort, Core, Program, 
 from cnc.boards.grbl.simulator.report import settings_list
 
 LINE_TIME_A_BYTE = 30e-6
-"""Seconds that an AVR takes for a byte of a line: a check run of 26-byte lines is bound by the wire, a short line answered in 0.8 ms."""
+"""Seconds that an AVR takes for a byte of a line: a check run of 26-byte lines is bound by the
+wire, a short line answered in 0.8 ms.
+"""
 LINE_ENDS = b"\r\n"
 STORED = "settings"
 
 
 class LineBuffer:
-    """Bytes to lines: no spaces, no comments, capitals; ``overflowed`` if there was more than fits."""
+    """Bytes to lines: no spaces, no comments, capitals; ``overflowed`` if there was more than
+    fits.
+    """
 
     def __init__(self, capacity: int, pairs: bool) -> None:
         self._capacity = capacity
@@ -53,7 +59,9 @@ class LineBuffer:
 
 
 class Firmware:
-    """The program on the board's processor. ``run`` never ends; a reset is an Abort thrown into it."""
+    """The program on the board's processor. ``run`` never ends; a reset is an Abort thrown into
+    it.
+    """
 
     def __init__(self, core: Core) -> None:
         self.core = core

@@ -10,20 +10,25 @@ GRBL_SETTINGS: dict[int, float] = {
     100: 250.0, 101: 250.0, 102: 250.0, 110: 500.0, 111: 500.0, 112: 500.0,
     120: 10.0, 121: 10.0, 122: 10.0, 130: 200.0, 131: 200.0, 132: 200.0,
 }  # fmt: skip
-"""``$$`` of a fresh board (settings.md, ``$$``), but for homing, which is off as no switches are wired."""
+"""``$$`` of a fresh board (settings.md, ``$$``), but for homing, which is off as no switches are
+wired.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Flavour:
     """What one firmware is made of.
 
-    rx_capacity: bytes that the receive ring holds. rx_reported: the figure of ``$I``. tx_capacity: bytes of the transmit ring.
-    line_length: characters of a line, comments and spaces not counted. planner_blocks: motions that wait, the running one among them.
-    repeats_error: a program line after an error gets the same error until an empty line comes. pairs_line_ends: a line feed that follows a
-    carriage return ends no line of its own. eeprom_blinds: a write to the EEPROM keeps the processor from taking bytes off the wire.
-    estop_alarm: number of the emergency stop's alarm. alarm_s: for so long the main program does nothing behind an alarm's message.
-    line_numbers: whether ``Ln:`` is reported. mist: whether M7 is compiled in.
-    variable_spindle: whether the spindle has a speed. max_step_rate_hz: steps/s that the settings may ask for (in GRBL: not checked).
+    rx_capacity: bytes that the receive ring holds. rx_reported: the figure of ``$I``. tx_capacity:
+    bytes of the transmit ring. line_length: characters of a line, comments and spaces not counted.
+    planner_blocks: motions that wait, the running one among them. repeats_error: a program line
+    after an error gets the same error until an empty line comes. pairs_line_ends: a line feed that
+    follows a carriage return ends no line of its own. eeprom_blinds: a write to the EEPROM keeps
+    the processor from taking bytes off the wire. estop_alarm: number of the emergency stop's alarm.
+    alarm_s: for so long the main program does nothing behind an alarm's message. line_numbers:
+    whether ``Ln:`` is reported. mist: whether M7 is compiled in. variable_spindle: whether the
+    spindle has a speed. max_step_rate_hz: steps/s that the settings may ask for (in GRBL: not
+    checked).
     """
 
     name: str
@@ -64,7 +69,9 @@ GRBL = Flavour(
     estop_alarm=None,
     alarm_s=0.5,
 )
-"""GRBL 1.1h on an Arduino Uno with line numbers: interface.md; the line buffer has 80 characters, one of them its end."""
+"""GRBL 1.1h on an Arduino Uno with line numbers: interface.md; the line buffer has 80 characters,
+one of them its end.
+"""
 
 GRBLHAL = Flavour(
     name="grblhal",

@@ -1,7 +1,9 @@
-"""What a line means, and every reason to refuse it: the error codes 1 to 38 of the interface documentation.
+"""What a line means, and every reason to refuse it: the error codes 1 to 38 of the interface
+documentation.
 
-A line is read into words (:func:`words`), the words into modal groups and values, and the whole is checked before anything is carried out:
-a line with an error does nothing (interface.md, "error:X"). Lengths are mm here and after, whatever the units of the program.
+A line is read into words (:func:`words`), the words into modal groups and values, and the whole is
+checked before anything is carried out: a line with an error does nothing (interface.md, "error:X").
+Lengths are mm here and after, whatever the units of the program.
 """
 
 from __future__ import annotations
@@ -37,10 +39,28 @@ GROUPS: dict[str, tuple[str, ...]] = {
 """The modal groups (commands.md, ``$G``), and the words that hold for one line."""
 GROUP_OF = {word: group for group, members in GROUPS.items() for word in members}
 STORES = ("G28.1", "G30.1", "G92.1")
-"""Commands beside which axis words are a motion, by the mode in force: seen on GRBL 1.1h, and easily overlooked."""
+"""Commands beside which axis words are a motion, by the mode in force: seen on GRBL 1.1h, and
+easily overlooked.
+"""
 SUBCOMMANDS = (28, 30, 38, 43, 61, 90, 91, 92)
-"""G numbers that have others behind a point: one of those that does not exist is not known (20), behind other numbers too precise (23)."""
-WITH_AXES = ("G10", "G28", "G30", "G92", "G0", "G1", "G2", "G3", "G38.2", "G38.3", "G38.4", "G38.5", "G43.1")
+"""G numbers that have others behind a point: one of those that does not exist is not known (20),
+behind other numbers too precise (23).
+"""
+WITH_AXES = (
+    "G10",
+    "G28",
+    "G30",
+    "G92",
+    "G0",
+    "G1",
+    "G2",
+    "G3",
+    "G38.2",
+    "G38.3",
+    "G38.4",
+    "G38.5",
+    "G43.1",
+)
 """Commands that use axis words; two of them in a line are one too many (error 24)."""
 VALUES = "FIJKLNPRSTXYZ"
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
@@ -50,7 +70,9 @@ LARGEST_TOOL = 255
 ARC_ERROR_MOST = 0.5
 ARC_ERROR_LEAST = 0.005
 ARC_ERROR_SHARE = 0.001
-"""An arc's end may lie 0.005 mm off its circle, or 0.1 % of the radius where that is more, never 0.5 mm (config.h, as the wiki tells)."""
+"""An arc's end may lie 0.005 mm off its circle, or 0.1 % of the radius where that is more, never
+0.5 mm (config.h, as the wiki tells).
+"""
 
 
 class Refused(Exception):
@@ -81,9 +103,11 @@ class Modes:
 
 @dataclass(slots=True)
 class Line:
-    """A line that has passed the checks. ``modes``: those after it. Lengths in mm; ``target`` in machine coordinates.
+    """A line that has passed the checks. ``modes``: those after it. Lengths in mm; ``target`` in
+    machine coordinates.
 
-    action: what is done last and may move: "" or one of WITH_AXES, G4 excepted (``dwell``). before: one of STORES, done before it.
+    action: what is done last and may move: "" or one of WITH_AXES, G4 excepted (``dwell``). before:
+    one of STORES, done before it.
     """
 
     modes: Modes
@@ -109,7 +133,9 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where the parser stands: machine position, stored offsets by name (G54.., G28, G30, G92), tool length."""
+    """Where the parser stands: machine position, stored offsets by name (G54.., G28, G30, G92),
+    tool length.
+    """
 
     position: Point
     stored: dict[str, Point]
@@ -185,7 +211,11 @@ def sort(text: str, mist: bool) -> Found:
 def _unknown(letter: str, value: float) -> int:
     """Why a command is refused: a fraction where there is none, or not known at all."""
     whole = int(value) if value < 1000.0 else -1
-    if value != whole and f"{letter}{whole}" in GROUP_OF and (letter != "G" or whole not in SUBCOMMANDS):
+    if (
+        value != whole
+        and f"{letter}{whole}" in GROUP_OF
+        and (letter != "G" or whole not in SUBCOMMANDS)
+    ):
         return 23
     return 20
 
@@ -214,8 +244,12 @@ def check(text: str, modes: Modes, place: Place) -> Line:
     if other == "G53" and modes.motion not in ("G0", "G1"):
         raise Refused(30)
     feed_word = found.use("F")
-    modes = _set_feed(line, modes, feed_word, scale, action or ("G1" if commands.get("motion") == "G1" else ""))
-    after = replace(place, length=line.length_offset if line.length_offset is not None else place.length)
+    modes = _set_feed(
+        line, modes, feed_word, scale, action or ("G1" if commands.get("motion") == "G1" else "")
+    )
+    after = replace(
+        place, length=line.length_offset if line.length_offset is not None else place.length
+    )
     line.target = _target(line, modes, after, machine=other == "G53")
     if action == "G10":
         _store(line, found, modes, after)
@@ -320,7 +354,9 @@ def _target(line: Line, modes: Modes, place: Place, machine: bool) -> Point:
 
 
 def _store(line: Line, found: Found, modes: Modes, place: Place) -> None:
-    """G10 L2 and L20: into which system (P0: the one in use), and what, which is kept in ``target``."""
+    """G10 L2 and L20: into which system (P0: the one in use), and what, which is kept in
+    ``target``.
+    """
     if not line.axes:
         raise Refused(26)
     how, system = found.use("L"), found.use("P")
@@ -372,7 +408,8 @@ def _arc(line: Line, found: Found, modes: Modes, place: Place, scale: float) -> 
 
 
 def _center_of_radius(x: float, y: float, radius: float, clockwise: bool) -> tuple[float, float]:
-    """Centre of the arc to (x, y) with that radius; a negative one asks for the longer way round. Error 34 if the points are too far apart.
+    """Centre of the arc to (x, y) with that radius; a negative one asks for the longer way round.
+    Error 34 if the points are too far apart.
 
     The centre is on the chord's bisector, h off the chord: h^2 = r^2 - (chord/2)^2.
     """

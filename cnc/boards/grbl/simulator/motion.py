@@ -1,4 +1,6 @@
-"""From a checked line to the planner: motions, arcs, dwells, offsets, probes, homing. Generators that yield what they wait for."""
+"""From a checked line to the planner: motions, arcs, dwells, offsets, probes, homing. Generators
+that yield what they wait for.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ from cnc.boards.grbl.simulator.planner import Move, Point, smallest_over_axes
 from cnc.boards.grbl.simulator.report import probe_report
 
 PLAN_TIME = 0.0021
-"""Seconds that an AVR takes to plan a block; with its 30 us a byte of text it takes 385 short lines a second."""
+"""Seconds that an AVR takes to plan a block; with its 30 us a byte of text it takes 385 short lines
+a second.
+"""
 LEAST_FEED = 1.0 / 60.0
 """mm/s: slower is not possible."""
 SEARCH, LOCATE = 1.5, 5.0
@@ -28,7 +32,9 @@ def synchronize(core: Core) -> Program:
 
 
 def move_to(core: Core, kind: str, target: Point, line: Line, feed: float, number: int) -> Program:
-    """One straight motion into the planner, as soon as there is room. ``feed``: mm/min, or 1/min for an inverse-time line."""
+    """One straight motion into the planner, as soon as there is room. ``feed``: mm/min, or 1/min
+    for an inverse-time line.
+    """
     if core.setting[20] and kind not in ("jog", "home") and not within_travel(core, target):
         yield from _soft_limit(core)
     if core.state == "Check":
@@ -67,8 +73,12 @@ def move_to(core: Core, kind: str, target: Point, line: Line, feed: float, numbe
 
 
 def within_travel(core: Core, target: Point) -> bool:
-    """Whether a machine position lies in the travel that ``$130`` to ``$132`` give: 0 down to minus the travel."""
-    return all(-travel <= value <= 0.0 for value, travel in zip(target, core.per_axis(130), strict=True))
+    """Whether a machine position lies in the travel that ``$130`` to ``$132`` give: 0 down to minus
+    the travel.
+    """
+    return all(
+        -travel <= value <= 0.0 for value, travel in zip(target, core.per_axis(130), strict=True)
+    )
 
 
 def _soft_limit(core: Core) -> Program:
@@ -104,8 +114,12 @@ def perform(core: Core, line: Line) -> Program:
 
 
 def _outputs(core: Core, line: Line, before: Modes, modes: Modes) -> Program:
-    """Spindle and coolant, each after the motion before it; a laser changes its power on the way."""
-    on_the_way = core.setting[32] and before.spindle == modes.spindle and line.action in ("G1", "G2", "G3")
+    """Spindle and coolant, each after the motion before it; a laser changes its power on the
+    way.
+    """
+    on_the_way = (
+        core.setting[32] and before.spindle == modes.spindle and line.action in ("G1", "G2", "G3")
+    )
     if (before.spindle, before.speed) != (modes.spindle, modes.speed):
         if not on_the_way:
             yield from synchronize(core)
@@ -130,7 +144,9 @@ def _act(core: Core, line: Line) -> Program:
     elif line.before:
         yield from write_eeprom(core, lambda: core.eeprom.store(line.before[:3], core.parsed))
     if action in ("G0", "G1"):
-        yield from move_to(core, "rapid" if action == "G0" else "feed", line.target, line, line.feed, line.number)
+        yield from move_to(
+            core, "rapid" if action == "G0" else "feed", line.target, line, line.feed, line.number
+        )
         core.parsed = line.target
     elif action in ("G2", "G3"):
         yield from _arc(core, line)
@@ -148,14 +164,23 @@ def _act(core: Core, line: Line) -> Program:
 
 
 def _arc(core: Core, line: Line) -> Program:
-    ends = chords(core.parsed, line.target, line.center, PLANES[line.modes.plane], line.clockwise, core.setting[12])
+    ends = chords(
+        core.parsed,
+        line.target,
+        line.center,
+        PLANES[line.modes.plane],
+        line.clockwise,
+        core.setting[12],
+    )
     feed = line.feed * len(ends) if line.inverse else line.feed
     for end in ends:
         yield from move_to(core, "feed", end, line, feed, line.number)
 
 
 def _go_home(core: Core, line: Line) -> Program:
-    """G28, G30: to the stored place, by way of the words if there are some, which then name the axes."""
+    """G28, G30: to the stored place, by way of the words if there are some, which then name the
+    axes.
+    """
     stored = core.eeprom.systems[line.action]
     if line.axes:
         yield from move_to(core, "rapid", line.target, line, 0.0, line.number)
@@ -202,7 +227,9 @@ def _probe(core: Core, line: Line) -> Program:
 
 
 def _end_or_pause(core: Core, flow: str, check: bool) -> Program:
-    """M0 waits for a cycle start. M1 is taken and does nothing. M2, M30: modes and outputs as at the start."""
+    """M0 waits for a cycle start. M1 is taken and does nothing. M2, M30: modes and outputs as at
+    the start.
+    """
     if flow == "M0":
         yield from synchronize(core)
         if not check:
@@ -213,7 +240,15 @@ def _end_or_pause(core: Core, flow: str, check: bool) -> Program:
         yield from synchronize(core)
         modes = core.modes
         core.modes = replace(
-            modes, motion="G1", plane="G17", distance="G90", feed_mode="G94", coordinates="G54", spindle="M5", flood=False, mist=False
+            modes,
+            motion="G1",
+            plane="G17",
+            distance="G90",
+            feed_mode="G94",
+            coordinates="G54",
+            spindle="M5",
+            flood=False,
+            mist=False,
         )
         core.planner.feed_override = core.planner.rapid_override = core.spindle_override = 100
         core.wco_counter = core.override_counter = 0
@@ -235,13 +270,18 @@ def write_eeprom(core: Core, write: Callable[[], int]) -> Program:
 
 
 def home(core: Core) -> Program:
-    """``$H``: Z, then X, then Y: fast to the switch, off it, slowly to it again, off it. ALARM:8, ALARM:9."""
+    """``$H``: Z, then X, then Y: fast to the switch, off it, slowly to it again, off it. ALARM:8,
+    ALARM:9.
+    """
     core.state = "Home"
     line = Line(Modes())
     for axis in (2, 0, 1):
         sign = -1.0 if int(core.setting[23]) >> axis & 1 else 1.0
         off = core.setting[27]
-        for feed, search in ((core.setting[25], SEARCH * core.setting[130 + axis]), (core.setting[24], LOCATE * off)):
+        for feed, search in (
+            (core.setting[25], SEARCH * core.setting[130 + axis]),
+            (core.setting[24], LOCATE * off),
+        ):
             if not (yield from _until_switch(core, axis, sign * search, feed, line)):
                 yield from _homing_failed(core, 9)
             yield Wait(lambda: False, until=core.now + core.setting[26] / 1000.0)
@@ -268,7 +308,9 @@ def _homing_failed(core: Core, code: int) -> Program:
     yield Wait(lambda: False)
 
 
-def _until_switch(core: Core, axis: int, way: float, feed: float, line: Line) -> Generator[Wait, None, bool]:
+def _until_switch(
+    core: Core, axis: int, way: float, feed: float, line: Line
+) -> Generator[Wait, None, bool]:
     """One axis towards its switch; whether it was found."""
     yield from _stroke(core, axis, way, feed, line, "home")
     return "XYZ"[axis] in core.world.tripped(core.position)

@@ -1,15 +1,16 @@
 r"""The planner: how fast each block may be entered.
 
-The method is the one that GRBL documents (settings.md ``$11``; S. Jeon, "Improving Grbl: Cornering Algorithm", 2011). At a corner the tool
-is taken to run through a circle that touches both lines and misses the corner by the junction deviation d:
+The method is the one that GRBL documents (settings.md ``$11``; S. Jeon, "Improving Grbl: Cornering
+Algorithm", 2011). At a corner the tool is taken to run through a circle that touches both lines and
+misses the corner by the junction deviation d:
 
             \  |  /
              \ | /  d        half angle between the lines: theta/2,   R = d sin(theta/2) / (1 - sin(theta/2))
               \|/            v_junction^2 = a R
           -----*-----
 
-Then one pass from the newest block back (each must be able to brake to what follows) and one from the running block on (each must
-be able to get as fast as that) give the entry speeds.
+Then one pass from the newest block back (each must be able to brake to what follows) and one from
+the running block on (each must be able to get as fast as that) give the entry speeds.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ STRAIGHT = 0.999999
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """Motion along a block at one acceleration: from ``time`` s on, ``duration`` s, from ``s`` mm on at ``v`` mm/s, ``a`` mm/s^2."""
+    """Motion along a block at one acceleration: from ``time`` s on, ``duration`` s, from ``s`` mm
+    on at ``v`` mm/s, ``a`` mm/s^2.
+    """
 
     time: float
     duration: float
@@ -54,8 +57,9 @@ class Phase:
 class Move:
     """A block of the planner and, afterwards, the record of it.
 
-    kind: rapid, feed, jog, probe or home. start, end: machine position in mm, on the grid of steps. number: the N word, 0 without.
-    source: which received line it is of, from 1. phases: how it was run. cut: whether it ended before ``end``.
+    kind: rapid, feed, jog, probe or home. start, end: machine position in mm, on the grid of steps.
+    number: the N word, 0 without. source: which received line it is of, from 1. phases: how it was
+    run. cut: whether it ended before ``end``.
     """
 
     kind: str
@@ -102,7 +106,9 @@ class Move:
 
 def smallest_over_axes(limits: Point, unit: Point) -> float:
     """The largest value along ``unit`` at which no axis exceeds its own limit."""
-    return min(limit / abs(part) if part else math.inf for limit, part in zip(limits, unit, strict=True))
+    return min(
+        limit / abs(part) if part else math.inf for limit, part in zip(limits, unit, strict=True)
+    )
 
 
 def junction_speed_sq(before: Point, after: Point, accelerations: Point, deviation: float) -> float:
@@ -114,7 +120,9 @@ def junction_speed_sq(before: Point, after: Point, accelerations: Point, deviati
         return math.inf
     change = (after[0] - before[0], after[1] - before[1], after[2] - before[2])
     size = math.sqrt(change[0] ** 2 + change[1] ** 2 + change[2] ** 2)
-    acceleration = smallest_over_axes(accelerations, (change[0] / size, change[1] / size, change[2] / size))
+    acceleration = smallest_over_axes(
+        accelerations, (change[0] / size, change[1] / size, change[2] / size)
+    )
     half_sine = math.sqrt(0.5 * (1.0 - cosine))
     return acceleration * deviation * half_sine / (1.0 - half_sine)
 
@@ -134,7 +142,9 @@ class Planner:
         return self.capacity - len(self.blocks)
 
     def nominal(self, move: Move) -> float:
-        """The speed (mm/s) that a block is to be run at, overrides applied. Jogs and probes know none."""
+        """The speed (mm/s) that a block is to be run at, overrides applied. Jogs and probes know
+        none.
+        """
         if move.kind == "rapid":
             return move.rapid_rate * self.rapid_override / 100.0
         if move.kind == "feed":
@@ -144,11 +154,15 @@ class Planner:
     def add(self, move: Move, accelerations: Point, deviation: float) -> None:
         """One more block behind the others."""
         if self.blocks:
-            move.junction_sq = junction_speed_sq(self.blocks[-1].unit, move.unit, accelerations, deviation)
+            move.junction_sq = junction_speed_sq(
+                self.blocks[-1].unit, move.unit, accelerations, deviation
+            )
         self.blocks.append(move)
 
     def plan(self, speed: float, left: float) -> None:
-        """Entry speeds of all blocks. ``speed``: of the running block now, mm/s; ``left``: what is left of it, mm."""
+        """Entry speeds of all blocks. ``speed``: of the running block now, mm/s; ``left``: what is
+        left of it, mm.
+        """
         blocks = self.blocks
         if not blocks:
             return
@@ -162,7 +176,9 @@ class Planner:
         length = left
         for index in range(len(blocks) - 1):
             move, following = blocks[index], blocks[index + 1]
-            following.entry_sq = min(following.entry_sq, move.entry_sq + 2.0 * move.acceleration * length)
+            following.entry_sq = min(
+                following.entry_sq, move.entry_sq + 2.0 * move.acceleration * length
+            )
             length = following.length
 
     @property

@@ -1,7 +1,9 @@
-"""The host's end of the box's cable, in the same process: :class:`cnc.boards.port.Port` and the clock that goes with it.
+"""The host's end of the box's cable, in the same process: :class:`cnc.boards.port.Port` and the
+clock that goes with it.
 
-In virtual time a read moves the box's clock to the next answer, or by the time-out if there is none; nothing sleeps. Against the wall's
-clock, the box is taken along whenever the host reads, writes or asks, ``factor`` times as fast as the wall.
+In virtual time a read moves the box's clock to the next answer, or by the time-out if there is
+none; nothing sleeps. Against the wall's clock, the box is taken along whenever the host reads,
+writes or asks, ``factor`` times as fast as the wall.
 """
 
 from __future__ import annotations
@@ -60,12 +62,18 @@ class ScaledTime:
         self._box.advance(max(self.now(), self._box.now))
 
     def await_answer(self, timeout: float) -> None:
-        """Until there is an answer, ``timeout`` s of the box at most. The wall is slept away in steps that the box's next answer allows."""
+        """Until there is an answer, ``timeout`` s of the box at most. The wall is slept away in
+        steps that the box's next answer allows.
+        """
         end = self.now() + max(timeout, 0.0)
         while True:
             self.catch_up()
             left = end - self.now()
-            if left <= 0.0 or self._box.core.transmitter.arrival <= self._box.now or not self._box.plugged:
+            if (
+                left <= 0.0
+                or self._box.core.transmitter.arrival <= self._box.now
+                or not self._box.plugged
+            ):
                 return
             time.sleep(min(left, LONGEST_NAP) / self._factor)
 
@@ -77,8 +85,9 @@ LONGEST_NAP = 0.002
 class BoxPort:
     """The host's end. Opening it raises DTR, which resets the board unless the line was left up.
 
-    boot_time: seconds of the boot loader after a reset. hang_up: closing the port drops DTR, as systems do until HUPCL is cleared.
-    lowered: DTR is down from the opening on, as our port has it on Windows.
+    boot_time: seconds of the boot loader after a reset. hang_up: closing the port drops DTR, as
+    systems do until HUPCL is cleared. lowered: DTR is down from the opening on, as our port has it
+    on Windows.
     """
 
     def __init__(

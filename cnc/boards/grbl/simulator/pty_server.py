@@ -1,8 +1,10 @@
 """The box behind a pseudo-terminal, so that any sender can open it as a serial port (Unix only).
 
-A thread of its own takes the box along with the wall's clock. A pseudo-terminal has no modem lines, so DTR is modelled. While nobody has
-the terminal open, the system reports a hang-up on our side. The end of that is the opening, which raises DTR: a reset, unless it was up.
-Closing drops DTR if the terminal's HUPCL is set, as it is at first: a serial port's is. A cable that is pulled is the end of the terminal.
+A thread of its own takes the box along with the wall's clock. A pseudo-terminal has no modem lines,
+so DTR is modelled. While nobody has the terminal open, the system reports a hang-up on our side.
+The end of that is the opening, which raises DTR: a reset, unless it was up. Closing drops DTR if
+the terminal's HUPCL is set, as it is at first: a serial port's is. A cable that is pulled is the
+end of the terminal.
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ UNREAD = 65536
 
 
 class PtyServer:
-    """A terminal called ``name``; ``with`` closes it. ``factor``: how much faster than the wall the box's clock runs."""
+    """A terminal called ``name``; ``with`` closes it. ``factor``: how much faster than the wall the
+    box's clock runs.
+    """
 
     def __init__(self, box: GrblBox, factor: float = 1.0) -> None:
         import termios
@@ -85,7 +89,9 @@ class PtyServer:
             self._ended.set()
 
     def _hangs_up(self) -> bool:
-        """Whether closing the terminal drops DTR: its settings, which outlive the closing, are ours to read."""
+        """Whether closing the terminal drops DTR: its settings, which outlive the closing, are ours
+        to read.
+        """
         import termios
 
         return bool(termios.tcgetattr(self._ours)[CFLAG] & termios.HUPCL)

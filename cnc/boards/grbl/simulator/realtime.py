@@ -1,4 +1,5 @@
-"""Real-time commands (commands.md, "Realtime commands"): noted as their byte comes in, carried out when the main program next looks.
+"""Real-time commands (commands.md, "Realtime commands"): noted as their byte comes in, carried out
+when the main program next looks.
 
 Idle --queued motion--> Run --!--> Hold:1 --at rest--> Hold:0 --~--> Run or Idle
 any of these --0x84--> Door:2 --at rest--> Door:0 (Door:1 while the door is open) --~--> Door:3 --> Run or Idle
@@ -22,11 +23,15 @@ SPINDLE_STOP, FLOOD, MIST = 0x9E, 0xA0, 0xA1
 LEAST, LARGEST = 10, 200
 """Per cent of a feed or spindle override."""
 SPINDLE_DELAY, COOLANT_DELAY = 4.0, 1.0
-"""Seconds that are waited for spindle and coolant before motion goes on after a door or a spindle stop."""
+"""Seconds that are waited for spindle and coolant before motion goes on after a door or a spindle
+stop.
+"""
 
 
 def is_realtime(byte: int) -> bool:
-    """Whether a byte is picked out of the stream: the typed ones, and everything above ASCII, known or not."""
+    """Whether a byte is picked out of the stream: the typed ones, and everything above ASCII, known
+    or not.
+    """
     return byte in TYPED or byte == RESET or byte >= 0x80
 
 
@@ -36,7 +41,11 @@ def receive(core: Core, byte: int) -> None:
     if byte == RESET:
         reset(core)
         return
-    name = TYPED.get(byte) or EXTENDED.get(byte) or (HAL.get(byte) if core.flavour.name == "grblhal" else None)
+    name = (
+        TYPED.get(byte)
+        or EXTENDED.get(byte)
+        or (HAL.get(byte) if core.flavour.name == "grblhal" else None)
+    )
     if name is not None:
         setattr(flags, name, True)
     elif byte in FEED or byte in RAPID or byte in SPINDLE or byte in (SPINDLE_STOP, FLOOD, MIST):
@@ -44,7 +53,9 @@ def receive(core: Core, byte: int) -> None:
 
 
 def reset(core: Core) -> None:
-    """What 0x18 does before anything else: outputs off, motion stopped, with an alarm if there was some."""
+    """What 0x18 does before anything else: outputs off, motion stopped, with an alarm if there was
+    some.
+    """
     if core.flags.reset:
         return
     core.flags.reset = True
@@ -163,10 +174,17 @@ def _serve_start(core: Core) -> None:
             core.at(core.now + SPINDLE_DELAY, lambda: _resume(core))
         else:
             _resume(core)
-    elif core.state == "Door" and core.hold_complete and not core.resuming and not core.world.door_open:
+    elif (
+        core.state == "Door"
+        and core.hold_complete
+        and not core.resuming
+        and not core.world.door_open
+    ):
         core.spindle_stopped = False
         modes = core.modes
-        delay = (SPINDLE_DELAY if modes.spindle != "M5" else 0.0) + (COOLANT_DELAY if modes.flood or modes.mist else 0.0)
+        delay = (SPINDLE_DELAY if modes.spindle != "M5" else 0.0) + (
+            COOLANT_DELAY if modes.flood or modes.mist else 0.0
+        )
         core.outputs_on()
         core.resuming = True
         core.at(core.now + delay, lambda: _resume(core))
@@ -198,11 +216,17 @@ def _override(core: Core, byte: int) -> None:
     elif byte == SPINDLE_STOP and core.state == "Hold" and core.modes.spindle != "M5":
         core.spindle_stopped = not core.spindle_stopped
         core.set_spindle("M5" if core.spindle_stopped else core.modes.spindle, core.modes.speed)
-    elif (byte == FLOOD or (byte == MIST and core.flavour.mist)) and core.state in ("Idle", "Run", "Hold"):
+    elif (byte == FLOOD or (byte == MIST and core.flavour.mist)) and core.state in (
+        "Idle",
+        "Run",
+        "Hold",
+    ):
         core.toggle_coolant(mist=byte == MIST)
     if before != (planner.feed_override, planner.rapid_override, core.spindle_override):
         core.override_counter = 0
-        core.note("override", f"{planner.feed_override},{planner.rapid_override},{core.spindle_override}")
+        core.note(
+            "override", f"{planner.feed_override},{planner.rapid_override},{core.spindle_override}"
+        )
         core.steppers.replan(core.now)
 
 

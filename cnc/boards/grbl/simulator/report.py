@@ -1,4 +1,6 @@
-"""What the board prints of itself: status reports, parser state, parameters, settings, build info (interface.md)."""
+"""What the board prints of itself: status reports, parser state, parameters, settings, build info
+(interface.md).
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ def status_report(core: Core) -> str:
     else:
         fields = [_state(core), f"WPos:{_lengths(core, _minus(position, offset))}"]
     if wanted & 2:
-        fields.append(f"Bf:{core.planner.room},{core.flavour.rx_capacity - len(core.receiver.ring)}")
+        fields.append(
+            f"Bf:{core.planner.room},{core.flavour.rx_capacity - len(core.receiver.ring)}"
+        )
     blocks = core.planner.blocks
     if core.flavour.line_numbers and blocks and blocks[0].number and blocks[0].kind != "jog":
         fields.append(f"Ln:{blocks[0].number}")
@@ -45,7 +49,9 @@ def status_report(core: Core) -> str:
         core.override_counter -= 1
     else:
         core.override_counter = OVERRIDE_REFRESH[moving] - 1
-        fields.append(f"Ov:{core.planner.feed_override},{core.planner.rapid_override},{core.spindle_override}")
+        fields.append(
+            f"Ov:{core.planner.feed_override},{core.planner.rapid_override},{core.spindle_override}"
+        )
         accessories = _accessories(core)
         if accessories:
             fields.append(f"A:{accessories}")
@@ -66,7 +72,9 @@ def _state(core: Core) -> str:
 
 
 def _pins(core: Core, position: Point) -> str:
-    """Inputs that are triggered. Limit switches are wired where hard limits or homing are switched on."""
+    """Inputs that are triggered. Limit switches are wired where hard limits or homing are switched
+    on.
+    """
     limits = core.world.tripped(position) if core.setting[21] or core.setting[22] else ""
     return limits + "P" * core.world.touches(position) + "D" * core.world.door_open
 

@@ -18,7 +18,9 @@ TINY = 1e-12
 
 
 class Steppers:
-    """What moves. ``moves``: the record of every block that has begun. ``trip_at``: on which way of a block a switch or the probe trips."""
+    """What moves. ``moves``: the record of every block that has begun. ``trip_at``: on which way of
+    a block a switch or the probe trips.
+    """
 
     def __init__(self, planner: Planner, trip_at: Callable[[Move], float | None]) -> None:
         self.planner = planner
@@ -73,7 +75,9 @@ class Steppers:
     def replan(self, now: float) -> None:
         """The plan has changed: go on from here by the new one."""
         if not self.running:
-            self.planner.plan(0.0, self.planner.blocks[0].length - self._s if self.planner.blocks else 0.0)
+            self.planner.plan(
+                0.0, self.planner.blocks[0].length - self._s if self.planner.blocks else 0.0
+            )
             return
         self._s, self._v = self._now(now)
         self._cut_record(now)
@@ -90,7 +94,9 @@ class Steppers:
         return self.planner.blocks[0].point(s), v
 
     def settle(self, now: float) -> str:
-        """What happened at :attr:`event`: ``tripped``, ``held``, ``next`` (a further block begins) or ``done``."""
+        """What happened at :attr:`event`: ``tripped``, ``held``, ``next`` (a further block begins)
+        or ``done``.
+        """
         s, v = self._now(now)
         move = self.planner.blocks[0]
         if self.stop_at is not None and s >= self.stop_at - TINY and s < move.length:
@@ -192,12 +198,19 @@ class Steppers:
         if left > 0.0:
             peak = math.sqrt(a * left + 0.5 * (v * v + leave * leave))
             if peak <= max(v, leave):
-                # Only up or only down: what the distance allows, which may be more than what was asked for.
-                least, most = math.sqrt(max(v * v - 2.0 * a * left, 0.0)), math.sqrt(v * v + 2.0 * a * left)
+                # Only up or only down: what the distance allows, which may be more than what was
+                # asked for.
+                least, most = (
+                    math.sqrt(max(v * v - 2.0 * a * left, 0.0)),
+                    math.sqrt(v * v + 2.0 * a * left),
+                )
                 run(left, min(max(leave, least), most))
             else:
                 peak = min(peak, nominal)
-                up, down = max(peak * peak - v * v, 0.0) / (2.0 * a), max(peak * peak - leave * leave, 0.0) / (2.0 * a)
+                up, down = (
+                    max(peak * peak - v * v, 0.0) / (2.0 * a),
+                    max(peak * peak - leave * leave, 0.0) / (2.0 * a),
+                )
                 run(up, peak)
                 run(left - up - down, peak)
                 run(down, leave)

@@ -6,8 +6,8 @@ A byte is 10 bit times on the wire (8N1): at 115200 baud 11 520 bytes/s. Towards
                   10 bits         (all there is while               |
                   each            the EEPROM is written)            +------> RX ring; full: the byte is lost, and nobody says so
 
-Towards the host bytes leave the TX ring one after another; a program that prints into a full ring waits. The host's USB collects what came
-within a frame of 1 ms.
+Towards the host bytes leave the TX ring one after another; a program that prints into a full ring
+waits. The host's USB collects what came within a frame of 1 ms.
 """
 
 from __future__ import annotations
@@ -20,15 +20,20 @@ BITS_A_BYTE = 10
 USB_FRAME = 0.001
 """Seconds between two looks of a host at its full-speed USB device (USB 2.0, 5.3)."""
 UART_BYTES = 2
-"""Bytes that the AVR's receiver keeps while interrupts are off (ATmega328P data sheet, 20.7: a two-level FIFO)."""
+"""Bytes that the AVR's receiver keeps while interrupts are off (ATmega328P data sheet, 20.7: a
+two-level FIFO).
+"""
 EEPROM_BYTE_TIME = 0.0034
-"""Seconds that a byte of EEPROM takes to be erased and written (ATmega328P data sheet, table 8-2)."""
+"""Seconds that a byte of EEPROM takes to be erased and written (ATmega328P data sheet, table
+8-2).
+"""
 
 
 class Receiver:
     """Host to board: bytes on the wire, then those that wait in the ring.
 
-    Counters for tests: ``received``, ``overflowed`` (lost to a full ring), ``blinded`` (lost during EEPROM writes), ``fullest``.
+    Counters for tests: ``received``, ``overflowed`` (lost to a full ring), ``blinded`` (lost during
+    EEPROM writes), ``fullest``.
     """
 
     def __init__(self, baud: float, capacity: int) -> None:
@@ -83,13 +88,17 @@ class Receiver:
         self._next = 0
 
     def blind(self, bytes_written: int, now: float) -> float:
-        """The processor writes that many bytes of EEPROM from ``now`` on, interrupts off for each. When it is done."""
+        """The processor writes that many bytes of EEPROM from ``now`` on, interrupts off for each.
+        When it is done.
+        """
         self._blind_from, self._blind_until = now, now + bytes_written * EEPROM_BYTE_TIME
         self._window, self._kept = -1, 0
         return self._blind_until
 
     def seen(self, now: float) -> bool:
-        """Whether a byte that arrives now is taken from the UART. During an EEPROM write only the first two of each byte's time are."""
+        """Whether a byte that arrives now is taken from the UART. During an EEPROM write only the
+        first two of each byte's time are.
+        """
         if now >= self._blind_until:
             return True
         window = int((now - self._blind_from) / EEPROM_BYTE_TIME)
@@ -126,14 +135,18 @@ class Transmitter:
         return self._out[0][0] if self._out else math.inf
 
     def send(self, data: bytes, now: float) -> float:
-        """Print ``data``. When the printing program may go on: at once, or as soon as the ring has room for the last byte."""
+        """Print ``data``. When the printing program may go on: at once, or as soon as the ring has
+        room for the last byte.
+        """
         start = max(now, self._free)
         self._free = start + len(data) * self.byte_time
         self.sent += len(data)
         first = 0
         while first < len(data):
             frame = math.ceil((start + (first + 1) * self.byte_time) / USB_FRAME - 1e-6)
-            last = min(len(data), max(first + 1, int((frame * USB_FRAME - start) / self.byte_time + 1e-6)))
+            last = min(
+                len(data), max(first + 1, int((frame * USB_FRAME - start) / self.byte_time + 1e-6))
+            )
             self._out.append((frame * USB_FRAME, data[first:last]))
             first = last
         return max(now, self._free - self.capacity * self.byte_time)

@@ -1,7 +1,8 @@
 """What is around the board: switches at the ends of the axes, a workpiece for the probe, a door.
 
-The board counts its steps from wherever it was switched on; the world knows where that was. ``offset`` is world position minus machine
-position. The switches are ``travel`` apart; homing finds them at ``high`` (or ``low``, where ``$23`` says so).
+The board counts its steps from wherever it was switched on; the world knows where that was.
+``offset`` is world position minus machine position. The switches are ``travel`` apart; homing finds
+them at ``high`` (or ``low``, where ``$23`` says so).
 """
 
 from __future__ import annotations
@@ -15,9 +16,11 @@ AXES = "XYZ"
 
 @dataclass(slots=True)
 class World:
-    """low, high: world positions of the switches, mm. broken: axes whose switch never trips. stuck: axes whose switch never lets go.
+    """low, high: world positions of the switches, mm. broken: axes whose switch never trips. stuck:
+    axes whose switch never lets go.
 
-    surface: (normal, distance): the probe touches where normal . machine position <= distance; None: nothing to touch.
+    surface: (normal, distance): the probe touches where normal . machine position <= distance;
+    None: nothing to touch.
     """
 
     low: Point = (-200.0, -200.0, -200.0)
@@ -67,6 +70,9 @@ class World:
         pressed = []
         for index, axis in enumerate(AXES):
             at = position[index] + self.offset[index]
-            if axis in self.stuck or (axis not in self.broken and not self.low[index] + 1e-9 < at < self.high[index] - 1e-9):
+            if axis in self.stuck or (
+                axis not in self.broken
+                and not self.low[index] + 1e-9 < at < self.high[index] - 1e-9
+            ):
                 pressed.append(axis)
         return "".join(pressed)

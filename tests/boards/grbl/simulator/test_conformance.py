@@ -1,6 +1,8 @@
-"""The box against the tables of GRBL's interface documentation: errors, alarms, real-time commands, reports, ``$`` commands.
+"""The box against the tables of GRBL's interface documentation: errors, alarms, real-time commands,
+reports, ``$`` commands.
 
-Codes and causes: ``doc/csv/error_codes_en_US.csv``, ``alarm_codes_en_US.csv`` and ``doc/markdown`` of GRBL 1.1.
+Codes and causes: ``doc/csv/error_codes_en_US.csv``, ``alarm_codes_en_US.csv`` and ``doc/markdown``
+of GRBL 1.1.
 """
 
 from dataclasses import replace
@@ -11,7 +13,18 @@ from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL
 from cnc.boards.grbl.simulator.workpiece import World
 from tests.support.boards.grblbox_bench import Bench
 
-HOMING = {20: 1.0, 22: 1.0, 25: 5000.0, 24: 500.0, 110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
+HOMING = {
+    20: 1.0,
+    22: 1.0,
+    25: 5000.0,
+    24: 500.0,
+    110: 5000.0,
+    111: 5000.0,
+    112: 5000.0,
+    120: 500.0,
+    121: 500.0,
+    122: 500.0,
+}
 
 ERRORS = [
     (1, "10X10"), (1, "=G1X1"), (1, "G1X1*33"),
@@ -46,7 +59,9 @@ ERRORS = [
 
 ON_GRBL_ALONE = [(20, "M7"), (11, "G1" + "X1" * 50)]
 """grblHAL has mist, and longer lines."""
-EACH = [(GRBL, *error) for error in ERRORS + ON_GRBL_ALONE] + [(GRBLHAL, *error) for error in ERRORS]
+EACH = [(GRBL, *error) for error in ERRORS + ON_GRBL_ALONE] + [
+    (GRBLHAL, *error) for error in ERRORS
+]
 
 
 @pytest.mark.parametrize(("flavour", "code", "line"), EACH)
@@ -84,7 +99,10 @@ def test_error_7_damaged_memory_is_told_at_power_up_and_set_back():
 def test_error_8_while_moving():
     bench = Bench()
     bench.send("G1X10F100\n", 0.2)
-    assert [bench.reply(line, 0.2) for line in ("$$", "$10=1", "$#", "$I", "$N", "$C", "$H", "$SLP", "$J=X1F10")] == ["error:8"] * 9
+    assert [
+        bench.reply(line, 0.2)
+        for line in ("$$", "$10=1", "$#", "$I", "$N", "$C", "$H", "$SLP", "$J=X1F10")
+    ] == ["error:8"] * 9
     assert bench.reply("$G", 0.2) == "ok"
 
 
@@ -111,7 +129,9 @@ def test_error_13_door_open():
 
 def test_error_14_a_text_that_the_memory_has_no_room_for():
     bench = Bench(GRBLHAL)
-    assert [bench.reply(command + "X" * length) for command in ("$I=", "$N1=(") for length in (80,)] == ["error:14", "ok"]
+    assert [
+        bench.reply(command + "X" * length) for command in ("$I=", "$N1=(") for length in (80,)
+    ] == ["error:14", "ok"]
     assert bench.reply("$N1=" + "G1X1" * 20) == "error:14"
     assert bench.reply("$I=" + "X" * 79) == "ok"
 
@@ -129,7 +149,14 @@ def test_error_17_laser_without_a_variable_spindle():
     assert Bench(replace(GRBL, variable_spindle=False)).reply("$32=1") == "error:17"
 
 
-@pytest.mark.parametrize(("text", "code"), [("X" * 79, "error:2"), ("X" * 80, "error:11"), (" " * 60 + "(" + "c" * 60 + ")" + "G21", "ok")])
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("X" * 79, "error:2"),
+        ("X" * 80, "error:11"),
+        (" " * 60 + "(" + "c" * 60 + ")" + "G21", "ok"),
+    ],
+)
 def test_eighty_characters_without_spaces_and_comments(text, code):
     assert Bench().reply(text) == code
 
@@ -187,7 +214,11 @@ def test_alarm_2_in_check_mode():
 def test_alarm_3_reset_while_moving():
     bench = Bench()
     bench.send("G1X10F300\n", 1.0)
-    assert bench.send(b"\x18") == ["ALARM:3", "Grbl 1.1h ['$' for help]", "[MSG:'$H'|'$X' to unlock]"]
+    assert bench.send(b"\x18") == [
+        "ALARM:3",
+        "Grbl 1.1h ['$' for help]",
+        "[MSG:'$H'|'$X' to unlock]",
+    ]
     assert bench.reply("G0X1") == "error:9"
 
 
@@ -281,13 +312,23 @@ def test_alarm_6_reset_amid_homing():
     bench = Bench(settings=HOMING)
     bench.send("$H\n", 0.5)
     assert bench.send("?", 0.5) == []
-    assert bench.send(b"\x18") == ["ALARM:6", "ok", "Grbl 1.1h ['$' for help]", "[MSG:'$H'|'$X' to unlock]"]
+    assert bench.send(b"\x18") == [
+        "ALARM:6",
+        "ok",
+        "Grbl 1.1h ['$' for help]",
+        "[MSG:'$H'|'$X' to unlock]",
+    ]
 
 
 def test_alarm_7_door_amid_homing():
     bench = Bench(settings=HOMING)
     bench.send("$H\n", 0.5)
-    assert bench.send(b"\x84") == ["ALARM:7", "ok", "Grbl 1.1h ['$' for help]", "[MSG:'$H'|'$X' to unlock]"]
+    assert bench.send(b"\x84") == [
+        "ALARM:7",
+        "ok",
+        "Grbl 1.1h ['$' for help]",
+        "[MSG:'$H'|'$X' to unlock]",
+    ]
 
 
 @pytest.mark.parametrize(("world", "code"), [(World(stuck={"Z"}), 8), (World(broken={"Z"}), 9)])
@@ -330,7 +371,15 @@ def test_line_numbers_are_those_of_the_running_block():
     assert "Ln" not in bench.status()
 
 
-FEEDS = [(b"\x91", 110), (b"\x92", 90), (b"\x93", 101), (b"\x94", 99), (b"\x91\x90", 100), (b"\x91" * 12, 200), (b"\x92" * 12, 10)]
+FEEDS = [
+    (b"\x91", 110),
+    (b"\x92", 90),
+    (b"\x93", 101),
+    (b"\x94", 99),
+    (b"\x91\x90", 100),
+    (b"\x91" * 12, 200),
+    (b"\x92" * 12, 10),
+]
 
 
 @pytest.mark.parametrize(("sent", "percent"), FEEDS)
@@ -350,7 +399,14 @@ def test_rapid_overrides(sent, percent):
     assert float(bench.status()["FS"].split(",")[0]) == pytest.approx(5 * percent, abs=1)
 
 
-SPEEDS = [(b"\x9a", 550), (b"\x9b", 450), (b"\x9c", 505), (b"\x9d", 495), (b"\x9a\x99", 500), (b"\x9a" * 12, 1000)]
+SPEEDS = [
+    (b"\x9a", 550),
+    (b"\x9b", 450),
+    (b"\x9c", 505),
+    (b"\x9d", 495),
+    (b"\x9a\x99", 500),
+    (b"\x9a" * 12, 1000),
+]
 
 
 @pytest.mark.parametrize(("sent", "rpm"), SPEEDS)
@@ -556,7 +612,11 @@ def test_restoring(what):
     bench.reply("$110=777")
     bench.reply("G10L2P1X5")
     bench.reply("$N1=G90")
-    assert bench.send(f"$RST={what}\n")[:3] == ["[MSG:Restoring defaults]", "ok", "Grbl 1.1h ['$' for help]"]
+    assert bench.send(f"$RST={what}\n")[:3] == [
+        "[MSG:Restoring defaults]",
+        "ok",
+        "Grbl 1.1h ['$' for help]",
+    ]
     everything = bench.send("$$\n") + bench.send("$#\n") + bench.send("$N\n")
     assert ("$110=500.000" in everything) == (what in "$*")
     assert ("[G54:0.000,0.000,0.000]" in everything) == (what in "#*")
@@ -617,4 +677,8 @@ def test_build_info():
     bench = Bench(GRBLHAL)
     bench.reply("$I=lathe")
     heard = bench.send("$I\n")
-    assert heard[0] == "[VER:1.1f.20240125:LATHE]" and heard[1] == "[OPT:VNMSL,35,1024,3,0]" and "[FIRMWARE:grblHAL]" in heard
+    assert (
+        heard[0] == "[VER:1.1f.20240125:LATHE]"
+        and heard[1] == "[OPT:VNMSL,35,1024,3,0]"
+        and "[FIRMWARE:grblHAL]" in heard
+    )

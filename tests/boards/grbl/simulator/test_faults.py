@@ -1,4 +1,6 @@
-"""The box when things go wrong: faults at their moment, the same run twice, any bytes at all, and a real terminal."""
+"""The box when things go wrong: faults at their moment, the same run twice, any bytes at all, and a
+real terminal.
+"""
 
 import ast
 import os
@@ -13,7 +15,18 @@ from hypothesis import strategies as st
 
 import cnc.boards.grbl.simulator
 from cnc.boards.grbl.simulator.box import GrblBox
-from cnc.boards.grbl.simulator.faults import Alarm, Appointment, Corrupt, Drop, Duplicate, Error, Freeze, Swallow, Unplug, parse_fault
+from cnc.boards.grbl.simulator.faults import (
+    Alarm,
+    Appointment,
+    Corrupt,
+    Drop,
+    Duplicate,
+    Error,
+    Freeze,
+    Swallow,
+    Unplug,
+    parse_fault,
+)
 from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL
 from cnc.boards.grbl.simulator.from_machine import settings_of
 from cnc.boards.grbl.simulator.ports import BoxPort, ScaledTime
@@ -138,7 +151,9 @@ def test_faults_can_be_written_down(text, fault):
     assert parse_fault(text) == fault
 
 
-@pytest.mark.parametrize("text", ["", "dropp", "drop:x", "alarm", "error:", "drop@word:3", "drop@line:x"])
+@pytest.mark.parametrize(
+    "text", ["", "dropp", "drop:x", "alarm", "error:", "drop@word:3", "drop@line:x"]
+)
 def test_other_faults_are_refused(text):
     with pytest.raises(ValueError):
         parse_fault(text)
@@ -173,21 +188,45 @@ def test_how_time_is_cut_makes_no_difference(steps):
     whole.box.advance(30.0)
     cut.box.advance(30.0)
     assert whole.box.read() == cut.box.read()
-    assert [(move.end, move.phases) for move in whole.box.moves] == [(move.end, move.phases) for move in cut.box.moves]
+    assert [(move.end, move.phases) for move in whole.box.moves] == [
+        (move.end, move.phases) for move in cut.box.moves
+    ]
 
 
 PIECES = st.one_of(
     st.binary(max_size=40),
-    st.text("GMXYZIJKRFSPLTN0123456789.-+$=?!~#HC\n \x18\x84\x85\x90\x91\x96\x9e", max_size=60).map(lambda text: text.encode("latin-1")),
-    st.sampled_from([b"\x18", b"$X\n", b"~", b"$H\n", b"G1X5F500\n", b"G2X1Y1R9\n", b"$J=X1F100\n", b"M0\n", b"$C\n", b"G10L2P1X3\n"]),
-    st.from_regex(rb"(G[0-9]{1,2}(\.1)?|M[0-9]|[XYZIJKRFSPLTN]-?[0-9]{1,4}(\.[0-9]{1,3})?){1,6}\n", fullmatch=True),
+    st.text("GMXYZIJKRFSPLTN0123456789.-+$=?!~#HC\n \x18\x84\x85\x90\x91\x96\x9e", max_size=60).map(
+        lambda text: text.encode("latin-1")
+    ),
+    st.sampled_from(
+        [
+            b"\x18",
+            b"$X\n",
+            b"~",
+            b"$H\n",
+            b"G1X5F500\n",
+            b"G2X1Y1R9\n",
+            b"$J=X1F100\n",
+            b"M0\n",
+            b"$C\n",
+            b"G10L2P1X3\n",
+        ]
+    ),
+    st.from_regex(
+        rb"(G[0-9]{1,2}(\.1)?|M[0-9]|[XYZIJKRFSPLTN]-?[0-9]{1,4}(\.[0-9]{1,3})?){1,6}\n",
+        fullmatch=True,
+    ),
 )
 
 
-@given(st.sampled_from([GRBL, GRBLHAL]), st.lists(st.tuples(PIECES, st.floats(0.0, 0.5)), max_size=30))
+@given(
+    st.sampled_from([GRBL, GRBLHAL]), st.lists(st.tuples(PIECES, st.floats(0.0, 0.5)), max_size=30)
+)
 @settings(max_examples=share(3000, 120))
 def test_any_bytes_at_all(flavour, pieces):
-    """No exception, no time that stands still, and the numbers stay numbers; after a reset and an unlock it works again."""
+    """No exception, no time that stands still, and the numbers stay numbers; after a reset and an
+    unlock it works again.
+    """
     bench = Bench(flavour, settings={22: 1.0, 21: 1.0, 110: 3000.0, 111: 3000.0, 112: 3000.0})
     for data, pause in pieces:
         bench.send(data, pause)
@@ -275,8 +314,23 @@ def test_behind_a_terminal_opened_as_a_serial_port():
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no pseudo-terminals here")
 def test_as_a_program():
-    command = [sys.executable, "-m", "cnc.boards.grbl.simulator", "--flavour", "grblhal", "--factor", "50", "--setting", "110=777"]
-    with subprocess.Popen([*command, "--fault", "unplug@line:2"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    command = [
+        sys.executable,
+        "-m",
+        "cnc.boards.grbl.simulator",
+        "--flavour",
+        "grblhal",
+        "--factor",
+        "50",
+        "--setting",
+        "110=777",
+    ]
+    with subprocess.Popen(
+        [*command, "--fault", "unplug@line:2"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
         name = process.stdout.readline().strip()
         file = os.open(name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
@@ -286,7 +340,9 @@ def test_as_a_program():
             assert process.wait(10.0) == 0
         finally:
             os.close(file)
-    bad = subprocess.run([*command, "--fault", "nothing"], capture_output=True, text=True, check=False)
+    bad = subprocess.run(
+        [*command, "--fault", "nothing"], capture_output=True, text=True, check=False
+    )
     assert bad.returncode == 2 and "no fault is called 'nothing'" in bad.stderr
 
 
@@ -300,7 +356,11 @@ def test_the_box_knows_nothing_of_the_sender():
                 imported.add(node.module)
             elif isinstance(node, ast.Import):
                 imported |= {name.name for name in node.names}
-    assert {name for name in imported if name.startswith("cnc") and not name.startswith("cnc.boards.grbl.simulator")} == {
+    assert {
+        name
+        for name in imported
+        if name.startswith("cnc") and not name.startswith("cnc.boards.grbl.simulator")
+    } == {
         "cnc.boards.port",
         "cnc.machine.models",
     }

@@ -1,4 +1,6 @@
-"""The box's motion against the textbook: trapezoids in closed form, corners by the junction deviation, paths as programmed."""
+"""The box's motion against the textbook: trapezoids in closed form, corners by the junction
+deviation, paths as programmed.
+"""
 
 import itertools
 import math
@@ -12,7 +14,14 @@ from cnc.boards.grbl.simulator.planner import junction_speed_sq
 from tests.support.boards.grblbox_bench import Bench
 from tests.support.soak import share
 
-FAST = {100 + axis: 1000.0 for axis in range(3)} | {110: 6000.0, 111: 6000.0, 112: 3000.0, 120: 500.0, 121: 500.0, 122: 200.0}
+FAST = {100 + axis: 1000.0 for axis in range(3)} | {
+    110: 6000.0,
+    111: 6000.0,
+    112: 3000.0,
+    120: 500.0,
+    121: 500.0,
+    122: 200.0,
+}
 
 
 def trapezoid(length: float, speed: float, acceleration: float) -> float:
@@ -26,7 +35,11 @@ def duration(bench):
     return bench.box.moves[-1].end_time - bench.box.moves[0].begin_time
 
 
-@given(length=st.floats(0.01, 150.0), feed=st.floats(10.0, 6000.0), acceleration=st.floats(10.0, 3000.0))
+@given(
+    length=st.floats(0.01, 150.0),
+    feed=st.floats(10.0, 6000.0),
+    acceleration=st.floats(10.0, 3000.0),
+)
 @settings(max_examples=40)
 def test_one_line_takes_the_time_of_its_trapezoid(length, feed, acceleration):
     bench = Bench(settings=FAST | {120: acceleration})
@@ -35,7 +48,9 @@ def test_one_line_takes_the_time_of_its_trapezoid(length, feed, acceleration):
     way = round(length, 4)
     way = math.floor(way * 1000 + 0.5) / 1000
     if way:
-        assert duration(bench) == pytest.approx(trapezoid(way, round(feed, 2) / 60.0, acceleration), rel=1e-9)
+        assert duration(bench) == pytest.approx(
+            trapezoid(way, round(feed, 2) / 60.0, acceleration), rel=1e-9
+        )
         assert bench.box.position == (way, 0.0, 0.0)
 
 
@@ -65,13 +80,20 @@ def test_a_corner_is_taken_at_the_speed_of_its_circle(turn, deviation):
     radius = deviation * math.sin(half) / (1.0 - math.sin(half))
     change = np.array([math.cos(math.radians(turn)) - 1.0, math.sin(math.radians(turn))])
     acceleration = 500.0 / max(abs(change / np.hypot(*change)))
-    before, after = (1.0, 0.0, 0.0), (math.cos(math.radians(turn)), math.sin(math.radians(turn)), 0.0)
-    assert junction_speed_sq(before, after, (500.0, 500.0, 200.0), deviation) == pytest.approx(acceleration * radius)
+    before, after = (
+        (1.0, 0.0, 0.0),
+        (math.cos(math.radians(turn)), math.sin(math.radians(turn)), 0.0),
+    )
+    assert junction_speed_sq(before, after, (500.0, 500.0, 200.0), deviation) == pytest.approx(
+        acceleration * radius
+    )
     bench = Bench(settings=FAST | {11: deviation})
     bench.send(f"G1X40F3000\nG91X{40 * after[0]:.6f}Y{40 * after[1]:.6f}\n")
     bench.finish()
     first, second = bench.box.moves
-    assert second.phases[0].v == pytest.approx(min(math.sqrt(acceleration * radius), 50.0), rel=1e-3)
+    assert second.phases[0].v == pytest.approx(
+        min(math.sqrt(acceleration * radius), 50.0), rel=1e-3
+    )
     last = first.phases[-1]
     assert last.at(last.time + last.duration)[1] == pytest.approx(second.phases[0].v, rel=1e-6)
 
@@ -100,14 +122,27 @@ def test_arcs_stay_within_their_tolerance(line, center, radius):
     bench = Bench(settings=FAST)
     bench.send(line + "F3000\n", 5.0)
     bench.finish()
-    points = np.array([move.point(share * move.length)[:2] for move in bench.box.moves for share in np.linspace(0, 1, 9)])
+    points = np.array(
+        [
+            move.point(share * move.length)[:2]
+            for move in bench.box.moves
+            for share in np.linspace(0, 1, 9)
+        ]
+    )
     off = np.hypot(*(points - center).T) - radius
     assert np.abs(off).max() <= 0.002 + 0.001
     angle = np.unwrap(np.arctan2(points[:, 1] - center[1], points[:, 0] - center[0]))
     turn = angle[-1] - angle[0]
     assert (turn < 0) == line.startswith("G2")
-    expected = {"G2X0": 2 * math.pi, "G2X10Y0": math.pi, "G3X10Y0": math.pi, "G3X10Y10R-": 1.5 * math.pi}
-    assert abs(turn) == pytest.approx(next((v for k, v in expected.items() if line.startswith(k)), math.pi / 2), abs=0.01)
+    expected = {
+        "G2X0": 2 * math.pi,
+        "G2X10Y0": math.pi,
+        "G3X10Y0": math.pi,
+        "G3X10Y10R-": 1.5 * math.pi,
+    }
+    assert abs(turn) == pytest.approx(
+        next((v for k, v in expected.items() if line.startswith(k)), math.pi / 2), abs=0.01
+    )
 
 
 def test_fifteen_blocks_wait_and_the_next_ok_waits_for_room():
@@ -146,16 +181,24 @@ def test_speed_never_jumps_and_position_follows_it():
         assert other.v == pytest.approx(one.at(one.time + one.duration)[1], abs=1e-6)
 
 
-CORNERS = st.lists(st.tuples(*[st.floats(-20.0, 20.0)] * 3, st.floats(100.0, 6000.0)), min_size=2, max_size=25)
-NUDGES = st.lists(st.sampled_from([b"\x91", b"\x92", b"\x96", b"\x95", b"!", b"~", b""]), min_size=6, max_size=6)
+CORNERS = st.lists(
+    st.tuples(*[st.floats(-20.0, 20.0)] * 3, st.floats(100.0, 6000.0)), min_size=2, max_size=25
+)
+NUDGES = st.lists(
+    st.sampled_from([b"\x91", b"\x92", b"\x96", b"\x95", b"!", b"~", b""]), min_size=6, max_size=6
+)
 
 
 @given(CORNERS, NUDGES)
 @settings(max_examples=share(400, 25))
 def test_no_run_of_lines_breaks_a_limit(corners, nudges):
-    """Rates and accelerations of every axis, speeds of every corner, whatever overrides and holds come between."""
+    """Rates and accelerations of every axis, speeds of every corner, whatever overrides and holds
+    come between.
+    """
     bench = Bench(settings=FAST)
-    budget = "".join(f"G1X{x:.3f}Y{y:.3f}Z{z:.3f}F{feed:.0f}\n" for x, y, z, feed in corners).encode()
+    budget = "".join(
+        f"G1X{x:.3f}Y{y:.3f}Z{z:.3f}F{feed:.0f}\n" for x, y, z, feed in corners
+    ).encode()
     for nudge in nudges:
         bench.port.write(budget[:100] + nudge)
         budget = budget[100:]
@@ -184,11 +227,19 @@ def test_no_run_of_lines_breaks_a_limit(corners, nudges):
 
 
 def time_by_small_steps(moves, accelerations, deviation, pieces=400):
-    """Second opinion on a whole run known beforehand: v^2 on a fine grid, held down from behind, then from the front."""
+    """Second opinion on a whole run known beforehand: v^2 on a fine grid, held down from behind,
+    then from the front.
+    """
     most, reach, ways = [], [], []
     for number, move in enumerate(moves):
-        corner = junction_speed_sq(moves[number - 1].unit, move.unit, accelerations, deviation) if number else 0.0
-        most += [min(corner, move.programmed**2, moves[number - 1].programmed ** 2)] + [move.programmed**2] * (pieces - 1)
+        corner = (
+            junction_speed_sq(moves[number - 1].unit, move.unit, accelerations, deviation)
+            if number
+            else 0.0
+        )
+        most += [min(corner, move.programmed**2, moves[number - 1].programmed ** 2)] + [
+            move.programmed**2
+        ] * (pieces - 1)
         reach += [2.0 * move.acceleration * move.length / pieces] * pieces
         ways += [move.length / pieces] * pieces
     speeds = np.array([*most, 0.0])
@@ -200,7 +251,11 @@ def time_by_small_steps(moves, accelerations, deviation, pieces=400):
     return float(np.sum(2.0 * np.array(ways) / (roots[:-1] + roots[1:])))
 
 
-@given(st.lists(st.tuples(*[st.floats(-30.0, 30.0)] * 2, st.floats(300.0, 5000.0)), min_size=2, max_size=6))
+@given(
+    st.lists(
+        st.tuples(*[st.floats(-30.0, 30.0)] * 2, st.floats(300.0, 5000.0)), min_size=2, max_size=6
+    )
+)
 @settings(max_examples=share(200, 20))
 def test_a_run_that_fits_the_planner_is_as_fast_as_it_can_be(corners):
     bench = Bench(settings=FAST | {120: 50.0, 121: 50.0})
@@ -209,4 +264,6 @@ def test_a_run_that_fits_the_planner_is_as_fast_as_it_can_be(corners):
     moves = bench.box.moves
     # Lines come faster than the first of them can be braked for, if it is long enough.
     if moves and min(move.length for move in moves) > 1.0:
-        assert duration(bench) == pytest.approx(time_by_small_steps(moves, (50.0, 50.0, 200.0), 0.01), rel=2e-3)
+        assert duration(bench) == pytest.approx(
+            time_by_small_steps(moves, (50.0, 50.0, 200.0), 0.01), rel=2e-3
+        )

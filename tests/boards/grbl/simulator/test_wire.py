@@ -1,4 +1,6 @@
-"""The box's serial side: rings that overflow, EEPROM writes that lose bytes, real-time bytes that never wait."""
+"""The box's serial side: rings that overflow, EEPROM writes that lose bytes, real-time bytes that
+never wait.
+"""
 
 import math
 
@@ -28,7 +30,9 @@ def test_a_full_ring_loses_what_is_over(flavour, capacity, over):
 
 
 def test_a_wrong_budget_of_a_burst_merges_lines():
-    """Two hundred bytes onto a busy board: 128 stay, and the line that was cut runs into the next one sent."""
+    """Two hundred bytes onto a busy board: 128 stay, and the line that was cut runs into the next
+    one sent.
+    """
     bench = busy_bench()
     burst = b"G1X1.000Y2.000F900\n" * 11
     bench.send(burst[:200], 1.0)
@@ -56,7 +60,9 @@ def test_bytes_take_ten_bits_each():
 
 
 def test_an_eeprom_write_loses_what_arrives():
-    """G10 with three new numbers writes up to 13 bytes, 3.4 ms each, and two bytes of each 3.4 ms get through."""
+    """G10 with three new numbers writes up to 13 bytes, 3.4 ms each, and two bytes of each 3.4 ms
+    get through.
+    """
     bench = Bench()
     bench.port.write(b"G10L2P1X1.5Y-2.7Z3.1\n" + b"G1X1F100\n" * 12)
     bench.hear(5.0)
@@ -65,7 +71,9 @@ def test_an_eeprom_write_loses_what_arrives():
     window = 0.0034 / BYTE
     before = LINE_TIME_A_BYTE * 21 // BYTE
     came_meanwhile = min(written * window, 108 - before)
-    assert bench.box.core.receiver.blinded == came_meanwhile - 2 * math.ceil(came_meanwhile / window)
+    assert bench.box.core.receiver.blinded == came_meanwhile - 2 * math.ceil(
+        came_meanwhile / window
+    )
     assert bench.box.core.receiver.overflowed == 0
 
 
