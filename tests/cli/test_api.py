@@ -45,7 +45,10 @@ def test_plan_keeps_the_clock_of_the_report(program):
 
 def test_a_machine_can_be_given_in_three_ways(program):
     machine = load_machine("paper-nurbs")
-    named, given, filed = (check(program, each) for each in ("paper-nurbs", machine, ROOT / "config" / "paper-nurbs.toml"))
+    named, given, filed = (
+        check(program, each)
+        for each in ("paper-nurbs", machine, ROOT / "config" / "paper-nurbs.toml")
+    )
     assert named.duration_s == given.duration_s == filed.duration_s
     with pytest.raises(MachineFileError):
         check(program, "no such machine")
@@ -65,12 +68,18 @@ def test_faults_are_in_the_report(program):
     board = Loopback(3, fail_after=5)
     report = run(program, board=board)
     assert report.exit_code == EXIT_BOARD
-    assert report.end_position == {"x": board.position_steps[0] / 200, "y": 0.0, "z": 0.0} != {"x": 20.0, "y": 0.0, "z": 0.0}
+    assert (
+        report.end_position
+        == {"x": board.position_steps[0] / 200, "y": 0.0, "z": 0.0}
+        != {"x": 20.0, "y": 0.0, "z": 0.0}
+    )
     assert report.faults[0].diagnostic.line == 2
     assert report.faults[0].diagnostic.file == str(program)
     program.write_text("G1 X1\n")
     assert [fault.diagnostic.code for fault in check(program).faults] == ["feed-missing"]
-    assert [fault.diagnostic.code for fault in check(program.with_name("no")).faults] == ["no-such-file"]
+    assert [fault.diagnostic.code for fault in check(program.with_name("no")).faults] == [
+        "no-such-file"
+    ]
 
 
 def test_the_caller_s_own_mistakes_are_raised(program):
@@ -110,7 +119,10 @@ def test_a_stop_ends_both_passes(program, monkeypatch, stage):
 
     def stopping():
         control = Control()
-        return {"control": control, "watch": Watch(on_progress=lambda now, *_: control.stop() if now == stage else None)}
+        return {
+            "control": control,
+            "watch": Watch(on_progress=lambda now, *_: control.stop() if now == stage else None),
+        }
 
     report = check(program, **stopping())
     assert report.stopped_at_line == 0
@@ -156,12 +168,21 @@ def test_the_first_run_compiles_and_says_so_once(tmp_path, monkeypatch):
 
 def test_nobody_goes_on_compiling_for_a_process_that_is_gone():
     # Its input ends with the process that holds the other end of it.
-    assert subprocess.run([sys.executable, "-m", "cnc.session.kernel_cache"], stdin=subprocess.DEVNULL, check=False).returncode == 1
+    assert (
+        subprocess.run(
+            [sys.executable, "-m", "cnc.session.kernel_cache"],
+            stdin=subprocess.DEVNULL,
+            check=False,
+        ).returncode
+        == 1
+    )
 
 
 def test_what_cuts_a_plan_in_slices_is_compiled_with_the_rest(monkeypatch):
     called, phase_time = [], phases.phase_time
-    monkeypatch.setattr(phases, "phase_time", lambda *values: called.append(values) or phase_time(*values))
+    monkeypatch.setattr(
+        phases, "phase_time", lambda *values: called.append(values) or phase_time(*values)
+    )
     kernel_cache.use_planner()
     assert called
 
@@ -169,21 +190,37 @@ def test_what_cuts_a_plan_in_slices_is_compiled_with_the_rest(monkeypatch):
 def test_compiling_is_announced_unless_quiet(capsys):
     with progress.Screen(Control(), quiet=False) as shown:
         shown.watch().on_compiling()
-    assert capsys.readouterr().err == "compiling the kernels; this happens once and takes up to a minute\n"
+    assert (
+        capsys.readouterr().err
+        == "compiling the kernels; this happens once and takes up to a minute\n"
+    )
     with progress.Screen(Control(), quiet=True) as shown:
         assert shown.watch().on_compiling is None
 
 
-def test_compiled_code_is_kept_by_the_text_of_all_kernels(tmp_path, monkeypatch):
-    # What one kernel calls may change without the file that it stands in.
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(jit, "__file__", str(tmp_path / "jit.py"))
-    (tmp_path / "callee.py").write_text("one")
-    before = jit._choose_cache_folder()
-    assert before.parent == tmp_path
-    assert jit._choose_cache_folder() == before
-    (tmp_path / "callee.py").write_text("two")
-    assert jit._choose_cache_folder() != before
+def test_compiled_code_belongs_to_the_text_of_a_file_and_of_its_imports(tmp_path, monkeypatch):
+    # A called kernel may change without a change of the file of its caller.
+    texts = {
+        "caller.py": "from cnc.kernels.deep.callee import f",
+        "deep/callee.py": "one",
+        "other.py": "other",
+    }
+
+    def folders(changed):
+        folder = tmp_path / str(len(list(tmp_path.iterdir())))
+        for name, text in {**texts, **changed}.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text)
+        monkeypatch.setattr(jit, "__file__", str(folder / "jit.py"))
+        return [jit._folder_of(folder / name) for name in texts]
+
+    caller, callee, other = folders({})
+    assert len({caller, callee, other}) == 3
+    assert folders({}) == [caller, callee, other]
+    changed = folders({"deep/callee.py": "two"})
+    assert changed[0] != caller
+    assert changed[1] != callee
+    assert changed[2] == other
 
 
 class Silent(Loopback):
