@@ -118,7 +118,8 @@ def njit(function: Kernel) -> Kernel:
     A constant in a call between kernels has a type of its own, for which numba would compile the
     called kernel once more: it is taken for a number like any other.
     """
-    numba.config.CACHE_DIR = str(_folder_of(Path(function.__code__.co_filename)))
+    config: Any = numba.config
+    config.CACHE_DIR = str(_folder_of(Path(function.__code__.co_filename)))
     kernel: Any = numba.njit(cache=True, error_model="numpy")(function)
     if compiling():
         template = kernel.get_call_template

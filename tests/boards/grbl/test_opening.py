@@ -12,13 +12,13 @@ from types import SimpleNamespace
 
 import pytest
 
+from cnc.boards import serial_port
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.simulator.box import BOOT_TIME, GrblBox
 from cnc.boards.grbl.simulator.faults import Unplug
 from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
 from cnc.boards.grbl.simulator.ports import BoxPort
 from cnc.boards.grbl.simulator.pty_server import PtyServer
-from cnc.boards import serial_port
 from cnc.boards.serial_port import SerialLink, identity, open_port
 from tests.support.boards.grbl_rig import MACHINE
 
