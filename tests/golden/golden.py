@@ -32,6 +32,7 @@ import re
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from importlib.metadata import entry_points
@@ -51,8 +52,6 @@ PLACE = re.compile(
     re.M,
 )
 """A message on standard error: its place, where it has one, and its code."""
-RECYCLED_AFTER = 500
-"""Cases that a worker runs before a new one replaces it: the process must not grow without end."""
 
 Case = dict[str, Any]
 Result = dict[str, Any]
@@ -108,15 +107,11 @@ def _record(options: argparse.Namespace) -> int:
     code = importlib.import_module(entry.split(":")[0]).__file__
     print(f"{len(cases)} cases with {entry} of {code}", flush=True)
     begin, results = time.monotonic(), {}
-    # A fork would inherit threads of the import above.
-    pool = ProcessPoolExecutor(
-        options.workers,
-        multiprocessing.get_context("spawn"),
-        _prepare,
-        (str(folder), entry),
-        max_tasks_per_child=RECYCLED_AFTER,
-    )
-    with pool:
+    # A fork would inherit threads of the import above. `check --jobs` needs workers that may have
+    # children of their own, which those of a multiprocessing.Pool may not.
+    initial = (str(folder), entry)
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(options.workers, context, _prepare, initial) as pool:
         running = [pool.submit(_timed_run, case) for case in cases]
         for count, done in enumerate(as_completed(running), 1):
             name, result, seconds = done.result()
@@ -126,11 +121,8 @@ def _record(options: argparse.Namespace) -> int:
                 print(f"{count} cases, {passed:.0f} s: {name} {seconds:.1f} s", flush=True)
     text = json.dumps({"cases": results}, indent=0, sort_keys=True)
     options.result.write_text(text + "\n", encoding="utf-8")
-    codes = sorted(result["exit"] for result in results.values())
-    print(
-        f"{time.monotonic() - begin:.0f} s; exit codes:",
-        {code: codes.count(code) for code in dict.fromkeys(codes)},
-    )
+    codes = Counter(str(result["exit"]) for result in results.values())
+    print(f"{time.monotonic() - begin:.0f} s; exit codes:", dict(sorted(codes.items())))
     return 0
 
 
