@@ -130,8 +130,9 @@ def _shipped(to: Collection) -> None:
             to.check(name, f"--machine machines/{machine}-large.toml", EVERY_FILE)
         for algorithm in ALGORITHMS:
             to.check(name, f"--algorithm {algorithm}", ("pulses",))
-        to.check(name, "--machine machines/paper-nurbs-large.toml --algorithm half-step", ("pulses",))
-        for machine in ("default", "machines/paper-nurbs-large.toml"):
+        paper = "machines/paper-nurbs-large.toml"
+        to.check(name, f"--machine {paper} --algorithm half-step", ("pulses",))
+        for machine in ("default", paper):
             to.check(name, f"--machine {machine} --interpolator sampled", ("trace", "pulses"))
         for dialect in DIALECTS:
             to.check(name, f"--dialect {dialect}", ("blocks",))
