@@ -342,9 +342,7 @@ class NpzPulses:
         writer.append("step", np.empty((0, len(machine.axes)), np.int8))
         writer.append("line", np.empty(0, np.int32))
         writer.scalar("axes", list(machine.axis_names))
-        writer.scalar(
-            "steps_per_mm", np.array([axis.steps_per_mm for axis in machine.axes.values()])
-        )
+        writer.scalar("steps_per_mm", machine.steps_per_mm)
         writer.scalar("origin_steps", np.asarray(origin_steps, dtype=np.int64))
 
     def write(self, chunk: PulseChunk) -> None:

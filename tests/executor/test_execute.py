@@ -249,7 +249,7 @@ def test_any_other_exception_aborts_too(fault: BaseException) -> None:
     assert board.aborted
 
 
-class Touching(Loopback):
+class ProbesByMotion(Loopback):
     """A board whose probe makes contact at a height of the third axis: pulses below are not
     played.
     """
@@ -275,7 +275,7 @@ class Touching(Loopback):
         super().send(chunk)
 
 
-def probing(board: Touching, must: bool = True) -> Outcome:
+def probing(board: ProbesByMotion, must: bool = True) -> Outcome:
     """A probe down to -1 mm, then a traverse back up to 0 by way of what the probe found."""
     mill = Machine(
         name="mill",
@@ -301,7 +301,7 @@ def probing(board: Touching, must: bool = True) -> Outcome:
 
 
 def test_after_a_probe_the_motion_goes_on_from_contact() -> None:
-    board = Touching(-40)
+    board = ProbesByMotion(-40)
     outcome = probing(board)
     assert outcome.position_steps.tolist() == board.position_steps.tolist() == [-40, 0, 0]
     assert board.steps.tolist() == [40, 0, 80]
@@ -310,13 +310,13 @@ def test_after_a_probe_the_motion_goes_on_from_contact() -> None:
 
 def test_a_probe_that_must_find_something() -> None:
     with pytest.raises(BoardError) as caught:
-        probing(Touching(None))
+        probing(ProbesByMotion(None))
     found = caught.value.diagnostic
     assert (found.code, found.line, found.file) == ("probe-no-contact", 2, FILE)
 
 
 def test_a_probe_that_may_find_nothing() -> None:
-    board = Touching(None)
+    board = ProbesByMotion(None)
     assert probing(board, must=False).position_steps.tolist() == [-100, 0, 0]
 
 

@@ -63,7 +63,7 @@ def connected(box: GrblBox) -> tuple[GrblBoard, Wire]:
 
 def started(box: GrblBox, control: Control | None = None) -> tuple[GrblBoard, Wire]:
     board, wire = connected(box)
-    board.attend(control or Control(), lambda: None)
+    board.connect_operator(control or Control(), lambda: None)
     board.start(ORIGIN)
     return board, wire
 
@@ -227,7 +227,7 @@ def lived(box: GrblBox, lines: list[str]) -> BoardError | None:
 
     try:
         board, _ = connected(box)
-        board.attend(control, operate)
+        board.connect_operator(control, operate)
         board.start(ORIGIN)
         for number, line in enumerate(lines, start=1):
             board.send_line(GcodeLine(line, number))

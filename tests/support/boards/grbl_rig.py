@@ -32,7 +32,7 @@ def started(
     box: GrblBox, control: Control | None = None, watcher: Callable[[], None] = lambda: None
 ) -> GrblBoard:
     board = connected(box)
-    board.attend(control or Control(), watcher)
+    board.connect_operator(control or Control(), watcher)
     board.start(ORIGIN)
     return board
 
