@@ -22,7 +22,8 @@ from cnc.model.blocks import Block, Dwell, Held
 from cnc.model.diagnostics import BoardError, MotionLimitError, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine, PulseChunk, SampleChunk
-from cnc.outputs.files import TraceWriter, pulse_writer, trace_writer
+from cnc.outputs.pulses import pulse_writer
+from cnc.outputs.trace import TraceWriter, trace_writer
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
