@@ -223,7 +223,7 @@ def test_a_fault_aborts_and_names_file_and_line() -> None:
     with pytest.raises(BoardError) as caught:
         go(stretch(2, 0.0), stretch(7, 1.0), board=board)
     assert caught.value.diagnostic.code == "board-fault"
-    assert caught.value.diagnostic.place() == "p.nc:7"
+    assert caught.value.diagnostic.location() == "p.nc:7"
     assert board.aborted
     assert board.state == "stopped"
     assert board.position_steps.tolist() == [5]
@@ -232,7 +232,7 @@ def test_a_fault_aborts_and_names_file_and_line() -> None:
 def test_a_fault_without_a_line_gets_that_of_the_last_confirmed_row() -> None:
     with pytest.raises(BoardError) as caught:
         go(stretch(2, 0.0), stretch(7, 1.0), board=Silent(1))
-    assert caught.value.diagnostic.place() == "p.nc:2"
+    assert caught.value.diagnostic.location() == "p.nc:2"
     assert caught.value.exit_code == 3
 
 
