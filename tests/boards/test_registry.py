@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cnc.boards.discovery.file import FileBoard
-from cnc.boards.discovery.loopback import Loopback
 
-from cnc.boards.discovery import registry
+from cnc.boards import registry
+from cnc.boards.file import FileBoard
+from cnc.boards.loopback import Loopback
 from cnc.machine.models import Axis, Board, Machine
 from cnc.model.diagnostics import UsageError
 

@@ -7,14 +7,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from cnc.boards.discovery.discovery import Found, machine_file, page
-from cnc.boards.discovery.grbl.settings import BoardInfo
-from cnc.boards.discovery.grbl.simulator.box import GrblBox
-from cnc.boards.discovery.grbl.simulator.pty_server import PtyServer
-from cnc.boards.discovery.stepper.protocol import VERSION, Welcome
-from cnc.boards.discovery.stepper.protocol import State as StepperState
 
-from cnc.boards.discovery import discovery
+from cnc.boards.discovery import Found, discovery, machine_file, page
+from cnc.boards.grbl.settings import BoardInfo
+from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.pty_server import PtyServer
+from cnc.boards.stepper.protocol import VERSION, Welcome
+from cnc.boards.stepper.protocol import State as StepperState
 from cnc.cli import exit_code
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
