@@ -6,9 +6,10 @@ import os
 import pytest
 
 from cnc import cli
+from tests.support.paths import ROOT
 from tests.support.soak import share
 from tests.support.view.browser import FOUND, INSTALL, Browser
-from tests.support.view.drawn import ROOT, drawn
+from tests.support.view.drawn import drawn
 from tests.view.test_view_command import HOSTILE
 
 LINES = (
