@@ -176,9 +176,9 @@ def check(
         if name is not None:
             write_summary(name, reports if listed else reports[0])
     if format != "text" and format != "json":
-        from cnc.outputs.formats import write_format
+        from cnc.outputs.findings import write_findings
 
-        write_format(format, reports)
+        write_findings(format, reports)
     if not listed:
         show(reports[0], common, shown)
     if before is not None and not common.quiet:
@@ -213,7 +213,7 @@ def diff(
     library()
     from cnc.compare.programs import compare
     from cnc.machine.load import load_machine
-    from cnc.outputs.files import write_object
+    from cnc.outputs.summary_json import write_object
 
     Common(machine=machine, json=json).check_outputs(first, second)
     with Screen(Control(), quiet=quiet) as screen:

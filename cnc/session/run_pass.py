@@ -18,14 +18,16 @@ from cnc.executor.run import Progress, execute
 from cnc.grbl_lines.grbl_timing import BoardTime, Countdown
 from cnc.grbl_lines.smooth import smooth_path
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block, Dwell, Held
+from cnc.model.blocks import Block, Held
 from cnc.model.diagnostics import BoardError, MotionLimitError, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine, PulseChunk, SampleChunk
-from cnc.outputs.files import TraceWriter, pulse_writer, trace_writer
+from cnc.outputs.pulses import pulse_writer
+from cnc.outputs.trace import TraceWriter, trace_writer
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
+from cnc.planner.run_clock import RunClock
 from cnc.planner.window import LONG, SLICE
 from cnc.pulses.reference_pulse import Algorithm, ReferencePulse
 from cnc.pulses.sampled import Sampled
@@ -191,13 +193,12 @@ class SecondPass:
                     self._outputs.picture, report, self._reading.path, self._reading.start
                 )
             )
+        clock = RunClock()
         for item in planned:
-            if isinstance(item, PlanChunk):
-                report.duration_s = item.t0 + item.duration
-                if self._on_plan is not None:
-                    self._on_plan(item)
-            elif isinstance(item, Dwell):
-                report.duration_s += item.seconds
+            clock.add(item)
+            report.duration_s = clock.seconds
+            if isinstance(item, PlanChunk) and self._on_plan is not None:
+                self._on_plan(item)
             if drawn is not None:
                 drawn.add(item)
             yield item
@@ -242,22 +243,18 @@ class SecondPass:
             ),
             self.watch_interpolating,
         )
-        rows, at, made, until = [0], [0.0], 0, 0.0
+        rows, at, made, clock = [0], [0.0], 0, RunClock()
         ahead = LookAhead(machine, Control(self._control.feed_override), slice_s=LONG)
         for item in self.watch_planning.inside(ahead.plan(path)):
             lookout.checking(self._report.lines)
+            clock.add(item)
             if isinstance(item, PlanChunk):
                 for chunk in pulses.pulses(item):
                     _bear(burden, chunk, item)
                     made += len(chunk.step)
                 rows.append(made)
-                at.append(item.t0 + item.duration)
-            until = (
-                item.t0 + item.duration
-                if isinstance(item, PlanChunk)
-                else until + getattr(item, "seconds", 0.0)
-            )
-        self._schedule = np.array(rows), np.array(at), until
+                at.append(clock.seconds)
+        self._schedule = np.array(rows), np.array(at), clock.seconds
 
     def _left(self, progress: Progress) -> Progress:
         """With what is left of the rehearsed motion, if all goes on as now."""

@@ -22,7 +22,7 @@ from cnc.machine.models import DialectName, Machine
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, GcodeError, UsageError
 from cnc.model.operator_control import Control
-from cnc.outputs.files import JsonLines
+from cnc.outputs.blocks import BlockWriter
 from cnc.outputs.targets import TextTarget
 from cnc.planner.plan import PlanChunk
 from cnc.pulses.reference_pulse import Algorithm
@@ -211,7 +211,7 @@ class Job:
         shown = None
         if self._outputs.blocks is not None:
             shown = self._files.opened(
-                JsonLines(self._outputs.blocks, reading.machine.axis_names, report.program)
+                BlockWriter(self._outputs.blocks, reading.machine.axis_names, report.program)
             )
         try:
             # Lines come from a path of their own, which is not the one that is surveyed.

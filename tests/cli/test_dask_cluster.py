@@ -129,4 +129,4 @@ def test_without_dask_it_says_what_to_install(monkeypatch, tmp_path, capfd):
     (tmp_path / "a.nc").write_text(GOOD)
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert cli.exit_code(["check", str(tmp_path), "--scheduler", "tcp://127.0.0.1:9"]) == 2
-    assert "pip install 'cnc[farm]'" in capfd.readouterr().err
+    assert "pip install 'cncrun[farm]'" in capfd.readouterr().err

@@ -154,7 +154,7 @@ def test_without_matplotlib_the_page_is_drawn_and_the_others_say_what_to_install
     code, said = view(GOOD, "out.png")
     assert code == 2
     assert said.startswith("drawing-missing: .png needs matplotlib")
-    assert "pip install 'cnc[view]'" in said
+    assert "pip install 'cncrun[view]'" in said
     assert view(GOOD, "out.html") == (0, "")
 
 

@@ -46,7 +46,7 @@ class PtyServer:
         os.set_blocking(self._ours, False)
         self._unread = b""
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name="grbl-box", daemon=True)
+        self._thread = threading.Thread(target=self._serve, name="grbl-simulator", daemon=True)
         self._thread.start()
 
     def __enter__(self) -> PtyServer:
