@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from cnc.boards.discovery import Found, discovery, machine_file, page
+from cnc.boards import discovery
+from cnc.boards.discovery import Found, machine_file, page
 from cnc.boards.grbl.settings import BoardInfo
-from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.boards.stepper.protocol import VERSION, Welcome
 from cnc.boards.stepper.protocol import State as StepperState
@@ -48,7 +49,7 @@ def test_what_is_printed_is_a_machine_file(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     with PtyServer(
-        GrblBox(settings={number: float(value) for number, value in SETTINGS.items()}), 4.0
+        GrblSimulator(settings={number: float(value) for number, value in SETTINGS.items()}), 4.0
     ) as server:
         assert exit_code(["boards", server.name]) == 0
     text = capsys.readouterr().out
