@@ -19,7 +19,7 @@ BUILT_IN = (
     EntryPoint("loopback", "cnc.boards.loopback:Loopback", GROUP),
     EntryPoint("file", "cnc.boards.file:FileBoard", GROUP),
     EntryPoint("grbl", "cnc.boards.grbl.driver:GrblBoard", GROUP),
-    EntryPoint("grbl-sim", "cnc.boards.grbl.simulator.board:GrblSim", GROUP),
+    EntryPoint("grbl-sim", "cnc.boards.grbl.simulator.board:GrblSimulatorBoard", GROUP),
     EntryPoint("stepper", "cnc.boards.stepper.driver:Stepper", GROUP),
 )
 """The boards in this package, known even where it runs from a folder that was never installed."""

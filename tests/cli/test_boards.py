@@ -11,7 +11,7 @@ import pytest
 from cnc.boards import discovery
 from cnc.boards.discovery import FoundBoard, machine_file, port_report
 from cnc.boards.grbl.settings import BoardInfo
-from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.boards.stepper.protocol import VERSION, Welcome
 from cnc.boards.stepper.protocol import State as StepperState
@@ -49,7 +49,7 @@ def test_what_is_printed_is_a_machine_file(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     with PtyServer(
-        GrblBox(settings={number: float(value) for number, value in SETTINGS.items()}), 4.0
+        GrblSimulator(settings={number: float(value) for number, value in SETTINGS.items()}), 4.0
     ) as server:
         assert exit_code(["boards", server.name]) == 0
     text = capsys.readouterr().out

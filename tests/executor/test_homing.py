@@ -20,8 +20,8 @@ from cnc.model.diagnostics import BoardError, CncError, UsageError
 from tests.support.boards.stepper_simulator import (
     DIRECTION_PINS,
     STEP_PINS,
+    GrblSimulatorPort,
     Simulator,
-    SimulatorPort,
 )
 from tests.support.soak import share
 
@@ -57,7 +57,7 @@ class Bench:
 
     def __init__(self, **switches: tuple[float, float]) -> None:
         self.simulator = Simulator()
-        self.port = SimulatorPort(self.simulator)
+        self.port = GrblSimulatorPort(self.simulator)
         self.switches = switches
         self.place = [0, 0, 0, 0]
         self.backward = [0, 0, 0, 0]
