@@ -6,7 +6,7 @@ board takes them.
 Steps may be made on the way, where the board's answers decide how the program goes on, or before
 anything moves: a list of them is small.
 
-The board carries out the operator's wishes itself (:meth:`cnc.boards.protocols.LineSink.attend`),
+The board carries out the operator's wishes itself (:meth:`cnc.boards.protocols.LineSink.connect_operator`),
 so the plan is made without them: hold, resume and override act on the motion under way, not on what
 is still to come.
 """
@@ -23,11 +23,12 @@ import numpy as np
 
 from cnc.boards.protocols import LineSink, board_error
 from cnc.executor.run import Progress
-from cnc.model.blocks import Abort, Block, BoardCommand, Dwell, End, Probe, Stop, Tool
+from cnc.model.blocks import Abort, Block, BoardCommand, End, Probe, Stop, Tool
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
 from cnc.planner.plan import PlanChunk
+from cnc.planner.run_clock import RunClock
 
 ROUNDING = 0.003
 """mm by which a board's report of its position may differ from where it was sent, beside one step:
@@ -80,22 +81,19 @@ def steps(planned: Iterable[PlanChunk | Block], translator: LineTranslator) -> I
     """The steps of a plan, each as soon as its lines are certain; a probe's answer is looked at
     when the next is asked for.
     """
-    clock, file = 0.0, ""
+    clock, file = RunClock(), ""
     for item in planned:
         file = item.path.file if isinstance(item, PlanChunk) else item.file
         lines = list(translator.lines(item))
-        if isinstance(item, PlanChunk):
-            clock = item.t0 + item.duration
-        elif isinstance(item, Dwell):
-            clock += item.seconds
-        elif isinstance(item, BoardCommand):
+        clock.add(item)
+        if isinstance(item, BoardCommand):
             # A locked board takes nothing but $H and $X: they go before the modes of the first
             # line.
             lines.sort(key=lambda line: not line.text.startswith("$"))
         block = item if isinstance(item, Abort | BoardCommand | Probe | Stop | Tool) else None
         if lines or block is not None:
-            yield _step(file, lines, clock, block, translator.position)
-    yield _step(file, list(translator.end()), clock, None, translator.position)
+            yield _step(file, lines, clock.seconds, block, translator.position)
+    yield _step(file, list(translator.end()), clock.seconds, None, translator.position)
 
 
 def _step(
@@ -235,7 +233,7 @@ def stream(
     control = control or Control()
     run = _Stream(board, control, on_progress, on_line)
     try:
-        board.attend(control, run.tell)
+        board.connect_operator(control, run.tell)
         board.start(np.zeros(board.capabilities.axes, np.int64))
         for step in program:
             run.step(step)

@@ -18,12 +18,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import Attending, Playing, PulseSink, Touching
-from cnc.model.blocks import Abort, Block, Dwell, End, Held, Probe, WaitInput
+from cnc.boards.protocols import HasButtons, PlaysAhead, ProbesByMotion, PulseSink
+from cnc.model.blocks import Abort, Block, End, Held, Probe, WaitInput
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
 from cnc.planner.plan import PlanChunk
+from cnc.planner.run_clock import RunClock
 
 REST = 1e-9
 """Speed in mm/s below which a chunk's end is at rest."""
@@ -75,7 +76,7 @@ class Progress:
     position: tuple[float, ...] | None = None
     buffered: int | None = None
     left: float | None = None
-    why: str = ""
+    hold_reason: str = ""
     ahead: float | None = None
     file: str = ""
     at: int = 0
@@ -117,12 +118,12 @@ class _Run:
         self.interpolator = interpolator
         self.on_pulses = on_pulses
         self.on_progress = on_progress
-        self.clock = 0.0
+        self.clock = RunClock()
         self.line = 0
         self.rows = 0
         self.steps = np.zeros(len(interpolator.origin_steps), dtype=np.int64)
         self.file = ""
-        self.playing = board if isinstance(board, Playing) else None
+        self.playing = board if isinstance(board, PlaysAhead) else None
         self._probing: tuple[Probe, tuple[float, ...] | None] | None = None
 
     def command(self, block: Block) -> None:
@@ -131,13 +132,12 @@ class _Run:
         """
         self.probed()
         self.file = block.file
-        reply = self.board.execute(block, round(self.clock * 1e9))
+        reply = self.board.execute(block, round(self.clock.seconds * 1e9))
         if isinstance(block, WaitInput):
             block.answer.values = reply
         elif isinstance(block, Probe):
             self._probing = block, reply
-        if isinstance(block, Dwell):
-            self.clock += block.seconds
+        self.clock.add(block)
         self.line = block.line
         self._tell()
 
@@ -145,13 +145,13 @@ class _Run:
         """A stretch of the plan, as far as ``control`` lets it."""
         self.file = chunk.path.file
         self.send(self.interpolator.pulses(chunk), control)
-        self.clock = chunk.t0 + chunk.duration
+        self.clock.add(chunk)
 
     def hold(self, block: Held, control: Control | None) -> None:
         """Wait until the operator goes on, or stops the run; whoever watches may do either at
         once.
         """
-        self.board.execute(block, round(self.clock * 1e9))
+        self.board.execute(block, round(self.clock.seconds * 1e9))
         self._tell(held=True, why=block.why)
         if control is not None:
             control.wait()
@@ -164,7 +164,7 @@ class _Run:
             return
         block, reply = self._probing
         self._probing = None
-        found = self.board.sensed() if isinstance(self.board, Touching) else None
+        found = self.board.probe_result() if isinstance(self.board, ProbesByMotion) else None
         reply = reply if found is None else found
         block.answer.values = reply
         if reply is not None:
@@ -194,12 +194,12 @@ class _Run:
             self.steps += [np.count_nonzero(column) for column in pulses.step.T]
             if len(pulses.step):
                 self.line = int(pulses.line[-1])
-                self.clock = float(pulses.time_ns[-1]) * 1e-9
+                self.clock.seconds = float(pulses.time_ns[-1]) * 1e-9
             self._tell()
 
     def outcome(self, stopped: bool) -> Outcome:
         return Outcome(
-            self.clock,
+            self.clock.seconds,
             self.board.position_steps,
             self.steps,
             self.rows,
@@ -210,10 +210,16 @@ class _Run:
         if self.on_progress is None:
             return
         now = Progress(
-            self.clock, self.line, self.rows, held, why=why, file=self.file, at=self.line
+            self.clock.seconds,
+            self.line,
+            self.rows,
+            held,
+            hold_reason=why,
+            file=self.file,
+            at=self.line,
         )
         if self.playing is not None:
-            where = self.playing.whereabouts
+            where = self.playing.motion_state
             # What the motion is held for has been come to.
             line = self.line if held else where.line
             now = replace(now, line=line, position=where.position, ahead=where.ahead, at=line)
@@ -248,8 +254,8 @@ def execute(
     run = _Run(board, interpolator, on_pulses, on_progress)
     at_rest = True
     try:
-        if control is not None and isinstance(board, Attending):
-            board.attend(control)
+        if control is not None and isinstance(board, HasButtons):
+            board.connect_operator(control)
         board.start(interpolator.origin_steps)
         items = iter(plan_stream)
         while control is None or not control.stopped:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from cnc.checks.hints import Hints
 from cnc.checks.travel import Survey
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline, Probe, WaitInput
-from cnc.outputs.files import JsonLines
+from cnc.outputs.blocks import BlockWriter
 from cnc.path.chunk import PathChunk
 from cnc.report.result import Report
 from cnc.session.observer import Lookout
@@ -45,7 +45,7 @@ class FirstPass:
             abilities,
         )
 
-    def carry_out(self, shown: JsonLines | None, *, keep: bool) -> list[PathChunk | Block] | None:
+    def carry_out(self, shown: BlockWriter | None, *, keep: bool) -> list[PathChunk | Block] | None:
         """Read, and write the blocks to ``shown``.
 
         The path if it is to be kept, is not too long, and the next reading can't differ; None where

@@ -1,5 +1,5 @@
 """What others put into their pipelines, run as they run it: the pre-commit hook, the GitHub Action,
-GitLab's job of the README.
+GitLab's job of docs/how-to/ci.md.
 """
 
 import os
@@ -176,9 +176,9 @@ def test_the_action_installs(shop):
 
 
 def gitlab() -> dict:
-    """The job of the README."""
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    (text,) = re.findall(r"```yaml\n# \.gitlab-ci\.yml\n(.*?)```", readme, re.DOTALL)
+    """The job of docs/how-to/ci.md."""
+    page = (ROOT / "docs/how-to" / "ci.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```yaml\n# \.gitlab-ci\.yml\n(.*?)```", page, re.DOTALL)
     return yaml.safe_load(text)
 
 
@@ -197,12 +197,12 @@ def test_gitlabs_job_reports(shop, broken):
     assert job["artifacts"]["when"] == "always"
 
 
-def test_the_readmes_other_snippets_are_what_is_there():
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    (text,) = re.findall(r"```yaml\n# \.pre-commit-config\.yaml\n(.*?)```", readme, re.DOTALL)
+def test_the_other_snippets_name_hooks_and_inputs_that_exist():
+    page = (ROOT / "docs/how-to" / "ci.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```yaml\n# \.pre-commit-config\.yaml\n(.*?)```", page, re.DOTALL)
     (used,) = yaml.safe_load(text)["repos"][0]["hooks"]
     assert used["id"] == hook()["id"]
-    (text,) = re.findall(r"```yaml\n# \.github/workflows/gcode\.yml\n(.*?)```", readme, re.DOTALL)
+    (text,) = re.findall(r"```yaml\n# \.github/workflows/gcode\.yml\n(.*?)```", page, re.DOTALL)
     (step,) = [
         each for each in yaml.safe_load(text)["jobs"]["gcode"]["steps"] if "/cnc@" in each["uses"]
     ]
