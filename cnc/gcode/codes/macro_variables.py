@@ -11,9 +11,10 @@ from functools import partial
 
 from cnc.gcode.codes.system_parameters import feed_word
 from cnc.gcode.state.block_buffer import Output
-from cnc.gcode.state.coordinates import NAMES, Coordinates
-from cnc.gcode.state.modal_groups import CANCEL, COMPENSATION_OFF, FEED_MODES, PLANES, Modal
+from cnc.gcode.state.coordinates import SYSTEM_CODES, Coordinates
+from cnc.gcode.state.modal_groups import FEED_MODES, PLANES, Modal
 from cnc.gcode.state.source_location import Here
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.model.blocks import Stop
 
@@ -25,10 +26,10 @@ remember.
 """
 _BLOCK_END, _MACHINE, _CURRENT = 5001, 5021, 5041
 _MODAL = 4000
-_LAST_PLAIN = 330
+_LAST_PLAIN = G.G33
 """Motion codes beyond are cycles, which have a group of their own."""
-_PLANE_CODES = {plane: code / 10 for code, plane in PLANES.items()}
-_FEED_CODES = {mode: code / 10 for code, mode in FEED_MODES.items()}
+_PLANE_CODES = {plane: code.code for code, plane in PLANES.items()}
+_FEED_CODES = {mode: code.code for code, mode in FEED_MODES.items()}
 
 
 def bind(
@@ -46,20 +47,18 @@ def bind(
     which ``position`` tells in mm.
     """
     groups: dict[int, Callable[[], float]] = {
-        1: lambda: 0.0 if state.motion is None or state.motion > _LAST_PLAIN else state.motion / 10,
+        1: lambda: 0.0 if state.motion is None or state.motion > _LAST_PLAIN else state.motion.code,
         2: lambda: _PLANE_CODES[state.plane],
-        3: lambda: 90.0 if state.absolute else 91.0,
+        3: lambda: (G.G90 if state.absolute else G.G91).code,
         5: lambda: _FEED_CODES[state.feed_mode],
-        6: lambda: 21.0 if state.scale == 1.0 else 20.0,
-        7: lambda: (state.compensation or COMPENSATION_OFF) / 10,
+        6: lambda: (G.G21 if state.scale == 1.0 else G.G20).code,
+        7: lambda: state.compensation.code,
         9: lambda: (
-            CANCEL / 10
-            if state.motion is None or state.motion <= _LAST_PLAIN
-            else state.motion / 10
+            G.G80.code if state.motion is None or state.motion <= _LAST_PLAIN else state.motion.code
         ),
-        10: lambda: 98.0 if state.initial_level else 99.0,
-        13: lambda: 96.0 if state.constant_surface else 97.0,
-        14: lambda: NAMES[coordinates.system] / 10,
+        10: lambda: (G.G98 if state.initial_level else G.G99).code,
+        13: lambda: (G.G96 if state.constant_surface else G.G97).code,
+        14: lambda: SYSTEM_CODES[coordinates.system].code,
         109: lambda: feed_word(state),
         119: lambda: 0.0 if state.speed is None or state.constant_surface else state.speed,
         120: lambda: float(state.tool or 0),

@@ -19,15 +19,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import CURRENT_SYSTEM, Parameters
 from cnc.model.blocks import AXIS_LETTERS, ROTARY_LETTERS
 
 SHIFT_IN_EFFECT = 5210
 EXTERNAL = -1
 """The number of the offset that counts in every system (FANUC's P0)."""
-NAMES = (540, 550, 560, 570, 580, 590, 591, 592, 593)
-"""What #<_coord_system> says of each system."""
-_NAME_OF_MORE = 541
+SYSTEM_CODES = (G.G54, G.G55, G.G56, G.G57, G.G58, G.G59, G.G59_1, G.G59_2, G.G59_3)
+"""The code of each system, as #<_coord_system> reads it. All others are G54.1's."""
 
 _SHIFT = 5211
 _ORIGIN = 5221
@@ -36,7 +36,7 @@ _EXTERNAL = 5201
 _STEP = 20
 _ROTATION = 9
 _RELATIVE = 5420
-_HOMES = {28: 5161, 30: 5181}
+_HOMES: dict[G, int] = {G.G28: 5161, G.G30: 5181}
 
 
 class Coordinates:
@@ -95,7 +95,9 @@ class Coordinates:
             bind(f"_abs_{letter}", self._reading(index, letter, here, scale))
         bind(
             "_coord_system",
-            lambda: float(NAMES[self.system] if self.system < len(NAMES) else _NAME_OF_MORE),
+            lambda: float(
+                SYSTEM_CODES[self.system] if self.system < len(SYSTEM_CODES) else G.G54_1
+            ),
         )
 
     def bind_numbers(
@@ -381,12 +383,12 @@ class Coordinates:
 
     # Reference positions
 
-    def home(self, code: int) -> list[float]:
-        """The machine position that G28 (``code`` 28) or G30 goes to."""
+    def home(self, code: G) -> list[float]:
+        """The machine position that G28 or G30 goes to."""
         return self._stored(_HOMES[code])
 
-    def set_home(self, code: int, position: list[float]) -> None:
-        """G28.1, G30.1: store a machine position."""
+    def set_home(self, code: G, position: list[float]) -> None:
+        """Store the machine position that G28 or G30 goes to."""
         for place, value in zip(self._places, position, strict=True):
             self._values[_HOMES[code] + place] = value
 
