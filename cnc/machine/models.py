@@ -243,10 +243,10 @@ class Program(Section):
     )
     max_repeated_lines: Annotated[int, Field(gt=0)] = Field(
         default=2_000_000,
-        description="Repeated lines in loops and calls, beyond which the program counts as endless.",
+        description="Repeated lines in loops and calls after which the program counts as endless.",
     )
     max_call_depth: Annotated[int, Field(gt=0, le=1000)] = Field(
-        default=100, description="Nesting of calls, beyond which the program counts as endless."
+        default=100, description="Nesting of calls beyond which the program counts as endless."
     )
 
     def files(self) -> Iterator[tuple[str, Path]]:
