@@ -35,6 +35,7 @@ from cnc.model.blocks import (
     WaitInput,
     WaitMode,
 )
+from cnc.model.parameter_numbers import INPUT_VALUE
 from cnc.model.units import MM_PER_INCH
 
 LONG_DWELL = 100.0
@@ -43,8 +44,6 @@ MAX_DWELL = 1e6
 """s. What is longer is a slip: it is more than eleven days."""
 MAX_CHANNEL = 63
 """Highest number of an input or output."""
-INPUT_ANSWER = 5399
-"""Parameter that M66 leaves its answer in."""
 
 _WAIT_MODES: tuple[WaitMode, ...] = ("immediate", "rise", "fall", "high", "low")
 _DIRECTIONS = ("shortest", "cw", "ccw")
@@ -335,7 +334,7 @@ class Functions:
         )
 
     def _answered(self, answer: tuple[float, ...]) -> None:
-        self._parameters.values[INPUT_ANSWER] = answer[0]
+        self._parameters.values[INPUT_VALUE] = answer[0]
 
     # Dwell, path control
 

@@ -16,16 +16,9 @@ from cnc.gcode.state.modal_groups import FEED_MODES, PLANES, Modal
 from cnc.gcode.state.source_location import Here
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
+from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import Stop
 
-_STOP = 3006
-"""``#3006=1`` stops until the operator starts again."""
-_SWITCHES = (3003, 3004)
-"""They keep the operator from stopping between blocks and from overrides; here they only
-remember.
-"""
-_BLOCK_END, _MACHINE, _CURRENT = 5001, 5021, 5041
-_MODAL = 4000
 _LAST_PLAIN = G.G33
 """Motion codes beyond are cycles, which have a group of their own."""
 _PLANE_CODES = {plane: code.code for code, plane in PLANES.items()}
@@ -64,13 +57,16 @@ def bind(
         120: lambda: float(state.tool or 0),
     }
     for group, read in groups.items():
-        parameters.bind(_MODAL + group, read)
-    coordinates.bind_numbers(_MACHINE, position, lambda: state.scale)
-    for first in (_BLOCK_END, _CURRENT):
+        parameters.bind(numbers.MODAL_CODES + group, read)
+    coordinates.bind_numbers(numbers.MACHINE_POSITION, position, lambda: state.scale)
+    for first in (numbers.BLOCK_END, numbers.CURRENT_POSITION):
         coordinates.bind_numbers(
             first, lambda: coordinates.to_program(position()), lambda: state.scale
         )
-    for number in _SWITCHES:
+    # A program may set these two and read them again; they have no other effect here.
+    for number in (numbers.NO_SINGLE_BLOCK, numbers.NO_OVERRIDES):
         kept = [0.0]
         parameters.bind(number, partial(kept.__getitem__, 0), partial(kept.__setitem__, 0))
-    parameters.bind(_STOP, lambda: 0.0, lambda _: out.add(Stop(here.file, here.line)))
+    parameters.bind(
+        numbers.OPERATOR_STOP, lambda: 0.0, lambda _: out.add(Stop(here.file, here.line))
+    )

@@ -18,9 +18,8 @@ from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.words import LineWords, fault
 from cnc.model.blocks import AXIS_LETTERS, ROTARY_LETTERS, Probe
+from cnc.model.parameter_numbers import PROBE_CONTACT, PROBE_POSITION
 
-CONTACT = 5061
-SUCCESS = 5070
 PROBES = {
     G.G38_2: (True, True),
     G.G38_3: (True, False),
@@ -95,5 +94,5 @@ class Probing:
             if letter in motion.axes:
                 number = program[motion.axes.index(letter)]
                 number /= 1.0 if letter in ROTARY_LETTERS else self._state.scale
-            values[CONTACT + place] = number
-        values[SUCCESS] = answer[0]
+            values[PROBE_POSITION + place] = number
+        values[PROBE_CONTACT] = answer[0]

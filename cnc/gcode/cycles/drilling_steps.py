@@ -20,6 +20,7 @@ from math import ceil
 from typing import Literal
 
 from cnc.gcode.cycles.steps import (
+    ROUNDING,
     Allow,
     Cut,
     Operator,
@@ -34,9 +35,6 @@ from cnc.gcode.cycles.steps import (
     without_standing,
 )
 from cnc.gcode.syntax.code_numbers import G
-
-ROUNDING = 1e-9
-"""Part of a peck that is rounding of the quotient and not worth a peck of its own."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,15 +42,12 @@ from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Assignment, Remark, Statement
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 from cnc.model.blocks import Abort, BoardCommand, Message
+from cnc.model.parameter_numbers import EXTERNAL_OFFSET
 from cnc.model.units import MM_PER_INCH
 
 MOST_PREPARED = 8192
 """Statements that are kept prepared."""
 _QUICK_MOTIONS = (None, *QUICK_MOTIONS)
-_FIRST_OFFSET = 5200
-"""Variables of FANUC's coordinate systems come after this number; a program that sets one means it
-to count at once.
-"""
 _Saved = tuple[Modal, tuple[int, list[float]]]
 _MESSAGES = ("msg", "debug", "print")
 
@@ -233,7 +230,8 @@ class Interpreter:
 
     def _assign_number(self, number: float, value: float, column: int) -> None:
         self.parameters.set_number(number, value, column)
-        if number > _FIRST_OFFSET and self.parameters.macro:
+        # A macro that sets a variable of a coordinate system means it to count at once.
+        if number >= EXTERNAL_OFFSET and self.parameters.macro:
             self.coordinates.refresh()
 
     def _remark(self, remark: Remark) -> None:
