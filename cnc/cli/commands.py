@@ -278,11 +278,11 @@ def boards(
     stepper board with its version, axes, tick and room, something else, or nothing. The first
     opening of a port resets most boards; nothing moves.
     """
-    from cnc.boards.discovery import look, page
+    from cnc.boards.discovery import port_report, probe_ports
 
-    found = look(ports, baud)
+    found = probe_ports(ports, baud)
     for each in found:
-        print(*page(each, baud), sep="\n", flush=True)
+        print(*port_report(each, baud), sep="\n", flush=True)
     if not found:
         print("# this computer has no serial port; is the board plugged in and switched on?")
     return next((fail(each.fault) for each in found if ports and each.fault is not None), 0)
@@ -315,7 +315,7 @@ def home(
             port=port,
             watch=screen.watch(),
             control=control,
-            on_axis=None if quiet else lambda way: print(way.story, flush=True),
+            on_axis=None if quiet else lambda axis: print(axis.description, flush=True),
         )
     if not quiet:
         from cnc.report.summary import position

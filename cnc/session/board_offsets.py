@@ -38,7 +38,7 @@ def adopted(board: LineSink, machine: Machine) -> dict[int, float]:
     if the board read it itself.
     """
     values = {CURRENT_SYSTEM: 1.0, G92_IN_EFFECT: 1.0}
-    for name, place in board.places.items():
+    for name, place in board.stored_offsets.items():
         for letter, value in zip(machine.axes, place, strict=True):
             values[FIRST[name] + AXIS_LETTERS.index(letter)] = value
     return values
@@ -50,7 +50,7 @@ def to_remember(
     """Lines by which a board keeps the coordinate systems that a program has set (G10)."""
     letters = [letter for letter in machine.axes if letter in "xyz"]
     for number, name in enumerate(SYSTEMS, start=1):
-        place = dict(zip(machine.axes, board.places.get(name, ()), strict=False))
+        place = dict(zip(machine.axes, board.stored_offsets.get(name, ()), strict=False))
         new = {
             letter: values.get(FIRST[name] + AXIS_LETTERS.index(letter), 0.0) for letter in letters
         }

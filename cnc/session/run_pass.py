@@ -10,7 +10,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import Burden, Burdened, Foreseeable, LineSink, PulseSink
+from cnc.boards.protocols import (
+    ChecksFeasibility,
+    FeasibilityCheck,
+    KnownInAdvance,
+    LineSink,
+    PulseSink,
+)
 from cnc.boards.registry import board_factory
 from cnc.checks.travel import ROUNDING, TravelCheck
 from cnc.executor.lines import Step, steps, stream
@@ -110,7 +116,7 @@ class SecondPass:
             self._stream(board)
             return
         report, machine = self._report, self._machine
-        steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
+        steps_per_mm = machine.steps_per_mm
         fastest = (
             machine.board.max_step_rate
             if board is None
@@ -124,8 +130,8 @@ class SecondPass:
             on_pulses = self._files.opened(
                 pulse_writer(self._outputs.pulses, machine, interpolator.origin_steps)
             ).write
-        if isinstance(board, Burdened):
-            self._rehearse(board.burden(), fastest, kept)
+        if isinstance(board, ChecksFeasibility):
+            self._rehearse(board.feasibility_check(), fastest, kept)
         path = kept if kept is not None else self._read_again(smooth=False)
         slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
         ahead = LookAhead(machine, self._control, slice_s=slice_s)
@@ -133,7 +139,7 @@ class SecondPass:
         pulses = TimedPulses(interpolator, self.watch_interpolating)
         try:
             if board is None:
-                self._look(planned, pulses, on_pulses, _foreseen_burden(machine))
+                self._look(planned, pulses, on_pulses, _expected_feasibility(machine))
             else:
                 if self._pauses == "wait" and self._operated and board.capabilities.slice_s:
                     planned = _held(planned, self._control.hold)
@@ -227,7 +233,10 @@ class SecondPass:
                 trace.write(chunk)
 
     def _rehearse(
-        self, burden: Burden, fastest: float, kept: Iterable[PathChunk | Block] | None
+        self,
+        feasibility: FeasibilityCheck,
+        fastest: float,
+        kept: Iterable[PathChunk | Block] | None,
     ) -> None:
         """The whole motion before any of it: whether the board can play it, and how long it takes.
         MotionLimitError.
@@ -236,7 +245,7 @@ class SecondPass:
         path = kept if kept is not None else self._read_again(smooth=False)
         pulses = TimedPulses(
             ReferencePulse(
-                [axis.steps_per_mm for axis in machine.axes.values()],
+                machine.steps_per_mm,
                 start,
                 1e9 / fastest,
                 algorithm=self._algorithm,
@@ -250,7 +259,7 @@ class SecondPass:
             clock.add(item)
             if isinstance(item, PlanChunk):
                 for chunk in pulses.pulses(item):
-                    _bear(burden, chunk, item)
+                    _bear(feasibility, chunk, item)
                     made += len(chunk.step)
                 rows.append(made)
                 at.append(clock.seconds)
@@ -273,7 +282,7 @@ class SecondPass:
         planned: Items,
         pulses: TimedPulses,
         on_pulses: Callable[[PulseChunk], None] | None,
-        burden: Burden | None,
+        feasibility: FeasibilityCheck | None,
     ) -> None:
         """Without a board: make the pulses, count and write them."""
         report = self._report
@@ -282,8 +291,8 @@ class SecondPass:
         def seen(chunks: Iterable[PulseChunk], planned: PlanChunk | None = None) -> None:
             nonlocal steps
             for chunk in chunks:
-                if burden is not None and planned is not None:
-                    _bear(burden, chunk, planned)
+                if feasibility is not None and planned is not None:
+                    _bear(feasibility, chunk, planned)
                 steps += [np.count_nonzero(column) for column in chunk.step.T]
                 report.pulse_rows += len(chunk.step)
                 if on_pulses is not None:
@@ -426,21 +435,23 @@ class SecondPass:
         return kept
 
 
-def _bear(burden: Burden, chunk: PulseChunk, planned: PlanChunk) -> None:
+def _bear(feasibility: FeasibilityCheck, chunk: PulseChunk, planned: PlanChunk) -> None:
     """Grid moves of a stretch. MotionLimitError at their line."""
     try:
-        burden.add(chunk)
+        feasibility.add(chunk)
     except MotionLimitError as error:
         raise error.at(file=planned.path.file) from error
 
 
-def _foreseen_burden(machine: Machine) -> Burden | None:
+def _expected_feasibility(machine: Machine) -> FeasibilityCheck | None:
     """Of the board that the machine file names, where its driver knows it without one."""
     try:
         factory = board_factory(machine.board.kind)
     except UsageError:
         return None
-    return factory.foreseen_burden(machine) if isinstance(factory, Foreseeable) else None
+    return (
+        factory.expected_feasibility_check(machine) if isinstance(factory, KnownInAdvance) else None
+    )
 
 
 def _held(planned: Items, hold: Callable[[], None]) -> Iterator[PlanChunk | Block]:
