@@ -131,7 +131,7 @@ def test_changed_time_and_extent(compare):
         "Y: 0 .. 1 -> none",
         "Z: none -> 0 .. 0.5",
     ]
-    assert changes.as_json() == {
+    assert changes.as_model().model_dump(exclude_unset=True) == {
         "known": True,
         "new": [],
         "gone": [],
