@@ -36,7 +36,7 @@ from cnc.boards.protocols import board_error
 from cnc.boards.serial_port import found_ports, open_port
 from cnc.boards.stepper.connection import BAUD, Wire
 from cnc.boards.stepper.protocol import VERSION, Welcome
-from cnc.machine.models import AXIS_LETTERS
+from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import BoardError
 from cnc.model.units import per_second
 

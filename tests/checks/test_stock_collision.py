@@ -153,7 +153,7 @@ def test_the_stock_of_a_machine_file(tmp_path):
         ),
         (
             axes[: axes.index("[axes.z]")] + "[stock]\nx = [0, 1]\ny = [0, 2]\nz = [-3, 0]\n",
-            "stock: the machine has not the axes",
+            "stock: the machine does not have the axes",
         ),
     ]:
         file.write_text(text)

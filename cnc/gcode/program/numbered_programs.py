@@ -13,6 +13,7 @@ from typing import Literal
 from cnc.gcode.program.call_stack import Flow, Frame
 from cnc.gcode.program.control_flow import Back, jump_target
 from cnc.gcode.program.listing import Listing, Mark, Step
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import LOCAL_MACRO, Parameters
 from cnc.gcode.syntax.statement import Statement, Value
 from cnc.gcode.syntax.words import Word, fault
@@ -274,12 +275,12 @@ class ProgramReturn:
         return to
 
 
-CODES = {("M", 98.0), ("M", 99.0), ("G", 65.0)}
+CODES = {("M", float(M.M98)), ("M", float(M.M99)), ("G", G.G65.code)}
 """Words that call and return."""
 
 
 def call_or_return(line: int, statement: Statement, code: Word, *, macro: bool) -> Step:
     """The step of a line with M98, M99 or G65."""
-    if code.number == 99:
+    if code.number == M.M99:
         return ProgramReturn(line, statement, code, macro=macro)
     return ProgramCall(line, statement, code, macro=macro)

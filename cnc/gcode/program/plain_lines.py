@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cnc.gcode.codes.motion import MIN_FEED
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.state.modal_groups import Feed
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.source_text import Window
 from cnc.gcode.syntax.words import Word
 from cnc.kernels.gcode import plain_lines as kernel
@@ -28,7 +29,7 @@ no harm).
 _FEED_WORD = re.compile(r"F\s*[-+]?[0-9.]+", re.IGNORECASE)
 _COMMENT = re.compile(r"\([^)]*\)|;.*")
 _F = ord("F")
-_MODES: dict[int | None, int] = {0: kernel.TRAVERSE, 10: kernel.FEED}
+_MODES: dict[G | None, int] = {G.G0: kernel.TRAVERSE, G.G1: kernel.FEED}
 
 
 class StraightLane:
@@ -76,7 +77,7 @@ class StraightLane:
             MIN_FEED, mode, position, feed, points, feeds, lines,
         )  # fmt: skip
         if mode != kernel.NO_MOTION:
-            state.motion = 10 if mode == kernel.FEED else 0
+            state.motion = G.G1 if mode == kernel.FEED else G.G0
         if not np.isnan(feed[0]):
             state.feed = Feed(float(feed[0]), float(feed[1]))
         motion.position = position.tolist()
