@@ -13,7 +13,7 @@ from typing import Annotated
 from cyclopts import App, CycloptsError, Parameter, validators
 
 from cnc import __version__
-from cnc.checks.baseline import Baseline, told
+from cnc.checks.baseline import Baseline, change_lines
 from cnc.checks.selection import Selection
 from cnc.cli.checking import Look, check_listed, check_one, codes, find_programs
 from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
@@ -182,7 +182,7 @@ def check(
     if not listed:
         show(reports[0], common, shown)
     if before is not None and not common.quiet:
-        print(*told(reports, before.missing(reports)), sep="\n", file=shown)
+        print(*change_lines(reports, before.missing(reports)), sep="\n", file=shown)
     return end(reports, quiet=common.quiet, fail_on=fail_on)
 
 

@@ -18,7 +18,7 @@ from cnc.boards.protocols import (
     PulseSink,
 )
 from cnc.boards.registry import board_factory
-from cnc.checks.travel import ROUNDING, Survey
+from cnc.checks.travel import ROUNDING, TravelCheck
 from cnc.executor.lines import Step, steps, stream
 from cnc.executor.run import Progress, execute
 from cnc.grbl_lines.grbl_timing import BoardTime, Countdown
@@ -176,7 +176,7 @@ class SecondPass:
         """
         reading, machine = self._reading, self._machine
         blocks, tolerance = self.watch_reading.inside(reading.blocks()), machine.path.tolerance
-        survey = Survey(machine, tolerance if smooth else ROUNDING)
+        survey = TravelCheck(machine, tolerance if smooth else ROUNDING)
         path = (
             smooth_path(blocks, axes=machine.axis_names, start=reading.start, tolerance=tolerance)
             if smooth

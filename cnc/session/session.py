@@ -13,7 +13,7 @@ import numpy as np
 from cnc.boards.loopback import Loopback
 from cnc.boards.protocols import HasLimitSwitches, LineSink, PulseSink, RemembersPosition
 from cnc.checks.hints import step_rate
-from cnc.checks.portable import dialects_of, portability
+from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import Selection, unknown_codes
 from cnc.executor.homing import home, homed_steps, homing_sequence
 from cnc.grbl_lines.grbl_timing import BoardTime
@@ -117,9 +117,7 @@ class Job:
                     report.faults.append(error)
                 if self._portable and report.stopped_at_line is None:
                     report.faults += portability(
-                        reading.path,
-                        report.program,
-                        reading.under,
+                        ProgramText(reading.path, report.program, reading.under),
                         reading.dialect,
                         self._portable,
                         report.faults,

@@ -146,8 +146,10 @@ class Interpreter:
             self.out.add(BoardCommand(self.here.file, line, statement.board))
 
     def execute_move(self, move: QuickMove, line: int) -> bool:
-        """Execute a line that is nothing but a move; False, and nothing done, where it needs a
-        closer look as a statement.
+        """Execute a line that is nothing but a move.
+
+        Returns:
+            Whether it was executed. If not, nothing was done: execute it as a statement.
         """
         if not self.plain:
             return False

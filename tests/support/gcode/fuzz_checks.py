@@ -46,6 +46,7 @@ from cnc.model.blocks import (
 )
 from cnc.model.diagnostics import CncError, Diagnostic
 from tests.support.gcode.fuzzing import Author, Program
+from tests.support.gcode.gcode_cases import read
 
 SECONDS = 5.0
 """CPU time that a program may take: most take a thousandth of a second."""
@@ -97,7 +98,7 @@ def blocks_of(what: Program, **options: Any) -> list[Block]:
         "folders": FOLDERS,
         "tools": ToolTable(TOOLS),
     }
-    return list(program.interpret(text, axes=what.axes, dialect=what.dialect, **options))
+    return list(read(text, axes=what.axes, dialect=what.dialect, **options))
 
 
 def sound(blocks: list[Block], axes: tuple[str, ...]) -> None:
