@@ -30,9 +30,9 @@ def machine_file() -> str:
         "# Machine file",
         "",
         "TOML. Lengths are in mm (degrees for rotary axes), times in s. An unknown key, a wrong",
-        "type or a wrong sign is an error that names file, line and key. Each axis needs a limit of",
-        "acceleration and of jerk, of its own or along the path. A limit that is left out does not",
-        "limit.",
+        "type or a wrong sign is an error that names file, line and key. Each axis needs a limit",
+        "of acceleration and of jerk, of its own or along the path. Without a limit nothing is",
+        "limited.",
         "",
     ]
     for name, table in schema["properties"].items():
