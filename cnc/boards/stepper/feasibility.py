@@ -31,7 +31,7 @@ PAYLOAD = 0.55
 DECODED_PER_S, HEAD = 65_000, 6
 """Bytes that the board decodes in a second, each segment counted as so many more: between 200
 random programs that it played and 35 that it did not, measured in the simulator
-(docs/stepper-board.md).
+(docs/how-to/stepper-board.md).
 """
 
 

@@ -39,7 +39,7 @@ class TestStepper(PulseBoardConformance):
 if REAL_PORT:
 
     class TestStepperOnAPort(PulseBoardConformance):
-        """The same on a real board, by hand (docs/stepper-board.md): it moves a few steps."""
+        """The same on a real board, by hand (docs/how-to/stepper-board.md): it moves a few steps."""
 
         least = 18_000
         plays_at_once = False
