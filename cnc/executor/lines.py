@@ -14,7 +14,6 @@ is still to come.
 from __future__ import annotations
 
 import contextlib
-from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -22,6 +21,7 @@ from typing import Protocol
 import numpy as np
 
 from cnc.boards.protocols import LineSink, board_error
+from cnc.executor.packed_lines import PackedLines
 from cnc.executor.run import Progress
 from cnc.model.blocks import Abort, Block, BoardCommand, End, Probe, Stop, Tool
 from cnc.model.diagnostics import BoardError
@@ -59,22 +59,16 @@ class LineTranslator(Protocol):
 class Step:
     """What one thing of a plan has become.
 
-    file: the program. text: lines, each with its end. numbers: source line of each. clock: seconds
-    planned until its end. block: at which the board comes to rest behind the lines, None if at
-    none. position: where the lines so far lead to, x y z in mm; None where that is not known.
+    file: the program. lines: for the board. clock: seconds planned until its end. block: at which
+    the board comes to rest behind the lines, None if at none. position: where the lines so far lead
+    to, x y z in mm; None where that is not known.
     """
 
     file: str
-    text: str
-    numbers: Sequence[int]
+    lines: PackedLines
     clock: float
     block: Block | None
     position: tuple[float, ...] | None
-
-    def lines(self) -> Iterator[GcodeLine]:
-        """The lines."""
-        for text, number in zip(self.text.split("\n"), self.numbers, strict=False):
-            yield GcodeLine(text, number)
 
 
 def steps(planned: Iterable[PlanChunk | Block], translator: LineTranslator) -> Iterator[Step]:
@@ -103,11 +97,9 @@ def _step(
     block: Block | None,
     position: Sequence[float] | None,
 ) -> Step:
-    text = "".join(line.text + "\n" for line in lines)
     return Step(
         file,
-        text,
-        array("i", [line.line for line in lines]),
+        PackedLines.of(lines),
         clock,
         block,
         None if position is None else tuple(position),
@@ -168,7 +160,7 @@ class _Stream:
     def step(self, step: Step) -> None:
         """One thing of the plan."""
         self.file, block = step.file, step.block
-        self.send(step.lines())
+        self.send(step.lines)
         self.clock, self.wanted = step.clock, step.position
         if block is None or self.control.stopped:
             return

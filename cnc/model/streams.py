@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.model.line_effects import LineEffect
+
 
 @dataclass(frozen=True, slots=True)
 class PulseChunk:
@@ -45,7 +47,14 @@ class SampleChunk:
 
 @dataclass(frozen=True, slots=True)
 class GcodeLine:
-    """A line for a board that plans for itself, without its line end."""
+    """A line for a board that plans for itself.
+
+    Attributes:
+        text: The line without its line end.
+        line: The source line that it comes from.
+        effect: The motion of the line; None where the writer of the line does not know it.
+    """
 
     text: str
     line: int
+    effect: LineEffect | None = None
