@@ -58,9 +58,7 @@ class NpzPulses(Writer[NpzTarget]):
         target.append("step", np.empty((0, len(machine.axes)), np.int8))
         target.append("line", np.empty(0, np.int32))
         target.scalar("axes", list(machine.axis_names))
-        target.scalar(
-            "steps_per_mm", np.array([axis.steps_per_mm for axis in machine.axes.values()])
-        )
+        target.scalar("steps_per_mm", machine.steps_per_mm)
         target.scalar("origin_steps", np.asarray(origin_steps, dtype=np.int64))
 
     def write(self, chunk: PulseChunk) -> None:

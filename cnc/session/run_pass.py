@@ -10,9 +10,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import Burden, Burdened, Foreseeable, LineSink, PulseSink
+from cnc.boards.protocols import (
+    ChecksFeasibility,
+    FeasibilityCheck,
+    KnownInAdvance,
+    LineSink,
+    PulseSink,
+)
 from cnc.boards.registry import board_factory
-from cnc.checks.travel import ROUNDING, Survey
+from cnc.checks.travel import ROUNDING, TravelCheck
 from cnc.executor.lines import Step, steps, stream
 from cnc.executor.run import Progress, execute
 from cnc.grbl_lines.countdown import Countdown
@@ -111,7 +117,7 @@ class SecondPass:
             self._stream(board)
             return
         report, machine = self._report, self._machine
-        steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
+        steps_per_mm = machine.steps_per_mm
         fastest = (
             machine.board.max_step_rate
             if board is None
@@ -125,8 +131,8 @@ class SecondPass:
             on_pulses = self._files.opened(
                 pulse_writer(self._outputs.pulses, machine, interpolator.origin_steps)
             ).write
-        if isinstance(board, Burdened):
-            self._rehearse(board.burden(), fastest, kept)
+        if isinstance(board, ChecksFeasibility):
+            self._rehearse(board.feasibility_check(), fastest, kept)
         path = kept if kept is not None else self._read_again(smooth=False)
         slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
         ahead = LookAhead(machine, self._control, slice_s=slice_s)
@@ -134,7 +140,7 @@ class SecondPass:
         pulses = TimedPulses(interpolator, self.watch_interpolating)
         try:
             if board is None:
-                self._look(planned, pulses, on_pulses, _foreseen_burden(machine))
+                self._look(planned, pulses, on_pulses, _expected_feasibility(machine))
             else:
                 if self._pauses == "wait" and self._operated and board.capabilities.slice_s:
                     planned = _held(planned, self._control.hold)
@@ -171,7 +177,7 @@ class SecondPass:
         """
         reading, machine = self._reading, self._machine
         blocks, tolerance = self.watch_reading.inside(reading.blocks()), machine.path.tolerance
-        survey = Survey(machine, tolerance if smooth else ROUNDING)
+        survey = TravelCheck(machine, tolerance if smooth else ROUNDING)
         path = (
             smooth_path(blocks, axes=machine.axis_names, start=reading.start, tolerance=tolerance)
             if smooth
@@ -228,7 +234,10 @@ class SecondPass:
                 trace.write(chunk)
 
     def _rehearse(
-        self, burden: Burden, fastest: float, kept: Iterable[PathChunk | Block] | None
+        self,
+        feasibility: FeasibilityCheck,
+        fastest: float,
+        kept: Iterable[PathChunk | Block] | None,
     ) -> None:
         """The whole motion before any of it: whether the board can play it, and how long it takes.
         MotionLimitError.
@@ -237,7 +246,7 @@ class SecondPass:
         path = kept if kept is not None else self._read_again(smooth=False)
         pulses = TimedPulses(
             ReferencePulse(
-                [axis.steps_per_mm for axis in machine.axes.values()],
+                machine.steps_per_mm,
                 start,
                 1e9 / fastest,
                 algorithm=self._algorithm,
@@ -251,7 +260,7 @@ class SecondPass:
             clock.add(item)
             if isinstance(item, PlanChunk):
                 for chunk in pulses.pulses(item):
-                    _bear(burden, chunk, item)
+                    _bear(feasibility, chunk, item)
                     made += len(chunk.step)
                 rows.append(made)
                 at.append(clock.seconds)
@@ -274,7 +283,7 @@ class SecondPass:
         planned: Items,
         pulses: TimedPulses,
         on_pulses: Callable[[PulseChunk], None] | None,
-        burden: Burden | None,
+        feasibility: FeasibilityCheck | None,
     ) -> None:
         """Without a board: make the pulses, count and write them."""
         report = self._report
@@ -283,8 +292,8 @@ class SecondPass:
         def seen(chunks: Iterable[PulseChunk], planned: PlanChunk | None = None) -> None:
             nonlocal steps
             for chunk in chunks:
-                if burden is not None and planned is not None:
-                    _bear(burden, chunk, planned)
+                if feasibility is not None and planned is not None:
+                    _bear(feasibility, chunk, planned)
                 steps += [np.count_nonzero(column) for column in chunk.step.T]
                 report.pulse_rows += len(chunk.step)
                 if on_pulses is not None:
@@ -427,21 +436,23 @@ class SecondPass:
         return kept
 
 
-def _bear(burden: Burden, chunk: PulseChunk, planned: PlanChunk) -> None:
+def _bear(feasibility: FeasibilityCheck, chunk: PulseChunk, planned: PlanChunk) -> None:
     """Grid moves of a stretch. MotionLimitError at their line."""
     try:
-        burden.add(chunk)
+        feasibility.add(chunk)
     except MotionLimitError as error:
         raise error.at(file=planned.path.file) from error
 
 
-def _foreseen_burden(machine: Machine) -> Burden | None:
+def _expected_feasibility(machine: Machine) -> FeasibilityCheck | None:
     """Of the board that the machine file names, where its driver knows it without one."""
     try:
         factory = board_factory(machine.board.kind)
     except UsageError:
         return None
-    return factory.foreseen_burden(machine) if isinstance(factory, Foreseeable) else None
+    return (
+        factory.expected_feasibility_check(machine) if isinstance(factory, KnownInAdvance) else None
+    )
 
 
 def _held(planned: Items, hold: Callable[[], None]) -> Iterator[PlanChunk | Block]:

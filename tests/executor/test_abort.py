@@ -99,7 +99,7 @@ def test_an_abort_by_an_answer_comes_after_the_moves_before_it(program: Path) ->
     found = fault.diagnostic
     assert (found.code, found.line, fault.exit_code) == ("program-abort", ABORT, 1)
     assert found.message == "the program aborts itself: contact 0"
-    steps = np.array([axis.steps_per_mm for axis in MILL.axes.values()])
+    steps = MILL.steps_per_mm
     assert board.position_steps.tolist() == (steps * [7, 0, -5]).tolist()
     assert (board.finished, board.state) == (1, "stopped")
     gaps = np.diff(board.times)

@@ -23,9 +23,10 @@ from cnc.boards.grbl.protocol import Event, RealTime, Reported, Started
 from cnc.boards.grbl.settings import STEPS, BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import Clock, Port, PortLost, SystemClock
-from cnc.boards.protocols import Capabilities, Command, Watcher, board_error
+from cnc.boards.protocols import BoardTraits, Capabilities, OnReport, board_error
 from cnc.boards.serial_port import identity, open_port
-from cnc.machine.models import AXIS_LETTERS, Machine
+from cnc.machine.models import Machine
+from cnc.model.blocks import AXIS_LETTERS, Block
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
@@ -53,6 +54,8 @@ class GrblBoard:
     ``board-locked``, ``line-too-long``, ``port-lost``, ``board-not-started``, ``board-stopped``.
     """
 
+    traits = BoardTraits(takes_lines=True)
+
     def __init__(
         self,
         port: Port,
@@ -68,7 +71,7 @@ class GrblBoard:
         self._machine = machine
         self._columns = [AXIS_LETTERS.index(letter) for letter in machine.axes]
         self._requests: OperatorRequests | None = None
-        self._watcher: Watcher | None = None
+        self._watcher: OnReport | None = None
         self._monitor = FaultMonitor(self.link.protocol)
         self._marked_at = 0.0
         self._first = True
@@ -164,7 +167,7 @@ class GrblBoard:
         return self._own(self._in_g54())
 
     @property
-    def places(self) -> dict[str, tuple[float, ...]]:
+    def stored_offsets(self) -> dict[str, tuple[float, ...]]:
         """G54 to G59, G28, G30 and G92 of the board, mm, one number an axis of the machine."""
         return {
             name: self._own(place)
@@ -186,7 +189,7 @@ class GrblBoard:
         """Whether the board was built with M7."""
         return "M" in self.info.options
 
-    def fitted(self, machine: Machine) -> Machine:
+    def limited_to_board(self, machine: Machine) -> Machine:
         """The machine with no more travel than the board's soft limits leave it."""
         return self.info.narrowed(machine)
 
@@ -210,7 +213,7 @@ class GrblBoard:
         """The time by the link's clock, s."""
         return self.link.now()
 
-    def attend(self, control: Control, watcher: Watcher) -> None:
+    def connect_operator(self, control: Control, watcher: OnReport) -> None:
         """Carry out the operator's requests at once, and tell ``watcher`` whenever the board has
         reported.
         """
@@ -286,7 +289,7 @@ class GrblBoard:
         elif self.link.due():
             self._serve(0.0)
 
-    def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
+    def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
         """Wait until the lines sent so far have been carried out. After a probe: 1 or 0 for contact
         or none, and where, machine mm.
         """

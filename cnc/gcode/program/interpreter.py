@@ -24,23 +24,30 @@ from cnc.gcode.cycles.cycle_runner import Performer
 from cnc.gcode.splines import bezier, bspline, g5_2, g6_2
 from cnc.gcode.state.block_buffer import Output
 from cnc.gcode.state.coordinates import Coordinates
-from cnc.gcode.state.modal_groups import FEED_MODES, PLANES, Code, Codes, Modal, codes_of, feed_of
+from cnc.gcode.state.modal_groups import (
+    FEED_MODES,
+    PLANES,
+    QUICK_MOTIONS,
+    Code,
+    Codes,
+    Modal,
+    codes_of,
+    feed_of,
+)
 from cnc.gcode.state.source_location import Here, Warn
 from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.state.unused_words import Waiting
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Assignment, Remark, Statement
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 from cnc.model.blocks import Abort, BoardCommand, Message
+from cnc.model.parameter_numbers import EXTERNAL_OFFSET
 from cnc.model.units import MM_PER_INCH
 
 MOST_PREPARED = 8192
 """Statements that are kept prepared."""
-_QUICK_MOTIONS = (None, 0, 10, 20, 30)
-_FIRST_OFFSET = 5200
-"""Variables of FANUC's coordinate systems come after this number; a program that sets one means it
-to count at once.
-"""
+_QUICK_MOTIONS = (None, *QUICK_MOTIONS)
 _Saved = tuple[Modal, tuple[int, list[float]]]
 _MESSAGES = ("msg", "debug", "print")
 
@@ -139,8 +146,10 @@ class Interpreter:
             self.out.add(BoardCommand(self.here.file, line, statement.board))
 
     def execute_move(self, move: QuickMove, line: int) -> bool:
-        """Execute a line that is nothing but a move; False, and nothing done, where it needs a
-        closer look as a statement.
+        """Execute a line that is nothing but a move.
+
+        Returns:
+            Whether it was executed. If not, nothing was done: execute it as a statement.
         """
         if not self.plain:
             return False
@@ -223,7 +232,8 @@ class Interpreter:
 
     def _assign_number(self, number: float, value: float, column: int) -> None:
         self.parameters.set_number(number, value, column)
-        if number > _FIRST_OFFSET and self.parameters.macro:
+        # A macro that sets a variable of a coordinate system means it to count at once.
+        if number >= EXTERNAL_OFFSET and self.parameters.macro:
             self.coordinates.refresh()
 
     def _remark(self, remark: Remark) -> None:
@@ -286,7 +296,7 @@ class Interpreter:
             motion.move(words, moving)
             return
         if code := codes.get("feed-mode"):
-            mode = FEED_MODES[code.number]
+            mode = FEED_MODES[code.g]
             if mode != state.feed_mode:
                 state.feed_mode, state.feed = mode, None
                 self.waiting.used("F")
@@ -301,10 +311,10 @@ class Interpreter:
         self._saved_state(codes)
         functions.coolant(codes)
         functions.overrides(words, codes)
-        if (code := codes.get("non-modal")) and code.number == 40:
+        if (code := codes.get("non-modal")) and code.number == G.G4:
             functions.dwell(words, code)
         if code := codes.get("plane"):
-            state.plane = PLANES[code.number]
+            state.plane = PLANES[code.g]
         self._units(codes)
         if code := codes.get("compensation"):
             self.sides.code(words, code)
@@ -315,12 +325,12 @@ class Interpreter:
         if code := codes.get("path"):
             functions.path_control(words, code)
         if code := codes.get("distance"):
-            state.absolute = code.number == 900
+            state.absolute = code.number == G.G90
         if code := codes.get("arc-distance"):
-            state.arc_absolute = code.number == 901
+            state.arc_absolute = code.number == G.G90_1
         if code := codes.get("retract"):
-            state.initial_level = code.number == 980
-        if (code := codes.get("non-modal")) and code.number != 40:
+            state.initial_level = code.number == G.G98
+        if (code := codes.get("non-modal")) and code.number != G.G4:
             self.settings.non_modal(words, code)
         motion.move(words, moving, codes.get("motion"))
         if code := codes.get("stop"):
@@ -355,7 +365,7 @@ class Interpreter:
             self.modal.scale = _scale(code) if code else self.modal.scale
             self.parameters.increments = 1_000.0 if self.modal.scale == 1.0 else 10_000.0
             if diameter := codes.get("diameter"):
-                self.modal.diameter = diameter.number == 70
+                self.modal.diameter = diameter.number == G.G7
             self.motion.units_changed()
 
     def _saved_state(self, codes: Codes) -> None:
@@ -363,10 +373,10 @@ class Interpreter:
         code = codes.get("state")
         if code is None:
             return
-        if code.number in (70, 73):
+        if code.number in (M.M70, M.M73):
             self._saved[-1] = self.functions.save(), self.coordinates.save()
-            self._restore_at_return[-1] = code.number == 73
-        elif code.number == 71:
+            self._restore_at_return[-1] = code.number == M.M73
+        elif code.number == M.M71:
             self._saved[-1] = None
         else:
             saved = self._saved[-1]
@@ -397,7 +407,7 @@ class Interpreter:
                 f"{code.word.written} can't stand in the line of a spline",
                 code.word,
             )
-        if code.number in (2, 30):
+        if code.number in (M.M2, M.M30):
             self.sides.off()
             self.waiting.end()
         self.ended = self.functions.stop(code)
@@ -407,4 +417,4 @@ class Interpreter:
 
 def _scale(code: Code) -> float:
     """Millimetres a program unit under G20 or G21."""
-    return MM_PER_INCH if code.number == 200 else 1.0
+    return MM_PER_INCH if code.number == G.G20 else 1.0

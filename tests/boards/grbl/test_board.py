@@ -87,7 +87,7 @@ def test_check_mode_goes_as_fast_as_the_wire() -> None:
     simulator = GrblSimulator()
     board = connected(simulator)
     board.check_only = True
-    board.attend(Control(), lambda: None)
+    board.connect_operator(Control(), lambda: None)
     board.start(ORIGIN)
     feed(board, PREAMBLE)
     board.execute(Dwell("p.nc", 1, 0.0), 0)
@@ -127,7 +127,7 @@ def test_an_operators_stop_keeps_the_position_and_throws_no_alarm() -> None:
             if simulator.now > when:
                 control.stop()
 
-        board.attend(control, stop_in_time)
+        board.connect_operator(control, stop_in_time)
         feed(
             board,
             PREAMBLE,
@@ -157,7 +157,7 @@ def test_hold_and_resume_lose_nothing() -> None:
         if state == "Hold" and simulator.now > held_at + 3.0:
             control.resume()
 
-    board.attend(control, operate)
+    board.connect_operator(control, operate)
     board.start(ORIGIN)
     feed(board, PREAMBLE, *(f"G1 X{k % 2 * 5} Y{k % 3 * 2} F1000" for k in range(12)))
     board.finish()
@@ -254,7 +254,7 @@ def test_a_program_stop_waits_for_the_operator() -> None:
             if len(waited) > 40:
                 control.resume()
 
-    board.attend(control, operate)
+    board.connect_operator(control, operate)
     board.start(ORIGIN)
     feed(board, PREAMBLE, "G1 X1 F600", "M0", "G1 X2")
     board.finish()
@@ -290,7 +290,7 @@ def test_soft_limits_of_the_board_stop_a_line_without_an_answer() -> None:
     simulator = GrblSimulator(settings={20: 1, 22: 1, 130: 50, 131: 50, 132: 50})
     board = connected(simulator)
     board.link.ask("$X")
-    board.attend(Control(), lambda: None)
+    board.connect_operator(Control(), lambda: None)
     board.start(ORIGIN)
     found = fails(board, PREAMBLE, "G1 X-60 F600").diagnostic
     assert (found.code, found.line) == ("board-alarm", 2)

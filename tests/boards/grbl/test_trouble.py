@@ -63,7 +63,7 @@ def connected(simulator: GrblSimulator) -> tuple[GrblBoard, Wire]:
 
 def started(simulator: GrblSimulator, control: Control | None = None) -> tuple[GrblBoard, Wire]:
     board, wire = connected(simulator)
-    board.attend(control or Control(), lambda: None)
+    board.connect_operator(control or Control(), lambda: None)
     board.start(ORIGIN)
     return board, wire
 
@@ -232,7 +232,7 @@ def lived(simulator: GrblSimulator, lines: list[str]) -> BoardError | None:
 
     try:
         board, _ = connected(simulator)
-        board.attend(control, operate)
+        board.connect_operator(control, operate)
         board.start(ORIGIN)
         for line in lines_with_effects(lines):
             board.send_line(line)

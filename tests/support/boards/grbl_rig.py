@@ -34,7 +34,7 @@ def started(
     watcher: Callable[[], None] = lambda: None,
 ) -> GrblBoard:
     board = connected(simulator)
-    board.attend(control or Control(), watcher)
+    board.connect_operator(control or Control(), watcher)
     board.start(ORIGIN)
     return board
 

@@ -11,7 +11,9 @@ from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.settings import ACCELERATIONS, RATES, STEPS, TRAVELS
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
-from cnc.machine.models import AXIS_LETTERS, Machine
+from cnc.boards.protocols import BoardTraits
+from cnc.machine.models import Machine
+from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.units import per_minute
 
 AXES = AXIS_LETTERS[:3]
@@ -22,7 +24,7 @@ NAP = 0.02
 class GrblSimulatorBoard(GrblBoard):
     """A board with the axes of a machine file, at machine zero. ``simulator``: what it is made of."""
 
-    has_port = False
+    traits = BoardTraits(has_port=False, takes_lines=True)
     simulator: GrblSimulator
 
     @classmethod
