@@ -13,7 +13,6 @@ resume and override act on the current motion.
 from __future__ import annotations
 
 import contextlib
-from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -21,6 +20,7 @@ from typing import Protocol
 import numpy as np
 
 from cnc.boards.protocols import LineSink, board_error
+from cnc.executor.packed_lines import PackedLines
 from cnc.executor.run import Progress
 from cnc.model.blocks import Abort, Block, BoardCommand, End, Probe, Stop, Tool
 from cnc.model.diagnostics import BoardError
@@ -55,24 +55,17 @@ class Step:
 
     Attributes:
         file: The program.
-        text: The lines, each with its line end.
-        numbers: Source line of each line.
+        lines: Lines for the board.
         clock: Machine time at the end of the item, s.
         block: Block after the lines at which the board rests, or None.
         position: End point of the lines so far, x y z in mm; None if not known.
     """
 
     file: str
-    text: str
-    numbers: Sequence[int]
+    lines: PackedLines
     clock: float
     block: Block | None
     position: tuple[float, ...] | None
-
-    def lines(self) -> Iterator[GcodeLine]:
-        """Yield the lines."""
-        for text, number in zip(self.text.split("\n"), self.numbers, strict=False):
-            yield GcodeLine(text, number)
 
 
 def steps(planned: Iterable[PlanChunk | Block], translator: LineTranslator) -> Iterator[Step]:
@@ -105,11 +98,9 @@ def _step(
     block: Block | None,
     position: Sequence[float] | None,
 ) -> Step:
-    text = "".join(line.text + "\n" for line in lines)
     return Step(
         file,
-        text,
-        array("i", [line.line for line in lines]),
+        PackedLines.of(lines),
         clock,
         block,
         None if position is None else tuple(position),
@@ -173,7 +164,7 @@ class _Stream:
     def step(self, step: Step) -> None:
         """Send a step, and carry out its block."""
         self.file, block = step.file, step.block
-        self.send(step.lines())
+        self.send(step.lines)
         self.clock, self.wanted = step.clock, step.position
         if block is None or self.control.stopped:
             return
