@@ -9,8 +9,8 @@ import numpy as np
 from cnc.gcode.codes.prepared_lines import QuickMove
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry import arcs
-from cnc.gcode.state.modal_groups import Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.modal_groups import ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import MAX_NUMBER, LineWords, Word, fault, whole
 from cnc.model.blocks import PLANE_AXES, ArcFeed
@@ -33,7 +33,9 @@ _NOWHERE = Word("G", 2.0, "G2", 1, 1)
 class ArcMoves:
     """Makes the arcs of ``motion``."""
 
-    def __init__(self, motion: Motion, dialect: Dialect, here: Here, state: Modal) -> None:
+    def __init__(
+        self, motion: Motion, dialect: Dialect, here: SourceLocation, state: ModalState
+    ) -> None:
         self._motion = motion
         self._dialect = dialect
         self._here = here
@@ -148,7 +150,7 @@ class ArcMoves:
             if state.arc_absolute:
                 turned = coordinates.to_machine(place)
                 return turned[i], turned[j]
-            turned = coordinates.turned(place)
+            turned = coordinates.rotated(place)
             return self._motion.position[i] + turned[i], self._motion.position[j] + turned[j]
         base = coordinates.zero if state.arc_absolute else self._motion.position
         return base[i] + first, base[j] + second

@@ -16,11 +16,11 @@ from cnc.gcode.codes.machine_codes import surface_rpm
 from cnc.gcode.codes.prepared_lines import QuickMove
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.compensation import Compensation
-from cnc.gcode.state.block_buffer import Output
+from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.coordinates import Coordinates
-from cnc.gcode.state.modal_groups import QUICK_MOTIONS, Code, Codes, Feed, Modal, feed_of
-from cnc.gcode.state.source_location import Here
-from cnc.gcode.state.unused_words import Waiting
+from cnc.gcode.state.modal_groups import QUICK_MOTIONS, Code, Codes, Feed, ModalState, feed_of
+from cnc.gcode.state.source_location import SourceLocation
+from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import AXES, MAX_NUMBER, POLAR, LineWords, Word, fault
 from cnc.model.blocks import ROTARY_LETTERS, ArcFeed, NurbsFeed
@@ -79,15 +79,15 @@ class Motion:
         self,
         axes: tuple[str, ...],
         dialect: Dialect,
-        here: Here,
-        state: Modal,
+        here: SourceLocation,
+        state: ModalState,
         position: list[float],
         coordinates: Coordinates,
-        out: Output,
-        waiting: Waiting,
+        out: BlockBuffer,
+        unused_words: UnusedWords,
     ) -> None:
         self.position = position
-        self._waiting = waiting
+        self._unused_words = unused_words
         self.axes = axes
         self.column = {letter.upper(): index for index, letter in enumerate(axes)}
         self.coordinates = coordinates
@@ -95,8 +95,8 @@ class Motion:
         self.compensation = Compensation(out, here)
         self.handlers: dict[G, Handler] = {}
         self.scales: list[float] = []
-        self.before: G | None = None
-        self.again: dict[G, frozenset[str]] = dict.fromkeys(_ARCS, _ARC_WORDS)
+        self.motion_before: G | None = None
+        self.repeat_words: dict[G, frozenset[str]] = dict.fromkeys(_ARCS, _ARC_WORDS)
         self._linear = [letter not in ROTARY_LETTERS for letter in axes]
         self._has_rotary = not all(self._linear)
         self._dialect = dialect
@@ -127,7 +127,7 @@ class Motion:
         """
         code, special, state = codes.get("motion"), codes.get("non-modal"), self._state
         self._machine_words = special is not None and special.number == G.G53
-        self.before = state.motion
+        self.motion_before = state.motion
         has_axis = words.has_axis()
         if special and special.number == G.G4 and has_axis:
             has_axis = self._axis_beside_dwell(words, code)
@@ -168,7 +168,7 @@ class Motion:
                     "such as G53 G0 Z0",
                 )
             orient = codes.get("spindle")
-            letters = self.again.get(state.motion or _TRAVERSE, frozenset())
+            letters = self.repeat_words.get(state.motion or _TRAVERSE, frozenset())
             again = not letters.isdisjoint(words.rest) and not (orient and orient.number == M.M19)
             return state.motion if again and special is None else None
         return self._modal_move(words, special)
@@ -384,7 +384,9 @@ class Motion:
                 end[index] = turned[index]
         else:
             delta = [values.get(index, 0.0) for index in range(len(end))]
-            end = [here + step for here, step in zip(start, coordinates.turned(delta), strict=True)]
+            end = [
+                here + step for here, step in zip(start, coordinates.rotated(delta), strict=True)
+            ]
         return end
 
     # Feed
@@ -415,7 +417,7 @@ class Motion:
         feed = state.feed
         if feed is None:
             raise fault("feed-missing", "a feed move without a feed in effect", at, "give F")
-        self._waiting.used("F")
+        self._unused_words.mark_used("F")
         rate = self.straight_feed(end, feed)
         if state.feed_mode == "per-revolution":
             rate *= self.spindle_rpm(end, at) / 60.0
@@ -497,11 +499,11 @@ class Motion:
             or (is_arc and state.arc_absolute)
         ):
             return False
-        waiting = self._waiting
+        unused_words = self._unused_words
         if (
             move.feed is not None
-            and waiting.watching
-            and (motion == _TRAVERSE or "F" in waiting.words)
+            and unused_words.enabled
+            and (motion == _TRAVERSE or "F" in unused_words.words)
         ):
             return False
         try:
@@ -541,8 +543,8 @@ class Motion:
             return False
         else:
             self.arc(arc)
-        if motion != _TRAVERSE and waiting.words:
-            waiting.used("F")
+        if motion != _TRAVERSE and unused_words.words:
+            unused_words.mark_used("F")
         state.feed = feed
         state.motion = motion
         return True

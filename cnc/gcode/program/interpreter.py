@@ -12,17 +12,17 @@ from __future__ import annotations
 from cnc.gcode import dialects
 from cnc.gcode.codes import macro_variables, probing, system_parameters
 from cnc.gcode.codes.comments import fill
-from cnc.gcode.codes.compensation_codes import Sides
-from cnc.gcode.codes.machine_codes import Functions
+from cnc.gcode.codes.compensation_codes import CompensationCodes
+from cnc.gcode.codes.machine_codes import MachineCodes
 from cnc.gcode.codes.motion import MIN_FEED, Motion
-from cnc.gcode.codes.offset_codes import Settings
-from cnc.gcode.codes.prepared_lines import Prepared, QuickMove, prepare, without_point
-from cnc.gcode.codes.tool_codes import ToolSettings
+from cnc.gcode.codes.offset_codes import OffsetCodes
+from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare, without_point
+from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.codes.unused import unused
 from cnc.gcode.cycles import drilling, threading
-from cnc.gcode.cycles.cycle_runner import Performer
+from cnc.gcode.cycles.cycle_runner import CycleRunner
 from cnc.gcode.splines import bezier, bspline, g5_2, g6_2
-from cnc.gcode.state.block_buffer import Output
+from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.coordinates import Coordinates
 from cnc.gcode.state.modal_groups import (
     FEED_MODES,
@@ -30,13 +30,13 @@ from cnc.gcode.state.modal_groups import (
     QUICK_MOTIONS,
     Code,
     Codes,
-    Modal,
+    ModalState,
     codes_of,
     feed_of,
 )
-from cnc.gcode.state.source_location import Here, Warn
+from cnc.gcode.state.source_location import SourceLocation, Warn
 from cnc.gcode.state.tool_table import ToolTable
-from cnc.gcode.state.unused_words import Waiting
+from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Assignment, Remark, Statement
@@ -48,7 +48,7 @@ from cnc.model.units import MM_PER_INCH
 MOST_PREPARED = 8192
 """Statements that are kept prepared."""
 _QUICK_MOTIONS = (None, *QUICK_MOTIONS)
-_Saved = tuple[Modal, tuple[int, list[float]]]
+_Saved = tuple[ModalState, tuple[int, list[float]]]
 _MESSAGES = ("msg", "debug", "print")
 
 
@@ -73,9 +73,9 @@ class Interpreter:
         self.ended = self.aborted = False
         self.begun = False
         self.plain = True
-        self.here = Here(file, warn)
-        self.out = Output(self.here, len(axes))
-        self.modal = Modal(motion=dialect.motion, initial_level=dialect.initial_level)
+        self.here = SourceLocation(file, warn)
+        self.out = BlockBuffer(self.here, len(axes))
+        self.modal = ModalState(motion=dialect.motion, initial_level=dialect.initial_level)
         self.dialect = dialect
         self.parameters = parameters
         self.coordinates = Coordinates(
@@ -85,23 +85,32 @@ class Interpreter:
             fanuc=dialect.offset_memory,
             shift_stays=dialect.shift_stays,
         )
-        self.waiting = Waiting(self.here)
-        self.functions = Functions(
-            dialect, self.here, self.modal, self.out, parameters, self.waiting
+        self.unused_words = UnusedWords(self.here)
+        self.machine_codes = MachineCodes(
+            dialect, self.here, self.modal, self.out, parameters, self.unused_words
         )
         self.motion = Motion(
-            axes, dialect, self.here, self.modal, position, self.coordinates, self.out, self.waiting
+            axes,
+            dialect,
+            self.here,
+            self.modal,
+            position,
+            self.coordinates,
+            self.out,
+            self.unused_words,
         )
-        self.tools = ToolSettings(
+        self.tool_codes = ToolCodes(
             dialect, self.modal, self.motion, ToolTable() if tools is None else tools
         )
-        self.settings = Settings(dialect, self.modal, self.motion, self.tools)
-        self.sides = Sides(dialect, self.here, self.modal, self.motion, self.tools, self.out)
+        self.offset_codes = OffsetCodes(dialect, self.modal, self.motion, self.tool_codes)
+        self.compensation_codes = CompensationCodes(
+            dialect, self.here, self.modal, self.motion, self.tool_codes, self.out
+        )
         bezier.register(self.motion, self.modal, self.here)
         g6_2.register(self.motion, dialect, self.modal, self.here)
         g5_2.register(self.motion, self.modal, self.here, self._feed)
         bspline.register(self.motion, self.modal, self.here, self._feed)
-        performer = Performer(self.motion, self.modal, self.here, self.out)
+        performer = CycleRunner(self.motion, self.modal, self.here, self.out)
         drilling.register(self.motion, dialect, self.modal, performer)
         threading.register(self.motion, dialect, self.modal, performer)
         probing.register(self.motion, self.modal, self.here, self.out, parameters)
@@ -118,7 +127,7 @@ class Interpreter:
             )
         parameters.bind("_call_level", lambda: float(len(self._saved) - 1))
         self.points_wanted = dialect.decimal_points
-        self._prepared: dict[int, Prepared] = {}
+        self._prepared: dict[int, PreparedLine] = {}
         self._saved: list[_Saved | None] = [None]
         self._restore_at_return: list[bool] = [False]
         self._may_abort: set[tuple[str, int]] = set()
@@ -154,7 +163,7 @@ class Interpreter:
         if not self.plain:
             return False
         self.here.line = line
-        if self.out.asked:
+        if self.out.unanswered:
             self.out.take_answers()
         if not self.motion.quick(move):
             return False
@@ -165,8 +174,8 @@ class Interpreter:
         """The program ends without M2, M30 or ``%``; an error inside a curve."""
         if self.motion.collector:
             self.motion.collector.end("the program ends before the curve is complete")
-        self.sides.off()
-        self.waiting.end()
+        self.compensation_codes.off()
+        self.unused_words.end()
         self.out.flush()
 
     def entered(self) -> None:
@@ -181,7 +190,7 @@ class Interpreter:
             self._restore(saved)
             self._look_around()
 
-    def _prepare(self, statement: Statement) -> Prepared:
+    def _prepare(self, statement: Statement) -> PreparedLine:
         if len(self._prepared) >= MOST_PREPARED:
             self._prepared.clear()
         # The entry keeps its statement alive, so no other can have the same id.
@@ -194,7 +203,7 @@ class Interpreter:
             self.points_wanted = False
             message = f"{word.written} has no decimal point: it counts whole millimetres, inches or degrees here"
             hint = f"a control that counts its least increment would take a thousandth or less: write {word.written}."
-            self.here.caution("decimal-point-missing", message, word, hint)
+            self.here.report_warning("decimal-point-missing", message, word, hint)
         return prepared
 
     def _look_around(self) -> None:
@@ -248,7 +257,7 @@ class Interpreter:
             at = Word("(", 0.0, name, remark.column, 1)
             what = "stops the program" if remark.kind == "abort" else "writes a file or runs code"
             hint = f"it {what} on LinuxCNC only"
-            here.caution("comment-not-active", f"{name} does nothing here", at, hint)
+            here.report_warning("comment-not-active", f"{name} does nothing here", at, hint)
 
     def _aborted(self, remark: Remark) -> None:
         """GcodeError ``program-abort``; the moves before it are in ``out``.
@@ -258,8 +267,8 @@ class Interpreter:
         here, text = self.here, fill(remark.text, self.parameters)
         reason = f": {text}" if text else ""
         at = Word("(", 0.0, "(ABORT)", remark.column, remark.length)
-        if not self.out.guessed:
-            self.sides.off()
+        if not self.out.assumed:
+            self.compensation_codes.off()
             self.out.put(Abort(here.file, here.line))
             self.aborted = True
             hint = "its own text says why: see to that, then run it again"
@@ -267,7 +276,7 @@ class Interpreter:
         if (place := (here.file, here.line)) not in self._may_abort:
             self._may_abort.add(place)
             hint = "the check goes on; a run aborts here if the board's answer leads here"
-            here.caution("abort-possible", f"the program may abort itself{reason}", at, hint)
+            here.report_warning("abort-possible", f"the program may abort itself{reason}", at, hint)
 
     def _execute(self, words: LineWords, codes: Codes | None) -> None:
         if codes is None:
@@ -288,7 +297,7 @@ class Interpreter:
 
     def _in_order(self, words: LineWords, codes: Codes) -> None:
         """The standard order of execution."""
-        state, motion, functions = self.modal, self.motion, self.functions
+        state, motion, functions = self.modal, self.motion, self.machine_codes
         moving = motion.check(words, codes)
         if not codes:
             self._feed(words, codes)
@@ -299,11 +308,11 @@ class Interpreter:
             mode = FEED_MODES[code.g]
             if mode != state.feed_mode:
                 state.feed_mode, state.feed = mode, None
-                self.waiting.used("F")
+                self.unused_words.mark_used("F")
         if self.dialect.units_before_feed:
             self._units(codes)
         self._feed(words, codes)
-        self.sides.refuse(codes)
+        self.compensation_codes.refuse(codes)
         functions.speed_and_tool(words, codes)
         functions.input_output(words, codes)
         functions.tool_change(words, codes)
@@ -317,11 +326,11 @@ class Interpreter:
             state.plane = PLANES[code.g]
         self._units(codes)
         if code := codes.get("compensation"):
-            self.sides.code(words, code)
+            self.compensation_codes.code(words, code)
         if code := codes.get("tool-length"):
-            self.tools.tool_length(words, code)
+            self.tool_codes.tool_length(words, code)
         if code := codes.get("system"):
-            self.settings.system(words, code)
+            self.offset_codes.system(words, code)
         if code := codes.get("path"):
             functions.path_control(words, code)
         if code := codes.get("distance"):
@@ -331,7 +340,7 @@ class Interpreter:
         if code := codes.get("retract"):
             state.initial_level = code.number == G.G98
         if (code := codes.get("non-modal")) and code.number != G.G4:
-            self.settings.non_modal(words, code)
+            self.offset_codes.non_modal(words, code)
         motion.move(words, moving, codes.get("motion"))
         if code := codes.get("stop"):
             self._stop(code)
@@ -348,7 +357,7 @@ class Interpreter:
             and not self.dialect.units_before_feed
         ):
             message = f"F is read before {code.word.written} takes effect"
-            self.here.caution("feed-before-units", message, word, "write F on the next line")
+            self.here.report_warning("feed-before-units", message, word, "write F on the next line")
         if word.number <= 0:
             raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
         feed = feed_of(word.number, scale)
@@ -357,7 +366,7 @@ class Interpreter:
         if feed.rotary < MIN_FEED:
             raise fault("feed-too-slow", f"{word.written}: the feed is next to nothing", word)
         self.modal.feed = feed
-        self.waiting.give(word)
+        self.unused_words.note(word)
 
     def _units(self, codes: Codes) -> None:
         """G20, G21, G7, G8."""
@@ -374,7 +383,7 @@ class Interpreter:
         if code is None:
             return
         if code.number in (M.M70, M.M73):
-            self._saved[-1] = self.functions.save(), self.coordinates.save()
+            self._saved[-1] = self.machine_codes.save(), self.coordinates.save()
             self._restore_at_return[-1] = code.number == M.M73
         elif code.number == M.M71:
             self._saved[-1] = None
@@ -395,8 +404,8 @@ class Interpreter:
         ):
             message = "another plane or coordinate system would be in effect again, under cutter compensation"
             raise fault("compensation-active", message, at, "give G40 and a move before")
-        self.functions.restore(saved[0])
-        self.waiting.words.clear()
+        self.machine_codes.restore(saved[0])
+        self.unused_words.words.clear()
         self.coordinates.restore(saved[1])
         self.motion.units_changed()
 
@@ -408,9 +417,9 @@ class Interpreter:
                 code.word,
             )
         if code.number in (M.M2, M.M30):
-            self.sides.off()
-            self.waiting.end()
-        self.ended = self.functions.stop(code)
+            self.compensation_codes.off()
+            self.unused_words.end()
+        self.ended = self.machine_codes.stop(code)
         if self.ended:
             self.coordinates.end()
 

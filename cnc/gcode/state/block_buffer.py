@@ -7,19 +7,19 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.model.blocks import Block, Polyline, Probe, WaitInput
 
-RUN = 4096
+MAX_MOVES = 4096
 """Moves of a Polyline at most: long enough for arrays to pay, short enough for the first pulse not
 to wait.
 """
 
-Take = Callable[[tuple[float, ...]], None]
+TakeAnswer = Callable[[tuple[float, ...]], None]
 """Takes in an answer of the board."""
 
 
-class Output:
+class BlockBuffer:
     """Collects the blocks of a program in order. ``ready`` holds those that can be handed on; the
     caller empties it.
 
@@ -29,11 +29,11 @@ class Output:
     there to give it.
     """
 
-    def __init__(self, here: Here, axes: int) -> None:
+    def __init__(self, here: SourceLocation, axes: int) -> None:
         self.ready: list[Block] = []
-        self.asked: list[tuple[Probe | WaitInput, Take]] = []
-        self.hold: Callable[[Block], None] | None = None
-        self.guessed = False
+        self.unanswered: list[tuple[Probe | WaitInput, TakeAnswer]] = []
+        self.defer: Callable[[Block], None] | None = None
+        self.assumed = False
         self._here = here
         self._axes = axes
         self._points: list[float] = []
@@ -45,7 +45,7 @@ class Output:
         self._points += end
         self._feeds.append(feed)
         self._lines.append(line)
-        if len(self._feeds) >= RUN:
+        if len(self._feeds) >= MAX_MOVES:
             self.flush()
 
     def moves(
@@ -56,15 +56,15 @@ class Output:
         """
         begin, count = 0, len(feeds)
         if self._feeds:
-            begin = min(count, RUN - len(self._feeds))
+            begin = min(count, MAX_MOVES - len(self._feeds))
             self._points += points[:begin].ravel().tolist()
             self._feeds += feeds[:begin].tolist()
             self._lines += lines[:begin].tolist()
-            if len(self._feeds) < RUN:
+            if len(self._feeds) < MAX_MOVES:
                 return
             self.flush()
-        while count - begin >= RUN:
-            end = begin + RUN
+        while count - begin >= MAX_MOVES:
+            end = begin + MAX_MOVES
             self.ready.append(
                 Polyline(
                     self._here.file,
@@ -83,10 +83,10 @@ class Output:
 
     def add(self, block: Block) -> None:
         """Any other block."""
-        if self.hold is None:
+        if self.defer is None:
             self.put(block)
         else:
-            self.hold(block)
+            self.defer(block)
 
     def place(self, end: list[float], feed: float, line: int, file: str) -> None:
         """A straight move that may stand in another file than the line being executed."""
@@ -105,22 +105,22 @@ class Output:
         self.flush()
         self.ready.append(block)
 
-    def ask(self, block: Probe | WaitInput, take: Take) -> None:
+    def ask(self, block: Probe | WaitInput, take: TakeAnswer) -> None:
         """A block that the board answers; ``take`` is given the answer before the next line is
         executed.
         """
         self.add(block)
-        self.asked.append((block, take))
+        self.unanswered.append((block, take))
 
     def take_answers(self) -> None:
         """Hand out the answers to what was asked; where nobody was there to answer, what is
         expected.
         """
-        for block, take in self.asked:
+        for block, take in self.unanswered:
             values = block.answer.values
-            self.guessed = self.guessed or values is None
+            self.assumed = self.assumed or values is None
             take(block.expected if values is None else values)
-        self.asked.clear()
+        self.unanswered.clear()
 
     def flush(self) -> None:
         """Close the run of straight moves."""

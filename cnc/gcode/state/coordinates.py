@@ -117,7 +117,7 @@ class Coordinates:
     # From one to the other
 
     @property
-    def turns(self) -> bool:
+    def can_rotate(self) -> bool:
         """Whether the machine has the axes that a rotation needs."""
         return self._xy is not None
 
@@ -131,7 +131,7 @@ class Coordinates:
         return [
             value + base
             for value, base in zip(
-                self._turned(added, self._turn), self._base(self._origin), strict=True
+                self._rotated(added, self._turn), self._base(self._origin), strict=True
             )
         ]
 
@@ -141,14 +141,16 @@ class Coordinates:
             return [value - zero for value, zero in zip(machine, self.zero, strict=True)]
         return [
             value - a - b
-            for value, a, b in zip(self._felt(machine), self._shift, self._local, strict=True)
+            for value, a, b in zip(
+                self._from_origin(machine), self._shift, self._local, strict=True
+            )
         ]
 
-    def turned(self, delta: list[float]) -> list[float]:
-        """A way in program directions as a way of the machine."""
-        return self._turned(delta, self._turn) if self.rotation else delta
+    def rotated(self, delta: list[float]) -> list[float]:
+        """A from_offsets in program directions as a from_offsets of the machine."""
+        return self._rotated(delta, self._turn) if self.rotation else delta
 
-    def _turned(self, vector: list[float], turn: tuple[float, float]) -> list[float]:
+    def _rotated(self, vector: list[float], turn: tuple[float, float]) -> list[float]:
         cosine, sine = turn
         turned = vector.copy()
         if self._xy and turn != (1.0, 0.0):
@@ -157,7 +159,7 @@ class Coordinates:
             turned[y] = sine * vector[x] + cosine * vector[y]
         return turned
 
-    def _touched(self, values: Mapping[int, float], turn: tuple[float, float]) -> set[int]:
+    def _changed_axes(self, values: Mapping[int, float], turn: tuple[float, float]) -> set[int]:
         """The axes of the machine that change with program coordinates: under a rotation X and Y do
         together.
         """
@@ -166,18 +168,18 @@ class Coordinates:
             touched.update(self._xy)
         return touched
 
-    def _back(self, vector: list[float], turn: tuple[float, float]) -> list[float]:
-        return self._turned(vector, (turn[0], -turn[1]))
+    def _unrotated(self, vector: list[float], turn: tuple[float, float]) -> list[float]:
+        return self._rotated(vector, (turn[0], -turn[1]))
 
     def _base(self, origin: list[float]) -> list[float]:
         """Origin, tool and what counts in every system."""
         return [a + b + c for a, b, c in zip(origin, self._tool, self._external, strict=True)]
 
-    def _felt(self, machine: list[float]) -> list[float]:
+    def _from_origin(self, machine: list[float]) -> list[float]:
         """A machine position from the origin in use, turned back: program coordinates before shift
         and local offset.
         """
-        return self._back(
+        return self._unrotated(
             [value - base for value, base in zip(machine, self._base(self._origin), strict=True)],
             self._turn,
         )
@@ -229,17 +231,23 @@ class Coordinates:
         there under shift and tool as they are.
         """
         first = self._first(system)
-        origin, turn = self._stored(first), _turn(self._rotation_of(system))
-        way = [
+        origin, turn = self._stored(first), _cosine_sine(self._rotation_of(system))
+        from_offsets = [
             value - base
             for value, base in zip(position, self._base([0.0] * len(position)), strict=True)
         ]
-        felt = self._back([value - base for value, base in zip(way, origin, strict=True)], turn)
+        program = self._unrotated(
+            [value - base for value, base in zip(from_offsets, origin, strict=True)], turn
+        )
         for index, value in values.items():
-            felt[index] = value + self._shift[index] + self._local[index]
-        turned = self._turned(felt, turn)
+            program[index] = value + self._shift[index] + self._local[index]
+        turned = self._rotated(program, turn)
         self.set_origin(
-            system, {index: way[index] - turned[index] for index in self._touched(values, turn)}
+            system,
+            {
+                index: from_offsets[index] - turned[index]
+                for index in self._changed_axes(values, turn)
+            },
         )
 
     def _use(self, system: int) -> None:
@@ -247,8 +255,8 @@ class Coordinates:
         self._origin = self._stored(self._first(system))
         self._external = self._stored(numbers.EXTERNAL_OFFSET) if self._fanuc else self._external
         self.rotation = self._rotation_of(system)
-        self._turn = _turn(self.rotation)
-        self._settle()
+        self._turn = _cosine_sine(self.rotation)
+        self._update_zero()
 
     def _first(self, system: int) -> int:
         """The first parameter of a system; those of FANUC's G54.1 come after the others, from
@@ -266,7 +274,7 @@ class Coordinates:
     def _stored(self, first: int) -> list[float]:
         return [self._values.get(first + place, 0.0) for place in self._places]
 
-    def _settle(self) -> None:
+    def _update_zero(self) -> None:
         """The zero point after any change."""
         self.zero = [
             base + a + b
@@ -275,26 +283,26 @@ class Coordinates:
 
     # G92 and G52
 
-    def shift_here(self, values: Mapping[int, float], position: list[float]) -> None:
+    def set_shift_here(self, values: Mapping[int, float], position: list[float]) -> None:
         """G92: the shift such that the machine ``position`` gets the ``values``; axes without a
         value keep theirs.
 
         A local offset of its own ends on the axes given.
         """
-        felt, shift = self._felt(position), self._shift.copy()
+        program, shift = self._from_origin(position), self._shift.copy()
         for index, value in values.items():
             self._local[index] = 0.0
-            shift[index] = felt[index] - value
+            shift[index] = program[index] - value
         self._set_shift(shift, 1.0)
 
-    def local(self, values: Mapping[int, float]) -> None:
+    def set_local(self, values: Mapping[int, float]) -> None:
         """G52: the offset itself, by axis index; axes without a value keep theirs."""
         offset = self._local.copy() if self._fanuc else self._shift.copy()
         for index, value in values.items():
             offset[index] = value
         if self._fanuc:
             self._local = offset
-            self._settle()
+            self._update_zero()
         else:
             self._set_shift(offset, 1.0)
 
@@ -306,7 +314,7 @@ class Coordinates:
         """G92.2: no shift; the stored one waits for G92.3."""
         self._values[numbers.SHIFT_IN_EFFECT] = 0.0
         self._shift = [0.0] * len(self._axes)
-        self._settle()
+        self._update_zero()
 
     def restore_shift(self) -> None:
         """G92.3: the shift that is stored."""
@@ -317,7 +325,7 @@ class Coordinates:
         self._values[numbers.SHIFT_IN_EFFECT] = in_effect
         for place, value in zip(self._places, shift, strict=True):
             self._values[numbers.SHIFT + place] = value
-        self._settle()
+        self._update_zero()
 
     # Tool
 
@@ -329,7 +337,7 @@ class Coordinates:
     @tool_offset.setter
     def tool_offset(self, offset: list[float]) -> None:
         self._tool = offset
-        self._settle()
+        self._update_zero()
 
     def tool_for(
         self,
@@ -348,19 +356,19 @@ class Coordinates:
         """
         if fixture:
             last = self.systems - 1
-            origin, turn = self._stored(self._first(last)), _turn(self._rotation_of(last))
+            origin, turn = self._stored(self._first(last)), _cosine_sine(self._rotation_of(last))
             moved = [0.0] * len(old)
         else:
             origin, turn = self._origin, self._turn
             moved = [a + b for a, b in zip(self._shift, self._local, strict=True)]
-        way = self._back(
+        from_offsets = self._unrotated(
             [a - b - c for a, b, c in zip(position, origin, self._external, strict=True)], turn
         )
-        tool = self._back(old, turn)
+        tool = self._unrotated(old, turn)
         for index, value in values.items():
-            tool[index] = way[index] - moved[index] - value
-        turned = self._turned(tool, turn)
-        return {index: turned[index] for index in self._touched(values, turn)}
+            tool[index] = from_offsets[index] - moved[index] - value
+        turned = self._rotated(tool, turn)
+        return {index: turned[index] for index in self._changed_axes(values, turn)}
 
     # What M70 saves
 
@@ -385,7 +393,7 @@ class Coordinates:
             self._values[_HOMES[code] + place] = value
 
 
-def _turn(rotation: float) -> tuple[float, float]:
+def _cosine_sine(rotation: float) -> tuple[float, float]:
     """Cosine and sine; exact where the axes change places."""
     quarters = rotation / 90.0
     if quarters.is_integer():

@@ -165,7 +165,7 @@ def feed_of(number: float, scale: float) -> Feed:
 
 
 @dataclass(slots=True)
-class Modal:
+class ModalState:
     """The state that lines leave behind, with LinuxCNC's defaults: G17 G21 G90 G91.1 G94 G40 G49
     G54 G97 G99 G8, M5 M9 M48 M53.
 

@@ -14,7 +14,7 @@ Warn = Callable[[Diagnostic], None]
 
 
 @dataclass(slots=True)
-class Here:
+class SourceLocation:
     """The file, the line (from 1) and, for a line of that file, its text and its words."""
 
     file: str
@@ -28,7 +28,7 @@ class Here:
         """The source of the line."""
         return self.text_of(self.line)
 
-    def caution(self, code: str, message: str, word: Word, hint: str = "") -> None:
+    def report_warning(self, code: str, message: str, word: Word, hint: str = "") -> None:
         """Say what is legal but odd."""
         if self.warn:
             self.warn(

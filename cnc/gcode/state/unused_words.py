@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.words import Word
 from cnc.model.diagnostics import Diagnostic
 
@@ -21,19 +21,19 @@ class _Given(NamedTuple):
     word: Word
 
 
-class Waiting:
+class UnusedWords:
     """The words that wait to be used; ``words`` by their letters. Nobody keeps books where nobody
     wants to be told.
     """
 
-    def __init__(self, here: Here) -> None:
+    def __init__(self, here: SourceLocation) -> None:
         self.words: dict[str, _Given] = {}
         self._here = here
-        self.watching = here.warn is not None
+        self.enabled = here.warn is not None
 
-    def give(self, word: Word, line: int | None = None, text: str | None = None) -> None:
+    def note(self, word: Word, line: int | None = None, text: str | None = None) -> None:
         """A word that sets F, S or T, in the line being executed if no other is named."""
-        if not self.watching:
+        if not self.enabled:
             return
         here = self._here
         at = here.line if line is None else line
@@ -51,7 +51,7 @@ class Waiting:
                 )
         self.words[word.letter] = _Given(here.file, at, here.text if text is None else text, word)
 
-    def used(self, letter: str) -> None:
+    def mark_used(self, letter: str) -> None:
         """The word of this letter has done something."""
         self.words.pop(letter, None)
 

@@ -74,19 +74,19 @@ class _Fault:
             str(name)
             for name in getattr(error, "allowed", None) or getattr(error, "expected", None) or ()
         }
-        self.before = [
+        self.motion_before = [
             found.span()
             for found in _TOKEN.finditer(text[: self.at])
             if not found[0].startswith("(")
         ]
-        self.functions = {
+        self.machine_codes = {
             *(MACRO_FUNCTIONS if macro else FUNCTIONS),
             "ATAN",
             *(() if macro else ("EXISTS",)),
         }
         self.operators = {*(MACRO_OPERATORS if macro else OPERATORS)}
         self.open: list[int] = []
-        for begin, _ in self.before:
+        for begin, _ in self.motion_before:
             if text[begin] == "[":
                 self.open.append(begin)
             elif text[begin] == "]" and self.open:
@@ -103,7 +103,9 @@ class _Fault:
 
     def last(self, back: int = 1) -> str:
         """A token before the place; empty where there is none."""
-        return self.text[slice(*self.before[-back])] if len(self.before) >= back else ""
+        return (
+            self.text[slice(*self.motion_before[-back])] if len(self.motion_before) >= back else ""
+        )
 
     def run(self) -> tuple[int, int]:
         """The letters about the place."""
@@ -129,14 +131,14 @@ class _Fault:
             return self.fault(
                 "exists-parameter",
                 "EXISTS asks for a parameter",
-                *self.before[-1],
+                *self.motion_before[-1],
                 "write EXISTS[#<name>]",
             )
         if self.last() == "THEN" and "HASH" in self.wanted:
             return self.fault(
                 "assignment-missing",
                 "THEN is followed by no assignment",
-                *self.before[-1],
+                *self.motion_before[-1],
                 "such as IF [#1 EQ 0] THEN #1=5",
             )
         if self.last() == "#":
@@ -154,7 +156,7 @@ class _Fault:
         ):
             return self._continuation()
         if not self.macro and re.match(r"/?(?:N[0-9]+)?O", self.text):
-            said = any(self.text[slice(*span)] in _O_KEYWORDS for span in self.before)
+            said = any(self.text[slice(*span)] in _O_KEYWORDS for span in self.motion_before)
             return self._after_all() if said or "PLAIN" not in self.wanted else self._keyword()
         if "EQUAL" in self.wanted and "LETTER" not in self.wanted:
             return self._assignment()
@@ -190,7 +192,7 @@ class _Fault:
 
     def _argument(self) -> GcodeError:
         """A [ or the / of ATAN is missing after a function or a keyword."""
-        begin, end = self.before[-1]
+        begin, end = self.motion_before[-1]
         word = self.text[begin:end]
         if self.wanted == {"SLASH"}:
             return self.fault(
@@ -205,7 +207,7 @@ class _Fault:
                 "write ATAN[y]/[x]",
             )
         keywords = _MACRO_KEYWORDS if self.macro else _O_KEYWORDS
-        while word not in self.functions and word not in keywords and len(word) > 1:
+        while word not in self.machine_codes and word not in keywords and len(word) > 1:
             begin, word = begin + 1, word[1:]
         run = begin, self.run()[1]
         if run[1] > end:
@@ -221,7 +223,7 @@ class _Fault:
 
     def _parameter(self) -> GcodeError:
         """Nothing useful after a #."""
-        begin = self.before[-1][0]
+        begin = self.motion_before[-1][0]
         if self.char == "<":
             if self.macro:
                 return self.fault(
@@ -250,7 +252,7 @@ class _Fault:
         return self.fault("name-not-closed", "this name is never closed", begin, hint="add a >")
 
     def _label(self) -> GcodeError:
-        begin = self.before[-1][0]
+        begin = self.motion_before[-1][0]
         if self.char == "<":
             if self.macro:
                 return self.fault(
@@ -263,7 +265,7 @@ class _Fault:
     def _value(self) -> GcodeError:
         """A number, or what stands for one, is missing."""
         last = self.last()
-        begin, end = self.before[-1]
+        begin, end = self.motion_before[-1]
         found = _RUN.match(self.text, self.at)
         inside = bool(self.open) or "=" in self.text[: self.at]
         if last in ("+", "-") and self.char and self.char in "+-" and self._is_value_sign():
@@ -359,7 +361,7 @@ class _Fault:
             return None
         place = begin, begin + len(run)
         follow = self.text[place[1] : place[1] + 1]
-        if run in self.functions and follow == "[":
+        if run in self.machine_codes and follow == "[":
             return self.fault(
                 "letter-missing", f"{run} without a letter before it", *place, f"such as X{run}[..]"
             )
@@ -409,7 +411,10 @@ class _Fault:
     def _unknown_function(self, run: tuple[int, int]) -> GcodeError:
         name = self.text[slice(*run)]
         return self.fault(
-            "function-unknown", f"there is no function {name}", *run, _near(name, self.functions)
+            "function-unknown",
+            f"there is no function {name}",
+            *run,
+            _near(name, self.machine_codes),
         )
 
     def _unknown_operator(self, run: tuple[int, int]) -> GcodeError:
@@ -449,7 +454,7 @@ class _Fault:
             )
         if _RUN.match(char):
             run = self.run()
-            if self.text[slice(*run)] in self.functions:
+            if self.text[slice(*run)] in self.machine_codes:
                 return self.fault(
                     "operator-missing",
                     "an operator is missing between two values",
