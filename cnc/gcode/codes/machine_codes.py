@@ -6,7 +6,6 @@ Source: LinuxCNC, "M-codes" and "Other codes"; G4, G64, G96 and G97 in "G-codes"
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -429,11 +428,3 @@ class MachineCodes:
             self._coolant()
         self._out.add(End(here.file, here.line))
         return True
-
-
-def surface_rpm(speed: float, most_rpm: float, radius: float) -> float:
-    """Turns a minute at a surface speed (mm/s) and a radius (mm): at most ``most_rpm`` where that
-    is not 0; infinite on the axis.
-    """
-    rpm = speed * 60.0 / (math.tau * radius) if radius > 0.0 else math.inf
-    return min(rpm, most_rpm) if most_rpm else rpm

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 from cnc.gcode import dialects
 from cnc.gcode.codes import macro_variables, probing, system_parameters
+from cnc.gcode.codes.axis_words import MIN_FEED
 from cnc.gcode.codes.comments import fill
 from cnc.gcode.codes.compensation_codes import CompensationCodes
 from cnc.gcode.codes.machine_codes import MachineCodes
-from cnc.gcode.codes.motion import MIN_FEED, Motion
+from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.offset_codes import OffsetCodes
 from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare, without_point
 from cnc.gcode.codes.tool_codes import ToolCodes

@@ -12,7 +12,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.codes.motion import MIN_FEED
+from cnc.gcode.codes.axis_words import MIN_FEED
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.state.modal_groups import Feed
 from cnc.gcode.syntax.code_numbers import G

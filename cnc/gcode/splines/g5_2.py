@@ -18,7 +18,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cnc.gcode.codes.motion import MIN_FEED, Motion
+from cnc.gcode.codes.axis_words import MIN_FEED
+from cnc.gcode.codes.motion import Motion
 from cnc.gcode.splines import knots as curves
 from cnc.gcode.splines.collecting import (
     MAX_ORDER,
