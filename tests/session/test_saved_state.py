@@ -77,7 +77,7 @@ def test_tools_outlive_a_run(machine: Path) -> None:
     first, second = table.tool(1), table.tool(2)
     assert first is not None
     assert second is not None
-    assert (first.pocket, first.offsets, first.diameter, first.remark) == (
+    assert (first.pocket, first.offsets, first.diameter, first.comment) == (
         3,
         {"Z": 40.25},
         6.0,

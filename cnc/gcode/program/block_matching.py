@@ -285,4 +285,4 @@ MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = {
     "if-goto": goto_at,
     "program": border_at,
 }
-"""MachineCodes that make the step of a control line, by keyword."""
+"""Functions that make the step of a control line, by keyword."""

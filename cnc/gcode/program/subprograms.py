@@ -284,4 +284,4 @@ MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = {
     "return": return_at,
     "call": call_at,
 }
-"""MachineCodes that make the step of a control line, by keyword."""
+"""Functions that make the step of a control line, by keyword."""
