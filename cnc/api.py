@@ -230,7 +230,7 @@ def home(
     port: str | None = None,
     callbacks: Callbacks | None = None,
     control: Control | None = None,
-    on_axis: Callable[[homing.Way], None] | None = None,
+    on_axis: Callable[[homing.AxisHoming], None] | None = None,
 ) -> dict[str, float | None]:
     """Home the machine on the limit switches of its axes.
 
@@ -255,8 +255,10 @@ def home(
         HomingStopped: If ``control`` stops the machine.
     """
     known, seen = _loaded(machine), callbacks or Callbacks()
-    named = board is None or isinstance(board, str)
-    opened = open_board(known, kind=board, port=port) if named else board
+    if board is None or isinstance(board, str):
+        opened, owned = open_board(known, kind=board, port=port), True
+    else:
+        opened, owned = board, False
 
     def on_progress(progress: Progress) -> None:
         if seen.on_progress is not None:
@@ -278,7 +280,7 @@ def home(
             on_axis=on_axis,
         )
     finally:
-        if named:
+        if owned:
             opened.close()
     each = zip(known.axes.items(), positions, strict=True)
     return {

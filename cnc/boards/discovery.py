@@ -56,7 +56,7 @@ SLOWEST = 250_000
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundBoard:
     """A port, what the system says of it, and either the board that answered or why none did.
 
     info, status: of a GRBL board. stepper: the name by which a stepper board has welcomed us, baud:
@@ -72,7 +72,7 @@ class Found:
     fault: BoardError | None = None
 
 
-def look(ports: Sequence[str] = (), baud: int = 115200) -> list[Found]:
+def probe_ports(ports: Sequence[str] = (), baud: int = 115200) -> list[FoundBoard]:
     """Ask the ports named, else all of this computer, all at once. The first opening of a port
     resets most boards; nothing moves.
     """
@@ -84,33 +84,33 @@ def look(ports: Sequence[str] = (), baud: int = 115200) -> list[Found]:
         return list(pool.map(lambda name: _asked(name, known.get(name, ""), baud), names))
 
 
-def _asked(name: str, description: str, baud: int) -> Found:
+def _asked(name: str, description: str, baud: int) -> FoundBoard:
     try:
         port = open_port(name, baud)
     except BoardError as error:
-        return Found(name, description, fault=error)
+        return FoundBoard(name, description, fault=error)
     link = GrblLink(port, SystemClock(), name)
     try:
         link.connect()
-        return Found(name, description, link.info, link.status)
+        return FoundBoard(name, description, link.info, link.status)
     except PortLost as error:
-        return Found(name, description, fault=error)
+        return FoundBoard(name, description, fault=error)
     except BoardError as error:
         if error.diagnostic.code not in NOT_GRBL:
-            return Found(name, description, fault=error)
+            return FoundBoard(name, description, fault=error)
         # A GRBL board was told to reset by now, if it is one: what it still had to do is over.
         speed = baud if baud >= SLOWEST else BAUD
         try:
             port.change_baud(speed)
             wire = Wire(port, SystemClock(), name)
-            return Found(name, description, stepper=wire.greet(AWAKE_S), baud=speed)
+            return FoundBoard(name, description, stepper=wire.greet(AWAKE_S), baud=speed)
         except BoardError:
-            return Found(name, description, fault=error)
+            return FoundBoard(name, description, fault=error)
     finally:
         link.close()
 
 
-def page(found: Found, baud: int = 115200) -> Iterator[str]:
+def port_report(found: FoundBoard, baud: int = 115200) -> Iterator[str]:
     """What to print of a port, line by line: remarks, then the machine file."""
     yield f"# {found.port}  {found.description}".rstrip()
     info, status = found.info, found.status
@@ -136,7 +136,7 @@ def page(found: Found, baud: int = 115200) -> Iterator[str]:
         yield f"# no machine file: {error.diagnostic.message}"
 
 
-def _stepper(found: Found, board: Welcome) -> Iterator[str]:
+def _stepper(found: FoundBoard, board: Welcome) -> Iterator[str]:
     """What a stepper board tells. It knows nothing of the machine: its file is written by hand."""
     if board.version != VERSION:
         yield f"# stepper board, version {board.version} of the protocol; this program speaks {VERSION}: make flash PORT={found.port}"

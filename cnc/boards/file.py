@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cnc.boards.loopback import Loopback
-from cnc.boards.protocols import Capabilities, Command
+from cnc.boards.protocols import BoardTraits, Capabilities
 from cnc.machine.models import Machine
+from cnc.model.blocks import Block
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.npz import NpzWriter
 from cnc.model.streams import PulseChunk
@@ -28,6 +29,8 @@ class FileBoard:
     until then; an abort leaves no file. UsageError `can-not-write` where the folder can't be
     written.
     """
+
+    traits = BoardTraits()
 
     def __init__(
         self, path: Path, axes: Sequence[str], steps_per_mm: ArrayLike, min_pulse_ns: float = 0.0
@@ -53,8 +56,9 @@ class FileBoard:
                     hint="name one with --port FILE.npz",
                 )
             )
-        steps_per_mm = [axis.steps_per_mm for axis in machine.axes.values()]
-        return cls(target, tuple(machine.axes), steps_per_mm, 1e9 / machine.board.max_step_rate)
+        return cls(
+            target, machine.axis_names, machine.steps_per_mm, 1e9 / machine.board.max_step_rate
+        )
 
     @property
     def capabilities(self) -> Capabilities:
@@ -96,7 +100,7 @@ class FileBoard:
         self._checks.send(chunk)
         self._write(chunk)
 
-    def execute(self, block: Command, time_ns: int) -> None:
+    def execute(self, block: Block, time_ns: int) -> None:
         """Note the block and its time."""
         self._checks.execute(block, time_ns)
 

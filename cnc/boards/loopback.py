@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import Capabilities, Command, board_error
+from cnc.boards.protocols import BoardTraits, Capabilities, board_error
 from cnc.machine.models import Machine
+from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError
 from cnc.model.streams import PulseChunk
 
@@ -31,14 +32,14 @@ class Loopback:
     ``board-not-started``, ``board-stopped`` (anything after a stop or a fault).
     """
 
-    has_port = False
+    traits = BoardTraits(has_port=False)
 
     def __init__(self, axes: int, min_pulse_ns: float = 0.0, fail_after: int | None = None) -> None:
         self.axes = axes
         self.min_pulse_ns = min_pulse_ns
         self.fail_after = fail_after
         self.state = "idle"
-        self.commands: list[tuple[int, Command]] = []
+        self.commands: list[tuple[int, Block]] = []
         self.rows = 0
         self._position = np.zeros(axes, dtype=np.int64)
         self._forward = np.zeros(axes, dtype=np.int64)
@@ -111,7 +112,7 @@ class Loopback:
         if bad < len(chunk.step):
             raise self._fault(code, message, int(chunk.line[bad]))
 
-    def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
+    def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
         """Note the block and its time; what the program expects comes."""
         self._refuse_unless_running()
         if time_ns < self._last_ns:

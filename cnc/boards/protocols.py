@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.machine.models import Machine
+from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine, PulseChunk
@@ -60,18 +61,17 @@ class Capabilities:
     actions: frozenset[Action] = ACTIONS
 
 
-class Command(Protocol):
-    """A canonical block that is not motion, as a board sees it (the drivers' floor does not know
-    the canon).
+@dataclass(frozen=True, slots=True)
+class BoardTraits:
+    """Facts about a kind of board that hold before one is opened; every driver class declares them.
+
+    Attributes:
+        has_port: The board is found at a port, so that ``--port`` can name one.
+        takes_lines: The board takes G-code lines and plans its motion itself.
     """
 
-    @property
-    def file(self) -> str:
-        """The program."""
-
-    @property
-    def line(self) -> int:
-        """Source line, from 1."""
+    has_port: bool = True
+    takes_lines: bool = False
 
 
 class Board(Protocol):
@@ -92,7 +92,7 @@ class Board(Protocol):
     def start(self, origin_steps: NDArray[np.int64]) -> None:
         """Get ready for a program that begins at the grid point ``origin_steps`` (axes,)."""
 
-    def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
+    def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
         """Carry out a block between moves, ``time_ns`` after the program's start. The answer to one
         that asks (a probe, an input).
         """
@@ -122,20 +122,20 @@ class PulseSink(Board, Protocol):
         """Take grid moves; returns when there is room for more."""
 
 
-Watcher = Callable[[], None]
+OnReport = Callable[[], None]
 
 
 @runtime_checkable
-class Located(Protocol):
+class RemembersPosition(Protocol):
     """A board that may know where its machine stands."""
 
     @property
-    def standing_steps(self) -> tuple[int | None, ...]:
+    def known_steps(self) -> tuple[int | None, ...]:
         """Where each axis stands before a program; None if the board has lost that."""
 
 
 @runtime_checkable
-class Switched(Located, Protocol):
+class HasLimitSwitches(RemembersPosition, Protocol):
     """A board with a limit switch at each of its axes but the fourth, by which it can find out
     where they stand.
     """
@@ -144,22 +144,22 @@ class Switched(Located, Protocol):
     def switches(self) -> tuple[bool, ...]:
         """Which switches are closed now, one an axis that has one."""
 
-    def next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
+    def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
         """For the next start alone: whose switches end the motion with an alarm, and of which axes
         its origin says where they stand.
         """
 
 
 @runtime_checkable
-class Touching(Protocol):
+class ProbesByMotion(Protocol):
     """A board that finds out the answer to a probe by its motion, and so after ``execute``."""
 
-    def sensed(self) -> tuple[float, ...] | None:
+    def probe_result(self) -> tuple[float, ...] | None:
         """The answer to the last probe, when its motion is over; None if there was none."""
 
 
 @dataclass(frozen=True, slots=True)
-class Whereabouts:
+class MotionState:
     """Where a board's motion is. line: no later source line than that; position: mm, one number an
     axis; ahead: s of motion it has yet.
     """
@@ -170,19 +170,19 @@ class Whereabouts:
 
 
 @runtime_checkable
-class Playing(Protocol):
+class PlaysAhead(Protocol):
     """A board that plays later what it is given now."""
 
     @property
-    def whereabouts(self) -> Whereabouts:
+    def motion_state(self) -> MotionState:
         """By what the board has said last."""
 
 
 @runtime_checkable
-class Attending(Protocol):
+class HasButtons(Protocol):
     """A board of pulses at which the operator has buttons."""
 
-    def attend(self, control: Control) -> None:
+    def connect_operator(self, control: Control) -> None:
         """Whom the buttons move from here on."""
 
 
@@ -211,12 +211,12 @@ class LineSink(Board, Protocol):
         """
 
     @property
-    def places(self) -> Mapping[str, tuple[float, ...]]:
+    def stored_offsets(self) -> Mapping[str, tuple[float, ...]]:
         """G54 to G59, G28, G30 and G92 as the board remembers them, mm, one number an axis of the
         machine.
         """
 
-    def fitted(self, machine: Machine) -> Machine:
+    def limited_to_board(self, machine: Machine) -> Machine:
         """The machine with no more travel than the board lets it have."""
 
     @property
@@ -255,7 +255,7 @@ class LineSink(Board, Protocol):
     def now(self) -> float:
         """The time by the clock that the board goes by, s."""
 
-    def attend(self, control: Control, watcher: Watcher) -> None:
+    def connect_operator(self, control: Control, watcher: OnReport) -> None:
         """Whose wishes to carry out at once from here on, and who is told whenever the board has
         reported.
         """
@@ -264,7 +264,7 @@ class LineSink(Board, Protocol):
         """Take a line; returns when it has been sent, or when the operator stops the run."""
 
 
-class Burden(Protocol):
+class FeasibilityCheck(Protocol):
     """Finds out whether a board can play a program, before anything moves."""
 
     def add(self, chunk: PulseChunk) -> None:
@@ -274,26 +274,28 @@ class Burden(Protocol):
 
 
 @runtime_checkable
-class Burdened(Protocol):
+class ChecksFeasibility(Protocol):
     """A board that can't play every program."""
 
-    def burden(self) -> Burden:
+    def feasibility_check(self) -> FeasibilityCheck:
         """To be shown a program."""
 
 
 @runtime_checkable
-class Foreseeable(Protocol):
+class KnownInAdvance(Protocol):
     """A class of boards that can tell what its boards can take before one is there."""
 
-    def foreseen(self, machine: Machine) -> Capabilities:
+    def expected_capabilities(self, machine: Machine) -> Capabilities:
         """Of the board that this machine should have."""
 
-    def foreseen_burden(self, machine: Machine) -> Burden:
+    def expected_feasibility_check(self, machine: Machine) -> FeasibilityCheck:
         """The same, to be shown a program."""
 
 
 class BoardFactory(Protocol):
     """What the entry points of group ``cnc.boards`` name: a class of boards."""
+
+    traits: BoardTraits
 
     def from_machine(self, machine: Machine, target: Path | None = None) -> PulseSink | LineSink:
         """The board that the machine file describes. ``target``: the file to write, for a board

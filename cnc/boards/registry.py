@@ -9,7 +9,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import cast
 
-from cnc.boards.protocols import BoardFactory, LineSink, PulseSink
+from cnc.boards.protocols import BoardFactory, BoardTraits, LineSink, PulseSink
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError
 
@@ -19,7 +19,7 @@ BUILT_IN = (
     EntryPoint("loopback", "cnc.boards.loopback:Loopback", GROUP),
     EntryPoint("file", "cnc.boards.file:FileBoard", GROUP),
     EntryPoint("grbl", "cnc.boards.grbl.driver:GrblBoard", GROUP),
-    EntryPoint("grbl-sim", "cnc.boards.grbl.simulator.board:GrblSim", GROUP),
+    EntryPoint("grbl-sim", "cnc.boards.grbl.simulator.board:GrblSimulatorBoard", GROUP),
     EntryPoint("stepper", "cnc.boards.stepper.driver:Stepper", GROUP),
 )
 """The boards in this package, known even where it runs from a folder that was never installed."""
@@ -55,7 +55,10 @@ def board_factory(kind: str) -> BoardFactory:
             )
         )
     try:
-        return cast(BoardFactory, known[kind].load())
+        factory = cast(BoardFactory, known[kind].load())
+        if not isinstance(factory.traits, BoardTraits):
+            raise AttributeError(f"its traits are no BoardTraits but {factory.traits!r}")
+        return factory
     except (ImportError, AttributeError) as error:
         hint = "install the package that the driver needs"
         raise UsageError(
@@ -83,7 +86,7 @@ def open_board(
     name = machine.board.kind if kind is None else kind
     factory = board_factory(name)
     if port is not None:
-        if not getattr(factory, "has_port", True):
+        if not factory.traits.has_port:
             hint = "leave --port out, or name a board that has one: --board grbl"
             raise UsageError(
                 Diagnostic("board-without-port", f"the board {name!r} has no port", hint=hint)

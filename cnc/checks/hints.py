@@ -56,7 +56,7 @@ class Hints:
     def __init__(self, machine: Machine, start: Floats) -> None:
         self._machine = machine
         self._here = np.array(start, np.float64)
-        self._steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
+        self._steps_per_mm = machine.steps_per_mm
         self._linear = np.flatnonzero([letter in "xyz" for letter in machine.axes])
         self._fastest = np.array([axis.max_velocity for axis in machine.axes.values()])[
             self._linear

@@ -18,7 +18,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from cnc.model.diagnostics import Diagnostic, UsageError
-from cnc.model.operator_control import LARGEST_OVERRIDE, Control
+from cnc.model.operator_control import MAX_FEED_OVERRIDE, Control
 
 STEP = 10.0
 """Per cent of the programmed feeds for one key."""
@@ -27,7 +27,7 @@ LEAST = 10.0
 HELP = "space holds and goes on, + and - change the feed, q stops"
 
 
-class Keys:
+class Keyboard:
     """Reads keys as long as the context lasts. ``available``: whether there are any."""
 
     def __init__(self, control: Control) -> None:
@@ -39,11 +39,11 @@ class Keys:
         self._thread: threading.Thread | None = None
         self._answers: SimpleQueue[str] | None = None
 
-    def agreed(self, story: Sequence[str], *, yes: bool) -> bool:
+    def confirm(self, steps: Sequence[str], *, yes: bool) -> bool:
         """Tell what will be done and ask whether it shall; ``yes``: do not ask. UsageError
         ``needs-yes`` where nobody can be asked.
         """
-        print(*story, sep="\n  ", file=sys.stderr, flush=True)
+        print(*steps, sep="\n  ", file=sys.stderr, flush=True)
         if yes:
             return True
         if not self.available:
@@ -72,13 +72,13 @@ class Keys:
             else:
                 control.hold()
         elif key == "+":
-            control.override(min(control.feed_override + STEP, LARGEST_OVERRIDE))
+            control.override(min(control.feed_override + STEP, MAX_FEED_OVERRIDE))
         elif key == "-":
             control.override(max(control.feed_override - STEP, min(LEAST, control.feed_override)))
         elif key in ("q", "Q"):
             control.stop()
 
-    def __enter__(self) -> Keys:
+    def __enter__(self) -> Keyboard:
         with contextlib.suppress(ImportError, OSError, ValueError, AttributeError):
             self._listen()
         return self

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import LineSink, PulseSink, Switched, board_error
+from cnc.boards.protocols import HasLimitSwitches, LineSink, PulseSink, board_error
 from cnc.executor.run import Progress, execute
 from cnc.machine.models import AxisLetter, Homing, Machine
 from cnc.model.blocks import Block, Polyline, SwitchMove
@@ -46,7 +46,7 @@ FILE = "homing"
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class AxisHoming:
     """How an axis goes home. towards: +1 or -1, the way to its switch; rest: mm, where it ends;
     longest: mm, to look for the switch.
     """
@@ -59,7 +59,7 @@ class Way:
     settings: Homing
 
     @property
-    def story(self) -> str:
+    def description(self) -> str:
         """What the axis does, in words."""
         letter, to, each = (
             self.letter.upper(),
@@ -72,7 +72,7 @@ class Way:
         )
 
     @classmethod
-    def of(cls, machine: Machine, letter: AxisLetter) -> Way:
+    def of(cls, machine: Machine, letter: AxisLetter) -> AxisHoming:
         """UsageError ``homing-travel`` for an axis without travel: the search has to end
         somewhere.
         """
@@ -96,7 +96,9 @@ class Way:
         )
 
 
-def ways_home(machine: Machine, axes: Sequence[str] = (), switches: int = 3) -> tuple[Way, ...]:
+def homing_sequence(
+    machine: Machine, axes: Sequence[str] = (), switches: int = 3
+) -> tuple[AxisHoming, ...]:
     """How the axes named go home, in the machine's order; all that have a switch if none is named.
 
     switches: how many of the machine's first axes have one on the board. UsageError
@@ -127,19 +129,19 @@ def ways_home(machine: Machine, axes: Sequence[str] = (), switches: int = 3) -> 
                     "no-switch", f"the board has no limit switch for {letter.upper()}", hint=hint
                 )
             )
-    return tuple(Way.of(machine, letter) for letter in wanted)
+    return tuple(AxisHoming.of(machine, letter) for letter in wanted)
 
 
-def rest_steps(
+def homed_steps(
     machine: Machine,
-    ways: Iterable[Way],
+    ways: Iterable[AxisHoming],
     standing: Sequence[int | None],
     start: NDArray[np.float64],
 ) -> NDArray[np.int64]:
     """Where the machine will stand (axes,) when it has gone these ways; where nobody knows,
     ``start``, mm, is taken for it.
     """
-    steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
+    steps_per_mm = machine.steps_per_mm
     taken = np.round(start * steps_per_mm).astype(np.int64)
     steps = np.array(
         [
@@ -159,7 +161,7 @@ class _Cycle:
     def __init__(
         self,
         board: PulseSink,
-        switched: Switched,
+        switched: HasLimitSwitches,
         machine: Machine,
         control: Control,
         on_progress: Callable[[Progress], None] | None,
@@ -170,15 +172,15 @@ class _Cycle:
         self.machine = machine
         self.control = control
         self.on_progress = on_progress
-        self.steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
-        standing = switched.standing_steps
+        self.steps_per_mm = machine.steps_per_mm
+        standing = switched.known_steps
         self.known = [steps is not None for steps in standing]
-        self.steps = rest_steps(machine, (), standing, start)
+        self.steps = homed_steps(machine, (), standing, start)
 
-    def closed(self, way: Way) -> bool:
+    def closed(self, way: AxisHoming) -> bool:
         return self.switched.switches[way.column]
 
-    def home(self, way: Way) -> None:
+    def home(self, way: AxisHoming) -> None:
         """One axis. BoardError ``homing-switch`` where its switch does not do what it should."""
         settings, letter = way.settings, way.letter.upper()
         if self.closed(way):
@@ -207,10 +209,10 @@ class _Cycle:
         self.known[way.column] = True
         self.off(way)
 
-    def in_steps(self, way: Way, mm: float) -> int:
+    def in_steps(self, way: AxisHoming, mm: float) -> int:
         return round(mm * float(self.steps_per_mm[way.column]))
 
-    def off(self, way: Way) -> None:
+    def off(self, way: AxisHoming) -> None:
         """Off the switch by the pull-off."""
         self.go(way, -way.settings.pull_off, way.settings.seek)
         if self.closed(way):
@@ -219,7 +221,7 @@ class _Cycle:
                 what, f"raise axes.{way.letter}.homing.pull_off, or look at the switch"
             )
 
-    def go(self, way: Way, distance: float, feed: float, until: bool | None = None) -> bool:
+    def go(self, way: AxisHoming, distance: float, feed: float, until: bool | None = None) -> bool:
         """Move by so many mm towards the switch; ``until`` it is closed, or open. Whether that
         came.
         """
@@ -236,14 +238,14 @@ class _Cycle:
             return True
         return block.answer.values is not None and block.answer.values[0] == 1.0
 
-    def run(self, way: Way | None, *blocks: Block) -> None:
+    def run(self, way: AxisHoming | None, *blocks: Block) -> None:
         """Carry out blocks, from rest to rest."""
         machine, closed = self.machine, self.switched.switches
         watched = [
             not (shut or (way is not None and column == way.column))
             for column, shut in enumerate(closed)
         ]
-        self.switched.next_start(watched=watched, known=self.known)
+        self.switched.prepare_next_start(watched=watched, known=self.known)
         start = self.steps / self.steps_per_mm
         fastest = min(machine.board.max_step_rate, self.board.capabilities.max_step_rate)
         ahead = LookAhead(machine, self.control, slice_s=self.board.capabilities.slice_s or SLICE)
@@ -273,7 +275,7 @@ def home(
     *,
     control: Control | None = None,
     on_progress: Callable[[Progress], None] | None = None,
-    on_axis: Callable[[Way], None] | None = None,
+    on_axis: Callable[[AxisHoming], None] | None = None,
 ) -> tuple[int | None, ...]:
     """Let the axes go home, one after the other; where each axis then stands, steps, None for one
     that nobody knows of.
@@ -283,14 +285,14 @@ def home(
     axis before it goes. UsageError ``no-switches`` for a board that has none; BoardError, after
     which the axis that was under way is lost; HomingStopped by ``control``.
     """
-    if not isinstance(board, PulseSink) or not isinstance(board, Switched):
+    if not isinstance(board, PulseSink) or not isinstance(board, HasLimitSwitches):
         hint = "name the board at which they are: --board stepper; a GRBL board homes by cncrun home, or a program that begins with $H"
         raise UsageError(
             Diagnostic("no-switches", "this board has no limit switches to home by", hint=hint)
         )
     switches = len(board.switches)
     cycle = _Cycle(board, board, machine, control or Control(), on_progress, start)
-    for way in ways_home(machine, axes, switches):
+    for way in homing_sequence(machine, axes, switches):
         if on_axis is not None:
             on_axis(way)
         cycle.home(way)
@@ -314,7 +316,7 @@ def home_by_board(board: LineSink, axes: Sequence[str], control: Control) -> Non
         raise UsageError(
             Diagnostic("board-homes-all", "a GRBL board homes all its axes at once", hint=hint)
         )
-    board.attend(control, lambda: None)
+    board.connect_operator(control, lambda: None)
     board.start(np.zeros(board.capabilities.axes, np.int64))
     board.send_line(GcodeLine(HOME, HOME_LINE))
     if control.stopped:

@@ -6,7 +6,7 @@ board takes them.
 Steps may be made on the way, where the board's answers decide how the program goes on, or before
 anything moves: a list of them is small.
 
-The board carries out the operator's wishes itself (:meth:`cnc.boards.protocols.LineSink.attend`),
+The board carries out the operator's wishes itself (:meth:`cnc.boards.protocols.LineSink.connect_operator`),
 so the plan is made without them: hold, resume and override act on the motion under way, not on what
 is still to come.
 """
@@ -233,7 +233,7 @@ def stream(
     control = control or Control()
     run = _Stream(board, control, on_progress, on_line)
     try:
-        board.attend(control, run.tell)
+        board.connect_operator(control, run.tell)
         board.start(np.zeros(board.capabilities.axes, np.int64))
         for step in program:
             run.step(step)

@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import Attending, Playing, PulseSink, Touching
+from cnc.boards.protocols import HasButtons, PlaysAhead, ProbesByMotion, PulseSink
 from cnc.model.blocks import Abort, Block, End, Held, Probe, WaitInput
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic
 from cnc.model.operator_control import Control
@@ -76,7 +76,7 @@ class Progress:
     position: tuple[float, ...] | None = None
     buffered: int | None = None
     left: float | None = None
-    why: str = ""
+    hold_reason: str = ""
     ahead: float | None = None
     file: str = ""
     at: int = 0
@@ -123,7 +123,7 @@ class _Run:
         self.rows = 0
         self.steps = np.zeros(len(interpolator.origin_steps), dtype=np.int64)
         self.file = ""
-        self.playing = board if isinstance(board, Playing) else None
+        self.playing = board if isinstance(board, PlaysAhead) else None
         self._probing: tuple[Probe, tuple[float, ...] | None] | None = None
 
     def command(self, block: Block) -> None:
@@ -164,7 +164,7 @@ class _Run:
             return
         block, reply = self._probing
         self._probing = None
-        found = self.board.sensed() if isinstance(self.board, Touching) else None
+        found = self.board.probe_result() if isinstance(self.board, ProbesByMotion) else None
         reply = reply if found is None else found
         block.answer.values = reply
         if reply is not None:
@@ -210,10 +210,16 @@ class _Run:
         if self.on_progress is None:
             return
         now = Progress(
-            self.clock.seconds, self.line, self.rows, held, why=why, file=self.file, at=self.line
+            self.clock.seconds,
+            self.line,
+            self.rows,
+            held,
+            hold_reason=why,
+            file=self.file,
+            at=self.line,
         )
         if self.playing is not None:
-            where = self.playing.whereabouts
+            where = self.playing.motion_state
             # What the motion is held for has been come to.
             line = self.line if held else where.line
             now = replace(now, line=line, position=where.position, ahead=where.ahead, at=line)
@@ -248,8 +254,8 @@ def execute(
     run = _Run(board, interpolator, on_pulses, on_progress)
     at_rest = True
     try:
-        if control is not None and isinstance(board, Attending):
-            board.attend(control)
+        if control is not None and isinstance(board, HasButtons):
+            board.connect_operator(control)
         board.start(interpolator.origin_steps)
         items = iter(plan_stream)
         while control is None or not control.stopped:

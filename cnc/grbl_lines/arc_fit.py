@@ -1,4 +1,4 @@
-"""The fewest moves along a strand: lines and arcs within the tolerance, by the kernel of the same
+"""The fewest moves along a samples: lines and arcs within the tolerance, by the kernel of the same
 name.
 """
 
@@ -9,15 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cnc.grbl_lines.path_samples import NO_ARC, PlaneArc, Strand
-from cnc.grbl_lines.travel_margin import Room
+from cnc.grbl_lines.path_samples import NO_ARC, PathSamples, PlaneArc
+from cnc.grbl_lines.travel_margin import TravelMargin
 from cnc.grbl_lines.writer import Point
 from cnc.kernels.grbl_lines.arc_fit import STRAIGHT, fewest
 
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A line to ``end``, or an arc if there is one. first: the interval of the strand where it
+    """A line to ``end``, or an arc if there is one. first: the interval of the samples where it
     begins.
 
     speed: the highest planned along it, feed: the programmed one (NaN: traverse), mm/s. line:
@@ -33,16 +33,18 @@ class Move:
     rests: bool
 
 
-def moves(strand: Strand, tolerance: float, chord: float, room: Room) -> Iterator[Move]:
-    """Moves from the start of the strand to its end; ``chord`` is by how much the board's own
+def moves(
+    samples: PathSamples, tolerance: float, chord: float, room: TravelMargin
+) -> Iterator[Move]:
+    """Moves from the start of the samples to its end; ``chord`` is by how much the board's own
     chords may be off an arc, mm.
     """
-    k = len(strand)
+    k = len(samples)
     end, plane, arc = np.empty(k, np.int64), np.empty(k, np.int64), np.empty((k, 3))
-    may_turn = (strand.arc == NO_ARC) & ~np.isnan(strand.feed)
+    may_turn = (samples.arc == NO_ARC) & ~np.isnan(samples.feed)
     count = fewest(
-        strand.points,
-        strand.cuts(),
+        samples.points,
+        samples.cuts(),
         may_turn,
         tolerance,
         chord,
@@ -55,13 +57,13 @@ def moves(strand: Strand, tolerance: float, chord: float, room: Room) -> Iterato
     end, plane, arc = end[:count], plane[:count], arc[:count]
     first = np.concatenate(([0], end[:-1]))
     columns = (
-        strand.points[end].tolist(),
+        samples.points[end].tolist(),
         first.tolist(),
-        np.maximum.reduceat(strand.speed, first).tolist(),
-        strand.feed[end - 1].tolist(),
-        strand.line[end - 1].tolist(),
-        strand.rest[end].tolist(),
-        strand.arc[end - 1].tolist(),
+        np.maximum.reduceat(samples.speed, first).tolist(),
+        samples.feed[end - 1].tolist(),
+        samples.line[end - 1].tolist(),
+        samples.rest[end].tolist(),
+        samples.arc[end - 1].tolist(),
         plane.tolist(),
         arc.tolist(),
     )
@@ -69,7 +71,7 @@ def moves(strand: Strand, tolerance: float, chord: float, room: Room) -> Iterato
         *columns, strict=True
     ):
         if true != NO_ARC:
-            turned: PlaneArc | None = strand.arcs[true]
+            turned: PlaneArc | None = samples.arcs[true]
         else:
             turned = None if kind == STRAIGHT else PlaneArc(kind, (cx, cy), sweep, fitted=True)
         yield Move((x, y, z), turned, begin, speed, feed, line, rests)

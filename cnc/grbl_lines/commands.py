@@ -40,7 +40,7 @@ nuts_bolts.c).
 """
 
 
-class Commands:
+class CommandLines:
     """The lines of one block after another; it remembers spindle and coolant.
 
     mist: whether the board has M7. moved: whether anything has moved yet.

@@ -35,13 +35,13 @@ class LineProgram:
     """How a program is made lines for any machine of a kind.
 
     start (axes,): where the machine stands before, mm. parameters: with which the program is read;
-    the lines are relative to their G54. box: lowest and highest coordinate that each axis comes to.
+    the lines are relative to their G54. simulator: lowest and highest coordinate that each axis comes to.
     """
 
     machine: Machine
     start: NDArray[np.float64]
     parameters: Mapping[int, float]
-    box: Mapping[str, tuple[float, float]]
+    simulator: Mapping[str, tuple[float, float]]
 
     def lines(self, blocks: Iterable[Block]) -> Iterator[GcodeLine]:
         """The lines of a whole program."""
@@ -49,7 +49,7 @@ class LineProgram:
         moving = "".join(
             letter
             for letter in LETTERS.lower()
-            if letter in self.box and self.box[letter][0] < self.box[letter][1]
+            if letter in self.simulator and self.simulator[letter][0] < self.simulator[letter][1]
         )
         translator = Translator(machine, work_offset=self.work_offset, moving=moving)
         path = smooth_path(

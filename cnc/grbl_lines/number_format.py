@@ -4,7 +4,7 @@ what the board knows already.
 GRBL keeps of a number what fits a 32-bit float (about 7 digits), takes lines of at most 80
 characters, and picks the characters ``?`` ``!`` ``~`` and every byte from 0x80 on out of the stream
 wherever they stand, in a comment too: they are orders (GRBL 1.1 wiki, Interface, "Real-Time
-Commands"). Text of the program's must not contain any.
+CommandLines"). Text of the program's must not contain any.
 """
 
 from __future__ import annotations

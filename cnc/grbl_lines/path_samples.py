@@ -1,4 +1,4 @@
-r"""A stretch of plan as a strand: dense points of the path, and between each two what the line
+r"""A stretch of plan as a samples: dense points of the path, and between each two what the line
 there has to say.
 
                      cut            cut      A point is a cut where lines must meet exactly: at corners, at rests, between traverse
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS
-from cnc.grbl_lines.travel_margin import Room
+from cnc.grbl_lines.travel_margin import TravelMargin
 from cnc.kernels.path.curve import ARC, LINE, SPAN, SPAN_BODY, START, TABLE, U0, U1, curve_eval
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.path.chunk import PathChunk
@@ -54,7 +54,7 @@ class PlaneArc:
 
 
 @dataclass(frozen=True, slots=True)
-class Strand:
+class PathSamples:
     """Points of the path and what lies between them.
 
     points (k + 1, 3) mm of x y z (0 for an axis that the machine lacks); rest (k + 1,): the motion
@@ -73,7 +73,7 @@ class Strand:
     def __len__(self) -> int:
         return len(self.speed)
 
-    def behind(self, first: int) -> Strand:
+    def behind(self, first: int) -> PathSamples:
         """The intervals from ``first`` on."""
         return replace(
             self,
@@ -85,12 +85,12 @@ class Strand:
         )
 
     @staticmethod
-    def joined(before: Strand, after: Strand) -> Strand:
-        """A strand and the one that follows it."""
+    def joined(before: PathSamples, after: PathSamples) -> PathSamples:
+        """A samples and the one that follows it."""
         rest = np.concatenate((before.rest, after.rest[1:]))
         rest[len(before)] |= after.rest[0]
         arc = np.where(after.arc == NO_ARC, NO_ARC, after.arc + len(before.arcs))
-        return Strand(
+        return PathSamples(
             np.concatenate((before.points, after.points[1:])),
             rest,
             np.concatenate((before.speed, after.speed)),
@@ -116,7 +116,7 @@ class Strand:
         return cut
 
 
-class Strands:
+class PathSampler:
     """Makes strands of the plan, piece by piece: each when the plan has passed its end.
 
     A plan comes in slices that may end inside a piece; what is known of its speeds by then is kept.
@@ -124,14 +124,14 @@ class Strands:
     if it has one radius and keeps in the ``room``.
     """
 
-    def __init__(self, axes: tuple[str, ...], dense: float, room: Room) -> None:
+    def __init__(self, axes: tuple[str, ...], dense: float, room: TravelMargin) -> None:
         self._columns = [axes.index(letter) if letter in axes else -1 for letter in LETTERS.lower()]
         self._others = [k for k, axis in enumerate(axes) if axis not in LETTERS.lower()]
         self._dense = dense
         self._room = room
         self._nodes: tuple[Floats, Floats] | None = None
 
-    def made(self, plan: PlanChunk) -> Strand | None:
+    def made(self, plan: PlanChunk) -> PathSamples | None:
         """The pieces that end in this slice of the plan; None if there are none."""
         nodes_s, nodes_v = speed_nodes(plan)
         ends = plan.piece_s[1:]
@@ -163,7 +163,7 @@ class Strands:
         last: int,
         nodes_s: Floats,
         nodes_v: Floats,
-    ) -> Strand:
+    ) -> PathSamples:
         """Pieces [first, last): runs of lines at once, the others one by one."""
         self._check_axes(path, slice(first, last))
         kinds = path.kind[first:last]
@@ -202,7 +202,7 @@ class Strands:
         rest = np.zeros(len(each) + 1, np.bool_)
         rest[np.cumsum(counts)] = path.stop_after[first:last]
         factor = np.concatenate(faster)
-        return Strand(
+        return PathSamples(
             points=self._room.inside(np.concatenate(points)),
             rest=rest,
             speed=highest(nodes_s, nodes_v, np.concatenate(places))

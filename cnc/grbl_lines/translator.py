@@ -1,8 +1,8 @@
 """The plan stream as lines of G-code for a GRBL 1.1 board: arcs stay arcs, all else becomes lines
 and arcs within a tolerance.
 
-    PlanChunk ──► Strands ──► pending strand ──► fewest lines and arcs between its cuts ──► Writer ──► GcodeLine
-    Block ──────────────────► Commands ─────────────────────────────────────────────────────────────►
+    PlanChunk ──► PathSampler ──► pending samples ──► fewest lines and arcs between its cuts ──► LineWriter ──► GcodeLine
+    Block ──────────────────► CommandLines ─────────────────────────────────────────────────────────────►
 
 **Coordinates.** The plan is in machine coordinates; GRBL takes those only of straight moves (G53
 holds for one line and not for arcs), so lines are in work coordinates with G54 selected, and the
@@ -22,7 +22,7 @@ are taken as planned; the board makes its own ramps. F is said where that differ
 from the one in effect, and is never more than programmed. Traverses are G0.
 
 **Rests.** Where the path itself rests between two moves (G61.1) G4 P0 stands, for which GRBL comes
-to rest. It does so by itself for everything that Commands sends but comments.
+to rest. It does so by itself for everything that CommandLines sends but comments.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cnc.grbl_lines.arc_fit import Move, moves
-from cnc.grbl_lines.commands import Commands, probe_word
+from cnc.grbl_lines.commands import CommandLines, probe_word
 from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS
-from cnc.grbl_lines.path_samples import PlaneArc, Strand, Strands
+from cnc.grbl_lines.path_samples import PathSampler, PathSamples, PlaneArc
 from cnc.grbl_lines.smooth import SMOOTHING
-from cnc.grbl_lines.travel_margin import Room
-from cnc.grbl_lines.writer import Point, Writer
+from cnc.grbl_lines.travel_margin import TravelMargin
+from cnc.grbl_lines.writer import LineWriter, Point
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, BoardCommand, End, Message, Probe
 from cnc.model.diagnostics import Diagnostic, GcodeError
@@ -90,7 +90,7 @@ class Translator:
         )
         letters = "".join(letter for letter in LETTERS if letter.lower() in axes)
         self._axes = axes
-        self._commands = Commands(mist=mist)
+        self._commands = CommandLines(mist=mist)
         self._chord = arc_tolerance
         given = [machine.axes.get(letter) for letter in ("x", "y", "z")]
         self._accelerations = [
@@ -98,13 +98,13 @@ class Translator:
         ]
         self._normal = machine.path.max_normal_acceleration or math.inf
         self._fit = FITTING * self.tolerance
-        self._room = Room.of(machine, margin)
-        self._strands = Strands(axes, DENSE * self.tolerance, self._room)
-        self._writer = Writer(
+        self._room = TravelMargin.of(machine, margin)
+        self._strands = PathSampler(axes, DENSE * self.tolerance, self._room)
+        self._writer = LineWriter(
             work_offset, self.tolerance, machine.board.baud, letters, arc_tolerance
         )
         self._to_state = "" if moving is None else moving.upper()
-        self._pending: Strand | None = None
+        self._pending: PathSamples | None = None
         self._begun = False
         self._rests = False
         self._probing: Probe | None = None
@@ -123,19 +123,19 @@ class Translator:
         or with :meth:`end`.
         """
         if isinstance(item, PlanChunk):
-            strand = self._strands.made(item)
-            if strand is None:
+            samples = self._strands.made(item)
+            if samples is None:
                 return
             if self._probing is not None:
                 # the way of a probe that has been sent as a line of its own
-                if strand.rest[-1]:
+                if samples.rest[-1]:
                     self._guessed = self._probing if self._probing.answer.values is None else None
                     self._probing = None
                 return
             self._pending = (
-                strand if self._pending is None else Strand.joined(self._pending, strand)
+                samples if self._pending is None else PathSamples.joined(self._pending, samples)
             )
-            yield from self._moves(whole=bool(strand.rest[-1]))
+            yield from self._moves(whole=bool(samples.rest[-1]))
             return
         if not isinstance(item, Message):
             yield from self.end()
@@ -162,11 +162,11 @@ class Translator:
             yield GcodeLine(PREAMBLE, line)
 
     def _moves(self, *, whole: bool) -> Iterator[GcodeLine]:
-        """The moves of the pending strand."""
-        strand, self._pending = self._pending, None
-        if strand is None:
+        """The moves of the pending samples."""
+        samples, self._pending = self._pending, None
+        if samples is None:
             return
-        first = int(strand.line[0])
+        first = int(samples.line[0])
         yield from self._begin(first)
         if self._guessed is not None:
             yield GcodeLine(
@@ -178,12 +178,12 @@ class Translator:
             # where the board stands when nothing has moved; behind a probe it may stand a little
             # farther
             known = self._position is None and not self._commands.moved
-            self._position = _point(strand.points[0].tolist())
+            self._position = _point(samples.points[0].tolist())
             if known:
                 self._writer.stands_at(self._position)
         self._commands.moved = True
         last: Move | None = None
-        for move in moves(strand, self._fit, self._chord, self._room):
+        for move in moves(samples, self._fit, self._chord, self._room):
             if last is not None:
                 yield from self._said(last)
             last = move
@@ -191,7 +191,7 @@ class Translator:
             yield from self._said(last)
         elif last is not None:
             # what comes may go on with it
-            self._pending = strand.behind(last.first)
+            self._pending = samples.behind(last.first)
 
     def _said(self, move: Move) -> Iterator[GcodeLine]:
         """The lines of one move."""

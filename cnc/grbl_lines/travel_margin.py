@@ -33,7 +33,7 @@ LEAST = 3e-4
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class TravelMargin:
     """Of x, y, z (3,), mm, infinite without travel: lowest and highest place of the travel, and
     between which arcs turn back.
     """
@@ -45,7 +45,7 @@ class Room:
     margin: float
 
     @classmethod
-    def of(cls, machine: Machine, margin: float) -> Room:
+    def of(cls, machine: Machine, margin: float) -> TravelMargin:
         """The travel of a machine. margin: mm, by which lines keep away from its ends."""
         axes = [machine.axes.get(letter) for letter in ("x", "y", "z")]
         spans = [

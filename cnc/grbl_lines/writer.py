@@ -66,7 +66,7 @@ BLOCKS_AHEAD = 15
 Point = tuple[float, float, float]
 
 
-class Writer:
+class LineWriter:
     """Says where the board goes from where it stands.
 
     offset: what the board adds to the coordinates of a line, mm. tolerance: mm, how far lines may

@@ -77,7 +77,7 @@ def shipped_folder() -> Traversable:
     return inside if inside.is_dir() else Path(str(package)).parent / "config"
 
 
-def shipped() -> dict[str, Traversable]:
+def shipped_machines() -> dict[str, Traversable]:
     """Name and file of every shipped machine."""
     files = sorted(shipped_folder().iterdir(), key=lambda file: file.name)
     return {file.name.removesuffix(".toml"): file for file in files if file.name.endswith(".toml")}
@@ -106,14 +106,14 @@ def load_machine(path: Path | str | None = None) -> Machine:
         machine = Machine.model_validate({"name": header.name, **tables})
     except ValidationError as error:
         raise _plain(file, text, error) from None
-    for key, message, hint in machine.faults():
+    for key, message, hint in machine.inconsistencies():
         raise _error(file, text, key, message, hint)
     return _with_absolute_files(machine, file, text)
 
 
 def _resolve(path: Path | str | None) -> Traversable:
     """A path that exists is that file; a bare name is one of the shipped machines."""
-    machines = shipped()
+    machines = shipped_machines()
     if path is None:
         return machines[DEFAULT]
     file = Path(path)
@@ -132,7 +132,7 @@ def _read(file: Traversable) -> str:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         code, message = "machine-file-unreadable", f"the machine file can't be read: {reason}"
-    hint = f"shipped machines: {', '.join(shipped())}" if code == "no-such-file" else ""
+    hint = f"shipped machines: {', '.join(shipped_machines())}" if code == "no-such-file" else ""
     raise MachineFileError(Diagnostic(code, message, file=str(file), hint=hint))
 
 

@@ -12,11 +12,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
+
+from cnc.model.choices import DialectName
 
 AxisLetter = Literal["x", "y", "z", "a", "b", "c", "u", "v", "w"]
 AXIS_LETTERS: tuple[AxisLetter, ...] = get_args(AxisLetter)
-DialectName = Literal["auto", "linuxcnc", "grbl", "fanuc", "paper"]
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
@@ -193,7 +196,7 @@ class Machine(_Section):
     stock: Stock | None = None
 
     @property
-    def homes(self) -> bool:
+    def can_home(self) -> bool:
         """Whether the file says that the machine has switches to find its place by."""
         return self.homing is not None or any(
             axis.homing is not None for axis in self.axes.values()
@@ -204,7 +207,12 @@ class Machine(_Section):
         """Names of the axes, one a column of every position."""
         return tuple(self.axes)
 
-    def faults(self) -> Iterator[tuple[tuple[str, ...], str, str]]:
+    @property
+    def steps_per_mm(self) -> NDArray[np.float64]:
+        """Steps per millimetre (degree) of each axis, a new array (axes,)."""
+        return np.array([axis.steps_per_mm for axis in self.axes.values()], dtype=np.float64)
+
+    def inconsistencies(self) -> Iterator[tuple[tuple[str, ...], str, str]]:
         """What is wrong between the keys, each with its place, a message and a hint; nothing for a
         machine that can run.
         """

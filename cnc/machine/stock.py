@@ -16,7 +16,7 @@ _SPAN = re.compile(rf"\s*([xyz])\s*({_NUMBER})\s*:\s*({_NUMBER})\s*", re.IGNOREC
 def with_stock(machine: Machine, text: str) -> Machine:
     """The machine with the box that ``text`` names. UsageError ``stock-malformed``."""
     found = machine.model_copy(update={"stock": _stock(text)})
-    for _, message, hint in found.faults():
+    for _, message, hint in found.inconsistencies():
         raise UsageError(Diagnostic("stock-malformed", message, hint=hint))
     return found
 

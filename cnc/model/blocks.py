@@ -81,7 +81,7 @@ class NurbsFeed(Block):
 
 
 @dataclass(frozen=True, slots=True)
-class Called(Block):
+class CallBoundary(Block):
     """Where the main program goes into a call at this line (``inside``), or is back from it; only
     who asks for these sees them.
     """

@@ -18,7 +18,7 @@ Severity = Literal["error", "warning", "note"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
 """The gravest first."""
 
-SHOWN = 160
+SHOWN_CHARACTERS = 160
 """Characters of a source line that a message shows."""
 
 EXIT_REJECTED = 1
@@ -46,7 +46,7 @@ class Diagnostic:
     hint: str = ""
     severity: Severity = "error"
 
-    def place(self) -> str:
+    def location(self) -> str:
         """``file:line:column``, as far as each is known."""
         parts = [self.file] if self.file else []
         if self.line:
@@ -59,17 +59,25 @@ class Diagnostic:
         """The message as a user sees it: place, code, text, then the source line with a caret, then
         the hint.
         """
-        place = self.place()
+        place = self.location()
         lines = [
             f"{place}: {self.code}: {self.message}" if place else f"{self.code}: {self.message}"
         ]
         if self.text:
             # Of a long line only what stands about the place.
-            first = max(0, self.column - SHOWN // 2) if len(self.text) > SHOWN else 0
-            shown = "".join(c if c.isprintable() else " " for c in self.text[first : first + SHOWN])
+            first = (
+                max(0, self.column - SHOWN_CHARACTERS // 2)
+                if len(self.text) > SHOWN_CHARACTERS
+                else 0
+            )
+            shown = "".join(
+                c if c.isprintable() else " " for c in self.text[first : first + SHOWN_CHARACTERS]
+            )
             lines.append(f"  {shown}")
             if self.column:
-                marked = min(max(self.length, 1), max(first + SHOWN - self.column + 1, 1))
+                marked = min(
+                    max(self.length, 1), max(first + SHOWN_CHARACTERS - self.column + 1, 1)
+                )
                 lines.append("  " + " " * (self.column - 1 - first) + "^" + "~" * (marked - 1))
         if self.hint:
             lines.append(f"  help: {self.hint}")

@@ -6,7 +6,7 @@ from queue import SimpleQueue
 
 from cnc.model.diagnostics import Diagnostic, UsageError
 
-LEAST_OVERRIDE, LARGEST_OVERRIDE = 1.0, 200.0
+MIN_FEED_OVERRIDE, MAX_FEED_OVERRIDE = 1.0, 200.0
 """Per cent of the programmed feeds."""
 
 
@@ -53,8 +53,8 @@ class Control:
 
     def override(self, percent: float) -> None:
         """Scale the programmed feeds. UsageError ``feed-override`` outside 1 to 200 per cent."""
-        if not LEAST_OVERRIDE <= percent <= LARGEST_OVERRIDE:
-            limits = f"{LEAST_OVERRIDE:g} to {LARGEST_OVERRIDE:g}"
+        if not MIN_FEED_OVERRIDE <= percent <= MAX_FEED_OVERRIDE:
+            limits = f"{MIN_FEED_OVERRIDE:g} to {MAX_FEED_OVERRIDE:g}"
             raise UsageError(
                 Diagnostic(
                     "feed-override",

@@ -37,7 +37,7 @@ def board_parameters(board: LineSink, machine: Machine) -> dict[int, float]:
     With them a program has the same meaning as if the board read it.
     """
     values = {CURRENT_SYSTEM: 1.0, G92_IN_EFFECT: 1.0}
-    for name, place in board.places.items():
+    for name, place in board.stored_offsets.items():
         for letter, value in zip(machine.axes, place, strict=True):
             values[FIRST_PARAMETERS[name] + AXIS_LETTERS.index(letter)] = value
     return values
@@ -55,9 +55,10 @@ def offset_lines(
     """
     letters = [letter for letter in machine.axes if letter in "xyz"]
     for number, name in enumerate(SYSTEMS, start=1):
-        place = dict(zip(machine.axes, board.places.get(name, ()), strict=False))
+        place = dict(zip(machine.axes, board.stored_offsets.get(name, ()), strict=False))
         new = {
-            letter: values.get(FIRST_PARAMETERS[name] + AXIS_LETTERS.index(letter), 0.0) for letter in letters
+            letter: values.get(FIRST_PARAMETERS[name] + AXIS_LETTERS.index(letter), 0.0)
+            for letter in letters
         }
         changed = [
             letter

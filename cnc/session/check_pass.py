@@ -1,4 +1,4 @@
-"""The check pass: read the program to its end and compare its path with the travel; nothing moves."""
+"""The check pass: the whole program is read, and its path compared with the travel of the axes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator
 from cnc.checks.hints import Hints
 from cnc.checks.travel import Survey
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline, Probe, WaitInput
-from cnc.outputs.files import JsonLines
+from cnc.model.diagnostics import CncError
+from cnc.outputs.blocks import BlockWriter
 from cnc.path.chunk import PathChunk
 from cnc.session.context import SessionContext
 from cnc.session.required_capabilities import CapabilityCheck
@@ -40,7 +41,7 @@ class CheckPass:
         self._reader, self._report, self._observer = reader, report, context.observer
         self._capabilities = capabilities
 
-    def run(self, target: JsonLines | None, *, keep: bool) -> list[PathChunk | Block] | None:
+    def run(self, target: BlockWriter | None, *, keep: bool) -> list[PathChunk | Block] | None:
         """Check the whole program.
 
         Args:
@@ -63,11 +64,7 @@ class CheckPass:
                 capacity -= len(item.data) + 8 * len(item)
                 if hints is not None:
                     hints.see_path(item)
-                for fault in survey.add(item):
-                    if len(report.faults) < MOST_FAULTS:
-                        report.faults.append(fault)
-                    else:
-                        report.hidden_faults += 1
+                self._add_faults(survey.add(item))
             else:
                 self._capabilities.check(item)
                 survey.between(item)
@@ -82,6 +79,14 @@ class CheckPass:
         report.path_length_mm = survey.length
         report.bounding_box = survey.box()
         return kept
+
+    def _add_faults(self, faults: Iterable[CncError]) -> None:
+        report = self._report
+        for fault in faults:
+            if len(report.faults) < MOST_FAULTS:
+                report.faults.append(fault)
+            else:
+                report.hidden_faults += 1
 
     def _at_line(self, lines_done: int) -> None:
         self._report.lines = lines_done

@@ -74,7 +74,9 @@ class CheckpointWriter:
         self._file = Path(first.program + SUFFIX)
         self._written = first
         self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._write_regularly, daemon=True, name="checkpoint")
+        self._thread = threading.Thread(
+            target=self._write_regularly, daemon=True, name="checkpoint"
+        )
         self._thread.start()
 
     def note(self, progress: Progress) -> None:

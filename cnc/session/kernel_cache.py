@@ -78,7 +78,7 @@ def compile_language() -> None:
 def compile_curves() -> None:
     """Compile the kernels of curves, pulses, samples, lines and the audit.
 
-    One curve of each kind and a fitted one are built. Pulses, samples and lines are made along each.
+    One curve of each kind and a fitted one are built, then pulses, samples and lines along each.
     """
     corner, end = np.array([[1.0, 0.0, 0.0]]), np.array([1.0, 2.0, 0.0])
     points = np.array([[1.0, 2.0, 0.0], [2.0, 3.0, 0.0], [3.0, 1.0, 0.0], [4.0, 2.0, 0.0]])

@@ -7,38 +7,38 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import Located, Switched
-from cnc.executor.homing import rest_steps, ways_home
+from cnc.boards.protocols import HasLimitSwitches, RemembersPosition
+from cnc.executor.homing import homed_steps, homing_sequence
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.session.context import SessionContext
 
 
-def locate(context: SessionContext, board: Located) -> None:
+def locate(context: SessionContext, board: RemembersPosition) -> None:
     """Set the start position: where the board knows it is, or where homing will leave it.
 
     Raises:
         BoardError: ``not-homed`` if the board has lost a position that homing can find.
     """
     reader, machine = context.reader, context.reader.machine
-    known = board.standing_steps
-    ways = (
-        ways_home(machine, (), len(board.switches))
-        if context.options.home and isinstance(board, Switched)
+    known = board.known_steps
+    sequence = (
+        homing_sequence(machine, (), len(board.switches))
+        if context.options.home and isinstance(board, HasLimitSwitches)
         else ()
     )
-    steps = rest_steps(machine, ways, known, reader.start)
-    reader.start = steps / np.array([axis.steps_per_mm for axis in machine.axes.values()])
-    homed = {way.letter for way in ways}
+    steps = homed_steps(machine, sequence, known, reader.start)
+    reader.start = steps / machine.steps_per_mm
+    homed = {axis.letter for axis in sequence}
     lost = [
         letter
         for letter, place in zip(machine.axes, known, strict=True)
         if place is None and letter not in homed
     ]
-    if not lost or ways:
+    if not lost or sequence:
         return
     message = f"the board has lost the position of {' '.join(lost).upper()}"
-    if machine.homes:
+    if machine.can_home:
         cause = "it was reset, or a limit switch or the emergency stop has stopped it"
         hint = "home the machine: --home does so before the program, cncrun home alone"
         raise BoardError(Diagnostic("not-homed", f"{message}: {cause}", hint=hint))

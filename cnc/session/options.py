@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from cnc.checks.selection import Selection
 from cnc.model.choices import Algorithm, DialectName, Interpolator, Pauses
@@ -12,8 +12,7 @@ from cnc.model.choices import Algorithm, DialectName, Interpolator, Pauses
 class Outputs:
     """Files to write: a name, ``-`` for standard output, or None.
 
-    The suffix selects the format. :mod:`cnc.outputs.files` and :mod:`cnc.view.writer` list the
-    formats.
+    The suffix selects the format. :mod:`cnc.outputs` and :mod:`cnc.view.writer` list the formats.
     """
 
     blocks: str | None = None
@@ -52,8 +51,8 @@ class RunOptions:
     interpolator: Interpolator = "reference-pulse"
     algorithm: Algorithm | None = None
     feed_override: float = 100.0
-    outputs: Outputs = Outputs()
-    selection: Selection = Selection()
+    outputs: Outputs = field(default_factory=Outputs)
+    selection: Selection = field(default_factory=Selection)
     portable: tuple[str, ...] = ()
 
     pauses: Pauses = "wait"

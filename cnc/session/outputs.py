@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from cnc.outputs.files import Output, check_formats
+from cnc.outputs.targets import Output, check_suffixes
 from cnc.session.options import Outputs
 from cnc.view.writer import check_picture
 
@@ -13,7 +13,7 @@ OutputKind = TypeVar("OutputKind", bound=Output)
 
 def check_outputs(outputs: Outputs) -> None:
     """Raise UsageError ``output-format`` for an unknown suffix."""
-    check_formats(outputs.trace, outputs.pulses, outputs.lines)
+    check_suffixes(outputs.trace, outputs.pulses, outputs.lines)
     if outputs.picture is not None:
         check_picture(outputs.picture)
 

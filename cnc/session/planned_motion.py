@@ -10,7 +10,7 @@ from cnc.checks.travel import ROUNDING, Survey
 from cnc.grbl_lines.smooth import smooth_path
 from cnc.model.blocks import Block
 from cnc.model.streams import SampleChunk
-from cnc.outputs.files import TraceWriter, trace_writer
+from cnc.outputs.trace import TraceWriter, trace_writer
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import Burden, Burdened, Foreseeable, PulseSink
+from cnc.boards.protocols import ChecksFeasibility, FeasibilityCheck, KnownInAdvance, PulseSink
 from cnc.boards.registry import board_factory
 from cnc.executor.run import Progress, execute
 from cnc.machine.models import Machine
@@ -16,7 +16,7 @@ from cnc.model.blocks import Block, Held
 from cnc.model.diagnostics import BoardError, MotionLimitError, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
-from cnc.outputs.files import pulse_writer
+from cnc.outputs.pulses import pulse_writer
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
@@ -83,8 +83,8 @@ class PulsePass:
         if target is not None:
             writer = pulse_writer(target, self._machine, interpolator.origin_steps)
             on_pulses = context.files.opened(writer).write
-        if isinstance(board, Burdened):
-            self._schedule = self._rehearse(board.burden(), kept)
+        if isinstance(board, ChecksFeasibility):
+            self._schedule = self._rehearse(board.feasibility_check(), kept)
         path = kept if kept is not None else motion.path(smooth=False)
         slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
         planner = LookAhead(self._machine, self._control, slice_s=slice_s)
@@ -111,16 +111,15 @@ class PulsePass:
         )
 
     def _interpolator(self) -> ReferencePulse:
-        steps_per_mm = np.array([axis.steps_per_mm for axis in self._machine.axes.values()])
         context = self._context
         return ReferencePulse(
-            steps_per_mm,
+            self._machine.steps_per_mm,
             context.reader.start,
             1e9 / self._fastest,
             algorithm=context.options.algorithm,
         )
 
-    def _rehearse(self, burden: Burden, kept: PathItems | None) -> Schedule:
+    def _rehearse(self, feasibility: FeasibilityCheck, kept: PathItems | None) -> Schedule:
         """Compute the whole motion before any of it, for a board that cannot play every program.
 
         Raises:
@@ -136,7 +135,7 @@ class PulsePass:
             clock.add(item)
             if isinstance(item, PlanChunk):
                 for chunk in pulses.pulses(item):
-                    _add_to(burden, chunk, item)
+                    _add_to(feasibility, chunk, item)
                     made += len(chunk.step)
                 rows.append(made)
                 times.append(clock.seconds)
@@ -147,14 +146,14 @@ class PulsePass:
     ) -> None:
         """Make, count and write the pulses without a board."""
         report, observer = self._context.report, self._context.observer
-        burden = _expected_burden(self._machine)
+        feasibility = _expected_feasibility(self._machine)
         steps = np.zeros(len(self._machine.axes), np.int64)
 
         def count(chunks: Iterable[PulseChunk], planned: PlanChunk | None = None) -> None:
             nonlocal steps
             for chunk in chunks:
-                if burden is not None and planned is not None:
-                    _add_to(burden, chunk, planned)
+                if feasibility is not None and planned is not None:
+                    _add_to(feasibility, chunk, planned)
                 steps += [np.count_nonzero(column) for column in chunk.step.T]
                 report.pulse_rows += len(chunk.step)
                 if on_pulses is not None:
@@ -217,21 +216,23 @@ class PulsePass:
         }
 
 
-def _add_to(burden: Burden, chunk: PulseChunk, planned: PlanChunk) -> None:
+def _add_to(feasibility: FeasibilityCheck, chunk: PulseChunk, planned: PlanChunk) -> None:
     """Add grid moves of a chunk of the plan. Raises MotionLimitError at their line."""
     try:
-        burden.add(chunk)
+        feasibility.add(chunk)
     except MotionLimitError as error:
         raise error.at(file=planned.path.file) from error
 
 
-def _expected_burden(machine: Machine) -> Burden | None:
+def _expected_feasibility(machine: Machine) -> FeasibilityCheck | None:
     """Return the check of the board in the machine file, if its driver has one without a board."""
     try:
         factory = board_factory(machine.board.kind)
     except UsageError:
         return None
-    return factory.foreseen_burden(machine) if isinstance(factory, Foreseeable) else None
+    return (
+        factory.expected_feasibility_check(machine) if isinstance(factory, KnownInAdvance) else None
+    )
 
 
 def _with_holds(planned: PlanItems, hold: Callable[[], None]) -> Iterator[PlanChunk | Block]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from cnc.boards.protocols import ACTIONS, Action, Capabilities, Foreseeable, LineSink, PulseSink
+from cnc.boards.protocols import ACTIONS, Action, Capabilities, KnownInAdvance, LineSink, PulseSink
 from cnc.boards.registry import board_factory
 from cnc.machine.models import Machine
 from cnc.model.blocks import (
@@ -23,8 +23,6 @@ from cnc.model.blocks import (
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 from cnc.session.board_offsets import needs_operator, pause_reason
 
-LINE_BOARDS = ("grbl", "grbl-sim")
-"""Kinds of board that accept lines, and therefore ``$`` commands."""
 ACTION_NAMES: dict[Action, str] = {
     "spindle": "spindle (M3)",
     "spindle backward": "reversible spindle (M4)",
@@ -86,7 +84,7 @@ class CapabilityCheck:
         known = machine.board.kind if name is None else name
         can = _expected_capabilities(machine) if board is None else board.capabilities
         if can is None:
-            return cls(known, False, True, True, known in LINE_BOARDS, ACTIONS, False, attended)
+            return cls(known, False, True, True, _takes_lines(known), ACTIONS, False, attended)
         return cls(
             known,
             board is not None,
@@ -136,10 +134,18 @@ class CapabilityCheck:
                     )
 
 
+def _takes_lines(kind: str) -> bool:
+    """Whether boards of this kind take lines; False for a kind without a driver."""
+    try:
+        return board_factory(kind).traits.takes_lines
+    except UsageError:
+        return False
+
+
 def _expected_capabilities(machine: Machine) -> Capabilities | None:
     """Return the capabilities of the board in the machine file; None if its driver cannot tell."""
     try:
         factory = board_factory(machine.board.kind)
     except UsageError:
         return None
-    return factory.foreseen(machine) if isinstance(factory, Foreseeable) else None
+    return factory.expected_capabilities(machine) if isinstance(factory, KnownInAdvance) else None

@@ -29,7 +29,7 @@ from cnc.model.blocks import (
     AnalogOutput,
     ArcFeed,
     Block,
-    Called,
+    CallBoundary,
     Coolant,
     DigitalOutput,
     Dwell,
@@ -153,7 +153,7 @@ def line_of_call(blocks: Iterable[Block], file: str, line: int) -> int:
     """
     call, low, high, found = 0, 0, 0, 0
     for block in blocks:
-        if isinstance(block, Called):
+        if isinstance(block, CallBoundary):
             call, low, high = block.line if block.inside else 0, 0, 0
         elif block.file == file:
             lines = block.lines if isinstance(block, Polyline) else np.array([block.line])
@@ -258,7 +258,7 @@ class RestartPoint:
         """Yield the blocks from line N on; ``state`` becomes the state before them."""
         begun, call = False, 0
         for block in blocks:
-            if isinstance(block, Called):
+            if isinstance(block, CallBoundary):
                 call = block.line if block.inside else 0
                 continue
             if begun:

@@ -11,7 +11,7 @@ from time import perf_counter
 import numpy as np
 
 from cnc import __version__
-from cnc.boards.protocols import LineSink, Located, PulseSink
+from cnc.boards.protocols import LineSink, PulseSink, RemembersPosition
 from cnc.checks.hints import step_rate
 from cnc.checks.portable import dialects_of, portability
 from cnc.checks.selection import unknown_codes
@@ -22,7 +22,7 @@ from cnc.machine.models import Machine
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, GcodeError, UsageError
 from cnc.model.operator_control import Control
-from cnc.outputs.files import JsonLines
+from cnc.outputs.blocks import BlockWriter
 from cnc.outputs.targets import TextTarget
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Extremes, Report
@@ -154,7 +154,7 @@ class Session:
             hint = "leave --pulses out, or check the program without the board"
             raise UsageError(Diagnostic("no-pulses", message, hint=hint))
         reader = self._context.reader
-        reader.machine = board.fitted(reader.machine)
+        reader.machine = board.limited_to_board(reader.machine)
         reader.start = np.array(board.position)
         reader.saved.adopt(board_parameters(board, reader.machine))
 
@@ -166,7 +166,7 @@ class Session:
         )
         record = RunRecord(context, capabilities)
         record.read_checkpoint()
-        if isinstance(board, Located):
+        if isinstance(board, RemembersPosition):
             locate(context, board)
         if isinstance(board, LineSink):
             record.check_position(board)
@@ -198,7 +198,7 @@ class Session:
         check, target = CheckPass(context, capabilities), None
         if context.options.outputs.blocks is not None:
             target = context.files.opened(
-                JsonLines(
+                BlockWriter(
                     context.options.outputs.blocks, reader.machine.axis_names, report.program
                 )
             )

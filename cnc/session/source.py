@@ -20,7 +20,7 @@ STANDARD_INPUT = "-"
 STANDARD_INPUT_NAME = "<stdin>"
 """Name of standard input in messages."""
 COPIED_BYTES = 4_000_000
-"""A longer file is copied before it is read twice, so that the checked program is the one that runs.
+"""A longer file is copied before it is read, so that the checked program is the one that runs.
 
 The text of a shorter file stays in memory between the passes.
 """

@@ -164,7 +164,7 @@ def test_codes_are_selected_and_ignored(found):
     [
         ("spindel-off", "did you mean spindle-off?"),
         ("FEED-UNREACHABLE", "did you mean feed-unreachable?"),
-        ("soft-limit", "there are arc-"),
+        ("soft-limit", "there are abort-possible, arc-"),
     ],
 )
 def test_a_code_that_there_is_not_is_a_fault(capfd, code, hint):

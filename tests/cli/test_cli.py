@@ -15,7 +15,7 @@ from cnc import api, cli
 from cnc.boards.loopback import Loopback
 from cnc.cli.exit_status import EXIT_PIPE
 from cnc.cli.options import Dialect
-from cnc.machine.load import shipped
+from cnc.machine.load import shipped_machines
 from cnc.machine.models import DialectName
 from tests.support.paths import ROOT
 
@@ -451,7 +451,7 @@ def test_the_command_line_knows_the_dialects_of_the_machine_file():
     assert get_args(Dialect) == get_args(DialectName)
 
 
-@pytest.mark.parametrize("name", sorted(shipped()))
+@pytest.mark.parametrize("name", sorted(shipped_machines()))
 def test_every_shipped_machine_checks_a_small_program(cncrun, program, name):
     assert cncrun("check", program(GOOD), "--machine", name, "--quiet", "--dialect", "auto") == (
         0,

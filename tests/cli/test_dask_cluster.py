@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import zlib
-from pathlib import Path
 
 import pytest
 
@@ -36,7 +35,7 @@ def lasting(reports: str) -> list[dict]:
 @pytest.fixture(scope="module")
 def cluster():
     """Address of a scheduler, and processes of its workers."""
-    command = [sys.executable, str(Path(__file__).parent / "farm_cluster.py")]
+    command = [sys.executable, str(ROOT / "tests/support/cli/farm_cluster.py")]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         command,

@@ -14,14 +14,14 @@ from cnc.api import Control, HomingStopped, Report, Watch, home, run
 from cnc.boards.loopback import Loopback
 from cnc.boards.stepper.driver import Stepper
 from cnc.cli import exit_code
-from cnc.executor.homing import LATCHES, STUCK, Way, ways_home
+from cnc.executor.homing import LATCHES, STUCK, AxisHoming, homing_sequence
 from cnc.machine.models import Axis, Homing, HomingOrder, Machine
 from cnc.model.diagnostics import BoardError, CncError, UsageError
 from tests.support.boards.stepper_simulator import (
     DIRECTION_PINS,
     STEP_PINS,
+    GrblSimulatorPort,
     Simulator,
-    SimulatorPort,
 )
 from tests.support.soak import share
 
@@ -57,7 +57,7 @@ class Bench:
 
     def __init__(self, **switches: tuple[float, float]) -> None:
         self.simulator = Simulator()
-        self.port = SimulatorPort(self.simulator)
+        self.port = GrblSimulatorPort(self.simulator)
         self.switches = switches
         self.place = [0, 0, 0, 0]
         self.backward = [0, 0, 0, 0]
@@ -99,7 +99,7 @@ class Bench:
         """What the next program is told."""
         board = self.driver(machine)
         try:
-            return board.standing_steps
+            return board.known_steps
         finally:
             board.close()
 
@@ -357,7 +357,7 @@ def test_a_machine_without_switches_says_what_it_takes_for_granted(
             for letter, each in small().axes.items()
         }
     )
-    assert not machine.homes
+    assert not machine.can_home
     first, second = ran(bench, machine, tmp_path), ran(bench, machine, tmp_path)
     assert first.ok and second.ok
     assert [warning.code for warning in first.warnings] == ["position-assumed"]
@@ -407,7 +407,7 @@ def test_the_command(
 )
 def test_what_can_not_be_homed(machine: Machine, axes: tuple[str, ...], code: str) -> None:
     with pytest.raises(UsageError) as caught:
-        ways_home(machine, axes)
+        homing_sequence(machine, axes)
     assert caught.value.diagnostic.code == code
 
 
@@ -420,7 +420,7 @@ def test_a_board_without_switches() -> None:
 def test_what_the_machine_file_leaves_out() -> None:
     """Z first, upwards; then the others in their order, downwards; as slow as GRBL."""
     machine = small(axes={letter: axis((-10.0, 20.0), None) for letter in "xyz"})
-    ways = ways_home(machine)
+    ways = homing_sequence(machine)
     assert [(way.letter, way.towards, way.rest) for way in ways] == [
         ("z", 1, 20.0),
         ("x", -1, -10.0),
@@ -432,5 +432,5 @@ def test_what_the_machine_file_leaves_out() -> None:
         0.5,
         1.0,
     )
-    assert isinstance(ways[0], Way)
+    assert isinstance(ways[0], AxisHoming)
     assert LATCHES * 1.0 < STUCK * 1.0

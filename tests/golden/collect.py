@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from golden import MANIFEST, Case
+from tests.golden.golden import MANIFEST, Case
 
 ROOT = Path(__file__).parents[2]
 TESTS = ROOT / "tests"

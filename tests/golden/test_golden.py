@@ -9,7 +9,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from golden import PLACE, compare, file_hash, main, summary_of
+from tests.golden.golden import PLACE, compare, file_hash, main, summary_of
 
 RECORD = {
     "cases": {

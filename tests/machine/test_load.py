@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cnc.machine.load import load_machine, shipped
+from cnc.machine.load import load_machine, shipped_machines
 from cnc.model.diagnostics import EXIT_USAGE, Diagnostic, MachineFileError
 
 AXES = "[axes.x]\nsteps_per_mm = 100\nmax_velocity = 50\nmax_acceleration = 500\nmax_jerk = 9000\ntravel = [0, 100]\n"
@@ -26,8 +26,8 @@ def fault(tmp_path: Path, text: str) -> Diagnostic:
 
 
 def test_every_shipped_machine_loads():
-    assert {"default", "paper-nurbs", "grbl-uno", "stepper-uno"} <= set(shipped())
-    for name, file in shipped().items():
+    assert {"default", "paper-nurbs", "grbl-uno", "stepper-uno"} <= set(shipped_machines())
+    for name, file in shipped_machines().items():
         machine = load_machine(file)
         assert machine == load_machine(name)
         assert machine.axis_names == ("x", "y", "z")

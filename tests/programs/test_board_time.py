@@ -1,4 +1,4 @@
-"""The time that a GRBL board takes: by the theory of its planner, and by the board in the box,
+"""The time that a GRBL board takes: by the theory of its planner, and by the board in the simulator,
 which was written apart from this.
 """
 
@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.api import parse, start_position
-from cnc.boards.grbl.simulator.box import GrblBox
 from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.ports import BoxPort
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.grbl_lines.grbl_timing import BoardLimits, BoardTime, Countdown
 from cnc.grbl_lines.smooth import smooth_path
 from cnc.grbl_lines.translator import Translator
@@ -100,14 +100,14 @@ def lines_of(program: Path | str, machine: Machine) -> list[str]:
 
 
 def box_seconds(texts: Iterable[str], machine: Machine) -> float:
-    """How long the board in the box moves, when its ring of 128 bytes is kept as full as it may
+    """How long the board in the simulator moves, when its ring of 128 bytes is kept as full as it may
     be.
     """
-    box = GrblBox(settings=settings_of(machine) | {20: 0.0})
-    port = BoxPort(box, boot_time=0.0)
+    simulator = GrblSimulator(settings=settings_of(machine) | {20: 0.0})
+    port = GrblSimulatorPort(simulator, boot_time=0.0)
     while port.read(0.5):
         pass
-    begin, left, flight, answers = box.now, deque(texts), deque[int](), b""
+    begin, left, flight, answers = simulator.now, deque(texts), deque[int](), b""
     while left or flight:
         while left and sum(flight) + len(left[0]) + 1 <= 127:
             line = left.popleft().encode() + b"\n"
@@ -118,10 +118,10 @@ def box_seconds(texts: Iterable[str], machine: Machine) -> float:
             assert not answer.startswith((b"error", b"ALARM")), answer
             if answer.strip() == b"ok":
                 flight.popleft()
-    while box.core.steppers.running:
-        box.advance(box.now + 0.001)
+    while simulator.core.steppers.running:
+        simulator.advance(simulator.now + 0.001)
     port.close()
-    return box.now - begin
+    return simulator.now - begin
 
 
 @pytest.mark.parametrize(

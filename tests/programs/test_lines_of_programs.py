@@ -17,7 +17,7 @@ from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.grbl_lines.smooth import smooth_path
 from cnc.grbl_lines.translator import PREAMBLE, Translator
-from cnc.grbl_lines.writer import Writer
+from cnc.grbl_lines.writer import LineWriter
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, NurbsFeed, PathMode
@@ -191,7 +191,7 @@ def test_arcs_turn_as_far_with_the_floats_of_a_board(radius, angle, sweep, clock
     """An arc never becomes a full circle, nor a circle nothing."""
     sweep = min(sweep, 50.0 / radius) * (-1.0 if clockwise else 1.0)
     center = offset[:2] + radius * np.array([math.cos(angle), math.sin(angle)])
-    writer = Writer(offset.tolist(), 0.01, 115200, "XYZ", 0.002)
+    writer = LineWriter(offset.tolist(), 0.01, 115200, "XYZ", 0.002)
     writer.stands_at((*offset[:2].tolist(), 0.0))
     x, y = center - radius * np.array([math.cos(angle + sweep), math.sin(angle + sweep)])
     texts = list(

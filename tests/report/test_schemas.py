@@ -16,7 +16,7 @@ from cnc.api import check
 from cnc.checks.baseline import Baseline
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
-from cnc.outputs.formats import SARIF_SCHEMA, sarif
+from cnc.outputs.sarif import SARIF_SCHEMA, sarif
 from cnc.report.result import Report
 from tests.support.paths import ROOT
 

@@ -15,8 +15,8 @@ import math
 from collections.abc import Sequence
 
 from cnc.boards.grbl import faults
-from cnc.boards.grbl.liveness import Vital
-from cnc.boards.grbl.position_tracker import SLACK, Limits, Whereabouts
+from cnc.boards.grbl.liveness import LivenessMonitor
+from cnc.boards.grbl.position_tracker import SLACK, Limits, PositionTracker
 from cnc.boards.grbl.protocol import (
     Alarmed,
     Confirmed,
@@ -27,7 +27,7 @@ from cnc.boards.grbl.protocol import (
     Reported,
     Started,
     State,
-    Stray,
+    UnexpectedReply,
 )
 from cnc.boards.grbl.settings import ACCELERATIONS, ARC_TOLERANCE, RATES, STEPS, BoardInfo
 from cnc.boards.grbl.status import Status
@@ -48,7 +48,7 @@ FOLLOWED = ("Run", "Hold", "Idle")
 NORMAL = 100
 
 
-class Judge:
+class FaultMonitor:
     """Watches one run.
 
     vital: signs of life. way: the moves that the board has been sent. doubtful: whether a report
@@ -56,8 +56,8 @@ class Judge:
     """
 
     def __init__(self, protocol: GrblProtocol) -> None:
-        self.vital = Vital()
-        self.way = Whereabouts(0, ())
+        self.vital = LivenessMonitor()
+        self.way = PositionTracker(0, ())
         self.doubtful = False
         self._protocol = protocol
         self._ahead = AHEAD
@@ -87,7 +87,7 @@ class Judge:
             [info.axis(ACCELERATIONS, column) or math.inf for column in columns],
         )
         slack = SLACK + (info.number(ARC_TOLERANCE) or 0.0) + 2.0 * steps
-        self.way = Whereabouts(info.blocks or MOST_BLOCKS, offset, slack, limits)
+        self.way = PositionTracker(info.blocks or MOST_BLOCKS, offset, slack, limits)
         self.way.begin(position)
         self.vital.begin(now)
         self._ahead = max(AHEAD, LOOK_AHEAD + info.braking_s())
@@ -136,7 +136,7 @@ class Judge:
             return faults.restarted(line)
         elif isinstance(event, Lost):
             return faults.lost(event.after, event.until)
-        elif isinstance(event, Stray):
+        elif isinstance(event, UnexpectedReply):
             return faults.lost(line, line)
         return None
 

@@ -16,11 +16,11 @@ its position while it steps, so that a number may be half the old one), a place 
 report does not lie before it.
 
 How much motion lies ahead of the board, in seconds, bounds how late a fault of this kind is found
-out, so no more of it is sent than the board's planner has use for (:attr:`Whereabouts.seconds`). A
+out, so no more of it is sent than the board's planner has use for (:attr:`PositionTracker.seconds`). A
 planner full of moves that take seconds each would hide one for a minute.
 
 Only moves in absolute mm, and lines that do not move, are understood; after any other nothing is
-known until :meth:`Whereabouts.begin`.
+known until :meth:`PositionTracker.begin`.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Straight:
+class StraightMove:
     """A straight move, of a source line. Positions are the machine's, mm; ``seconds``: about the
     time that it takes.
     """
@@ -92,7 +92,7 @@ class Straight:
 
 
 @dataclass(frozen=True, slots=True)
-class Round:
+class ArcMove:
     """An arc, or a screw, about ``centre`` in the plane of two columns: from the angle ``first`` on
     by ``turn`` rad, counter-clockwise.
     """
@@ -108,7 +108,7 @@ class Round:
     turn: float
 
     def nearest(self, point: Point, after: float, slack: float) -> tuple[float, float]:
-        """As :meth:`Straight.nearest`. Just before its beginning the board seems to be at the end
+        """As :meth:`StraightMove.nearest`. Just before its beginning the board seems to be at the end
         of a full circle: it is where it was.
         """
         waits = math.dist(point, self._at(after))
@@ -141,7 +141,7 @@ class Round:
         return place
 
 
-class Whereabouts:
+class PositionTracker:
     """Follows the lines that are sent, and the board along them.
 
     planner: moves that the board can hold. offset: what it adds to the numbers of a line. slack: mm
@@ -159,7 +159,7 @@ class Whereabouts:
         self._slack = slack
         self._planner = planner
         self._limits = limits or Limits()
-        self._moves: deque[Straight | Round] = deque()
+        self._moves: deque[StraightMove | ArcMove] = deque()
         self._sent = 0
         self._numbers: deque[int] = deque()
         self._traverses: deque[float] = deque()
@@ -328,14 +328,14 @@ class Whereabouts:
         assert self._at is not None
         start, self._at = self._at, end
         if self._motion in _ARCS:
-            move: Straight | Round = self._round(line, start, end, centre)
+            move: StraightMove | ArcMove = self._round(line, start, end, centre)
             self._direction = None
         else:
             length = math.dist(start, end)
             if not length:
                 return
             direction = [(b - a) / length for a, b in zip(start, end, strict=True)]
-            move = Straight(line, start, end, length, self._time(length, direction))
+            move = StraightMove(line, start, end, length, self._time(length, direction))
             self._direction = direction
         traverse = move.seconds if self._motion == _TRAVERSE else 0.0
         self._seconds = self._seconds + move.seconds if self._moves else move.seconds
@@ -368,7 +368,7 @@ class Whereabouts:
             else 2.0 * math.sqrt(length / pull)
         )
 
-    def _round(self, line: int, start: Point, end: Point, centre: dict[str, float]) -> Round:
+    def _round(self, line: int, start: Point, end: Point, centre: dict[str, float]) -> ArcMove:
         i, j = self._plane
         about = start[i] + centre.get(_CENTRES[i], 0.0), start[j] + centre.get(_CENTRES[j], 0.0)
         radius = math.dist((start[i], start[j]), about)
@@ -386,6 +386,6 @@ class Whereabouts:
             if column not in (i, j)
         ]
         length = math.hypot(radius * turn, *across)
-        return Round(
+        return ArcMove(
             line, start, end, length / speed if speed else 0.0, (i, j), about, radius, first, turn
         )

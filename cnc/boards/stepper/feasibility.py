@@ -35,7 +35,7 @@ random programs that it played and 35 that it did not, measured in the simulator
 """
 
 
-class Burden:
+class FeasibilityCheck:
     """What a program asks of a board with so many axes. least_ns: time between grid moves that it
     can keep up; baud: bits/s of the wire.
     """

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from cnc.gcode.program.listing import Listing, Mark, Step
-from cnc.model.blocks import Called
+from cnc.model.blocks import CallBoundary
 from cnc.model.diagnostics import CncError
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ class Flow:
 
     def _mark(self, frame: Frame, *, inside: bool) -> None:
         if self._mark_calls and not self.frames:
-            self.interpreter.out.put(Called(self.main.name, frame.at.line, inside))
+            self.interpreter.out.put(CallBoundary(self.main.name, frame.at.line, inside))
 
     def unwind(self) -> None:
         """The program has ended, perhaps in a call: the parameters are those of the main program

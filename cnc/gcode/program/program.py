@@ -55,7 +55,7 @@ def interpret(
     what is legal but odd. ``parameters`` are what the program finds, and changes. ``folders`` are
     where subroutines in files are found, the program's own folder among them if it is to be.
     ``on_line`` is told the number of executed lines now and then. With ``mark_calls`` the calls of
-    the main program stand among the blocks (:class:`cnc.model.blocks.Called`).
+    the main program stand among the blocks (:class:`cnc.model.blocks.CallBoundary`).
 
     Reading stops at M2, M30 or a second ``%``. Raises GcodeError at the first fault, with file,
     line, column, source text and hint; blocks of the lines before may have been handed on by then.

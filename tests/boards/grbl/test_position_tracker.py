@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.boards.grbl.position_tracker import SLACK, Limits, Whereabouts
+from cnc.boards.grbl.position_tracker import SLACK, Limits, PositionTracker
 
 OFFSET = (10.0, -20.0, 3.0)
 PLANNER = 15
@@ -45,7 +45,7 @@ def arc(
     return " ".join((plane, "G3" if sweep > 0 else "G2", *words, *centres)), way
 
 
-# Straight moves go to a few places, so that ways cross and go back over themselves.
+# StraightMove moves go to a few places, so that ways cross and go back over themselves.
 STRAIGHT = st.tuples(*[st.integers(-2, 2)] * 3)
 ROUND = st.tuples(
     st.sampled_from(list(PLANES)),
@@ -117,8 +117,8 @@ def test_a_board_off_its_way_is_as_far_from_it_as_is_told(
     assert followed(lines).off(machine(lost), 0) == pytest.approx(nearest, abs=0.2)
 
 
-def followed(lines: list[tuple[str, list[Point]]]) -> Whereabouts:
-    follower = Whereabouts(PLANNER, OFFSET, SLACK)
+def followed(lines: list[tuple[str, list[Point]]]) -> PositionTracker:
+    follower = PositionTracker(PLANNER, OFFSET, SLACK)
     follower.begin(machine((0.0, 0.0, 0.0)))
     for number, (text, _) in enumerate(lines):
         follower.send(f"{text} F600", number)
@@ -145,7 +145,7 @@ def followed(lines: list[tuple[str, list[Point]]]) -> Whereabouts:
     ],
 )
 def test_the_time_that_lies_ahead(lines: list[str], seconds: float) -> None:
-    follower = Whereabouts(PLANNER, (0.0, 0.0, 0.0), SLACK, Limits((20.0,) * 3, (20.0,) * 3))
+    follower = PositionTracker(PLANNER, (0.0, 0.0, 0.0), SLACK, Limits((20.0,) * 3, (20.0,) * 3))
     follower.begin((0.0, 0.0, 0.0))
     for number, line in enumerate(lines):
         follower.send(line, number)
@@ -153,7 +153,7 @@ def test_the_time_that_lies_ahead(lines: list[str], seconds: float) -> None:
 
 
 def test_overrides_stretch_the_moves_that_they_are_for() -> None:
-    follower = Whereabouts(PLANNER, (0.0, 0.0, 0.0), SLACK, Limits((20.0,) * 3, (20.0,) * 3))
+    follower = PositionTracker(PLANNER, (0.0, 0.0, 0.0), SLACK, Limits((20.0,) * 3, (20.0,) * 3))
     follower.begin((0.0, 0.0, 0.0))
     for number, line in enumerate(["G0 X20", "G1 Y10 F600"]):
         follower.send(line, number)
@@ -169,7 +169,7 @@ def test_overrides_stretch_the_moves_that_they_are_for() -> None:
 
 @pytest.mark.parametrize("line", ["G91", "G1 X1 R2", "G53 G0 X1", "$H", "G20", "X"])
 def test_what_is_not_understood_is_not_judged(line: str) -> None:
-    follower = Whereabouts(PLANNER, (0.0, 0.0, 0.0))
+    follower = PositionTracker(PLANNER, (0.0, 0.0, 0.0))
     follower.begin((0.0, 0.0, 0.0))
     follower.send("G1 X5 F600", 1)
     follower.send(line, 2)
@@ -181,7 +181,7 @@ def test_what_is_not_understood_is_not_judged(line: str) -> None:
 
 
 def test_a_probe_may_end_early_but_not_beside_its_way() -> None:
-    follower = Whereabouts(PLANNER, (0.0, 0.0, 0.0))
+    follower = PositionTracker(PLANNER, (0.0, 0.0, 0.0))
     follower.begin((0.0, 0.0, 0.0))
     follower.send("G38.2 Z-10 F100", 1)
     assert follower.arrived((0.0, 0.0, -4.0)) == 0.0

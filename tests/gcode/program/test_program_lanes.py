@@ -6,7 +6,6 @@ import random
 from typing import Any
 
 import pytest
-from test_straight import AXES, bits, line
 
 from cnc.gcode.program import program
 from cnc.gcode.program.call_stack import Limits
@@ -14,6 +13,7 @@ from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.diagnostics import CncError
+from tests.gcode.program.test_plain_lines import AXES, bits, line
 from tests.support.gcode.fuzzing import Author
 from tests.support.soak import share
 

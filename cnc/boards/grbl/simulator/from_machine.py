@@ -1,4 +1,4 @@
-"""The box as a machine file describes it: a board that has been set up for that machine."""
+"""The simulator as a machine file describes it: a board that has been set up for that machine."""
 
 from __future__ import annotations
 
