@@ -115,7 +115,7 @@ def check(
     common: CommonOptions = COMMON,
 ) -> int:
     """Verify programs without a board: language, travel, limits of the plan, and pulses."""
-    from cnc.checks.baseline import Baseline, told
+    from cnc.checks.baseline import Baseline, change_lines
 
     names = [name.replace(HYPHEN, "-") for name in programs]
     prints_results = format != "text" and (format, common.json) != ("json", "-")
@@ -143,7 +143,7 @@ def check(
         show(reports[0], common, stream)
     quiet = common.terminal.quiet
     if before is not None and not quiet:
-        print(*told(reports, before.missing(reports)), sep="\n", file=stream)
+        print(*change_lines(reports, before.missing(reports)), sep="\n", file=stream)
     return end(reports, quiet=quiet, fail_on=fail_on)
 
 

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from cnc.boards.protocols import HasLimitSwitches, LineSink, PulseSink, board_error
 from cnc.executor.run import Progress, execute
-from cnc.machine.models import AxisLetter, Homing, Machine
-from cnc.model.blocks import Block, Polyline, SwitchMove
+from cnc.machine.models import Homing, Machine
+from cnc.model.blocks import AxisLetter, Block, Polyline, SwitchMove
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.model.streams import GcodeLine

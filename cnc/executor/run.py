@@ -152,7 +152,7 @@ class _Run:
         once.
         """
         self.board.execute(block, round(self.clock.seconds * 1e9))
-        self._tell(held=True, why=block.why)
+        self._tell(held=True, reason=block.reason)
         if control is not None:
             control.wait()
 
@@ -206,7 +206,7 @@ class _Run:
             self.line if stopped else None,
         )
 
-    def _tell(self, *, held: bool = False, why: str = "") -> None:
+    def _tell(self, *, held: bool = False, reason: str = "") -> None:
         if self.on_progress is None:
             return
         now = Progress(
@@ -214,7 +214,7 @@ class _Run:
             self.line,
             self.rows,
             held,
-            hold_reason=why,
+            hold_reason=reason,
             file=self.file,
             at=self.line,
         )

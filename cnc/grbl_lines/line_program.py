@@ -23,11 +23,9 @@ from cnc.grbl_lines.smooth import smooth_path
 from cnc.grbl_lines.translator import Translator
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS, Block
+from cnc.model.parameter_numbers import G54_ORIGIN
 from cnc.model.streams import GcodeLine
 from cnc.planner.lookahead import LookAhead
-
-FIRST_ORIGIN = 5221
-"""Parameter of G54's X (LinuxCNC, "Numbered Parameters")."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +61,7 @@ class LineProgram:
     def work_offset(self) -> list[float]:
         """The origin of G54, x y z in mm."""
         return [
-            self.parameters.get(FIRST_ORIGIN + AXIS_LETTERS.index(letter), 0.0)
+            self.parameters.get(G54_ORIGIN + AXIS_LETTERS.index(letter), 0.0)
             for letter in LETTERS.lower()
         ]
 

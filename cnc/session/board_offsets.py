@@ -9,24 +9,19 @@ from cnc.grbl_lines.grbl_timing import BoardLimits, BoardTime
 from cnc.grbl_lines.translator import ARC_TOLERANCE, Translator
 from cnc.grbl_lines.travel_margin import MARGIN
 from cnc.machine.models import Machine
+from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS, Block, Stop, Tool
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.streams import GcodeLine
 
-FIRST_PARAMETERS = {
-    "G28": 5161,
-    "G30": 5181,
-    "G92": 5211,
-    "G54": 5221,
-    "G55": 5241,
-    "G56": 5261,
-    "G57": 5281,
-    "G58": 5301,
-    "G59": 5321,
-}
-"""Number of the parameter with the X of each offset (LinuxCNC, "Numbered Parameters")."""
 SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
-G92_IN_EFFECT, CURRENT_SYSTEM = 5210, 5220
+FIRST_PARAMETERS = {
+    "G28": numbers.G28_POSITION,
+    "G30": numbers.G30_POSITION,
+    "G92": numbers.SHIFT,
+    **{name: numbers.origin(system) for system, name in enumerate(SYSTEMS)},
+}
+"""Number of the parameter with the X of each offset."""
 CHANGED = 0.0005
 """Smallest change of an offset that is written to the board, mm: its reports have 3 decimals."""
 
@@ -36,7 +31,7 @@ def board_parameters(board: LineSink, machine: Machine) -> dict[int, float]:
 
     With them a program has the same meaning as if the board read it.
     """
-    values = {CURRENT_SYSTEM: 1.0, G92_IN_EFFECT: 1.0}
+    values = {numbers.CURRENT_SYSTEM: 1.0, numbers.SHIFT_IN_EFFECT: 1.0}
     for name, place in board.stored_offsets.items():
         for letter, value in zip(machine.axes, place, strict=True):
             values[FIRST_PARAMETERS[name] + AXIS_LETTERS.index(letter)] = value

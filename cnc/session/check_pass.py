@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from cnc.checks.hints import Hints
-from cnc.checks.travel import Survey
+from cnc.checks.travel import TravelCheck
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline, Probe, WaitInput
 from cnc.model.diagnostics import CncError
 from cnc.outputs.blocks import BlockWriter
@@ -52,7 +52,7 @@ class CheckPass:
             The path. None if it is not to be kept, is too long, or may differ at the next reading.
         """
         reader, report, hints = self._reader, self._report, self.hints
-        survey, capacity = Survey(reader.machine), KEPT_NUMBERS if keep else -1
+        survey, capacity = TravelCheck(reader.machine), KEPT_NUMBERS if keep else -1
         kept: list[PathChunk | Block] | None = []
         blocks = self.reading_time.inside(reader.blocks(self._observer.warn, self._at_line))
         if target is not None:
@@ -63,7 +63,7 @@ class CheckPass:
             if isinstance(item, PathChunk):
                 capacity -= len(item.data) + 8 * len(item)
                 if hints is not None:
-                    hints.see_path(item)
+                    hints.add_path(item)
                 self._add_faults(survey.add(item))
             else:
                 self._capabilities.check(item)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from cnc.checks.travel import ROUNDING, Survey
+from cnc.checks.travel import ROUNDING, TravelCheck
 from cnc.grbl_lines.smooth import smooth_path
 from cnc.model.blocks import Block
 from cnc.model.streams import SampleChunk
@@ -53,7 +53,7 @@ class PlannedMotion:
         """
         reader, machine = self._context.reader, self._machine
         blocks, tolerance = self.reading_time.inside(reader.blocks()), machine.path.tolerance
-        survey = Survey(machine, tolerance if smooth else ROUNDING)
+        survey = TravelCheck(machine, tolerance if smooth else ROUNDING)
         path = (
             smooth_path(blocks, axes=machine.axis_names, start=reader.start, tolerance=tolerance)
             if smooth

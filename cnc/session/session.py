@@ -13,7 +13,7 @@ import numpy as np
 from cnc import __version__
 from cnc.boards.protocols import LineSink, PulseSink, RemembersPosition
 from cnc.checks.hints import step_rate
-from cnc.checks.portable import dialects_of, portability
+from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import unknown_codes
 from cnc.executor.homing import home
 from cnc.grbl_lines.grbl_timing import BoardTime
@@ -131,9 +131,7 @@ class Session:
                     report.faults.append(error)
                 if self._portable and report.stopped_at_line is None:
                     report.faults += portability(
-                        reader.path,
-                        report.program,
-                        reader.blocks_in_dialect,
+                        ProgramText(reader.path, report.program, reader.blocks_in_dialect),
                         reader.dialect,
                         self._portable,
                         report.faults,

@@ -16,12 +16,12 @@ sys.path.insert(0, sys.argv[1])
 import cnc
 assert cnc.__file__.startswith(sys.argv[1]), cnc.__file__
 from cnc.gcode.syntax.parser import parse_line
-from cnc.machine.load import load_machine, shipped
+from cnc.machine.load import load_machine, shipped_machines
 assert parse_line("G1 X[1 + 2]").words[1].letter == "X"
-assert {"default", "grbl-uno"} <= set(shipped())
+assert {"default", "grbl-uno"} <= set(shipped_machines())
 print(load_machine("grbl-uno").axis_names)
 """
-"""Read a line by the grammar, and a shipped machine file, with the package at a place of its own."""
+"""A program that reads a line by the grammar, and a shipped machine file."""
 
 
 def _built(target: str, folder: Path) -> Path:

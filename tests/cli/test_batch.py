@@ -351,7 +351,7 @@ def test_a_bar_counts_programs_on_a_terminal_only(monkeypatch):
             return True
 
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(progress._Bar, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress._ProgressBar, "DELAY", 0.0)
     for quiet, stream in (False, Terminal()), (True, Terminal()), (False, io.StringIO()):
         monkeypatch.setattr(sys, "stderr", stream)
         with progress.ProgressDisplay(Control(), quiet=quiet) as shown:

@@ -88,7 +88,7 @@ def test_outside_the_travel_is_1_before_anything_moves(cncrun, program, monkeypa
     code, _, err = cncrun(file)
     assert code == 1
     message = last_message(err, "soft-limit")
-    assert message == f"{file}:3:8: soft-limit: Y would reach 325 mm, its travel is -10 to 310 mm"
+    assert message == f"{file}:3:8: soft-limit: Y would reach 325 mm; the travel is -10 to 310 mm"
     assert "  G2 X60 Y300 (Y 325) I25 J0\n         ^~~~\n" in err
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from cnc.api import Callbacks, Report, start_position
 from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
-from cnc.gcode.program.program import interpret
+from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.machine.load import load_machine
 from cnc.model.blocks import ArcFeed, Block, Coolant, Dwell, Polyline, Spindle, Tool
@@ -38,7 +38,7 @@ def read(text: str, start: np.ndarray, *, mark_calls: bool = False) -> Iterator[
         axes=AXES,
         dialect="linuxcnc",
         start=start,
-        mark_calls=mark_calls,
+        options=ProgramOptions(mark_calls=mark_calls),
     )
 
 

@@ -25,8 +25,8 @@ from cnc.boards.grbl.status import Status
 from cnc.boards.port import Clock, Port, PortLost, SystemClock
 from cnc.boards.protocols import BoardTraits, Capabilities, OnReport, board_error
 from cnc.boards.serial_port import identity, open_port
-from cnc.machine.models import AXIS_LETTERS, Machine
-from cnc.model.blocks import Block
+from cnc.machine.models import Machine
+from cnc.model.blocks import AXIS_LETTERS, Block
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine

@@ -7,12 +7,14 @@ Each dialect is a TOML file beside this one; ``base`` names the file whose keys 
 
 from __future__ import annotations
 
+import math
 import tomllib
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any, Literal
 
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parser import Flavour
 from cnc.gcode.syntax.words import Word, fault
 from cnc.model.blocks import PathControl
@@ -58,16 +60,14 @@ class CycleRules:
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """What a dialect allows and means; ``g`` holds ten times the code numbers. The TOML files
-    explain every key.
-    """
+    """What a dialect allows and means. The TOML files explain every key."""
 
     name: str
-    g: frozenset[int]
-    m: frozenset[int]
+    g: frozenset[G]
+    m: frozenset[M]
     axes: frozenset[str]
     nurbs: tuple[str, ...]
-    motion: int | None
+    motion: G | None
     units_before_feed: bool
     arc_turns: bool
     arc_idle_center: bool
@@ -98,19 +98,20 @@ class Dialect:
     @property
     def systems(self) -> int:
         """Number of coordinate systems, G54 being the first."""
-        return 9 if 593 in self.g else 6
+        return 9 if G.G59_3 in self.g else 6
 
-    def check_g(self, word: Word) -> int:
-        """Ten times the code of a G word, or an error that names it."""
-        if word.tenths in self.g:
-            return word.tenths
-        raise _refused(word, self, "g", word.tenths / 10)
+    def check_g(self, word: Word) -> G:
+        """The code of a G word, or an error that names it."""
+        tenths = word.tenths
+        if tenths in self.g:
+            return G(tenths)
+        raise _refused(word, self, "g", math.nan if tenths is None else tenths / 10)
 
-    def check_m(self, word: Word) -> int:
+    def check_m(self, word: Word) -> M:
         """The code of an M word, or an error that names it."""
         number = word.whole
-        if number in self.m and "-" not in word.written and number is not None:
-            return number
+        if number in self.m and "-" not in word.written:
+            return M(number)
         raise _refused(word, self, "m", word.number)
 
 
@@ -141,11 +142,11 @@ def load(name: str) -> Dialect:
     arc = table["arc"]
     return Dialect(
         name=name,
-        g=frozenset(round(code * 10) for code in _codes(table["g"])),
-        m=frozenset(int(code) for code in _codes(table["m"])),
+        g=frozenset(G(round(code * 10)) for code in _codes(table["g"])),
+        m=frozenset(M(int(code)) for code in _codes(table["m"])),
         axes=frozenset(table["axes"]),
         nurbs=tuple(table["nurbs"]),
-        motion=round(float(table["motion"]) * 10) if table["motion"] else None,
+        motion=G(round(float(table["motion"]) * 10)) if table["motion"] else None,
         units_before_feed=table["units_before_feed"],
         arc_turns=table["arc_turns"],
         arc_idle_center=table["arc_idle_center"],

@@ -17,6 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from cnc.gcode.syntax.words import NEAR_WHOLE, fault
+from cnc.model import parameter_numbers as numbers
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 
 LOCAL = 30
@@ -26,12 +27,24 @@ LAST = 5602
 """Highest number that the interpreter knows."""
 USER = range(31, 5001)
 """Numbers that a program may use as it likes and that the file keeps once they were set."""
-SYSTEM = frozenset((*range(5161, 5170), *range(5181, 5190), *range(5210, 5391)))
+SYSTEM = frozenset(
+    (
+        *numbers.place(numbers.G28_POSITION),
+        *numbers.place(numbers.G30_POSITION),
+        *range(numbers.SHIFT_IN_EFFECT, numbers.origin(8) + numbers.ROTATION + 1),
+    )
+)
 """Home positions, G92, the coordinate systems: always there, always kept."""
-CURRENT_SYSTEM = 5220
-ALARM = 3000
-"""FANUC: setting it stops the program with an alarm."""
-KEPT_MACRO = frozenset((*range(500, 1000), *range(5201, 5210), *range(7001, 7961)))
+KEPT_MACRO = frozenset(
+    (
+        *range(500, 1000),
+        *numbers.place(numbers.EXTERNAL_OFFSET),
+        *range(
+            numbers.G54_1_ORIGIN,
+            numbers.G54_1_ORIGIN + numbers.MOST_G54_1_SYSTEMS * numbers.SYSTEM_STEP,
+        ),
+    )
+)
 """FANUC's common variables that stay, the external offset of its coordinate systems, and the
 systems of G54.1.
 """
@@ -59,7 +72,7 @@ class Parameters:
     def __init__(self, values: Mapping[int, float] | None = None, *, macro: bool = False) -> None:
         self.macro = macro
         self.values: dict[int, float] = (
-            dict.fromkeys(sorted(SYSTEM), 0.0) | {CURRENT_SYSTEM: 1.0} | dict(values or {})
+            dict.fromkeys(sorted(SYSTEM), 0.0) | {numbers.CURRENT_SYSTEM: 1.0} | dict(values or {})
         )
         self.locals: dict[int, float] = {}
         self.open_numbers: tuple[float, ...] = ()
@@ -93,8 +106,8 @@ class Parameters:
             self._store(self.locals, number, value)
         elif number in self._bound:
             self._write(number, value, column)
-        elif number == ALARM and self.macro:
-            message = f"the program stops itself with alarm {ALARM + value:g}"
+        elif number == numbers.ALARM and self.macro:
+            message = f"the program stops itself with alarm {numbers.ALARM + value:g}"
             raise fault(
                 "macro-alarm", message, column=column, hint="the comment beside it may say why"
             )

@@ -57,11 +57,11 @@ class Window:
         """``texts`` by index are of lines that the bytes don't hold as they are."""
         count = found.count
         self.first, self.count, self.scan = first, count, found
-        self.head: NDArray[np.uint8] = found.head[:count]
-        self.label: NDArray[np.int64] = found.label[:count]
-        self.plain: NDArray[np.int32] = found.plain[:count]
-        self.straight: NDArray[np.int32] = found.straight[:count]
-        self._data, self._begin, self._end = data, found.begin, found.end
+        self.head: NDArray[np.uint8] = found.lines.head[:count]
+        self.label: NDArray[np.int64] = found.lines.label[:count]
+        self.plain: NDArray[np.int32] = found.lines.plain[:count]
+        self.straight: NDArray[np.int32] = found.lines.straight[:count]
+        self._data, self._begin, self._end = data, found.lines.begin, found.lines.end
         self._texts = texts or {}
 
     def text(self, index: int) -> str:

@@ -39,12 +39,12 @@ class Word:
     length: int
 
     @property
-    def tenths(self) -> int:
-        """Ten times the number, for the codes of G words (G61.1 is 611); -1 where the number is no
-        code.
+    def tenths(self) -> int | None:
+        """Ten times the number of a G word, as in :class:`cnc.gcode.syntax.code_numbers.G`; None
+        for a number that is not a code.
         """
         tenths = round(self.number * 10)
-        return tenths if self.number == tenths / 10 and "-" not in self.written else -1
+        return tenths if self.number == tenths / 10 and "-" not in self.written else None
 
     @property
     def whole(self) -> int | None:

@@ -12,7 +12,8 @@ from cnc.boards.grbl.settings import ACCELERATIONS, RATES, STEPS, TRAVELS
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.protocols import BoardTraits
-from cnc.machine.models import AXIS_LETTERS, Machine
+from cnc.machine.models import Machine
+from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.units import per_minute
 
 AXES = AXIS_LETTERS[:3]

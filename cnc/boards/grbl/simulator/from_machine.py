@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from cnc.boards.grbl.simulator.firmware_profile import GRBL_SETTINGS
-from cnc.machine.models import AxisLetter, Machine
+from cnc.machine.models import Machine
+from cnc.model.blocks import AxisLetter
 
 AXES: tuple[AxisLetter, ...] = ("x", "y", "z")
 STEPS, RATE, ACCELERATION, TRAVEL = 100, 110, 120, 130
