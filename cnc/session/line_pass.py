@@ -13,7 +13,8 @@ from dataclasses import replace
 from cnc.boards.protocols import LineSink
 from cnc.executor.lines import Step, steps, stream
 from cnc.executor.run import Progress
-from cnc.grbl_lines.grbl_timing import BoardTime, Countdown
+from cnc.grbl_lines.countdown import Countdown
+from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.model.diagnostics import BoardError
 from cnc.model.streams import GcodeLine
 from cnc.planner.lookahead import LookAhead
@@ -22,8 +23,8 @@ from cnc.session.board_offsets import board_timing, line_translator, offset_line
 from cnc.session.context import SessionContext
 from cnc.session.planned_motion import PlannedMotion
 
-KEPT_CHARACTERS = 64_000_000
-"""Limit on the lines that are kept before the first is sent: two million of them."""
+KEPT_BYTES = 192_000_000
+"""Limit on the lines that are kept before the first is sent: about two million of them."""
 
 
 class LinePass:
@@ -111,11 +112,11 @@ class LinePass:
     def _collected(self, program: Iterable[Step], timing: BoardTime) -> list[Step] | None:
         """Return all steps, None if they cannot be kept; add up their duration."""
         kept: list[Step] | None = None if self._depends_on_answers else []
-        capacity = KEPT_CHARACTERS
+        capacity = KEPT_BYTES
         for step in program:
-            for line in step.lines():
+            for line in step.lines:
                 timing.add(line)
-            capacity -= len(step.text)
+            capacity -= step.lines.size
             if capacity < 0:
                 kept = None
             if kept is not None:
