@@ -19,11 +19,14 @@ from cnc.model.diagnostics import GcodeError
 from tests.support.soak import share
 
 NGC = [
-    "X[#1+_] Y_ F_", "G1 X[_*#2] (pass _) Y-_", "#5=_ #6=[_/_]", "#<far>=[_ GT _]", "g2 x[#1] y_ i-_ j[_**_]", "N_ X[#1+ _ ]  Y [ _ ]",
+    "X[#1+_] Y_ F_", "G1 X[_*#2] (pass _) Y-_", "#5=_ #6=[_/_]", "#<far>=[_ GT _]",
+        "g2 x[#1] y_ i-_ j[_**_]", "N_ X[#1+ _ ]  Y [ _ ]",
     "/ X[_ MOD _]", "#[_+1]=_", "#[#7+_]=_", "X#[#1*_]", "X#[_]", "X[ATAN[_]/[_]]", "X[SQRT[_-5]]",
     "X[LN[_]] Y[1/[_-_]]", "X_ Y[#<near>*_] ; tail _",
-    "X[ROUND[_]+FIX[-_]]", "G[_] X#1", "M[_]", "X[_ AND _ OR #1]", "X[-_**_]", "X.5 Y[_.]", "#1=#2 X[#3]", "x [ # 1 + _ ]", "X-[_] Y+[_]",
-    "@_ ^[_*2]", "X[EXISTS[#<far>]+_]", "X[#<near 2>+_]", "G_ X[_]", "X[#_]", "X_._ Y[#1]", "X_ _ Y[#1]", "X[_] X[_]", "T[_] S_",
+    "X[ROUND[_]+FIX[-_]]", "G[_] X#1", "M[_]", "X[_ AND _ OR #1]", "X[-_**_]", "X.5 Y[_.]",
+        "#1=#2 X[#3]", "x [ # 1 + _ ]", "X-[_] Y+[_]",
+    "@_ ^[_*2]", "X[EXISTS[#<far>]+_]", "X[#<near 2>+_]", "G_ X[_]", "X[#_]", "X_._ Y[#1]",
+        "X_ _ Y[#1]", "X[_] X[_]", "T[_] S_",
 ]  # fmt: skip
 MACRO = [
     "X[#1+_] Y_.",
@@ -124,8 +127,8 @@ def filled(template: str, written: list[str]) -> str:
 
 
 @pytest.fixture(autouse=True)
-def _no_shapes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(line_templates, "_shapes", {})
+def _no_templates(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(line_templates, "_templates", {})
 
 
 @settings(max_examples=share(20_000, 400), deadline=None)
@@ -144,7 +147,7 @@ def test_a_shape_says_what_the_grammar_says(data: st.DataObject) -> None:
             )
         )
 
-    line_templates._shapes.clear()
+    line_templates._templates.clear()
     for _ in range(5):
         text = filled(
             template, [data.draw(st.sampled_from(WRITTEN)) for _ in range(template.count("_"))]
@@ -182,8 +185,8 @@ def test_control_lines_and_active_comments_are_always_read(monkeypatch: pytest.M
     assert lines_parsed(monkeypatch, [f"(print, {k}) X[{k}]" for k in range(20)]) == 20
 
 
-def test_shapes_are_kept_in_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(line_templates, "MOST_SHAPES", 10)
+def test_templates_are_kept_in_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(line_templates, "MOST_TEMPLATES", 10)
     for k in range(100):
         parse_line(f"X[#1+{k}] Z[#2{'+#3' * (k % 50)}*{k}]")
-        assert len(line_templates._shapes) <= 10
+        assert len(line_templates._templates) <= 10
