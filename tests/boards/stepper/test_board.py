@@ -200,7 +200,7 @@ def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(
     board = Stepper(port, machine(), "the simulator", clock=port)
 
     def on_sent(sent: object) -> None:
-        if not asked and board._stream.running and board._stream.played_ns * 1e-9 > moment:
+        if not asked and board._sender.running and board._sender.played_ns * 1e-9 > moment:
             asked.append(simulator.cycle)
             control.hold()
         if getattr(sent, "held", False):
@@ -239,7 +239,7 @@ def test_held_and_resumed(small: Path, tmp_path: Path, moment: float) -> None:
     rests: list[int] = []
 
     def on_sent(sent: object) -> None:
-        if not held_at and board._stream.running and board._stream.played_ns * 1e-9 > moment:
+        if not held_at and board._sender.running and board._sender.played_ns * 1e-9 > moment:
             held_at.append(simulator.cycle)
             control.hold()
         if getattr(sent, "held", False):

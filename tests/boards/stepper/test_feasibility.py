@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cnc.boards.stepper.driver import Stepper
-from cnc.boards.stepper.feasibility import LATE_NS, FeasibilityCheck
+from cnc.boards.stepper.feasibility import LATE_NS, StepperFeasibility
 from cnc.cli import exit_code
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError
@@ -22,8 +22,8 @@ from tests.support.session.runs import check_with, run_with
 LEAST_NS = 18_000
 
 
-def bear(gap_ns: int, rows: int, baud: int = 1_000_000) -> FeasibilityCheck:
-    feasibility = FeasibilityCheck(3, LEAST_NS, baud)
+def bear(gap_ns: int, rows: int, baud: int = 1_000_000) -> StepperFeasibility:
+    feasibility = StepperFeasibility(3, LEAST_NS, baud)
     time_ns, step = line(rows, gap_ns)
     for part in chunks(time_ns, step):
         feasibility.add(part)
@@ -43,8 +43,8 @@ def test_a_burst_may_be_late_and_a_long_one_may_not() -> None:
 
 def test_moves_without_order_fit_a_fast_wire_and_not_a_slow_one() -> None:
     time_ns, step = wander(1, 4_000, 60_000)
-    fast = FeasibilityCheck(3, LEAST_NS, 1_000_000)
-    slow = FeasibilityCheck(3, LEAST_NS, 40_000)
+    fast = StepperFeasibility(3, LEAST_NS, 1_000_000)
+    slow = StepperFeasibility(3, LEAST_NS, 40_000)
     for part in chunks(time_ns, step):
         fast.add(part)
 
@@ -59,7 +59,7 @@ def test_moves_without_order_fit_a_fast_wire_and_not_a_slow_one() -> None:
 
 
 def test_nothing_to_bear() -> None:
-    feasibility = FeasibilityCheck(3, LEAST_NS, 1_000_000)
+    feasibility = StepperFeasibility(3, LEAST_NS, 1_000_000)
     feasibility.add(
         PulseChunk(np.zeros(0, np.int64), np.zeros((0, 3), np.int8), np.zeros(0, np.int32))
     )

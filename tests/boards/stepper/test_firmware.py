@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from cnc.api import Callbacks, Outputs, run
 from cnc.boards.stepper.driver import Stepper
-from cnc.boards.stepper.protocol import Kind, frame
+from cnc.boards.stepper.frames import frame
+from cnc.boards.stepper.protocol import Kind
 from cnc.machine.models import Machine
 from cnc.model.blocks import Spindle
 from cnc.model.diagnostics import BoardError
@@ -439,7 +440,7 @@ def test_which_level_a_switch_has_is_for_the_machine_file_to_say(simulator: Simu
             simulator.set_pin(pin, 0)
     simulator.run(0.05)
     with board(simulator, known=with_axes(3, normally_closed=names)) as driver:
-        assert driver._ask().inputs == 0
+        assert driver._supervisor.ask().inputs == 0
 
 
 @pytest.mark.parametrize("inverted", [False, True])
@@ -453,7 +454,7 @@ def test_the_drivers_are_on_with_the_level_that_they_want(
     with board(simulator, known=known) as driver:
         assert simulator.level(ENABLE_PIN) == (not inverted)
         driver.start(np.zeros(3, np.int64))
-        driver._rest(0)
+        driver._supervisor.rest(0)
         assert simulator.level(ENABLE_PIN) == inverted
         simulator.set_pin(EMERGENCY_STOP_PIN, 0)
         simulator.run(0.01)
@@ -473,7 +474,7 @@ PROGRAM = "G21 G90\nG1 X20 Y10 F2000\nM2\n"
 def wait(simulator: Simulator, driver: Stepper, seconds: float) -> None:
     until = simulator.now + seconds
     while simulator.now < until:
-        driver._pump(0.002)
+        driver._supervisor.pump(0.002)
 
 
 def test_the_hold_button_holds_and_the_resume_button_goes_on(
@@ -798,7 +799,7 @@ def test_a_board_that_only_speaks_up_about_its_spindle(simulator: Simulator) -> 
     with board(simulator) as driver:
         driver.start(np.zeros(3, np.int64))
         driver.execute(Spindle("p.nc", 1, "cw", 500.0), 0)
-        driver._rest(1_000_000)
+        driver._supervisor.rest(1_000_000)
         driver.abort()
         edges = len(simulator.edges())
         simulator.run(0.01)

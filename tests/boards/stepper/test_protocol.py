@@ -12,10 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cnc.boards.stepper.frames import crc16, frame, unframed
 from cnc.boards.stepper.protocol import (
     HELLO_SEQUENCE,
-    LONGEST_FRAME,
-    MOST_IN_FLIGHT,
+    MAX_FRAME,
+    MAX_IN_FLIGHT,
     VERSION,
     Alarm,
     Kind,
@@ -23,9 +24,6 @@ from cnc.boards.stepper.protocol import (
     Status,
     StepperLink,
     Welcome,
-    crc16,
-    frame,
-    unframed,
 )
 from tests.support.paths import ROOT
 
@@ -93,7 +91,7 @@ def test_an_unknown_version_is_known_by_its_number_alone() -> None:
 def test_the_words_of_another_board_are_kept() -> None:
     link = StepperLink()
     link.receive(b"\r\nGrbl 1.1h ['$' for help]\r\n", 0.0)
-    assert b"Grbl 1.1h" in link.murmur
+    assert b"Grbl 1.1h" in link.foreign_bytes
     assert link.heard_at is None
 
 
@@ -119,7 +117,7 @@ class ModelBoard:
             self.incoming[:] = rest
             if not part:
                 continue
-            found = unframed(part) if len(part) <= LONGEST_FRAME else None
+            found = unframed(part) if len(part) <= MAX_FRAME else None
             if found is None or found[0] != Kind.DATA:
                 answers += self.nak()
             else:
@@ -192,7 +190,7 @@ def test_the_stream_arrives_whole_and_in_order(chance: float, seed: int) -> None
             link.stream(stream[sent : sent + size], 0)
             sent = min(sent + size, len(stream))
         out = link.outgoing(now)
-        assert len(out) <= 2 * MOST_IN_FLIGHT
+        assert len(out) <= 2 * MAX_IN_FLIGHT
         back = board.receive(spoilt(out, chance, dice))
         link.receive(spoilt(back, chance, dice), now)
         link.receive(spoilt(board.plays(), chance, dice), now)

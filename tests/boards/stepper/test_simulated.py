@@ -209,7 +209,7 @@ def test_a_host_that_dies_leaves_the_machine_on_its_path(
     time_ns, step = eased(6_000, 50_000)
     with board(simulator) as driver:
         driver.start(ORIGIN)
-        port = driver._connection.port
+        port = driver._supervisor.connection.port
         until = simulator.now + moment * time_ns[-1] * 1e-9
 
         def write(data: bytes) -> None:
@@ -238,7 +238,7 @@ def test_a_ramp_is_smooth(simulator: Simulator) -> None:
         driver.start(ORIGIN)
         for part in chunks(time_ns[:4_000], step[:4_000]):
             driver.send(part)
-        driver._halt()
+        driver._supervisor.halt()
         assert driver.position_steps.tolist() == stands_at(simulator.moves()[1])
     cycles, _ = simulator.moves()
     t = (cycles - cycles[0]) / FREQUENCY
@@ -317,7 +317,7 @@ def test_the_spindle_stops_when_the_host_is_silent(simulator: Simulator) -> None
     with board(simulator) as driver:
         driver.start(ORIGIN)
         driver.execute(Spindle("p.nc", 1, "cw", 500.0), 0)
-        driver._rest(1_000_000)
+        driver._supervisor.rest(1_000_000)
         simulator.run(0.2)
         assert status(simulator).alarm.name == "NONE"
         simulator.run(0.3)
@@ -399,8 +399,8 @@ def test_the_decoder_knows_what_goes_over_the_wire(simulator: Simulator) -> None
     time_ns, step = wander(3, 800, 40_000)
     with board(simulator) as driver:
         sent = bytearray()
-        stream = driver._link.stream
-        driver._link.stream = lambda data, *rest, **more: (
+        stream = driver._supervisor.connection.link.stream
+        driver._supervisor.connection.link.stream = lambda data, *rest, **more: (
             sent.extend(data),
             stream(data, *rest, **more),
         )[1]
