@@ -387,7 +387,7 @@ def test_the_command(
     assert shown.index("Y: down") < shown.index("X: down")
     (tmp_path / "p.ngc").write_text(PROGRAM)
     assert exit_code([str(tmp_path / "p.ngc"), "--machine", str(file)]) == 3
-    assert "where Z stands" in capsys.readouterr().err
+    assert "the position of Z" in capsys.readouterr().err
     assert exit_code([str(tmp_path / "p.ngc"), "--machine", str(file), "--home"]) == 0
     bench.switches = {}
     assert exit_code(["home", "--machine", str(file), "--quiet"]) == 3
