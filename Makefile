@@ -26,7 +26,7 @@ soak: $(VENV)/installed-test
 
 # The documentation site: build/site. A broken link is an error.
 docs: $(VENV)/installed-docs
-	$(BIN)/python -m mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 DISABLE_MKDOCS_2_WARNING=true $(BIN)/python -m mkdocs build --strict
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check

@@ -6,11 +6,13 @@ from the catalogue. mkdocs-gen-files runs this file.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from typing import Any
 
 import mkdocs_gen_files
 
+from cnc.checks.catalogue import markdown
 from cnc.cli.commands import app
 from cnc.machine.schema import machine_schema
 
@@ -28,9 +30,9 @@ def machine_file() -> str:
         "# Machine file",
         "",
         "TOML. Lengths are in mm (degrees for rotary axes), times in s. An unknown key, a wrong",
-        "type or a wrong sign is an error that names file, line and key. Each axis needs a limit of",
-        "acceleration and of jerk, of its own or along the path. A limit that is left out does not",
-        "limit.",
+        "type or a wrong sign is an error that names file, line and key. Each axis needs a limit",
+        "of acceleration and of jerk, of its own or along the path. Without a limit nothing is",
+        "limited.",
         "",
     ]
     for name, table in schema["properties"].items():
@@ -59,7 +61,9 @@ def _table(model: dict[str, Any], definitions: dict[str, Any]) -> Iterator[str]:
         inner = _resolved(value, definitions)
         if inner is not value and "properties" in inner:
             nested.append((key, inner))
-        default = "needed" if key in required else f"`{value.get('default')}`"
+        given = value.get("default")
+        default = "none" if given is None else f"`{json.dumps(given)}`"
+        default = "needed" if key in required else default
         meaning = str(value.get("description", "")).replace("\n", " ").replace("|", "\\|")
         yield f"| `{key}` | {default} | {meaning} |"
     yield ""
@@ -69,17 +73,10 @@ def _table(model: dict[str, Any], definitions: dict[str, Any]) -> Iterator[str]:
         yield from _table(inner, definitions)
 
 
-def findings() -> str:
-    """Return the page of error, warning and note codes."""
-    from cnc.checks.catalogue import markdown
-
-    return markdown()
-
-
 for page, content in (
     ("reference/cli.md", command_line()),
     ("reference/machine-file.md", machine_file()),
-    ("reference/findings.md", findings()),
+    ("reference/findings.md", markdown()),
 ):
     with mkdocs_gen_files.open(page, "w") as file:
         file.write(content)

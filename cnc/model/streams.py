@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.model.line_effects import LineEffect
+
 
 @dataclass(frozen=True, slots=True)
 class PulseChunk:
@@ -53,7 +55,14 @@ class SampleChunk:
 
 @dataclass(frozen=True, slots=True)
 class GcodeLine:
-    """A line of G-code for a board that plans its own motion, without a line end."""
+    """A line of G-code for a board that plans its own motion.
+
+    Attributes:
+        text: The line without its line end.
+        line: The source line that it comes from.
+        effect: The motion of the line; None where the writer of the line does not know it.
+    """
 
     text: str
     line: int
+    effect: LineEffect | None = None

@@ -7,7 +7,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from cnc.boards.protocols import LineSink, board_error
-from cnc.grbl_lines.grbl_timing import BoardLimits, BoardTime
+from cnc.grbl_lines.board_limits import BoardLimits
+from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.translator import ARC_TOLERANCE, Translator
 from cnc.grbl_lines.travel_margin import MARGIN
 from cnc.machine.models import Machine

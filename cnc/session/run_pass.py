@@ -21,7 +21,8 @@ from cnc.boards.registry import board_factory
 from cnc.checks.travel import ROUNDING, TravelCheck
 from cnc.executor.lines import Step, steps, stream
 from cnc.executor.run import Progress, execute
-from cnc.grbl_lines.grbl_timing import BoardTime, Countdown
+from cnc.grbl_lines.countdown import Countdown
+from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.smooth import smooth_path
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Held
@@ -47,9 +48,9 @@ from cnc.view.writer import picture_writer
 
 Items = Iterable[PlanChunk | Block]
 
-KEPT_CHARACTERS = 64_000_000
-"""Of lines that are made before the first is sent: two million of them. A longer program is
-translated once more on the way.
+KEPT_BYTES = 192_000_000
+"""Memory for lines that are made before the first is sent: about two million lines. A longer
+program is translated once more while it runs.
 """
 
 
@@ -422,11 +423,11 @@ class SecondPass:
     def _made(self, program: Iterable[Step], board_time: BoardTime) -> list[Step] | None:
         """All steps, their time added up; None if they can't be kept."""
         kept: list[Step] | None = None if self._asks else []
-        room = KEPT_CHARACTERS
+        room = KEPT_BYTES
         for step in program:
-            for line in step.lines():
+            for line in step.lines:
                 board_time.add(line)
-            room -= len(step.text)
+            room -= step.lines.size
             if room < 0:
                 kept = None
             if kept is not None:

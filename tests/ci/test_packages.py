@@ -21,7 +21,7 @@ assert parse_line("G1 X[1 + 2]").words[1].letter == "X"
 assert {"default", "grbl-uno"} <= set(shipped_machines())
 print(load_machine("grbl-uno").axis_names)
 """
-"""Read a line by the grammar, and a shipped machine file, with the package at a place of its own."""
+"""A program that reads a line by the grammar, and a shipped machine file."""
 
 
 def _built(target: str, folder: Path) -> Path:

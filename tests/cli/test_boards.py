@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from cnc.boards import discovery
-from cnc.boards.discovery import FoundBoard, machine_file, port_report
+from cnc.boards.discovery import FoundBoard, port_report
+from cnc.boards.grbl.port_report import machine_file
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.pty_server import PtyServer
@@ -67,7 +68,7 @@ def test_what_is_printed_is_a_machine_file(
 
 def test_settings_that_are_missing_make_no_file() -> None:
     with pytest.raises(BoardError) as caught:
-        list(machine_file("COM3", BoardInfo("1.1h", hal=False), 115200))
+        machine_file("COM3", BoardInfo("1.1h", hal=False), 115200)
     assert caught.value.diagnostic.code == "board-settings"
 
 
@@ -77,7 +78,7 @@ def test_a_name_can_not_break_the_file(tmp_path: Path) -> None:
         hal=True,
         settings={number: str(value) for number, value in SETTINGS.items()},
     )
-    machine = loaded("\n".join(machine_file('C:\\x"', info, 9600)), tmp_path)
+    machine = loaded(machine_file('C:\\x"', info, 9600), tmp_path)
     assert machine.board.port == 'C:\\x"'
     assert machine.board.baud == 9600
 

@@ -20,8 +20,8 @@ from cnc.model.diagnostics import BoardError, CncError, UsageError
 from tests.support.boards.stepper_simulator import (
     DIRECTION_PINS,
     STEP_PINS,
-    GrblSimulatorPort,
     Simulator,
+    SimulatorPort,
 )
 from tests.support.soak import share
 
@@ -57,7 +57,7 @@ class Bench:
 
     def __init__(self, **switches: tuple[float, float]) -> None:
         self.simulator = Simulator()
-        self.port = GrblSimulatorPort(self.simulator)
+        self.port = SimulatorPort(self.simulator)
         self.switches = switches
         self.place = [0, 0, 0, 0]
         self.backward = [0, 0, 0, 0]
@@ -390,7 +390,7 @@ def test_the_command(
     assert exit_code([str(tmp_path / "p.ngc"), "--machine", str(file), "--home"]) == 0
     bench.switches = {}
     assert exit_code(["home", "--machine", str(file), "--quiet"]) == 3
-    assert "homing-switch: the switch of Z has not closed within 7 mm" in capsys.readouterr().err
+    assert "homing-switch: the switch of Z did not close within 7 mm" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -15,13 +15,15 @@ from cnc.api import parse, start_position
 from cnc.boards.grbl.simulator.from_machine import settings_of
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
-from cnc.grbl_lines.grbl_timing import BoardLimits, BoardTime, Countdown
+from cnc.grbl_lines.board_limits import BoardLimits
+from cnc.grbl_lines.countdown import Countdown
+from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.smooth import smooth_path
 from cnc.grbl_lines.translator import Translator
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
-from cnc.model.streams import GcodeLine
 from cnc.planner.lookahead import LookAhead
+from tests.support.boards.line_reader import lines_with_effects
 from tests.support.paths import PROGRAMS
 from tests.support.programs.random_programs import random_program
 from tests.support.soak import share
@@ -32,8 +34,8 @@ LIMITS = BoardLimits((50.0, 50.0, 10.0), (200.0, 200.0, 50.0), junction_deviatio
 
 def seconds(texts: Iterable[str], limits: BoardLimits = LIMITS) -> float:
     clock = BoardTime(limits)
-    for number, text in enumerate(texts, start=1):
-        clock.add(GcodeLine(text, number))
+    for line in lines_with_effects(texts):
+        clock.add(line)
     clock.end()
     return clock.seconds
 
@@ -154,8 +156,8 @@ def test_batches_make_no_difference(monkeypatch):
 
 def clock_of(texts: list[str], limits: BoardLimits) -> BoardTime:
     clock = BoardTime(limits)
-    for number, text in enumerate(texts, start=1):
-        clock.add(GcodeLine(text, number))
+    for line in lines_with_effects(texts):
+        clock.add(line)
     clock.end()
     return clock
 

@@ -272,7 +272,7 @@ class GrblBoard:
             return
         if kind == "probe":
             self._probed = None
-        monitor.sending(text, line.line, self.link.now())
+        monitor.sending(line, self.link.now())
         self._write(protocol.send(text, line.line, kind))
         if protocol.mark_fits() and (
             protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME

@@ -1,7 +1,7 @@
 """The stepper board: an Arduino with the firmware in ``firmware/``, which plays grid moves as they
 were planned.
 
-How moves go to it is in :mod:`cnc.boards.stepper.sender`, what goes over the wire in
+How moves go to it is in :mod:`cnc.boards.stepper.sender`, what goes over the connection in
 :mod:`cnc.boards.stepper.protocol`. Here it is a board as every other (:mod:`cnc.boards.protocols`),
 with its faults.
 """
@@ -29,7 +29,7 @@ from cnc.boards.stepper.connection import (
     LIMITS,
     PROBE,
     UNO,
-    Wire,
+    Connection,
     cleared,
     configured,
     least_ns,
@@ -70,8 +70,8 @@ class Stepper:
     ) -> None:
         self._clock = clock or SystemClock()
         self._machine = machine
-        self._wire = Wire(port, self._clock, name)
-        self._link = self._wire.link
+        self._connection = Connection(port, self._clock, name)
+        self._link = self._connection.link
         self._lock = threading.RLock()
         self._closed = threading.Event()
         self._outputs = Outputs()
@@ -82,11 +82,11 @@ class Stepper:
         self._fault: BoardError | None = None
         self._untold: BoardError | None = None
         self._place = Place(machine)
-        self._welcome, self._told = opened(self._wire, machine)
+        self._welcome, self._told = opened(self._connection, machine)
         status = self._told
         self._least_ns = least_ns(self._welcome, machine)
         self._checks = Loopback(len(machine.axes), self._least_ns)
-        self._stream = Stream(self._wire, len(machine.axes), self._pump, status.taken)
+        self._stream = Stream(self._connection, len(machine.axes), self._pump, status.taken)
         self._pressed = status.holds, status.resumes
         self._stream.position = self._place.found(status)
         self._limits = LIMITS
@@ -209,8 +209,10 @@ class Stepper:
                 self._next,
                 (LIMITS, np.ones(len(origin_steps), np.bool_)),
             )
-            status = configured(self._wire, self._machine, self._welcome, self._limits, self._pump)
-            cleared(self._wire, self._machine, status, self._limits, self._pump)
+            status = configured(
+                self._connection, self._machine, self._welcome, self._limits, self._pump
+            )
+            cleared(self._connection, self._machine, status, self._limits, self._pump)
             self._request(Kind.SET_POSITION, self._place.counted(self._stream.position))
             self._outputs = Outputs(enabled=True)
             self._active = self._began = True
@@ -300,7 +302,7 @@ class Stepper:
                     self.abort()
                 self._closed.set()
                 self._checks.close()
-                self._wire.port.close()
+                self._connection.port.close()
 
     # ------------------------------------------------------------------------------------------------------------------
     # probing
@@ -386,7 +388,7 @@ class Stepper:
         BoardError for whatever has gone wrong.
         """
         try:
-            said = self._wire.pump(seconds)
+            said = self._connection.pump(seconds)
         except BoardError as error:
             raise self._lost(self._at_line(error)) from error
         for status in said:
@@ -399,7 +401,7 @@ class Stepper:
                 raise self._lost(
                     board_error(
                         "board-reset",
-                        f"the board on {self._wire.name} was reset; its position is lost",
+                        f"the board on {self._connection.name} was reset; its position is lost",
                         hint=hint,
                     )
                 )
@@ -420,10 +422,10 @@ class Stepper:
                 self._control.resume()
 
     def _ask(self) -> Status:
-        return self._wire.ask(self._pump)
+        return self._connection.ask(self._pump)
 
     def _request(self, kind: Kind, payload: bytes) -> None:
-        self._wire.request(kind, payload, self._pump)
+        self._connection.request(kind, payload, self._pump)
 
     def _keep_alive(self) -> None:
         """The board stops when it hears nothing for a quarter of a second, such as while a program

@@ -96,7 +96,9 @@ def interpret(
     yield from _run(flow, StepMaker(flow, rules), options.on_line)
 
 
-def _run(flow: Flow, maker: StepMaker, on_line: Callable[[int], None] | None) -> Iterator[Block]:
+def _run(  # noqa: C901 - one function, since it is the hot loop
+    flow: Flow, maker: StepMaker, on_line: Callable[[int], None] | None
+) -> Iterator[Block]:
     """Execute line by line.
 
     All state that each line needs is in local variables, since loops execute millions of lines.

@@ -27,6 +27,7 @@ from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
 from tests.support.boards.grbl_rig import MACHINE, connected, fails, started
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, LineBoardConformance, feed
+from tests.support.boards.line_reader import lines_with_effects
 from tests.support.soak import share
 
 
@@ -71,8 +72,8 @@ def test_the_ring_never_overflows_with_bursts_of_real_time_bytes_around_the_line
     simulator = GrblSimulator()
     board = started(simulator)
     rng = random.Random(5)
-    for number, text in enumerate(mixed(share(10_000, 700), 5), start=1):
-        board.send_line(GcodeLine(text, number))
+    for line in lines_with_effects(mixed(share(10_000, 700), 5)):
+        board.send_line(line)
         if rng.random() < 0.02:
             board.link.write(b"?" * 200)
     board.finish()

@@ -156,7 +156,7 @@ def test_no_line_is_toggled(
     when it opens a port: up.
     """
     opened = Opened()
-    monkeypatch.setattr(serial_port, "LOWERED", lowered)
+    monkeypatch.setattr(serial_port, "LINES_LOW", lowered)
     monkeypatch.setattr("serial.serial_for_url", lambda *_, **__: opened)
     open_port(name, 115200)
     assert opened.at_opening == lines
@@ -275,7 +275,7 @@ def test_a_line_that_is_down_stays_down_for_a_board_that_answers() -> None:
 def test_lines_are_raised_only_where_they_are_down(monkeypatch: pytest.MonkeyPatch) -> None:
     for lowered in (False, True):
         opened = Opened()
-        monkeypatch.setattr(serial_port, "LOWERED", lowered)
+        monkeypatch.setattr(serial_port, "LINES_LOW", lowered)
         monkeypatch.setattr("serial.serial_for_url", lambda *_, opened=opened, **__: opened)
         link = open_port("COM3", 115200)
         if not lowered:

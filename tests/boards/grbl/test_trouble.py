@@ -21,9 +21,9 @@ from cnc.boards.grbl.status import Status
 from cnc.model.blocks import Dwell
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
-from cnc.model.streams import GcodeLine
 from tests.support.boards.grbl_rig import LATEST, MACHINE, ROUTER
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
+from tests.support.boards.line_reader import lines_with_effects
 from tests.support.soak import share
 
 PROGRAM = [PREAMBLE, *(f"G1 X{k % 3 * 2}.5 Y{k % 5}.25 F400" for k in range(24))]
@@ -234,10 +234,10 @@ def lived(simulator: GrblSimulator, lines: list[str]) -> BoardError | None:
         board, _ = connected(simulator)
         board.connect_operator(control, operate)
         board.start(ORIGIN)
-        for number, line in enumerate(lines, start=1):
-            board.send_line(GcodeLine(line, number))
-            if line.startswith("G38"):
-                board.execute(Dwell("p.nc", number, 0.0), 0)
+        for line in lines_with_effects(lines):
+            board.send_line(line)
+            if line.text.startswith("G38"):
+                board.execute(Dwell("p.nc", line.line, 0.0), 0)
         board.finish()
     except BoardError as error:
         return error

@@ -258,10 +258,7 @@ ENDLESS: dict[str, tuple[str, str, str]] = {
 def test_a_program_without_end_is_found_out(dialect: str, source: str, name: str) -> None:
     begin = time.process_time()
     found = stands("loop-endless", source, dialect=dialect, limits=Limits(repeated_lines=1000))
-    assert (
-        found.message
-        == f"{name} does not end: more than 1 000 lines were executed again"
-    )
+    assert found.message == f"{name} does not end: more than 1 000 lines were executed again"
     assert time.process_time() - begin < 2
 
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pytest
@@ -13,16 +14,20 @@ from cnc.boards.protocols import Capabilities, LineSink
 from cnc.model.blocks import Dwell
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
-from cnc.model.streams import GcodeLine
+from tests.support.boards.line_reader import LineReader
 
 AXES = 3
 PREAMBLE = "G21 G90 G94 G17 G54"
 ORIGIN = np.zeros(AXES, np.int64)
+READERS: WeakKeyDictionary[LineSink, LineReader] = WeakKeyDictionary()
+"""A reader of lines for each board: modes stay from one call of :func:`feed` to the next."""
 
 
 def feed(board: LineSink, *texts: str, first: int = 1) -> None:
+    """Send lines with their effects, as their writer knows them."""
+    reader = READERS.setdefault(board, LineReader())
     for line, text in enumerate(texts, start=first):
-        board.send_line(GcodeLine(text, line))
+        board.send_line(reader.read(text, line))
 
 
 class LineBoardConformance:
