@@ -202,7 +202,7 @@ class Interpreter:
             word := without_point(statement, collected=self.motion.collector is not None)
         ):
             self.points_wanted = False
-            message = f"{word.written} has no decimal point: here it counts millimetres, inches or degrees"
+            message = f"{word.written} has no decimal point: it is read as mm, inches or degrees"
             hint = f"other controls would read a thousandth of it or less: write {word.written}."
             self.here.caution("decimal-point-missing", message, word, hint)
         return prepared

@@ -96,16 +96,29 @@ def interpret(
     yield from _run(flow, StepMaker(flow, rules), options.on_line)
 
 
-def _run(  # noqa: C901 - one function, since it is the hot loop
-    flow: Flow, maker: StepMaker, on_line: Callable[[int], None] | None
-) -> Iterator[Block]:
-    """Execute line by line.
+def _run(flow: Flow, maker: StepMaker, on_line: Callable[[int], None] | None) -> Iterator[Block]:
+    """Execute the program and end it."""
+    ready = flow.interpreter.out.ready
+    try:
+        yield from _execute_lines(flow, maker, _Watch(flow, on_line))
+    except GcodeError:
+        if flow.interpreter.aborted:
+            yield from ready
+        raise
+    flow.unwind()
+    if on_line is not None:
+        on_line(flow.executed)
+    yield from ready
+    ready.clear()
+
+
+def _execute_lines(flow: Flow, maker: StepMaker, watch: _Watch) -> Iterator[Block]:
+    """Execute line by line until the program ends.
 
     All state that each line needs is in local variables, since loops execute millions of lines.
     """
     interpreter, listing = flow.interpreter, flow.listing
     execute, ready = interpreter.execute, interpreter.out.ready
-    watch = _Watch(flow, on_line)
     line, first, count = 1, 1, 0
     page: Page | None = None
     steps: list[Step | Statement | None] = []
@@ -141,14 +154,8 @@ def _run(  # noqa: C901 - one function, since it is the hot loop
                 ready.clear()
                 interpreter.out.take_answers()
     except GcodeError as error:
-        if interpreter.aborted:
-            yield from ready
         raise listing.placed(error, line) from None
-    flow.unwind()
-    if on_line is not None:
-        on_line(executed)
-    yield from ready
-    ready.clear()
+    flow.executed = executed
 
 
 class _Watch:
