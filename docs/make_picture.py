@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
 
-from cnc.api import Outputs, check, load_machine, parse
+from cnc.api import Outputs, RunOptions, check, load_machine, parse
 from cnc.model.blocks import NurbsFeed
 from tests.support.paths import ROOT
 from tests.support.view.browser import FOUND, INSTALL, Browser
@@ -31,7 +31,7 @@ def draw(target: Path) -> None:
     machine = load_machine("paper-nurbs")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "trace.npz"
-        report = check(PROGRAM, machine, outputs=Outputs(trace=str(file)))
+        report = check(PROGRAM, machine, RunOptions(outputs=Outputs(trace=str(file))))
         report.raise_if_faulty()
         with np.load(file) as trace:
             columns = {
@@ -98,7 +98,7 @@ def take_screenshot(program: str, machine: str, target: Path, *, dark: bool, the
     """
     with tempfile.TemporaryDirectory() as folder, Browser(*PAGE_SIZE) as browser:
         page = Path(folder) / "page.html"
-        check(program, machine, outputs=Outputs(picture=str(page))).raise_if_faulty()
+        check(program, machine, RunOptions(outputs=Outputs(picture=str(page)))).raise_if_faulty()
         width, height = PAGE_SIZE
         browser.call(
             "Emulation.setDeviceMetricsOverride",
