@@ -25,7 +25,7 @@ from cnc.kernels.view.thinning import (
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Dwell
 from cnc.planner.plan import PlanChunk
-from cnc.pulses.arrays import kernel_arrays
+from cnc.pulses.arrays import pieces_of, plan_arrays, source_lines
 from cnc.view.tables import Curves, CurveTable, Origins, OriginTable, Strokes, StrokeTable
 
 ROWS = 1 << 15
@@ -97,14 +97,14 @@ class Collector:
         return Picture(strokes, curves, origins, files, self._origins.moves, self._clock)
 
     def _follow(self, chunk: PlanChunk) -> None:
-        arrays = kernel_arrays(chunk)
-        kind, line = arrays[0], arrays[4]
+        pieces, plan = pieces_of(chunk.path), plan_arrays(chunk)
+        kind, line = pieces.kind, source_lines(chunk.path)
         rapid = np.isnan(chunk.path.feed)
         place, now = np.zeros(3, np.int64), np.zeros(1)
         while place[STAGE] != AT_END:
             count = follow(
-                *arrays[:4],
-                *arrays[5:],
+                *pieces,
+                *plan,
                 chunk.t0,
                 chunk.s0,
                 rapid,
