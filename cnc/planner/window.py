@@ -45,6 +45,7 @@ from cnc.planner.phases import (
     slice_end,
 )
 from cnc.planner.plan import PlanChunk
+from cnc.planner.run_clock import RunClock
 from cnc.planner.section import Section, Stretch
 
 Floats = NDArray[np.float64]
@@ -104,7 +105,7 @@ class Window:
 
     def __init__(self, limits: Limits, stops_known: float = STOPS_KNOWN) -> None:
         self.limits = limits
-        self.clock = 0.0
+        self.clock = RunClock()
         self._stops_known = stops_known
         self._sections: deque[Section] = deque()
         self._travelled = 0.0
@@ -547,7 +548,7 @@ class Window:
         chunk = PlanChunk(
             path=part,
             piece_s=piece_s[first : last + 1] - zero,
-            t0=self.clock,
+            t0=self.clock.seconds,
             s0=section.travelled + zero,
             phase_t=t,
             phase_s=np.append(local, local_end) - zero,
@@ -555,7 +556,7 @@ class Window:
             phase_a=np.append(phases[:, A], a_end),
             phase_j=phases[:, J].copy(),
         )
-        self.clock += float(t[-1])
+        self.clock.add(chunk)
         return chunk
 
 
