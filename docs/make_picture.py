@@ -21,7 +21,7 @@ from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
 from rich.console import Console
 
-from cnc.api import Outputs, check, load_machine, parse
+from cnc.api import Outputs, RunOptions, check, load_machine, parse
 from cnc.model.blocks import NurbsFeed
 from cnc.report.result import Report
 from cnc.report.summary import print_summary
@@ -39,7 +39,7 @@ def draw(target: Path) -> Report:
     machine = load_machine("paper-nurbs")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "trace.npz"
-        report = check(PROGRAM, machine, outputs=Outputs(trace=str(file)))
+        report = check(PROGRAM, machine, RunOptions(outputs=Outputs(trace=str(file))))
         report.raise_if_faulty()
         with np.load(file) as trace:
             columns = {
@@ -117,7 +117,7 @@ def photograph(program: str, machine: str, target: Path, *, dark: bool, then: st
     """The page of a program, after ``then`` was carried out in it."""
     with tempfile.TemporaryDirectory() as folder, Browser(*PAGE_SIZE) as browser:
         page = Path(folder) / "page.html"
-        check(program, machine, outputs=Outputs(picture=str(page))).raise_if_faulty()
+        check(program, machine, RunOptions(outputs=Outputs(picture=str(page)))).raise_if_faulty()
         width, height = PAGE_SIZE
         browser.call(
             "Emulation.setDeviceMetricsOverride",

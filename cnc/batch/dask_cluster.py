@@ -27,7 +27,7 @@ from cnc import __version__
 from cnc.batch.task import Task
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.report.result import Report
-from cnc.session.source import Shipped, readable, shown_name
+from cnc.session.source import InlineProgram, display_name, readable_file
 
 PATIENCE = 10.0
 """Seconds in which a scheduler has to answer."""
@@ -118,10 +118,10 @@ def _connected(address: str) -> tuple[Any, Any]:
 
 def _packed(task: Task) -> bytes:
     """A task with the text of its program; CncError if that can't be read."""
-    with readable(task.program) as path:
+    with readable_file(task.program) as path:
         text = path.read_bytes()
     return zlib.compress(
-        pickle.dumps(replace(task, program=Shipped(shown_name(task.program), text))), 1
+        pickle.dumps(replace(task, program=InlineProgram(display_name(task.program), text))), 1
     )
 
 

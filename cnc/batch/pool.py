@@ -14,17 +14,14 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cnc.batch.task import Prepare, Task
-from cnc.checks.selection import Selection
-from cnc.machine.models import DialectName, Machine
+from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.report.result import Report
+from cnc.session.options import RunOptions
 from cnc.session.source import STANDARD_INPUT
-
-if TYPE_CHECKING:
-    from cnc.pulses.reference_pulse import Algorithm
 
 ATTEMPTS = 2
 """A program whose worker dies is tried again: it may have been another's memory that was wanted."""
@@ -43,13 +40,8 @@ def cores() -> int:
 def check_many(
     programs: Sequence[str],
     machine: Machine,
+    options: RunOptions | None = None,
     *,
-    dialect: DialectName | None = None,
-    sampled: bool = False,
-    algorithm: Algorithm | None = None,
-    feed_override: float = 100.0,
-    selection: Selection | None = None,
-    portable: Sequence[str] = (),
     jobs: int | None = None,
     scheduler: str | None = None,
     on_done: Callable[[int], None] | None = None,
@@ -69,12 +61,7 @@ def check_many(
                 "job-count", f"{jobs} processes can't check anything", hint="give --jobs 1 or more"
             )
         )
-    tasks = [
-        Task(
-            program, machine, dialect, sampled, feed_override, algorithm, selection, tuple(portable)
-        )
-        for program in programs
-    ]
+    tasks = [Task(program, machine, options or RunOptions()) for program in programs]
     if scheduler is None:
         outcomes = _at_home(tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None))
     else:

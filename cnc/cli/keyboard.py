@@ -27,7 +27,7 @@ LEAST = 10.0
 HELP = "space holds and goes on, + and - change the feed, q stops"
 
 
-class Keys:
+class Keyboard:
     """Reads keys as long as the context lasts. ``available``: whether there are any."""
 
     def __init__(self, control: Control) -> None:
@@ -39,11 +39,11 @@ class Keys:
         self._thread: threading.Thread | None = None
         self._answers: SimpleQueue[str] | None = None
 
-    def agreed(self, story: Sequence[str], *, yes: bool) -> bool:
+    def confirm(self, steps: Sequence[str], *, yes: bool) -> bool:
         """Tell what will be done and ask whether it shall; ``yes``: do not ask. UsageError
         ``needs-yes`` where nobody can be asked.
         """
-        print(*story, sep="\n  ", file=sys.stderr, flush=True)
+        print(*steps, sep="\n  ", file=sys.stderr, flush=True)
         if yes:
             return True
         if not self.available:
@@ -78,7 +78,7 @@ class Keys:
         elif key in ("q", "Q"):
             control.stop()
 
-    def __enter__(self) -> Keys:
+    def __enter__(self) -> Keyboard:
         with contextlib.suppress(ImportError, OSError, ValueError, AttributeError):
             self._listen()
         return self

@@ -10,11 +10,14 @@ from typing import Any
 from cnc.compare.distance import farthest
 from cnc.compare.match import SAME
 from cnc.compare.track import Recorder, Track
-from cnc.machine.models import DialectName, Machine
-from cnc.model.operator_control import Control
+from cnc.machine.models import Machine
+from cnc.model.choices import DialectName
 from cnc.report.result import Report
 from cnc.report.summary import clock, number, position
-from cnc.session import Job, Outputs, Watch, start_position
+from cnc.session.observer import Callbacks
+from cnc.session.options import RunOptions
+from cnc.session.program_reader import start_position
+from cnc.session.session import Session
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,13 +80,13 @@ def compare(
     second: Path | str,
     machine: Machine,
     dialect: DialectName | None,
-    watch: Watch | None = None,
+    callbacks: Callbacks | None = None,
 ) -> Difference:
     """Plan both programs and compare their motion; see :class:`Difference`."""
-    one, track = _planned(first, machine, dialect, watch or Watch())
+    one, track = _planned(first, machine, dialect, callbacks)
     if not one.ok:
         return Difference((one,))
-    other, beside = _planned(second, machine, dialect, watch or Watch())
+    other, beside = _planned(second, machine, dialect, callbacks)
     if not other.ok:
         return Difference((one, other))
     apart = farthest(track, beside)
@@ -97,11 +100,17 @@ def compare(
 
 
 def _planned(
-    program: Path | str, machine: Machine, dialect: DialectName | None, watch: Watch
+    program: Path | str, machine: Machine, dialect: DialectName | None, callbacks: Callbacks | None
 ) -> tuple[Report, Track]:
     recorder = Recorder(start_position(machine))
-    job = Job(program, machine, dialect, False, Outputs(), watch, Control(), on_plan=recorder.add)
-    return job.carry_out(), recorder.track()
+    session = Session(
+        program,
+        machine,
+        RunOptions(dialect=dialect),
+        callbacks=callbacks,
+        on_plan=recorder.add,
+    )
+    return session.run(), recorder.track()
 
 
 def _place(track: Track, index: int, report: Report) -> Place:

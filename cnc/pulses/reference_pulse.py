@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,13 +15,13 @@ from cnc.kernels.path.curve import curve_eval, curve_inv_arclen, curve_range
 from cnc.kernels.pulses import reference_pulse as kernel
 from cnc.kernels.pulses.grid_moves import Grid, Moves
 from cnc.kernels.pulses.spacing import Buffers
+from cnc.model.choices import Algorithm
 from cnc.model.streams import PulseChunk
 from cnc.planner.plan import PlanChunk
 from cnc.pulses.arrays import pieces_of, plan_arrays, source_lines
 
 ROWS = 65536
 """Most rows in a chunk of pulses."""
-Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis", "crossings"]
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 CODES: dict[Algorithm | None, int] = {
     None: kernel.BY_PIECE,

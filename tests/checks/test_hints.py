@@ -5,7 +5,7 @@ import json
 import pytest
 
 from cnc import cli
-from cnc.api import Report, Selection, check, load_machine, run
+from cnc.api import Report, RunOptions, Selection, check, load_machine, run
 from cnc.checks import selection
 from cnc.checks.hints import step_rate
 from cnc.checks.selection import ignored_in, unknown_codes
@@ -27,7 +27,7 @@ def found(tmp_path):
     def look(text: str, machine=None, **options) -> list[tuple[str, int, str]]:
         file = tmp_path / "p.nc"
         file.write_text(HEAD + text)
-        report = check(file, machine, **options)
+        report = check(file, machine, RunOptions(**options))
         assert report.ok
         return [(each.code, each.line, each.severity) for each in report.warnings]
 

@@ -109,7 +109,7 @@ def test_something_else_answers(capsys: pytest.CaptureFixture[str]) -> None:
         thread.start()
         assert exit_code(["boards", f"socket://127.0.0.1:{server.getsockname()[1]}"]) == 3
         thread.join()
-    assert "is no GRBL board: it says 'start'" in capsys.readouterr().out
+    assert "is not a GRBL board: it sends 'start'" in capsys.readouterr().out
 
 
 BOARD = Welcome(VERSION, 3, 500, 1020, 36, StepperState.IDLE, True)

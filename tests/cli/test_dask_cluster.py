@@ -13,7 +13,7 @@ import zlib
 import pytest
 
 from cnc import cli
-from cnc.api import check_many
+from cnc.api import RunOptions, check_many
 from cnc.batch import dask_cluster
 from cnc.model.diagnostics import UsageError
 from tests.support.paths import ROOT
@@ -106,7 +106,11 @@ def test_one_program_and_what_is_wrong_with_every_one(cluster, tmp_path, capfd):
     assert "path length" in capfd.readouterr().out
     assert json.loads((tmp_path / "a.json").read_text())["ok"]
     with pytest.raises(UsageError, match="unknown-dialect"):
-        list(check_many([tmp_path / "a.nc"], portable=("fanuk",), scheduler=address))
+        list(
+            check_many(
+                [tmp_path / "a.nc"], None, RunOptions(portable=("fanuk",)), scheduler=address
+            )
+        )
     assert cli.exit_code(["check", str(tmp_path), "--scheduler", address, "--jobs", "2"]) == 2
 
 

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from cnc.cli.keyboard import Keys
+from cnc.cli.keyboard import Keyboard
 from cnc.model.diagnostics import UsageError
 from cnc.model.operator_control import Control
 
@@ -33,7 +33,7 @@ pty = pytest.importorskip("pty")
 )
 def test_keys_become_wishes(keys: str, held: bool, override: float, stopped: bool) -> None:
     control = Control()
-    reader = Keys(control)
+    reader = Keyboard(control)
     for key in keys:
         reader.press(key)
     assert (control.held, control.feed_override, control.stopped) == (held, override, stopped)
@@ -41,7 +41,7 @@ def test_keys_become_wishes(keys: str, held: bool, override: float, stopped: boo
 
 def test_a_lower_override_than_the_keys_give_stays() -> None:
     control = Control(4.0)
-    Keys(control).press("-")
+    Keyboard(control).press("-")
     assert control.feed_override == 4.0
 
 
@@ -68,7 +68,7 @@ def until(control: Control, what: str) -> None:
 
 def test_keys_are_read_at_a_terminal_and_it_is_left_as_it_was(terminal: int) -> None:
     control = Control()
-    with Keys(control) as keys:
+    with Keyboard(control) as keys:
         assert keys.available
         os.write(terminal, b" ")
         until(control, "held")
@@ -83,10 +83,10 @@ def test_a_question_is_answered_by_a_key(
     terminal: int, capsys: pytest.CaptureFixture[str], key: bytes, agreed: bool
 ) -> None:
     control = Control()
-    with Keys(control) as keys:
+    with Keyboard(control) as keys:
         later = threading.Timer(0.1, os.write, (terminal, key))
         later.start()
-        assert keys.agreed(["from line 8:", "lift Z to 5"], yes=False) is agreed
+        assert keys.confirm(["from line 8:", "lift Z to 5"], yes=False) is agreed
         later.join()
     assert "lift Z to 5" in capsys.readouterr().err
     assert not control.stopped
@@ -98,10 +98,10 @@ def test_without_a_terminal_there_are_no_keys_and_nobody_to_ask(
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("q"))
     control = Control()
-    with Keys(control) as keys:
+    with Keyboard(control) as keys:
         assert not keys.available
-        assert keys.agreed(["from line 8:"], yes=True)
+        assert keys.confirm(["from line 8:"], yes=True)
         with pytest.raises(UsageError) as caught:
-            keys.agreed(["from line 8:"], yes=False)
+            keys.confirm(["from line 8:"], yes=False)
     assert caught.value.diagnostic.code == "needs-yes"
     assert not control.stopped

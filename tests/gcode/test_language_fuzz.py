@@ -49,7 +49,8 @@ def test_random_programs(capsys: pytest.CaptureFixture[str]) -> None:
     rate = tally.programs / (time.perf_counter() - began)
     with capsys.disabled():
         sys.stdout.write(
-            f"\n{tally.programs} programs, {rate:.0f}/s; {tally.accepted} accepted, {tally.words} words changed; "
+            f"\n{tally.programs} programs, {rate:.0f}/s; {tally.accepted} accepted, {tally.words} "
+            f"words changed; "
         )
         sys.stdout.write(f"{len(tally.codes)} kinds of error\n")
     assert tally.accepted > tally.programs * 0.05, "a fuzz that only meets errors tests little"

@@ -72,7 +72,8 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
         ["rapid 1 0 0"],
     ),
     "a name of a call": (
-        "o<f> sub\n#<a>=#1\nG0 X#<a> Y#<_g>\n#<_g>=9\no<f> endsub\n#<a>=1 #<_g>=2\no<f> call [5]\nX#<a> Y#<_g>",
+        "o<f> sub\n#<a>=#1\nG0 X#<a> Y#<_g>\n#<_g>=9\no<f> endsub\n#<a>=1 #<_g>=2\no<f> call [5]\n"
+        "X#<a> Y#<_g>",
         ["rapid 5 2 0", "rapid 1 9 0"],
     ),
 }
@@ -169,10 +170,12 @@ def test_grbl_has_none_of_it(code: str, source: str) -> None:
 
 
 NAMES = """
-vmajor vminor line motion_mode plane ccomp metric imperial absolute incremental inverse_time units_per_minute units_per_rev coord_system
-tool_offset retract_r_plane retract_old_z spindle_rpm_mode spindle_css_mode ijk_absolute_mode lathe_diameter_mode lathe_radius_mode
-spindle_on spindle_cw mist flood speed_override feed_override adaptive_feed feed_hold feed rpm x y z a b c u v w current_tool
-current_pocket selected_tool selected_pocket value value_returned task call_level remap_level
+vmajor vminor line motion_mode plane ccomp metric imperial absolute incremental inverse_time
+units_per_minute units_per_rev coord_system tool_offset retract_r_plane retract_old_z
+spindle_rpm_mode spindle_css_mode ijk_absolute_mode lathe_diameter_mode lathe_radius_mode spindle_on
+spindle_cw mist flood speed_override feed_override adaptive_feed feed_hold feed rpm x y z a b c u v
+w current_tool current_pocket selected_tool selected_pocket value value_returned task call_level
+remap_level
 """
 """The predefined names of LinuxCNC's manual."""
 
@@ -201,7 +204,8 @@ def test_parameters_outlast_the_program() -> None:
 
 def test_a_long_loop_keeps_its_sums() -> None:
     """A polygon of 1000 corners: each by its own expression."""
-    source = "#1=0\no1 while [#1 LT 1000]\nG1 X[COS[#1*.36]*10] Y[SIN[#1*.36]*10] F600\n#1=[#1+1]\no1 endwhile"
+    move = "G1 X[COS[#1*.36]*10] Y[SIN[#1*.36]*10] F600"
+    source = f"#1=0\no1 while [#1 LT 1000]\n{move}\n#1=[#1+1]\no1 endwhile"
     found = list(rows(run(source)))
     assert len(found) == 1000
     for index, (kind, x, y, _, feed) in enumerate(found):

@@ -49,7 +49,8 @@ def _codes(name: str) -> set[str]:
 def _cases() -> Iterator[Case]:
     text = (GCODE / "language.txt").read_text(encoding="utf-8")
     for found in re.finditer(
-        r"^== (?P<codes>[^\[\n]+)(\[(?P<dialects>.*)\])?\n(?P<source>(?s:.*?))\n--\n(?P<blocks>(?s:.*?))\n(\n|\Z)",
+        r"^== "
+        r"(?P<codes>[^\[\n]+)(\[(?P<dialects>.*)\])?\n(?P<source>(?s:.*?))\n--\n(?P<blocks>(?s:.*?))\n(\n|\Z)",
         text,
         re.M,
     ):
@@ -102,7 +103,8 @@ def written(block: canon.Block) -> list[str]:
             points = " ".join(_numbers(point, ",") for point in block.control_points.tolist())
             knots, weights = _numbers(block.knots.tolist()), _numbers(block.weights.tolist())
             return [
-                f"nurbs degree {block.degree} knots {knots} points {points} weights {weights} F{_number(block.feed * 60)}"
+                f"nurbs degree {block.degree} knots {knots} points {points} weights {weights} "
+                f"F{_number(block.feed * 60)}"
             ]
         case canon.PathMode():
             return [f"path {block.control} {_number(block.tolerance)}"]
@@ -142,7 +144,8 @@ def written(block: canon.Block) -> list[str]:
             ]
         case canon.WaitInput():
             return [
-                f"wait {'analog' if block.analog else 'digital'} {block.number} {block.mode} {_number(block.timeout)}"
+                f"wait {'analog' if block.analog else 'digital'} {block.number} {block.mode} "
+                f"{_number(block.timeout)}"
             ]
         case canon.Message():
             return [f"message {block.text}"]

@@ -30,7 +30,8 @@ def test_spacing_and_case_do_not_matter(data: st.DataObject, letter: str, digits
     plain = f"N12G1{letter}{digits}X.5(c)Y-0.25"
     loose = data.draw(spaced(plain.replace("(c)", "")))
     assert read(loose) == read(plain) == [
-        ("N", 12.0, "N12"), ("G", 1.0, "G1"), (letter, float(digits), letter + digits), ("X", 0.5, "X.5"), ("Y", -0.25, "Y-0.25")
+        ("N", 12.0, "N12"), ("G", 1.0, "G1"), (letter, float(digits), letter + digits),
+            ("X", 0.5, "X.5"), ("Y", -0.25, "Y-0.25")
     ]  # fmt: skip
 
 
@@ -120,7 +121,8 @@ def program(path: list[tuple], *, inch: bool = False, incremental: bool = False)
         else:
             end = [here[0], here[1], x]
             lines.append(
-                f"{code} Z{number(x - here[2] if incremental else x)} I{number(third)} J{number(y)} P2"
+                f"{code} Z{number(x - here[2] if incremental else x)} I{number(third)} "
+                f"J{number(y)} P2"
             )
         here = end
     return "\n".join(lines)
@@ -186,5 +188,6 @@ def test_both_forms_of_a_nurbs_make_the_same_block(degree: int, data: st.DataObj
     fanuc = list(rows(run(write(f"G06.2 P{degree + 1}", "K", "R"))))
     assert paper == fanuc
     assert paper[0][1:5] == (
-        degree, [float(u) for u in knots], [[float(x), float(y), 0.0] for x, y in points], [float(w) for w in weights]
+        degree, [float(u) for u in knots], [[float(x), float(y), 0.0] for x, y in points],
+            [float(w) for w in weights]
     )  # fmt: skip

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.cycles.drilling_steps import Hole, Manner, steps
+from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, steps
 from cnc.gcode.cycles.steps import Cut, Pause, Rapid
 from tests.support.gcode.gcode_cases import refused, rows, run, said, same, stands
 from tests.support.soak import share
@@ -530,10 +530,10 @@ def test_series_against_the_rules_written_twice(
     try:
         for cycle, holes, known in model(program):
             line += 1
-            how = Manner(
+            settings = HoleSettings(
                 feed=10.0, dwell=known.get("P", 0), peck=known.get("Q", 0), clearance=0.254
             )
-            for step in steps(int(cycle[1:]) * 10, place, holes, how):
+            for step in steps(int(cycle[1:]) * 10, place, holes, settings):
                 if isinstance(step, Pause):
                     expected.append(("dwell", step.seconds))
                 elif isinstance(step, Rapid | Cut):

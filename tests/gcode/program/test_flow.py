@@ -27,7 +27,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [2, 3],
     ),
     "elseif": (
-        "#1=0\no9 while [#1 LT 4]\n#1=[#1+1]\no1 if [#1 EQ 1]\nG0 X10\no1 elseif [#1 LT 3]\nG0 X20\no1 elseif [#1 LT 3]\nG0 X30\n"
+        "#1=0\no9 while [#1 LT 4]\n#1=[#1+1]\no1 if [#1 EQ 1]\nG0 X10\no1 elseif [#1 LT 3]\n"
+        "G0 X20\no1 elseif [#1 LT 3]\nG0 X30\n"
         "o1 else\nG0 X40\no1 endif\no9 endwhile",
         [10, 20, 40, 40],
     ),
@@ -37,7 +38,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [1],
     ),
     "if in if": (
-        "o1 if [1]\no2 if [0]\nG0 X1\no2 else\no3 if [1]\nG0 X2\no3 endif\no2 endif\nG0 X3\no1 else\nG0 X4\no1 endif",
+        "o1 if [1]\no2 if [0]\nG0 X1\no2 else\no3 if [1]\nG0 X2\no3 endif\no2 endif\nG0 X3\n"
+        "o1 else\nG0 X4\no1 endif",
         [2, 3],
     ),
     "a condition that is not asked is not computed": (
@@ -49,17 +51,20 @@ CASES: dict[str, tuple[str, list[float]]] = {
     "while": (f"#1=0\no1 while [#1 LT 3]\nG0 X#1\n{COUNTED}o1 endwhile", [0, 1, 2]),
     "while never": ("o1 while [0]\nG0 X1\no1 endwhile\nG0 X2", [2]),
     "while in while": (
-        f"#1=0\no1 while [#1 LT 2]\n{COUNTED}#2=0\no2 while [#2 LT 2]\n#2=[#2+1]\nG0 X[10*#1+#2]\no2 endwhile\no1 endwhile",
+        f"#1=0\no1 while [#1 LT 2]\n{COUNTED}#2=0\no2 while [#2 LT 2]\n#2=[#2+1]\nG0 X[10*#1+#2]\n"
+        f"o2 endwhile\no1 endwhile",
         [11, 12, 21, 22],
     ),
     "do while": (f"#1=5\no1 do\nG0 X#1\n{COUNTED}o1 while [#1 LT 3]", [5]),
     "do while again": (f"#1=0\no1 do\n{COUNTED}G0 X#1\no1 while [#1 LT 3]", [1, 2, 3]),
     "do in do": (
-        f"#1=0\no1 do\n{COUNTED}#2=0\no2 do\n#2=[#2+1]\nG0 X[10*#1+#2]\no2 while [#2 LT 2]\no1 while [#1 LT 2]",
+        f"#1=0\no1 do\n{COUNTED}#2=0\no2 do\n#2=[#2+1]\nG0 X[10*#1+#2]\no2 while [#2 LT 2]\n"
+        f"o1 while [#1 LT 2]",
         [11, 12, 21, 22],
     ),
     "while in do": (
-        f"#1=0\no1 do\n{COUNTED}o2 while [#1 EQ 1]\nG0 X#1\n{COUNTED}o2 endwhile\no1 while [#1 LT 4]",
+        f"#1=0\no1 do\n{COUNTED}o2 while [#1 EQ 1]\nG0 X#1\n{COUNTED}o2 endwhile\n"
+        f"o1 while [#1 LT 4]",
         [1],
     ),
     "repeat": ("o1 repeat [3]\nG0 X1\no1 endrepeat", [1, 1, 1]),
@@ -95,7 +100,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [1, 3],
     ),
     "break out of a repeat": (
-        f"o9 repeat [2]\no1 while [1]\no2 repeat [5]\n{COUNTED}G0 X#1\no1 break\no2 endrepeat\no1 endwhile\no9 endrepeat",
+        f"o9 repeat [2]\no1 while [1]\no2 repeat [5]\n{COUNTED}G0 X#1\no1 break\no2 endrepeat\n"
+        f"o1 endwhile\no9 endrepeat",
         [1, 2],
     ),
     "continue": (
@@ -107,7 +113,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [1, 2, 3],
     ),
     "continue of the outer loop": (
-        f"o1 while [#1 LT 2]\n{COUNTED}o2 while [1]\nG0 X#1\no1 continue\no2 endwhile\nG0 X9\no1 endwhile",
+        f"o1 while [#1 LT 2]\n{COUNTED}o2 while [1]\nG0 X#1\no1 continue\no2 endwhile\nG0 X9\n"
+        f"o1 endwhile",
         [1, 2],
     ),
     "do after a break": (
@@ -146,11 +153,13 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [2, 1],
     ),
     "a return of any label": (
-        "o1 sub\no2 if [#1]\no2 return [7]\no2 endif\nG0 X1\no1 endsub\no1 call [1]\nG0 X#<_value>\no1 call",
+        "o1 sub\no2 if [#1]\no2 return [7]\no2 endif\nG0 X1\no1 endsub\no1 call [1]\n"
+        "G0 X#<_value>\no1 call",
         [7, 1],
     ),
     "return out of loops": (
-        "o1 sub\no2 repeat [5]\no3 while [1]\nG0 X1\no1 return\no3 endwhile\no2 endrepeat\no1 endsub\no1 call\no1 call",
+        "o1 sub\no2 repeat [5]\no3 while [1]\nG0 X1\no1 return\no3 endwhile\no2 endrepeat\n"
+        "o1 endsub\no1 call\no1 call",
         [1, 1],
     ),
     "a value": (
@@ -159,7 +168,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
     ),
     "a value at the end": ("o1 sub\no1 endsub [#1 * 3]\no1 call [4]\nG0 X#<_value>", [12]),
     "no value": (
-        "o1 sub\no1 endsub\no2 sub\no2 endsub [5]\no2 call\no1 call\nG0 X#<_value>\nG0 X#<_value_returned>",
+        "o1 sub\no1 endsub\no2 sub\no2 endsub [5]\no2 call\no1 call\nG0 X#<_value>\n"
+        "G0 X#<_value_returned>",
         [0, 0],
     ),
     "the last value is still there when the arguments are computed": (
@@ -167,11 +177,13 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [3],
     ),
     "recursion": (
-        "o1 sub\no2 if [#1 LE 1]\no1 return [1]\no2 endif\no1 call [#1 - 1]\no1 endsub [#1 * #<_value>]\no1 call [5]\nG0 X#<_value>",
+        "o1 sub\no2 if [#1 LE 1]\no1 return [1]\no2 endif\no1 call [#1 - 1]\n"
+        "o1 endsub [#1 * #<_value>]\no1 call [5]\nG0 X#<_value>",
         [120],
     ),
     "repeat loops of calls count for themselves": (
-        "o1 sub\no2 repeat [2]\nG0 X#1\no3 if [#1 GT 0]\no1 call [#1 - 1]\no3 endif\no2 endrepeat\no1 endsub\no1 call [1]",
+        "o1 sub\no2 repeat [2]\nG0 X#1\no3 if [#1 GT 0]\no1 call [#1 - 1]\no3 endif\no2 endrepeat\n"
+        "o1 endsub\no1 call [1]",
         [1, 0, 0, 1, 0, 0],
     ),
     "subs call each other": (
@@ -179,13 +191,15 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [1, 2],
     ),
     "a computed label": (
-        "o7 sub\nG0 X7\no7 endsub\no8 sub\nG0 X8\no8 endsub\n#1=6\no[#1+1] call\n#1=8\no#1 call\no[7] call",
+        "o7 sub\nG0 X7\no7 endsub\no8 sub\nG0 X8\no8 endsub\n#1=6\no[#1+1] call\n#1=8\no#1 call\n"
+        "o[7] call",
         [7, 8, 7],
     ),
     "leading zeros": ("o007 sub\nG0 X1\no7 endsub\no07 call", [1]),
     "names": ("O<Drill Hole> SUB\nG0 X1\no<drillhole>endsub\no<DRILL HOLE> call", [1]),
     "labels of subs and of the main program are apart": (
-        "o1 sub\no2 if [1]\nG0 X1\no2 endif\no1 endsub\no2 if [1]\no1 call\no1 call\no2 endif\no1 if [1]\nG0 X3\no1 endif",
+        "o1 sub\no2 if [1]\nG0 X1\no2 endif\no1 endsub\no2 if [1]\no1 call\no1 call\no2 endif\n"
+        "o1 if [1]\nG0 X3\no1 endif",
         [1, 1, 3],
     ),
     "M2 in a sub": ("o1 sub\nG0 X1\nM2\no1 endsub\no1 call\nG0 X2", [1]),
@@ -215,7 +229,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
     "loops in M98": ("M98 P1 L2\nM2\nO1\no5 repeat [2]\nG0 X1\no5 endrepeat\nM99", [1, 1, 1, 1]),
     "M99 beside M30": ("M98 P1\nG0 X9\nM2\nO1\nG0 X1 M30 M99", [1]),
     "five times five": (
-        "O1\n#1=0\nM98 P100 L5\nG0 X#1\nM30\n\nO100\n#1=[#1 + 1]\nM98 P200 L5\nM99\n\nO200\n#1=[#1 + 0.25]\nM99",
+        "O1\n#1=0\nM98 P100 L5\nG0 X#1\nM30\n\nO100\n#1=[#1 + 1]\nM98 P200 L5\nM99\n\nO200\n"
+        "#1=[#1 + 0.25]\nM99",
         [11.25],
     ),
     "M99 in a loop": ("M98 P1 L2\nM2\nO1\no5 repeat [5]\nG0 X1\nM99\no5 endrepeat\nM99", [1, 1]),
@@ -261,7 +276,8 @@ def test_blocks_name_their_lines_however_often_they_are_executed() -> None:
 def test_a_message_beside_a_control_word_is_said_when_its_line_is_executed() -> None:
     found = rows(
         run(
-            "o1 if [0] (msg, one)\n(msg, two)\no1 else\no1 endif\no2 repeat [2] (msg, three)\no2 endrepeat"
+            "o1 if [0] (msg, one)\n(msg, two)\no1 else\no1 endif\no2 repeat [2] (msg, three)\n"
+            "o2 endrepeat"
         )
     )
     assert list(found) == [("message", "one"), ("message", "three")]
@@ -390,7 +406,8 @@ def write(folder: Path, **files: str) -> None:
 def test_subs_in_files(tmp_path: Path) -> None:
     write(
         tmp_path,
-        tree="o<tree> sub\nG0 X#1\no300 call [#1 + 1]\no<tree> endsub [9]\no300 sub\nG0 X#1\no300 endsub\n",
+        tree="o<tree> sub\nG0 X#1\no300 call [#1 + 1]\no<tree> endsub [9]\no300 sub\nG0 X#1\n"
+        "o300 endsub\n",
         **{
             "12": "(header)\no12 sub\nG0 X12\no12 endsub\nM2\n",
             "77": "O77\nG0 X77\nM99\n",

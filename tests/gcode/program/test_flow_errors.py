@@ -231,7 +231,8 @@ ENDLESS: dict[str, tuple[str, str, str]] = {
     ),
     "the loop that calls": (
         "auto",
-        "o5 sub\no2 repeat [9]\nG0 X1\no2 endrepeat\no5 endsub\n¦o1 while [1]\no5 call\no1 endwhile",
+        "o5 sub\no2 repeat [9]\nG0 X1\no2 endrepeat\no5 endsub\n¦o1 while [1]\no5 call\n"
+        "o1 endwhile",
         "o1 while",
     ),
     "the loop in the sub": (
@@ -241,7 +242,8 @@ ENDLESS: dict[str, tuple[str, str, str]] = {
     ),
     "calls that branch": (
         "auto",
-        "o1 sub\no2 if [#1 GT 0]\no1 call [#1 - 1]\no1 call [#1 - 1]\no2 endif\no1 endsub\n¦o1 call [50]",
+        "o1 sub\no2 if [#1 GT 0]\no1 call [#1 - 1]\no1 call [#1 - 1]\no2 endif\no1 endsub\n"
+        "¦o1 call [50]",
         "the call of o1",
     ),
     "repeats of a program": ("auto", "¦M98 P1 L99999999\nM2\nO1\nM99", "the call of O1"),

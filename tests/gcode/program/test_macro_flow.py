@@ -30,7 +30,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
     "while": ("#1=0\nWHILE [#1 LT 3] DO1\n#1=#1+1\nG0 X#1\nEND1\nG0 X9", [1, 2, 3, 9]),
     "while never": ("WHILE [1 EQ 2] DO1\nG0 X1\nEND1\nG0 X2", [2]),
     "three loops within each other": (
-        "#1=0\nWHILE [#1 LT 2] DO1\n#1=#1+1\n#2=0\nWHILE [#2 LT 2] DO2\n#2=#2+1\n#3=0\nWHILE [#3 LT 2] DO3\n#3=#3+1\n"
+        "#1=0\nWHILE [#1 LT 2] DO1\n#1=#1+1\n#2=0\nWHILE [#2 LT 2] DO2\n#2=#2+1\n#3=0\n"
+        "WHILE [#3 LT 2] DO3\n#3=#3+1\n"
         "G0 X[100*#1+10*#2+#3]\nEND3\nEND2\nEND1",
         [111, 112, 121, 122, 211, 212, 221, 222],
     ),
@@ -43,7 +44,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [1, 2, 9],
     ),
     "goto out of loops": (
-        "WHILE [1 EQ 1] DO1\nWHILE [1 EQ 1] DO2\n#1=#1+1\nG0 X#1\nIF [#1 GE 2] GOTO 7\nEND2\nEND1\nN7 G0 X9",
+        "WHILE [1 EQ 1] DO1\nWHILE [1 EQ 1] DO2\n#1=#1+1\nG0 X#1\nIF [#1 GE 2] GOTO 7\nEND2\nEND1\n"
+        "N7 G0 X9",
         [1, 2, 9],
     ),
     "goto within a loop": ("WHILE [#1 LT 2] DO1\n#1=#1+1\nGOTO 3\nG0 X99\nN3 G0 X#1\nEND1", [1, 2]),
@@ -79,7 +81,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
     ),
     "G65": ("G65 P9010 A1.5 B-2.\nG0 X9\nM30\nO9010\nG0 X#1\nG0 X#2\nM99", [1.5, -2, 9]),
     "G65 has variables of its own": (
-        "#1=1\n#100=1\nG65 P2 B5\nG0 X#1\nG0 X#100\nM30\nO2\nIF [#1 EQ #0] THEN #1=7\nG0 X#1\n#100=8\nM99",
+        "#1=1\n#100=1\nG65 P2 B5\nG0 X#1\nG0 X#100\nM30\nO2\nIF [#1 EQ #0] THEN #1=7\nG0 X#1\n"
+        "#100=8\nM99",
         [7, 1, 8],
     ),
     "G65 with a computed program": ("#1=1\nG65 P[#1+1] A#1\nM30\nO2\nG0 X#1\nM99", [1]),

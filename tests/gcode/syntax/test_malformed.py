@@ -283,15 +283,16 @@ def test_the_error_stands_at_its_place(dialect: str, code: str, marked: str) -> 
 
 
 NO_ERRORS = """
-arc-distance before-each exact-path exact-stop feed-mode if-goto if-then input-output inverse-time latin-1 macro-b non-modal per-minute
-per-revolution spindle-mode tool-change tool-length utf-8 utf-8-sig while-do
+arc-distance before-each exact-path exact-stop feed-mode if-goto if-then input-output inverse-time
+latin-1 macro-b non-modal per-minute per-revolution spindle-mode tool-change tool-length utf-8
+utf-8-sig while-do
 """
 """Words of the interpreter that look like a code of an error and are none."""
 ELSEWHERE = """
-abort-possible comment-not-active compensation-radius-zero decimal-point-missing dwell-long feed-before-units word-shadowed
-word-without-effect
-no-such-file unreadable-file unwritable-file unknown-dialect
-parameter-file-line parameter-file-order tool-repeated tool-table-malformed tool-table-unreadable
+abort-possible comment-not-active compensation-radius-zero decimal-point-missing dwell-long
+feed-before-units word-shadowed word-without-effect no-such-file unreadable-file unwritable-file
+unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed
+tool-table-unreadable
 """
 """Warnings, and errors of files and names, that no program brings about; their own tests have
 them.

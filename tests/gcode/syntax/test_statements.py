@@ -93,10 +93,13 @@ def test_a_macro_assigns_without_brackets() -> None:
 
 def test_remarks() -> None:
     statement = parse_line(
-        "(msg, Hello ) G0 ( DEBUG ,#1 is %d) (print,a,b) (note, x) (LOGCLOSE) (PY,x) (probeopen a.txt) (Abort , a) ; (msg, no)"
+        "(msg, Hello ) G0 ( DEBUG ,#1 is %d) (print,a,b) (note, x) (LOGCLOSE) (PY,x) (probeopen "
+        "a.txt) (Abort , a) ; (msg, no)"
     )
-    assert [(remark.kind, remark.text, remark.column, remark.length) for remark in statement.remarks] == [
-        ("msg", "Hello", 1, 13), ("debug", "#1 is %d", 18, 18), ("print", "a,b", 37, 11), ("logclose", "", 59, 10), ("py", "x", 70, 6),
+    assert [(remark.kind, remark.text, remark.column,
+        remark.length) for remark in statement.remarks] == [
+        ("msg", "Hello", 1, 13), ("debug", "#1 is %d", 18, 18), ("print", "a,b", 37, 11),
+            ("logclose", "", 59, 10), ("py", "x", 70, 6),
         ("probeopen", "a.txt", 77, 17), ("abort", "a", 95, 11)
     ]  # fmt: skip
 
@@ -185,7 +188,8 @@ def test_percent() -> None:
 def test_siemens_words() -> None:
     words = parse_line("BSPLINE SD = 3 X1 pl=[1+1] PW=.7").words
     assert [(word.letter, word.written, word.column, word.length) for word in words] == [
-        ("BSPLINE", "BSPLINE", 1, 7), ("SD", "SD=3", 9, 6), ("X", "X1", 16, 2), ("PL", "PL=[1+1]", 19, 8), ("PW", "PW=.7", 28, 5)
+        ("BSPLINE", "BSPLINE", 1, 7), ("SD", "SD=3", 9, 6), ("X", "X1", 16, 2),
+            ("PL", "PL=[1+1]", 19, 8), ("PW", "PW=.7", 28, 5)
     ]  # fmt: skip
     assert [word.number for word in words][:3] == [1, 3, 1]
     with pytest.raises(GcodeError) as caught:

@@ -243,8 +243,10 @@ def test_blanks_and_case_do_not_move_the_error(syntax: Syntax) -> None:
 
 
 PIECES = [
-    "#", "#1", "#<a>", "#<", "[", "]", "(", ")", "(c)", ";", "=", "+", "-", "*", "**", "/", "MOD", "EQ", "AND", "SIN", "SIN[", "ATAN",
-    "EXISTS", "1", "2.5", ".", "X", "G1", "N5", "O", "o100", "o<a>", "sub", "call", "if", "while", "do", "return", "IF", "GOTO", "THEN",
+    "#", "#1", "#<a>", "#<", "[", "]", "(", ")", "(c)", ";", "=", "+", "-", "*", "**", "/", "MOD",
+        "EQ", "AND", "SIN", "SIN[", "ATAN",
+    "EXISTS", "1", "2.5", ".", "X", "G1", "N5", "O", "o100", "o<a>", "sub", "call", "if", "while",
+        "do", "return", "IF", "GOTO", "THEN",
     "WHILE", "DO", "END", "BSPLINE", "SD=", "%", "$", "\u00e9", "<", ">", ",", "E", "FOO", " ",
 ]  # fmt: skip
 
