@@ -8,15 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.curve import SPAN
-from cnc.kernels.path.pieces import Pieces
-from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.kernels.view.motion import AT_END, PROGRESS, Origin, Route, follow
 from cnc.kernels.view.points import ENTERED, PHASE, new_followed
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Dwell
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
-from cnc.pulses.arrays import kernel_arrays
+from cnc.pulses.arrays import pieces_of, plan_arrays, source_lines
 from cnc.view.tables import Curves, CurveTable, Origins, OriginTable, Strokes, StrokeTable
 
 ROWS = 1 << 15
@@ -103,9 +101,7 @@ class Collector:
         )
 
     def _follow(self, chunk: PlanChunk) -> None:
-        arrays = kernel_arrays(chunk)
-        pieces, plan = Pieces(*arrays[:3]), PlanArrays(arrays[3], *arrays[5:])
-        line = arrays[4]
+        pieces, plan, line = pieces_of(chunk.path), plan_arrays(chunk), source_lines(chunk.path)
         rapid = np.isnan(chunk.path.feed)
         progress = np.zeros(1, PROGRESS)
         out = self._out
