@@ -1,4 +1,4 @@
-"""What the dialects allow and what their words mean."""
+"""Dialects: legal codes and meanings of words."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_every_code_has_a_modal_group(name: str) -> None:
     assert dialect.motion is None or GROUP_OF_G[dialect.motion] == "motion"
 
 
-def test_what_is_refused_by_name_is_spoken_nowhere() -> None:
+def test_named_unsupported_codes_are_in_no_dialect() -> None:
     spoken = [dialects.load(name) for name in dialects.NAMES]
     known = tomllib.loads(files(dialects).joinpath("known.toml").read_text(encoding="utf-8"))
     for kind, unit in (("g", 10), ("m", 1)):
@@ -47,11 +47,11 @@ def test_what_is_refused_by_name_is_spoken_nowhere() -> None:
 
 
 @pytest.mark.parametrize("name", FULL)
-def test_the_codes(name: str) -> None:
+def test_codes_of_each_dialect(name: str) -> None:
     assert dialects.load(name).g == {round(float(code) * 10) for code in FULL[name].split()}
 
 
-def test_auto_and_paper_are_linuxcnc_with_nurbs() -> None:
+def test_auto_and_paper_extend_linuxcnc_with_nurbs() -> None:
     base = dialects.load("linuxcnc").g
     assert dialects.load("auto").g == dialects.load("paper").g == base | {G.G6_2}
     assert dialects.load("linuxcnc").nurbs == dialects.load("grbl").nurbs == ()
@@ -125,7 +125,7 @@ def test_a_code_is_refused_by_name(dialect: str, source: str, code: str, words: 
     assert words in f"{found.message} {found.hint}"
 
 
-def test_grbl_moves_without_a_motion_code_are_traverses() -> None:
+def test_grbl_starts_with_traverses() -> None:
     means("X1", ("rapid", 1.0, 0.0, 0.0), dialect="grbl")
     assert refused("X1", dialect="linuxcnc").code == "motion-missing"
 
