@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cnc.model.blocks import Polyline
-from tests.support.gcode.gcode_cases import end_of, means, run
+from tests.support.gcode.gcode_cases import assert_blocks, end_of, run
 
 INCH = 25.4
 XYZA = ("x", "y", "z", "a")
@@ -185,7 +185,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_programs_have_the_expected_blocks(name: str) -> None:
     source, expected = CASES[name]
-    means(source, *expected)
+    assert_blocks(source, *expected)
 
 
 def test_blocks_name_their_lines() -> None:
@@ -197,7 +197,7 @@ def test_blocks_name_their_lines() -> None:
 
 
 def test_rotary_axes_turn_in_degrees_whatever_the_units() -> None:
-    means("G20 G0 X1 A90", ("rapid", INCH, 0.0, 0.0, 90.0), axes=XYZA)
+    assert_blocks("G20 G0 X1 A90", ("rapid", INCH, 0.0, 0.0, 90.0), axes=XYZA)
 
 
 def test_feed_is_in_degrees_only_if_no_linear_axis_moves() -> None:
@@ -207,7 +207,7 @@ def test_feed_is_in_degrees_only_if_no_linear_axis_moves() -> None:
         ("line", INCH, 0, 0, 0, 254),
         ("line", 2 * INCH, 0, 0, 0, 254),
     ]
-    means(source, *expected, axes=XYZA)
+    assert_blocks(source, *expected, axes=XYZA)
 
 
 @pytest.mark.parametrize(
@@ -222,7 +222,7 @@ def test_inverse_time_uses_the_length_of_the_first_moving_group(words: str, leng
 
 def test_other_axes_move_along_with_an_arc() -> None:
     axes = ("x", "y", "z", "a", "u")
-    means(
+    assert_blocks(
         "G2 X10 I5 A90 U3 F60",
         ("arc", "XY", 5.0, 0.0, 10.0, 0.0, 0.0, 90.0, 3.0, 5.0, -0.5, 60.0),
         axes=axes,
@@ -230,7 +230,7 @@ def test_other_axes_move_along_with_an_arc() -> None:
 
 
 def test_u_v_w_are_axes_and_k_is_an_offset_outside_a_nurbs() -> None:
-    means("G1 U1 V2 W3 F60\nG18 G2 Z10 K5", ("line", 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 60.0),
+    assert_blocks("G1 U1 V2 W3 F60\nG18 G2 Z10 K5", ("line", 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 60.0),
           ("arc", "ZX", 5.0, 0.0, 0.0, 0.0, 10.0, 1.0, 2.0, 3.0, 5.0, -0.5, 60.0),
               axes=("x", "y", "z", "u", "v", "w"))  # fmt: skip
 
@@ -240,7 +240,7 @@ def test_positions_have_the_axis_order_of_the_machine() -> None:
 
 
 def test_the_program_starts_at_the_machine_position() -> None:
-    means(
+    assert_blocks(
         "G91 G0 X1\nG90 Y0",
         ("rapid", 11.0, 20.0, 30.0),
         ("rapid", 11.0, 0.0, 30.0),
@@ -249,7 +249,7 @@ def test_the_program_starts_at_the_machine_position() -> None:
 
 
 def test_block_delete_skips_a_faulty_line() -> None:
-    means(
+    assert_blocks(
         "G0 X1\n /G0 X2 [\nY1",
         ("rapid", 1.0, 0.0, 0.0),
         ("rapid", 1.0, 1.0, 0.0),

@@ -10,7 +10,7 @@ import math
 import pytest
 
 from cnc.gcode.syntax.parameters import Parameters
-from tests.support.gcode.gcode_cases import rows, run, said, stands
+from tests.support.gcode.gcode_cases import assert_error_at, block_summaries, rows, run
 
 PROGRAMS: dict[str, tuple[str, list[str]]] = {
     "a value after a letter": ("#1=2.5\nG0 X#1 Y-#1 Z[#1*2]", ["rapid 2.5 -2.5 5"]),
@@ -121,13 +121,13 @@ MACROS: dict[str, tuple[str, list[str]]] = {
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_programs_with_parameters(name: str) -> None:
     source, wanted = PROGRAMS[name]
-    assert said(source) == wanted
+    assert block_summaries(source) == wanted
 
 
 @pytest.mark.parametrize("name", MACROS)
 def test_macros_with_variables(name: str) -> None:
     source, wanted = MACROS[name]
-    assert said(source, dialect="fanuc") == wanted
+    assert block_summaries(source, dialect="fanuc") == wanted
 
 
 ERRORS: dict[str, tuple[str, str]] = {
@@ -155,7 +155,7 @@ ERRORS: dict[str, tuple[str, str]] = {
 
 @pytest.mark.parametrize("name", ERRORS)
 def test_errors_at_run_time(name: str) -> None:
-    stands(*ERRORS[name])
+    assert_error_at(*ERRORS[name])
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_errors_at_run_time(name: str) -> None:
     ],
 )
 def test_grbl_has_no_parameters(code: str, source: str) -> None:
-    assert "grbl" in stands(code, source, dialect="grbl").message
+    assert "grbl" in assert_error_at(code, source, dialect="grbl").message
 
 
 NAMES = """
@@ -183,13 +183,13 @@ remap_level
 
 def test_predefined_names_of_linuxcnc() -> None:
     names = NAMES.split()
-    said = [
+    block_summaries = [
         value.text
         for value in run(
             "\n".join(f"(print,{name}=#<_{name}>)" for name in names), axes=tuple("xyzabcuvw")
         )
     ]  # type: ignore[attr-defined]
-    assert [value for value in said if "######" in value] == []
+    assert [value for value in block_summaries if "######" in value] == []
 
 
 def test_parameters_outlast_the_program() -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cnc.gcode.syntax.parser import parse_line
 from cnc.gcode.syntax.words import Word
-from tests.support.gcode.gcode_cases import rows, run, same
+from tests.support.gcode.gcode_cases import assert_rows_equal, rows, run
 
 DIGITS = st.decimals(-9999, 9999, places=4).map(lambda value: f"{value:f}")
 SMALL = st.decimals(-99, 99, places=3)
@@ -132,13 +132,17 @@ def program(path: list[tuple], *, inch: bool = False, incremental: bool = False)
 @settings(max_examples=60)
 @given(moves)
 def test_inches_give_equal_blocks(path: list[tuple]) -> None:  # type: ignore[type-arg]
-    same(list(rows(run(program(path, inch=True)))), list(rows(run(program(path)))), abs=1e-9)
+    assert_rows_equal(
+        list(rows(run(program(path, inch=True)))), list(rows(run(program(path)))), abs=1e-9
+    )
 
 
 @settings(max_examples=60)
 @given(moves)
 def test_increments_give_equal_blocks(path: list[tuple]) -> None:  # type: ignore[type-arg]
-    same(list(rows(run(program(path, incremental=True)))), list(rows(run(program(path)))), abs=1e-9)
+    assert_rows_equal(
+        list(rows(run(program(path, incremental=True)))), list(rows(run(program(path)))), abs=1e-9
+    )
 
 
 @settings(max_examples=60)

@@ -16,7 +16,7 @@ from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
-from tests.support.gcode.gcode_cases import refused, rows, run
+from tests.support.gcode.gcode_cases import error_of, rows, run
 
 COUNTED = "#1 = [#1 + 1]\n"
 
@@ -361,7 +361,7 @@ def test_lines_within_the_limit_are_accepted(moves: int) -> None:
         ]
     )
     assert len(xs(source, limits=Limits(repeated_lines=moves + 1))) == 2 * moves + 5
-    assert refused(source, limits=Limits(repeated_lines=moves)).code == "loop-endless"
+    assert error_of(source, limits=Limits(repeated_lines=moves)).code == "loop-endless"
 
 
 def test_a_jump_into_a_run_of_moves() -> None:

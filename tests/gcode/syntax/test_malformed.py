@@ -18,7 +18,7 @@ from cnc.gcode.program.call_stack import Limits
 from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.gcode.syntax.expressions import MAX_DEPTH
 from cnc.gcode.syntax.parser import MAX_LINE
-from tests.support.gcode.gcode_cases import refused, stands
+from tests.support.gcode.gcode_cases import assert_error_at, error_of
 from tests.support.paths import GCODE
 
 FANUC = "G06.2 P2 K0 X0 Y0 F60\n"
@@ -274,7 +274,7 @@ ERRORS = list(_errors())
 def test_the_error_has_its_code_and_place(dialect: str, code: str, marked: str) -> None:
     tools = None if code == "tool-table-missing" else ToolTable(TOOLS)
     limits = Limits(repeated_lines=5000, depth=20)
-    found = stands(
+    found = assert_error_at(
         code, marked, dialect=dialect, tools=tools, folders=[GCODE / "subroutines"], limits=limits
     )
     assert found.severity == "error"
@@ -323,7 +323,7 @@ def test_the_table_has_enough_cases() -> None:
 @pytest.mark.parametrize("plane", ["G17", "G18", "G19"])
 def test_an_arc_needs_both_axes_of_its_plane(plane: str) -> None:
     axes = {"G17": ("x", "z"), "G18": ("x", "y"), "G19": ("x", "z")}[plane]
-    found = refused(f"{plane} G2 I1 F60", axes=axes)
+    found = error_of(f"{plane} G2 I1 F60", axes=axes)
     assert (found.code, found.column) == ("axis-missing", 5)
 
 
@@ -342,7 +342,7 @@ def test_a_rendered_error_marks_its_place() -> None:
 
 
 def test_an_error_in_a_called_file_names_that_file() -> None:
-    found = refused("G0 X1\no<broken> call\nG0 X2", folders=[GCODE / "subroutines"])
+    found = error_of("G0 X1\no<broken> call\nG0 X2", folders=[GCODE / "subroutines"])
     assert (found.code, found.line, found.column, found.text) == (
         "word-unused",
         3,
@@ -357,7 +357,7 @@ def test_an_error_in_a_called_file_names_that_file() -> None:
     [("auto", "o<deep> call [1]"), ("auto", "o<again> call"), ("fanuc", "N1 M98 P2001\nGOTO 1")],
 )
 def test_endless_programs_are_stopped(dialect: str, source: str) -> None:
-    found = refused(
+    found = error_of(
         source,
         dialect=dialect,
         folders=[GCODE / "subroutines"],
@@ -372,4 +372,4 @@ def test_endless_programs_are_stopped(dialect: str, source: str) -> None:
     "value", ["1/0", "5 MOD 0", "SQRT[-1]", "LN[0]", "TAN[90]", "0**-1", "EXP[1000]", "ACOS[2]"]
 )
 def test_errors_of_undefined_values_have_hints(value: str) -> None:
-    assert refused(f"G0 X[{value}]").hint
+    assert error_of(f"G0 X[{value}]").hint
