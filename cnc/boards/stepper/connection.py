@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from cnc.boards.port import Clock, Port
+from cnc.boards.port_log import LoggedPort
 from cnc.boards.protocols import board_error
 from cnc.boards.stepper.protocol import VERSION, Alarm, Kind, State, Status, StepperLink, Welcome
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, Diagnostic
+
+log = logging.getLogger(__name__)
 
 BAUD = 1_000_000
 """Speed of the firmware unless the machine file has another one, bits/s."""
@@ -105,7 +109,7 @@ class Connection:
     """
 
     def __init__(self, port: Port, clock: Clock, name: str) -> None:
-        self.port = port
+        self.port = LoggedPort(port, name, log, text=False)
         self.clock = clock
         self.name = name
         self.link = StepperLink()
@@ -137,6 +141,8 @@ class Connection:
         data = self.port.read(seconds)
         now = self.clock.now()
         found = [event for event in link.receive(data, now) if isinstance(event, Status)]
+        for status in found:
+            log.debug("%s: %s", self.name, status)
         if found:
             self.status = found[-1]
         self._heard_at = max(self._heard_at, link.heard_at or 0.0)
@@ -196,6 +202,7 @@ class Connection:
             if clock.now() - began > timeout:
                 raise _no_stepper(self.name, link.foreign_bytes)
         self._heard_at = clock.now()
+        log.info("%s: %s", self.name, link.welcome)
         return link.welcome
 
     def _silent(self) -> BoardSilent:
