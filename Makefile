@@ -5,19 +5,28 @@ VENV := .venv
 BIN := $(VENV)/bin
 PROGRAM ?= programs/trident.nc
 
-.PHONY: run test soak bench lint picture firmware flash simulator clean
+.PHONY: run test quick soak bench lint docs picture firmware flash simulator clean
 
 # Run a program on the loopback board: make run PROGRAM=programs/pocket.nc
 run: $(VENV)/installed
 	$(BIN)/cncrun $(PROGRAM)
 
-# Everything that CI checks.
+# Everything that CI checks. The kernels are compiled once, before the tests share them.
 test: lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -c 'from cnc.session.kernel_cache import ensure_compiled; ensure_compiled(None)'
+	$(BIN)/python -m pytest -n auto
 
-# The same tests with the long amounts of work.
+# For daily work: the tests of language, model and files, without firmware, browser and long runs.
+quick: lint
+	$(BIN)/python -m pytest -n auto tests/gcode tests/machine tests/model tests/outputs tests/report tests/checks
+
+# The same tests with large amounts of work.
 soak: $(VENV)/installed-test
-	CNC_SOAK=1 $(BIN)/python -m pytest
+	CNC_SOAK=1 $(BIN)/python -m pytest -n auto
+
+# The documentation site: build/site. A broken link is an error.
+docs: $(VENV)/installed-docs
+	NO_MKDOCS_2_WARNING=1 DISABLE_MKDOCS_2_WARNING=true $(BIN)/python -m mkdocs build --strict
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check
@@ -61,6 +70,10 @@ $(VENV)/installed: $(VENV)/python pyproject.toml
 
 $(VENV)/installed-test: $(VENV)/python pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
+	touch $@ $(VENV)/installed
+
+$(VENV)/installed-docs: $(VENV)/python pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
 	touch $@ $(VENV)/installed
 
 $(VENV)/installed-view: $(VENV)/python pyproject.toml

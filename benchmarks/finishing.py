@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.machine.models import Axis, AxisLetter, Machine, PathLimits
+from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.model.blocks import AxisLetter
 
 AXES: tuple[AxisLetter, ...] = ("x", "y", "z")
 MOVE = 0.15

@@ -115,7 +115,7 @@ def plans_of(start: Floats, blocks: list[Block]) -> list[PlanChunk]:
 
 def scale_of(axes: int) -> Floats:
     """Steps per mm of the default machine."""
-    return np.array([axis.steps_per_mm for axis in load_machine().axes.values()][:axes])
+    return load_machine().steps_per_mm[:axes]
 
 
 def later(chunks: list[PlanChunk], times: int) -> Iterator[PlanChunk]:

@@ -139,8 +139,8 @@ def baseline(path: Path, lines: int) -> Speed:
 def nothing_is_plain(data: bytes, *, whole: bool) -> Scan:
     """A scan that leaves every line to the grammar."""
     found = scan(data, whole=whole)
-    found.plain[: found.count] = 0
-    found.straight[: found.count] = 0
+    found.lines.plain[: found.count] = 0
+    found.lines.straight[: found.count] = 0
     return found
 
 

@@ -1,5 +1,5 @@
 """What it costs to send: CPU time of ``cncrun --board grbl --check-on-board`` for each line,
-against a board in the box at wire speed.
+against a board in the simulator at wire speed.
 
 The board is a process of its own behind a pseudo-terminal, in the wall's time: 115200 baud, GRBL's
 buffer, its time a line. What the command costs before its first line is left out: each program is

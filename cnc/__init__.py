@@ -1,3 +1,3 @@
 """cnc: a soft-CNC controller. G-code text in, jerk-limited step and direction pulses out."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -244,7 +244,7 @@ def home(
     port: str | None = None,
     watch: Watch | None = None,
     control: Control | None = None,
-    on_axis: Callable[[homing.Way], None] | None = None,
+    on_axis: Callable[[homing.AxisHoming], None] | None = None,
 ) -> dict[str, float | None]:
     """Let the machine find out where it stands by the limit switches of its axes; where each axis
     then stands, mm, None where nobody knows.

@@ -4,7 +4,7 @@
    serial ──► frames ──► stream store ──► player ──► queue of events ──► Timer1: step and direction pins
               link.c      928 bytes        player.c   64 x 4 bytes       play.S
 
-   The stream holds segments (docs/segments.md) and commands between them; the player turns them into events, each a time and what to write
+   The stream holds segments (docs/explanation/segments.md) and commands between them; the player turns them into events, each a time and what to write
    to the port that has all step and direction pins. The interrupt only writes what was prepared, so that edges come within a microsecond
    of their time whatever else goes on.
 

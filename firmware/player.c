@@ -1,4 +1,4 @@
-/* The player: the stream's segments to events for the interrupt (docs/segments.md says what a segment means).
+/* The player: the stream's segments to events for the interrupt (docs/explanation/segments.md says what a segment means).
 
    It works ahead of time, but no more than AHEAD, so that a ramp can begin soon. A ramp stretches time: each event comes later by a factor
    that grows from 1 along an S until nothing moves any more, so that the machine comes to rest on its path.

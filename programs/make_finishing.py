@@ -1,5 +1,6 @@
-"""Writes finishing.nc: a 3D finishing pass of 20 000 short moves in a zig-zag over a smooth
-surface, as a CAM system posts it.
+"""Write finishing.nc: a 3D finishing pass of 20 000 short moves.
+
+The moves run in a zig-zag over a smooth surface, as a CAM system writes them.
 
     python programs/make_finishing.py [FILE]
 

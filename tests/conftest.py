@@ -1,7 +1,7 @@
-"""One hypothesis profile for all, which has the same examples in every run and no clock (the first
-call of a kernel compiles it).
+"""Settings of all tests.
 
-What a run keeps of its board's position goes to a folder of the tests' own.
+Hypothesis makes the same examples in every run and has no deadline, because the first call of a
+kernel compiles it. Positions of boards are kept in a temporary folder.
 """
 
 import pytest

@@ -98,7 +98,7 @@ def _connected(address: str) -> tuple[Any, Any]:
             Diagnostic(
                 "farm-missing",
                 "--scheduler needs Dask, which is not installed",
-                hint="pip install 'cnc[farm]'",
+                hint="pip install 'cncrun[farm]'",
             )
         ) from error
     # what it logs about workers that come and go is not for standard error: what matters becomes a

@@ -1,1 +1,1 @@
-"""Boards: who takes pulses or lines."""
+"""Board drivers: loopback, file, GRBL, stepper, and the discovery of boards."""

@@ -1,6 +1,4 @@
-"""A board that is a file: what it receives is written as a pulse archive, ``time_ns``, ``step``,
-``line`` and what belongs to them.
-"""
+"""The file board: writes pulses to an archive with ``time_ns``, ``step``, ``line`` and commands."""
 
 from __future__ import annotations
 
@@ -12,22 +10,32 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cnc.boards.loopback import Loopback
-from cnc.boards.protocols import Capabilities, Command
+from cnc.boards.protocols import BoardTraits, Capabilities
 from cnc.machine.models import Machine
+from cnc.model.blocks import Block
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.npz import NpzWriter
 from cnc.model.streams import PulseChunk
 
 
 class FileBoard:
-    """Writes pulses to ``path`` (.npz) while it checks them as the loopback board does.
+    """Writes pulses to a file (.npz) and checks them as the loopback board does.
 
-    axes: names. steps_per_mm (axes,). min_pulse_ns: least time between two pulses of one axis.
-    Commands between moves are kept as ``command_ns`` int64 (k,), ``command_line`` int32 (k,) and
-    ``command`` (k,), their kind. The file appears on ``finish``, or on ``stop`` with what was sent
-    until then; an abort leaves no file. UsageError `can-not-write` where the folder can't be
-    written.
+    Commands between moves become the arrays ``command_ns`` int64 (k,), ``command_line`` int32 (k,)
+    and ``command`` (k,), the kind of block. The file appears on ``finish``, or on ``stop`` with
+    everything sent so far. An abort leaves no file.
+
+    Args:
+        path: The file.
+        axes: Letters of the axes.
+        steps_per_mm: Steps/mm of each axis.
+        min_pulse_ns: Least time between two pulses of one axis, ns.
+
+    Raises:
+        UsageError: ``can-not-write``, on the start, if the folder is not writable.
     """
+
+    traits = BoardTraits()
 
     def __init__(
         self, path: Path, axes: Sequence[str], steps_per_mm: ArrayLike, min_pulse_ns: float = 0.0
@@ -40,8 +48,10 @@ class FileBoard:
 
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> FileBoard:
-        """To ``target``, else to the file that ``board.port`` names. UsageError `no-target` where
-        neither is given.
+        """Open the file ``target``, else the file that ``board.port`` names.
+
+        Raises:
+            UsageError: ``no-target``, if neither is given.
         """
         if target is None and machine.board.port:
             target = Path(machine.board.port)
@@ -53,12 +63,13 @@ class FileBoard:
                     hint="name one with --port FILE.npz",
                 )
             )
-        steps_per_mm = [axis.steps_per_mm for axis in machine.axes.values()]
-        return cls(target, tuple(machine.axes), steps_per_mm, 1e9 / machine.board.max_step_rate)
+        return cls(
+            target, machine.axis_names, machine.steps_per_mm, 1e9 / machine.board.max_step_rate
+        )
 
     @property
     def capabilities(self) -> Capabilities:
-        """Those of the loopback board, but that a file senses nothing."""
+        """Those of the loopback board, without sensors."""
         return replace(self._checks.capabilities, senses=False)
 
     @property
@@ -72,14 +83,14 @@ class FileBoard:
         return self._checks.position_steps
 
     def start(self, origin_steps: NDArray[np.int64]) -> None:
-        """Begin the file anew."""
+        """Begin a new file."""
         self._checks.start(origin_steps)
         if self._writer is not None:
             self._writer.discard()
         try:
             self._writer = NpzWriter(self.path)
         except OSError as error:
-            message = f"{self.path} can't be written: {error.strerror}"
+            message = f"{self.path} is not writable: {error.strerror}"
             raise UsageError(
                 Diagnostic("can-not-write", message, hint="name a file in a folder that exists")
             ) from error
@@ -92,33 +103,33 @@ class FileBoard:
         )
 
     def send(self, chunk: PulseChunk) -> None:
-        """Check, then write."""
+        """Check and write grid moves."""
         self._checks.send(chunk)
         self._write(chunk)
 
-    def execute(self, block: Command, time_ns: int) -> None:
-        """Note the block and its time."""
+    def execute(self, block: Block, time_ns: int) -> None:
+        """Record the block and its time."""
         self._checks.execute(block, time_ns)
 
     def finish(self) -> None:
-        """Put the file in place."""
+        """Complete the file."""
         self._checks.finish()
-        self._put_in_place()
+        self._complete()
 
     def stop(self) -> None:
-        """Put the file in place with what was sent so far."""
+        """Complete the file with everything sent so far."""
         self._checks.stop()
-        self._put_in_place()
+        self._complete()
 
     def abort(self) -> None:
-        """Throw away what was sent."""
+        """Discard everything sent."""
         self._checks.abort()
         if self._writer is not None:
             self._writer.discard()
             self._writer = None
 
     def close(self) -> None:
-        """Throw away a file that was neither finished nor stopped."""
+        """Discard a file that was neither finished nor stopped."""
         self.abort()
 
     def _write(self, chunk: PulseChunk) -> None:
@@ -127,7 +138,7 @@ class FileBoard:
             self._writer.append("step", chunk.step)
             self._writer.append("line", chunk.line)
 
-    def _put_in_place(self) -> None:
+    def _complete(self) -> None:
         if self._writer is None:
             return
         commands = self._checks.commands

@@ -1,6 +1,4 @@
-"""The board in the box: counts steps, keeps positions and checks what a real board would choke
-on.
-"""
+"""The loopback board: counts steps, keeps positions, and checks pulses as a real board would."""
 
 from __future__ import annotations
 
@@ -9,36 +7,42 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import Capabilities, Command, board_error
+from cnc.boards.protocols import BoardTraits, Capabilities, board_error
 from cnc.machine.models import Machine
+from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError
 from cnc.model.streams import PulseChunk
 
 ROUNDING_NS = 1
-"""Two pulse times, each rounded to 1 ns, may lie this much nearer than the true ones."""
+"""Two pulse times that are rounded to 1 ns may be closer than the exact ones by this much."""
 
 
 class Loopback:
     """A board that plays pulses into counters.
 
-    axes: how many columns a chunk must have. min_pulse_ns: least time between two pulses of one
-    axis. fail_after: rows that are taken before the board reports a fault, for tests of what comes
-    then.
+    Faults, each a BoardError at the source line of the row:
 
-    Faults, each a BoardError at the source line of the row: ``board-format`` (wrong type or shape),
-    ``board-step`` (a step other than -1, 0, +1, or a row without a step), ``board-order`` (time
-    runs backwards), ``board-step-rate`` (pulses of one axis too close), ``board-fault`` (as told),
-    ``board-not-started``, ``board-stopped`` (anything after a stop or a fault).
+    - ``board-format``: wrong type or shape.
+    - ``board-step``: a step other than -1, 0, +1, or a row without a step.
+    - ``board-order``: decreasing times.
+    - ``board-step-rate``: pulses of one axis too close together.
+    - ``board-fault``: the fault of ``fail_after``.
+    - ``board-not-started``, ``board-stopped``: a call before the start, after a stop or a fault.
+
+    Args:
+        axes: Number of columns of a chunk.
+        min_pulse_ns: Least time between two pulses of one axis, ns.
+        fail_after: Rows after which the board reports a fault, for tests.
     """
 
-    has_port = False
+    traits = BoardTraits(has_port=False)
 
     def __init__(self, axes: int, min_pulse_ns: float = 0.0, fail_after: int | None = None) -> None:
         self.axes = axes
         self.min_pulse_ns = min_pulse_ns
         self.fail_after = fail_after
         self.state = "idle"
-        self.commands: list[tuple[int, Command]] = []
+        self.commands: list[tuple[int, Block]] = []
         self.rows = 0
         self._position = np.zeros(axes, dtype=np.int64)
         self._forward = np.zeros(axes, dtype=np.int64)
@@ -49,14 +53,12 @@ class Loopback:
 
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> Loopback:
-        """With the axes and the step rate of the machine."""
+        """Open a board with the axes and the step rate of the machine."""
         return cls(len(machine.axes), 1e9 / machine.board.max_step_rate)
 
     @property
     def capabilities(self) -> Capabilities:
-        """Pulses at whole nanoseconds; a probe touches where its move ends, an input does what is
-        waited for, the spindle turns as told.
-        """
+        """Pulses at whole nanoseconds, with the expected answer to each probe and input."""
         rate = 1e9 / self.min_pulse_ns if self.min_pulse_ns else np.inf
         return Capabilities(
             axes=self.axes, max_step_rate=rate, tick_ns=1.0, pulses=True, lines=False, senses=True
@@ -64,7 +66,7 @@ class Loopback:
 
     @property
     def confirmed_line(self) -> int:
-        """Source line of the last row or command taken."""
+        """Source line of the last row or command accepted."""
         return self._line
 
     @property
@@ -74,12 +76,12 @@ class Loopback:
 
     @property
     def steps(self) -> NDArray[np.int64]:
-        """Steps made by each axis, in both directions together (axes,)."""
+        """Number of steps of each axis in both directions together (axes,)."""
         return self._forward + self._backward
 
     @property
     def steps_by_direction(self) -> NDArray[np.int64]:
-        """Steps made (2, axes): forward, backward."""
+        """Number of steps (2, axes): forward, backward."""
         return np.stack((self._forward, self._backward))
 
     def start(self, origin_steps: NDArray[np.int64]) -> None:
@@ -88,7 +90,7 @@ class Loopback:
         if len(origin_steps) != self.axes:
             raise self._fault(
                 "board-format",
-                f"the board has {self.axes} axes, the program {len(origin_steps)}",
+                f"the board has {self.axes} axes, the program has {len(origin_steps)}",
                 0,
             )
         self._position = np.array(origin_steps, dtype=np.int64)
@@ -101,18 +103,18 @@ class Loopback:
         self.state = "running"
 
     def send(self, chunk: PulseChunk) -> None:
-        """Check and count; rows before the first bad one are played."""
+        """Check and count grid moves; the rows before the first wrong one are played."""
         self._refuse_unless_running()
         bad, code, message = self._check(chunk)
-        room = len(chunk.step) if self.fail_after is None else self.fail_after - self.rows
-        if room < bad:
-            bad, code, message = room, "board-fault", f"told to fail after {self.fail_after} rows"
+        left = len(chunk.step) if self.fail_after is None else self.fail_after - self.rows
+        if left < bad:
+            bad, code, message = left, "board-fault", f"set to fail after {self.fail_after} rows"
         self._play(chunk, bad)
         if bad < len(chunk.step):
             raise self._fault(code, message, int(chunk.line[bad]))
 
-    def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
-        """Note the block and its time; what the program expects comes."""
+    def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
+        """Record the block and its time; the answer is the expected one."""
         self._refuse_unless_running()
         if time_ns < self._last_ns:
             raise self._fault(
@@ -125,26 +127,24 @@ class Loopback:
         return expected
 
     def finish(self) -> None:
-        """Everything has been played already."""
+        """Return at once, because everything has been played already."""
         self._refuse_unless_running()
         self.state = "idle"
 
     def stop(self) -> None:
-        """Refuse what comes later."""
+        """Refuse later calls."""
         self.state = "stopped"
 
     def abort(self) -> None:
-        """Refuse what comes later."""
+        """Refuse later calls."""
         self.state = "stopped"
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Refuse later calls."""
         self.state = "stopped"
 
     def stand_at(self, position_steps: NDArray[np.int64]) -> None:
-        """The machine stands at a grid point (axes,) that the pulses did not lead to, such as where
-        a probe made contact.
-        """
+        """Set the grid point (axes,), such as that of a probe contact."""
         self._position = np.array(position_steps, dtype=np.int64)
 
     def _refuse_if_stopped(self) -> None:
@@ -161,8 +161,9 @@ class Loopback:
         return board_error(code, message, line=line)
 
     def _check(self, chunk: PulseChunk) -> tuple[int, str, str]:
-        """Index of the first row that can't be played (the number of rows if there is none), and
-        what is wrong with it.
+        """Return the index of the first wrong row, and the code and message of its fault.
+
+        The index is the number of rows if all are right.
         """
         time, step, line = chunk.time_ns, chunk.step, chunk.line
         n = len(time)
@@ -175,13 +176,13 @@ class Loopback:
             )
         first, code, message = n, "", ""
 
-        def note(wrong: NDArray[np.bool_] | np.bool_, what: str, how: str) -> None:
+        def note(wrong: NDArray[np.bool_] | np.bool_, its_code: str, its_message: str) -> None:
             nonlocal first, code, message
             rows = np.flatnonzero(wrong)
             if len(rows) and rows[0] < first:
-                first, code, message = int(rows[0]), what, how
+                first, code, message = int(rows[0]), its_code, its_message
 
-        # column by column: numpy is slow along short rows
+        # By columns, because numpy is slow along short rows.
         columns = [np.ascontiguousarray(step[:, axis]) for axis in range(self.axes)]
         note(np.bitwise_or.reduce(columns) == 0, "board-step", "a row in which no axis steps")
         for column in columns:
@@ -189,7 +190,7 @@ class Loopback:
         note(
             np.diff(time, prepend=self._last_ns) < 0,
             "board-order",
-            "a pulse before the one sent last",
+            "a pulse before the last one sent",
         )
         least = self.min_pulse_ns - ROUNDING_NS
         for axis in range(self.axes):
@@ -203,7 +204,10 @@ class Loopback:
                 if row < first:
                     gap = int(gaps[close[0]])
                     first, code = row, "board-step-rate"
-                    message = f"pulses of axis {axis} are {gap} ns apart, the board needs {self.min_pulse_ns:.0f} ns"
+                    message = (
+                        f"pulses of axis {axis} are {gap} ns apart, "
+                        f"the board needs {self.min_pulse_ns:.0f} ns"
+                    )
         return first, code, message
 
     def _play(self, chunk: PulseChunk, rows: int) -> None:

@@ -1,8 +1,7 @@
-"""A line of bytes to a board, and the clock that goes with it: what a driver needs of the world, so
-that tests can give it another.
+"""Protocols of a serial port and of its clock, so that tests can replace both.
 
-A driver reads and writes from one thread. It waits in :meth:`Port.read` and nowhere else, so an
-in-process board may answer in virtual time: its port then moves the clock on by what it waited.
+A driver reads and writes in one thread. It waits only in :meth:`Port.read`. Therefore an in-process
+board may answer in virtual time: its port advances the clock by the time waited.
 """
 
 from __future__ import annotations
@@ -14,54 +13,67 @@ from cnc.model.diagnostics import BoardError, Diagnostic
 
 
 class Port(Protocol):
-    """Both directions of a link."""
+    """A connection in both directions."""
 
     def read(self, timeout: float) -> bytes:
-        """What has arrived, after ``timeout`` s at most (0: what is there already); empty if
-        nothing did. PortLost if the link is gone.
+        """Return the received bytes, empty if there are none.
+
+        Args:
+            timeout: Longest wait, s; 0 returns only bytes that are there already.
+
+        Raises:
+            PortLost: The connection is lost.
         """
 
     def write(self, data: bytes) -> None:
-        """Hand over at once. PortLost if the link is gone."""
+        """Send bytes at once.
+
+        Raises:
+            PortLost: The connection is lost.
+        """
 
     def raise_lines(self) -> None:
-        """Raise DTR and RTS where the opening has left them down: some boards send only then,
-        others are reset. PortLost.
+        """Raise DTR and RTS if they are low: some boards send only then, others are reset.
+
+        Raises:
+            PortLost: The connection is lost.
         """
 
     def close(self) -> None:
-        """Let go of the link; never fails, and may be called again."""
+        """Close the connection. Never fails; further calls do nothing."""
 
 
 class Clock(Protocol):
-    """Time as a driver sees it."""
+    """The clock of a driver."""
 
     def now(self) -> float:
-        """Seconds since some moment."""
+        """Return the time since a fixed moment, s."""
 
     def sleep(self, seconds: float) -> None:
-        """Return ``seconds`` later."""
+        """Wait for ``seconds``."""
 
 
 class SystemClock:
-    """The computer's own."""
+    """The clock of this computer."""
 
     def now(self) -> float:
-        """Seconds; never set back."""
+        """Return the monotonic time, s."""
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
-        """Wait."""
+        """Wait for ``seconds``."""
         time.sleep(seconds)
 
 
 class PortLost(BoardError):
-    """The link broke off while it was open: a cable pulled, a supply that failed, a peer that
-    closed.
-    """
+    """The connection was lost: cable, supply, or closed by the other end."""
 
 
 def port_lost(name: str, reason: str) -> PortLost:
-    """The link called ``name`` is gone, for a reason that the system gave."""
-    hint = "check the cable and the board's supply; where the machine stands is not known any more, so home it before the next run"
-    return PortLost(Diagnostic("port-lost", f"the link to {name} broke off: {reason}", hint=hint))
+    """Return the fault of a lost connection, with the operating system's reason."""
+    hint = (
+        "check the cable and the board's supply. The position of the machine is lost: "
+        "home it before the next run"
+    )
+    message = f"the connection to {name} was lost: {reason}"
+    return PortLost(Diagnostic("port-lost", message, hint=hint))

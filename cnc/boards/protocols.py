@@ -1,18 +1,20 @@
-"""What a board must do to be driven.
+"""Protocols of board drivers: pulse boards, line boards, and optional abilities.
 
-A driver takes time-stamped chunks ahead of time and plays them; nothing here waits for a pulse. The
-life of a board:
+A driver takes time-stamped chunks ahead of time, and the board plays them. Nothing here waits for a
+pulse. The states of a board:
 
               start              finish
       idle ---------> running ------------> idle
                         |  stop, abort, a fault of the board
                         v
-                     stopped    refuses everything with BoardError `board-stopped`, but for stop, abort and close
+                     stopped    refuses everything but stop, abort and close
+                                with BoardError `board-stopped`
 
-Idle, a board takes only start, stop, abort and close; all else is BoardError `board-not-started`.
+In the state idle, a board takes only start, stop, abort and close. Other calls are BoardError
+`board-not-started`.
 
-Drivers are found by name (:mod:`cnc.boards.registry`), and each passes the conformance suite in
-``tests/drivers``.
+Drivers are found by name (:mod:`cnc.boards.registry`). Each driver class declares its
+:class:`BoardTraits` and passes a conformance suite of ``tests/support/boards``.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.machine.models import Machine
+from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError, Diagnostic
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine, PulseChunk
@@ -33,20 +36,25 @@ from cnc.model.streams import GcodeLine, PulseChunk
 Action = Literal[
     "spindle", "spindle backward", "surface speed", "orient", "flood", "mist", "outputs"
 ]
-"""M3, M4, G96, M19, M8, M7, M62 to M68."""
+"""Actions between moves: M3, M4, G96, M19, M8, M7, M62 to M68."""
 ACTIONS: frozenset[Action] = frozenset(get_args(Action))
 
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """What a board can take.
+    """Capabilities of an open board.
 
-    axes: how many it can move. max_step_rate: steps/s of one axis. tick_ns: the grid of its pulse
-    times. pulses, lines: whether it takes :class:`PulseChunk` or :class:`GcodeLine`. senses:
-    whether it can answer probes and inputs, and follow the turning spindle. probes: whether it
-    answers probes, though it may sense nothing else. slice_s: how much motion it is best given at a
-    time, so that a hold comes soon; 0 where nothing really moves. actions: what it can do between
-    moves.
+    Attributes:
+        axes: Number of axes that it can move.
+        max_step_rate: Highest step rate of one axis, steps/s.
+        tick_ns: Resolution of its pulse times, ns.
+        pulses: Whether it takes :class:`PulseChunk`.
+        lines: Whether it takes :class:`GcodeLine`.
+        senses: Whether it answers probes and inputs, and follows the rotation of the spindle.
+        probes: Whether it answers probes, even if it has no other sensors.
+        slice_s: Length of the motion slices that it should be sent, s. Short slices make holds
+            fast. 0 for a board that moves nothing.
+        actions: Actions that it supports between moves.
     """
 
     axes: int
@@ -60,54 +68,55 @@ class Capabilities:
     actions: frozenset[Action] = ACTIONS
 
 
-class Command(Protocol):
-    """A canonical block that is not motion, as a board sees it (the drivers' floor does not know
-    the canon).
+@dataclass(frozen=True, slots=True)
+class BoardTraits:
+    """Facts about a kind of board that hold before one is opened; every driver class declares them.
+
+    Attributes:
+        has_port: The board is found at a port, so that ``--port`` can name one.
+        takes_lines: The board takes G-code lines and plans its motion itself.
     """
 
-    @property
-    def file(self) -> str:
-        """The program."""
-
-    @property
-    def line(self) -> int:
-        """Source line, from 1."""
+    has_port: bool = True
+    takes_lines: bool = False
 
 
 class Board(Protocol):
-    """What the two kinds of board have in common. Every method but the properties may raise
-    BoardError.
-    """
+    """The methods of all boards. All but the properties may raise BoardError."""
 
     @property
     def capabilities(self) -> Capabilities:
-        """What the board can take."""
+        """Capabilities of the board."""
 
     @property
     def confirmed_line(self) -> int:
-        """Source line of the last motion or command that the board has taken, 0 before the
-        first.
-        """
+        """Source line of the last motion or command accepted, 0 before the first."""
 
     def start(self, origin_steps: NDArray[np.int64]) -> None:
-        """Get ready for a program that begins at the grid point ``origin_steps`` (axes,)."""
+        """Prepare for a program that begins at the grid point ``origin_steps`` (axes,)."""
 
-    def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
-        """Carry out a block between moves, ``time_ns`` after the program's start. The answer to one
-        that asks (a probe, an input).
+    def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
+        """Carry out a block between moves.
+
+        Args:
+            block: The block.
+            time_ns: Time since the start of the program, ns.
+
+        Returns:
+            The answer to a block that has one (a probe, an input), else None.
         """
 
     def finish(self) -> None:
-        """Return when everything sent has been carried out."""
+        """Wait until everything sent has been carried out."""
 
     def stop(self) -> None:
-        """Come to rest after what has been sent, and refuse what comes later."""
+        """Come to rest after everything sent, and refuse later calls."""
 
     def abort(self) -> None:
-        """Stop at once, whatever is still waiting."""
+        """Stop at once, and discard everything that waits."""
 
     def close(self) -> None:
-        """Let go of the board; the end of its life."""
+        """Release the board. It cannot be used again."""
 
 
 @runtime_checkable
@@ -116,52 +125,58 @@ class PulseSink(Board, Protocol):
 
     @property
     def position_steps(self) -> NDArray[np.int64]:
-        """Where the board is on the grid, (axes,)."""
+        """Grid point of the board (axes,)."""
 
     def send(self, chunk: PulseChunk) -> None:
-        """Take grid moves; returns when there is room for more."""
+        """Accept grid moves; returns when the board has space for more."""
 
 
-Watcher = Callable[[], None]
+OnReport = Callable[[], None]
+"""A function that is called after each report of a board."""
 
 
 @runtime_checkable
-class Located(Protocol):
-    """A board that may know where its machine stands."""
+class RemembersPosition(Protocol):
+    """A board that remembers the position of its machine between programs."""
 
     @property
-    def standing_steps(self) -> tuple[int | None, ...]:
-        """Where each axis stands before a program; None if the board has lost that."""
+    def known_steps(self) -> tuple[int | None, ...]:
+        """Grid point of each axis before a program, None for an axis whose position is lost."""
 
 
 @runtime_checkable
-class Switched(Located, Protocol):
-    """A board with a limit switch at each of its axes but the fourth, by which it can find out
-    where they stand.
-    """
+class HasLimitSwitches(RemembersPosition, Protocol):
+    """A board with a limit switch at each of its axes but the fourth, for homing."""
 
     @property
     def switches(self) -> tuple[bool, ...]:
-        """Which switches are closed now, one an axis that has one."""
+        """Whether the switch of each axis that has one is closed now."""
 
-    def next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
-        """For the next start alone: whose switches end the motion with an alarm, and of which axes
-        its origin says where they stand.
+    def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
+        """Set conditions for the next start alone.
+
+        Args:
+            watched: Axes whose limit switches end the motion with an alarm.
+            known: Axes whose position is that of the origin; the others stay unknown.
         """
 
 
 @runtime_checkable
-class Touching(Protocol):
-    """A board that finds out the answer to a probe by its motion, and so after ``execute``."""
+class ProbesByMotion(Protocol):
+    """A board that has the answer to a probe only after the motion, not from ``execute``."""
 
-    def sensed(self) -> tuple[float, ...] | None:
-        """The answer to the last probe, when its motion is over; None if there was none."""
+    def probe_result(self) -> tuple[float, ...] | None:
+        """Return the answer to the last probe after its motion, None if there was no probe."""
 
 
 @dataclass(frozen=True, slots=True)
-class Whereabouts:
-    """Where a board's motion is. line: no later source line than that; position: mm, one number an
-    axis; ahead: s of motion it has yet.
+class MotionState:
+    """State of a board's motion.
+
+    Attributes:
+        line: Source line of the motion, or an earlier one.
+        position: Position of each axis, mm.
+        ahead: Motion that the board has not played yet, s.
     """
 
     line: int
@@ -170,137 +185,137 @@ class Whereabouts:
 
 
 @runtime_checkable
-class Playing(Protocol):
-    """A board that plays later what it is given now."""
+class PlaysAhead(Protocol):
+    """A board that plays motion some time after it is sent."""
 
     @property
-    def whereabouts(self) -> Whereabouts:
-        """By what the board has said last."""
+    def motion_state(self) -> MotionState:
+        """State according to the last report of the board."""
 
 
 @runtime_checkable
-class Attending(Protocol):
-    """A board of pulses at which the operator has buttons."""
+class HasButtons(Protocol):
+    """A pulse board with buttons for the operator."""
 
-    def attend(self, control: Control) -> None:
-        """Whom the buttons move from here on."""
+    def connect_operator(self, control: Control) -> None:
+        """Send the presses of the buttons to ``control`` from here on."""
 
 
 @runtime_checkable
 class LineSink(Board, Protocol):
-    """A board that plans for itself. Its ``execute`` returns when the lines before have been
-    carried out.
+    """A board that plans its own motion.
+
+    Its ``execute`` returns when the earlier lines have been carried out.
+
+    Attributes:
+        identity: Identifies the board between runs; None for a board without stored data.
+        restarted: Whether the board has just started, so that it counts from zero.
+        check_only: Set before the start. The board reads the lines and reports their errors, and
+            nothing moves.
     """
 
     @property
     def position(self) -> tuple[float, ...]:
-        """Machine position in mm (degrees), one number an axis of the machine, as the board
-        reported it last.
-        """
+        """Machine position of each axis in mm (degrees), as last reported."""
 
     @property
     def moving_line(self) -> int:
-        """Source line of the move that the board was on when it reported last, 0 where that is not
-        known.
-        """
+        """Source line of the move at the last report, 0 where that is not known."""
 
     @property
     def work_offset(self) -> tuple[float, ...]:
-        """What the board adds to the coordinates of a line in G54, mm, one number an axis of the
-        machine.
-        """
+        """Offset of each axis that the board adds to coordinates in G54, mm."""
 
     @property
-    def places(self) -> Mapping[str, tuple[float, ...]]:
-        """G54 to G59, G28, G30 and G92 as the board remembers them, mm, one number an axis of the
-        machine.
-        """
+    def stored_offsets(self) -> Mapping[str, tuple[float, ...]]:
+        """G54 to G59, G28, G30 and G92 as stored on the board, mm for each axis."""
 
-    def fitted(self, machine: Machine) -> Machine:
-        """The machine with no more travel than the board lets it have."""
+    def limited_to_board(self, machine: Machine) -> Machine:
+        """Return the machine with its travel reduced to that of the board."""
 
     @property
     def resolution(self) -> tuple[float, ...]:
-        """A step of each axis of the machine, mm (degrees)."""
+        """Length of a step of each axis, mm (degrees)."""
 
     @property
     def settings(self) -> Mapping[int, float]:
-        """What the board answers to ``$$``: number and value of each setting."""
+        """Number and value of each setting (``$$``)."""
 
     @property
     def mist(self) -> bool:
-        """Whether the board has M7."""
+        """Whether the board supports M7."""
 
     identity: str | None
-    """What tells the board from others from one run to the next; None for a board that nothing is
-    remembered of.
-    """
     restarted: bool
-    """Whether the board has just started, and counts from zero wherever the machine stands."""
     check_only: bool
-    """Set before the start: the board reads the lines and says what is wrong with them, and nothing
-    moves.
-    """
 
     @property
     def buffered(self) -> int:
-        """Lines that the board has been sent and has not carried out yet, as far as that is
-        known.
-        """
+        """Number of lines sent that the board has not carried out yet, as far as known."""
 
     @property
     def rapid_override(self) -> int:
-        """Of traverses, per cent, as the board reported it last."""
+        """Override of traverses, per cent, as last reported."""
 
     def now(self) -> float:
-        """The time by the clock that the board goes by, s."""
+        """Return the time of the board's clock, s."""
 
-    def attend(self, control: Control, watcher: Watcher) -> None:
-        """Whose wishes to carry out at once from here on, and who is told whenever the board has
-        reported.
+    def connect_operator(self, control: Control, on_report: OnReport) -> None:
+        """Carry out the requests of ``control`` at once from here on.
+
+        Args:
+            control: Requests of the operator.
+            on_report: Function that is called after each report of the board.
         """
 
     def send_line(self, line: GcodeLine) -> None:
-        """Take a line; returns when it has been sent, or when the operator stops the run."""
+        """Accept a line; returns when it has been sent, or when the operator stops the run."""
 
 
-class Burden(Protocol):
-    """Finds out whether a board can play a program, before anything moves."""
+class FeasibilityCheck(Protocol):
+    """A check before any motion whether a board can play a program."""
 
     def add(self, chunk: PulseChunk) -> None:
-        """The program's grid moves, in their order. MotionLimitError where they are more than the
-        board can do.
+        """Add the next grid moves of the program.
+
+        Raises:
+            MotionLimitError: They exceed the limits of the board.
         """
 
 
 @runtime_checkable
-class Burdened(Protocol):
-    """A board that can't play every program."""
+class ChecksFeasibility(Protocol):
+    """A board that cannot play every program."""
 
-    def burden(self) -> Burden:
-        """To be shown a program."""
+    def feasibility_check(self) -> FeasibilityCheck:
+        """Return a check of a program."""
 
 
 @runtime_checkable
-class Foreseeable(Protocol):
-    """A class of boards that can tell what its boards can take before one is there."""
+class KnownInAdvance(Protocol):
+    """A driver class that knows the capabilities of its boards without an open one."""
 
-    def foreseen(self, machine: Machine) -> Capabilities:
-        """Of the board that this machine should have."""
+    def expected_capabilities(self, machine: Machine) -> Capabilities:
+        """Return the capabilities of the board that this machine should have."""
 
-    def foreseen_burden(self, machine: Machine) -> Burden:
-        """The same, to be shown a program."""
+    def expected_feasibility_check(self, machine: Machine) -> FeasibilityCheck:
+        """Return a check of a program for the board that this machine should have."""
 
 
 class BoardFactory(Protocol):
-    """What the entry points of group ``cnc.boards`` name: a class of boards."""
+    """A driver class, as named by the entry points of the group ``cnc.boards``."""
+
+    traits: BoardTraits
 
     def from_machine(self, machine: Machine, target: Path | None = None) -> PulseSink | LineSink:
-        """The board that the machine file describes. ``target``: the file to write, for a board
-        that is one.
+        """Open the board that the machine file describes.
+
+        Args:
+            machine: The machine.
+            target: File to write, for the file board.
         """
 
 
 def board_error(code: str, message: str, *, line: int = 0, hint: str = "") -> BoardError:
-    """A fault of the board, at a source line where it is known."""
+    """Return a fault of the board, with its source line where it is known."""
     return BoardError(Diagnostic(code, message, line=line, hint=hint))

@@ -1,5 +1,7 @@
-"""Boards by name: every package may add its own under the entry point group ``cnc.boards``. A
-driver is imported when it is asked for.
+"""Board drivers by name.
+
+Other packages add drivers by entry points of the group ``cnc.boards``. A driver is imported only
+when it is used.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import cast
 
-from cnc.boards.protocols import BoardFactory, LineSink, PulseSink
+from cnc.boards.protocols import BoardFactory, BoardTraits, LineSink, PulseSink
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import Diagnostic, UsageError
 
@@ -19,25 +21,27 @@ BUILT_IN = (
     EntryPoint("loopback", "cnc.boards.loopback:Loopback", GROUP),
     EntryPoint("file", "cnc.boards.file:FileBoard", GROUP),
     EntryPoint("grbl", "cnc.boards.grbl.driver:GrblBoard", GROUP),
-    EntryPoint("grbl-sim", "cnc.boards.grbl.simulator.board:GrblSim", GROUP),
+    EntryPoint("grbl-sim", "cnc.boards.grbl.simulator.board:GrblSimulatorBoard", GROUP),
     EntryPoint("stepper", "cnc.boards.stepper.driver:Stepper", GROUP),
 )
-"""The boards in this package, known even where it runs from a folder that was never installed."""
+"""Drivers of this package, which are known even without an installation."""
 
 
 def _known() -> dict[str, EntryPoint]:
-    """Every board's entry point by name."""
+    """Return the entry point of each driver by its name."""
     return {point.name: point for point in (*entry_points(group=GROUP), *BUILT_IN)}
 
 
 def board_names() -> tuple[str, ...]:
-    """The names that ``--board`` takes, sorted."""
+    """Return the names for ``--board``, sorted."""
     return tuple(sorted(_known()))
 
 
 def board_factory(kind: str) -> BoardFactory:
-    """The driver called ``kind``. UsageError `unknown-board` that lists the known ones,
-    `board-not-loadable` if it can't be imported.
+    """Return the driver class called ``kind``.
+
+    Raises:
+        UsageError: ``unknown-board``, or ``board-not-loadable`` if the import fails.
     """
     known = _known()
     if kind not in known:
@@ -55,7 +59,10 @@ def board_factory(kind: str) -> BoardFactory:
             )
         )
     try:
-        return cast(BoardFactory, known[kind].load())
+        factory = cast(BoardFactory, known[kind].load())
+        if not isinstance(factory.traits, BoardTraits):
+            raise AttributeError(f"its traits are not BoardTraits but {factory.traits!r}")
+        return factory
     except (ImportError, AttributeError) as error:
         hint = "install the package that the driver needs"
         raise UsageError(
@@ -74,16 +81,21 @@ def open_board(
     target: Path | None = None,
     port: str | None = None,
 ) -> PulseSink | LineSink:
-    """The board of the machine file, or the one called ``kind``. ``target``: the file to write, for
-    a board that is one.
+    """Open a board.
 
-    port: where the board is, if it is not where the machine file says. UsageError
-    ``board-without-port`` for a board that has none.
+    Args:
+        machine: The machine.
+        kind: Name of the driver, instead of that in the machine file.
+        target: File to write, for the file board.
+        port: Port of the board, instead of that in the machine file.
+
+    Raises:
+        UsageError: ``board-without-port``, or the driver is unknown or not loadable.
     """
     name = machine.board.kind if kind is None else kind
     factory = board_factory(name)
     if port is not None:
-        if not getattr(factory, "has_port", True):
+        if not factory.traits.has_port:
             hint = "leave --port out, or name a board that has one: --board grbl"
             raise UsageError(
                 Diagnostic("board-without-port", f"the board {name!r} has no port", hint=hint)

@@ -1,8 +1,8 @@
-"""Serial ports: the one module that imports pyserial, and only when a port is wanted.
+"""Serial ports: the only module that imports pyserial, and only when a port is used.
 
-A port is named as the system names it (``/dev/ttyUSB0``, ``COM3``, a pseudo-terminal) or by one of
-pyserial's URLs (``socket://host:port``, ``loop://``, ``rfc2217://..``): pyserial documentation,
-"URL Handlers".
+A port has the name that the operating system gives it (``/dev/ttyUSB0``, ``COM3``, a
+pseudo-terminal), or it is one of pyserial's URLs (``socket://host:port``, ``loop://``,
+``rfc2217://..``): pyserial documentation, "URL Handlers".
 """
 
 from __future__ import annotations
@@ -22,22 +22,19 @@ from cnc.model.diagnostics import BoardError
 if TYPE_CHECKING:
     from serial import SerialBase
 
-WRITE_PATIENCE = 2.0
-"""Seconds after which a link that takes no more bytes counts as gone."""
+WRITE_TIMEOUT = 2.0
+"""Time after which a connection that accepts no bytes counts as lost, s."""
 READ_SIZE = 4096
-MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
-TAKEN = (errno.EBUSY, errno.EWOULDBLOCK)
-LOWERED = sys.platform == "win32"
-"""Windows drops DTR whenever a port is closed. So the lines stay down there: what was never up does
-not fall and rise.
+MISSING_ERRORS = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
+TAKEN_ERRORS = (errno.EBUSY, errno.EWOULDBLOCK)
+LINES_LOW = sys.platform == "win32"
+"""Windows lowers DTR when a port is closed. There DTR and RTS stay low, so that they never change.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class FoundPort:
-    """A port of this computer: the name to open it by, and what the system knows of the device
-    behind it.
-    """
+    """A port of this computer: its name, and the operating system's description of the device."""
 
     name: str
     description: str
@@ -52,15 +49,19 @@ class SerialLink:
         try:
             self._file: int | None = serial.fileno()
         except OSError:
-            # Windows, and some URLs: pyserial has to wait itself.
+            # On Windows and for some URLs, pyserial itself has to wait.
             self._file = None
 
     def read(self, timeout: float) -> bytes:
-        """What has arrived, after ``timeout`` s at most. PortLost if the link is gone."""
+        """Return the received bytes after at most ``timeout`` s.
+
+        Raises:
+            PortLost: The connection is lost.
+        """
         try:
             if self._file is None:
-                return self._read_slowly(timeout)
-            # pyserial's time-out stays 0: to wait here takes half of the calls.
+                return self._read_by_pyserial(timeout)
+            # Waiting here, with a timeout of 0 in pyserial, takes half as many system calls.
             if timeout > 0.0 and not select.select((self._file,), (), (), timeout)[0]:
                 return b""
             data: bytes = self._serial.read(READ_SIZE)
@@ -68,24 +69,33 @@ class SerialLink:
         except (OSError, ValueError) as error:
             raise port_lost(self._name, _reason(error)) from error
 
-    def _read_slowly(self, timeout: float) -> bytes:
+    def _read_by_pyserial(self, timeout: float) -> bytes:
         serial = self._serial
-        # To set the time-out talks to the device: not for nothing.
+        # Setting the timeout is a request to the device.
         if serial.timeout != timeout:
             serial.timeout = timeout
         data: bytes = serial.read(1)
         return data + serial.read(serial.in_waiting) if data and serial.in_waiting else data
 
     def write(self, data: bytes) -> None:
-        """Hand over at once. PortLost if the link is gone, or takes nothing for WRITE_PATIENCE."""
+        """Send bytes at once.
+
+        Raises:
+            PortLost: The connection is lost, or accepts nothing for WRITE_TIMEOUT.
+        """
         try:
             self._serial.write(data)
         except OSError as error:
             raise port_lost(self._name, _reason(error)) from error
 
     def change_baud(self, baud: int) -> None:
-        """Go on at another speed, without opening the port anew, which would reset the board; what
-        has arrived is dropped. PortLost.
+        """Change the speed and discard received bytes. A new opening would reset the board.
+
+        Args:
+            baud: Speed, bits/s.
+
+        Raises:
+            PortLost: The connection is lost.
         """
         try:
             self._serial.baudrate = baud
@@ -94,7 +104,11 @@ class SerialLink:
             raise port_lost(self._name, _reason(error)) from error
 
     def raise_lines(self) -> None:
-        """Raise DTR and RTS where :func:`open_port` has left them down. PortLost."""
+        """Raise DTR and RTS if :func:`open_port` left them low.
+
+        Raises:
+            PortLost: The connection is lost.
+        """
         try:
             if not self._serial.dtr:
                 self._serial.dtr = self._serial.rts = True
@@ -102,20 +116,25 @@ class SerialLink:
             raise port_lost(self._name, _reason(error)) from error
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self._file = None
         with contextlib.suppress(OSError):
             self._serial.close()
 
 
 def open_port(name: str, baud: int) -> SerialLink:
-    """The port called ``name`` at ``baud``, 8 bits, no parity, for this program alone; what had
-    arrived before is dropped.
+    """Open a port with 8 bits and no parity, for this program alone; discard received bytes.
 
-    A rise of DTR resets most Arduinos, so the line is left as it is: up for good where the system
-    can do that (termios' HUPCL), else down. A system raises it by itself when it opens a port for
-    the first time, and after another program let it fall: that reset can't be helped. BoardError
-    ``no-such-port``, ``port-taken``, ``port-not-permitted``, ``port-not-usable``.
+    A rise of DTR resets most Arduinos. Therefore the line is kept as it is: high for good where the
+    system can do that (HUPCL of termios), else low. The system itself raises it when a port is
+    first opened, and after another program has lowered it. That reset is unavoidable.
+
+    Args:
+        name: Name of the port, or a URL of pyserial.
+        baud: Speed, bits/s.
+
+    Raises:
+        BoardError: ``no-such-port``, ``port-taken``, ``port-not-permitted``, ``port-not-usable``.
     """
     import serial
 
@@ -124,25 +143,23 @@ def open_port(name: str, baud: int) -> SerialLink:
             name,
             baudrate=baud,
             timeout=0,
-            write_timeout=WRITE_PATIENCE,
+            write_timeout=WRITE_TIMEOUT,
             exclusive=True,
             do_not_open=True,
         )
-        if LOWERED and "://" not in name:
+        if LINES_LOW and "://" not in name:
             opened.dtr = opened.rts = False
         opened.open()
     except (OSError, ValueError) as error:
         raise _not_opened(name, error) from error
-    _leave_up(opened)
+    _keep_dtr(opened)
     return SerialLink(name, opened)
 
 
 def identity(name: str) -> str:
-    """What tells the board at a port from others: the serial number of its USB device, else the
-    port's own name.
+    """Return an identity of the board at a port: its USB serial number, else the name of the port.
 
-    A pseudo-terminal gets its name from another that has ended; the time at which it was made tells
-    them apart.
+    A new pseudo-terminal may have the name of a former one, so its creation time is added.
     """
     if "://" in name:
         return name
@@ -157,8 +174,8 @@ def identity(name: str) -> str:
     return port
 
 
-def _leave_up(serial: SerialBase) -> None:
-    """Nothing hangs up when the port is closed; not a fault where that can't be had."""
+def _keep_dtr(serial: SerialBase) -> None:
+    """Keep DTR high when the port is closed, where the system supports that."""
     with contextlib.suppress(ImportError, OSError, ValueError, AttributeError):
         import termios
 
@@ -169,7 +186,7 @@ def _leave_up(serial: SerialBase) -> None:
 
 
 def found_ports() -> list[FoundPort]:
-    """The serial ports of this computer, sorted by name."""
+    """Return the serial ports of this computer, sorted by name."""
     from serial.tools.list_ports import comports
 
     return sorted(
@@ -179,28 +196,35 @@ def found_ports() -> list[FoundPort]:
 
 
 def _not_opened(name: str, error: OSError | ValueError) -> BoardError:
-    """What pyserial said, in our words. On Windows the system's error stands in its text alone."""
+    """Return the fault for an error of pyserial; on Windows only its text tells the cause."""
     number, text = getattr(error, "errno", None), str(error)
-    if number in MISSING or "FileNotFoundError" in text:
-        there = ", ".join(port.name for port in found_ports())
+    if number in MISSING_ERRORS or "FileNotFoundError" in text:
+        ports = ", ".join(port.name for port in found_ports())
         hint = (
-            f"ports of this computer: {there}"
-            if there
+            f"ports of this computer: {ports}"
+            if ports
             else "this computer has no serial port: is the board plugged in and switched on?"
         )
         return board_error("no-such-port", f"there is no port {name}", hint=hint)
-    if number in TAKEN or "PermissionError" in text:
-        hint = "close the program that has it open (another sender, a serial monitor)"
-        return board_error("port-taken", f"the port {name} is in use", hint=hint)
+    if number in TAKEN_ERRORS or "PermissionError" in text:
+        hint = "close that program (another sender, a serial monitor)"
+        return board_error("port-taken", f"the port {name} is in use by another program", hint=hint)
     if number in (errno.EACCES, errno.EPERM):
-        hint = "let your user in: sudo usermod -aG dialout $USER, then log out and in again"
-        return board_error("port-not-permitted", f"you may not open the port {name}", hint=hint)
-    hint = "name a serial port or a pyserial URL such as socket://host:port; cncrun boards lists the ports of this computer"
+        hint = (
+            "add your user to the group: sudo usermod -aG dialout $USER, then log out and in again"
+        )
+        return board_error(
+            "port-not-permitted", f"you do not have permission to open the port {name}", hint=hint
+        )
+    hint = (
+        "name a serial port or a pyserial URL such as socket://host:port; "
+        "cncrun boards lists the ports of this computer"
+    )
     return board_error(
-        "port-not-usable", f"the port {name} can't be used: {_reason(error)}", hint=hint
+        "port-not-usable", f"the port {name} is not usable: {_reason(error)}", hint=hint
     )
 
 
 def _reason(error: OSError | ValueError) -> str:
-    """The error's text in one line."""
+    """Return the text of an error in one line."""
     return " ".join(str(getattr(error, "strerror", None) or error).split())

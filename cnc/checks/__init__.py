@@ -1,1 +1,1 @@
-"""Lint rules: warnings and notes about a program."""
+"""Checks of a program: travel, stock, arcs, feeds, portability, changes since a baseline."""

@@ -1,9 +1,9 @@
-"""What changed since an earlier check: time, extent and findings of each program, beside the
-summary that was kept then.
+"""Baseline of a check: the differences to the summary of an earlier check.
 
-A finding is the same as before if code and message are, wherever its line has moved to, or if code
-and line are, whatever the message counts; of those that are told once for a whole program, if the
-code is. Only the others are new, and only they decide how a check ends.
+Two findings are the same if code and message agree, wherever the line has moved to. They are also
+the same if code and line agree, whatever the message counts. A finding that is reported once for a
+whole program is the same if the code agrees. Only the others are new, and only new findings decide
+how a check ends.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import os
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from cnc.checks.catalogue import TOLD_ONCE
+from cnc.checks.catalogue import REPORTED_ONCE
 from cnc.model.diagnostics import SEVERITIES, Diagnostic, UsageError
 from cnc.report.changes import Changes
 
@@ -21,12 +21,14 @@ if TYPE_CHECKING:
     from cnc.report.result import Report
 
 SAME = 1e-6
-"""mm, s, and relative: numbers that differ by less have not changed."""
+"""mm or s, or relative above 1. Numbers that differ by less have not changed."""
 
 
 class Baseline:
-    """The summaries of an earlier check, as ``--json`` or ``--format json`` wrote them. UsageError
-    ``baseline-unreadable``.
+    """The summaries of an earlier check, from the file that ``--json`` has written.
+
+    Raises:
+        UsageError: ``baseline-unreadable``.
     """
 
     def __init__(self, name: str) -> None:
@@ -34,16 +36,16 @@ class Baseline:
             with open(name, encoding="utf-8") as file:
                 kept = json.load(file)
             programs = kept if isinstance(kept, list) else [kept]
-            self._programs = {_key(each["program"]): _Then(each) for each in programs}
+            self._programs = {_key(each["program"]): _Earlier(each) for each in programs}
         except OSError as error:
             raise _unreadable(name, error.strerror or str(error)) from None
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise _unreadable(
-                name, f"it is no summary that a check wrote ({type(error).__name__}: {error})"
+                name, f"it is not the summary of a check ({type(error).__name__}: {error})"
             ) from None
 
     def changes(self, report: Report) -> Changes:
-        """What changed in a program since."""
+        """Return the differences between the earlier check of a program and ``report``."""
         then = self._programs.get(_key(report.program))
         if then is None:
             return Changes(False, list(report.findings), [], [], {}, {})
@@ -67,13 +69,13 @@ class Baseline:
         return Changes(True, new, kept, gone, figures, box)
 
     def missing(self, reports: Iterable[Report]) -> list[str]:
-        """Programs of then that were not checked now."""
+        """Return the programs of the baseline that ``reports`` lacks."""
         now = {_key(report.program) for report in reports}
         return [then.program for key, then in self._programs.items() if key not in now]
 
 
-class _Then:
-    """A program as its summary has it; whatever is not as it should be raises."""
+class _Earlier:
+    """A program in an earlier summary. Raises an exception if the summary is malformed."""
 
     def __init__(self, summary: dict[str, Any]) -> None:
         self.program: str = summary["program"]
@@ -88,7 +90,7 @@ class _Then:
 
 def _finding(kept: dict[str, Any]) -> Diagnostic:
     if kept["severity"] not in SEVERITIES:
-        raise ValueError(f"no severity is called {kept['severity']!r}")
+        raise ValueError(f"unknown severity {kept['severity']!r}")
     code, message, file, hint = (
         str(kept.get(name, "")) for name in ("code", "message", "file", "hint")
     )
@@ -104,9 +106,9 @@ def _finding(kept: dict[str, Any]) -> Diagnostic:
 
 
 def _unreadable(name: str, why: str) -> UsageError:
-    hint = "name a file that `cncrun check --json FILE` wrote"
+    hint = "name a file that `cncrun check --json FILE` has written"
     return UsageError(
-        Diagnostic("baseline-unreadable", f"the baseline {name} can't be read: {why}", hint=hint)
+        Diagnostic("baseline-unreadable", f"the baseline {name} cannot be read: {why}", hint=hint)
     )
 
 
@@ -117,35 +119,46 @@ def _key(program: str) -> str:
 def _matched(
     now: Sequence[Diagnostic], then: Sequence[Diagnostic], program: str, before: str
 ) -> tuple[list[Diagnostic], list[Diagnostic], list[Diagnostic]]:
-    """The findings of now that are new and those that are not, and those of then that are gone."""
+    """Match the findings of two checks.
+
+    Args:
+        now: findings of this check.
+        then: findings of the earlier check.
+        program: name of the program now, which a finding may have as its file.
+        before: its name in the earlier check.
+
+    Returns:
+        Findings that are new, those that were there before, and earlier ones that are gone.
+    """
 
     def file(found: Diagnostic) -> str:
         return "" if found.file in (program, before) else found.file
 
-    ways: list[Callable[[Diagnostic], Hashable]] = [
+    # From the strictest to the weakest criterion.
+    keys: list[Callable[[Diagnostic], Hashable]] = [
         lambda found: (found.code, file(found), found.line, found.column, found.message),
         lambda found: (found.code, file(found), found.message),
         lambda found: (found.code, file(found), found.line),
-        lambda found: found.code if found.code in TOLD_ONCE else id(found),
+        lambda found: found.code if found.code in REPORTED_ONCE else id(found),
     ]
     new, gone = list(now), list(then)
-    for way in ways:
+    for key in keys:
         left: dict[Hashable, list[Diagnostic]] = {}
         for each in gone:
-            left.setdefault(way(each), []).append(each)
-        still = []
+            left.setdefault(key(each), []).append(each)
+        unmatched = []
         for each in new:
-            same = left.get(way(each))
+            same = left.get(key(each))
             if same:
                 same.pop(0)
             else:
-                still.append(each)
-        new, gone = still, [each for same in left.values() for each in same]
-    fresh = {id(each) for each in new}
+                unmatched.append(each)
+        new, gone = unmatched, [each for same in left.values() for each in same]
+    new_ids = {id(each) for each in new}
     gone_ids = {id(each) for each in gone}
     return (
         new,
-        [each for each in now if id(each) not in fresh],
+        [each for each in now if id(each) not in new_ids],
         [each for each in then if id(each) in gone_ids],
     )
 
@@ -156,9 +169,12 @@ def _differ(then: list[float] | None, now: list[float] | None) -> bool:
     return any(abs(a - b) > SAME * max(1.0, abs(a)) for a, b in zip(then, now, strict=True))
 
 
-def told(reports: Iterable[Report], missing: Iterable[str]) -> Iterator[str]:
-    """Lines for people: what changed in each program, and which programs were not checked this
-    time.
+def change_lines(reports: Iterable[Report], missing: Iterable[str]) -> Iterator[str]:
+    """Yield the changes of all programs as lines of text.
+
+    Args:
+        reports: results of this check, compared with the baseline.
+        missing: programs of the baseline that were not checked this time.
     """
     unchanged = 0
     for report in reports:
@@ -168,6 +184,6 @@ def told(reports: Iterable[Report], missing: Iterable[str]) -> Iterator[str]:
             yield f"{report.program}, since the baseline:"
             yield from (f"  {line}" for line in lines)
     for program in missing:
-        yield f"{program}: in the baseline, not checked now"
+        yield f"{program}: in the baseline, but not checked now"
     if unchanged:
-        yield f"{unchanged} program{'s' if unchanged > 1 else ''} as in the baseline"
+        yield f"{unchanged} program{'s' if unchanged > 1 else ''} unchanged since the baseline"

@@ -1,16 +1,17 @@
-"""What other controllers make of a program: it is read under each of their dialects, and the
-canonical blocks are compared.
+"""Portability of a program: the differences between dialects that read the same text.
 
-A dialect refuses a word, which is ``not-portable``, or takes it for something else, which is
-``reads-differently``: other blocks come out. The words of a refused line are left out and the rest
-is read on, so that every word that the dialect lacks is told at once.
+The program is read under each dialect, and the canonical blocks are compared. A dialect may refuse
+a word (``not-portable``), or interpret it differently, so that other blocks result
+(``reads-differently``). After a refused line the rest is read without that line, so that every
+word that the dialect lacks is reported in one check.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,13 +24,13 @@ from cnc.model.units import per_minute
 Reader = Callable[[str, Text], Iterator[Block]]
 """Reads a text under a dialect."""
 
-MOST_REFUSED = 20
-"""Refused lines of a dialect that are looked for."""
-LONGEST = 4_000_000
-"""Bytes of a program that is read on after a refused line: it is read anew for each."""
+MAX_REFUSED = 20
+"""Refused lines of a dialect that are searched for."""
+MAX_BYTES = 4_000_000
+"""Size of a program that is read on after a refused line: each such line costs a full reading."""
 SAME = 1e-9
-"""mm, mm/s, s. Numbers of two dialects that differ by less are the same."""
-LACKING = frozenset(
+"""mm, mm/s or s. Numbers of two dialects that differ by less are equal."""
+DIALECT_FAULTS = frozenset(
     (
         "axis-not-in-dialect",
         "code-not-in-dialect",
@@ -39,11 +40,15 @@ LACKING = frozenset(
         "word-not-in-dialect",
     )
 )
-"""Faults that are the dialect's and no consequence of a line that was left out."""
+"""Faults of the dialect itself, which do not follow from a line that was left out."""
 
 
 def dialects_of(names: Sequence[str]) -> tuple[str, ...]:
-    """The dialects of these names, each once. UsageError ``unknown-dialect``."""
+    """Return the names of dialects without repetitions.
+
+    Raises:
+        UsageError: ``unknown-dialect``.
+    """
     for name in names:
         if name not in NAMES:
             raise UsageError(
@@ -56,65 +61,69 @@ def dialects_of(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def portability(
-    program: Path,
-    name: str,
-    read: Reader,
-    spoken: str,
-    others: Sequence[str],
-    faults: Sequence[CncError] = (),
-) -> list[GcodeError]:
-    """What the dialects ``others`` refuse or read in another way than the one that is ``spoken``,
-    which finds ``faults`` itself.
+@dataclass(frozen=True, slots=True)
+class ProgramText:
+    """A program that can be read under several dialects.
+
+    Attributes:
+        path: the file with the text.
+        name: its name in messages.
+        read: reads a text under a dialect.
     """
-    wrong = {_place(fault.diagnostic) for fault in faults}
+
+    path: Path
+    name: str
+    read: Reader
+
+    def blocks(self, dialect: str) -> Iterator[Block]:
+        """Yield the blocks of the program under ``dialect``."""
+        return self.read(dialect, Text.of_file(self.path, self.name))
+
+
+def portability(
+    source: ProgramText, dialect: str, others: Sequence[str], faults: Sequence[CncError] = ()
+) -> list[GcodeError]:
+    """Return the lines that other dialects refuse or interpret differently.
+
+    Args:
+        source: the program.
+        dialect: the dialect of the program.
+        others: the dialects to compare with.
+        faults: the faults under ``dialect``, which are not reported again.
+    """
+    known = {_place(fault.diagnostic) for fault in faults}
     understood = not any(isinstance(fault, GcodeError) for fault in faults)
-    return list(_findings(program, name, read, spoken if understood else None, others, wrong))
+    findings: list[GcodeError] = []
+    for other in others:
+        refused = list(_refused(source, other))
+        findings += [_not_portable(each, other) for each in refused if _place(each) not in known]
+        if not refused and understood and other != dialect:
+            findings += _differences(source, dialect, other)
+    return findings
 
 
 def _place(found: Diagnostic) -> tuple[str, str, int, int]:
     return found.code, found.file, found.line, found.column
 
 
-def _findings(
-    program: Path,
-    name: str,
-    read: Reader,
-    spoken: str | None,
-    others: Sequence[str],
-    wrong: set[tuple[str, str, int, int]],
-) -> Iterator[GcodeError]:
-    for other in others:
-        refused = list(_refused(program, name, read, other))
-        for fault in refused:
-            if _place(fault) not in wrong:
-                yield _not_portable(fault, other)
-        if not refused and spoken is not None and other != spoken:
-            yield from _differences(
-                read(spoken, Text.of_file(program, name)),
-                read(other, Text.of_file(program, name)),
-                spoken,
-                other,
-            )
-
-
-def _refused(program: Path, name: str, read: Reader, dialect: str) -> Iterator[Diagnostic]:
-    fault = _fault(read(dialect, Text.of_file(program, name)))
+def _refused(source: ProgramText, dialect: str) -> Iterator[Diagnostic]:
+    """Yield the faults under ``dialect``, each found without the lines of those before."""
+    fault = _fault(source.blocks(dialect))
     if fault is None:
         return
     yield fault.diagnostic
-    if program.stat().st_size > LONGEST:
+    if source.path.stat().st_size > MAX_BYTES:
         return
-    text = Text.of_file(program, name)
+    text = Text.of_file(source.path, source.name)
     lines = [_line(text, number) for number in range(1, _count(text) + 1)]
-    for _ in range(MOST_REFUSED - 1):
-        if fault.diagnostic.file != name or not fault.diagnostic.line:
+    for _ in range(MAX_REFUSED - 1):
+        if fault.diagnostic.file != source.name or not fault.diagnostic.line:
             return
         lines[fault.diagnostic.line - 1] = ""
-        fault = _fault(read(dialect, Text.of_lines(lines, name)))
+        fault = _fault(source.read(dialect, Text.of_lines(lines, source.name)))
         if fault is None:
             return
-        if fault.diagnostic.code in LACKING:
+        if fault.diagnostic.code in DIALECT_FAULTS:
             yield fault.diagnostic
 
 
@@ -141,7 +150,7 @@ def _line(text: Text, number: int) -> str:
 
 def _not_portable(found: Diagnostic, dialect: str) -> GcodeError:
     message = f"{dialect} refuses this: {found.message} ({found.code})"
-    # to name another dialect is no help to somebody who asks for this one
+    # A hint to select another dialect does not help a user who asks about this one.
     hint = "" if found.hint.startswith("use --dialect") else found.hint
     return GcodeError(
         Diagnostic(
@@ -157,66 +166,85 @@ def _not_portable(found: Diagnostic, dialect: str) -> GcodeError:
     )
 
 
-def _differences(
-    ours: Iterator[Block], theirs: Iterator[Block], spoken: str, other: str
-) -> Iterator[GcodeError]:
-    """Where the blocks differ, each line once, up to where the ways part."""
-    told: set[tuple[str, int]] = set()
-    for block, what, apart in _compared(ours, theirs):
-        file, line = block
-        if (file, line) not in told:
-            told.add((file, line))
-            message = f"{other} reads this differently: {what.format(other=other, spoken=spoken)}"
-            hint = "write what both understand in one way, or take out what only one of them needs"
-            yield GcodeError(Diagnostic("reads-differently", message, file, line, hint=hint))
-        if apart:
+class Difference(NamedTuple):
+    """A line that two dialects interpret differently.
+
+    Attributes:
+        file: file of the line.
+        line: source line.
+        theirs: the block under the other dialect.
+        ours: the block under the dialect of the program.
+        last: whether the blocks behind it cannot be compared.
+    """
+
+    file: str
+    line: int
+    theirs: str
+    ours: str
+    last: bool
+
+
+def _differences(source: ProgramText, dialect: str, other: str) -> Iterator[GcodeError]:
+    """Yield the differing lines, each once, up to the first different position."""
+    reported: set[tuple[str, int]] = set()
+    for found in _compared(source.blocks(dialect), source.blocks(other)):
+        if (found.file, found.line) not in reported:
+            reported.add((found.file, found.line))
+            if not (found.theirs and found.ours):
+                what = f"only {other if found.theirs else dialect} continues to this line"
+            else:
+                what = f"{found.theirs} in {other}, {found.ours} in {dialect}"
+            message = f"{other} reads this differently: {what}"
+            hint = "write words that both read alike, or remove those that only one of them needs"
+            yield GcodeError(
+                Diagnostic("reads-differently", message, found.file, found.line, hint=hint)
+            )
+        if found.last:
             return
 
 
-def _compared(
-    ours: Iterator[Block], theirs: Iterator[Block]
-) -> Iterator[tuple[tuple[str, int], str, bool]]:
-    """Place, what differs there, and whether the two can't be compared any further."""
+def _compared(ours: Iterator[Block], theirs: Iterator[Block]) -> Iterator[Difference]:
     mine, other = next(ours, None), next(theirs, None)
     while mine is not None and other is not None:
         if isinstance(mine, Polyline) and isinstance(other, Polyline):
             count = min(len(mine.points), len(other.points))
             yield from _moves_compared(_part(mine, 0, count), _part(other, 0, count))
-            mine = (
-                _part(mine, count, len(mine.points))
-                if count < len(mine.points)
-                else next(ours, None)
-            )
-            other = (
-                _part(other, count, len(other.points))
-                if count < len(other.points)
-                else next(theirs, None)
-            )
+            mine = _rest(mine, count) or next(ours, None)
+            other = _rest(other, count) or next(theirs, None)
             continue
         if type(mine) is not type(other):
-            yield (
-                (mine.file, mine.line),
-                f"{_name(other)} in {{other}}, {_name(mine)} in {{spoken}}",
-                True,
-            )
+            yield Difference(mine.file, mine.line, _name(other), _name(mine), True)
             return
-        for field in fields(mine):
-            a, b = getattr(mine, field.name), getattr(other, field.name)
-            if field.compare and not _same(a, b):
-                moves = hasattr(mine, "end") or hasattr(mine, "control_points")
-                apart = moves and field.name != "feed"
-                yield (
-                    (mine.file, mine.line),
-                    f"{_name(mine)}, {field.name} {_shown(field.name, b)} in {{other}}, {_shown(field.name, a)} in {{spoken}}",
-                    apart,
-                )
-                if apart:
-                    return
+        for found in _fields_compared(mine, other):
+            yield found
+            if found.last:
+                return
         mine, other = next(ours, None), next(theirs, None)
     left = mine if mine is not None else other
     if left is not None:
-        who = "{spoken}" if mine is not None else "{other}"
-        yield (left.file, left.line), f"only {who} goes on to this line", True
+        name = _name(left)
+        yield Difference(
+            left.file, left.line, "" if mine is left else name, name if mine is left else "", True
+        )
+
+
+def _fields_compared(mine: Block, other: Block) -> Iterator[Difference]:
+    """Yield the differing fields of two blocks of one class."""
+    moves = hasattr(mine, "end") or hasattr(mine, "control_points")
+    for field in fields(mine):
+        a, b = getattr(mine, field.name), getattr(other, field.name)
+        if field.compare and not _same(a, b):
+            yield Difference(
+                mine.file,
+                mine.line,
+                f"{_name(mine)}, {field.name} {_shown(field.name, b)}",
+                _shown(field.name, a),
+                moves and field.name != "feed",
+            )
+
+
+def _rest(block: Polyline, begin: int) -> Polyline | None:
+    return _part(block, begin, len(block.points)) if begin < len(block.points) else None
 
 
 def _part(block: Polyline, begin: int, end: int) -> Polyline:
@@ -230,31 +258,21 @@ def _part(block: Polyline, begin: int, end: int) -> Polyline:
     )
 
 
-def _moves_compared(mine: Polyline, other: Polyline) -> Iterator[tuple[tuple[str, int], str, bool]]:
-    """As :func:`_compared`, for as many straight moves of each: the first way that differs, and the
-    first feed before it.
-    """
-    ways = (mine.lines != other.lines) | (np.abs(mine.points - other.points).max(axis=1) > SAME)
-    ways |= np.isnan(mine.feeds) != np.isnan(other.feeds)
-    first = int(np.argmax(ways)) if ways.any() else len(ways)
+def _moves_compared(mine: Polyline, other: Polyline) -> Iterator[Difference]:
+    """Yield the first different position of as many straight moves, and a different feed before."""
+    apart = (mine.lines != other.lines) | (np.abs(mine.points - other.points).max(axis=1) > SAME)
+    apart |= np.isnan(mine.feeds) != np.isnan(other.feeds)
+    first = int(np.argmax(apart)) if apart.any() else len(apart)
     feeds = np.abs(mine.feeds[:first] - other.feeds[:first]) > SAME
     if feeds.any():
         row = int(np.argmax(feeds))
         theirs, ours = (
             f"{per_minute(float(block.feeds[row])):.6g} mm/min" for block in (other, mine)
         )
-        yield (
-            (mine.file, int(mine.lines[row])),
-            f"a feed of {theirs} in {{other}}, {ours} in {{spoken}}",
-            False,
-        )
-    if first < len(ways):
+        yield Difference(mine.file, int(mine.lines[row]), f"a feed of {theirs}", ours, False)
+    if first < len(apart):
         theirs, ours = _move(other, first), _move(mine, first)
-        yield (
-            (mine.file, int(mine.lines[first])),
-            f"{theirs} in {{other}}, {ours} in {{spoken}}",
-            True,
-        )
+        yield Difference(mine.file, int(mine.lines[first]), theirs, ours, True)
 
 
 def _move(block: Polyline, row: int) -> str:
@@ -273,7 +291,7 @@ def _same(a: object, b: object) -> bool:
 
 
 def _name(block: Block) -> str:
-    """A block in a word or two: ``NurbsFeed`` is "nurbs feed"."""
+    """Return the class of a block in words: ``NurbsFeed`` is "nurbs feed"."""
     return "".join(
         f" {letter.lower()}" if letter.isupper() else letter for letter in type(block).__name__
     ).strip()

@@ -1,10 +1,10 @@
-"""Rapid moves into material: of the stock box, what no feed move has been through.
+"""Rapid moves into the stock where no feed move has removed material.
 
-    rapid                          The box is a grid of columns over X and Y. A feed move lowers the columns that the tool's centre
-  ----.   .-----                   passes, a rapid move below what is left of its column is a finding. Peck drilling and a second
- _____v___|______ stock            pass through a slot are no findings: a feed move was there before. The tool has no radius here, but
-|     |xxx|      |                 for a column beside its own.
-|     '---' feed |
+    rapid                The box is a grid of columns over X and Y. A feed move lowers the columns
+  ----.   .-----         that the centre of the tool passes. A rapid move below the surface of its
+ _____v___|______ stock  column is a finding. Peck drilling and a second pass through a slot are
+|     |xxx|      |       none, because a feed move was there before. The tool has no radius here,
+|     '---' feed |       apart from the columns next to its own.
 """
 
 from __future__ import annotations
@@ -20,46 +20,43 @@ from cnc.path.bounds import bounding_box
 from cnc.path.chunk import PathChunk
 from cnc.path.sample import points_along
 
-COLUMN = 0.1
-"""mm. Width of a column of the grid, where that does not make more than MOST_COLUMNS along an
-axis.
-"""
-MOST_COLUMNS = 1000
-TOUCH = 1e-3
-"""mm. What a rapid move may go below the material's surface: on it is not in it, whatever was
-rounded.
-"""
+COLUMN_WIDTH = 0.1
+"""mm. Width of a column, unless an axis would have more than MAX_COLUMNS."""
+MAX_COLUMNS = 1000
+TOLERANCE = 1e-3
+"""mm. Rounding alone may take a rapid move this far below the surface."""
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 
-class Material:
-    """What is left of the stock; takes a path chunk by chunk."""
+class StockCheck:
+    """Follows the remaining stock along a path. The machine must have the axes x, y and z."""
 
     def __init__(self, machine: Machine, stock: Stock) -> None:
-        """The machine must have the axes x, y and z."""
         self._columns = [machine.axis_names.index(axis) for axis in "xyz"]
         self._low, self._high = np.array([stock.x, stock.y, stock.z]).T
-        width = max(COLUMN, float((self._high - self._low)[:2].max()) / MOST_COLUMNS)
+        width = max(COLUMN_WIDTH, float((self._high - self._low)[:2].max()) / MAX_COLUMNS)
         self._width = width
         shape = np.ceil((self._high - self._low)[:2] / width).astype(np.int64)
-        # a rim of one column all around, so that every column has neighbours
+        # One more column at each side, so that every column has neighbours.
         self._surface: Floats = np.full(shape + 2, self._high[2])
         self._reported: set[int] = set()
 
     def add(self, chunk: PathChunk) -> Iterator[Diagnostic]:
-        """Cut, and yield a ``rapid-into-stock`` for each line that moves rapidly into what is left,
-        without its text.
+        """Remove the material along ``chunk`` and report rapid moves into the rest.
+
+        Yields:
+            A ``rapid-into-stock`` for each source line, without the text of the line.
         """
         low, high = bounding_box(chunk)
-        beside = (high[:, self._columns] <= self._low) | (low[:, self._columns] >= self._high)
-        pieces: Ints = np.flatnonzero(~beside.any(axis=1))
+        outside = (high[:, self._columns] <= self._low) | (low[:, self._columns] >= self._high)
+        pieces: Ints = np.flatnonzero(~outside.any(axis=1))
         if not len(pieces):
             return
         rapid = np.isnan(chunk.feed[pieces])
-        # feed moves together, rapid ones each on its own: what one went through is no news for the
-        # next
+        # Feed moves are taken together. Rapid moves are taken one by one, because a rapid move
+        # through material that another has passed is not reported again.
         for run in np.split(pieces, np.flatnonzero(rapid[1:] | rapid[:-1]) + 1):
             points, owner = points_along(chunk, self._width / 2.0, run)
             points = points[:, self._columns]
@@ -67,27 +64,32 @@ class Material:
             points, owner = points[inside], owner[inside]
             where = tuple(((points[:, :2] - self._low[:2]) / self._width).astype(np.int64).T + 1)
             if np.isnan(chunk.feed[run[0]]):
-                yield from self._moved(chunk, points, owner, where)
+                yield from self._rapid_findings(chunk, points, owner, where)
             np.minimum.at(self._surface, where, points[:, 2])
 
-    def _moved(
+    def _rapid_findings(
         self, chunk: PathChunk, points: Floats, owner: Ints, where: tuple[Ints, ...]
     ) -> Iterator[Diagnostic]:
-        """Findings for the points of rapid moves that lie inside the box."""
+        """Yield the findings for points (n, 3) of rapid moves inside the box."""
         i, j = where
-        left = np.min([self._surface[i + a, j + b] for a in (-1, 0, 1) for b in (-1, 0, 1)], axis=0)
-        depth = left - points[:, 2]
-        for piece in np.unique(owner[depth > TOUCH]).tolist():
+        surface = np.min(
+            [self._surface[i + a, j + b] for a in (-1, 0, 1) for b in (-1, 0, 1)], axis=0
+        )
+        depth = surface - points[:, 2]
+        for piece in np.unique(owner[depth > TOLERANCE]).tolist():
             line = int(chunk.line[piece])
             if line not in self._reported:
                 self._reported.add(line)
-                mine = np.flatnonzero((owner == piece) & (depth > TOUCH))
+                mine = np.flatnonzero((owner == piece) & (depth > TOLERANCE))
                 x, y, z = points[mine[0]].tolist()
                 message = (
-                    f"a rapid move enters the stock at X{x:.6g} Y{y:.6g} Z{z:.6g} and goes {float(depth[mine].max()):.6g} mm deep "
-                    "where no feed move has been"
+                    f"a rapid move enters the stock at X{x:.6g} Y{y:.6g} Z{z:.6g} and goes "
+                    f"{float(depth[mine].max()):.6g} mm deep where no feed move has been"
                 )
-                hint = "go down with G1, or start above the stock; positions are machine coordinates, after all offsets"
+                hint = (
+                    "plunge with G1, or start above the stock; "
+                    "positions are machine coordinates, after all offsets"
+                )
                 yield Diagnostic(
                     "rapid-into-stock", message, chunk.file, line, hint=hint, severity="warning"
                 )

@@ -1,6 +1,4 @@
-"""A first look at a path, before anything moves: its reach and length, where it leaves the axes'
-travel, where a spindle outruns it.
-"""
+"""Travel check of a path: extent, length, moves outside the travel, feeds that a thread demands."""
 
 from __future__ import annotations
 
@@ -17,18 +15,23 @@ from cnc.path.bounds import bounding_box
 from cnc.path.chunk import PathChunk
 
 ROUNDING = 1e-6
-"""mm (degrees) by which a path may pass the travel: what arithmetic alone can do to a move that
-ends on the limit.
-"""
+"""mm or degrees. Rounding alone may take a move that ends on the limit this far beyond it."""
 
 Floats = NDArray[np.float64]
 
 
-class Survey:
-    """Takes a path chunk by chunk. slack: mm by which it may leave the travel.
+class TravelCheck:
+    """Measures a path chunk by chunk and compares it with the travel of the axes.
 
-    length: mm so far. lo, hi (axes,): extent so far, infinite before the first chunk. last_line:
-    source line of the last motion.
+    Args:
+        machine: gives the travel and the highest speed of each axis.
+        slack: mm or degrees by which the path may leave the travel.
+
+    Attributes:
+        length: path length so far, mm.
+        lo: (axes,) smallest position so far, infinite before the first chunk.
+        hi: (axes,) largest position so far.
+        last_line: source line of the last motion.
     """
 
     def __init__(self, machine: Machine, slack: float = ROUNDING) -> None:
@@ -43,18 +46,20 @@ class Survey:
         self._highest = np.array([high for _, high in travels]) + slack
         self._reported: set[tuple[int, int]] = set()
         self._pitch = 0.0
-        self._fastest = np.array([axis.max_velocity for axis in machine.axes.values()])
+        self._max_velocity = np.array([axis.max_velocity for axis in machine.axes.values()])
 
     def add(self, chunk: PathChunk) -> Iterator[MotionLimitError]:
-        """Measure a chunk and yield a ``soft-limit`` fault, without its text, for each line and
-        axis that leaves the travel.
+        """Measure a chunk.
 
-        Bulges count: of arcs and splines the whole curve is compared, not only its end points.
-        Moves that follow the spindle faster than the machine goes are a ``spindle-too-fast`` fault:
-        to make them slower would spoil the thread.
+        The whole curve counts, so that the bulge of an arc or spline is compared as well.
+
+        Yields:
+            A ``soft-limit`` fault, without the text of the line, for each line and axis that
+            leaves the travel. A ``spindle-too-fast`` fault for moves that would have to follow the
+            spindle faster than the machine can: a lower feed would spoil the thread.
         """
         if self._pitch:
-            yield from self._driven(chunk)
+            yield from self._check_synchronized(chunk)
         lo, hi = bounding_box(chunk)
         self.length += float(chunk.length.sum())
         self.lo = np.minimum(self.lo, lo.min(axis=0))
@@ -71,30 +76,36 @@ class Survey:
                     )
 
     def between(self, block: Block) -> None:
-        """Take note of a block between the moves."""
+        """Take a block between the moves into account."""
         if isinstance(block, SpindleSync):
             self._pitch = block.pitch
 
-    def _driven(self, chunk: PathChunk) -> Iterator[MotionLimitError]:
-        """Straight moves, all of them following the spindle."""
-        most = self.machine.path.max_feed
+    def _check_synchronized(self, chunk: PathChunk) -> Iterator[MotionLimitError]:
+        """Check straight moves that all follow the spindle."""
+        max_feed = self.machine.path.max_feed
         for at, feed, line in zip(
             chunk.at.tolist(), chunk.feed.tolist(), chunk.line.tolist(), strict=True
         ):
             n = int(chunk.data[at + AXES])
             start, end = chunk.data[at + START : at + START + 2 * n].reshape(2, n)
             speed = np.abs(end - start) / chunk.data[at + LENGTH] * feed
-            excess = float(max((speed / self._fastest).max(), feed / most))
+            excess = float(max((speed / self._max_velocity).max(), feed / max_feed))
             if excess > 1.0 + ROUNDING and (line, -1) not in self._reported:
                 self._reported.add((line, -1))
-                message = f"to follow the spindle the tool would have to move at {feed:.7g} mm/s, {excess:.3g} times what the machine can do"
-                hint = "lower S, or raise the axes' max_velocity or path.max_feed in the machine file if the machine can do more"
+                message = (
+                    f"to follow the spindle the tool would have to move at {feed:.7g} mm/s, "
+                    f"{excess:.3g} times the highest speed of the machine"
+                )
+                hint = (
+                    "lower S, or raise max_velocity of the axes or path.max_feed in the machine "
+                    "file if the machine permits"
+                )
                 yield MotionLimitError(
                     Diagnostic("spindle-too-fast", message, chunk.file, line, hint=hint)
                 )
 
     def box(self) -> dict[str, tuple[float, float]]:
-        """Extent by axis; empty without motion."""
+        """Return (smallest, largest) position by axis; empty without motion."""
         if not np.isfinite(self.lo).all():
             return {}
         return {
@@ -108,23 +119,20 @@ class Survey:
         self, chunk: PathChunk, line: int, axis: int, lo: float, hi: float
     ) -> MotionLimitError:
         letter, limits = list(self.machine.axes.items())[axis]
-        travel = limits.travel or (-np.inf, np.inf)
+        lowest, highest = limits.travel or (-np.inf, np.inf)
         unit = "degrees" if letter in ROTARY_LETTERS else "mm"
         reached = hi if hi > self._highest[axis] else lo
-        return MotionLimitError(
-            Diagnostic(
-                "soft-limit",
-                f"{letter.upper()} would reach {_plain(reached)} {unit}, its travel is {_plain(travel[0])} to {_plain(travel[1])} {unit}",
-                chunk.file,
-                line,
-                hint="move the work offset or the part, or correct axes."
-                f"{letter}.travel in the machine file; positions are machine coordinates, after all offsets",
-            )
+        message = (
+            f"{letter.upper()} would reach {_plain(reached)} {unit}; "
+            f"the travel is {_plain(lowest)} to {_plain(highest)} {unit}"
         )
+        hint = (
+            f"move the work offset or the part, or correct axes.{letter}.travel in the machine "
+            "file; positions are machine coordinates, after all offsets"
+        )
+        return MotionLimitError(Diagnostic("soft-limit", message, chunk.file, line, hint=hint))
 
 
 def _plain(value: float) -> str:
-    """A coordinate to a micrometre; to more digits where it is less than that beyond a round
-    limit.
-    """
+    """Return a coordinate with 7 digits, enough for a small excess over a round limit."""
     return f"{value:.7g}"

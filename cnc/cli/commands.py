@@ -13,7 +13,7 @@ from typing import Annotated
 from cyclopts import App, CycloptsError, Parameter, validators
 
 from cnc import __version__
-from cnc.checks.baseline import Baseline, told
+from cnc.checks.baseline import Baseline, change_lines
 from cnc.checks.selection import Selection
 from cnc.cli.checking import Look, check_listed, check_one, codes, find_programs
 from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
@@ -176,13 +176,13 @@ def check(
         if name is not None:
             write_summary(name, reports if listed else reports[0])
     if format != "text" and format != "json":
-        from cnc.outputs.formats import write_format
+        from cnc.outputs.findings import write_findings
 
-        write_format(format, reports)
+        write_findings(format, reports)
     if not listed:
         show(reports[0], common, shown)
     if before is not None and not common.quiet:
-        print(*told(reports, before.missing(reports)), sep="\n", file=shown)
+        print(*change_lines(reports, before.missing(reports)), sep="\n", file=shown)
     return end(reports, quiet=common.quiet, fail_on=fail_on)
 
 
@@ -213,7 +213,7 @@ def diff(
     library()
     from cnc.compare.programs import compare
     from cnc.machine.load import load_machine
-    from cnc.outputs.files import write_object
+    from cnc.outputs.summary_json import write_object
 
     Common(machine=machine, json=json).check_outputs(first, second)
     with Screen(Control(), quiet=quiet) as screen:
@@ -278,11 +278,11 @@ def boards(
     stepper board with its version, axes, tick and room, something else, or nothing. The first
     opening of a port resets most boards; nothing moves.
     """
-    from cnc.boards.discovery import look, page
+    from cnc.boards.discovery import port_report, probe_ports
 
-    found = look(ports, baud)
+    found = probe_ports(ports, baud)
     for each in found:
-        print(*page(each, baud), sep="\n", flush=True)
+        print(*port_report(each, baud), sep="\n", flush=True)
     if not found:
         print("# this computer has no serial port; is the board plugged in and switched on?")
     return next((fail(each.fault) for each in found if ports and each.fault is not None), 0)
@@ -315,7 +315,7 @@ def home(
             port=port,
             watch=screen.watch(),
             control=control,
-            on_axis=None if quiet else lambda way: print(way.story, flush=True),
+            on_axis=None if quiet else lambda axis: print(axis.description, flush=True),
         )
     if not quiet:
         from cnc.report.summary import position

@@ -105,7 +105,7 @@ def _where_stopped(report: Report) -> str:
 
 def write_summary(name: str, summary: Report | Sequence[Report]) -> None:
     """The summary as JSON into a file, or ``-``."""
-    from cnc.outputs.files import write_json
+    from cnc.outputs.summary_json import write_json
 
     write_json(name, summary)
 

@@ -18,7 +18,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from cnc.model.diagnostics import Diagnostic, UsageError
-from cnc.model.operator_control import LARGEST_OVERRIDE, Control
+from cnc.model.operator_control import MAX_FEED_OVERRIDE, Control
 
 STEP = 10.0
 """Per cent of the programmed feeds for one key."""
@@ -72,7 +72,7 @@ class Keys:
             else:
                 control.hold()
         elif key == "+":
-            control.override(min(control.feed_override + STEP, LARGEST_OVERRIDE))
+            control.override(min(control.feed_override + STEP, MAX_FEED_OVERRIDE))
         elif key == "-":
             control.override(max(control.feed_override - STEP, min(LEAST, control.feed_override)))
         elif key in ("q", "Q"):

@@ -82,7 +82,7 @@ class Screen:
             self._bar.note = self._words(sent)
         if sent.held and not self._held and not self._quiet:
             print(
-                f"held at line {sent.line}{f' ({sent.why})' if sent.why else ''}; {HELP}",
+                f"held at line {sent.line}{f' ({sent.hold_reason})' if sent.hold_reason else ''}; {HELP}",
                 file=sys.stderr,
                 flush=True,
             )

@@ -1,1 +1,1 @@
-"""Runs a plan on a board."""
+"""Execution of plans on boards: pulse boards, line boards, homing."""

@@ -1,16 +1,16 @@
-"""Homing: the machine finds out where it stands by the limit switches of its axes, one axis after
-the other.
+"""Homing: the position of the machine by its limit switches, one axis after the other.
 
-       switch            seek                       1  off the switch, if it is closed to begin with
-    ─────┤◄──────────────────────────────────       2  towards it at the seek speed, until it closes
-         │  ──────►       pull off                  3  off it
-         ◄───────         latch                     4  towards it at the latch speed: where it closes now is its place
-         │  ──────►       pull off                  5  off it, to rest there
+       switch            seek                       1  off the switch, if it is closed at the start
+    ─────┤◄──────────────────────────────────       2  to the switch at the seek speed
+         │  ──────►       pull off                  3  off the switch
+         ◄───────         latch                     4  to the switch at the latch speed: it closes
+         │                                             at its measured position
+         │  ──────►       pull off                  5  off the switch, to rest there
 
-Every move is planned as those of a program are, within the limits of velocity, acceleration and
-jerk; it is the closing of a switch that ends one at once, as a probe does. No move is longer than
-what the axis has to travel. The switches of all other axes end the motion with an alarm, but for
-those that are closed already: their axes don't move.
+Moves are planned like those of a program, within the limits of velocity, acceleration and jerk.
+The closing of a switch ends a move at once, as a probe does. No move is longer than the travel of
+its axis. The switches of all other axes end the motion with an alarm, except switches that are
+closed already: their axes do not move.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import LineSink, PulseSink, Switched, board_error
+from cnc.boards.protocols import HasLimitSwitches, LineSink, PulseSink, board_error
 from cnc.executor.run import Progress, execute
-from cnc.machine.models import AxisLetter, Homing, Machine
-from cnc.model.blocks import Block, Polyline, SwitchMove
+from cnc.machine.models import Homing, Machine
+from cnc.model.blocks import AxisLetter, Block, Polyline, SwitchMove
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.model.streams import GcodeLine
@@ -34,21 +34,28 @@ from cnc.planner.window import SLICE
 from cnc.pulses.reference_pulse import ReferencePulse
 
 STUCK = 10.0
-"""Pull-offs after which a switch that was closed to begin with has to be open."""
+"""Distance, in pull-offs, within which a switch that is closed at the start must open."""
 LATCHES = 5.0
-"""Pull-offs within which the switch has to close for the second time (GRBL:
+"""Distance, in pull-offs, within which the switch must close for the second time (GRBL:
 HOMING_AXIS_LOCATE_SCALAR).
 """
 HOME, HOME_LINE = "$H", 1
-"""GRBL's own cycle, and the line that its answer confirms."""
+"""GRBL's own homing cycle, and its line number."""
 FILE = "homing"
-"""Where blocks of no program say that they come from."""
+"""The file name of homing blocks, which belong to no program."""
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
-    """How an axis goes home. towards: +1 or -1, the way to its switch; rest: mm, where it ends;
-    longest: mm, to look for the switch.
+class AxisHoming:
+    """The homing cycle of an axis.
+
+    Attributes:
+        column: Column of the axis.
+        letter: Letter of the axis.
+        towards: Direction of the switch, +1 or -1.
+        rest: Coordinate at the end of the cycle, mm.
+        longest: Longest distance of the search for the switch, mm.
+        settings: Settings of the machine file.
     """
 
     column: int
@@ -59,22 +66,22 @@ class Way:
     settings: Homing
 
     @property
-    def story(self) -> str:
-        """What the axis does, in words."""
-        letter, to, each = (
-            self.letter.upper(),
-            ("up" if self.towards > 0 else "down"),
-            self.settings,
-        )
+    def description(self) -> str:
+        """Description of the cycle for the operator."""
+        letter, settings = self.letter.upper(), self.settings
+        direction = "up" if self.towards > 0 else "down"
         return (
-            f"{letter}: {to} to its switch, at most {self.longest:g} mm at {each.seek:g} mm/s, then once more at {each.latch:g} mm/s; "
-            f"{each.pull_off:g} mm off it is {letter}{self.rest:g}"
+            f"{letter}: {direction} to its switch, at most {self.longest:g} mm at "
+            f"{settings.seek:g} mm/s, then once more at {settings.latch:g} mm/s; "
+            f"{settings.pull_off:g} mm off it is {letter}{self.rest:g}"
         )
 
     @classmethod
-    def of(cls, machine: Machine, letter: AxisLetter) -> Way:
-        """UsageError ``homing-travel`` for an axis without travel: the search has to end
-        somewhere.
+    def of(cls, machine: Machine, letter: AxisLetter) -> AxisHoming:
+        """Return the cycle of an axis.
+
+        Raises:
+            UsageError: ``homing-travel``, for an axis without travel, because the search must end.
         """
         axis = machine.axes[letter]
         settings = axis.homing or Homing()
@@ -83,7 +90,7 @@ class Way:
             raise UsageError(
                 Diagnostic(
                     "homing-travel",
-                    f"{letter.upper()} has no travel, so nobody knows how far its switch is",
+                    f"{letter.upper()} has no travel, so the distance of its switch is not known",
                     hint=hint,
                 )
             )
@@ -96,11 +103,18 @@ class Way:
         )
 
 
-def ways_home(machine: Machine, axes: Sequence[str] = (), switches: int = 3) -> tuple[Way, ...]:
-    """How the axes named go home, in the machine's order; all that have a switch if none is named.
+def homing_sequence(
+    machine: Machine, axes: Sequence[str] = (), switches: int = 3
+) -> tuple[AxisHoming, ...]:
+    """Return the homing cycles of axes in their order.
 
-    switches: how many of the machine's first axes have one on the board. UsageError
-    ``unknown-axis``, ``no-switch``, ``homing-travel``.
+    Args:
+        machine: The machine.
+        axes: Letters of the axes; all that have a switch if there are none.
+        switches: Number of axes, from the first one, that have a switch on the board.
+
+    Raises:
+        UsageError: ``unknown-axis``, ``no-switch``, ``homing-travel``.
     """
     letters = tuple(machine.axes)
     known = letters[:switches]
@@ -121,45 +135,53 @@ def ways_home(machine: Machine, axes: Sequence[str] = (), switches: int = 3) -> 
     wanted += [letter for letter in letters if letter in named and letter not in wanted]
     for letter in wanted:
         if letter not in known:
-            hint = f"the board has switches for {', '.join(known)}; take it out, or out of homing.order"
+            hint = (
+                f"the board has switches for {', '.join(known)}; "
+                f"remove {letter} from the command or from homing.order"
+            )
             raise UsageError(
                 Diagnostic(
                     "no-switch", f"the board has no limit switch for {letter.upper()}", hint=hint
                 )
             )
-    return tuple(Way.of(machine, letter) for letter in wanted)
+    return tuple(AxisHoming.of(machine, letter) for letter in wanted)
 
 
-def rest_steps(
+def homed_steps(
     machine: Machine,
-    ways: Iterable[Way],
+    cycles: Iterable[AxisHoming],
     standing: Sequence[int | None],
     start: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """Where the machine will stand (axes,) when it has gone these ways; where nobody knows,
-    ``start``, mm, is taken for it.
+    """Return the grid point (axes,) of the machine after homing.
+
+    Args:
+        machine: The machine.
+        cycles: Homing cycles.
+        standing: Grid point of each axis before, None where it is not known.
+        start: Position (axes,) that is assumed for axes whose position is not known, mm.
     """
-    steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
-    taken = np.round(start * steps_per_mm).astype(np.int64)
+    steps_per_mm = machine.steps_per_mm
+    assumed = np.round(start * steps_per_mm).astype(np.int64)
     steps = np.array(
         [
-            take if stands is None else stands
-            for stands, take in zip(standing, taken.tolist(), strict=True)
+            other if known is None else known
+            for known, other in zip(standing, assumed.tolist(), strict=True)
         ],
         np.int64,
     )
-    for way in ways:
-        steps[way.column] = round(way.rest * float(steps_per_mm[way.column]))
+    for cycle in cycles:
+        steps[cycle.column] = round(cycle.rest * float(steps_per_mm[cycle.column]))
     return steps
 
 
-class _Cycle:
-    """A board on its way home."""
+class _Homing:
+    """State of the homing of a machine."""
 
     def __init__(
         self,
         board: PulseSink,
-        switched: Switched,
+        switched: HasLimitSwitches,
         machine: Machine,
         control: Control,
         on_progress: Callable[[Progress], None] | None,
@@ -170,80 +192,98 @@ class _Cycle:
         self.machine = machine
         self.control = control
         self.on_progress = on_progress
-        self.steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
-        standing = switched.standing_steps
+        self.steps_per_mm = machine.steps_per_mm
+        standing = switched.known_steps
         self.known = [steps is not None for steps in standing]
-        self.steps = rest_steps(machine, (), standing, start)
+        self.steps = homed_steps(machine, (), standing, start)
 
-    def closed(self, way: Way) -> bool:
-        return self.switched.switches[way.column]
+    def closed(self, cycle: AxisHoming) -> bool:
+        return self.switched.switches[cycle.column]
 
-    def home(self, way: Way) -> None:
-        """One axis. BoardError ``homing-switch`` where its switch does not do what it should."""
-        settings, letter = way.settings, way.letter.upper()
-        if self.closed(way):
-            self.known[way.column] = False
-            if not self.go(way, -STUCK * settings.pull_off, settings.seek, until=False):
-                what = f"the switch of {letter} is still closed {STUCK * settings.pull_off:g} mm off it"
+    def home(self, cycle: AxisHoming) -> None:
+        """Home one axis.
+
+        Raises:
+            BoardError: ``homing-switch``, where its switch does not open or close as it must.
+        """
+        settings, letter = cycle.settings, cycle.letter.upper()
+        if self.closed(cycle):
+            self.known[cycle.column] = False
+            if not self.go(cycle, -STUCK * settings.pull_off, settings.seek, until=False):
+                distance = STUCK * settings.pull_off
                 raise self.failed(
-                    what,
-                    "is its wire broken or its switch stuck, or stands the axis at its other end?",
+                    f"the switch of {letter} is still closed after a move of {distance:g} mm",
+                    "check its wire and its switch, and whether the axis is at its other end",
                 )
-            self.off(way)
-        self.known[way.column] = False
-        if not self.go(way, way.longest, settings.seek, until=True):
-            hint = f"is it wired, and at the {'high' if way.towards > 0 else 'low'} end (axes.{way.letter}.homing.end)?"
-            raise self.failed(
-                f"the switch of {letter} has not closed within {way.longest:g} mm", hint
+            self.off(cycle)
+        self.known[cycle.column] = False
+        if not self.go(cycle, cycle.longest, settings.seek, until=True):
+            end = "high" if cycle.towards > 0 else "low"
+            hint = (
+                f"check its wire, and that it is at the {end} end (axes.{cycle.letter}.homing.end)"
             )
-        self.off(way)
-        if not self.go(way, LATCHES * settings.pull_off, settings.latch, until=True):
             raise self.failed(
-                f"the switch of {letter} has not closed a second time", "is it loose?"
+                f"the switch of {letter} did not close within {cycle.longest:g} mm", hint
             )
-        self.steps[way.column] = self.in_steps(way, way.rest) + way.towards * self.in_steps(
-            way, settings.pull_off
+        self.off(cycle)
+        if not self.go(cycle, LATCHES * settings.pull_off, settings.latch, until=True):
+            raise self.failed(
+                f"the switch of {letter} did not close a second time", "check that it is not loose"
+            )
+        self.steps[cycle.column] = self.in_steps(cycle, cycle.rest) + cycle.towards * self.in_steps(
+            cycle, settings.pull_off
         )
-        self.known[way.column] = True
-        self.off(way)
+        self.known[cycle.column] = True
+        self.off(cycle)
 
-    def in_steps(self, way: Way, mm: float) -> int:
-        return round(mm * float(self.steps_per_mm[way.column]))
+    def in_steps(self, cycle: AxisHoming, mm: float) -> int:
+        return round(mm * float(self.steps_per_mm[cycle.column]))
 
-    def off(self, way: Way) -> None:
-        """Off the switch by the pull-off."""
-        self.go(way, -way.settings.pull_off, way.settings.seek)
-        if self.closed(way):
-            what = f"the switch of {way.letter.upper()} is still closed {way.settings.pull_off:g} mm off the place where it closed"
+    def off(self, cycle: AxisHoming) -> None:
+        """Move off the switch by the pull-off."""
+        self.go(cycle, -cycle.settings.pull_off, cycle.settings.seek)
+        if self.closed(cycle):
             raise self.failed(
-                what, f"raise axes.{way.letter}.homing.pull_off, or look at the switch"
+                f"the switch of {cycle.letter.upper()} is still closed "
+                f"{cycle.settings.pull_off:g} mm off the position where it closed",
+                f"raise axes.{cycle.letter}.homing.pull_off, or check the switch",
             )
 
-    def go(self, way: Way, distance: float, feed: float, until: bool | None = None) -> bool:
-        """Move by so many mm towards the switch; ``until`` it is closed, or open. Whether that
-        came.
+    def go(
+        self, cycle: AxisHoming, distance: float, feed: float, until: bool | None = None
+    ) -> bool:
+        """Move towards the switch.
+
+        Args:
+            cycle: The cycle.
+            distance: Distance, mm; negative off the switch.
+            feed: Speed, mm/s.
+            until: State of the switch that ends the move, None for none.
+
+        Returns:
+            Whether the switch reached that state.
         """
         target = self.steps.copy()
-        target[way.column] += way.towards * self.in_steps(way, distance)
+        target[cycle.column] += cycle.towards * self.in_steps(cycle, distance)
         end = target / self.steps_per_mm
         block: Block
         if until is None:
             block = Polyline(FILE, 0, end[None, :], np.array([feed]), np.zeros(1, np.int32))
         else:
-            block = SwitchMove(FILE, 0, end, feed, until, False, switch=way.column)
-        self.run(way, block)
+            block = SwitchMove(FILE, 0, end, feed, until, False, switch=cycle.column)
+        self.run(cycle, block)
         if not isinstance(block, SwitchMove):
             return True
         return block.answer.values is not None and block.answer.values[0] == 1.0
 
-    def run(self, way: Way | None, *blocks: Block) -> None:
-        """Carry out blocks, from rest to rest."""
+    def run(self, cycle: AxisHoming | None, *blocks: Block) -> None:
+        """Carry out blocks, from rest to rest, for the axis of ``cycle`` if there is one."""
         machine, closed = self.machine, self.switched.switches
         watched = [
-            not (shut or (way is not None and column == way.column))
+            not (shut or (cycle is not None and column == cycle.column))
             for column, shut in enumerate(closed)
         ]
-        self.switched.next_start(watched=watched, known=self.known)
+        self.switched.prepare_next_start(watched=watched, known=self.known)
         start = self.steps / self.steps_per_mm
         fastest = min(machine.board.max_step_rate, self.board.capabilities.max_step_rate)
         ahead = LookAhead(machine, self.control, slice_s=self.board.capabilities.slice_s or SLICE)
@@ -261,8 +301,8 @@ class _Cycle:
         if not outcome.finished:
             raise HomingStopped
 
-    def failed(self, what: str, hint: str) -> BoardError:
-        return board_error("homing-switch", what, hint=hint)
+    def failed(self, message: str, hint: str) -> BoardError:
+        return board_error("homing-switch", message, hint=hint)
 
 
 def home(
@@ -273,48 +313,69 @@ def home(
     *,
     control: Control | None = None,
     on_progress: Callable[[Progress], None] | None = None,
-    on_axis: Callable[[Way], None] | None = None,
+    on_axis: Callable[[AxisHoming], None] | None = None,
 ) -> tuple[int | None, ...]:
-    """Let the axes go home, one after the other; where each axis then stands, steps, None for one
-    that nobody knows of.
+    """Home axes one after the other.
 
-    axes: which, all that have a switch if none is named. Axes that have none are taken to stand
-    where ``start`` (axes,) mm says, if the board does not know better. on_axis is told of every
-    axis before it goes. UsageError ``no-switches`` for a board that has none; BoardError, after
-    which the axis that was under way is lost; HomingStopped by ``control``.
+    Args:
+        board: The board.
+        machine: The machine.
+        axes: Letters of the axes; all that have a switch if there are none.
+        start: Position (axes,) of axes without a switch whose position is not known, mm.
+        control: Requests of the operator.
+        on_progress: Called with the progress.
+        on_axis: Called with the cycle of each axis before it begins.
+
+    Returns:
+        Grid point of each axis, None where it is not known.
+
+    Raises:
+        UsageError: ``no-switches``, or an error of :func:`homing_sequence`.
+        BoardError: The board failed. The position of the current axis is lost.
+        HomingStopped: ``control`` stopped the homing.
     """
-    if not isinstance(board, PulseSink) or not isinstance(board, Switched):
-        hint = "name the board at which they are: --board stepper; a GRBL board homes by cncrun home, or a program that begins with $H"
+    if not isinstance(board, PulseSink) or not isinstance(board, HasLimitSwitches):
+        hint = (
+            "name the board that has them with --board; "
+            "a GRBL board homes by cncrun home, or by a program that begins with $H"
+        )
         raise UsageError(
-            Diagnostic("no-switches", "this board has no limit switches to home by", hint=hint)
+            Diagnostic("no-switches", "this board has no limit switches for homing", hint=hint)
         )
     switches = len(board.switches)
-    cycle = _Cycle(board, board, machine, control or Control(), on_progress, start)
-    for way in ways_home(machine, axes, switches):
+    homing = _Homing(board, board, machine, control or Control(), on_progress, start)
+    for cycle in homing_sequence(machine, axes, switches):
         if on_axis is not None:
-            on_axis(way)
-        cycle.home(way)
-    if not all(cycle.known[switches:]):
-        cycle.known[switches:] = [True] * (len(cycle.known) - switches)
-        cycle.run(None)
+            on_axis(cycle)
+        homing.home(cycle)
+    if not all(homing.known[switches:]):
+        homing.known[switches:] = [True] * (len(homing.known) - switches)
+        homing.run(None)
     return tuple(
         steps if known else None
-        for steps, known in zip(cycle.steps.tolist(), cycle.known, strict=True)
+        for steps, known in zip(homing.steps.tolist(), homing.known, strict=True)
     )
 
 
 def home_by_board(board: LineSink, axes: Sequence[str], control: Control) -> None:
-    """Let a GRBL board home the machine by its own cycle (``$H``); return when it stands at rest.
+    """Home a machine by the board's own cycle (``$H``); returns when it is at rest.
 
-    UsageError ``board-homes-all`` for single ``axes``; BoardError where the board refuses or fails;
-    HomingStopped by ``control``.
+    Args:
+        board: The board.
+        axes: Letters of the axes, which must be empty.
+        control: Requests of the operator.
+
+    Raises:
+        UsageError: ``board-homes-all``, for single axes.
+        BoardError: The board refused or failed.
+        HomingStopped: ``control`` stopped the homing.
     """
     if axes:
-        hint = "leave the axes out: cncrun home"
+        hint = "give the command without axes: cncrun home"
         raise UsageError(
             Diagnostic("board-homes-all", "a GRBL board homes all its axes at once", hint=hint)
         )
-    board.attend(control, lambda: None)
+    board.connect_operator(control, lambda: None)
     board.start(np.zeros(board.capabilities.axes, np.int64))
     board.send_line(GcodeLine(HOME, HOME_LINE))
     if control.stopped:

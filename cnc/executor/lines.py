@@ -1,20 +1,18 @@
-"""A program on a board that plans for itself: what the plan says becomes lines, sent as fast as the
-board takes them.
+"""Execution of a plan on a line board, as lines that are sent as fast as the board accepts them.
 
-    plan ──► translator ──► steps: lines, and at what block the board has to come to rest ──► sent, one after the other
+    plan ──► translator ──► steps (lines, then a block at which the board rests) ──► board
 
-Steps may be made on the way, where the board's answers decide how the program goes on, or before
-anything moves: a list of them is small.
+Steps can be made during the run, where the board's answers decide how the program continues, or
+before any motion: a list of them is small.
 
-The board carries out the operator's wishes itself (:meth:`cnc.boards.protocols.LineSink.attend`),
-so the plan is made without them: hold, resume and override act on the motion under way, not on what
-is still to come.
+The board itself carries out the requests of the operator
+(:meth:`cnc.boards.protocols.LineSink.connect_operator`), so the plan does not contain them. Hold,
+resume and override act on the current motion.
 """
 
 from __future__ import annotations
 
 import contextlib
-from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -22,80 +20,75 @@ from typing import Protocol
 import numpy as np
 
 from cnc.boards.protocols import LineSink, board_error
+from cnc.executor.packed_lines import PackedLines
 from cnc.executor.run import Progress
-from cnc.model.blocks import Abort, Block, BoardCommand, Dwell, End, Probe, Stop, Tool
+from cnc.model.blocks import Abort, Block, BoardCommand, End, Probe, Stop, Tool
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
 from cnc.planner.plan import PlanChunk
+from cnc.planner.run_clock import RunClock
 
-ROUNDING = 0.003
-"""mm by which a board's report of its position may differ from where it was sent, beside one step:
-three decimals, of inches even.
-"""
-
+POSITION_ROUNDING = 0.003
+"""Rounding error of a reported position, beside one step, mm: three decimals, even in inches."""
 
 END = End("", 0)
 
 
 class LineTranslator(Protocol):
-    """What turns a plan into lines, such as :class:`cnc.grbl_lines.translator.Translator`."""
+    """A translator of plans, such as :class:`cnc.grbl_lines.translator.Translator`."""
 
     @property
     def position(self) -> Sequence[float] | None:
-        """Where the lines so far lead to, x y z in mm (machine coordinates); None where that is not
-        known.
-        """
+        """End point of the lines so far, x y z in mm (machine coordinates); None if not known."""
 
     def lines(self, item: PlanChunk | Block) -> Iterator[GcodeLine]:
-        """The lines for the next item of the plan, as far as they are certain."""
+        """Yield lines for the next item of the plan, as far as they are final."""
 
     def end(self) -> Iterator[GcodeLine]:
-        """What is left."""
+        """Yield the remaining lines."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What one thing of a plan has become.
+    """The lines of one item of a plan.
 
-    file: the program. text: lines, each with its end. numbers: source line of each. clock: seconds
-    planned until its end. block: at which the board comes to rest behind the lines, None if at
-    none. position: where the lines so far lead to, x y z in mm; None where that is not known.
+    Attributes:
+        file: The program.
+        lines: Lines for the board.
+        clock: Machine time at the end of the item, s.
+        block: Block after the lines at which the board rests, or None.
+        position: End point of the lines so far, x y z in mm; None if not known.
     """
 
     file: str
-    text: str
-    numbers: Sequence[int]
+    lines: PackedLines
     clock: float
     block: Block | None
     position: tuple[float, ...] | None
 
-    def lines(self) -> Iterator[GcodeLine]:
-        """The lines."""
-        for text, number in zip(self.text.split("\n"), self.numbers, strict=False):
-            yield GcodeLine(text, number)
-
 
 def steps(planned: Iterable[PlanChunk | Block], translator: LineTranslator) -> Iterator[Step]:
-    """The steps of a plan, each as soon as its lines are certain; a probe's answer is looked at
-    when the next is asked for.
+    """Yield the steps of a plan, each as soon as its lines are final.
+
+    The answer of a probe must be set before the next step is requested.
+
+    Args:
+        planned: Chunks of the plan, and the blocks between them.
+        translator: Makes lines of them.
     """
-    clock, file = 0.0, ""
+    clock, file = RunClock(), ""
     for item in planned:
         file = item.path.file if isinstance(item, PlanChunk) else item.file
         lines = list(translator.lines(item))
-        if isinstance(item, PlanChunk):
-            clock = item.t0 + item.duration
-        elif isinstance(item, Dwell):
-            clock += item.seconds
-        elif isinstance(item, BoardCommand):
-            # A locked board takes nothing but $H and $X: they go before the modes of the first
-            # line.
+        clock.add(item)
+        if isinstance(item, BoardCommand):
+            # A locked board accepts only $H and $X, so they precede the modes of the first line.
             lines.sort(key=lambda line: not line.text.startswith("$"))
         block = item if isinstance(item, Abort | BoardCommand | Probe | Stop | Tool) else None
         if lines or block is not None:
-            yield _step(file, lines, clock, block, translator.position)
-    yield _step(file, list(translator.end()), clock, None, translator.position)
+            yield _step(file, lines, clock.seconds, block, translator.position)
+    yield _step(file, list(translator.end()), clock.seconds, None, translator.position)
 
 
 def _step(
@@ -105,11 +98,9 @@ def _step(
     block: Block | None,
     position: Sequence[float] | None,
 ) -> Step:
-    text = "".join(line.text + "\n" for line in lines)
     return Step(
         file,
-        text,
-        array("i", [line.line for line in lines]),
+        PackedLines.of(lines),
         clock,
         block,
         None if position is None else tuple(position),
@@ -118,11 +109,14 @@ def _step(
 
 @dataclass(frozen=True, slots=True)
 class LineOutcome:
-    """What came of a run.
+    """Result of a run on a line board.
 
-    duration: seconds of machine time that were planned for what was sent. position (axes,): where
-    the board says it is, mm. lines: that were sent. stopped_at_line: None after a whole run, else
-    the last source line that the board has taken.
+    Attributes:
+        duration: Planned machine time of the lines sent, s.
+        position: Position of each axis that the board reports, mm.
+        lines: Number of lines sent.
+        stopped_at_line: None after a complete run, else the last source line that the board has
+            accepted.
     """
 
     duration: float
@@ -132,7 +126,7 @@ class LineOutcome:
 
 
 class _Stream:
-    """One run."""
+    """State of a run, and the sending of its steps."""
 
     def __init__(
         self,
@@ -150,8 +144,8 @@ class _Stream:
         self.file = ""
         self.wanted: tuple[float, ...] | None = None
 
-    def tell(self) -> None:
-        """The board has reported."""
+    def report(self) -> None:
+        """Pass on a report of the board."""
         if self.on_progress is not None:
             board = self.board
             line = board.confirmed_line
@@ -168,13 +162,13 @@ class _Stream:
             self.on_progress(now)
 
     def step(self, step: Step) -> None:
-        """One thing of the plan."""
+        """Send a step, and carry out its block."""
         self.file, block = step.file, step.block
-        self.send(step.lines())
+        self.send(step.lines)
         self.clock, self.wanted = step.clock, step.position
         if block is None or self.control.stopped:
             return
-        # Nothing goes on behind a pause before the operator has said so.
+        # The board continues after a pause only when the operator resumes.
         answer = self.board.execute(block, round(self.clock * 1e9))
         if isinstance(block, Probe):
             block.answer.values = answer
@@ -182,7 +176,7 @@ class _Stream:
             self.compare()
 
     def send(self, lines: Iterable[GcodeLine]) -> None:
-        """Lines, until the operator stops."""
+        """Send lines until the operator stops the run."""
         for line in lines:
             if self.control.stopped:
                 return
@@ -192,16 +186,26 @@ class _Stream:
                 self.on_line(line)
 
     def compare(self) -> None:
-        """The board stands still: where the lines led it? BoardError ``position-differs``."""
+        """Compare the position of the board, which is at rest, with that of the lines.
+
+        Raises:
+            BoardError: ``position-differs``.
+        """
         wanted, board = self.wanted, self.board
         if wanted is None or self.control.stopped or board.check_only:
             return
         for letter, planned, reported, step in zip(
             "XYZ", wanted, board.position, board.resolution, strict=False
         ):
-            if abs(planned - reported) > step + ROUNDING:
-                message = f"the board stands at {letter}{reported:.3f}, the program has led it to {letter}{planned:.3f}"
-                hint = "bytes were lost on the way, or the board has lost its position: check the part, home the machine"
+            if abs(planned - reported) > step + POSITION_ROUNDING:
+                message = (
+                    f"the board is at {letter}{reported:.3f}, "
+                    f"but the program ends at {letter}{planned:.3f}"
+                )
+                hint = (
+                    "bytes were lost, or the board lost its position: "
+                    "check the part, and home the machine"
+                )
                 raise board_error(
                     "position-differs", message, line=self.board.confirmed_line, hint=hint
                 )
@@ -222,20 +226,30 @@ def stream(
     on_line: Callable[[GcodeLine], None] | None = None,
     afterwards: Callable[[], Iterable[GcodeLine]] | None = None,
 ) -> LineOutcome:
-    """Run a program on a board that takes lines.
+    """Run a program on a line board.
 
-    on_progress is told whenever the board has reported, on_line of every line sent. ``afterwards``:
-    lines to send when the program has come to its end and the machine stands where it should. When
-    ``control`` says stop, the board comes to rest and forgets what it was sent; it is left stopped.
+    After a stop request, the board comes to rest, discards its lines, and is left stopped. After
+    any exception, the board is aborted.
 
-    Raises BoardError when the board or the link fails, at the source line that the fault names,
-    else at the last one that the board has taken, and ``position-differs`` where the board ends
-    elsewhere than the program. The board has been told to abort, as after any other exception.
+    Args:
+        program: Steps of the program.
+        board: The board.
+        control: Requests of the operator.
+        on_progress: Called after each report of the board.
+        on_line: Called with each line sent.
+        afterwards: Gives lines to send after the program, when the position has been checked.
+
+    Returns:
+        The result of the run.
+
+    Raises:
+        BoardError: The board or its connection failed, or ``position-differs``. The source line is
+            that of the fault, else the last one that the board has accepted.
     """
     control = control or Control()
     run = _Stream(board, control, on_progress, on_line)
     try:
-        board.attend(control, run.tell)
+        board.connect_operator(control, run.report)
         board.start(np.zeros(board.capabilities.axes, np.int64))
         for step in program:
             run.step(step)
@@ -246,8 +260,8 @@ def stream(
             run.compare()
             run.send(() if afterwards is None or board.check_only else afterwards())
             board.finish()
-            run.tell()
-        # The operator may have stopped the last of the motion.
+            run.report()
+        # A stop request may have come during the last motion.
         if control.stopped:
             board.stop()
         return run.outcome(stopped=control.stopped)
@@ -263,6 +277,6 @@ def stream(
 
 
 def _abort(board: LineSink) -> None:
-    """Stop the board; what it says to that matters less than the fault that led here."""
+    """Abort the board and ignore its faults, because the original fault matters more."""
     with contextlib.suppress(BoardError):
         board.abort()

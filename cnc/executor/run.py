@@ -1,11 +1,10 @@
-"""A plan on a board: chunks become pulses, blocks between them become commands, in the program's
-order.
+"""Execution of a plan on a pulse board: chunks become pulses, blocks become commands, in order.
 
-The executor works ahead of time. It never waits for a pulse: the board plays what it has been sent
-and holds the caller back when it is full.
+The executor works ahead of time and never waits for a pulse. The board blocks the caller while its
+buffer is full.
 
-The operator's :class:`~cnc.model.operator_control.Control` is looked at between two stretches of
-the plan. A hold takes no machine time: the clock goes on with the motion.
+Requests of the operator (:class:`~cnc.model.operator_control.Control`) are read between two chunks
+of the plan. A hold takes no machine time: the clock continues with the motion.
 """
 
 from __future__ import annotations
@@ -18,54 +17,59 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import Attending, Playing, PulseSink, Touching
-from cnc.model.blocks import Abort, Block, Dwell, End, Held, Probe, WaitInput
+from cnc.boards.protocols import HasButtons, PlaysAhead, ProbesByMotion, PulseSink
+from cnc.model.blocks import Abort, Block, End, Held, Probe, WaitInput
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
 from cnc.planner.plan import PlanChunk
+from cnc.planner.run_clock import RunClock
 
 REST = 1e-9
-"""Speed in mm/s below which a chunk's end is at rest."""
+"""Speed below which the end of a chunk is at rest, mm/s."""
 
 ARRIVED = 1e-9
-"""mm; what rounding may leave of a path that has been gone to its end."""
+"""Distance from the end of a path that rounding may leave, mm."""
 
 
 class PulseInterpolator(Protocol):
-    """What turns a plan into pulses, such as :class:`cnc.pulses.reference_pulse.ReferencePulse`."""
+    """An interpolator, such as :class:`cnc.pulses.reference_pulse.ReferencePulse`."""
 
     @property
     def origin_steps(self) -> NDArray[np.int64]:
-        """Grid point at which the program begins (axes,)."""
+        """Grid point of the start of the program (axes,)."""
 
     @property
     def position_steps(self) -> NDArray[np.int64]:
-        """Grid point after the pulses made so far (axes,)."""
+        """Grid point after the pulses so far (axes,)."""
 
     def pulses(self, chunk: PlanChunk) -> Iterator[PulseChunk]:
-        """The grid moves of a stretch of the plan."""
+        """Yield the grid moves of a chunk of the plan."""
 
     def settle(self) -> Iterator[PulseChunk]:
-        """The last grid move at the end of the path."""
+        """Yield the last grid move at the end of the path."""
 
     def stand_at(self, grid: NDArray[np.int64]) -> None:
-        """The machine stands at a grid point (axes,) that was not planned, such as where a probe
-        made contact.
-        """
+        """Continue from a grid point (axes,) that was not planned, such as that of a contact."""
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far the program has been sent: seconds of machine time, source line, grid moves (or
-    lines, to a board that takes those).
+    """Progress of a run.
 
-    held: the motion rests until it is resumed. position: where the board says it is, mm. buffered:
-    lines that it has not taken yet. The last two are None of a board that does not tell. left:
-    seconds until the program is over, None where nobody has counted them. why: what the program
-    holds for. ahead: seconds of motion that the board has yet; line then is that which it is at, or
-    one before. at: a line that the motion has come to for certain, 0 where that is not known. file:
-    where that is, as what is sent says.
+    Attributes:
+        time: Machine time sent, s.
+        line: Source line of the last motion sent. If ``ahead`` is known: line of the motion that
+            the board plays, or an earlier one.
+        rows: Grid moves sent; lines on a line board.
+        held: Whether motion is held until it is resumed.
+        position: Position of each axis that the board reports, mm; None without reports.
+        buffered: Lines that the board has not carried out yet; None without reports.
+        left: Time until the end of the program, s; None if it is not known.
+        hold_reason: Reason for which the program holds.
+        ahead: Motion that the board has not played yet, s.
+        file: Program of the last motion sent.
+        at: Line that the motion has reached with certainty, 0 if none is known.
     """
 
     time: float
@@ -75,7 +79,7 @@ class Progress:
     position: tuple[float, ...] | None = None
     buffered: int | None = None
     left: float | None = None
-    why: str = ""
+    hold_reason: str = ""
     ahead: float | None = None
     file: str = ""
     at: int = 0
@@ -83,12 +87,15 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a run.
+    """Result of a run on a pulse board.
 
-    duration: seconds of machine time sent, dwells included. position_steps (axes,): where the board
-    is. steps (axes,): steps made by each axis, in both directions together. rows: grid moves.
-    stopped_at_line: None after a whole run; after a stop the source line of the last motion or
-    command sent, 0 if there was none.
+    Attributes:
+        duration: Machine time sent, dwells included, s.
+        position_steps: Grid point of the board (axes,).
+        steps: Number of steps of each axis in both directions together (axes,).
+        rows: Number of grid moves.
+        stopped_at_line: None after a complete run. After a stop, the source line of the last motion
+            or command sent, 0 if there was none.
     """
 
     duration: float
@@ -104,7 +111,7 @@ class Outcome:
 
 
 class _Run:
-    """One run: what has been sent, and how the next thing is sent."""
+    """State of a run, and the sending of the items of its plan."""
 
     def __init__(
         self,
@@ -117,65 +124,63 @@ class _Run:
         self.interpolator = interpolator
         self.on_pulses = on_pulses
         self.on_progress = on_progress
-        self.clock = 0.0
+        self.clock = RunClock()
         self.line = 0
         self.rows = 0
         self.steps = np.zeros(len(interpolator.origin_steps), dtype=np.int64)
         self.file = ""
-        self.playing = board if isinstance(board, Playing) else None
+        self.at_rest = True
+        self.playing = board if isinstance(board, PlaysAhead) else None
         self._probing: tuple[Probe, tuple[float, ...] | None] | None = None
 
     def command(self, block: Block) -> None:
-        """A block between moves: the board carries it out when the motion before it has come to
-        rest.
-        """
-        self.probed()
+        """Send a block, which the board carries out after the motion before it."""
+        self.settle_probe()
         self.file = block.file
-        reply = self.board.execute(block, round(self.clock * 1e9))
+        reply = self.board.execute(block, round(self.clock.seconds * 1e9))
         if isinstance(block, WaitInput):
             block.answer.values = reply
         elif isinstance(block, Probe):
             self._probing = block, reply
-        if isinstance(block, Dwell):
-            self.clock += block.seconds
+        self.clock.add(block)
         self.line = block.line
-        self._tell()
+        self._report()
 
     def motion(self, chunk: PlanChunk, control: Control | None = None) -> None:
-        """A stretch of the plan, as far as ``control`` lets it."""
+        """Send a chunk of the plan until ``control`` stops the run."""
         self.file = chunk.path.file
         self.send(self.interpolator.pulses(chunk), control)
-        self.clock = chunk.t0 + chunk.duration
+        self.clock.add(chunk)
 
     def hold(self, block: Held, control: Control | None) -> None:
-        """Wait until the operator goes on, or stops the run; whoever watches may do either at
-        once.
-        """
-        self.board.execute(block, round(self.clock * 1e9))
-        self._tell(held=True, why=block.why)
+        """Wait until the operator resumes or stops the run; ``on_progress`` may do so at once."""
+        self.board.execute(block, round(self.clock.seconds * 1e9))
+        self._report(held=True, reason=block.reason)
         if control is not None:
             control.wait()
 
-    def probed(self) -> None:
-        """The motion rests: if it was that of a probe, its answer counts now. BoardError
-        ``probe-no-contact`` where there had to be one.
+    def settle_probe(self) -> None:
+        """Store the answer of a probe whose motion has ended.
+
+        Raises:
+            BoardError: ``probe-no-contact``, where a contact (or its loss) is required.
         """
         if self._probing is None:
             return
         block, reply = self._probing
         self._probing = None
-        found = self.board.sensed() if isinstance(self.board, Touching) else None
+        found = self.board.probe_result() if isinstance(self.board, ProbesByMotion) else None
         reply = reply if found is None else found
         block.answer.values = reply
         if reply is not None:
             self.interpolator.stand_at(self.board.position_steps)
         if block.must and reply is not None and not reply[0]:
             what = "made no contact" if block.towards else "did not lose contact"
-            hint = f"{'G38.3' if block.towards else 'G38.5'} goes on without"
+            hint = f"{'G38.3' if block.towards else 'G38.5'} continues without it"
             raise BoardError(
                 Diagnostic(
                     "probe-no-contact",
-                    f"the probe {what} on its way",
+                    f"the probe {what} during its move",
                     block.file,
                     block.line,
                     hint=hint,
@@ -183,7 +188,7 @@ class _Run:
             )
 
     def send(self, chunks: Iterable[PulseChunk], control: Control | None = None) -> None:
-        """Pulses, as far as ``control`` lets them."""
+        """Send pulses until ``control`` stops the run."""
         for pulses in chunks:
             if control is not None and control.stopped:
                 return
@@ -194,29 +199,35 @@ class _Run:
             self.steps += [np.count_nonzero(column) for column in pulses.step.T]
             if len(pulses.step):
                 self.line = int(pulses.line[-1])
-                self.clock = float(pulses.time_ns[-1]) * 1e-9
-            self._tell()
+                self.clock.seconds = float(pulses.time_ns[-1]) * 1e-9
+            self._report()
 
-    def outcome(self, stopped: bool) -> Outcome:
+    def outcome(self, *, stopped: bool) -> Outcome:
         return Outcome(
-            self.clock,
+            self.clock.seconds,
             self.board.position_steps,
             self.steps,
             self.rows,
             self.line if stopped else None,
         )
 
-    def _tell(self, *, held: bool = False, why: str = "") -> None:
+    def _report(self, *, held: bool = False, reason: str = "") -> None:
         if self.on_progress is None:
             return
         now = Progress(
-            self.clock, self.line, self.rows, held, why=why, file=self.file, at=self.line
+            self.clock.seconds,
+            self.line,
+            self.rows,
+            held,
+            hold_reason=reason,
+            file=self.file,
+            at=self.line,
         )
         if self.playing is not None:
-            where = self.playing.whereabouts
-            # What the motion is held for has been come to.
-            line = self.line if held else where.line
-            now = replace(now, line=line, position=where.position, ahead=where.ahead, at=line)
+            state = self.playing.motion_state
+            # Under a hold, the motion has reached the last line sent.
+            line = self.line if held else state.line
+            now = replace(now, line=line, position=state.position, ahead=state.ahead, at=line)
         self.on_progress(now)
 
 
@@ -230,58 +241,39 @@ def execute(
     control: Control | None = None,
     ramp_down: Callable[[], Iterable[PlanChunk]] | None = None,
 ) -> Outcome:
-    """Run a plan on a board.
+    """Run a plan on a pulse board.
 
-    on_pulses is shown every chunk that the board has taken, on_progress how far things are; either
-    may tell ``control`` what to do. When it says stop, no more than the stop needs is sent: without
-    ``ramp_down`` nothing at all; with it the rest of the stretch under way, then, unless that ends
-    at rest, the motion that ``ramp_down`` gives, which begins where the stretch ends. The board is
-    left stopped. For a hold the plan itself comes to rest and says so
-    (:class:`~cnc.model.blocks.Held`): all before it has been sent, and the board is told to wait.
+    After a stop request, only the motion needed for the stop is sent, and the board is left
+    stopped. Without ``ramp_down``, no motion is sent. With it, the rest of the current chunk
+    follows, and then the motion that ``ramp_down`` gives, unless the chunk ends at rest. For a
+    hold, the plan itself comes to rest and contains :class:`~cnc.model.blocks.Held`.
 
-    Raises BoardError when the board fails, at the source line that the fault names, else at the
-    last one that the board has taken; the board has been told to abort, as after any other
-    exception. After the fault of a program (it went another way than in the first pass, by what a
-    probe or an input answered) a board that senses has come to rest on the path, if ``ramp_down``
-    says how.
+    A fault of the program can appear during the run, when the answer of a probe or an input leads
+    to another path than in the check pass. Then a board with sensors comes to rest on the path, if
+    ``ramp_down`` is given. After any other exception the board is aborted.
+
+    Args:
+        plan_stream: Chunks of the plan, and the blocks between them.
+        board: The board.
+        interpolator: Makes pulses of the plan.
+        on_pulses: Called with each chunk of pulses that the board has accepted.
+        on_progress: Called with the progress; may make requests to ``control``.
+        control: Requests of the operator.
+        ramp_down: Gives the motion to rest from the end of the last chunk.
+
+    Returns:
+        The result of the run.
+
+    Raises:
+        BoardError: The board failed. The source line is that of the fault, else that of the last
+            motion that the board has accepted.
     """
     run = _Run(board, interpolator, on_pulses, on_progress)
-    at_rest = True
     try:
-        if control is not None and isinstance(board, Attending):
-            board.attend(control)
+        if control is not None and isinstance(board, HasButtons):
+            board.connect_operator(control)
         board.start(interpolator.origin_steps)
-        items = iter(plan_stream)
-        while control is None or not control.stopped:
-            # What has been handed out is sent: the ramp begins where the last stretch ends.
-            item = next(items, None)
-            if item is None:
-                break
-            if isinstance(item, PlanChunk):
-                run.motion(item, control if ramp_down is None else None)
-                at_rest = float(item.phase_v[-1]) <= REST
-                if at_rest and _arrived(item):
-                    run.probed()
-            elif isinstance(item, Held):
-                run.hold(item, control)
-            elif isinstance(item, Abort):
-                # The fault comes when the next item is asked for. The board is idle by then.
-                run.probed()
-                run.send(interpolator.settle())
-                board.finish()
-            else:
-                if isinstance(item, End):
-                    run.send(interpolator.settle())
-                run.command(item)
-        if control is not None and control.stopped:
-            if ramp_down is not None and not at_rest:
-                for chunk in ramp_down():
-                    run.motion(chunk)
-            board.stop()
-            return run.outcome(stopped=True)
-        run.send(interpolator.settle())
-        board.finish()
-        return run.outcome(stopped=False)
+        return _run_program(run, plan_stream, control, ramp_down)
     except BoardError as error:
         _abort(board)
         found = error.diagnostic
@@ -289,13 +281,9 @@ def execute(
             file=found.file or run.file, line=found.line or board.confirmed_line
         ) from error
     except CncError:
-        # The program turned out to be faulty: what moves comes to rest on the path. What only
-        # records motion forgets it.
-        if (
-            ramp_down is not None
-            and not at_rest
-            and (board.capabilities.senses or board.capabilities.probes)
-        ):
+        # A fault of the program: a machine comes to rest on the path, a recording is discarded.
+        moves = board.capabilities.senses or board.capabilities.probes
+        if ramp_down is not None and not run.at_rest and moves:
             with contextlib.suppress(BoardError):
                 for chunk in ramp_down():
                     run.motion(chunk)
@@ -308,14 +296,54 @@ def execute(
         raise
 
 
+def _run_program(
+    run: _Run,
+    plan_stream: Iterable[PlanChunk | Block],
+    control: Control | None,
+    ramp_down: Callable[[], Iterable[PlanChunk]] | None,
+) -> Outcome:
+    """Send the items of a plan to a started board, and end the run."""
+    board, items = run.board, iter(plan_stream)
+    while control is None or not control.stopped:
+        # An item that the planner has given is sent: the ramp begins at the end of its last chunk.
+        item = next(items, None)
+        if item is None:
+            break
+        if isinstance(item, PlanChunk):
+            run.motion(item, control if ramp_down is None else None)
+            run.at_rest = float(item.phase_v[-1]) <= REST
+            if run.at_rest and _arrived(item):
+                run.settle_probe()
+        elif isinstance(item, Held):
+            run.hold(item, control)
+        elif isinstance(item, Abort):
+            # The next item raises the fault; by then the board must be idle.
+            run.settle_probe()
+            run.send(run.interpolator.settle())
+            board.finish()
+        else:
+            if isinstance(item, End):
+                run.send(run.interpolator.settle())
+            run.command(item)
+    if control is not None and control.stopped:
+        if ramp_down is not None and not run.at_rest:
+            for chunk in ramp_down():
+                run.motion(chunk)
+        board.stop()
+        return run.outcome(stopped=True)
+    run.send(run.interpolator.settle())
+    board.finish()
+    return run.outcome(stopped=False)
+
+
 def _arrived(chunk: PlanChunk) -> bool:
-    """Whether the motion has come to where the path itself stops: a hold may rest anywhere."""
+    """Return whether a chunk ends at a stop of the path itself; a hold may rest anywhere."""
     return (
         bool(chunk.path.stop_after[-1]) and float(chunk.piece_s[-1] - chunk.phase_s[-1]) <= ARRIVED
     )
 
 
 def _abort(board: PulseSink) -> None:
-    """Stop the board; what it says to that matters less than the fault that led here."""
+    """Abort the board and ignore its faults, because the original fault matters more."""
     with contextlib.suppress(BoardError):
         board.abort()

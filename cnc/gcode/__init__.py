@@ -1,1 +1,1 @@
-"""Program text to canonical blocks."""
+"""The G-code language: program text to canonical blocks."""

@@ -1,1 +1,1 @@
-"""Path to lines of G-code within a tolerance, for boards that plan for themselves."""
+"""Translation of a path into lines of G-code, for boards with a planner of their own."""

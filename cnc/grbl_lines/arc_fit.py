@@ -1,75 +1,54 @@
-"""The fewest moves along a strand: lines and arcs within the tolerance, by the kernel of the same
-name.
-"""
+"""The fewest lines and arcs along a stretch of path, found by the kernel of the same name."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
-from cnc.grbl_lines.path_samples import NO_ARC, PlaneArc, Strand
-from cnc.grbl_lines.travel_margin import Room
-from cnc.grbl_lines.writer import Point
-from cnc.kernels.grbl_lines.arc_fit import STRAIGHT, fewest
+from cnc.grbl_lines.moves import Move, PlaneArc
+from cnc.grbl_lines.path_samples import NO_ARC, PathSamples
+from cnc.grbl_lines.travel_margin import TravelMargin
+from cnc.kernels.grbl_lines.arc_fit import STRAIGHT, FitLimits, fit_fewest
 
 
-@dataclass(frozen=True, slots=True)
-class Move:
-    """A line to ``end``, or an arc if there is one. first: the interval of the strand where it
-    begins.
+def fit_moves(
+    samples: PathSamples, tolerance: float, chord: float, travel: TravelMargin
+) -> Iterator[Move]:
+    """Fit moves from the start of the samples to their end.
 
-    speed: the highest planned along it, feed: the programmed one (NaN: traverse), mm/s. line:
-    source line of what it ends in. rests: the motion rests behind it.
+    Args:
+        samples: Points of the path.
+        tolerance: Largest distance of a move from the path, mm.
+        chord: Largest distance of the board's own chords from an arc, mm.
+        travel: The limits within which arcs must stay.
+
+    Yields:
+        The moves in their order.
     """
-
-    end: Point
-    arc: PlaneArc | None
-    first: int
-    speed: float
-    feed: float
-    line: int
-    rests: bool
-
-
-def moves(strand: Strand, tolerance: float, chord: float, room: Room) -> Iterator[Move]:
-    """Moves from the start of the strand to its end; ``chord`` is by how much the board's own
-    chords may be off an arc, mm.
-    """
-    k = len(strand)
+    k = len(samples)
     end, plane, arc = np.empty(k, np.int64), np.empty(k, np.int64), np.empty((k, 3))
-    may_turn = (strand.arc == NO_ARC) & ~np.isnan(strand.feed)
-    count = fewest(
-        strand.points,
-        strand.cuts(),
-        may_turn,
-        tolerance,
-        chord,
-        room.low,
-        room.high,
-        end,
-        plane,
-        arc,
-    )
+    may_turn = (samples.arc == NO_ARC) & ~np.isnan(samples.feed)
+    limits = FitLimits(tolerance, chord, travel.low, travel.high)
+    count = fit_fewest(samples.points, samples.cuts(), may_turn, limits, end, plane, arc)
     end, plane, arc = end[:count], plane[:count], arc[:count]
     first = np.concatenate(([0], end[:-1]))
     columns = (
-        strand.points[end].tolist(),
+        samples.points[end].tolist(),
         first.tolist(),
-        np.maximum.reduceat(strand.speed, first).tolist(),
-        strand.feed[end - 1].tolist(),
-        strand.line[end - 1].tolist(),
-        strand.rest[end].tolist(),
-        strand.arc[end - 1].tolist(),
+        np.maximum.reduceat(samples.speed, first).tolist(),
+        samples.feed[end - 1].tolist(),
+        samples.line[end - 1].tolist(),
+        samples.rest[end].tolist(),
+        samples.arc[end - 1].tolist(),
         plane.tolist(),
         arc.tolist(),
     )
-    for (x, y, z), begin, speed, feed, line, rests, true, kind, (cx, cy, sweep) in zip(
+    for (x, y, z), begin, speed, feed, line, rests, programmed, kind, (cx, cy, sweep) in zip(
         *columns, strict=True
     ):
-        if true != NO_ARC:
-            turned: PlaneArc | None = strand.arcs[true]
+        if programmed != NO_ARC:
+            used: PlaneArc | None = samples.arcs[programmed]
         else:
-            turned = None if kind == STRAIGHT else PlaneArc(kind, (cx, cy), sweep, fitted=True)
-        yield Move((x, y, z), turned, begin, speed, feed, line, rests)
+            used = None if kind == STRAIGHT else PlaneArc(kind, (cx, cy), sweep, fitted=True)
+        yield Move((x, y, z), used, begin, speed, feed, line, rests)

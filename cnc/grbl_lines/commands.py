@@ -1,9 +1,8 @@
-"""Blocks that don't move, as GRBL 1.1 says them; what it can't do is a GcodeError at the block's
-line.
+"""Lines of GRBL 1.1 for blocks without motion; GcodeError for blocks that GRBL does not support.
 
-Of the codes that GRBL knows these are G4, M0 to M5, M7 where it was built with mist, M8 and M9
-(GRBL 1.1 wiki, "Supported G-codes"). A tool change becomes a pause with a message. What changes
-offsets (G10, G43.1, G92) never comes here: positions are those of the machine.
+GRBL supports G4, M0 to M5, M7 if it was built with mist, M8 and M9 (GRBL 1.1 wiki, "Supported
+G-codes"). A tool change becomes a pause with a message. Blocks that change offsets (G10, G43.1,
+G92) do not reach this module, because positions are machine coordinates.
 """
 
 from __future__ import annotations
@@ -33,145 +32,161 @@ from cnc.model.blocks import (
     WaitInput,
 )
 from cnc.model.diagnostics import Diagnostic, GcodeError
+from cnc.model.line_effects import MODES, REST, LineEffect, LineKind
+from cnc.model.streams import GcodeLine
 
 LONGEST_DWELL = 3000.0
-"""s: GRBL counts a dwell in steps of 50 ms by 16 bits, 3276 s at most (``delay_sec`` of
+"""s. GRBL counts a dwell in steps of 50 ms by 16 bits, at most 3276 s (``delay_sec`` of
 nuts_bolts.c).
 """
+Command = tuple[str, LineEffect]
 
 
-class Commands:
-    """The lines of one block after another; it remembers spindle and coolant.
+class CommandLines:
+    """Writes the lines of blocks without motion, and keeps the state of spindle and coolant.
 
-    mist: whether the board has M7. moved: whether anything has moved yet.
+    Attributes:
+        moved: Whether anything has moved yet.
     """
 
     def __init__(self, *, mist: bool = False) -> None:
+        """``mist``: whether the board has M7."""
         self._mist = mist
         self._spindle = "off"
         self._rpm = 0.0
         self._coolant = (False, False)
         self.moved = False
 
-    def lines(self, block: Block) -> Iterator[str]:
-        """Lines for a block that is neither motion nor a probe; GcodeError for what the board can't
-        do.
-        """
+    def lines(self, block: Block) -> Iterator[GcodeLine]:
+        """Yield the lines of a block; GcodeError for a block that the board does not support."""
+        if isinstance(block, BoardCommand):
+            # The effect of a command of the board's own is not known.
+            yield GcodeLine(self._board_command(block), block.line)
+            return
+        for text, effect in self._commands(block):
+            yield GcodeLine(text, block.line, effect)
+
+    def _commands(self, block: Block) -> Iterator[Command]:
         match block:
             case Message(text=text):
-                yield from message_lines(text)
+                yield from ((line, MODES) for line in message_lines(text))
             case Dwell(seconds=seconds):
                 yield from _dwell(seconds)
             case Spindle():
-                yield from self._turn(block)
-            case Coolant(mist=mist, flood=flood):
-                yield from self._cool(block, mist, flood)
+                yield from self._spindle_commands(block)
+            case Coolant():
+                yield from self._coolant_commands(block)
             case Tool(number=tool, change=True):
                 if self._spindle != "off":
                     self._spindle = "off"
-                    yield "M5"
-                yield f"M0 (MSG, put in tool {tool}, then resume)"
-            case Stop(optional=optional, pallet=pallet):
-                yield (
-                    "M1"
-                    if optional
-                    else "M0 (MSG, change the pallet, then resume)"
-                    if pallet
-                    else "M0"
-                )
+                    yield "M5", REST
+                yield f"M0 (MSG, put in tool {tool}, then resume)", REST
+            case Stop(optional=True):
+                yield "M1", REST
+            case Stop(pallet=pallet):
+                yield "M0 (MSG, change the pallet, then resume)" if pallet else "M0", REST
             case End():
                 self._spindle, self._coolant = "off", (False, False)
-                yield "M2"
-            case BoardCommand(text=text):
-                yield self._own(block, text)
-            case SpindleSync(pitch=pitch):
-                if pitch:
-                    raise refused(
-                        block,
-                        "motion that follows the spindle (G33, G76)",
-                        "use a board with an encoder",
-                    )
-            case Abort() | Tool() | Overrides() | PathMode() | Held():
-                pass
-            case Orient():
-                raise refused(block, "M19, to orient the spindle")
-            case DigitalOutput() | AnalogOutput():
-                raise refused(
-                    block,
-                    "outputs (M62 to M68)",
-                    "use coolant (M8) or spindle (S) for what they switch",
-                )
-            case WaitInput():
-                raise refused(block, "M66, to read an input")
+                yield "M2", REST
+            case SpindleSync(pitch=0.0) | Abort() | Tool() | Overrides() | PathMode() | Held():
+                return
             case _:
-                raise refused(block, f"{type(block).__name__} blocks")
+                raise _unsupported(block)
 
-    def _turn(self, block: Spindle) -> Iterator[str]:
+    def _spindle_commands(self, block: Spindle) -> Iterator[Command]:
         if block.surface_speed:
             raise refused(
                 block, "constant surface speed (G96)", "program the spindle speed with G97"
             )
         if block.state == "off":
             if self._spindle != "off":
-                yield "M5"
+                yield "M5", REST
         elif block.state != self._spindle:
-            yield f"{'M3' if block.state == 'cw' else 'M4'} S{number(block.rpm, 3)}"
+            yield f"{'M3' if block.state == 'cw' else 'M4'} S{number(block.rpm, 3)}", REST
         elif block.rpm != self._rpm:
-            yield f"S{number(block.rpm, 3)}"
+            yield f"S{number(block.rpm, 3)}", MODES
         self._spindle, self._rpm = block.state, block.rpm
 
-    def _cool(self, block: Block, mist: bool, flood: bool) -> Iterator[str]:
-        if mist and not self._mist:
+    def _coolant_commands(self, block: Coolant) -> Iterator[Command]:
+        if block.mist and not self._mist:
             raise refused(block, "mist (M7)", "use M8; GRBL has M7 only if it was built with it")
-        wanted, now = (mist, flood), self._coolant
+        wanted, now = (block.mist, block.flood), self._coolant
         if any(has and not wants for wants, has in zip(wanted, now, strict=True)):
-            yield "M9"
+            yield "M9", REST
             now = (False, False)
-        if mist and not now[0]:
-            yield "M7"
-        if flood and not now[1]:
-            yield "M8"
+        if block.mist and not now[0]:
+            yield "M7", REST
+        if block.flood and not now[1]:
+            yield "M8", REST
         self._coolant = wanted
 
-    def _own(self, block: Block, text: str) -> str:
-        """A command of the board's own."""
-        said = text.replace(" ", "").upper()
-        if said.startswith("$J") or (said.startswith("$H") and self.moved):
+    def _board_command(self, block: BoardCommand) -> str:
+        """Return the text of a command of the board's own; GcodeError if it may not be sent."""
+        text = block.text
+        command = text.replace(" ", "").upper()
+        homes = command.startswith("$H")
+        if command.startswith("$J") or (homes and self.moved):
             hint = (
-                "home before the program; move with G0"
-                if said.startswith("$H")
+                "home before the program starts, and move with G0"
+                if homes
                 else "move with G0 or G1"
             )
-            message = f"after {text} the board is elsewhere than the program"
+            message = f"{text} moves the board to a position that the program does not know"
             raise GcodeError(
                 Diagnostic("board-command-moves", message, block.file, block.line, hint=hint)
             )
         if not text.isascii() or any(c in text for c in "?!~") or len(text) > LONGEST:
-            raise GcodeError(
-                Diagnostic(
-                    "board-command",
-                    f"{text[:LONGEST]} can't be sent as a line",
-                    block.file,
-                    block.line,
-                )
+            message = (
+                f"{text[:LONGEST]} can't be sent: a line has at most {LONGEST} ASCII characters, "
+                "without ? ! ~"
             )
+            raise GcodeError(Diagnostic("board-command", message, block.file, block.line))
         return text
 
 
-def _dwell(seconds: float) -> Iterator[str]:
+def _dwell(seconds: float) -> Iterator[Command]:
     while seconds > LONGEST_DWELL:
-        yield f"G4 P{number(LONGEST_DWELL, 3)}"
+        yield _dwell_line(LONGEST_DWELL)
         seconds -= LONGEST_DWELL
-    yield f"G4 P{number(seconds, 3)}"
+    yield _dwell_line(seconds)
 
 
-def refused(block: Block, what: str, hint: str = "") -> GcodeError:
-    """The error for a block that GRBL has no words for."""
+def _dwell_line(seconds: float) -> Command:
+    text = number(seconds, 3)
+    return f"G4 P{text}", LineEffect(LineKind.DWELL, seconds=float(text))
+
+
+def _unsupported(block: Block) -> GcodeError:
+    match block:
+        case SpindleSync():
+            return refused(
+                block,
+                "motion that follows the spindle (G33, G76)",
+                "use a board with a spindle encoder",
+            )
+        case Orient():
+            return refused(block, "spindle orientation (M19)")
+        case DigitalOutput() | AnalogOutput():
+            return refused(
+                block,
+                "outputs (M62 to M68)",
+                "use coolant (M8) or spindle speed (S) to switch the device",
+            )
+        case WaitInput():
+            return refused(block, "inputs (M66)")
+        case _:
+            return refused(block, "command for this line")
+
+
+def refused(block: Block, feature: str, hint: str = "") -> GcodeError:
+    """Return the error for a block that GRBL does not support."""
     return GcodeError(
-        Diagnostic("not-on-board", f"a GRBL board has no {what}", block.file, block.line, hint=hint)
+        Diagnostic(
+            "not-on-board", f"a GRBL board has no {feature}", block.file, block.line, hint=hint
+        )
     )
 
 
 def probe_word(probe: Probe) -> str:
-    """G38.2 to G38.5."""
+    """Return G38.2 to G38.5."""
     return f"G38.{(2 if probe.must else 3) if probe.towards else (4 if probe.must else 5)}"

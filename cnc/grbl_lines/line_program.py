@@ -1,12 +1,11 @@
-"""A program as lines for a board that plans for itself: to a file (``--lines``), and how long a
-board takes for them.
+"""A program as lines for a GRBL board: to a file (``--lines``), and the time that they take.
 
     blocks ──► smooth path ──► plan ──► Translator ──► lines ──► file
                                                          `─────► BoardTime
 
-The plan is one of its own: pulses follow the path exactly, lines may deviate by the tolerance, and
-the board takes corners by itself. What a board has no words for ends the translation with a
-GcodeError at its line, before anything has moved.
+The plan is not that of the pulses: pulses follow the path exactly, while lines may deviate by the
+tolerance and the board rounds corners by itself. A command that the board does not support ends the
+translation with a GcodeError at its line, before anything has moved.
 """
 
 from __future__ import annotations
@@ -17,39 +16,41 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.grbl_lines.grbl_timing import BoardLimits, BoardTime
+from cnc.grbl_lines.board_limits import BoardLimits
+from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.number_format import LETTERS
 from cnc.grbl_lines.smooth import smooth_path
 from cnc.grbl_lines.translator import Translator
 from cnc.machine.models import Machine
 from cnc.model.blocks import AXIS_LETTERS, Block
+from cnc.model.parameter_numbers import G54_ORIGIN
 from cnc.model.streams import GcodeLine
 from cnc.planner.lookahead import LookAhead
-
-FIRST_ORIGIN = 5221
-"""Parameter of G54's X (LinuxCNC, "Numbered Parameters")."""
 
 
 @dataclass(frozen=True, slots=True)
 class LineProgram:
-    """How a program is made lines for any machine of a kind.
+    """A program that is translated for any machine of a kind.
 
-    start (axes,): where the machine stands before, mm. parameters: with which the program is read;
-    the lines are relative to their G54. box: lowest and highest coordinate that each axis comes to.
+    Attributes:
+        machine: The machine file.
+        start: Position of the machine before the program (axes,), mm.
+        parameters: Parameters with which the program is read; lines are relative to their G54.
+        extent: Lowest and highest coordinate of each axis in the program, mm.
     """
 
     machine: Machine
     start: NDArray[np.float64]
     parameters: Mapping[int, float]
-    box: Mapping[str, tuple[float, float]]
+    extent: Mapping[str, tuple[float, float]]
 
     def lines(self, blocks: Iterable[Block]) -> Iterator[GcodeLine]:
-        """The lines of a whole program."""
+        """Yield the lines of a whole program."""
         machine = self.machine
         moving = "".join(
             letter
             for letter in LETTERS.lower()
-            if letter in self.box and self.box[letter][0] < self.box[letter][1]
+            if letter in self.extent and self.extent[letter][0] < self.extent[letter][1]
         )
         translator = Translator(machine, work_offset=self.work_offset, moving=moving)
         path = smooth_path(
@@ -61,14 +62,19 @@ class LineProgram:
 
     @property
     def work_offset(self) -> list[float]:
-        """The origin of G54, x y z in mm."""
+        """Origin of G54, x y z in mm."""
         return [
-            self.parameters.get(FIRST_ORIGIN + AXIS_LETTERS.index(letter), 0.0)
+            self.parameters.get(G54_ORIGIN + AXIS_LETTERS.index(letter), 0.0)
             for letter in LETTERS.lower()
         ]
 
     def write(self, blocks: Iterable[Block], write: Callable[[str], None] | None) -> BoardTime:
-        """Write the lines, if there is somewhere to write them; the time that they take a board."""
+        """Write the lines and return their time.
+
+        Args:
+            blocks: The program.
+            write: Takes text; None to compute the time only.
+        """
         places = dict(zip(self.machine.axis_names, self.start.tolist(), strict=True))
         x, y, z = (
             places.get(letter, 0.0) - offset

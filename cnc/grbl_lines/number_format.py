@@ -1,10 +1,9 @@
-"""Words and lines as GRBL 1.1 reads them: numbers with the digits they need, and no word that says
-what the board knows already.
+"""Numbers, words and comments as GRBL 1.1 reads them.
 
-GRBL keeps of a number what fits a 32-bit float (about 7 digits), takes lines of at most 80
-characters, and picks the characters ``?`` ``!`` ``~`` and every byte from 0x80 on out of the stream
-wherever they stand, in a comment too: they are orders (GRBL 1.1 wiki, Interface, "Real-Time
-Commands"). Text of the program's must not contain any.
+GRBL keeps about 7 digits of a number (a 32-bit float) and takes lines of at most 80 characters. It
+takes the characters ``?`` ``!`` ``~`` and every byte from 0x80 on out of the stream wherever they
+stand, even in a comment: they are real-time commands (GRBL 1.1 wiki, Interface, "Real-Time
+Commands"). Text of a program must not contain them.
 """
 
 from __future__ import annotations
@@ -21,19 +20,19 @@ LETTERS = "XYZ"
 PLANE_WORDS = ("G17", "G18", "G19")
 """By the number of the plane: XY, ZX, YZ."""
 PLANE_COLUMNS = ((0, 1, 2), (2, 0, 1), (1, 2, 0))
-"""First and second axis of each plane, and the one across it; counter-clockwise turns the first
-towards the second.
+"""First and second axis of each plane, and the axis across it. Counter-clockwise turns from the
+first to the second.
 """
 CENTER_LETTERS = "IJK"
 
 FEED_STEP = 0.05
-"""Relative: a planned speed that differs from the feed in effect by less is not worth a word."""
+"""Relative difference between planned speed and feed in effect below which no F word is sent."""
 
-_TAKEN_OUT = str.maketrans({"!": ".", "?": ".", "~": "-", "(": "[", ")": "]", ";": ",", "%": " "})
+_REPLACED = str.maketrans({"!": ".", "?": ".", "~": "-", "(": "[", ")": "]", ";": ",", "%": " "})
 
 
 def number(value: float, digits: int) -> str:
-    """``value`` with at most so many digits behind the point, and none that say nothing."""
+    """Return ``value`` with at most ``digits`` decimals and no trailing zeros."""
     text = f"{value:.{digits}f}"
     if "." in text:
         text = text.rstrip("0").rstrip(".")
@@ -41,26 +40,30 @@ def number(value: float, digits: int) -> str:
 
 
 def feed_word(per_minute: float) -> str:
-    """F with four digits or more that count, and never F0, which GRBL refuses (error:22)."""
+    """Return an F word with at least four significant digits; never F0 (error:22 in GRBL)."""
     digits = 1 if per_minute >= 100.0 else 3 - math.floor(math.log10(max(per_minute, 1e-3)))
     return "F" + number(max(per_minute, 1e-3), digits)
 
 
-def plain(text: str) -> str:
-    """Text of the program's without what the board would take for an order."""
+def plain_text(text: str) -> str:
+    """Return text of a program without characters that are commands to the board."""
     return (
         "".join(c if " " <= c <= "\x7e" else " " if c.isspace() else "." for c in text)
-        .translate(_TAKEN_OUT)
+        .translate(_REPLACED)
         .strip()
     )
 
 
 def message_lines(text: str) -> Iterator[str]:
-    """``(MSG, text)`` for who shows comments, in as many lines as it takes; the board skips it."""
-    room = LONGEST - len("(MSG, )")
-    rest = plain(text)
+    """Yield ``(MSG, text)`` in as many lines as it takes; the board skips them."""
+    longest = LONGEST - len("(MSG, )")
+    rest = plain_text(text)
     while True:
-        cut = len(rest) if len(rest) <= room else max(rest.rfind(" ", 0, room + 1), 0) or room
+        cut = (
+            len(rest)
+            if len(rest) <= longest
+            else max(rest.rfind(" ", 0, longest + 1), 0) or longest
+        )
         yield f"(MSG, {rest[:cut]})"
         rest = rest[cut:].strip()
         if not rest:

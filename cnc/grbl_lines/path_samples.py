@@ -1,12 +1,11 @@
-r"""A stretch of plan as a strand: dense points of the path, and between each two what the line
-there has to say.
+r"""Dense samples of the path of a plan, with speed, feed and source line of each interval.
 
-                     cut            cut      A point is a cut where lines must meet exactly: at corners, at rests, between traverse
-    ...o..o..o..o..o..O-------------O~~~     and feed, where the programmed feed changes, and at both ends of a true arc, which is one
+                     cut            cut      Lines must meet exactly at a cut: at corners, at rests, between traverse and feed,
+    ...o..o..o..o..o..O-------------O~~~     where the programmed feed changes, and at both ends of a programmed arc, which is one
             curve         arc                interval whatever its length. All other points may be passed within the tolerance.
 
 Curves are sampled so densely that chords between the points deviate by a small part of the
-tolerance. The planned speed of an interval is the highest of the plan there.
+tolerance. The planned speed of an interval is the highest speed of the plan there.
 """
 
 from __future__ import annotations
@@ -17,8 +16,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.grbl_lines.moves import PlaneArc
 from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS
-from cnc.grbl_lines.travel_margin import Room
+from cnc.grbl_lines.travel_margin import TravelMargin
 from cnc.kernels.path.curve import ARC, LINE, SPAN, SPAN_BODY, START, TABLE, U0, U1, curve_eval
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.path.chunk import PathChunk
@@ -27,39 +27,28 @@ from cnc.planner.plan import PlanChunk
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-ROUND = 1e-9
-"""mm; what is left of a piece by rounding when the plan has passed it."""
+ROUNDING = 1e-9
+"""mm of a piece that rounding may leave when the plan has passed it."""
 CORNER_COSINE = math.cos(math.radians(30.0))
-"""A sharper turn is a corner: the lines meet there, as where the path floor smooths
-(:mod:`cnc.path.fit`).
-"""
+"""A sharper turn is a corner, where lines meet exactly, as in :mod:`cnc.path.fit`."""
 NO_ARC = -1
-FEWEST, MOST = 4, 4096
+FEWEST_CHORDS, MOST_CHORDS = 4, 4096
 """Chords of a curve."""
 PLANE_OF_COLUMNS = {columns[:2]: plane for plane, columns in enumerate(PLANE_COLUMNS)}
 
 
 @dataclass(frozen=True, slots=True)
-class PlaneArc:
-    """An arc or helix: number of its plane, centre in it, and signed sweep in rad,
-    counter-clockwise positive.
+class PathSamples:
+    """Points of a path and the intervals between them.
 
-    fitted: whether it stands for a stretch of path within the tolerance; else it is the path.
-    """
-
-    plane: int
-    center: tuple[float, float]
-    sweep: float
-    fitted: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Strand:
-    """Points of the path and what lies between them.
-
-    points (k + 1, 3) mm of x y z (0 for an axis that the machine lacks); rest (k + 1,): the motion
-    rests there. Of each interval (k,): planned speed and programmed feed mm/s (NaN: traverse),
-    source line, index of its true arc in ``arcs`` or NO_ARC.
+    Attributes:
+        points: x, y, z of each point (k + 1, 3), mm; 0 for an axis that the machine lacks.
+        rest: Whether the motion comes to rest at each point (k + 1,).
+        speed: Planned speed of each interval (k,), mm/s.
+        feed: Programmed feed of each interval (k,), mm/s; NaN for a traverse.
+        line: Source line of each interval (k,).
+        arc: Index in ``arcs`` of the programmed arc of each interval (k,), or NO_ARC.
+        arcs: The programmed arcs.
     """
 
     points: Floats
@@ -73,8 +62,8 @@ class Strand:
     def __len__(self) -> int:
         return len(self.speed)
 
-    def behind(self, first: int) -> Strand:
-        """The intervals from ``first`` on."""
+    def from_interval(self, first: int) -> PathSamples:
+        """Return the intervals from ``first`` on."""
         return replace(
             self,
             **{
@@ -85,12 +74,12 @@ class Strand:
         )
 
     @staticmethod
-    def joined(before: Strand, after: Strand) -> Strand:
-        """A strand and the one that follows it."""
+    def joined(before: PathSamples, after: PathSamples) -> PathSamples:
+        """Return two sets of samples as one; ``after`` begins where ``before`` ends."""
         rest = np.concatenate((before.rest, after.rest[1:]))
         rest[len(before)] |= after.rest[0]
         arc = np.where(after.arc == NO_ARC, NO_ARC, after.arc + len(before.arcs))
-        return Strand(
+        return PathSamples(
             np.concatenate((before.points, after.points[1:])),
             rest,
             np.concatenate((before.speed, after.speed)),
@@ -101,7 +90,7 @@ class Strand:
         )
 
     def cuts(self) -> Flags:
-        """Which of the points (k + 1,) lines must meet in; both ends are."""
+        """Return the points (k + 1,) at which lines must meet exactly; both ends are among them."""
         cut = self.rest.copy()
         cut[0] = cut[-1] = True
         steps = np.diff(self.points, axis=0)
@@ -110,29 +99,32 @@ class Strand:
             np.einsum("ij,ij->i", steps[1:], steps[:-1])
             < CORNER_COSINE * lengths[1:] * lengths[:-1]
         )
-        true = self.arc != NO_ARC
+        arcs = self.arc != NO_ARC
         feed = np.nan_to_num(self.feed, nan=-1.0)
-        cut[1:-1] |= turned | true[1:] | true[:-1] | (feed[1:] != feed[:-1])
+        cut[1:-1] |= turned | arcs[1:] | arcs[:-1] | (feed[1:] != feed[:-1])
         return cut
 
 
-class Strands:
-    """Makes strands of the plan, piece by piece: each when the plan has passed its end.
+class PathSampler:
+    """Samples the pieces of a plan, each when the plan has passed its end.
 
-    A plan comes in slices that may end inside a piece; what is known of its speeds by then is kept.
-    dense: mm, by how much chords between the points may deviate from the path. An arc is a true one
-    if it has one radius and keeps in the ``room``.
+    A plan comes in slices that may end inside a piece. The speeds that are known by then are kept.
+
+    Args:
+        axes: Letters of the machine's axes.
+        chord_error: Largest distance of chords between the samples from the path, mm.
+        travel: Limits of the travel; an arc that leaves them is sampled as a curve.
     """
 
-    def __init__(self, axes: tuple[str, ...], dense: float, room: Room) -> None:
+    def __init__(self, axes: tuple[str, ...], chord_error: float, travel: TravelMargin) -> None:
         self._columns = [axes.index(letter) if letter in axes else -1 for letter in LETTERS.lower()]
-        self._others = [k for k, axis in enumerate(axes) if axis not in LETTERS.lower()]
-        self._dense = dense
-        self._room = room
+        self._other_axes = [k for k, axis in enumerate(axes) if axis not in LETTERS.lower()]
+        self._chord_error = chord_error
+        self._travel = travel
         self._nodes: tuple[Floats, Floats] | None = None
 
-    def made(self, plan: PlanChunk) -> Strand | None:
-        """The pieces that end in this slice of the plan; None if there are none."""
+    def sample(self, plan: PlanChunk) -> PathSamples | None:
+        """Return samples of the pieces that end in this slice of the plan; None without any."""
         nodes_s, nodes_v = speed_nodes(plan)
         ends = plan.piece_s[1:]
         first = 0
@@ -142,20 +134,20 @@ class Strands:
                 np.concatenate((self._nodes[1], nodes_v)),
             )
         else:
-            first = int(np.searchsorted(ends, plan.phase_s[0] + ROUND, side="right"))
-        last = int(np.searchsorted(ends, plan.phase_s[-1] + ROUND, side="right"))
+            first = int(np.searchsorted(ends, plan.phase_s[0] + ROUNDING, side="right"))
+        last = int(np.searchsorted(ends, plan.phase_s[-1] + ROUNDING, side="right"))
         self._nodes = None
         open_s = float(plan.piece_s[last])
-        if plan.phase_s[-1] > open_s + ROUND:
+        if plan.phase_s[-1] > open_s + ROUNDING:
             behind = slice(max(int(np.searchsorted(nodes_s, open_s)) - 1, 0), None)
             self._nodes = nodes_s[behind] - open_s, nodes_v[behind]
         return (
-            self._strand(plan.path, plan.piece_s, first, last, nodes_s, nodes_v)
+            self._sample_pieces(plan.path, plan.piece_s, first, last, nodes_s, nodes_v)
             if last > first
             else None
         )
 
-    def _strand(
+    def _sample_pieces(
         self,
         path: PathChunk,
         piece_s: Floats,
@@ -163,8 +155,8 @@ class Strands:
         last: int,
         nodes_s: Floats,
         nodes_v: Floats,
-    ) -> Strand:
-        """Pieces [first, last): runs of lines at once, the others one by one."""
+    ) -> PathSamples:
+        """Return samples of pieces [first, last): runs of lines at once, others one by one."""
         self._check_axes(path, slice(first, last))
         kinds = path.kind[first:last]
         borders = (
@@ -186,14 +178,14 @@ class Strands:
                 counts += [1] * (end - begin)
                 arc += [NO_ARC] * (end - begin)
                 continue
-            true = self._true_arc(path, begin)
-            if true is None:
+            programmed = self._programmed_arc(path, begin)
+            if programmed is None:
                 rows, share, fast = self._curve(path, begin)
                 arc.append(NO_ARC)
             else:
                 rows, share, fast = self._ends(path, begin)[1:], np.ones(1), np.ones(1)
                 arc.append(len(arcs))
-                arcs.append(true)
+                arcs.append(programmed)
             points.append(rows)
             places.append(piece_s[begin] + share * (piece_s[begin + 1] - piece_s[begin]))
             faster.append(fast)
@@ -202,10 +194,10 @@ class Strands:
         rest = np.zeros(len(each) + 1, np.bool_)
         rest[np.cumsum(counts)] = path.stop_after[first:last]
         factor = np.concatenate(faster)
-        return Strand(
-            points=self._room.inside(np.concatenate(points)),
+        return PathSamples(
+            points=self._travel.inside(np.concatenate(points)),
             rest=rest,
-            speed=highest(nodes_s, nodes_v, np.concatenate(places))
+            speed=highest_speeds(nodes_s, nodes_v, np.concatenate(places))
             * np.maximum(factor[1:], factor[:-1]),
             feed=path.feed[each],
             line=path.line[each],
@@ -214,19 +206,22 @@ class Strands:
         )
 
     def _ends(self, path: PathChunk, k: int) -> Floats:
-        """Both ends of a piece (2, 3)."""
+        """Return both ends of a piece (2, 3)."""
         n, at = len(path.axes), int(path.at[k]) + START
         return self._xyz(path.data[at : at + 2 * n].reshape(2, n))
 
     def _curve(self, path: PathChunk, k: int) -> tuple[Floats, Floats, Floats]:
-        """Points (k, 3) behind the start of a curve, the share of its length where each lies, how
-        much faster than the plan it is there.
+        """Sample a curve.
+
+        Returns:
+            The points after its start (k, 3), the part of its length at each (k,), and the speed
+            there relative to the plan (k,).
         """
         kind, at, data = int(path.kind[k]), int(path.at[k]), path.data
         n = len(path.axes)
         body = at + START + 2 * n
         u0, u1 = float(data[at + U0]), float(data[at + U1])
-        count = FEWEST if kind == SPAN and data[body] == 3.0 else 2 * FEWEST
+        count = FEWEST_CHORDS if kind == SPAN and data[body] == 3.0 else 2 * FEWEST_CHORDS
         while True:
             u = np.arange(1, count + 1) / count
             if kind == SPAN:
@@ -240,17 +235,19 @@ class Strands:
             points = np.concatenate((self._ends(path, k)[:1], self._xyz(rows)))
             # a chord deviates by an eighth of the second difference
             bend = float(np.abs(np.diff(points, 2, axis=0)).max()) * math.sqrt(3.0) / 8.0
-            if bend <= self._dense or count >= MOST:
+            if bend <= self._chord_error or count >= MOST_CHORDS:
                 break
-            count = min(MOST, max(2 * count, math.ceil(count * math.sqrt(bend / self._dense))))
+            count = min(
+                MOST_CHORDS, max(2 * count, math.ceil(count * math.sqrt(bend / self._chord_error)))
+            )
         along = np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))
         if kind == SPAN and data[at + TABLE] == 0.0:
-            # a timed piece: the plan's coordinate is its parameter
+            # in a timed piece the plan's coordinate is its parameter
             return points[1:], u, np.gradient(along, u * (u1 - u0))
         return points[1:], along / along[-1], np.ones(count)
 
-    def _true_arc(self, path: PathChunk, k: int) -> PlaneArc | None:
-        """The piece as an arc in a plane of x y z, if it is one with one radius."""
+    def _programmed_arc(self, path: PathChunk, k: int) -> PlaneArc | None:
+        """Return the piece as an arc in a plane of x, y, z; None if it has no single radius."""
         if path.kind[k] != ARC:
             return None
         start = int(path.at[k]) + START
@@ -258,15 +255,15 @@ class Strands:
             :8
         ].tolist()
         columns = self._columns.index(int(i)), self._columns.index(int(j))
-        if abs(growth) > self._dense or columns not in PLANE_OF_COLUMNS:
+        if abs(growth) > self._chord_error or columns not in PLANE_OF_COLUMNS:
             return None
         center = path.data[start + int(i)] - radius * ex, path.data[start + int(j)] - radius * ey
-        if not self._room.holds(columns, center, self._ends(path, k)[0], sweep):
+        if not self._travel.holds_arc(columns, center, self._ends(path, k)[0], sweep):
             return None
         return PlaneArc(PLANE_OF_COLUMNS[columns], center, sweep)
 
     def _xyz(self, rows: Floats) -> Floats:
-        """Positions of all axes (k, n) as x, y, z (k, 3)."""
+        """Return x, y, z (k, 3) of positions of all axes (k, n)."""
         out = np.zeros((len(rows), 3))
         for to, column in enumerate(self._columns):
             if column >= 0:
@@ -274,28 +271,36 @@ class Strands:
         return out
 
     def _check_axes(self, path: PathChunk, run: slice) -> None:
-        """GcodeError where an axis moves that GRBL does not have."""
+        """Raise GcodeError `axis-not-on-board` where an axis moves that GRBL does not have."""
         n = len(path.axes)
-        for column in self._others:
+        for column in self._other_axes:
             at = path.at[run] + START + column
             moves = np.flatnonzero(path.data[at] != path.data[at + n])
             if len(moves):
                 line = int(path.line[run][moves[0]])
-                message = f"a GRBL board moves X, Y and Z; this moves {path.axes[column].upper()}"
+                message = f"a GRBL board moves X, Y and Z only; this line moves {path.axes[column].upper()}"
                 raise GcodeError(
                     Diagnostic(
                         "axis-not-on-board",
                         message,
                         path.file,
                         line,
-                        hint="take the axis out, or use another board",
+                        hint="remove the axis from the program, or use another board",
                     )
                 )
 
 
 def span_points(data: Floats, body: int, n: int, u: Floats) -> Floats:
-    """Positions (k, n) of a span's record, measured from its start point, at parts ``u`` (k,) of
-    its parameter: the sums of Bernstein.
+    """Return positions on a span from its start point, by Bernstein polynomials.
+
+    Args:
+        data: The record of the piece.
+        body: Index in ``data`` where the span begins.
+        n: Number of axes.
+        u: Parts of the span's parameter (k,), 0 to 1.
+
+    Returns:
+        Positions (k, n), mm.
     """
     p = int(data[body])
     rows = data[body + SPAN_BODY : body + SPAN_BODY + (n + 1) * (p + 1)].reshape(n + 1, p + 1)
@@ -306,8 +311,9 @@ def span_points(data: Floats, body: int, n: int, u: Floats) -> Floats:
 
 
 def speed_nodes(plan: PlanChunk) -> tuple[Floats, Floats]:
-    """Arc lengths and speeds along the plan, dense enough to find the highest speed of a stretch:
-    quarters of each phase, its peak.
+    """Return arc lengths and speeds at the quarters and the speed peak of each phase of a plan.
+
+    They are dense enough to find the highest speed of a stretch.
     """
     t = np.diff(plan.phase_t)
     v, a, j, s = plan.phase_v[:-1], plan.phase_a[:-1], plan.phase_j, plan.phase_s[:-1]
@@ -320,8 +326,8 @@ def speed_nodes(plan: PlanChunk) -> tuple[Floats, Floats]:
     return np.append(places.ravel(), plan.phase_s[-1]), np.append(speeds.ravel(), plan.phase_v[-1])
 
 
-def highest(nodes_s: Floats, nodes_v: Floats, s: Floats) -> Floats:
-    """The highest speed in each of the intervals s[k] .. s[k + 1]."""
+def highest_speeds(nodes_s: Floats, nodes_v: Floats, s: Floats) -> Floats:
+    """Return the highest speed in each of the intervals s[k] .. s[k + 1]."""
     at = np.interp(s, nodes_s, nodes_v)
     top = np.maximum(at[:-1], at[1:])
     begin = np.searchsorted(nodes_s, s[:-1], side="right")

@@ -1,14 +1,14 @@
-r"""The path of a program for a board that plans for itself.
+r"""The path of a program for a board with a planner of its own.
 
-Such a board takes corners by itself (GRBL by its junction deviation $11), and what it is sent may
-deviate by the tolerance anyway. So
+Such a board rounds corners by itself (GRBL by its junction deviation $11), and its lines may
+deviate by the tolerance. Therefore:
 
-    runs of short moves     are made a smooth curve within SMOOTHING of the tolerance, whatever the program says of G61 or G64: a
-                            plan that follows the chords of a CAM program exactly would have to slow down at each of them
+    runs of short moves     become a smooth curve within SMOOTHING of the tolerance, under G61 and under G64. A plan that follows
+                            the chords of a CAM program exactly would have to slow down at each of them
     longer moves, corners   stay as they are, and are not rounded
     exact stop (G61.1)      stays: the motion rests at the end of each move
 
-The rest of the tolerance is the Translator's.
+The rest of the tolerance is used by the Translator.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from cnc.path.chunk import PathChunk
 Floats = NDArray[np.float64]
 
 SMOOTHING = 0.15
-"""Part of the tolerance that smoothing takes. With less the planned motion is markedly slower, with
-more there are more lines.
+"""Part of the tolerance that smoothing uses. With less, the planned motion is markedly slower; with
+more, there are more lines.
 """
-LONG = 5.0
-"""mm. Moves from here on are no part of a curve: at 2000 mm/min and 250 mm/s^2 a machine stops and
-starts again in as much.
+LONG_MOVE = 5.0
+"""mm. Longer moves are no part of a curve: at 2000 mm/min and 250 mm/s^2 a machine stops and starts
+again within this length.
 """
-FEWEST = 3
+FEWEST_MOVES = 3
 """Short moves that make a run."""
 
 
@@ -46,20 +46,26 @@ def smooth_path(
     tolerance: float,
     accuracy: float = 1e-12,
 ) -> Iterator[PathChunk | Block]:
-    """The path of ``blocks`` from ``start`` (axes,), of which lines may be off by ``tolerance`` mm;
-    see :func:`cnc.path.build.build`.
+    """Yield the path of ``blocks``, see :func:`cnc.path.build.build`.
+
+    Args:
+        blocks: The program.
+        axes: Letters of the machine's axes.
+        start: Start position (axes,), mm.
+        tolerance: Largest distance of the lines from the program, mm.
+        accuracy: Accuracy of the path, mm.
     """
     for item in build(
         _smoothing(blocks, start, SMOOTHING * tolerance), axes=axes, start=start, accuracy=accuracy
     ):
         if isinstance(item, PathChunk):
-            # corners are the board's
+            # The board rounds corners by itself.
             item = replace(item, tolerance=np.zeros_like(item.tolerance))
         yield item
 
 
 def _smoothing(blocks: Iterable[Block], start: Floats, tolerance: float) -> Iterator[Block]:
-    """The blocks, with runs of short moves put under G64."""
+    """Yield the blocks, with runs of short moves under G64."""
     exact_stop = False
     position = start
     for block in blocks:
@@ -77,9 +83,9 @@ def _smoothing(blocks: Iterable[Block], start: Floats, tolerance: float) -> Iter
 
 
 def _runs(block: Polyline, position: Floats, tolerance: float) -> Iterator[Block]:
-    """The moves, the runs of short ones between a G64 and a G61."""
+    """Yield the moves, with a G64 before and a G61 after each run of short ones."""
     steps = np.diff(block.points, axis=0, prepend=position[None])
-    short = (np.linalg.norm(steps, axis=1) < LONG) & ~np.isnan(block.feeds)
+    short = (np.linalg.norm(steps, axis=1) < LONG_MOVE) & ~np.isnan(block.feeds)
     borders = [0, *(np.flatnonzero(np.diff(short)) + 1).tolist(), len(short)]
     for first, last in pairwise(borders):
         run = slice(first, last)
@@ -91,7 +97,7 @@ def _runs(block: Polyline, position: Floats, tolerance: float) -> Iterator[Block
             feeds=block.feeds[run],
             lines=block.lines[run],
         )
-        if short[first] and last - first >= FEWEST:
+        if short[first] and last - first >= FEWEST_MOVES:
             yield PathMode(block.file, line, "blend", tolerance)
             yield part
             yield PathMode(block.file, line, "exact-path")

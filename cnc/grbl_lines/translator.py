@@ -1,76 +1,87 @@
-"""The plan stream as lines of G-code for a GRBL 1.1 board: arcs stay arcs, all else becomes lines
-and arcs within a tolerance.
+r"""Translation of a plan into lines of G-code for a GRBL 1.1 board.
 
-    PlanChunk ──► Strands ──► pending strand ──► fewest lines and arcs between its cuts ──► Writer ──► GcodeLine
-    Block ──────────────────► Commands ─────────────────────────────────────────────────────────────►
+Arcs stay arcs. All other motion becomes lines and arcs within a tolerance.
 
-**Coordinates.** The plan is in machine coordinates; GRBL takes those only of straight moves (G53
-holds for one line and not for arcs), so lines are in work coordinates with G54 selected, and the
-Translator has to be told what the board adds to them:
+    PlanChunk ──► PathSampler ──► pending samples ──► fewest lines and arcs between cuts ──► LineWriter ──► GcodeLine
+    Block ──────────────────────► CommandLines ────────────────────────────────────────────────────────►
+
+**Coordinates.** The plan is in machine coordinates. GRBL takes these for straight moves only (G53
+holds for one line and not for arcs), so lines are in work coordinates with G54 selected. The
+Translator must know the offset that the board adds to them:
 
     work_offset = G54 + G92 + tool length, x y z in mm: the ``WCO`` of a status report while G54 is
     selected.
 
-The first line selects G54 and nothing that would change an offset is ever sent, so that WCO stays
-what it was. Who drives a board asks it for these numbers (``$#``, or ``?`` after G54), has the
-program read with the same offsets, and compares WCO with ``work_offset`` once the first line has
-been carried out, before any motion. For a file it is the offset of G54 with which the program was
-read: the file runs wherever G54 is set on the part.
+The first line selects G54, and no line changes an offset, so that WCO stays. A driver asks the
+board for these numbers (``$#``, or ``?`` after G54) and has the program read with the same offsets.
+Once the first line has been carried out, and before any motion, it compares WCO with
+``work_offset``. For a file it is the offset of G54 with which the program was read: the file runs
+wherever G54 is set on the part.
 
-**Speed.** A line is sent with the highest speed that the plan has on it, so that curves and corners
-are taken as planned; the board makes its own ramps. F is said where that differs by more than 5 %
-from the one in effect, and is never more than programmed. Traverses are G0.
+**Speed.** A line has the highest speed of the plan along it, so that curves and corners are taken
+as planned; the board makes its own ramps. An F word stands where the speed differs by more than 5 %
+from the feed in effect. It never exceeds the programmed feed. Traverses are G0.
 
-**Rests.** Where the path itself rests between two moves (G61.1) G4 P0 stands, for which GRBL comes
-to rest. It does so by itself for everything that Commands sends but comments.
+**Rests.** Where the path rests between two moves (G61.1), G4 P0 makes GRBL come to rest. GRBL also
+comes to rest for every line of CommandLines but comments.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from cnc.grbl_lines.arc_fit import Move, moves
-from cnc.grbl_lines.commands import Commands, probe_word
+from cnc.grbl_lines.arc_fit import fit_moves
+from cnc.grbl_lines.commands import CommandLines, probe_word
+from cnc.grbl_lines.moves import Move, PlaneArc, Point
 from cnc.grbl_lines.number_format import LETTERS, PLANE_COLUMNS
-from cnc.grbl_lines.path_samples import PlaneArc, Strand, Strands
+from cnc.grbl_lines.path_samples import PathSampler, PathSamples
 from cnc.grbl_lines.smooth import SMOOTHING
-from cnc.grbl_lines.travel_margin import Room
-from cnc.grbl_lines.writer import Point, Writer
+from cnc.grbl_lines.travel_margin import TravelMargin
+from cnc.grbl_lines.writer import LineWriter
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, BoardCommand, End, Message, Probe
 from cnc.model.diagnostics import Diagnostic, GcodeError
+from cnc.model.line_effects import MODES, REST, LineEffect, LineKind
 from cnc.model.streams import GcodeLine
 from cnc.planner.plan import PlanChunk
 
 PREAMBLE = "G21 G90 G94 G17 G54"
-REST = "G4 P0"
-DENSE = 0.02
-"""Part of the tolerance by which the points of a curve stand for it."""
-FITTING = 0.96 - DENSE - SMOOTHING
-"""Part of the tolerance that lines and arcs may be off those points. The rest is for the digits of
-numbers, and for what sums of 32-bit floats lose.
+SHORT_REST = "G4 P0"
+SAMPLING = 0.02
+"""Part of the tolerance by which chords between the samples of a curve may deviate from it."""
+FITTING = 0.96 - SAMPLING - SMOOTHING
+"""Part of the tolerance by which lines and arcs may be off the samples. The rest is for rounded
+numbers and for sums of 32-bit floats.
 """
 ARC_TOLERANCE = 0.002
 """mm: GRBL's default for $12."""
-LEAST_TOLERANCE = 1e-3
-"""mm. The board computes with 32-bit floats: at 300 mm that is good for a hundredth of it."""
+MIN_TOLERANCE = 1e-3
+"""mm. The board computes with 32-bit floats, at 300 mm accurate to a hundredth of this."""
 
 
 class Translator:
-    """Lines for the items of one plan, in their order.
+    """Translates the items of one plan, in their order.
 
-    tolerance: mm, how far the lines may be from the program, the path being that of
-    :func:`~cnc.grbl_lines.smooth.smooth_path` for the same one; None for the machine's
-    (``path.tolerance``). work_offset: see above. arc_tolerance: the board's $12, mm, by which its
-    own chords may be off an arc. mist: the board has M7. margin: mm, by which lines keep away from
-    the ends of the travel (:mod:`cnc.grbl_lines.travel_margin`). moving: for a program that may run
-    anywhere, the axes (of "xyz") that move in it: the first feed move finds all of them where they
-    should be, because a traverse has said so; None for a board that stands where the plan begins.
-    Raises GcodeError ``not-on-board``, ``axis-not-on-board``, ``board-command-moves`` at the line
-    of what GRBL can't do.
+    Raises GcodeError ``not-on-board``, ``axis-not-on-board`` or ``board-command-moves`` at the line
+    of a command that GRBL does not support.
+
+    Args:
+        machine: The machine file.
+        tolerance: Largest distance of the lines from the program, mm; None for ``path.tolerance``
+            of the machine. The path is that of :func:`~cnc.grbl_lines.smooth.smooth_path` with the
+            same tolerance.
+        work_offset: See the head of this module.
+        arc_tolerance: The board's $12, mm: largest distance of its chords from an arc.
+        mist: Whether the board has M7.
+        margin: Distance of lines from the ends of the travel, mm
+            (:mod:`cnc.grbl_lines.travel_margin`).
+        moving: For a program that may start anywhere: the axes, of "xyz", that move in it. A
+            traverse names each of them before the first feed move. None for a board that stands at
+            the start of the plan.
     """
 
     def __init__(
@@ -86,11 +97,11 @@ class Translator:
     ) -> None:
         axes = machine.axis_names
         self.tolerance = max(
-            machine.path.tolerance if tolerance is None else tolerance, LEAST_TOLERANCE
+            machine.path.tolerance if tolerance is None else tolerance, MIN_TOLERANCE
         )
         letters = "".join(letter for letter in LETTERS if letter.lower() in axes)
         self._axes = axes
-        self._commands = Commands(mist=mist)
+        self._commands = CommandLines(mist=mist)
         self._chord = arc_tolerance
         given = [machine.axes.get(letter) for letter in ("x", "y", "z")]
         self._accelerations = [
@@ -98,44 +109,35 @@ class Translator:
         ]
         self._normal = machine.path.max_normal_acceleration or math.inf
         self._fit = FITTING * self.tolerance
-        self._room = Room.of(machine, margin)
-        self._strands = Strands(axes, DENSE * self.tolerance, self._room)
-        self._writer = Writer(
+        self._travel = TravelMargin.of(machine, margin)
+        self._sampler = PathSampler(axes, SAMPLING * self.tolerance, self._travel)
+        self._writer = LineWriter(
             work_offset, self.tolerance, machine.board.baud, letters, arc_tolerance
         )
-        self._to_state = "" if moving is None else moving.upper()
-        self._pending: Strand | None = None
+        self._to_name = "" if moving is None else moving.upper()
+        self._pending: PathSamples | None = None
         self._begun = False
         self._rests = False
         self._probing: Probe | None = None
-        self._guessed: Probe | None = None
+        self._assumed: Probe | None = None
+        """A probe without an answer, as in a dry run."""
         self._position: Point | None = None
 
     @property
     def position(self) -> Point | None:
-        """Where the lines so far lead to, x y z in mm (machine coordinates); None where nobody
-        knows: at first, and behind a probe.
+        """The end of the lines so far, x y z in mm (machine coordinates).
+
+        None where it is not known: before the first move, and after a probe.
         """
         return self._position
 
     def lines(self, item: PlanChunk | Block) -> Iterator[GcodeLine]:
-        """The lines that the next item of the plan makes certain; the others come with later items,
-        or with :meth:`end`.
+        """Yield the lines that the next item of the plan makes certain.
+
+        The others come with later items, or with :meth:`end`.
         """
         if isinstance(item, PlanChunk):
-            strand = self._strands.made(item)
-            if strand is None:
-                return
-            if self._probing is not None:
-                # the way of a probe that has been sent as a line of its own
-                if strand.rest[-1]:
-                    self._guessed = self._probing if self._probing.answer.values is None else None
-                    self._probing = None
-                return
-            self._pending = (
-                strand if self._pending is None else Strand.joined(self._pending, strand)
-            )
-            yield from self._moves(whole=bool(strand.rest[-1]))
+            yield from self._chunk(item)
             return
         if not isinstance(item, Message):
             yield from self.end()
@@ -145,104 +147,108 @@ class Translator:
         if isinstance(item, Probe):
             yield self._probe(item)
             return
-        for text in self._commands.lines(item):
-            yield GcodeLine(text, item.line)
+        yield from self._commands.lines(item)
         if isinstance(item, BoardCommand):
-            self._writer.lost()
+            self._writer.position_lost()
         elif isinstance(item, End):
             self._writer.program_ended()
 
     def end(self) -> Iterator[GcodeLine]:
-        """What is left."""
+        """Yield the lines that are left."""
         yield from self._moves(whole=True)
 
     def _begin(self, line: int) -> Iterator[GcodeLine]:
         if not self._begun:
             self._begun = True
-            yield GcodeLine(PREAMBLE, line)
+            yield GcodeLine(PREAMBLE, line, MODES)
+
+    def _chunk(self, plan: PlanChunk) -> Iterator[GcodeLine]:
+        samples = self._sampler.sample(plan)
+        if samples is None:
+            return
+        if self._probing is not None:
+            # The motion of the probe: a single line has been sent for it.
+            if samples.rest[-1]:
+                self._assumed = self._probing if self._probing.answer.values is None else None
+                self._probing = None
+            return
+        self._pending = (
+            samples if self._pending is None else PathSamples.joined(self._pending, samples)
+        )
+        yield from self._moves(whole=bool(samples.rest[-1]))
 
     def _moves(self, *, whole: bool) -> Iterator[GcodeLine]:
-        """The moves of the pending strand."""
-        strand, self._pending = self._pending, None
-        if strand is None:
+        """Yield the lines of the pending samples. ``whole``: no more of them will come."""
+        samples, self._pending = self._pending, None
+        if samples is None:
             return
-        first = int(strand.line[0])
+        first = int(samples.line[0])
         yield from self._begin(first)
-        if self._guessed is not None:
-            yield GcodeLine(
-                f"M0 (MSG, the probe of line {self._guessed.line} was not made: go on in a dry run only)",
-                first,
+        if self._assumed is not None:
+            message = (
+                f"the probe of line {self._assumed.line} was not made: go on in a dry run only"
             )
-            self._guessed = None
-        if self._position is None or not self._writer.placed:
-            # where the board stands when nothing has moved; behind a probe it may stand a little
-            # farther
+            yield GcodeLine(f"M0 (MSG, {message})", first, REST)
+            self._assumed = None
+        if self._position is None or not self._writer.position_known:
+            # The board stands here when nothing has moved; after a probe it may stand a little
+            # farther.
             known = self._position is None and not self._commands.moved
-            self._position = _point(strand.points[0].tolist())
+            self._position = _point(samples.points[0].tolist())
             if known:
                 self._writer.stands_at(self._position)
         self._commands.moved = True
         last: Move | None = None
-        for move in moves(strand, self._fit, self._chord, self._room):
+        for move in fit_moves(samples, self._fit, self._chord, self._travel):
             if last is not None:
-                yield from self._said(last)
+                yield from self._move(last)
             last = move
         if last is not None and whole:
-            yield from self._said(last)
+            yield from self._move(last)
         elif last is not None:
-            # what comes may go on with it
-            self._pending = strand.behind(last.first)
+            # later samples may continue this move
+            self._pending = samples.from_interval(last.first)
 
-    def _said(self, move: Move) -> Iterator[GcodeLine]:
-        """The lines of one move."""
+    def _move(self, move: Move) -> Iterator[GcodeLine]:
+        """Yield the lines of one move."""
         writer, arc = self._writer, move.arc
         if self._rests:
-            yield GcodeLine(REST, move.line)
-        if self._to_state and not math.isnan(move.feed):
-            missing, self._to_state = self._to_state, ""
-            for text in writer.stated(
-                missing, move.end if arc is None else None, move.speed, move.feed
-            ):
-                yield GcodeLine(text, move.line)
-        if arc is None:
-            texts = writer.line(move.end, move.speed, move.feed)
-        else:
-            if not writer.placed and self._position is not None:
-                for text in writer.line(self._position, move.speed, move.feed):
-                    yield GcodeLine(text, move.line)
-            speed = (
-                min(move.speed, self._fastest_round(arc, move.end)) if arc.fitted else move.speed
-            )
-            texts = writer.arc(
-                move.end, arc.plane, arc.center, arc.sweep, speed, move.feed, fitted=arc.fitted
-            )
-        for text in texts:
-            yield GcodeLine(text, move.line)
+            yield GcodeLine(SHORT_REST, move.line, LineEffect(LineKind.DWELL))
+        if self._to_name and not math.isnan(move.feed):
+            missing, self._to_name = self._to_name, ""
+            yield from writer.name_axes(missing, move)
+        if arc is not None:
+            if not writer.position_known and self._position is not None:
+                yield from writer.move(replace(move, end=self._position, arc=None))
+            if arc.fitted:
+                move = replace(move, speed=min(move.speed, self._arc_speed(arc, move.end)))
+        yield from writer.move(move)
         self._position, self._rests = move.end, move.rests
 
-    def _fastest_round(self, arc: PlaneArc, end: Point) -> float:
-        """The speed, mm/s, at which an arc takes up the acceleration of its axes: it may be bent
-        more than the path that it is for.
+    def _arc_speed(self, arc: PlaneArc, end: Point) -> float:
+        """Return the speed, mm/s, at which an arc takes up the acceleration of its axes.
+
+        A fitted arc may be bent more than the path that it replaces.
         """
         i, j, across = PLANE_COLUMNS[arc.plane]
         radius = math.dist((end[i], end[j]), arc.center)
         climb = 0.0 if self._position is None else end[across] - self._position[across]
         level = radius * abs(arc.sweep)
-        pull = min(self._normal, self._accelerations[i], self._accelerations[j])
-        return math.sqrt(pull * radius) * math.hypot(level, climb) / max(level, 1e-9)
+        acceleration = min(self._normal, self._accelerations[i], self._accelerations[j])
+        return math.sqrt(acceleration * radius) * math.hypot(level, climb) / max(level, 1e-9)
 
     def _probe(self, probe: Probe) -> GcodeLine:
         for axis, end in zip(self._axes, probe.end.tolist(), strict=True):
             if axis.upper() not in LETTERS and end:
-                message = f"a GRBL board probes along X, Y and Z, not along {axis.upper()}"
+                message = f"a GRBL board probes along X, Y and Z only, not along {axis.upper()}"
                 raise GcodeError(Diagnostic("axis-not-on-board", message, probe.file, probe.line))
         ends = dict(zip(self._axes, probe.end.tolist(), strict=True))
         wanted = np.array([[ends.get(letter.lower(), 0.0) for letter in LETTERS]])
-        end = _point(self._room.inside(wanted)[0].tolist())
+        end = _point(self._travel.inside(wanted)[0].tolist())
         self._probing = probe
         self._commands.moved = True
         self._position = None
-        return GcodeLine(self._writer.probe(probe_word(probe), end, probe.feed), probe.line)
+        return self._writer.probe(probe_word(probe), end, probe.feed, probe.line)
 
 
 def _point(row: Sequence[float]) -> Point:

@@ -1,12 +1,12 @@
-r"""The travel that is left to lines, so that no soft limit stops what the program itself keeps to.
+r"""A margin at the ends of the travel, so that rounding never trips a soft limit of the board.
 
 GRBL compares every target with its travel to the last bit of a 32-bit float (gcode_guide.md and
-settings.md, ``$20``; ALARM:2), but tells its offsets with three decimals only: what a line names
-may lie by half a micrometre elsewhere than it was meant to. And an arc that is fitted to a path may
-bulge by the tolerance.
+settings.md, ``$20``; ALARM:2). It reports its offsets with three decimals only, so a target may lie
+half a micrometre from where the line was meant to lead. An arc that is fitted to a path may bulge
+by the tolerance.
 
-         travel ............................................    what lies in the margin along it is moved inside, at most by
-         margin  _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _    its width; no arc turns back beyond its middle
+         travel ............................................    points in the margin are moved inside, at most by the
+         margin  _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _    width of the margin; no arc turns back beyond its middle
                    path  ________________________
 """
 
@@ -17,25 +17,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.grbl_lines.arc_fit import arc_stays
+from cnc.kernels.grbl_lines.arc_fit import arc_stays_inside
 from cnc.machine.models import Machine
 
 Floats = NDArray[np.float64]
 
 MARGIN = 8e-4
-"""mm: half a thousandth by which an offset may have been rounded, and what the digits of words and
-32-bit floats add to that.
-"""
+"""mm: half a thousandth of rounding in the offset, and the rounding of words and 32-bit floats."""
 BULGE = 1e-4
-"""mm: by which an arc may come nearer to the travel than the margin."""
-LEAST = 3e-4
-"""mm: from the travel to an arc, where there is no margin."""
+"""mm by which an arc may come nearer to the end of the travel than the margin."""
+MIN_ARC_CLEARANCE = 3e-4
+"""mm from the end of the travel to an arc, where there is no margin."""
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
-    """Of x, y, z (3,), mm, infinite without travel: lowest and highest place of the travel, and
-    between which arcs turn back.
+class TravelMargin:
+    """The travel of a machine and the limits of lines and arcs in it.
+
+    Attributes:
+        bottom: Lowest position of x, y, z (3,), mm; minus infinity without travel.
+        top: Highest position (3,), mm.
+        low: Lowest position at which an arc may turn back (3,), mm.
+        high: Highest position at which an arc may turn back (3,), mm.
+        margin: Distance of lines from the ends of the travel, mm.
     """
 
     bottom: Floats
@@ -45,20 +49,21 @@ class Room:
     margin: float
 
     @classmethod
-    def of(cls, machine: Machine, margin: float) -> Room:
-        """The travel of a machine. margin: mm, by which lines keep away from its ends."""
+    def of(cls, machine: Machine, margin: float) -> TravelMargin:
+        """Return the travel of a machine with a margin in mm."""
         axes = [machine.axes.get(letter) for letter in ("x", "y", "z")]
         spans = [
             (-np.inf, np.inf) if axis is None or axis.travel is None else axis.travel
             for axis in axes
         ]
         bottom, top = np.array(spans).T
-        away = max(margin - BULGE, LEAST)
+        away = max(margin - BULGE, MIN_ARC_CLEARANCE)
         return cls(bottom, top, bottom + away, top - away, margin)
 
     def inside(self, points: Floats) -> Floats:
-        """Points (k, 3) with those in the margin moved out of it; what is beyond the travel stays,
-        because there nothing is right.
+        """Return points (k, 3) with those in the margin moved out of it.
+
+        Points beyond the travel stay, because no place is right for them.
         """
         if not self.margin:
             return points
@@ -66,12 +71,17 @@ class Room:
         points = np.where((points < low) & (points >= self.bottom - self.margin), low, points)
         return np.where((points > high) & (points <= self.top + self.margin), high, points)
 
-    def holds(
+    def holds_arc(
         self, plane: tuple[int, int], center: tuple[float, float], start: Floats, sweep: float
     ) -> bool:
-        """Whether an arc from ``start`` (3,) about a centre in the plane of two columns keeps
-        inside where it turns back.
+        """Return whether an arc stays inside where it turns back along an axis.
+
+        Args:
+            plane: Columns of the two axes of its plane.
+            center: Centre along these axes, mm.
+            start: Start point (3,), mm.
+            sweep: Angle in rad, positive for counter-clockwise.
         """
         i, j = plane
         x, y = float(start[i]) - center[0], float(start[j]) - center[1]
-        return bool(arc_stays(i, j, center[0], center[1], x, y, sweep, self.low, self.high))
+        return bool(arc_stays_inside(plane, center, (x, y), sweep, self.low, self.high))

@@ -1,30 +1,34 @@
-r"""Moves as the shortest lines that GRBL 1.1 reads right: modal words are said once, a feed when it
-changes, an axis when it moves.
+r"""Moves as the shortest lines that GRBL 1.1 reads correctly.
 
-An arc goes by its centre (I J K from where the board stands), never by its radius. GRBL takes the
-radius from the start, turns towards the end as it reads it, and refuses (error:33) what differs by
-more than 0.005 mm and 0.1 % (gcode.c). So of an arc up to half a turn
+A modal word stands only where the mode changes, an F word where the feed changes, an axis where it
+moves.
 
-              centre         the centre is put on the bisector of the two points as they are printed: both radii are the same.
-               /|\           The angle that the board will make of the printed numbers is computed before they are sent: where rounding
-        start / | \ end      would turn a short arc into a full circle, or the other way round, chords are sent instead.
+An arc is given by its centre (I J K from the start), never by its radius. GRBL takes the radius
+from the start and turns towards the end as it reads it. It refuses (error:33) radii that differ by
+more than 0.005 mm and 0.1 % (gcode.c). Therefore, for an arc up to half a turn:
 
-GRBL takes an angle below 5e-7 rad for a full circle (motion_control.c, mc_arc). But of 32-bit
-floats the angle between the two ends of a full circle is only 0 within 3e-5 mm / radius, at 300 mm
-from zero: half of the circles of 10 mm would be left out. So a circle is two halves.
+              centre         the centre is put on the bisector of the two printed points, so that both radii are equal.
+               /|\           The angle that the board computes from the printed numbers is computed before they are sent. Where
+        start / | \ end      rounding would turn a short arc into a full circle, or the reverse, chords are sent instead.
 
-Along the axis across an arc it adds a part of the climb at each of its chords, each sum being
-rounded: of n chords at z the last is up to n ulp(z) / 2 off before it is put right by the end. A
-helix of many chords far from zero is made of several.
+GRBL takes an angle below 5e-7 rad for a full circle (motion_control.c, mc_arc). With 32-bit floats
+the angle between the two ends of a full circle is 0 only within 3e-5 mm / radius, at 300 mm from
+zero: half of the circles of 10 mm would be left out. So a full circle is sent as two halves.
+
+Along the axis across an arc the board adds a part of the climb at each chord and rounds each sum.
+After n chords at height z the error is up to n ulp(z) / 2, until the end point corrects it. So a
+helix of many chords far from zero is sent in several parts.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cnc.grbl_lines.moves import Move, PlaneArc, Point
 from cnc.grbl_lines.number_format import (
     CENTER_LETTERS,
     FEED_STEP,
@@ -35,43 +39,81 @@ from cnc.grbl_lines.number_format import (
     number,
 )
 from cnc.kernels.grbl_lines.arc_fit import board_chord
-from cnc.model.units import per_minute
+from cnc.model.line_effects import LineEffect, LineKind
+from cnc.model.streams import GcodeLine
+from cnc.model.units import per_minute, per_second
 
 TURN = 2.0 * math.pi
 SHORTEST_ANGLE = 1e-3
 SHORTEST_ARC = 1e-3
-"""rad, mm. What turns by less, or is shorter, is a line: it could be taken for a full circle."""
-LINES_PER_S = 385.0
-"""Short lines that GRBL on an AVR takes in a second, whatever the baud rate: it reads and plans
-each.
+"""rad, mm. An arc that turns less or is shorter is sent as a line: the board could take it for a
+full circle.
 """
+LINES_PER_S = 385.0
+"""Short lines that GRBL on an AVR takes in a second at any baud rate: it parses and plans each."""
 CHORDS = 0.2
-"""Part of the tolerance for chords in place of a fitted arc that the digits of numbers would
-spoil.
+"""Part of the tolerance for chords that replace a fitted arc where rounded numbers would spoil
+it.
 """
 COARSE = 0.8
-"""Part of the tolerance that the board's own chords may be off an arc of the program: what would be
-off by more is said as chords of ours.
+"""Part of the tolerance that the board's own chords may be from an arc of the program. Beyond it,
+chords are sent instead.
 """
 DIGITS = 0.02
-"""Part of the tolerance for what rounding may make of the board's chords."""
-SUMMED, SUMMED_FITTED = 0.5, 0.04
-"""Part of the tolerance that rounding may add up to along a helix: of the program's own, and of one
-that has been fitted to a path.
+"""Part of the tolerance for the effect of rounded numbers on the board's chords."""
+HELIX_SUM, FITTED_HELIX_SUM = 0.5, 0.04
+"""Part of the tolerance that rounding may add up to along a helix of the program, and along one
+that is fitted to a path.
 """
 BITS_PER_BYTE = 10
 BLOCKS_AHEAD = 15
 """Moves that GRBL's planner holds."""
 
-Point = tuple[float, float, float]
+MOTION_WORDS = {
+    LineKind.RAPID: "G0",
+    LineKind.FEED: "G1",
+    LineKind.CLOCKWISE: "G2",
+    LineKind.COUNTERCLOCKWISE: "G3",
+}
 
 
-class Writer:
-    """Says where the board goes from where it stands.
+@dataclass(frozen=True, slots=True)
+class Printed:
+    """A point as a line gives it: numbers x, y, z in mm, and their text.
 
-    offset: what the board adds to the coordinates of a line, mm. tolerance: mm, how far lines may
-    be from the program. baud: of the link. letters: which of XYZ the machine has. chord: mm, by
-    which the board's own chords may be off an arc.
+    The text of an axis is None where its position is known only roughly.
+    """
+
+    values: Point
+    texts: tuple[str | None, str | None, str | None]
+
+
+@dataclass(frozen=True, slots=True)
+class _PrintedArc:
+    """An arc as a line gives it, mm and rad.
+
+    end: end point. center, texts: centre from the start along the two axes of the plane, as numbers
+    and as text. radius: from the start. angle: absolute angle that the board computes from these
+    numbers. closed: whether start and end are the same in the plane.
+    """
+
+    end: Printed
+    center: tuple[float, float]
+    texts: tuple[str, str]
+    radius: float
+    angle: float
+    closed: bool
+
+
+class LineWriter:
+    """Writes lines from the present position of the board.
+
+    Args:
+        offset: Work offset that the board adds to the coordinates of a line, mm.
+        tolerance: Largest distance of lines from the program, mm.
+        baud: Speed of the link, bit/s.
+        letters: The axes of XYZ that the machine has.
+        chord: Largest distance of the board's own chords from an arc, mm.
     """
 
     def __init__(
@@ -82,230 +124,248 @@ class Writer:
         self._tolerance = tolerance
         self._byte_time = BITS_PER_BYTE / baud
         self._letters = letters
-        # four digits for the usual hundredth of a millimetre: what rounding adds is a hundredth of
-        # that
+        # four digits for the usual hundredth of a millimetre: rounding adds a hundredth of that
         self._digits = max(3, math.ceil(-math.log10(tolerance / 50.0)))
-        self._words: list[str | None] = [None] * 3
-        self._at = (0.0, 0.0, 0.0)
+        self._at = Printed((0.0, 0.0, 0.0), (None, None, None))
         self._motion = self._feed_text = ""
-        self._plane = PLANE_WORDS[0]
-        self._feed = 0.0
+        self._plane = 0
+        self._feed = self._printed_feed = 0.0
         self._ahead = 0.0
-        self._ever_said: set[str] = set()
-
-    def stands_at(self, point: Point) -> None:
-        """The board stands here, mm (machine coordinates)."""
-        self._at, self._words = self._printed(point)
-
-    def stated(self, letters: str, named: Point | None, speed: float, feed: float) -> Iterator[str]:
-        """Lines to where the board stands, for those of the axes that no line has named yet: X and
-        Y by a traverse, Z as fast as the move.
-
-        named: the end of the straight move to come, if it is one; the axes that it names may be
-        anywhere.
-        """
-        coming = self._words if named is None else self._printed(named)[1]
-        missing = [
-            (letter, f"{letter}{here}")
-            for letter, here, there in zip(LETTERS, self._words, coming, strict=True)
-            if letter in letters
-            and letter not in self._ever_said
-            and (named is None or here == there)
-        ]
-        level = [word for letter, word in missing if letter != "Z"]
-        height = [word for letter, word in missing if letter == "Z"]
-        if level:
-            yield self._said("G0", level, "")
-        if height:
-            # how far that is nobody knows: far enough for the line rate
-            yield self._said("G1", height, self._feed_word(math.inf, 0, speed, feed))
-
-    def lost(self) -> None:
-        """Where the board stands is known roughly: the next line says all axes."""
-        self._words = [None] * 3
+        self._named: set[str] = set()
 
     @property
-    def placed(self) -> bool:
-        """Whether it is known where the board stands."""
-        return None not in self._words
+    def position_known(self) -> bool:
+        """Whether the position of the board is known exactly."""
+        return None not in self._at.texts
 
-    def forget_motion(self) -> None:
-        """The motion mode in effect isn't one of G0 to G3."""
-        self._motion = ""
+    def stands_at(self, point: Point) -> None:
+        """Set the position of the board, mm (machine coordinates)."""
+        self._at = self._printed(point)
+
+    def position_lost(self) -> None:
+        """The board is near its last position only: the next line names all axes."""
+        self._at = Printed(self._at.values, (None, None, None))
 
     def program_ended(self) -> None:
-        """M2 puts the modes back: G1, G17, and more that were never changed."""
-        self._motion, self._plane, self._feed_text, self._feed = "G1", PLANE_WORDS[0], "", 0.0
+        """M2 sets the modes back: G1, G17, and others that never change."""
+        self._motion, self._plane = "G1", 0
+        self._feed_text, self._feed, self._printed_feed = "", 0.0, 0.0
 
-    def line(self, end: Point, speed: float, feed: float) -> Iterator[str]:
-        """A straight move at the planned speed, mm/s; a traverse where the programmed ``feed`` is
-        NaN.
+    def name_axes(self, letters: str, move: Move) -> Iterator[GcodeLine]:
+        """Yield lines to the present position for axes that no line has named yet.
+
+        X and Y go by a traverse, Z at the speed of the move. The axes that a straight move names
+        itself are left out.
+
+        Args:
+            letters: The axes, of "XYZ".
+            move: The move to come.
         """
-        at, words = self._printed(end)
-        axes = self._axis_words(words)
-        if not axes:
-            return
-        length = math.dist(at, self._at)
-        if math.isnan(feed):
-            yield self._said("G0", axes, "")
-            self._ahead = min(self._ahead + length / max(speed, 1e-6), BLOCKS_AHEAD / LINES_PER_S)
-        else:
-            yield self._said("G1", axes, self._feed_word(length, len(" ".join(axes)), speed, feed))
-        self._at, self._words = at, words
-
-    def probe(self, word: str, end: Point, feed: float) -> str:
-        """A probing move; where it ends is not known."""
-        _, words = self._printed(end)
-        axes = self._axis_words(words) or [
-            letter + str(text)
-            for letter, text in zip(LETTERS, words, strict=True)
-            if letter in self._letters
+        coming = self._at.texts if move.arc is not None else self._printed(move.end).texts
+        missing = [
+            letter
+            for letter, here, there in zip(LETTERS, self._at.texts, coming, strict=True)
+            if letter in letters
+            and letter not in self._named
+            and here is not None
+            and (move.arc is not None or here == there)
         ]
-        self._feed, self._feed_text = feed, feed_word(per_minute(feed))
-        self._motion = ""
-        self.lost()
-        return " ".join((word, *axes, self._feed_text))
+        level = [letter for letter in missing if letter != "Z"]
+        if level:
+            yield self._line(move, LineKind.RAPID, self._at, level)
+        if "Z" in missing:
+            # The length is not known: far enough for the line rate.
+            feed = self._feed_word(math.inf, 0, move)
+            yield self._line(move, LineKind.FEED, self._at, ["Z"], feed=feed)
 
-    def arc(
-        self,
-        end: Point,
-        plane: int,
-        center: tuple[float, float],
-        sweep: float,
-        speed: float,
-        feed: float,
-        *,
-        fitted: bool = False,
-    ) -> Iterator[str]:
-        """An arc or helix about ``center`` (mm, machine coordinates) by ``sweep`` rad,
-        counter-clockwise positive, any number of turns.
+    def move(self, move: Move) -> Iterator[GcodeLine]:
+        """Yield the lines of a move: one, or several for an arc."""
+        if move.arc is None:
+            yield from self._straight(move)
+        else:
+            yield from self._arc(move, move.arc)
+
+    def probe(self, word: str, end: Point, feed: float, line: int) -> GcodeLine:
+        """Return the line of a probing move. Its end position is not known afterwards.
+
+        Args:
+            word: G38.2 to G38.5.
+            end: Farthest position, mm (machine coordinates).
+            feed: mm/s.
+            line: Source line.
         """
-        i, j, across = PLANE_COLUMNS[plane]
-        at, words = self._printed(end)
-        here, there = (self._at[i], self._at[j]), (at[i], at[j])
-        cx, cy = center[0] - self._offset[i], center[1] - self._offset[j]
-        radius = math.dist(here, (cx, cy))
-        closed = words[i] == self._words[i] and words[j] == self._words[j]
-        parts = math.ceil(abs(sweep) / (0.5 * TURN)) if abs(sweep) > 0.75 * TURN else 1
-        if words[across] != self._words[across]:
-            height = max(abs(value[across] + self._offset[across]) for value in (at, self._at))
-            parts = max(
-                parts, self._helix_parts(radius, sweep, height, SUMMED_FITTED if fitted else SUMMED)
-            )
-        if parts > 1:
-            yield from self._in_parts(parts, end, plane, center, sweep, speed, feed, fitted=fitted)
+        printed = self._printed(end)
+        letters = self._changed(printed) or [each for each in LETTERS if each in self._letters]
+        self._set_feed(feed, feed_word(per_minute(feed)))
+        self._motion = ""
+        self.position_lost()
+        words = [letter + _text(printed, letter) for letter in letters]
+        return GcodeLine(
+            " ".join((word, *words, self._feed_text)),
+            line,
+            LineEffect(LineKind.PROBE, _target(printed, letters), self._printed_feed),
+        )
+
+    def _straight(self, move: Move) -> Iterator[GcodeLine]:
+        printed = self._printed(move.end)
+        letters = self._changed(printed)
+        if not letters:
             return
-        if abs(sweep) <= 0.5 * TURN and not closed:
+        length = math.dist(printed.values, self._at.values)
+        if math.isnan(move.feed):
+            yield self._line(move, LineKind.RAPID, printed, letters)
+            self._ahead = min(
+                self._ahead + length / max(move.speed, 1e-6), BLOCKS_AHEAD / LINES_PER_S
+            )
+        else:
+            characters = len(" ".join(letter + _text(printed, letter) for letter in letters))
+            feed = self._feed_word(length, characters, move)
+            yield self._line(move, LineKind.FEED, printed, letters, feed=feed)
+        self._at = printed
+
+    def _arc(self, move: Move, arc: PlaneArc) -> Iterator[GcodeLine]:
+        parts = self._arc_parts(move, arc)
+        if parts > 1:
+            yield from self._in_parts(move, arc, parts)
+            return
+        printed = self._printed_arc(move, arc)
+        if self._needs_chords(printed, arc):
+            off = (CHORDS if arc.fitted else COARSE) * self._tolerance
+            radius = printed.radius
+            turn = 2.0 * math.acos(max(1.0 - off / radius, 0.5)) if radius > 0.0 else TURN
+            parts = max(1, math.ceil(abs(arc.sweep) / turn))
+            yield from self._in_parts(move, arc, parts, chords=True)
+            return
+        i, j, across = PLANE_COLUMNS[arc.plane]
+        end = printed.end
+        letters = [LETTERS[k] for k in sorted((i, j)) if end.texts[k] != self._at.texts[k]]
+        letters += [LETTERS[across]] if end.texts[across] != self._at.texts[across] else []
+        centers = [
+            CENTER_LETTERS[k] + text
+            for k, text in sorted(((i, printed.texts[0]), (j, printed.texts[1])))
+            if text != "0"
+        ]
+        length = math.hypot(
+            printed.radius * arc.sweep, end.values[across] - self._at.values[across]
+        )
+        words = [letter + _text(end, letter) for letter in letters] + centers
+        feed = self._feed_word(length, len(" ".join(words)), move)
+        kind = LineKind.COUNTERCLOCKWISE if arc.sweep > 0.0 else LineKind.CLOCKWISE
+        yield self._line(
+            move, kind, end, letters, feed=feed, arc=(arc.plane, printed.center, centers)
+        )
+        self._at = end
+
+    def _arc_parts(self, move: Move, arc: PlaneArc) -> int:
+        """Return the number of lines for an arc, by its angle and its climb."""
+        i, j, across = PLANE_COLUMNS[arc.plane]
+        sweep = abs(arc.sweep)
+        parts = math.ceil(sweep / (0.5 * TURN)) if sweep > 0.75 * TURN else 1
+        end = self._printed(move.end)
+        if end.texts[across] == self._at.texts[across]:
+            return parts
+        height = max(
+            abs(values[across] + self._offset[across]) for values in (end.values, self._at.values)
+        )
+        center = arc.center[0] - self._offset[i], arc.center[1] - self._offset[j]
+        radius = math.dist((self._at.values[i], self._at.values[j]), center)
+        rounding = 0.5 * float(np.spacing(np.float32(height)))
+        share = FITTED_HELIX_SUM if arc.fitted else HELIX_SUM
+        most_chords = max(share * self._tolerance / rounding, 1.0)
+        half = (
+            math.sqrt(self._chord * (2.0 * radius - self._chord))
+            if self._chord < 2.0 * radius
+            else math.inf
+        )
+        return max(parts, math.ceil(0.5 * sweep * radius / half / most_chords))
+
+    def _printed_arc(self, move: Move, arc: PlaneArc) -> _PrintedArc:
+        """Return the numbers of an arc as a line gives them."""
+        i, j, _ = PLANE_COLUMNS[arc.plane]
+        end = self._printed(move.end)
+        here = self._at.values[i], self._at.values[j]
+        there = end.values[i], end.values[j]
+        cx, cy = arc.center[0] - self._offset[i], arc.center[1] - self._offset[j]
+        radius = math.dist(here, (cx, cy))
+        closed = end.texts[i] == self._at.texts[i] and end.texts[j] == self._at.texts[j]
+        if abs(arc.sweep) <= 0.5 * TURN and not closed:
             # onto the bisector
             tx, ty = there[0] - here[0], there[1] - here[1]
             off = (
                 (cx - 0.5 * (here[0] + there[0])) * tx + (cy - 0.5 * (here[1] + there[1])) * ty
             ) / (tx * tx + ty * ty)
             cx, cy = cx - off * tx, cy - off * ty
-        first, second = number(cx - here[0], self._digits), number(cy - here[1], self._digits)
-        read = abs(angle_read(here, there, (float(first), float(second)), sweep > 0.0))
-        short = abs(sweep) < SHORTEST_ANGLE or abs(sweep) * radius < SHORTEST_ARC
-        # by the numbers as they are printed: the board may make one chord less than of the arc as
-        # it was meant
-        inside = board_chord(math.hypot(float(first), float(second)), read, self._chord)
+        texts = number(cx - here[0], self._digits), number(cy - here[1], self._digits)
+        center = float(texts[0]), float(texts[1])
+        angle = abs(angle_read(here, there, center, arc.sweep > 0.0))
+        return _PrintedArc(end, center, texts, radius, angle, closed)
+
+    def _needs_chords(self, printed: _PrintedArc, arc: PlaneArc) -> bool:
+        """Return whether chords must be sent in place of an arc."""
+        sweep, radius = abs(arc.sweep), printed.radius
+        # From the printed numbers the board may make one chord less than from the arc itself.
+        inside = board_chord(
+            math.hypot(printed.center[0], printed.center[1]), printed.angle, self._chord
+        )
         allowed = (
-            board_chord(radius, abs(sweep), self._chord) + DIGITS * self._tolerance
-            if fitted
+            board_chord(radius, sweep, self._chord) + DIGITS * self._tolerance
+            if arc.fitted
             else COARSE * self._tolerance
         )
-        coarse = inside > allowed
-        if short or closed or coarse or abs(read - abs(sweep)) * radius > CHORDS * self._tolerance:
-            off = (CHORDS if fitted else COARSE) * self._tolerance
-            turn = 2.0 * math.acos(max(1.0 - off / radius, 0.5)) if radius > 0.0 else TURN
-            yield from self._in_parts(
-                max(1, math.ceil(abs(sweep) / turn)),
-                end,
-                plane,
-                center,
-                sweep,
-                speed,
-                feed,
-                chords=True,
-            )
-            return
-        plane_words = [
-            LETTERS[k] + str(words[k]) for k in sorted((i, j)) if words[k] != self._words[k]
-        ]
-        axes = plane_words + (
-            [LETTERS[across] + str(words[across])] if words[across] != self._words[across] else []
+        return (
+            sweep < SHORTEST_ANGLE
+            or sweep * radius < SHORTEST_ARC
+            or printed.closed
+            or inside > allowed
+            or abs(printed.angle - sweep) * radius > CHORDS * self._tolerance
         )
-        axes += [
-            CENTER_LETTERS[k] + text for k, text in sorted(((i, first), (j, second))) if text != "0"
-        ]
-        length = math.hypot(radius * sweep, at[across] - self._at[across])
-        said = self._feed_word(length, len(" ".join(axes)), speed, feed)
-        yield self._said("G3" if sweep > 0.0 else "G2", axes, said, PLANE_WORDS[plane])
-        self._at, self._words = at, words
-
-    def _helix_parts(self, radius: float, sweep: float, height: float, part: float) -> int:
-        """Into how many helices of few chords one is cut, ``height`` mm being the largest
-        coordinate along it.
-        """
-        rounding = 0.5 * float(np.spacing(np.float32(height)))
-        most = max(part * self._tolerance / rounding, 1.0)
-        half = (
-            math.sqrt(self._chord * (2.0 * radius - self._chord))
-            if self._chord < 2.0 * radius
-            else math.inf
-        )
-        return math.ceil(0.5 * abs(sweep) * radius / half / most)
 
     def _in_parts(
-        self,
-        parts: int,
-        end: Point,
-        plane: int,
-        center: tuple[float, float],
-        sweep: float,
-        speed: float,
-        feed: float,
-        *,
-        chords: bool = False,
-        fitted: bool = False,
-    ) -> Iterator[str]:
-        """An arc as several, or as chords."""
-        i, j, across = PLANE_COLUMNS[plane]
-        begin = [here + offset for here, offset in zip(self._at, self._offset, strict=True)]
-        x, y = begin[i] - center[0], begin[j] - center[1]
+        self, move: Move, arc: PlaneArc, parts: int, *, chords: bool = False
+    ) -> Iterator[GcodeLine]:
+        """Yield an arc as several arcs, or as chords."""
+        i, j, across = PLANE_COLUMNS[arc.plane]
+        begin = [here + offset for here, offset in zip(self._at.values, self._offset, strict=True)]
+        x, y = begin[i] - arc.center[0], begin[j] - arc.center[1]
+        part = None if chords else replace(arc, sweep=arc.sweep / parts)
         for k in range(1, parts + 1):
-            turned = sweep * k / parts
+            turned = arc.sweep * k / parts
             cos, sin = math.cos(turned), math.sin(turned)
             to = list(begin)
-            to[i], to[j] = center[0] + cos * x - sin * y, center[1] + sin * x + cos * y
-            to[across] += (end[across] - begin[across]) * k / parts
-            there = end if k == parts else (to[0], to[1], to[2])
-            if chords:
-                yield from self.line(there, speed, feed)
-            else:
-                yield from self.arc(there, plane, center, sweep / parts, speed, feed, fitted=fitted)
+            to[i], to[j] = arc.center[0] + cos * x - sin * y, arc.center[1] + sin * x + cos * y
+            to[across] += (move.end[across] - begin[across]) * k / parts
+            end = move.end if k == parts else (to[0], to[1], to[2])
+            yield from self.move(replace(move, end=end, arc=part))
 
-    def _printed(self, point: Point) -> tuple[Point, list[str | None]]:
-        """The coordinates of a line for a point, as numbers and as text."""
-        texts = [
+    def _printed(self, point: Point) -> Printed:
+        """Return the coordinates of a line for a point in machine coordinates."""
+        x, y, z = (
             number(value - offset, self._digits)
             for value, offset in zip(point, self._offset, strict=True)
-        ]
-        x, y, z = (float(text) for text in texts)
-        return (x, y, z), [*texts]
+        )
+        return Printed((float(x), float(y), float(z)), (x, y, z))
 
-    def _axis_words(self, words: Sequence[str | None]) -> list[str]:
+    def _changed(self, printed: Printed) -> list[str]:
+        """Return the letters of the axes that a line to a point has to name."""
         return [
-            f"{letter}{word}"
-            for letter, word, before in zip(LETTERS, words, self._words, strict=True)
-            if word != before and letter in self._letters
+            letter
+            for letter, text, before in zip(LETTERS, printed.texts, self._at.texts, strict=True)
+            if text != before and letter in self._letters
         ]
 
-    def _feed_word(self, length: float, characters: int, speed: float, feed: float) -> str:
-        """F for the planned speed, "" where the one in effect will do. Lines that would come too
-        slowly for it slow it down.
+    def _feed_word(self, length: float, characters: int, move: Move) -> str:
+        """Return the F word for the planned speed; "" where the feed in effect will do.
+
+        Lines that would arrive too slowly for the speed lower it.
+
+        Args:
+            length: Length of the move, mm.
+            characters: Characters of the line's axis words.
+            move: The move.
         """
+        feed = move.feed
         line_time = max((characters + 8) * self._byte_time, 1.0 / LINES_PER_S)
-        speed = max(min(speed, feed), 1e-6)
+        speed = max(min(move.speed, feed), 1e-6)
         if length / speed + self._ahead < line_time:
             speed = length / (line_time - self._ahead)
         self._ahead = min(self._ahead + length / speed - line_time, BLOCKS_AHEAD / LINES_PER_S)
@@ -317,26 +377,61 @@ class Writer:
         ):
             return ""
         text = feed_word(per_minute(wanted))
-        self._feed = wanted
-        if text == self._feed_text:
-            return ""
-        self._feed_text = text
-        return text
+        same = text == self._feed_text
+        self._set_feed(wanted, text)
+        return "" if same else text
 
-    def _said(self, motion: str, axes: list[str], feed: str, plane: str = "") -> str:
-        """The line: the modes that change, then the words."""
-        self._ever_said.update(axis[0] for axis in axes)
+    def _set_feed(self, feed: float, text: str) -> None:
+        self._feed, self._feed_text = feed, text
+        self._printed_feed = per_second(float(text[1:]))
+
+    def _line(
+        self,
+        move: Move,
+        kind: LineKind,
+        end: Printed,
+        letters: list[str],
+        *,
+        feed: str = "",
+        arc: tuple[int, tuple[float, float], list[str]] | None = None,
+    ) -> GcodeLine:
+        """Return a line: the modes that change, then the words.
+
+        Args:
+            move: The move that the line belongs to.
+            kind: Its motion.
+            end: The end point.
+            letters: The axes that it names.
+            feed: The F word; "" for none.
+            arc: Plane, centre (numbers) and centre words of an arc.
+        """
+        self._named.update(letters)
         words = []
-        if plane and plane != self._plane:
+        plane, center, centers = arc if arc is not None else (self._plane, (0.0, 0.0), [])
+        if plane != self._plane:
             self._plane = plane
-            words.append(plane)
-        if motion != self._motion:
-            self._motion = motion
-            words.append(motion)
-        words += axes
+            words.append(PLANE_WORDS[plane])
+        if MOTION_WORDS[kind] != self._motion:
+            self._motion = MOTION_WORDS[kind]
+            words.append(self._motion)
+        words += [letter + _text(end, letter) for letter in letters]
+        words += centers
         if feed:
             words.append(feed)
-        return " ".join(words)
+        effect = LineEffect(kind, _target(end, letters), self._printed_feed, plane, center)
+        return GcodeLine(" ".join(words), move.line, effect)
+
+
+def _text(printed: Printed, letter: str) -> str:
+    return str(printed.texts[LETTERS.index(letter)])
+
+
+def _target(printed: Printed, letters: list[str]) -> tuple[float, float, float]:
+    x, y, z = (
+        value if letter in letters else math.nan
+        for letter, value in zip(LETTERS, printed.values, strict=True)
+    )
+    return x, y, z
 
 
 def angle_read(
@@ -345,8 +440,13 @@ def angle_read(
     center: tuple[float, float],
     counterclockwise: bool,
 ) -> float:
-    """The signed angle that GRBL turns by (mc_arc of motion_control.c), ``center`` being counted
-    from ``here``.
+    """Return the signed angle of an arc as GRBL computes it (mc_arc of motion_control.c).
+
+    Args:
+        here: Start along the two axes of the plane, mm.
+        there: End along them, mm.
+        center: Centre from ``here``, mm.
+        counterclockwise: Sense of the arc.
     """
     x0, y0 = -center[0], -center[1]
     x1, y1 = there[0] - here[0] + x0, there[1] - here[1] + y0

@@ -1,1 +1,1 @@
-"""Machine configuration."""
+"""The machine file: models, loading, JSON Schema."""

@@ -1,4 +1,4 @@
-"""TOML file to :class:`Machine`, with errors that name file, key and line in plain words."""
+"""Loading of machine files, with errors that name file, key and line."""
 
 from __future__ import annotations
 
@@ -10,25 +10,27 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from cnc.machine.locate import locate
 from cnc.machine.models import (
-    AXIS_LETTERS,
     Axis,
     Board,
+    Header,
     Homing,
     HomingOrder,
     Machine,
     PathLimits,
     Program,
+    Section,
     Stock,
 )
+from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import Diagnostic, MachineFileError
 
 DEFAULT = "default"
 
-_PLAIN: dict[str, str] = {
+_MESSAGES: dict[str, str] = {
     "missing": "is missing",
     "greater_than": "must be greater than {gt:g}",
     "finite_number": "must be a finite number",
@@ -48,18 +50,10 @@ _PLAIN: dict[str, str] = {
     "too_long": "must have at most {max_length} values",
     "too_short": "must have at least {min_length} value(s)",
 }
-"""pydantic's error types in the words of somebody who has never heard of pydantic."""
+"""Messages for the error types of pydantic, without its terms."""
 
-
-class _Header(BaseModel):
-    """The table [machine]: what the file says about itself."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-    name: str = "machine"
-
-
-_SECTIONS: dict[str, type[BaseModel]] = {
-    "machine": _Header,
+_SECTIONS: dict[str, type[Section]] = {
+    "machine": Header,
     "path": PathLimits,
     "board": Board,
     "program": Program,
@@ -69,26 +63,32 @@ _SECTIONS: dict[str, type[BaseModel]] = {
 
 
 def shipped_folder() -> Traversable:
-    """Folder of the shipped machine files: in an installed package (a zip file too), beside it in a
-    checkout.
+    """Return the folder of the shipped machine files.
+
+    An installed package contains it, also inside a zip file. In a checkout it is next to the
+    package.
     """
     package = resources.files("cnc")
     inside = package / "config"
     return inside if inside.is_dir() else Path(str(package)).parent / "config"
 
 
-def shipped() -> dict[str, Traversable]:
-    """Name and file of every shipped machine."""
+def shipped_machines() -> dict[str, Traversable]:
+    """Return the name and the file of each shipped machine."""
     files = sorted(shipped_folder().iterdir(), key=lambda file: file.name)
     return {file.name.removesuffix(".toml"): file for file in files if file.name.endswith(".toml")}
 
 
 def load_machine(path: Path | str | None = None) -> Machine:
-    """The machine of a TOML file, of a shipped name such as ``paper-nurbs``, or the shipped default
-    for None.
+    """Load a machine.
 
-    :raises MachineFileError: the file can't be read, is no TOML, or describes no machine; the
-    message names file, key and line.
+    Args:
+        path: Machine file, or the name of a shipped one such as ``paper-nurbs``. None is the
+            shipped default.
+
+    Raises:
+        MachineFileError: The file is not readable, is not TOML, or does not describe a machine. The
+            message names file, key and line.
     """
     file = _resolve(path)
     text = _read(file)
@@ -97,23 +97,23 @@ def load_machine(path: Path | str | None = None) -> Machine:
     except tomllib.TOMLDecodeError as error:
         raise _toml_error(file, text, str(error)) from None
     try:
-        header = _Header.model_validate(tables.pop("machine", {}))
+        header = Header.model_validate(tables.pop("machine", {}))
     except ValidationError as error:
-        raise _plain(file, text, error, ("machine",)) from None
+        raise _validation_error(file, text, error, ("machine",)) from None
     if "name" in tables:
-        raise _error(file, text, ("name",), "there is no such key", "the name belongs in [machine]")
+        raise _error(file, text, ("name",), "there is no such key", "put the name into [machine]")
     try:
         machine = Machine.model_validate({"name": header.name, **tables})
     except ValidationError as error:
-        raise _plain(file, text, error) from None
-    for key, message, hint in machine.faults():
-        raise _error(file, text, key, message, hint)
+        raise _validation_error(file, text, error) from None
+    for wrong in machine.inconsistencies():
+        raise _error(file, text, wrong.key, wrong.message, wrong.hint)
     return _with_absolute_files(machine, file, text)
 
 
 def _resolve(path: Path | str | None) -> Traversable:
-    """A path that exists is that file; a bare name is one of the shipped machines."""
-    machines = shipped()
+    """Return the file at ``path`` if it exists, else the shipped machine of that name."""
+    machines = shipped_machines()
     if path is None:
         return machines[DEFAULT]
     file = Path(path)
@@ -131,13 +131,13 @@ def _read(file: Traversable) -> str:
         code, message = "machine-file-encoding", "the machine file is not UTF-8 text"
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        code, message = "machine-file-unreadable", f"the machine file can't be read: {reason}"
-    hint = f"shipped machines: {', '.join(shipped())}" if code == "no-such-file" else ""
+        code, message = "machine-file-unreadable", f"the machine file is not readable: {reason}"
+    hint = f"shipped machines: {', '.join(shipped_machines())}" if code == "no-such-file" else ""
     raise MachineFileError(Diagnostic(code, message, file=str(file), hint=hint))
 
 
 def _toml_error(file: Traversable, text: str, message: str) -> MachineFileError:
-    """The TOML parser's message, its place taken out of the sentence."""
+    """Return the TOML parser's message, with the location as line and column instead of words."""
     match = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)", message)
     lines = text.splitlines()
     line, column = (int(match[1]), int(match[2])) if match and match[1] else (max(len(lines), 1), 0)
@@ -177,15 +177,15 @@ def _error(
     )
 
 
-def _plain(
+def _validation_error(
     file: Traversable, text: str, error: ValidationError, table: tuple[str, ...] = ()
 ) -> MachineFileError:
-    """The first of pydantic's errors in plain words, unknown keys first: a misspelt key is also a
-    missing one.
+    """Return the first of pydantic's errors with a message in plain terms.
+
+    Unknown keys come first, because a misspelt key is reported as a missing key, too.
     """
     found = sorted(error.errors(include_url=False), key=lambda e: not _is_unknown_key(e))[0]
-    # pydantic adds places of its own behind the key (an index, "[key]"); only the keys of the file
-    # are shown.
+    # pydantic appends its own locations to the key (an index, "[key]"); users see the keys only.
     key = table + tuple(part for part in found["loc"] if isinstance(part, str) and part != "[key]")
     if _is_unknown_key(found):
         return _unknown_key(file, text, key)
@@ -195,8 +195,8 @@ def _plain(
         message = str(context["error"])
     elif kind == "missing" and isinstance(found["loc"][-1], int):
         message = "must be [lowest, highest]"
-    elif kind in _PLAIN:
-        message = _PLAIN[kind].format(**context)
+    elif kind in _MESSAGES:
+        message = _MESSAGES[kind].format(**context)
     else:
         message = found["msg"]
     if kind != "missing" and isinstance(found["input"], str | int | float):
@@ -219,25 +219,22 @@ def _unknown_key(file: Traversable, text: str, key: tuple[str, ...]) -> MachineF
     if len(key) == 1:
         known = ["machine", *(field for field in Machine.model_fields if field != "name")]
     elif key[0] == "axes":
-        known = (
-            list(Homing.model_fields)
-            if len(key) > 3
-            else list(Axis.model_fields)
-            if len(key) > 2
-            else list(AXIS_LETTERS)
-        )
+        if len(key) > 3:
+            known = list(Homing.model_fields)
+        else:
+            known = list(Axis.model_fields if len(key) > 2 else AXIS_LETTERS)
     else:
         known = list(_SECTIONS[key[0]].model_fields)
     close = difflib.get_close_matches(key[-1].lower(), known, n=1, cutoff=0.6)
-    hint = f"did you mean {close[0]}?" if close else f"known here: {', '.join(known)}"
+    hint = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(known)}"
     return _error(file, text, key, "there is no such key", hint)
 
 
 def _with_absolute_files(machine: Machine, file: Traversable, text: str) -> Machine:
-    """The files of [program] are relative to the machine file, and have to be there."""
+    """Return the machine with absolute file names in [program]; the files must exist."""
     program = machine.program
     if not isinstance(file, Path):
-        return machine  # shipped in a zip file: it names no other files
+        return machine  # A machine file in a zip file names no other files.
     folder = file.resolve().parent
     for key, path in program.files():
         if not (folder / path).exists():

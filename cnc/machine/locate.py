@@ -1,8 +1,8 @@
-"""Where a key stands in a TOML file: the parser of the standard library doesn't tell, and a message
-should point at the line.
+"""Line and column of a key in a TOML file, for messages.
 
-Only a guide for messages: it reads tables, dotted and quoted keys, arrays over several lines and
-the first level of inline tables, and gives the nearest enclosing place for anything it can't find.
+The TOML parser of the standard library does not give locations. This search reads tables, dotted
+and quoted keys, arrays over several lines and the first level of inline tables. For other keys it
+gives the nearest enclosing table.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ _STRING = re.compile(r'"(?:[^"\\]|\\.)*"|' + r"'[^']*'")
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """Line and column from 1, the length of the key, and the line's text."""
+class KeyLocation:
+    """Line and column of a key from 1, its length, and the text of the line."""
 
     line: int
     column: int
@@ -33,14 +33,14 @@ def _parts(dotted: str) -> tuple[str, ...]:
 
 
 def _depth(text: str) -> int:
-    """Brackets opened and not closed in a value, strings and comments aside."""
+    """Return the number of unclosed brackets in a value, outside strings and comments."""
     bare = _STRING.sub("", text).split("#", 1)[0]
     return sum((c in "[{") - (c in "]}") for c in bare)
 
 
-def places(text: str) -> dict[tuple[str, ...], Place]:
-    """Every key of a TOML text by its full path, tables included."""
-    found: dict[tuple[str, ...], Place] = {}
+def key_locations(text: str) -> dict[tuple[str, ...], KeyLocation]:
+    """Return the location of every key and table of a TOML text, by its full path."""
+    found: dict[tuple[str, ...], KeyLocation] = {}
     table: tuple[str, ...] = ()
     open_brackets = 0
     for number, line in enumerate(text.splitlines(), start=1):
@@ -51,26 +51,28 @@ def places(text: str) -> dict[tuple[str, ...], Place]:
             table = _parts(heading[1])
             for depth in range(1, len(table) + 1):
                 found.setdefault(
-                    table[:depth], Place(number, heading.start(1) + 1, len(heading[1]), line)
+                    table[:depth], KeyLocation(number, heading.start(1) + 1, len(heading[1]), line)
                 )
         elif pair := _PAIR.match(line):
             key = table + _parts(pair[1])
             for depth in range(len(table) + 1, len(key) + 1):
-                found.setdefault(key[:depth], Place(number, pair.start(1) + 1, len(pair[1]), line))
+                found.setdefault(
+                    key[:depth], KeyLocation(number, pair.start(1) + 1, len(pair[1]), line)
+                )
             value = line[pair.end() :]
             if value.lstrip().startswith("{"):
                 for inner in _INLINE_PAIR.finditer(line, pair.end()):
                     found.setdefault(
                         key + _parts(inner[1]),
-                        Place(number, inner.start(1) + 1, len(inner[1]), line),
+                        KeyLocation(number, inner.start(1) + 1, len(inner[1]), line),
                     )
             open_brackets = _depth(value)
     return found
 
 
-def locate(text: str, key: tuple[str, ...]) -> Place | None:
-    """Place of ``key``, or of the nearest table around it that the file names."""
-    found = places(text)
+def locate(text: str, key: tuple[str, ...]) -> KeyLocation | None:
+    """Return the location of ``key`` or of its nearest enclosing table; None without either."""
+    found = key_locations(text)
     while key:
         if key in found:
             return found[key]

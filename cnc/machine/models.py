@@ -1,255 +1,390 @@
-"""What a machine is: axes, limits of the path, board, and how its programs are to be read. Frozen;
-an unknown key is an error.
+"""The machine: axes, path limits, board, and the reading of programs, as pydantic models.
 
-Lengths are mm (degrees for rotary axes), times s. A limit that is absent is not a limit: a machine
-with ``max_acceleration`` on its axes need not have one on its path, and the other way round, but
-one of the two has to bound every axis.
+The models are frozen. An unknown key is an error. Lengths are in mm (degrees for rotary axes),
+times in s. A limit that is absent does not limit. The acceleration and the jerk of each axis need a
+limit of the axis itself or of the path.
+
+The descriptions of the fields are those in the JSON Schema of the machine file
+(:func:`cnc.machine.schema.machine_schema`) and in the reference.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
 
-AxisLetter = Literal["x", "y", "z", "a", "b", "c", "u", "v", "w"]
-AXIS_LETTERS: tuple[AxisLetter, ...] = get_args(AxisLetter)
+from cnc.model.blocks import AxisLetter
+
 DialectName = Literal["auto", "linuxcnc", "grbl", "fanuc", "paper"]
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
 
+RATE_ROUNDING = 1e-12
+"""Relative rounding error that the product of a speed and a resolution may have."""
+
 
 def _tuple(value: Any) -> Any:
-    """TOML arrays are lists; the frozen models hold tuples."""
+    """Return a TOML array as a tuple, because the frozen models hold tuples."""
     return tuple(value) if isinstance(value, list) else value
 
 
 def _path(value: Any) -> Any:
-    """TOML knows no paths."""
+    """Return a TOML string as a path, because TOML has no paths."""
     return Path(value) if isinstance(value, str) and value else value
 
 
-def _rises(ends: tuple[float, float]) -> tuple[float, float]:
+def _ascending(ends: tuple[float, float]) -> tuple[float, float]:
     if not ends[0] < ends[1]:
         raise ValueError("must be [lowest, highest]")
     return ends
 
 
 FilePath = Annotated[Path, BeforeValidator(_path)]
-Span = Annotated[tuple[FiniteFloat, FiniteFloat], BeforeValidator(_tuple), AfterValidator(_rises)]
+Span = Annotated[
+    tuple[FiniteFloat, FiniteFloat], BeforeValidator(_tuple), AfterValidator(_ascending)
+]
 """Lowest and highest coordinate."""
 
 
-class _Section(BaseModel):
+class Section(BaseModel):
     """A table of the machine file."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
-class Homing(_Section):
-    """How an axis finds its limit switch.
+class Header(Section):
+    """The machine file's statements about itself."""
 
-    ``end``: of the travel, at which the switch is; None for the high one of Z and the low one of
-    the others. ``seek`` and ``latch`` mm/s: the speeds of looking for it and of finding its place.
-    ``pull_off`` mm: how far off the switch the axis rests in the end. ``position``: machine
-    coordinate of that place, mm; None for the travel's end.
-    """
-
-    end: Literal["low", "high"] | None = None
-    seek: Positive = 8.0
-    latch: Positive = 0.5
-    pull_off: Positive = 1.0
-    position: FiniteFloat | None = None
+    name: str = Field(default="machine", description="Name of the machine, for reports.")
 
 
-class Axis(_Section):
-    """One axis.
+class Homing(Section):
+    """How an axis finds its limit switch."""
 
-    ``steps_per_mm`` steps/mm (its inverse is the basic length unit, BLU); ``max_velocity`` mm/s;
-    ``max_acceleration`` mm/s^2 and ``max_jerk`` mm/s^3, None where the path alone limits them;
-    ``travel`` lowest and highest machine coordinate, None without soft limits; ``invert`` turns the
-    direction pin; ``homing`` how it finds its place, None where the file does not say.
-    """
+    end: Literal["low", "high"] | None = Field(
+        default=None,
+        description=(
+            "End of the travel at which the switch is. Without it: high for Z, low for the others."
+        ),
+    )
+    seek: Positive = Field(default=8.0, description="Speed of the search for the switch, mm/s.")
+    latch: Positive = Field(
+        default=0.5,
+        description=(
+            "Speed of the second approach, which measures the position of the switch, mm/s."
+        ),
+    )
+    pull_off: Positive = Field(
+        default=1.0, description="Distance from the switch at which the axis comes to rest, mm."
+    )
+    position: FiniteFloat | None = Field(
+        default=None,
+        description=(
+            "Machine coordinate of that position of rest, mm. Without it: the end of the travel."
+        ),
+    )
 
-    steps_per_mm: Positive
-    max_velocity: Positive
-    max_acceleration: Positive | None = None
-    max_jerk: Positive | None = None
-    travel: Span | None = None
-    invert: bool = False
-    homing: Homing | None = None
+
+class Axis(Section):
+    """One axis. Its inverse resolution is the basic length unit (BLU)."""
+
+    steps_per_mm: Positive = Field(description="Steps per mm (per degree for a rotary axis).")
+    max_velocity: Positive = Field(description="Highest speed, mm/s.")
+    max_acceleration: Positive | None = Field(
+        default=None,
+        description="Highest acceleration, mm/s^2. Without it, the limits of the path are needed.",
+    )
+    max_jerk: Positive | None = Field(
+        default=None,
+        description="Highest jerk, mm/s^3. Without it, the limit of the path is needed.",
+    )
+    travel: Span | None = Field(
+        default=None,
+        description=(
+            "Soft limits: lowest and highest machine coordinate, mm. Without them, none are "
+            "checked."
+        ),
+    )
+    invert: bool = Field(
+        default=False, description="Whether the level of the direction pin is inverted."
+    )
+    homing: Homing | None = Field(
+        default=None,
+        description="How the axis finds its limit switch. Without it, the defaults hold.",
+    )
 
     @property
     def step_rate(self) -> float:
-        """Steps a second at ``max_velocity``."""
+        """Steps per second at ``max_velocity``."""
         return self.max_velocity * self.steps_per_mm
 
 
-class PathLimits(_Section):
-    """Limits along the path, and the accuracy that is asked for.
+class PathLimits(Section):
+    """Limits along the path, and the required accuracy."""
 
-    ``max_feed`` mm/s; ``max_tangential_acceleration`` and ``max_normal_acceleration`` mm/s^2 and
-    ``max_jerk`` mm/s^3 (tangential), None where the axes alone limit them; ``chord_error`` mm,
-    between the path and the straight line over one ``period`` s; ``tolerance`` mm, of corners and
-    smoothing under G64 without P (0: exact path); ``step_deviation``, relative: by how much the
-    straight line over one period may be shorter than the path there, None where it may by what the
-    other limits leave.
-    """
-
-    max_feed: Positive = 500.0
-    max_tangential_acceleration: Positive | None = None
-    max_normal_acceleration: Positive | None = None
-    max_jerk: Positive | None = None
-    chord_error: Positive = 0.001
-    tolerance: NonNegative = 0.01
-    period: Positive = 0.001
-    step_deviation: Positive | None = None
+    max_feed: Positive = Field(default=500.0, description="Highest speed along the path, mm/s.")
+    max_tangential_acceleration: Positive | None = Field(
+        default=None,
+        description=(
+            "Highest acceleration along the path, mm/s^2. Without it, the axes alone limit it."
+        ),
+    )
+    max_normal_acceleration: Positive | None = Field(
+        default=None,
+        description=(
+            "Highest acceleration across the path, mm/s^2. Without it, the axes alone limit it."
+        ),
+    )
+    max_jerk: Positive | None = Field(
+        default=None,
+        description="Highest jerk along the path, mm/s^3. Without it, the axes alone limit it.",
+    )
+    chord_error: Positive = Field(
+        default=0.001,
+        description="Largest distance between the path and its chord over one period, mm.",
+    )
+    tolerance: NonNegative = Field(
+        default=0.01,
+        description=(
+            "Tolerance of corner blends and smoothing under G64 without P, mm. 0 is the exact path."
+        ),
+    )
+    period: Positive = Field(default=0.001, description="Sampling period of the interpolator, s.")
+    step_deviation: Positive | None = Field(
+        default=None,
+        description=(
+            "Largest relative difference between the chord over one period and the path "
+            "there. Without it, the other limits alone limit it."
+        ),
+    )
 
 
 InputName = Literal["limits", "probe", "emergency-stop", "hold", "resume"]
-"""What switches may hang on at the stepper board; ``limits`` are those of all axes."""
+"""Inputs of the stepper board that have a switch; ``limits`` are the switches of all axes."""
 PulseTime = Annotated[FiniteFloat, Field(gt=0, le=60e-6)]
-"""Seconds, as far as the board's 8-bit timer reaches."""
+"""Seconds, within the range of the board's 8-bit timer."""
 
 
-class Board(_Section):
-    """What takes the motion. ``max_step_rate`` steps/s is the fastest that one axis can be stepped
-    at.
+class Board(Section):
+    """The board that takes the motion.
 
-    The others are for the stepper board; boards that run GRBL have them as settings.
-    ``max_spindle_rpm``: the speed at which a spindle driven by PWM turns with the output always on
-    (D11). ``normally_closed``: inputs whose switch is closed until it is pressed, so that a wire
-    that breaks counts as pressed, too (limits: GRBL's $5 = 1, probe: $6 = 1). ``invert_enable``:
-    the drivers are on while D8 is high ($4 = 1). ``step_pulse`` s, how long a step pin stays high
-    ($0), and low after that; ``direction_setup`` s, from a direction to a step.
+    ``max_spindle_rpm`` and the keys after it are for the stepper board. GRBL has its own settings.
     """
 
-    kind: Annotated[str, Field(min_length=1)] = "loopback"
-    port: str | None = None
-    baud: Annotated[int, Field(gt=0)] = 115200
-    max_step_rate: Positive = 200_000.0
-    max_spindle_rpm: Positive = 1000.0
-    normally_closed: Annotated[tuple[InputName, ...], BeforeValidator(_tuple)] = ()
-    invert_enable: bool = False
-    step_pulse: PulseTime = 5e-6
-    direction_setup: PulseTime = 5e-6
+    kind: Annotated[str, Field(min_length=1)] = Field(
+        default="loopback",
+        description="Name of the board driver, such as loopback, file, grbl or stepper.",
+    )
+    port: str | None = Field(
+        default=None,
+        description=(
+            "Serial port of the board, such as /dev/ttyUSB0 or COM3, or the file of the file board."
+        ),
+    )
+    baud: Annotated[int, Field(gt=0)] = Field(
+        default=115200,
+        description="Speed of the serial port, bits/s. Without it, the stepper board has 1000000.",
+    )
+    max_step_rate: Positive = Field(
+        default=200_000.0, description="Highest step rate of one axis, steps/s."
+    )
+    max_spindle_rpm: Positive = Field(
+        default=1000.0,
+        description="Speed of a PWM spindle while its output (D11) is on all the time, rpm.",
+    )
+    normally_closed: Annotated[tuple[InputName, ...], BeforeValidator(_tuple)] = Field(
+        default=(),
+        description=(
+            "Inputs with a switch that opens when it is pressed, so that a broken wire "
+            "counts as pressed (limits: $5 = 1 in GRBL, probe: $6 = 1)."
+        ),
+    )
+    invert_enable: bool = Field(
+        default=False,
+        description=(
+            "Whether the motor drivers are on while the enable pin (D8) is high ($4 = 1 in GRBL)."
+        ),
+    )
+    step_pulse: PulseTime = Field(
+        default=5e-6,
+        description="Time for which a step pin stays high ($0 in GRBL), and low after that, s.",
+    )
+    direction_setup: PulseTime = Field(
+        default=5e-6, description="Time from a change of direction to the next step, s."
+    )
 
 
-class Program(_Section):
-    """How programs are read: dialect, limits, and the files that belong to the machine (relative to
-    the machine file).
+class Program(Section):
+    """How programs are read. File names are relative to the machine file."""
 
-    ``tool_table`` and ``parameters`` are written back after a run that changed them;
-    ``subroutines`` are folders that are searched after the program's own. ``max_repeated_lines`` is
-    how many lines loops and calls may execute again, ``max_call_depth`` how deep calls may be
-    nested: what goes beyond is taken for a program without end.
-    """
-
-    dialect: DialectName = "auto"
-    tool_table: FilePath | None = None
-    parameters: FilePath | None = None
-    subroutines: Annotated[tuple[FilePath, ...], BeforeValidator(_tuple)] = ()
-    max_repeated_lines: Annotated[int, Field(gt=0)] = 2_000_000
-    max_call_depth: Annotated[int, Field(gt=0, le=1000)] = 100
+    dialect: DialectName = Field(
+        default="auto", description="Dialect of G-code; auto recognises it in the program."
+    )
+    tool_table: FilePath | None = Field(
+        default=None,
+        description="File with the tool table. A run that changes the table writes the file.",
+    )
+    parameters: FilePath | None = Field(
+        default=None,
+        description=(
+            "File with the parameters that are kept between programs. A run that changes "
+            "them writes it."
+        ),
+    )
+    subroutines: Annotated[tuple[FilePath, ...], BeforeValidator(_tuple)] = Field(
+        default=(),
+        description="Folders with subprograms, searched after the folder of the program.",
+    )
+    max_repeated_lines: Annotated[int, Field(gt=0)] = Field(
+        default=2_000_000,
+        description="Repeated lines in loops and calls after which the program counts as endless.",
+    )
+    max_call_depth: Annotated[int, Field(gt=0, le=1000)] = Field(
+        default=100, description="Nesting of calls beyond which the program counts as endless."
+    )
 
     def files(self) -> Iterator[tuple[str, Path]]:
-        """Key and path of what has to be there; the parameter file is made by the first run."""
+        """Yield key and path of each file that must exist; the first run makes the parameters."""
         if self.tool_table is not None:
             yield "tool_table", self.tool_table
         for path in self.subroutines:
             yield "subroutines", path
 
 
-class HomingOrder(_Section):
-    """Which axes look for their switches, one after the other: ``order``, None for Z first and then
-    the others as the file has them.
+class HomingOrder(Section):
+    """The sequence of the axes in a homing cycle."""
+
+    order: Annotated[tuple[AxisLetter, ...], BeforeValidator(_tuple)] | None = Field(
+        default=None,
+        description=(
+            "Axes in the order in which they home. Without it: Z first, then the order of the file."
+        ),
+    )
+
+
+class Stock(Section):
+    """The raw part on the machine: a cuboid in machine coordinates."""
+
+    x: Span = Field(description="Lowest and highest X, mm.")
+    y: Span = Field(description="Lowest and highest Y, mm.")
+    z: Span = Field(description="Lowest and highest Z, mm.")
+
+
+class Inconsistency(NamedTuple):
+    """A contradiction between keys of a machine file.
+
+    Attributes:
+        key: Full path of the key that the message is about.
+        message: The problem.
+        hint: The remedy.
     """
 
-    order: Annotated[tuple[AxisLetter, ...], BeforeValidator(_tuple)] | None = None
+    key: tuple[str, ...]
+    message: str
+    hint: str
 
 
-class Stock(_Section):
-    """The raw part on the machine: a box, machine coordinates in mm."""
+class Machine(Section):
+    """A machine. The order of ``axes`` is the order of the columns of every position."""
 
-    x: Span
-    y: Span
-    z: Span
-
-
-class Machine(_Section):
-    """A machine; ``axes`` in the order of the file, which is the order of the columns of every
-    position.
-    """
-
-    name: str = "machine"
-    axes: Annotated[dict[AxisLetter, Axis], Field(min_length=1)]
-    path: PathLimits = PathLimits()
-    board: Board = Board()
-    program: Program = Program()
-    homing: HomingOrder | None = None
-    stock: Stock | None = None
+    name: str = Field(default="machine", description="Name of the machine, for reports.")
+    axes: Annotated[dict[AxisLetter, Axis], Field(min_length=1)] = Field(
+        description="The axes, each as a table [axes.x]; their order is the order of the columns."
+    )
+    path: PathLimits = Field(
+        default=PathLimits(), description="Limits along the path, and the required accuracy."
+    )
+    board: Board = Field(default=Board(), description="The board that takes the motion.")
+    program: Program = Field(default=Program(), description="How programs are read.")
+    homing: HomingOrder | None = Field(
+        default=None,
+        description=(
+            "The homing cycle; a machine file with this table says that the machine has "
+            "limit switches."
+        ),
+    )
+    stock: Stock | None = Field(
+        default=None, description="The raw part, for the check of collisions."
+    )
 
     @property
-    def homes(self) -> bool:
-        """Whether the file says that the machine has switches to find its place by."""
+    def can_home(self) -> bool:
+        """Whether the machine file mentions limit switches."""
         return self.homing is not None or any(
             axis.homing is not None for axis in self.axes.values()
         )
 
     @property
     def axis_names(self) -> tuple[str, ...]:
-        """Names of the axes, one a column of every position."""
+        """Letters of the axes, one for each column of a position."""
         return tuple(self.axes)
 
-    def faults(self) -> Iterator[tuple[tuple[str, ...], str, str]]:
-        """What is wrong between the keys, each with its place, a message and a hint; nothing for a
-        machine that can run.
-        """
-        for letter, axis in self.axes.items():
-            if axis.step_rate > self.board.max_step_rate * (1 + 1e-12):
-                yield (
-                    ("axes", letter, "max_velocity"),
-                    f"{axis.max_velocity:g} mm/s at {axis.steps_per_mm:g} steps/mm is {axis.step_rate:.0f} steps/s, "
-                    f"but board.max_step_rate is {self.board.max_step_rate:.0f}",
-                    f"lower it to {self.board.max_step_rate / axis.steps_per_mm:g}, or raise board.max_step_rate if the board can do it",
-                )
-            if axis.max_acceleration is None and (
-                self.path.max_tangential_acceleration is None
-                or self.path.max_normal_acceleration is None
-            ):
-                yield (
-                    ("axes", letter, "max_acceleration"),
-                    "nothing limits the acceleration of this axis",
-                    f"set axes.{letter}.max_acceleration, or path.max_tangential_acceleration and path.max_normal_acceleration",
-                )
-            if axis.max_jerk is None and self.path.max_jerk is None:
-                yield (
-                    ("axes", letter, "max_jerk"),
-                    "nothing limits the jerk of this axis",
-                    f"set axes.{letter}.max_jerk, or path.max_jerk",
-                )
-        for letter, axis in self.axes.items():
-            place = None if axis.homing is None else axis.homing.position
-            if (
-                place is not None
-                and axis.travel is not None
-                and not axis.travel[0] <= place <= axis.travel[1]
-            ):
-                ends = f"{axis.travel[0]:g} to {axis.travel[1]:g} mm"
-                yield (
-                    ("axes", letter, "homing", "position"),
-                    f"{place:g} lies outside the travel, {ends}",
-                    "the axis rests there",
-                )
+    @property
+    def steps_per_mm(self) -> NDArray[np.float64]:
+        """Steps per millimetre (degree) of each axis, a new array (axes,)."""
+        return np.array([axis.steps_per_mm for axis in self.axes.values()], dtype=np.float64)
+
+    def inconsistencies(self) -> Iterator[Inconsistency]:
+        """Yield the contradictions between keys; none for a machine that can run."""
+        for letter in self.axes:
+            yield from self._axis_limits(letter)
+        for letter in self.axes:
+            yield from self._homing_position(letter)
         for letter in (self.homing.order or ()) if self.homing is not None else ():
             if letter not in self.axes:
-                yield (
+                yield Inconsistency(
                     ("homing", "order"),
                     f"the machine has no axis {letter}",
                     f"its axes are {', '.join(self.axes)}",
                 )
         if self.stock is not None and not {"x", "y", "z"} <= self.axes.keys():
-            yield ("stock",), "the machine has not the axes x, y and z", "take the table out"
+            yield Inconsistency(
+                ("stock",),
+                "the machine does not have the axes x, y and z",
+                "remove the table",
+            )
+
+    def _axis_limits(self, letter: AxisLetter) -> Iterator[Inconsistency]:
+        axis, most = self.axes[letter], self.board.max_step_rate
+        if axis.step_rate > most * (1 + RATE_ROUNDING):
+            yield Inconsistency(
+                ("axes", letter, "max_velocity"),
+                f"{axis.max_velocity:g} mm/s at {axis.steps_per_mm:g} steps/mm is "
+                f"{axis.step_rate:.0f} steps/s, but board.max_step_rate is {most:.0f}",
+                f"lower it to {most / axis.steps_per_mm:g}, "
+                "or raise board.max_step_rate if the board supports it",
+            )
+        path = self.path
+        if axis.max_acceleration is None and (
+            path.max_tangential_acceleration is None or path.max_normal_acceleration is None
+        ):
+            yield Inconsistency(
+                ("axes", letter, "max_acceleration"),
+                "nothing limits the acceleration of this axis",
+                f"set axes.{letter}.max_acceleration, "
+                "or path.max_tangential_acceleration and path.max_normal_acceleration",
+            )
+        if axis.max_jerk is None and path.max_jerk is None:
+            yield Inconsistency(
+                ("axes", letter, "max_jerk"),
+                "nothing limits the jerk of this axis",
+                f"set axes.{letter}.max_jerk, or path.max_jerk",
+            )
+
+    def _homing_position(self, letter: AxisLetter) -> Iterator[Inconsistency]:
+        axis = self.axes[letter]
+        position = None if axis.homing is None else axis.homing.position
+        if position is None or axis.travel is None:
+            return
+        if not axis.travel[0] <= position <= axis.travel[1]:
+            yield Inconsistency(
+                ("axes", letter, "homing", "position"),
+                f"{position:g} is outside the travel, {axis.travel[0]:g} to {axis.travel[1]:g} mm",
+                f"give a coordinate within axes.{letter}.travel",
+            )

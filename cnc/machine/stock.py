@@ -1,4 +1,4 @@
-"""The raw part as the command line names it: ``X0:100,Y0:60,Z-12:0``."""
+"""The raw part as a command-line argument: ``X0:100,Y0:60,Z-12:0``."""
 
 from __future__ import annotations
 
@@ -14,10 +14,14 @@ _SPAN = re.compile(rf"\s*([xyz])\s*({_NUMBER})\s*:\s*({_NUMBER})\s*", re.IGNOREC
 
 
 def with_stock(machine: Machine, text: str) -> Machine:
-    """The machine with the box that ``text`` names. UsageError ``stock-malformed``."""
+    """Return the machine with the raw part that ``text`` describes.
+
+    Raises:
+        UsageError: ``stock-malformed``.
+    """
     found = machine.model_copy(update={"stock": _stock(text)})
-    for _, message, hint in found.faults():
-        raise UsageError(Diagnostic("stock-malformed", message, hint=hint))
+    for wrong in found.inconsistencies():
+        raise UsageError(Diagnostic("stock-malformed", wrong.message, hint=wrong.hint))
     return found
 
 
@@ -30,6 +34,9 @@ def _stock(text: str) -> Stock:
         except ValidationError:
             pass
     hint = (
-        "give lowest and highest machine coordinate of each axis in mm, such as X0:100,Y0:60,Z-12:0"
+        "give the lowest and highest machine coordinate of each axis in mm, "
+        "such as X0:100,Y0:60,Z-12:0"
     )
-    raise UsageError(Diagnostic("stock-malformed", f"{text!r} is no box", hint=hint))
+    raise UsageError(
+        Diagnostic("stock-malformed", f"{text!r} does not describe a cuboid", hint=hint)
+    )

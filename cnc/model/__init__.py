@@ -1,1 +1,1 @@
-"""Types that every layer shares: blocks, streams, diagnostics, units."""
+"""Types that all layers share: blocks, streams, diagnostics, operator requests, units."""

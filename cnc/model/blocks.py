@@ -1,18 +1,18 @@
-"""Canonical blocks: what a program means, whatever dialect it was written in.
+"""Canonical blocks: the meaning of a program, independent of its dialect.
 
-Positions are machine coordinates in mm (degrees for rotary axes), after units, offsets and plane;
-feeds are mm/s. Axis arrays have one column an axis of the machine, in the machine's order. The text
-floor makes these blocks, the path floor turns the moving ones into curves, and the executor carries
-out the rest.
+Positions are machine coordinates in mm (degrees for rotary axes), after units, offsets and plane.
+Feeds are in mm/s. Arrays of axes have one column per axis of the machine, in the machine's order.
+The language package makes these blocks, the path package turns motion into curves, and the executor
+carries out the rest.
 
-A finishing program is a million short moves, so straight moves travel in runs: one
-:class:`Polyline` holds arrays.
+A finishing program has millions of short moves. Therefore one :class:`Polyline` holds a run of
+straight moves as arrays.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,19 @@ PathControl = Literal["exact-stop", "exact-path", "blend"]
 PLANE_AXES: dict[Plane, tuple[str, str]] = {"XY": ("x", "y"), "ZX": ("z", "x"), "YZ": ("y", "z")}
 """First and second axis of each plane; counter-clockwise turns the first towards the second."""
 
-AXIS_LETTERS = ("x", "y", "z", "a", "b", "c", "u", "v", "w")
+AxisLetter = Literal["x", "y", "z", "a", "b", "c", "u", "v", "w"]
+AXIS_LETTERS: tuple[AxisLetter, ...] = get_args(AxisLetter)
 ROTARY_LETTERS = frozenset("abc")
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A canonical block and the source line (from 1) that it comes from."""
+    """A canonical block.
+
+    Attributes:
+        file: Program that the block comes from.
+        line: Source line, from 1.
+    """
 
     file: str
     line: int
@@ -37,10 +43,12 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Polyline(Block):
-    """A run of straight moves from the current position.
+    """A run of straight moves from the current position. ``line`` is the line of the first move.
 
-    points (n, axes): end point of each move. feeds (n,) mm/s; NaN marks a traverse (G0), which goes
-    as fast as the axes allow. lines (n,): source line of each move. ``line`` is that of the first.
+    Attributes:
+        points: End point of each move (n, axes), mm.
+        feeds: Feed of each move (n,), mm/s. NaN marks a traverse (G0), limited only by the axes.
+        lines: Source line of each move (n,).
     """
 
     points: NDArray[np.float64]
@@ -50,11 +58,18 @@ class Polyline(Block):
 
 @dataclass(frozen=True, slots=True)
 class ArcFeed(Block):
-    """A circular or helical move in a plane.
+    """A circular or helical move.
 
-    ``center`` (first, second plane axis), ``end`` (axes,), ``radius`` at the start, ``turns``
-    signed full turns, counter-clockwise positive. The end may lie off the circle by the dialect's
-    arc tolerance: the radius then changes evenly along the arc, so that both end points are exact.
+    The end may lie off the circle by the arc tolerance of the dialect. Then the radius changes
+    linearly along the arc, so that both end points are exact.
+
+    Attributes:
+        plane: Plane of the arc.
+        center: Coordinates of the centre in the two axes of the plane, mm.
+        end: End point (axes,), mm.
+        radius: Radius at the start, mm.
+        turns: Signed number of turns, counter-clockwise positive.
+        feed: Feed, mm/s.
     """
 
     plane: Plane
@@ -67,10 +82,14 @@ class ArcFeed(Block):
 
 @dataclass(frozen=True, slots=True)
 class NurbsFeed(Block):
-    """A NURBS move: degree, knots (points + degree + 1,), control points (points, axes), weights
-    (points,).
+    """A move along a NURBS curve. The first control point is the start position.
 
-    The first control point is the position where the block starts.
+    Attributes:
+        degree: Degree of the curve.
+        knots: Knots (points + degree + 1,).
+        control_points: Control points (points, axes), mm.
+        weights: Weights (points,).
+        feed: Feed, mm/s.
     """
 
     degree: int
@@ -81,9 +100,10 @@ class NurbsFeed(Block):
 
 
 @dataclass(frozen=True, slots=True)
-class Called(Block):
-    """Where the main program goes into a call at this line (``inside``), or is back from it; only
-    who asks for these sees them.
+class CallBoundary(Block):
+    """The main program begins a call at this line (``inside``) or has returned from it.
+
+    Only readers that ask for these blocks get them.
     """
 
     inside: bool
@@ -91,8 +111,11 @@ class Called(Block):
 
 @dataclass(frozen=True, slots=True)
 class PathMode(Block):
-    """G61.1 (exact-stop), G61 (exact-path) or G64 (blend) from here on; ``tolerance`` in mm for
-    blend (0: the machine's own).
+    """Path control from here on: G61.1 (exact-stop), G61 (exact-path) or G64 (blend).
+
+    Attributes:
+        control: The mode.
+        tolerance: Tolerance of a blend, mm; 0 is the default of the machine.
     """
 
     control: PathControl
@@ -106,8 +129,12 @@ class Dwell(Block):
 
 @dataclass(frozen=True, slots=True)
 class Spindle(Block):
-    """``rpm`` of the spindle; under constant surface speed (G96) the most that is allowed (0: no
-    limit), ``surface_speed`` being mm/s.
+    """Spindle direction and speed (M3, M4, M5).
+
+    Attributes:
+        state: Direction, or off.
+        rpm: Speed; under constant surface speed (G96) the highest speed, 0 for no limit.
+        surface_speed: Constant surface speed, mm/s; 0 outside G96.
     """
 
     state: Literal["cw", "ccw", "off"]
@@ -117,8 +144,12 @@ class Spindle(Block):
 
 @dataclass(frozen=True, slots=True)
 class Orient(Block):
-    """M19: turn the spindle to ``angle`` degrees by the way named and hold it there; ``timeout`` s
-    for that, 0 for none.
+    """Turn the spindle to an angle and hold it there (M19).
+
+    Attributes:
+        angle: Angle, degrees.
+        direction: Direction of rotation.
+        timeout: Longest time for it, s; 0 for no limit.
     """
 
     angle: float
@@ -128,7 +159,7 @@ class Orient(Block):
 
 @dataclass(frozen=True, slots=True)
 class SpindleSync(Block):
-    """From here on moves follow the spindle, ``pitch`` mm a turn; 0 ends that."""
+    """From here on moves follow the spindle by ``pitch`` mm per turn; 0 ends this."""
 
     pitch: float
 
@@ -141,8 +172,11 @@ class Coolant(Block):
 
 @dataclass(frozen=True, slots=True)
 class Tool(Block):
-    """Tool change (M6) to ``number``; without ``change`` (M61) that tool is in the spindle
-    already.
+    """Change to tool ``number`` (M6), or state that the spindle already has it (M61).
+
+    Attributes:
+        number: Number of the tool.
+        change: Whether a change is needed.
     """
 
     number: int
@@ -151,7 +185,7 @@ class Tool(Block):
 
 @dataclass(frozen=True, slots=True)
 class Stop(Block):
-    """M0, M1 with ``optional``, or M60 with ``pallet``: wait for the operator."""
+    """Wait for the operator: M0, M1 (``optional``) or M60 (``pallet``)."""
 
     optional: bool = False
     pallet: bool = False
@@ -159,27 +193,28 @@ class Stop(Block):
 
 @dataclass(frozen=True, slots=True)
 class End(Block):
-    """M2 or M30: the program is over."""
+    """End of the program (M2, M30)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Message(Block):
-    """``(MSG, text)`` for the operator; motion goes on."""
+    """A message ``(MSG, text)`` for the operator; motion continues."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Abort(Block):
-    """``(ABORT, text)``: the motion before it is made and rests.
+    """An abort by the program, ``(ABORT, text)``.
 
-    Whoever asks for the next block gets the fault.
+    The motion before it is carried out and comes to rest. The request for the next block raises the
+    fault.
     """
 
 
 @dataclass(frozen=True, slots=True)
 class Overrides(Block):
-    """What the operator may change while the program runs, from here on (M48 to M53)."""
+    """Overrides that the operator may use from here on (M48 to M53)."""
 
     feed: bool
     spindle: bool
@@ -189,7 +224,7 @@ class Overrides(Block):
 
 @dataclass(frozen=True, slots=True)
 class DigitalOutput(Block):
-    """M62 to M65: set an output; ``with_motion`` at the start of the next move, else at once."""
+    """Set a digital output (M62 to M65): with the start of the next move, or at once."""
 
     number: int
     on: bool
@@ -198,9 +233,7 @@ class DigitalOutput(Block):
 
 @dataclass(frozen=True, slots=True)
 class AnalogOutput(Block):
-    """M67, M68: set an output to ``value``; ``with_motion`` at the start of the next move, else at
-    once.
-    """
+    """Set an analogue output (M67, M68): with the start of the next move, or at once."""
 
     number: int
     value: float
@@ -208,8 +241,10 @@ class AnalogOutput(Block):
 
 
 class Answer:
-    """What the board found out when it carried a block out: None until then, and in a run without a
-    board.
+    """Values that the board returned for a block.
+
+    Attributes:
+        values: None before the block is carried out, and in a run without a board.
     """
 
     __slots__ = ("values",)
@@ -223,8 +258,14 @@ WaitMode = Literal["immediate", "rise", "fall", "high", "low"]
 
 @dataclass(frozen=True, slots=True)
 class WaitInput(Block):
-    """M66: read an input, or wait until it does what ``mode`` says, at most ``timeout`` s. The
-    answer: its value, or -1 after the time.
+    """Read an input, or wait for a change of it (M66).
+
+    Attributes:
+        number: Number of the input.
+        analog: Whether it is an analogue input.
+        mode: Event to wait for.
+        timeout: Longest wait, s.
+        answer: Value of the input, -1 after the timeout.
     """
 
     number: int
@@ -235,19 +276,20 @@ class WaitInput(Block):
 
     @property
     def expected(self) -> tuple[float, ...]:
-        """The answer where nobody is there to ask: what is waited for comes, what is only looked at
-        is off.
-        """
+        """Answer in a run without a board: awaited events occur, other inputs are off."""
         return (1.0 if self.mode in ("rise", "high") else 0.0,)
 
 
 @dataclass(frozen=True, slots=True)
 class Probe(Block):
-    """G38: a straight move to ``end`` (axes,) at ``feed`` that stops when the probe makes contact,
-    or loses it if not ``towards``.
+    """A straight probing move (G38.2 to G38.5).
 
-    ``must``: it is an error to arrive without that. The answer is 1 for a contact and 0 for none,
-    then the position (axes,) of it.
+    Attributes:
+        end: End point (axes,), mm.
+        feed: Feed, mm/s.
+        towards: Whether the move ends when the probe makes contact; else when it loses contact.
+        must: Whether it is an error to reach the end point without that.
+        answer: 1 for contact or 0 for none, then its position (axes,).
     """
 
     end: NDArray[np.float64]
@@ -258,14 +300,15 @@ class Probe(Block):
 
     @property
     def expected(self) -> tuple[float, ...]:
-        """The answer where nobody is there to ask: contact at the end of the move."""
+        """Answer in a run without a board: contact at the end of the move."""
         return (1.0, *self.end.tolist())
 
 
 @dataclass(frozen=True, slots=True)
 class SwitchMove(Probe):
-    """Not of a program: a move that ends when the limit switch of column ``switch`` closes, or
-    opens if not ``towards``.
+    """A homing move, which ends when the limit switch of column ``switch`` closes or opens.
+
+    Programs do not contain this block.
     """
 
     switch: int = 0
@@ -273,17 +316,16 @@ class SwitchMove(Probe):
 
 @dataclass(frozen=True, slots=True)
 class BoardCommand(Block):
-    """A line for the board alone, such as GRBL's ``$H``: passed on as it stands, and refused where
-    the board doesn't know it.
-    """
+    """A line for the board itself, such as GRBL's ``$H``. It is sent unchanged."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Held(Block):
-    """Not of a program: the motion rests here, on its way to the end of ``line``, until the
-    operator resumes it. ``why``: what for.
+    """The motion rests here, on its path to the end of ``line``, until the operator resumes it.
+
+    Programs do not contain this block. ``reason`` is text for the operator.
     """
 
-    why: str = ""
+    reason: str = ""

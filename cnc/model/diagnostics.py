@@ -1,7 +1,7 @@
-"""Diagnostics: what is wrong, where, and what to do.
+"""Diagnostics: messages with a code, a source location and a hint.
 
-Every fault that a user can cause or meet is a :class:`Diagnostic`; the exceptions below carry one
-each and name the exit code that the command line ends with. No other exception may reach a user.
+Every fault that a user can cause or meet is a :class:`Diagnostic`. Each exception below carries one
+and names the exit code of the command line. No other exception may reach a user.
 
     trident.nc:4:12: arc-radius-mismatch: the end point is 1.5 mm off the circle
       G2 X10 Y0 I5 J1.5
@@ -16,9 +16,9 @@ from typing import Literal
 
 Severity = Literal["error", "warning", "note"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
-"""The gravest first."""
+"""In decreasing order of severity."""
 
-SHOWN = 160
+SHOWN_CHARACTERS = 160
 """Characters of a source line that a message shows."""
 
 EXIT_REJECTED = 1
@@ -31,9 +31,16 @@ EXIT_STOPPED = 130
 class Diagnostic:
     """One finding.
 
-    ``line`` and ``column`` count from 1; 0 means that the finding has no such place. ``length`` is
-    the number of characters that the caret underlines, ``text`` the source line, ``hint`` what to
-    do.
+    Attributes:
+        code: Public code, such as ``soft-limit``.
+        message: The problem, in the machinist's terms.
+        file: Program or machine file; empty if the finding has none.
+        line: Line from 1; 0 if the finding has none.
+        column: Column from 1; 0 if the finding has none.
+        length: Number of characters that the caret underlines.
+        text: Source line.
+        hint: The remedy.
+        severity: Severity.
     """
 
     code: str
@@ -46,8 +53,8 @@ class Diagnostic:
     hint: str = ""
     severity: Severity = "error"
 
-    def place(self) -> str:
-        """``file:line:column``, as far as each is known."""
+    def location(self) -> str:
+        """Return ``file:line:column``, as far as each is known."""
         parts = [self.file] if self.file else []
         if self.line:
             parts.append(str(self.line))
@@ -56,20 +63,32 @@ class Diagnostic:
         return ":".join(parts)
 
     def render(self) -> str:
-        """The message as a user sees it: place, code, text, then the source line with a caret, then
-        the hint.
+        """Return the message as a user sees it.
+
+        It has the location, the code and the message, then the source line with a caret, then the
+        hint.
         """
-        place = self.place()
+        location = self.location()
         lines = [
-            f"{place}: {self.code}: {self.message}" if place else f"{self.code}: {self.message}"
+            f"{location}: {self.code}: {self.message}"
+            if location
+            else f"{self.code}: {self.message}"
         ]
         if self.text:
-            # Of a long line only what stands about the place.
-            first = max(0, self.column - SHOWN // 2) if len(self.text) > SHOWN else 0
-            shown = "".join(c if c.isprintable() else " " for c in self.text[first : first + SHOWN])
+            # A long line is cut to the characters around the column.
+            first = (
+                max(0, self.column - SHOWN_CHARACTERS // 2)
+                if len(self.text) > SHOWN_CHARACTERS
+                else 0
+            )
+            shown = "".join(
+                c if c.isprintable() else " " for c in self.text[first : first + SHOWN_CHARACTERS]
+            )
             lines.append(f"  {shown}")
             if self.column:
-                marked = min(max(self.length, 1), max(first + SHOWN - self.column + 1, 1))
+                marked = min(
+                    max(self.length, 1), max(first + SHOWN_CHARACTERS - self.column + 1, 1)
+                )
                 lines.append("  " + " " * (self.column - 1 - first) + "^" + "~" * (marked - 1))
         if self.hint:
             lines.append(f"  help: {self.hint}")
@@ -77,7 +96,7 @@ class Diagnostic:
 
 
 class CncError(Exception):
-    """A fault with a diagnostic; the subclass says who has to mend it."""
+    """A fault with a diagnostic. The subclass tells where the cause is."""
 
     exit_code = EXIT_REJECTED
 
@@ -86,15 +105,19 @@ class CncError(Exception):
         self.diagnostic = diagnostic
 
     def __reduce__(self) -> tuple[type[CncError], tuple[Diagnostic]]:
-        """A fault goes from one process to another with its diagnostic, not with the text of it
-        alone.
-        """
+        """Pickle the diagnostic itself, so that worker processes can send faults back."""
         return type(self), (self.diagnostic,)
 
     def at(
         self, *, file: str | None = None, line: int | None = None, text: str | None = None
     ) -> CncError:
-        """The same fault, its place filled in by a caller that knows it."""
+        """Return the same fault with parts of its location replaced.
+
+        Args:
+            file: New file, or None to keep the known one.
+            line: New line, or None to keep the known one.
+            text: New source line, or None to keep the known one.
+        """
         known = self.diagnostic
         return type(self)(
             replace(
@@ -107,26 +130,26 @@ class CncError(Exception):
 
 
 class GcodeError(CncError):
-    """The program is not what the dialect allows."""
+    """The program violates the rules of its dialect."""
 
 
 class MotionLimitError(CncError):
-    """The program asks for motion that the machine must not make."""
+    """The program requests motion beyond the limits of the machine."""
 
 
 class UsageError(CncError):
-    """The command line asks for something that can't be."""
+    """The command line requests something impossible."""
 
     exit_code = EXIT_USAGE
 
 
 class MachineFileError(CncError):
-    """The machine file is wrong; the message names file and key."""
+    """The machine file has an error; the message names file and key."""
 
     exit_code = EXIT_USAGE
 
 
 class BoardError(CncError):
-    """The board or the link failed, or the board raised an alarm."""
+    """The board or its connection failed, or the board raised an alarm."""
 
     exit_code = EXIT_BOARD

@@ -1,6 +1,4 @@
-"""What drivers accept. Everything carries the source line, so that a fault on the board can name
-it.
-"""
+"""Chunks and lines for boards, each with its source lines, so that faults can name them."""
 
 from __future__ import annotations
 
@@ -9,13 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.model.line_effects import LineEffect
+
 
 @dataclass(frozen=True, slots=True)
 class PulseChunk:
-    """Grid moves, one a row, in the order in which they happen.
+    """Grid moves, one per row, in order of time.
 
-    time_ns int64 (n,): since the start of the program, non-decreasing. step int8 (n, axes): -1, 0
-    or +1; axes that step together share a row and no row is all zero. line int32 (n,).
+    Attributes:
+        time_ns: Time since the start of the program (n,), ns, non-decreasing.
+        step: Steps of each axis (n, axes): -1, 0 or +1. Axes that step together share a row, and no
+            row is all zero.
+        line: Source line (n,).
     """
 
     time_ns: NDArray[np.int64]
@@ -25,11 +28,18 @@ class PulseChunk:
 
 @dataclass(frozen=True, slots=True)
 class SampleChunk:
-    """Positions at a fixed period: row k of the program is at ``(first + k) * period`` seconds.
+    """Positions at a fixed period: row k of the chunk is at ``(first + k) * period`` seconds.
 
-    position (n, axes) mm; s, feed, accel, jerk (n,): path length from the start of the program and
-    its derivatives (tangential); step_deviation (n,): relative difference between the step made and
-    the step commanded; line int32 (n,).
+    Attributes:
+        first: Number of the first sample in the program.
+        period: Sampling period, s.
+        position: Positions (n, axes), mm.
+        s: Path length since the start of the program (n,), mm.
+        feed: First derivative of the path length (n,), mm/s.
+        accel: Second derivative of the path length (n,), mm/s^2.
+        jerk: Third derivative of the path length (n,), mm/s^3.
+        step_deviation: Relative difference between actual and commanded step (n,).
+        line: Source line (n,).
     """
 
     first: int
@@ -45,7 +55,14 @@ class SampleChunk:
 
 @dataclass(frozen=True, slots=True)
 class GcodeLine:
-    """A line for a board that plans for itself, without its line end."""
+    """A line of G-code for a board that plans its own motion.
+
+    Attributes:
+        text: The line without its line end.
+        line: The source line that it comes from.
+        effect: The motion of the line; None where the writer of the line does not know it.
+    """
 
     text: str
     line: int
+    effect: LineEffect | None = None

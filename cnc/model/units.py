@@ -1,4 +1,4 @@
-"""Units: mm, s and mm/s inside, whatever the program or the operator speaks."""
+"""Units: internally mm, s and mm/s, independent of the units of program and operator."""
 
 MM_PER_INCH = 25.4
 S_PER_MIN = 60.0
@@ -8,10 +8,10 @@ STANDARD_GRAVITY = 9806.65
 
 
 def per_second(per_minute: float) -> float:
-    """A rate given per minute (mm/min, rev/min) as a rate per second."""
+    """Convert a rate per minute (mm/min, rev/min) to a rate per second."""
     return per_minute / S_PER_MIN
 
 
 def per_minute(per_second: float) -> float:
-    """A rate given per second as a rate per minute."""
+    """Convert a rate per second to a rate per minute."""
     return per_second * S_PER_MIN

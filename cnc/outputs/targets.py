@@ -1,6 +1,4 @@
-"""Where output goes: a file that appears whole or not at all, a device or pipe, or standard
-output.
-"""
+"""Targets of output: a file that is replaced as a whole, a device or pipe, or standard output."""
 
 from __future__ import annotations
 
@@ -10,7 +8,7 @@ import shutil
 import sys
 import tempfile
 from pathlib import Path
-from typing import IO, Any, AnyStr, Generic
+from typing import IO, Any, AnyStr, Generic, Protocol, TypeVar
 
 from numpy.typing import ArrayLike, NDArray
 
@@ -19,24 +17,71 @@ from cnc.model.npz import NpzWriter
 
 STANDARD_OUTPUT = "-"
 
+TRACE_SUFFIXES = (".npz", ".csv")
+PULSE_SUFFIXES = (".npz", ".vcd")
+LINE_SUFFIXES = (".nc", ".gcode")
 
-def can_not_write(path: object, error: OSError) -> UsageError:
-    """The fault of an output that can't be written."""
+
+class Output(Protocol):
+    """A file that is being written. It appears on ``close``; ``discard`` keeps the old one."""
+
+    def close(self) -> None:
+        """Finish the file and put it in place."""
+
+    def discard(self) -> None:
+        """Keep the file that was there before. Has no effect after ``close``."""
+
+
+def suffix_of(option: str, name: str, known: tuple[str, ...]) -> str:
+    """Return the suffix that selects an output's format, in lower case.
+
+    Args:
+        option: the command-line option, without its dashes.
+        name: the file, or ``-`` for standard output, which has the last of ``known``.
+        known: the suffixes of the formats that there are.
+
+    Raises:
+        UsageError: ``output-format`` for another suffix.
+    """
+    suffix = known[-1] if name == STANDARD_OUTPUT else Path(name).suffix.lower()
+    if suffix not in known:
+        raise UsageError(
+            Diagnostic(
+                "output-format",
+                f"--{option} {name}: the suffix selects the format, and this one is unknown",
+                hint=f"use a file name that ends in {' or '.join(known)}",
+            )
+        )
+    return suffix
+
+
+def check_suffixes(trace: str | None, pulses: str | None, lines: str | None) -> None:
+    """Raise UsageError ``output-format`` before any work is done; see :func:`suffix_of`."""
+    for option, name, known in (
+        ("trace", trace, TRACE_SUFFIXES),
+        ("pulses", pulses, PULSE_SUFFIXES),
+        ("lines", lines, LINE_SUFFIXES),
+    ):
+        if name is not None:
+            suffix_of(option, name, known)
+
+
+def write_error(path: object, error: OSError) -> UsageError:
+    """Return the fault ``can-not-write`` of an output file."""
     return UsageError(
         Diagnostic(
             "can-not-write",
-            f"{path} can't be written: {error.strerror or error}",
-            hint="name a file in a folder that you can write to",
+            f"{path} cannot be written: {error.strerror or error}",
+            hint="choose a file in a folder that you may write to",
         )
     )
 
 
 class FileTarget(Generic[AnyStr]):
-    """Text or bytes on their way to ``name``: an ordinary file is replaced as a whole on
-    :meth:`close`.
+    """Text or bytes for the file ``name``, which is replaced as a whole on :meth:`close`.
 
-    What is no ordinary file (a device, a pipe) is written to directly. Raises UsageError
-    ``can-not-write``.
+    A device or a pipe is written to directly. Every method raises UsageError ``can-not-write``
+    when the operating system refuses.
     """
 
     def __init__(self, name: str) -> None:
@@ -55,7 +100,7 @@ class FileTarget(Generic[AnyStr]):
                 self._draft = Path(draft)
                 self._stream = self._opened(handle)
         except OSError as error:
-            raise can_not_write(name, error) from error
+            raise write_error(name, error) from error
 
     def _standard_output(self) -> IO[AnyStr]:
         raise NotImplementedError
@@ -64,13 +109,13 @@ class FileTarget(Generic[AnyStr]):
         raise NotImplementedError
 
     def write(self, content: AnyStr) -> None:
-        """Add ``content``."""
+        """Append ``content``."""
         try:
             self._stream.write(content)
         except BrokenPipeError:
             raise
         except OSError as error:
-            raise can_not_write(self.name, error) from error
+            raise write_error(self.name, error) from error
 
     def close(self) -> None:
         """Put the file in place."""
@@ -85,12 +130,12 @@ class FileTarget(Generic[AnyStr]):
         except BrokenPipeError:
             raise
         except OSError as error:
-            raise can_not_write(self.name, error) from error
+            raise write_error(self.name, error) from error
 
     def discard(self) -> None:
-        """Leave what was there before; harmless after :meth:`close`."""
+        """Keep the file that was there before. Has no effect after :meth:`close`."""
         if self.name != STANDARD_OUTPUT:
-            # What is still buffered may not fit on the disk; it is thrown away in any case.
+            # The buffered rest may not fit on the disk; it is thrown away in any case.
             with contextlib.suppress(OSError):
                 self._stream.close()
         if self._draft is not None:
@@ -99,7 +144,7 @@ class FileTarget(Generic[AnyStr]):
 
 
 class TextTarget(FileTarget[str]):
-    """Text in UTF-8; ``-`` is standard output."""
+    """Text, written as UTF-8."""
 
     def _standard_output(self) -> IO[str]:
         return sys.stdout
@@ -109,7 +154,7 @@ class TextTarget(FileTarget[str]):
 
 
 class BytesTarget(FileTarget[bytes]):
-    """Bytes as they are; ``-`` is standard output."""
+    """Bytes, written unchanged."""
 
     def _standard_output(self) -> IO[bytes]:
         return sys.stdout.buffer
@@ -119,8 +164,9 @@ class BytesTarget(FileTarget[bytes]):
 
 
 class NpzTarget:
-    """An archive on its way to ``name``; as :class:`TextTarget`, and a device or pipe gets the
-    finished bytes at the end.
+    """An .npz archive for the file ``name``, which is replaced as a whole on :meth:`close`.
+
+    A device or a pipe receives the finished archive at the end.
     """
 
     def __init__(self, name: str) -> None:
@@ -135,17 +181,17 @@ class NpzTarget:
                 path = Path(self._folder.name) / "out.npz"
             self._writer = NpzWriter(path)
         except OSError as error:
-            raise can_not_write(name, error) from error
+            raise write_error(name, error) from error
 
     def append(self, name: str, rows: NDArray[Any]) -> None:
-        """Add rows to the array ``name``."""
+        """Append ``rows`` to the array ``name``."""
         try:
             self._writer.append(name, rows)
         except OSError as error:
-            raise can_not_write(self.name, error) from error
+            raise write_error(self.name, error) from error
 
     def scalar(self, name: str, value: ArrayLike) -> None:
-        """Write a number, a text or a short array under ``name``."""
+        """Store a number, a text or a short array under ``name``."""
         self._writer.scalar(name, value)
 
     def close(self) -> None:
@@ -157,17 +203,35 @@ class NpzTarget:
                     shutil.copyfileobj(source, target)
                 self._folder.cleanup()
         except OSError as error:
-            raise can_not_write(self.name, error) from error
+            raise write_error(self.name, error) from error
 
     def discard(self) -> None:
-        """Leave what was there before; harmless after :meth:`close`."""
+        """Keep the file that was there before. Has no effect after :meth:`close`."""
         self._writer.discard()
         if self._folder is not None:
             self._folder.cleanup()
 
 
+TargetT = TypeVar("TargetT", bound=Output)
+
+
+class Writer(Generic[TargetT]):
+    """Base of the writers of one format. Each owns a target and closes or discards it."""
+
+    def __init__(self, target: TargetT) -> None:
+        self._target = target
+
+    def close(self) -> None:
+        """Finish the file and put it in place."""
+        self._target.close()
+
+    def discard(self) -> None:
+        """Keep the file that was there before. Has no effect after ``close``."""
+        self._target.discard()
+
+
 def _umask() -> int:
-    """The process's file mode mask, which can only be read by setting it."""
+    """Return the file mode mask of the process, which can only be read by setting it."""
     mask = os.umask(0)
     os.umask(mask)
     return mask

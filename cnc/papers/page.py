@@ -67,7 +67,7 @@ def prepared(folder: Path) -> Path:
     try:
         import matplotlib.figure  # noqa: F401
     except ImportError:
-        hint = "pip install 'cnc[view]', or pip install matplotlib"
+        hint = "pip install 'cncrun[view]', or pip install matplotlib"
         raise UsageError(
             Diagnostic(
                 "drawing-missing", "the figures need matplotlib, which is not installed", hint=hint

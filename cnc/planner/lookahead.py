@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block, Dwell, Held, Message, Overrides, Probe, SpindleSync
+from cnc.model.blocks import Block, Held, Message, Overrides, Probe, SpindleSync
 from cnc.model.operator_control import Control
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
@@ -99,9 +99,8 @@ class LookAhead:
             if pending is not None and not isinstance(item, Message):
                 yield from self._motion_to_rest(pending, previous)
                 previous = pending = None
-            if isinstance(item, Dwell):
-                window.clock += item.seconds
-            elif isinstance(item, Overrides):
+            window.clock.add(item)
+            if isinstance(item, Overrides):
                 self._allowed = item
             elif isinstance(item, SpindleSync):
                 self._follows_spindle = item.pitch > 0.0

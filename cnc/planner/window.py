@@ -41,6 +41,7 @@ from cnc.planner.phases import (
     slice_end,
 )
 from cnc.planner.plan import PlanChunk
+from cnc.planner.run_clock import RunClock
 from cnc.planner.section import Section
 from cnc.planner.slowing import Request, slowed
 
@@ -81,12 +82,12 @@ class Window:
     """Path that is known and not sent on, and the plan for it.
 
     Attributes:
-        clock: time at which the next slice begins, s.
+        clock: of the run, up to where the next slice begins.
     """
 
     def __init__(self, limits: Limits, stops_known: float = STOPS_KNOWN) -> None:
         """Create an empty window; ``stops_known``: see STOPS_KNOWN."""
-        self.clock = 0.0
+        self.clock = RunClock()
         self._stops_known = stops_known
         self._path = KnownPath(limits)
         self._at = 0.0
@@ -388,7 +389,7 @@ class Window:
         chunk = PlanChunk(
             path=part,
             piece_s=piece_s[first : last + 1] - zero,
-            t0=self.clock,
+            t0=self.clock.seconds,
             s0=section.travelled + zero,
             phase_t=t,
             phase_s=np.append(local, local_end) - zero,
@@ -396,5 +397,5 @@ class Window:
             phase_a=np.append(phases["a"], a_end),
             phase_j=phases["j"].copy(),
         )
-        self.clock += float(t[-1])
+        self.clock.add(chunk)
         return chunk

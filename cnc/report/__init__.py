@@ -1,1 +1,1 @@
-"""What a user gets to see and to keep: summaries, files, pictures."""
+"""Results of checks and runs, and their summary as text and as data."""

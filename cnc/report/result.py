@@ -1,15 +1,16 @@
-"""What is known of a program after it was checked or run: the numbers behind the summary and the
-JSON file.
-"""
+"""Result of a check or a run: the values behind the summary and the JSON file."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import EXIT_REJECTED, CncError, Diagnostic
-from cnc.report.changes import Changes
+from cnc.report.changes import Changes, finding_model
+
+if TYPE_CHECKING:
+    from cnc.report.models import PathDynamics
 
 LIMIT_NAMES = ("feed", "accel", "jerk", "normal_accel", "chord_error", "step_deviation")
 AXIS_LIMIT_NAMES = ("velocity", "acceleration", "jerk")
@@ -28,12 +29,18 @@ UNITS = {
 
 @dataclass(slots=True)
 class Extremes:
-    """Largest values along the path, or the limits of them; None where nothing was measured, or
-    nothing limits.
+    """Largest values along the path, or the limits of them.
 
-    feed mm/s, accel (tangential) and normal_accel mm/s^2, jerk (tangential) mm/s^3, chord_error mm,
-    step_deviation relative; ``axes``: velocity mm/s, acceleration mm/s^2, jerk mm/s^3 of each axis
-    by its name.
+    None stands for a value that was not measured, or that nothing limits.
+
+    Attributes:
+        feed: mm/s.
+        accel: tangential acceleration, mm/s^2.
+        jerk: tangential jerk, mm/s^3.
+        normal_accel: normal acceleration, mm/s^2.
+        chord_error: mm.
+        step_deviation: relative difference between a sampled step and the commanded step.
+        axes: ``velocity`` mm/s, ``acceleration`` mm/s^2 and ``jerk`` mm/s^3 by axis.
     """
 
     feed: float | None = None
@@ -46,7 +53,7 @@ class Extremes:
 
     @classmethod
     def limits(cls, machine: Machine) -> Extremes:
-        """What a machine file allows."""
+        """Return the limits of a machine file."""
         path = machine.path
         return cls(
             feed=path.max_feed,
@@ -65,16 +72,17 @@ class Extremes:
             },
         )
 
-    def as_json(self) -> dict[str, Any]:
-        """The path's values by name, and under ``axes`` the same for each axis."""
-        return {name: getattr(self, name) for name in LIMIT_NAMES} | {"axes": self.axes}
+    def as_model(self) -> PathDynamics:
+        """Return the values as a part of the summary."""
+        from cnc.report.models import PathDynamics
+
+        values = {name: getattr(self, name) for name in LIMIT_NAMES}
+        return PathDynamics.model_construct(**values, axes=self.axes)
 
 
 @dataclass(slots=True)
 class Timing:
-    """Seconds of computing: reading the program (once), planning, interpolating, and all in all
-    (with checking and writing).
-    """
+    """Computing time in seconds; the total includes checks and output."""
 
     parse_s: float = 0.0
     plan_s: float = 0.0
@@ -84,16 +92,32 @@ class Timing:
 
 @dataclass(slots=True)
 class Report:
-    """A program, checked or run.
+    """The result for one program.
 
-    ``faults`` are the errors that ended it, in order; ``warnings`` did not; ``hidden_`` ones are
-    counted only. lines: of the program as read. blocks: canonical blocks, each move of a run of
-    lines counted. duration_s: machine time, dwells included. bounding_box: mm by axis, of the whole
-    path. end_position: mm by axis. steps: by axis, both directions together. pulse_error_blu:
-    largest distance of a grid point from the path, in BLU. stopped_at_line: where the operator
-    stopped the run, None if nobody did. resume_line: where to go on with a run that did not come to
-    its end, None where that is not known. changes: since an earlier check, None where there is
-    nothing to compare with.
+    Attributes:
+        program: name of the program.
+        machine: the machine that it was checked for or run on.
+        faults: errors that ended it, in order.
+        warnings: warnings and notes.
+        hidden_faults: faults that are only counted.
+        hidden_warnings: warnings and notes that are only counted.
+        board: name of the board; None after a check.
+        lines: source lines that were read.
+        blocks: canonical blocks; each move of a run of lines counts.
+        duration_s: machine time with dwells.
+        path_length_mm: length of the path.
+        bounding_box: (smallest, largest) position of the whole path by axis, mm.
+        end_position: last position by axis, mm.
+        largest: largest values that occurred.
+        limits: limits of the machine.
+        violations: number of samples beyond each limit.
+        steps: steps by axis, both directions together.
+        pulse_rows: number of grid moves.
+        pulse_error_blu: largest distance of a grid point from the path in steps (BLU).
+        timing: computing time.
+        stopped_at_line: line at which the operator stopped the run; None otherwise.
+        resume_line: line at which an unfinished run can continue; None if unknown.
+        changes: differences to the baseline; None without one.
     """
 
     program: str
@@ -121,7 +145,7 @@ class Report:
     changes: Changes | None = None
 
     def __post_init__(self) -> None:
-        """Every limit has a count of violations from the start."""
+        """Give each limit a count of violations."""
         names = [
             *LIMIT_NAMES,
             *(f"{name}_{axis}" for axis in self.machine.axes for name in AXIS_LIMIT_NAMES),
@@ -130,14 +154,12 @@ class Report:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing is wrong with the program, the machine or the board."""
+        """Whether there is no fault of the program, the machine file or the board."""
         return not self.faults
 
     @property
     def exit_code(self) -> int:
-        """What a command line ends with for this report: beside an earlier check, new faults alone
-        count.
-        """
+        """Exit code of the command line. With a baseline only new faults count."""
         codes = [fault.exit_code for fault in self.counting_faults]
         return (
             next((code for code in codes if code != EXIT_REJECTED), EXIT_REJECTED) if codes else 0
@@ -150,61 +172,50 @@ class Report:
 
     @property
     def counting(self) -> list[Diagnostic]:
-        """The findings that decide how a check ends: beside an earlier check the new ones."""
+        """The findings that decide how a check ends: with a baseline only the new ones."""
         return self.findings if self.changes is None else self.changes.new
 
     @property
     def counting_faults(self) -> list[CncError]:
-        """Those of the faults."""
+        """The faults that decide how a check ends."""
         if self.changes is None:
             return self.faults
         new = {id(found) for found in self.changes.new}
         return [fault for fault in self.faults if id(fault.diagnostic) in new]
 
     def raise_if_faulty(self) -> None:
-        """Raise the first fault, for callers who would rather not ask."""
+        """Raise the first fault, if there is one."""
         if self.faults:
             raise self.faults[0]
 
     def as_json(self) -> dict[str, Any]:
-        """The summary in the shape of the public JSON file; numbers that don't exist are null."""
-        timing, total = self.timing, self.timing.total_s
-        return {
-            "program": self.program,
-            "machine": self.machine.name,
-            "ok": self.ok,
-            "lines": self.lines,
-            "blocks": self.blocks,
-            "errors": [_finding(each) for each in self.findings],
-            "duration_s": self.duration_s,
-            "path_length_mm": self.path_length_mm,
-            "bounding_box": {axis: list(box) for axis, box in self.bounding_box.items()},
-            "end_position": self.end_position,
-            "max": self.largest.as_json(),
-            "limits": self.limits.as_json(),
-            "violations": self.violations,
-            "steps": self.steps,
-            "pulse_error_blu": self.pulse_error_blu,
-            "stopped_at_line": self.stopped_at_line,
-            "timing": {
-                "parse_s": timing.parse_s,
-                "plan_s": timing.plan_s,
-                "interpolate_s": timing.interpolate_s,
-                "total_s": total,
-            },
-            "lines_per_s": self.lines / total if total else 0.0,
-            "steps_per_s": sum(self.steps.values()) / total if total else 0.0,
-            **({} if self.changes is None else {"changes": self.changes.as_json()}),
-        }
+        """Return the summary in the form of the public JSON file."""
+        # The models are imported here, because most runs do not write JSON.
+        from cnc.report import models
 
-
-def _finding(diagnostic: Diagnostic) -> dict[str, Any]:
-    return {
-        "code": diagnostic.code,
-        "message": diagnostic.message,
-        "file": diagnostic.file,
-        "line": diagnostic.line,
-        "column": diagnostic.column,
-        "severity": diagnostic.severity,
-        "hint": diagnostic.hint,
-    }
+        total = self.timing.total_s
+        changes: dict[str, Any] = (
+            {} if self.changes is None else {"changes": self.changes.as_model()}
+        )
+        return models.Summary.model_construct(
+            program=self.program,
+            machine=self.machine.name,
+            ok=self.ok,
+            lines=self.lines,
+            blocks=self.blocks,
+            errors=[finding_model(each, with_hint=True) for each in self.findings],
+            duration_s=self.duration_s,
+            path_length_mm=self.path_length_mm,
+            bounding_box={axis: list(box) for axis, box in self.bounding_box.items()},
+            end_position=self.end_position,
+            max=self.largest.as_model(),
+            limits=self.limits.as_model(),
+            violations=self.violations,
+            steps=self.steps,
+            pulse_error_blu=self.pulse_error_blu,
+            stopped_at_line=self.stopped_at_line,
+            timing=models.Timing.model_construct(**asdict(self.timing)),
+            lines_per_s=self.lines / total if total else 0.0,
+            steps_per_s=sum(self.steps.values()) / total if total else 0.0,
+            **changes,
+        ).as_json()

@@ -1,4 +1,4 @@
-"""The summary that a machinist reads: how long, how far, how near the limits."""
+"""The summary on the terminal: time, path length, extents and use of the limits."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _TITLES = {
 
 
 def clock(seconds: float) -> str:
-    """Seconds as h:mm:ss, to the nearest second; below a minute with milliseconds."""
+    """Return seconds as h:mm:ss; below a minute as seconds with milliseconds."""
     if seconds < 60.0 and round(seconds, 3) < 60.0:
         return f"{seconds:.3f} s"
     whole = round(seconds)
@@ -28,7 +28,7 @@ def clock(seconds: float) -> str:
 
 
 def number(value: float | None) -> str:
-    """About six digits, thousands apart from 10 000 on; a dash for what doesn't exist."""
+    """Return a number with about six digits, with spaces from 10 000 on; a dash for None."""
     if value is None:
         return "-"
     if abs(value) >= 1e4:
@@ -39,18 +39,18 @@ def number(value: float | None) -> str:
 
 
 def spaced(count: int) -> str:
-    """A whole number with its thousands apart."""
+    """Return a whole number; from 10 000 on with spaces between the thousands."""
     return f"{count:,}".replace(",", " ") if abs(count) >= 10_000 else str(count)
 
 
 def position(value: float) -> str:
-    """A coordinate to a tenth of a micrometre."""
+    """Return a coordinate in mm to 0.1 micrometres."""
     digits = f"{value:.4f}".rstrip("0").rstrip(".")
     return "0" if digits == "-0" else digits
 
 
 def verdict(report: Report) -> str:
-    """One line: what came of it."""
+    """Return the result in one line."""
     if report.stopped_at_line is not None:
         return f"stopped by the operator at line {report.stopped_at_line}"
     if not report.ok:
@@ -63,7 +63,7 @@ def verdict(report: Report) -> str:
 
 
 def one_line(report: Report) -> str:
-    """A report in one line, for a list of many programs."""
+    """Return program and result in one line, for a list of many programs."""
     result = (
         f"ok, {clock(report.duration_s)}, {number(report.path_length_mm)} mm"
         if report.ok
@@ -73,8 +73,12 @@ def one_line(report: Report) -> str:
 
 
 def print_summary(report: Report, console: Console, *, verbose: bool = False) -> None:
-    """Print a report as tables; ``verbose`` adds each axis's dynamics and where the computing time
-    went.
+    """Print a report as tables.
+
+    Args:
+        report: the result of a check or a run.
+        console: the terminal.
+        verbose: also print the dynamics of each axis and the computing times.
     """
     from rich.markup import escape
     from rich.table import Table
@@ -93,23 +97,24 @@ def print_summary(report: Report, console: Console, *, verbose: bool = False) ->
     if report.pulse_error_blu is not None:
         facts.add_row(
             "grid",
-            f"{spaced(report.pulse_rows)} grid moves, at most {report.pulse_error_blu:.4f} BLU from the path",
+            f"{spaced(report.pulse_rows)} grid moves, "
+            f"at most {report.pulse_error_blu:.4f} BLU from the path",
         )
-    broken = ", ".join(f"{name} {count}" for name, count in report.violations.items() if count)
-    facts.add_row("violations", broken or "none")
+    exceeded = ", ".join(f"{name} {count}" for name, count in report.violations.items() if count)
+    facts.add_row("violations", exceeded or "none")
     console.print(facts)
     console.print(_axes(report, verbose))
     console.print(_limits(report))
     if verbose:
         timing = report.timing
         console.print(
-            f"computed in {timing.total_s:.3f} s: reading {timing.parse_s:.3f}, planning {timing.plan_s:.3f}, "
-            f"interpolating {timing.interpolate_s:.3f}"
+            f"computed in {timing.total_s:.3f} s: reading {timing.parse_s:.3f}, "
+            f"planning {timing.plan_s:.3f}, interpolating {timing.interpolate_s:.3f}"
         )
 
 
 def _axes(report: Report, verbose: bool) -> RenderableType:
-    """Extent, end position and steps of each axis."""
+    """Return a table with extent, end position and steps of each axis."""
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold")
@@ -137,8 +142,9 @@ def _axes(report: Report, verbose: bool) -> RenderableType:
 
 
 def _limits(report: Report) -> RenderableType:
-    """Largest values along the path against what is allowed, and the axis that came nearest to a
-    limit of its own.
+    """Return a table of the largest values along the path and their limits.
+
+    Of velocity, acceleration and jerk it has the axis that used most of its limit.
     """
     from rich.table import Table
 
@@ -172,7 +178,7 @@ def _share(largest: float, limit: float | None) -> str:
 
 
 def _nearest(largest: Extremes, limits: Extremes, name: str) -> tuple[str, float, float] | None:
-    """The axis that used most of its limit called ``name``."""
+    """Return axis, largest value and limit of the axis that used most of its limit."""
     found = [
         (value / limit, letter, value, limit)
         for letter, values in largest.axes.items()

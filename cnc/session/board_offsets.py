@@ -7,28 +7,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from cnc.boards.protocols import LineSink, board_error
-from cnc.grbl_lines.grbl_timing import BoardLimits, BoardTime
+from cnc.grbl_lines.board_limits import BoardLimits
+from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.translator import ARC_TOLERANCE, Translator
 from cnc.grbl_lines.travel_margin import MARGIN
 from cnc.machine.models import Machine
+from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS, Block, Stop, Tool
 from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.streams import GcodeLine
 
-FIRST = {
-    "G28": 5161,
-    "G30": 5181,
-    "G92": 5211,
-    "G54": 5221,
-    "G55": 5241,
-    "G56": 5261,
-    "G57": 5281,
-    "G58": 5301,
-    "G59": 5321,
-}
-"""Number of the parameter that holds the X of each place (LinuxCNC, "Numbered Parameters")."""
 SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
-G92_IN_EFFECT, CURRENT_SYSTEM = 5210, 5220
+FIRST = {
+    "G28": numbers.G28_POSITION,
+    "G30": numbers.G30_POSITION,
+    "G92": numbers.SHIFT,
+    **{name: numbers.origin(system) for system, name in enumerate(SYSTEMS)},
+}
+"""Number of the parameter that holds the X of each place."""
 CHANGED = 0.0005
 """mm: an offset that differs by less is the one that the board told."""
 
@@ -37,8 +33,8 @@ def adopted(board: LineSink, machine: Machine) -> dict[int, float]:
     """Parameters of the places that the board remembers: with these a program means what it meant
     if the board read it itself.
     """
-    values = {CURRENT_SYSTEM: 1.0, G92_IN_EFFECT: 1.0}
-    for name, place in board.places.items():
+    values = {numbers.CURRENT_SYSTEM: 1.0, numbers.SHIFT_IN_EFFECT: 1.0}
+    for name, place in board.stored_offsets.items():
         for letter, value in zip(machine.axes, place, strict=True):
             values[FIRST[name] + AXIS_LETTERS.index(letter)] = value
     return values
@@ -50,7 +46,7 @@ def to_remember(
     """Lines by which a board keeps the coordinate systems that a program has set (G10)."""
     letters = [letter for letter in machine.axes if letter in "xyz"]
     for number, name in enumerate(SYSTEMS, start=1):
-        place = dict(zip(machine.axes, board.places.get(name, ()), strict=False))
+        place = dict(zip(machine.axes, board.stored_offsets.get(name, ()), strict=False))
         new = {
             letter: values.get(FIRST[name] + AXIS_LETTERS.index(letter), 0.0) for letter in letters
         }

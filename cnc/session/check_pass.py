@@ -7,9 +7,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from cnc.checks.hints import Hints
-from cnc.checks.travel import Survey
+from cnc.checks.travel import TravelCheck
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline, Probe, WaitInput
-from cnc.outputs.files import JsonLines
+from cnc.outputs.blocks import BlockWriter
 from cnc.path.chunk import PathChunk
 from cnc.report.result import Report
 from cnc.session.observer import Lookout
@@ -45,14 +45,14 @@ class FirstPass:
             abilities,
         )
 
-    def carry_out(self, shown: JsonLines | None, *, keep: bool) -> list[PathChunk | Block] | None:
+    def carry_out(self, shown: BlockWriter | None, *, keep: bool) -> list[PathChunk | Block] | None:
         """Read, and write the blocks to ``shown``.
 
         The path if it is to be kept, is not too long, and the next reading can't differ; None where
         it has to be read again.
         """
         reading, report, hints = self._reading, self._report, self.hints
-        survey, room = Survey(reading.machine), KEPT_NUMBERS if keep else -1
+        survey, room = TravelCheck(reading.machine), KEPT_NUMBERS if keep else -1
         kept: list[PathChunk | Block] | None = []
         blocks = self.watch_reading.inside(reading.blocks(self._lookout.warn, self._at_line))
         if shown is not None:
@@ -63,7 +63,7 @@ class FirstPass:
             if isinstance(item, PathChunk):
                 room -= len(item.data) + 8 * len(item)
                 if hints is not None:
-                    hints.see_path(item)
+                    hints.add_path(item)
                 for fault in survey.add(item):
                     if len(report.faults) < MOST_FAULTS:
                         report.faults.append(fault)

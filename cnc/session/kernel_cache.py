@@ -25,8 +25,8 @@ from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.grbl_lines.translator import Translator
 from cnc.kernels.jit import compiled_mark
-from cnc.machine.models import Axis, AxisLetter, Machine, PathLimits
-from cnc.model.blocks import ArcFeed, NurbsFeed, PathMode, Polyline
+from cnc.machine.models import Axis, Machine, PathLimits
+from cnc.model.blocks import ArcFeed, AxisLetter, NurbsFeed, PathMode, Polyline
 from cnc.model.diagnostics import MotionLimitError
 from cnc.model.operator_control import Control
 from cnc.path.bounds import bounding_box

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TypeVar
 
-from cnc.outputs.files import Output, check_formats
+from cnc.outputs.targets import Output, check_suffixes
 from cnc.view.writer import check_picture
 
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
     """Files to write, ``-`` for standard output, None for none. Formats: see
-    :mod:`cnc.outputs.files`, :mod:`cnc.view.writer`.
+    :mod:`cnc.outputs`, :mod:`cnc.view.writer`.
     """
 
     blocks: str | None = None
@@ -23,7 +23,7 @@ class Outputs:
 
     def check(self) -> None:
         """UsageError ``output-format`` for an unknown suffix."""
-        check_formats(self.trace, self.pulses, self.lines)
+        check_suffixes(self.trace, self.pulses, self.lines)
         if self.picture is not None:
             check_picture(self.picture)
 

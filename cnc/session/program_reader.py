@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cnc.gcode import dialects
 from cnc.gcode.program.call_stack import Limits
-from cnc.gcode.program.program import interpret
+from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
@@ -146,8 +146,10 @@ class Reading:
             warn=warn,
             parameters=state[0],
             tools=state[1],
-            folders=folders(place, self.machine),
-            limits=Limits(program.max_repeated_lines, program.max_call_depth),
-            on_line=on_line or self.on_line,
-            mark_calls=mark_calls,
+            options=ProgramOptions(
+                folders=folders(place, self.machine),
+                limits=Limits(program.max_repeated_lines, program.max_call_depth),
+                on_line=on_line or self.on_line,
+                mark_calls=mark_calls,
+            ),
         )

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from cnc.boards.protocols import ACTIONS, Action, Capabilities, Foreseeable, LineSink, PulseSink
+from cnc.boards.protocols import ACTIONS, Action, Capabilities, KnownInAdvance, LineSink, PulseSink
 from cnc.boards.registry import board_factory
 from cnc.machine.models import Machine
 from cnc.model.blocks import (
@@ -25,8 +25,6 @@ from cnc.model.blocks import (
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 from cnc.session.board_offsets import needs_operator, waits
 
-LINE_BOARDS = ("grbl", "grbl-sim")
-"""Kinds of board that take lines, and so commands of their own."""
 WORDS: dict[Action, str] = {
     "spindle": "spindle (M3)",
     "spindle backward": "spindle that turns backward (M4)",
@@ -80,9 +78,9 @@ class Abilities:
     ) -> Abilities:
         """Of a board, or of none."""
         known = machine.board.kind if name is None else name
-        can = _foreseen(machine) if board is None else board.capabilities
+        can = _expected_capabilities(machine) if board is None else board.capabilities
         if can is None:
-            return cls(known, False, True, True, known in LINE_BOARDS, ACTIONS, False, attended)
+            return cls(known, False, True, True, _takes_lines(known), ACTIONS, False, attended)
         return cls(
             known,
             board is not None,
@@ -136,7 +134,15 @@ class Abilities:
                     )
 
 
-def _foreseen(machine: Machine) -> Capabilities | None:
+def _takes_lines(kind: str) -> bool:
+    """Whether boards of this kind take lines; False for a kind without a driver."""
+    try:
+        return board_factory(kind).traits.takes_lines
+    except UsageError:
+        return False
+
+
+def _expected_capabilities(machine: Machine) -> Capabilities | None:
     """What the board of the machine file will be able to do, as far as its driver knows without
     one.
     """
@@ -144,4 +150,4 @@ def _foreseen(machine: Machine) -> Capabilities | None:
         factory = board_factory(machine.board.kind)
     except UsageError:
         return None
-    return factory.foreseen(machine) if isinstance(factory, Foreseeable) else None
+    return factory.expected_capabilities(machine) if isinstance(factory, KnownInAdvance) else None

@@ -30,7 +30,7 @@ from cnc.model.blocks import (
     AnalogOutput,
     ArcFeed,
     Block,
-    Called,
+    CallBoundary,
     Coolant,
     DigitalOutput,
     Dwell,
@@ -142,7 +142,7 @@ def line_of_call(blocks: Iterable[Block], file: str, line: int) -> int:
     """
     call, low, high, found = 0, 0, 0, 0
     for block in blocks:
-        if isinstance(block, Called):
+        if isinstance(block, CallBoundary):
             call, low, high = block.line if block.inside else 0, 0, 0
         elif block.file == file:
             lines = block.lines if isinstance(block, Polyline) else np.array([block.line])
@@ -250,7 +250,7 @@ class Beginning:
         """What is left of a program from line N on; ``state`` is that before it."""
         begun, call = False, 0
         for block in blocks:
-            if isinstance(block, Called):
+            if isinstance(block, CallBoundary):
                 call = block.line if block.inside else 0
                 continue
             if begun:

@@ -10,22 +10,31 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.protocols import Burden, Burdened, Foreseeable, LineSink, PulseSink
+from cnc.boards.protocols import (
+    ChecksFeasibility,
+    FeasibilityCheck,
+    KnownInAdvance,
+    LineSink,
+    PulseSink,
+)
 from cnc.boards.registry import board_factory
-from cnc.checks.travel import ROUNDING, Survey
+from cnc.checks.travel import ROUNDING, TravelCheck
 from cnc.executor.lines import Step, steps, stream
 from cnc.executor.run import Progress, execute
-from cnc.grbl_lines.grbl_timing import BoardTime, Countdown
+from cnc.grbl_lines.countdown import Countdown
+from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.smooth import smooth_path
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block, Dwell, Held
+from cnc.model.blocks import Block, Held
 from cnc.model.diagnostics import BoardError, MotionLimitError, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine, PulseChunk, SampleChunk
-from cnc.outputs.files import TraceWriter, pulse_writer, trace_writer
+from cnc.outputs.pulses import pulse_writer
+from cnc.outputs.trace import TraceWriter, trace_writer
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
+from cnc.planner.run_clock import RunClock
 from cnc.planner.window import LONG, SLICE
 from cnc.pulses.reference_pulse import Algorithm, ReferencePulse
 from cnc.pulses.sampled import Sampled
@@ -39,9 +48,9 @@ from cnc.view.writer import picture_writer
 
 Items = Iterable[PlanChunk | Block]
 
-KEPT_CHARACTERS = 64_000_000
-"""Of lines that are made before the first is sent: two million of them. A longer program is
-translated once more on the way.
+KEPT_BYTES = 192_000_000
+"""Memory for lines that are made before the first is sent: about two million lines. A longer
+program is translated once more while it runs.
 """
 
 
@@ -108,7 +117,7 @@ class SecondPass:
             self._stream(board)
             return
         report, machine = self._report, self._machine
-        steps_per_mm = np.array([axis.steps_per_mm for axis in machine.axes.values()])
+        steps_per_mm = machine.steps_per_mm
         fastest = (
             machine.board.max_step_rate
             if board is None
@@ -122,8 +131,8 @@ class SecondPass:
             on_pulses = self._files.opened(
                 pulse_writer(self._outputs.pulses, machine, interpolator.origin_steps)
             ).write
-        if isinstance(board, Burdened):
-            self._rehearse(board.burden(), fastest, kept)
+        if isinstance(board, ChecksFeasibility):
+            self._rehearse(board.feasibility_check(), fastest, kept)
         path = kept if kept is not None else self._read_again(smooth=False)
         slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
         ahead = LookAhead(machine, self._control, slice_s=slice_s)
@@ -131,7 +140,7 @@ class SecondPass:
         pulses = TimedPulses(interpolator, self.watch_interpolating)
         try:
             if board is None:
-                self._look(planned, pulses, on_pulses, _foreseen_burden(machine))
+                self._look(planned, pulses, on_pulses, _expected_feasibility(machine))
             else:
                 if self._pauses == "wait" and self._operated and board.capabilities.slice_s:
                     planned = _held(planned, self._control.hold)
@@ -168,7 +177,7 @@ class SecondPass:
         """
         reading, machine = self._reading, self._machine
         blocks, tolerance = self.watch_reading.inside(reading.blocks()), machine.path.tolerance
-        survey = Survey(machine, tolerance if smooth else ROUNDING)
+        survey = TravelCheck(machine, tolerance if smooth else ROUNDING)
         path = (
             smooth_path(blocks, axes=machine.axis_names, start=reading.start, tolerance=tolerance)
             if smooth
@@ -191,13 +200,12 @@ class SecondPass:
                     self._outputs.picture, report, self._reading.path, self._reading.start
                 )
             )
+        clock = RunClock()
         for item in planned:
-            if isinstance(item, PlanChunk):
-                report.duration_s = item.t0 + item.duration
-                if self._on_plan is not None:
-                    self._on_plan(item)
-            elif isinstance(item, Dwell):
-                report.duration_s += item.seconds
+            clock.add(item)
+            report.duration_s = clock.seconds
+            if isinstance(item, PlanChunk) and self._on_plan is not None:
+                self._on_plan(item)
             if drawn is not None:
                 drawn.add(item)
             yield item
@@ -226,7 +234,10 @@ class SecondPass:
                 trace.write(chunk)
 
     def _rehearse(
-        self, burden: Burden, fastest: float, kept: Iterable[PathChunk | Block] | None
+        self,
+        feasibility: FeasibilityCheck,
+        fastest: float,
+        kept: Iterable[PathChunk | Block] | None,
     ) -> None:
         """The whole motion before any of it: whether the board can play it, and how long it takes.
         MotionLimitError.
@@ -235,29 +246,25 @@ class SecondPass:
         path = kept if kept is not None else self._read_again(smooth=False)
         pulses = TimedPulses(
             ReferencePulse(
-                [axis.steps_per_mm for axis in machine.axes.values()],
+                machine.steps_per_mm,
                 start,
                 1e9 / fastest,
                 algorithm=self._algorithm,
             ),
             self.watch_interpolating,
         )
-        rows, at, made, until = [0], [0.0], 0, 0.0
+        rows, at, made, clock = [0], [0.0], 0, RunClock()
         ahead = LookAhead(machine, Control(self._control.feed_override), slice_s=LONG)
         for item in self.watch_planning.inside(ahead.plan(path)):
             lookout.checking(self._report.lines)
+            clock.add(item)
             if isinstance(item, PlanChunk):
                 for chunk in pulses.pulses(item):
-                    _bear(burden, chunk, item)
+                    _bear(feasibility, chunk, item)
                     made += len(chunk.step)
                 rows.append(made)
-                at.append(item.t0 + item.duration)
-            until = (
-                item.t0 + item.duration
-                if isinstance(item, PlanChunk)
-                else until + getattr(item, "seconds", 0.0)
-            )
-        self._schedule = np.array(rows), np.array(at), until
+                at.append(clock.seconds)
+        self._schedule = np.array(rows), np.array(at), clock.seconds
 
     def _left(self, progress: Progress) -> Progress:
         """With what is left of the rehearsed motion, if all goes on as now."""
@@ -276,7 +283,7 @@ class SecondPass:
         planned: Items,
         pulses: TimedPulses,
         on_pulses: Callable[[PulseChunk], None] | None,
-        burden: Burden | None,
+        feasibility: FeasibilityCheck | None,
     ) -> None:
         """Without a board: make the pulses, count and write them."""
         report = self._report
@@ -285,8 +292,8 @@ class SecondPass:
         def seen(chunks: Iterable[PulseChunk], planned: PlanChunk | None = None) -> None:
             nonlocal steps
             for chunk in chunks:
-                if burden is not None and planned is not None:
-                    _bear(burden, chunk, planned)
+                if feasibility is not None and planned is not None:
+                    _bear(feasibility, chunk, planned)
                 steps += [np.count_nonzero(column) for column in chunk.step.T]
                 report.pulse_rows += len(chunk.step)
                 if on_pulses is not None:
@@ -416,11 +423,11 @@ class SecondPass:
     def _made(self, program: Iterable[Step], board_time: BoardTime) -> list[Step] | None:
         """All steps, their time added up; None if they can't be kept."""
         kept: list[Step] | None = None if self._asks else []
-        room = KEPT_CHARACTERS
+        room = KEPT_BYTES
         for step in program:
-            for line in step.lines():
+            for line in step.lines:
                 board_time.add(line)
-            room -= len(step.text)
+            room -= step.lines.size
             if room < 0:
                 kept = None
             if kept is not None:
@@ -429,21 +436,23 @@ class SecondPass:
         return kept
 
 
-def _bear(burden: Burden, chunk: PulseChunk, planned: PlanChunk) -> None:
+def _bear(feasibility: FeasibilityCheck, chunk: PulseChunk, planned: PlanChunk) -> None:
     """Grid moves of a stretch. MotionLimitError at their line."""
     try:
-        burden.add(chunk)
+        feasibility.add(chunk)
     except MotionLimitError as error:
         raise error.at(file=planned.path.file) from error
 
 
-def _foreseen_burden(machine: Machine) -> Burden | None:
+def _expected_feasibility(machine: Machine) -> FeasibilityCheck | None:
     """Of the board that the machine file names, where its driver knows it without one."""
     try:
         factory = board_factory(machine.board.kind)
     except UsageError:
         return None
-    return factory.foreseen_burden(machine) if isinstance(factory, Foreseeable) else None
+    return (
+        factory.expected_feasibility_check(machine) if isinstance(factory, KnownInAdvance) else None
+    )
 
 
 def _held(planned: Items, hold: Callable[[], None]) -> Iterator[PlanChunk | Block]:

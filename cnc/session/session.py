@@ -11,18 +11,18 @@ from time import perf_counter
 import numpy as np
 
 from cnc.boards.loopback import Loopback
-from cnc.boards.protocols import LineSink, Located, PulseSink, Switched
+from cnc.boards.protocols import HasLimitSwitches, LineSink, PulseSink, RemembersPosition
 from cnc.checks.hints import step_rate
-from cnc.checks.portable import dialects_of, portability
+from cnc.checks.portable import ProgramText, dialects_of, portability
 from cnc.checks.selection import Selection, unknown_codes
-from cnc.executor.homing import home, rest_steps, ways_home
+from cnc.executor.homing import home, homed_steps, homing_sequence
 from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.line_program import LineProgram
 from cnc.machine.models import DialectName, Machine
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, GcodeError, UsageError
 from cnc.model.operator_control import Control
-from cnc.outputs.files import JsonLines
+from cnc.outputs.blocks import BlockWriter
 from cnc.outputs.targets import TextTarget
 from cnc.planner.plan import PlanChunk
 from cnc.pulses.reference_pulse import Algorithm
@@ -117,9 +117,7 @@ class Job:
                     report.faults.append(error)
                 if self._portable and report.stopped_at_line is None:
                     report.faults += portability(
-                        reading.path,
-                        report.program,
-                        reading.under,
+                        ProgramText(reading.path, report.program, reading.under),
                         reading.dialect,
                         self._portable,
                         report.faults,
@@ -144,23 +142,23 @@ class Job:
                 )
             )
         reading = self._reading
-        reading.machine = board.fitted(reading.machine)
+        reading.machine = board.limited_to_board(reading.machine)
         reading.start = np.array(board.position)
         reading.memory.adopt(adopted(board, reading.machine))
 
-    def _locate(self, board: Located) -> None:
+    def _locate(self, board: RemembersPosition) -> None:
         """Where the program begins: where the board knows that it stands, or will when it has come
         home.
         """
         reading, machine = self._reading, self._reading.machine
-        standing = board.standing_steps
+        standing = board.known_steps
         ways = (
-            ways_home(machine, (), len(board.switches))
-            if self._home and isinstance(board, Switched)
+            homing_sequence(machine, (), len(board.switches))
+            if self._home and isinstance(board, HasLimitSwitches)
             else ()
         )
-        steps = rest_steps(machine, ways, standing, reading.start)
-        reading.start = steps / np.array([axis.steps_per_mm for axis in machine.axes.values()])
+        steps = homed_steps(machine, ways, standing, reading.start)
+        reading.start = steps / machine.steps_per_mm
         coming = {way.letter for way in ways}
         lost = [
             letter
@@ -172,7 +170,7 @@ class Job:
             what = (
                 f"the board does not know where {names} {'stands' if len(lost) == 1 else 'stand'}"
             )
-            if machine.homes:
+            if machine.can_home:
                 why = "it was reset or switched off, or a limit switch or the e-stop has stopped it at once"
                 hint = (
                     "let it find out first: --home does that before the program, cncrun home alone"
@@ -202,7 +200,7 @@ class Job:
         report, reading, lookout = self.report, self._reading, self._lookout
         abilities = Abilities.of(board, report.board, reading.machine, self._attended(board))
         self._recall(abilities)
-        if isinstance(board, Located):
+        if isinstance(board, RemembersPosition):
             self._locate(board)
         if isinstance(board, LineSink):
             self._compare_position(board)
@@ -211,7 +209,7 @@ class Job:
         shown = None
         if self._outputs.blocks is not None:
             shown = self._files.opened(
-                JsonLines(self._outputs.blocks, reading.machine.axis_names, report.program)
+                BlockWriter(self._outputs.blocks, reading.machine.axis_names, report.program)
             )
         try:
             # Lines come from a path of their own, which is not the one that is surveyed.

@@ -25,6 +25,7 @@ from cnc.kernels.view.thinning import (
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Dwell
 from cnc.planner.plan import PlanChunk
+from cnc.planner.run_clock import RunClock
 from cnc.pulses.arrays import kernel_arrays
 from cnc.view.tables import Curves, CurveTable, Origins, OriginTable, Strokes, StrokeTable
 
@@ -76,25 +77,27 @@ class Collector:
         self._curves = CurveTable(sizes.curves)
         self._origins = OriginTable(sizes.origins, program)
         self._out = np.empty((ROWS, FOLLOWED))
-        self._clock = 0.0
+        self._clock = RunClock()
         self._curves.add(np.zeros((1, 4)))
 
     def add(self, item: PlanChunk | Block) -> None:
         """A stretch of the plan, or a block between the moves."""
         if isinstance(item, PlanChunk):
             self._follow(item)
-            self._clock = item.t0 + item.duration
         elif isinstance(item, Dwell):
             self._origins.add(
-                np.array([self._clock]), np.array([item.line]), item.file, np.array([False])
+                np.array([self._clock.seconds]), np.array([item.line]), item.file, np.array([False])
             )
-            self._clock += item.seconds
+        self._clock.add(item)
 
     def picture(self) -> Picture:
         """All of it; nothing may be added after it."""
         origins, files = self._origins.origins()
-        strokes, curves = self._strokes.strokes(self._start), self._curves.curves(self._clock)
-        return Picture(strokes, curves, origins, files, self._origins.moves, self._clock)
+        strokes, curves = (
+            self._strokes.strokes(self._start),
+            self._curves.curves(self._clock.seconds),
+        )
+        return Picture(strokes, curves, origins, files, self._origins.moves, self._clock.seconds)
 
     def _follow(self, chunk: PlanChunk) -> None:
         arrays = kernel_arrays(chunk)

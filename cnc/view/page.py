@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cnc.model.diagnostics import SHOWN, Diagnostic, UsageError
+from cnc.model.diagnostics import SHOWN_CHARACTERS, Diagnostic, UsageError
 from cnc.outputs.targets import TextTarget
 from cnc.report.result import Report
 from cnc.report.summary import clock, number
@@ -123,7 +123,7 @@ def _about(picture: Picture, report: Report) -> dict[str, Any]:
             [
                 picture.files.index(each.file),
                 each.line,
-                f"{each.severity}: {each.code}: {each.message}"[: 4 * SHOWN],
+                f"{each.severity}: {each.code}: {each.message}"[: 4 * SHOWN_CHARACTERS],
             ]
             for each in report.findings
             if each.file in picture.files and each.line

@@ -50,7 +50,7 @@ def check_picture(name: str) -> None:
         try:
             import matplotlib.figure  # noqa: F401
         except ImportError:
-            hint = "pip install 'cnc[view]', or pip install matplotlib; out.html needs nothing"
+            hint = "pip install 'cncrun[view]', or pip install matplotlib; out.html needs nothing"
             raise UsageError(
                 Diagnostic(
                     "drawing-missing",

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cnc.boards.discovery.file import FileBoard
-from cnc.boards.discovery.loopback import Loopback
 
-from cnc.boards.discovery import registry
+from cnc.boards import registry
+from cnc.boards.file import FileBoard
+from cnc.boards.loopback import Loopback
 from cnc.machine.models import Axis, Board, Machine
 from cnc.model.diagnostics import UsageError
 
@@ -41,11 +41,13 @@ def test_an_unknown_board_lists_the_known_ones() -> None:
 
 def test_boards_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     points = [
-        EntryPoint("mine", "collections:OrderedDict", registry.GROUP),
+        EntryPoint("mine", "cnc.boards.loopback:Loopback", registry.GROUP),
+        EntryPoint("bare", "collections:OrderedDict", registry.GROUP),
         EntryPoint("gone", "no_such_package.x:Y", registry.GROUP),
     ]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)
     assert registry.board_names() == (
+        "bare",
         "file",
         "gone",
         "grbl",
@@ -54,15 +56,16 @@ def test_boards_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
         "mine",
         "stepper",
     )
-    assert registry.board_factory("mine").__name__ == "OrderedDict"  # type: ignore[attr-defined]
-    with pytest.raises(UsageError) as caught:
-        registry.board_factory("gone")
-    assert caught.value.diagnostic.code == "board-not-loadable"
-    assert "no_such_package" in caught.value.diagnostic.message
+    assert registry.board_factory("mine") is Loopback
+    for name, reason in (("gone", "no_such_package"), ("bare", "traits")):
+        with pytest.raises(UsageError) as caught:
+            registry.board_factory(name)
+        assert caught.value.diagnostic.code == "board-not-loadable"
+        assert reason in caught.value.diagnostic.message
 
 
 def test_drivers_load_when_asked_for() -> None:
-    code = "import sys; from cnc.boards.discovery import registry; registry.board_names(); print('cnc.boards.discovery.loopback' in sys.modules)"
+    code = "import sys; from cnc.boards import registry; registry.board_names(); print('cnc.boards.loopback' in sys.modules)"
     assert (
         subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, check=True

@@ -14,12 +14,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from cnc.boards.discovery.port import PortLost, SystemClock
-from cnc.boards.discovery.serial_port import open_port
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.boards.discovery import serial_port
+from cnc.boards import serial_port
+from cnc.boards.port import PortLost, SystemClock
+from cnc.boards.serial_port import open_port
 from cnc.model.diagnostics import BoardError
 
 

@@ -1,6 +1,4 @@
-"""A check beside an earlier one: what changed, what is new, and that new findings alone decide how
-it ends.
-"""
+"""A check with a baseline: changes, new findings, and the exit code by new findings alone."""
 
 import json
 from collections import Counter
@@ -13,7 +11,9 @@ from cnc import cli
 from cnc.checks.baseline import Baseline
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
-from cnc.outputs.formats import github, junit, sarif
+from cnc.outputs.github import github
+from cnc.outputs.junit import junit
+from cnc.outputs.sarif import sarif
 from cnc.report.result import Report
 
 MACHINE = load_machine("default")
@@ -40,8 +40,8 @@ def report(*findings: Diagnostic, name: str = "p.nc", **figures) -> Report:
 
 
 @pytest.fixture
-def beside(tmp_path):
-    """The changes between two reports."""
+def compare(tmp_path):
+    """Return a function: the changes between two reports."""
 
     def look(then: Report | list[Report], now: Report):
         file = tmp_path / "old.json"
@@ -72,8 +72,8 @@ def beside(tmp_path):
         ([hint(3, "spindle-off", "5 moves")], [hint(9, "spindle-off", "7 moves")], [9], [3]),
     ],
 )
-def test_findings_are_new_or_not(beside, then, now, new, gone):
-    changes = beside(report(*then), report(*now))
+def test_new_and_gone_findings(compare, then, now, new, gone):
+    changes = compare(report(*then), report(*now))
     assert [each.line for each in changes.new] == new
     assert [each.line for each in changes.gone] == gone
 
@@ -92,7 +92,7 @@ FINDINGS = st.lists(
 
 
 @given(FINDINGS, FINDINGS)
-def test_no_finding_is_lost_and_none_pairs_twice(tmp_path_factory, then, now):
+def test_every_finding_is_matched_at_most_once(tmp_path_factory, then, now):
     file = tmp_path_factory.mktemp("old") / "old.json"
     file.write_text(json.dumps(report(*then).as_json()))
     this = report(*now)
@@ -110,16 +110,16 @@ def test_no_finding_is_lost_and_none_pairs_twice(tmp_path_factory, then, now):
     assert (same.new, same.gone) == ([], [])
 
 
-def test_time_and_extent(beside):
+def test_changed_time_and_extent(compare):
     box = {"x": (0.0, 10.0), "y": (0.0, 1.0)}
     then = report(duration_s=10.0, path_length_mm=100.0, bounding_box=box)
     assert (
-        beside(
+        compare(
             then, report(duration_s=10.0 + 1e-9, path_length_mm=100.0, bounding_box=dict(box))
         ).lines()
         == []
     )
-    changes = beside(
+    changes = compare(
         then,
         report(
             duration_s=12.5, path_length_mm=100.0, bounding_box={"x": (-1.0, 10.0), "z": (0.0, 0.5)}
@@ -131,7 +131,7 @@ def test_time_and_extent(beside):
         "Y: 0 .. 1 -> none",
         "Z: none -> 0 .. 0.5",
     ]
-    assert changes.as_json() == {
+    assert changes.as_model().model_dump(exclude_unset=True) == {
         "known": True,
         "new": [],
         "gone": [],
@@ -143,35 +143,35 @@ def test_time_and_extent(beside):
         },
     }
     # a program that was rejected has no time to compare
-    assert beside(then, report(limit(3))).lines() == [
+    assert compare(then, report(limit(3))).lines() == [
         "new: error 3: soft-limit: X would reach 500 mm"
     ]
 
 
-def test_programs_are_found_by_their_files(beside, tmp_path, monkeypatch):
+def test_programs_are_matched_by_their_paths(compare, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     then = [report(limit(3), name="./a/p.nc"), report(name=str(tmp_path / "q.nc"))]
-    assert beside(then, report(limit(3), name="a/p.nc")).new == []
-    assert beside(then, report(limit(3), name="q.nc")).known
-    other = beside(then, report(limit(3), name="b/p.nc"))
+    assert compare(then, report(limit(3), name="a/p.nc")).new == []
+    assert compare(then, report(limit(3), name="q.nc")).known
+    other = compare(then, report(limit(3), name="b/p.nc"))
     assert (other.known, len(other.new), other.lines()) == (False, 1, ["not in the baseline"])
     assert Baseline(str(tmp_path / "old.json")).missing([report(name="a/p.nc")]) == [
         str(tmp_path / "q.nc")
     ]
 
 
-def test_new_faults_alone_count(beside):
+def test_only_new_faults_count(compare):
     now = report(limit(3), hint(4))
     assert now.exit_code == 1
-    beside(report(limit(9)), now)
+    compare(report(limit(9)), now)
     assert (now.exit_code, [each.line for each in now.counting]) == (0, [4])
-    beside(report(), now)
+    compare(report(), now)
     assert now.exit_code == 1
 
 
-def test_formats_show_what_is_new(beside):
+def test_formats_mark_new_findings(compare):
     now = report(limit(3), limit(4, "Y would reach 1 mm"), hint(5))
-    beside(report(limit(3), hint(8, "dwell-long")), now)
+    compare(report(limit(3), hint(8, "dwell-long")), now)
     results = json.loads(sarif([now]))["runs"][0]["results"]
     states = {
         (each["ruleId"], each["locations"][0]["physicalLocation"]["region"]["startLine"]): each[
@@ -192,14 +192,14 @@ def test_formats_show_what_is_new(beside):
     text = junit([now])
     assert "Y would reach" in text
     assert "X would reach" not in text
-    beside(report(limit(3), limit(4, "Y would reach 1 mm"), hint(5)), now)
+    compare(report(limit(3), limit(4, "Y would reach 1 mm"), hint(5)), now)
     assert (github([now]), "failure" in junit([now]).replace("failures", "")) == ("", False)
 
 
 @pytest.mark.parametrize(
     "text", ["", "{", "3", "[3]", "{}", '{"program": "p.nc"}', "[" * 100_000, "\x00", "null"]
 )
-def test_a_baseline_that_is_none(tmp_path, text, capfd):
+def test_an_unreadable_baseline_is_refused(tmp_path, text, capfd):
     file = tmp_path / "old.json"
     file.write_text(text)
     with pytest.raises(UsageError, match="baseline-unreadable"):
@@ -209,7 +209,7 @@ def test_a_baseline_that_is_none(tmp_path, text, capfd):
     assert "Traceback" not in capfd.readouterr().err
 
 
-def test_the_command_line(tmp_path, capfd, monkeypatch):
+def test_baseline_on_the_command_line(tmp_path, capfd, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
     def write(name: str, text: str) -> None:
@@ -223,7 +223,7 @@ def test_the_command_line(tmp_path, capfd, monkeypatch):
     write("b.nc", "G0 X9999\n")
     assert carry_out(".", "--json", "old.js", "--quiet")[0] == 1
     code, out, err = carry_out(".", "--baseline", "old.js")
-    assert (code, out.splitlines()[-1], err) == (0, "2 programs as in the baseline", "")
+    assert (code, out.splitlines()[-1], err) == (0, "2 programs unchanged since the baseline", "")
     assert carry_out("b.nc", "--baseline", "old.js")[0] == 0
     write("a.nc", "G1 X10 F600\nG1 X11\nG1 X9999\n")
     code, out, err = carry_out(".", "--baseline", "old.js", "--json", "new.js")
@@ -241,10 +241,10 @@ def test_the_command_line(tmp_path, capfd, monkeypatch):
     assert (
         code,
         "X: 0 .. 10 -> 0 .. 20" in out,
-        "b.nc: in the baseline, not checked now" in out,
+        "b.nc: in the baseline, but not checked now" in out,
     ) == (0, True, True)
     assert carry_out("a.nc", "--baseline", "nowhere.js")[0] == 2
     assert carry_out("a.nc", "--baseline", "old.js", "--json", "old.js")[0] == 2
-    # without a baseline there is nothing to say about changes
+    # without a baseline there are no changes to report
     carry_out("a.nc", "--json", "new.js")
     assert "changes" not in json.loads((tmp_path / "new.js").read_text())

@@ -1,6 +1,4 @@
-"""Soft limits of whole curves: a bulge between two points inside the travel is a fault at its line,
-one that just fits is none.
-"""
+"""Travel of whole curves: a bulge beyond the travel is a fault, one that just fits is none."""
 
 import math
 
@@ -12,13 +10,13 @@ from cnc.api import check, load_machine
 MACHINE = load_machine("default")
 HEAD = "G21 G90 G94 G17\nG0 X{0} Y{1} Z{2}\n"
 CLOSE = 1e-3
-"""mm that a curve may stay away from, or go beyond, a limit."""
+"""mm. Distance of the limit from the farthest point of the curve, inside and outside."""
 
 
 def cubic(
     points: list[tuple[float, float]], weights: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
 ) -> np.ndarray:
-    """A rational Bezier cubic by its definition, densely: (n, 2)."""
+    """Return points (n, 2) of a rational Bezier cubic by its definition."""
     t = np.linspace(0.0, 1.0, 200_001)[:, None]
     basis = np.concatenate(
         [math.comb(3, k) * t**k * (1.0 - t) ** (3 - k) for k in range(4)], axis=1
@@ -64,8 +62,7 @@ CURVES = [
 def farthest(line: str, given: float | None) -> float:
     if given is not None:
         return float(given)
-    # the arc about the centre that lies to the left of a chord from (50, 50) to (36, 68), on its
-    # far side
+    # The centre lies to the left of the chord from (50, 50) to (36, 68); the far side counts.
     dx, dy, r = -14.0, 18.0, 25.0
     chord = math.hypot(dx, dy)
     off = math.sqrt(r * r - chord * chord / 4.0)
@@ -73,7 +70,7 @@ def farthest(line: str, given: float | None) -> float:
 
 
 @pytest.mark.parametrize(("start", "line", "axis", "reached", "up"), CURVES)
-def test_a_bulge_counts(tmp_path, start, line, axis, reached, up):
+def test_a_bulge_beyond_the_travel_is_a_fault(tmp_path, start, line, axis, reached, up):
     file = tmp_path / "p.nc"
     file.write_text(HEAD.format(*start) + line + "\nM2\n")
     limit = farthest(line, reached)
@@ -88,9 +85,9 @@ def test_a_bulge_counts(tmp_path, start, line, axis, reached, up):
         }
         report = check(file, MACHINE.model_copy(update={"axes": axes}))
         found[beyond] = [(fault.diagnostic.code, fault.diagnostic.line) for fault in report.faults]
-        if up:  # a program begins inside of the travel, which is where the lower limits are
+        if up:  # below, the start position moves with the limit
             assert report.bounding_box[axis][1] == pytest.approx(limit, abs=1e-6)
     assert found[-CLOSE] == []
     (fault,) = found[CLOSE]
-    # a spline over many lines is known where it begins, or where it ends
+    # The fault of a spline over several lines is at its first or at its last line.
     assert fault in {("soft-limit", 3), ("soft-limit", 3 + line.count("\n"))}

@@ -1,4 +1,4 @@
-"""One program under many dialects: what each refuses, and what each takes for something else."""
+"""One program under several dialects: refused lines, and lines that are read differently."""
 
 import json
 
@@ -13,7 +13,7 @@ HEAD = "G21 G90 G94\nG0 X5 Y5\n"
 
 @pytest.fixture
 def found(tmp_path):
-    """Code, line and first words of each finding of portability in a program."""
+    """Return a function: code, line and message of each fault in a program."""
 
     def look(text: str, *others: str, dialect: str = "auto") -> list[tuple[str, int, str]]:
         file = tmp_path / "p.nc"
@@ -69,46 +69,48 @@ def found(tmp_path):
         ),
     ],
 )
-def test_what_other_dialects_make_of_a_program(found, text, others, wanted):
-    told = found(text, *others)
-    assert [(code, line) for code, line, _ in told] == [(code, line) for code, line, _ in wanted]
-    for (_, _, message), (_, _, part) in zip(told, wanted, strict=True):
+def test_findings_under_other_dialects(found, text, others, wanted):
+    reported = found(text, *others)
+    assert [(code, line) for code, line, _ in reported] == [
+        (code, line) for code, line, _ in wanted
+    ]
+    for (_, _, message), (_, _, part) in zip(reported, wanted, strict=True):
         assert part in message
 
 
-def test_where_the_ways_part_no_more_is_told(found):
-    """Without a code at its beginning GRBL moves by G0, where LinuxCNC's program has no motion
-    code; FANUC's G98 stays at R.
-    """
+def test_nothing_is_compared_behind_a_different_position(found):
     (only,) = found("G0 Z9\nG81 Z-1 R1 F100\nG0 X9\nG0 X10\nM30", "linuxcnc")
     assert only[:2] == ("reads-differently", 4)
+    there, here = (f"a rapid move to (5, 5, {z}) in line 4" for z in (1, 9))
+    assert f"{there} in linuxcnc, {here} in auto" in only[2]
+
+
+def test_a_fault_under_all_dialects_is_reported_once(found):
+    reported = found("G1 X10\nG64 P1\nM30", "grbl", "linuxcnc")
+    assert [(code, line) for code, line, _ in reported] == [
+        ("feed-missing", 3),
+        ("not-portable", 4),
+    ]
     assert (
-        "a rapid move to (5, 5, 1) in line 4 in linuxcnc, a rapid move to (5, 5, 9) in line 4 in auto"
-        in only[2]
+        reported[1][2] == "grbl refuses this: G64 is not in the grbl dialect (code-not-in-dialect)"
     )
 
 
-def test_what_is_wrong_everywhere_is_told_once(found):
-    told = found("G1 X10\nG64 P1\nM30", "grbl", "linuxcnc")
-    assert [(code, line) for code, line, _ in told] == [("feed-missing", 3), ("not-portable", 4)]
-    assert told[1][2] == "grbl refuses this: G64 is not in the grbl dialect (code-not-in-dialect)"
-
-
-def test_limits_are_told_beside(found):
+def test_limit_faults_are_reported_too(found):
     assert [(code, line) for code, line, _ in found("G0 X5000\nG4 P1500\nM30", "fanuc")] == [
         ("soft-limit", 3),
         ("reads-differently", 4),
     ]
 
 
-def test_a_dialect_that_there_is_not(tmp_path):
+def test_an_unknown_dialect_is_refused(tmp_path):
     with pytest.raises(UsageError, match="unknown-dialect"):
         check(tmp_path / "p.nc", portable=("fanuk",))
     with pytest.raises(UsageError, match="unknown-dialect"):
         list(check_many([tmp_path / "p.nc"], portable=("fanuk",), jobs=1))
 
 
-def test_the_command_line(tmp_path, capfd):
+def test_portability_on_the_command_line(tmp_path, capfd):
     for name in "ab":
         (tmp_path / f"{name}.nc").write_text(HEAD + "G64\nG4 P1500\nM30\n")
     for named, options in (

@@ -1,6 +1,4 @@
-"""Rapid moves into the stock: what is in it and has not been cut is told, what a feed move has been
-through is not.
-"""
+"""Rapid moves into the stock are reported, except where a feed move has removed material."""
 
 import numpy as np
 import pytest
@@ -18,12 +16,12 @@ from cnc.path.sample import points_along
 STOCK = "x10:60, Y10:50,Z-20:0"
 MACHINE = with_stock(load_machine("default"), STOCK)
 HEAD = "G21 G90 G94 G17\nG0 Z5\nF600\n"
-"""The default machine begins at 0, 0, 0: beside the stock."""
+"""The default machine starts at 0, 0, 0, beside the stock."""
 
 
 @pytest.fixture
 def entered(tmp_path):
-    """Lines of the body, from 1, that a finding stands at."""
+    """Return a function: lines of a program body, from 1, that have a finding."""
 
     def look(body: str) -> list[int]:
         file = tmp_path / "p.nc"
@@ -46,15 +44,15 @@ def entered(tmp_path):
         ("G0 X5 Y30 Z-25\nG0 X70\nG0 Z5", []),  # below it
         ("G0 X5 Y30\nG0 Z-15\nG0 X30", [3]),  # from the side
         ("G0 X5 Y30 Z-15\nG0 X70", [2]),  # through it
-        ("G0 X30 Y30\nG0 Z-5\nG0 Z5", [2]),  # the way out is no news
+        ("G0 X30 Y30\nG0 Z-5\nG0 Z5", [2]),  # the way out is not reported
         ("G0 X30 Y30\nG1 Z-5\nG0 Z5\nG0 Z-5", []),  # again where it was
         ("G0 X30 Y30\nG1 Z-5\nG0 Z5\nG0 Z-5.5", [4]),  # and deeper
         ("G0 X30 Y30\nG1 Z-5\nG0 Z5\nG0 X31\nG0 Z-5", [5]),
         ("G0 X30 Y30\nG1 Z-5\nG1 X50\nG0 Z5\nG0 X40\nG0 Z-4\nG0 X45", []),  # in the slot
         ("G0 X30 Y30\nG1 Z-5\nG2 X50 I10\nG0 Z5\nG0 X40 Y40\nG0 Z-4", []),  # on the arc
         ("G0 X30 Y30\nG1 Z-5\nG2 X50 I10\nG0 Z5\nG0 X40 Y38\nG0 Z-4", [6]),
-        ("G0 X30 Y30\nG83 Z-18 R2 Q3\nG80", []),  # pecks go back rapidly into their own hole
-        ("G0 X30 Y30\nG81 Z-18 R-1\nG80", [2]),  # but not down to an R inside
+        ("G0 X30 Y30\nG83 Z-18 R2 Q3\nG80", []),  # rapid moves into the hole itself
+        ("G0 X30 Y30\nG81 Z-18 R-1\nG80", [2]),  # R inside the stock
         ("G91 G0 X30 Y30\nG0 Z-6", [2]),
         ("G92 X30 Y30 Z-7\nG0 X30 Z-9", []),
         ("G10 L2 P1 X30 Y30 Z-7\nG0 X0 Y0\nG0 Z0.5", [3]),  # machine coordinates, after the offsets
@@ -62,11 +60,11 @@ def entered(tmp_path):
         ("G0 X30 Y30\nG64 P0.05\nG1 Z-5\nG1 X50\nG0 Z5\nG0 X40\nG0 Z-4", []),
     ],
 )
-def test_what_enters_the_stock(entered, body, lines):
+def test_lines_of_rapid_moves_into_the_stock(entered, body, lines):
     assert entered(body) == lines
 
 
-def test_the_finding_says_where_and_how_deep(tmp_path):
+def test_the_message_has_position_and_depth(tmp_path):
     file = tmp_path / "p.nc"
     file.write_text(HEAD + "G0 X30 Y30\nG0 Z-3.5\nG0 Z5\nM2\n")
     (finding,) = [each for each in check(file, MACHINE).warnings if each.code == "rapid-into-stock"]
@@ -82,21 +80,19 @@ def test_the_finding_says_where_and_how_deep(tmp_path):
         max_size=12,
     ),
 )
-def test_going_the_same_way_again_enters_nothing(tmp_path_factory, moves):
-    """Whatever way feed moves went, rapid moves along it are free; those before it are told if a
-    point of theirs is well inside.
-    """
-    way = [(round(x, 2), round(y, 2), round(z, 2)) for x, y, z, _ in moves]
+def test_a_rapid_move_along_earlier_feed_moves_is_free(tmp_path_factory, moves):
+    """Rapid moves before the feed moves are reported if one of their points is well inside."""
+    points = [(round(x, 2), round(y, 2), round(z, 2)) for x, y, z, _ in moves]
     body = "G0 X0 Y0\n"
-    feeds = "".join(f"G1 X{x} Y{y} Z{z}\n" for x, y, z in way)
-    again = "".join(f"G0 X{x} Y{y} Z{z}\n" for x, y, z in reversed(way))
-    file = tmp_path_factory.mktemp("way") / "p.nc"
+    feeds = "".join(f"G1 X{x} Y{y} Z{z}\n" for x, y, z in points)
+    again = "".join(f"G0 X{x} Y{y} Z{z}\n" for x, y, z in reversed(points))
+    file = tmp_path_factory.mktemp("stock") / "p.nc"
     file.write_text(HEAD + body + feeds + again + "M2\n")
     assert [
         each.line for each in check(file, MACHINE).warnings if each.code == "rapid-into-stock"
     ] == []
     file.write_text(HEAD + body + feeds.replace("G1", "G0") + "M2\n")
-    inside = any(10.5 < x < 59.5 and 10.5 < y < 49.5 and z < -0.5 for x, y, z in way)
+    inside = any(10.5 < x < 59.5 and 10.5 < y < 49.5 and z < -0.5 for x, y, z in points)
     assert (
         any(each.code == "rapid-into-stock" for each in check(file, MACHINE).warnings) or not inside
     )
@@ -121,7 +117,7 @@ def test_points_along_a_path_lie_on_it():
     assert points_along(chunk, 0.5, np.array([1]))[0].tolist() == points[10:].tolist()
 
 
-def test_a_box_in_words():
+def test_the_stock_option():
     assert MACHINE.stock == Stock(x=(10, 60), y=(10, 50), z=(-20, 0))
     for text in (
         "",
@@ -140,7 +136,7 @@ def test_a_box_in_words():
 AXIS = "steps_per_mm = 100\nmax_velocity = 50\nmax_acceleration = 500\nmax_jerk = 9000\n"
 
 
-def test_a_machine_file_may_have_the_stock(tmp_path):
+def test_the_stock_of_a_machine_file(tmp_path):
     file = tmp_path / "m.toml"
     axes = "".join(f"[axes.{letter}]\n{AXIS}" for letter in "xyz")
     file.write_text(axes + "[stock]\nx = [0, 1]\ny = [0, 2]\nz = [-3, 0]\n")
@@ -157,7 +153,7 @@ def test_a_machine_file_may_have_the_stock(tmp_path):
         ),
         (
             axes[: axes.index("[axes.z]")] + "[stock]\nx = [0, 1]\ny = [0, 2]\nz = [-3, 0]\n",
-            "stock: the machine has not the axes",
+            "stock: the machine does not have the axes",
         ),
     ]:
         file.write_text(text)
@@ -166,7 +162,7 @@ def test_a_machine_file_may_have_the_stock(tmp_path):
         assert raised.value.diagnostic.message.startswith(message)
 
 
-def test_the_command_line_names_the_stock(tmp_path, capfd):
+def test_the_stock_on_the_command_line(tmp_path, capfd):
     for name in "ab":
         (tmp_path / f"{name}.nc").write_text(HEAD + "G0 X30 Y30\nG0 Z-1\nM2\n")
     one, both = str(tmp_path / "a.nc"), str(tmp_path)

@@ -1,6 +1,4 @@
-"""What others put into their pipelines, run as they run it: the pre-commit hook, the GitHub Action,
-GitLab's job of the README.
-"""
+"""The pre-commit hook, the GitHub Action and GitLab's job, run as a pipeline runs them."""
 
 import os
 import re
@@ -21,13 +19,13 @@ BAD = "G21 G90 G94\nG1 X10 F600\nG2 X20 Y5 I5 J9\nM2\n"
 
 @pytest.fixture
 def shop(tmp_path):
-    """A folder of somebody's programs, and an environment in which cncrun is installed."""
+    """A folder of programs, and an environment in which cncrun is installed."""
     commands = tmp_path / "bin"
     commands.mkdir()
     command = commands / "cncrun"
     command.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -P -m cnc.cli "$@"\n')
     command.chmod(0o755)
-    # a compiled kernel is found where those of this run are
+    # compiled kernels of this run are used
     environment = os.environ | {
         "PATH": f"{commands}{os.pathsep}{os.environ['PATH']}",
         "PYTHONPATH": str(ROOT),
@@ -63,7 +61,7 @@ def hook(**changed: str) -> dict:
     return found | changed
 
 
-def test_the_hook_file_is_what_pre_commit_takes(shop):
+def test_the_hook_file_is_valid(shop):
     done = shop(
         sys.executable,
         "-m",
@@ -74,10 +72,8 @@ def test_the_hook_file_is_what_pre_commit_takes(shop):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_the_hook_checks_programs_and_nothing_else(shop):
-    """pre-commit runs its entry on the files it names; what it installs in an environment of its
-    own is here already.
-    """
+def test_the_hook_checks_programs_only(shop):
+    """pre-commit runs the entry on the files that it names, with the cncrun of this environment."""
     config = {"repos": [{"repo": "local", "hooks": [hook(language="system")]}]}
     (shop.folder / ".pre-commit-config.yaml").write_text(yaml.safe_dump(config))
     shop("git", "init", "-q", check=True)
@@ -91,7 +87,7 @@ def test_the_hook_checks_programs_and_nothing_else(shop):
     assert "parts/bad.TAP:3:11: arc-radius-mismatch" in done.stdout
 
 
-def test_the_hook_takes_the_files_that_a_folder_is_searched_for():
+def test_the_hook_names_the_suffixes_of_a_folder_search():
     from cnc.cli.checking import SUFFIXES
 
     pattern = re.compile(hook()["files"])
@@ -124,8 +120,9 @@ def test_the_hook_is_installed_by_pre_commit_itself(shop):
 
 
 def action(shop, name: str, **inputs: str) -> subprocess.CompletedProcess[str]:
-    """A step of the action, as GitHub's runner carries it out: inputs in the place of their
-    expressions, and bash as it calls it.
+    """Run a step of the action as GitHub's runner does.
+
+    Inputs replace their expressions, and bash is called with the runner's options.
     """
     described = yaml.safe_load((ROOT / "action.yml").read_text())
     assert described["runs"]["using"] == "composite"
@@ -136,7 +133,7 @@ def action(shop, name: str, **inputs: str) -> subprocess.CompletedProcess[str]:
     def filled(text: str) -> str:
         return re.sub(r"\$\{\{\s*inputs\.(\w+)\s*\}\}", lambda each: known[each[1]], text)
 
-    assert "${{" not in step["run"]  # text of users in a script would be run
+    assert "${{" not in step["run"]  # input in a script would be run as code
     assert step["shell"] == "bash"
     (shop.folder.parent / "step.sh").write_text(step["run"])
     environment = {key: filled(text) for key, text in step.get("env", {}).items()}
@@ -176,9 +173,9 @@ def test_the_action_installs(shop):
 
 
 def gitlab() -> dict:
-    """The job of the README."""
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    (text,) = re.findall(r"```yaml\n# \.gitlab-ci\.yml\n(.*?)```", readme, re.DOTALL)
+    """The job of docs/how-to/ci.md."""
+    page = (ROOT / "docs/how-to" / "ci.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```yaml\n# \.gitlab-ci\.yml\n(.*?)```", page, re.DOTALL)
     return yaml.safe_load(text)
 
 
@@ -193,16 +190,16 @@ def test_gitlabs_job_reports(shop, broken):
     assert done.returncode == broken
     report = ElementTree.parse(shop.folder / job["artifacts"]["reports"]["junit"]).find("testsuite")
     assert (report.get("tests"), report.get("failures")) == (("3", "1") if broken else ("2", "0"))
-    # a job that failed has to show its report, too
+    # a failed job shows its report as well
     assert job["artifacts"]["when"] == "always"
 
 
-def test_the_readmes_other_snippets_are_what_is_there():
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    (text,) = re.findall(r"```yaml\n# \.pre-commit-config\.yaml\n(.*?)```", readme, re.DOTALL)
+def test_the_other_snippets_name_hooks_and_inputs_that_exist():
+    page = (ROOT / "docs/how-to" / "ci.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"```yaml\n# \.pre-commit-config\.yaml\n(.*?)```", page, re.DOTALL)
     (used,) = yaml.safe_load(text)["repos"][0]["hooks"]
     assert used["id"] == hook()["id"]
-    (text,) = re.findall(r"```yaml\n# \.github/workflows/gcode\.yml\n(.*?)```", readme, re.DOTALL)
+    (text,) = re.findall(r"```yaml\n# \.github/workflows/gcode\.yml\n(.*?)```", page, re.DOTALL)
     (step,) = [
         each for each in yaml.safe_load(text)["jobs"]["gcode"]["steps"] if "/cnc@" in each["uses"]
     ]

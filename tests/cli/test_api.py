@@ -103,7 +103,7 @@ def test_a_program_too_long_to_keep_is_read_again(program, monkeypatch):
 
 
 def test_progress_tells_both_passes(program, monkeypatch):
-    monkeypatch.setattr("cnc.gcode.program.program.TELL", 1)
+    monkeypatch.setattr("cnc.gcode.program.program.REPORT_INTERVAL", 1)
     seen = []
     run(program, watch=Watch(on_progress=lambda *what: seen.append(what)))
     stages = [stage for stage, _, _ in seen]
@@ -115,7 +115,7 @@ def test_progress_tells_both_passes(program, monkeypatch):
 
 @pytest.mark.parametrize("stage", ["checking", "running"])
 def test_a_stop_ends_both_passes(program, monkeypatch, stage):
-    monkeypatch.setattr("cnc.gcode.program.program.TELL", 1)
+    monkeypatch.setattr("cnc.gcode.program.program.REPORT_INTERVAL", 1)
 
     def stopping():
         control = Control()

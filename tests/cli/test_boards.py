@@ -7,14 +7,15 @@ import sys
 from pathlib import Path
 
 import pytest
-from cnc.boards.discovery.discovery import Found, machine_file, page
-from cnc.boards.discovery.grbl.settings import BoardInfo
-from cnc.boards.discovery.grbl.simulator.box import GrblBox
-from cnc.boards.discovery.grbl.simulator.pty_server import PtyServer
-from cnc.boards.discovery.stepper.protocol import VERSION, Welcome
-from cnc.boards.discovery.stepper.protocol import State as StepperState
 
-from cnc.boards.discovery import discovery
+from cnc.boards import discovery
+from cnc.boards.discovery import FoundBoard, port_report
+from cnc.boards.grbl.port_report import machine_file
+from cnc.boards.grbl.settings import BoardInfo
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.pty_server import PtyServer
+from cnc.boards.stepper.protocol import VERSION, Welcome
+from cnc.boards.stepper.protocol import State as StepperState
 from cnc.cli import exit_code
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
@@ -49,7 +50,7 @@ def test_what_is_printed_is_a_machine_file(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     with PtyServer(
-        GrblBox(settings={number: float(value) for number, value in SETTINGS.items()}), 4.0
+        GrblSimulator(settings={number: float(value) for number, value in SETTINGS.items()}), 4.0
     ) as server:
         assert exit_code(["boards", server.name]) == 0
     text = capsys.readouterr().out
@@ -67,7 +68,7 @@ def test_what_is_printed_is_a_machine_file(
 
 def test_settings_that_are_missing_make_no_file() -> None:
     with pytest.raises(BoardError) as caught:
-        list(machine_file("COM3", BoardInfo("1.1h", hal=False), 115200))
+        machine_file("COM3", BoardInfo("1.1h", hal=False), 115200)
     assert caught.value.diagnostic.code == "board-settings"
 
 
@@ -77,7 +78,7 @@ def test_a_name_can_not_break_the_file(tmp_path: Path) -> None:
         hal=True,
         settings={number: str(value) for number, value in SETTINGS.items()},
     )
-    machine = loaded("\n".join(machine_file('C:\\x"', info, 9600)), tmp_path)
+    machine = loaded(machine_file('C:\\x"', info, 9600), tmp_path)
     assert machine.board.port == 'C:\\x"'
     assert machine.board.baud == 9600
 
@@ -117,20 +118,22 @@ BOARD = Welcome(VERSION, 3, 500, 1020, 36, StepperState.IDLE, True)
 @pytest.mark.parametrize(
     ("found", "said"),
     [
-        (Found("/dev/ttyS0", "n/a"), ""),
-        (Found("/dev/ttyUSB0", "", stepper=BOARD, baud=1_000_000), "its position is known"),
+        (FoundBoard("/dev/ttyS0", "n/a"), ""),
+        (FoundBoard("/dev/ttyUSB0", "", stepper=BOARD, baud=1_000_000), "its position is known"),
         (
-            Found("/dev/ttyUSB0", "", stepper=Welcome(VERSION, 4, 500, 1020, 40), baud=500_000),
+            FoundBoard(
+                "/dev/ttyUSB0", "", stepper=Welcome(VERSION, 4, 500, 1020, 40), baud=500_000
+            ),
             "4 axes (X Y Z A)",
         ),
         (
-            Found("/dev/ttyUSB0", "", stepper=Welcome(VERSION + 1), baud=1_000_000),
+            FoundBoard("/dev/ttyUSB0", "", stepper=Welcome(VERSION + 1), baud=1_000_000),
             "make flash PORT=/dev/ttyUSB0",
         ),
     ],
 )
-def test_every_line_of_another_port_is_a_remark(found: Found, said: str) -> None:
-    lines = list(page(found))
+def test_every_line_of_another_port_is_a_remark(found: FoundBoard, said: str) -> None:
+    lines = list(port_report(found))
     assert all(line.startswith("#") for line in lines)
     assert said in "\n".join(lines)
 
@@ -175,7 +178,7 @@ def test_nothing_is_said_that_could_move_an_unknown_device(monkeypatch: pytest.M
 
     monkeypatch.setattr(discovery, "open_port", lambda name, baud: port)
     monkeypatch.setattr(discovery, "SystemClock", Clock)
-    (found,) = discovery.look(["COM9"])
+    (found,) = discovery.probe_ports(["COM9"])
     assert found.fault is not None and found.fault.diagnostic.code == "no-answer"
     assert {data for baud, data in port.heard if baud == 115200} <= {b"?", b"\x18"}
     hello = {data for baud, data in port.heard if baud == 1_000_000}

@@ -15,7 +15,7 @@ from cnc import api, cli
 from cnc.boards.loopback import Loopback
 from cnc.cli.exit_status import EXIT_PIPE
 from cnc.cli.options import Dialect
-from cnc.machine.load import shipped
+from cnc.machine.load import shipped_machines
 from cnc.machine.models import DialectName
 from tests.support.paths import ROOT
 
@@ -91,7 +91,7 @@ def test_outside_the_travel_is_1_before_anything_moves(cncrun, program, monkeypa
     code, _, err = cncrun(file)
     assert code == 1
     message = last_message(err, "soft-limit")
-    assert message == f"{file}:3:8: soft-limit: Y would reach 325 mm, its travel is -10 to 310 mm"
+    assert message == f"{file}:3:8: soft-limit: Y would reach 325 mm; the travel is -10 to 310 mm"
     assert "  G2 X60 Y300 (Y 325) I25 J0\n         ^~~~\n" in err
 
 
@@ -451,7 +451,7 @@ def test_the_command_line_knows_the_dialects_of_the_machine_file():
     assert get_args(Dialect) == get_args(DialectName)
 
 
-@pytest.mark.parametrize("name", sorted(shipped()))
+@pytest.mark.parametrize("name", sorted(shipped_machines()))
 def test_every_shipped_machine_checks_a_small_program(cncrun, program, name):
     assert cncrun("check", program(GOOD), "--machine", name, "--quiet", "--dialect", "auto") == (
         0,

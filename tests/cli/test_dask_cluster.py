@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import zlib
-from pathlib import Path
 
 import pytest
 
@@ -36,7 +35,7 @@ def lasting(reports: str) -> list[dict]:
 @pytest.fixture(scope="module")
 def cluster():
     """Address of a scheduler, and processes of its workers."""
-    command = [sys.executable, str(Path(__file__).parent / "farm_cluster.py")]
+    command = [sys.executable, str(ROOT / "tests/support/cli/farm_cluster.py")]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         command,
@@ -129,4 +128,4 @@ def test_without_dask_it_says_what_to_install(monkeypatch, tmp_path, capfd):
     (tmp_path / "a.nc").write_text(GOOD)
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert cli.exit_code(["check", str(tmp_path), "--scheduler", "tcp://127.0.0.1:9"]) == 2
-    assert "pip install 'cnc[farm]'" in capfd.readouterr().err
+    assert "pip install 'cncrun[farm]'" in capfd.readouterr().err

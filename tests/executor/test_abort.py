@@ -12,9 +12,9 @@ import pytest
 from cnc import cli
 from cnc.api import Report, check, run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.box import GrblBox
-from cnc.boards.grbl.simulator.ports import BoxPort
-from cnc.boards.grbl.simulator.workpiece import World
+from cnc.boards.grbl.simulator.environment import Environment
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.loopback import Loopback
 from cnc.machine.load import load_machine
 from cnc.model.blocks import Probe
@@ -99,7 +99,7 @@ def test_an_abort_by_an_answer_comes_after_the_moves_before_it(program: Path) ->
     found = fault.diagnostic
     assert (found.code, found.line, fault.exit_code) == ("program-abort", ABORT, 1)
     assert found.message == "the program aborts itself: contact 0"
-    steps = np.array([axis.steps_per_mm for axis in MILL.axes.values()])
+    steps = MILL.steps_per_mm
     assert board.position_steps.tolist() == (steps * [7, 0, -5]).tolist()
     assert (board.finished, board.state) == (1, "stopped")
     gaps = np.diff(board.times)
@@ -139,8 +139,12 @@ def test_a_board_that_fails_on_the_way_to_the_abort_is_the_fault(program: Path) 
 
 @pytest.mark.parametrize("surface", [-4.0, None])
 def test_a_board_that_plans_for_itself(program: Path, surface: float | None) -> None:
-    box = GrblBox() if surface is None else GrblBox(world=World(surface=((0.0, 0.0, 1.0), surface)))
-    port = BoxPort(box)
+    box = (
+        GrblSimulator()
+        if surface is None
+        else GrblSimulator(environment=Environment(surface=((0.0, 0.0, 1.0), surface)))
+    )
+    port = GrblSimulatorPort(box)
     board = GrblBoard(port, GRBL, port.clock, "the box")
     board.connect()
     report: Report = run(written(program, PROBED.format(0)), GRBL, board=board)

@@ -223,7 +223,7 @@ def test_a_fault_aborts_and_names_file_and_line() -> None:
     with pytest.raises(BoardError) as caught:
         go(stretch(2, 0.0), stretch(7, 1.0), board=board)
     assert caught.value.diagnostic.code == "board-fault"
-    assert caught.value.diagnostic.place() == "p.nc:7"
+    assert caught.value.diagnostic.location() == "p.nc:7"
     assert board.aborted
     assert board.state == "stopped"
     assert board.position_steps.tolist() == [5]
@@ -232,7 +232,7 @@ def test_a_fault_aborts_and_names_file_and_line() -> None:
 def test_a_fault_without_a_line_gets_that_of_the_last_confirmed_row() -> None:
     with pytest.raises(BoardError) as caught:
         go(stretch(2, 0.0), stretch(7, 1.0), board=Silent(1))
-    assert caught.value.diagnostic.place() == "p.nc:2"
+    assert caught.value.diagnostic.location() == "p.nc:2"
     assert caught.value.exit_code == 3
 
 
@@ -249,7 +249,7 @@ def test_any_other_exception_aborts_too(fault: BaseException) -> None:
     assert board.aborted
 
 
-class Touching(Loopback):
+class ProbesByMotion(Loopback):
     """A board whose probe makes contact at a height of the third axis: pulses below are not
     played.
     """
@@ -275,7 +275,7 @@ class Touching(Loopback):
         super().send(chunk)
 
 
-def probing(board: Touching, must: bool = True) -> Outcome:
+def probing(board: ProbesByMotion, must: bool = True) -> Outcome:
     """A probe down to -1 mm, then a traverse back up to 0 by way of what the probe found."""
     mill = Machine(
         name="mill",
@@ -301,7 +301,7 @@ def probing(board: Touching, must: bool = True) -> Outcome:
 
 
 def test_after_a_probe_the_motion_goes_on_from_contact() -> None:
-    board = Touching(-40)
+    board = ProbesByMotion(-40)
     outcome = probing(board)
     assert outcome.position_steps.tolist() == board.position_steps.tolist() == [-40, 0, 0]
     assert board.steps.tolist() == [40, 0, 80]
@@ -310,13 +310,13 @@ def test_after_a_probe_the_motion_goes_on_from_contact() -> None:
 
 def test_a_probe_that_must_find_something() -> None:
     with pytest.raises(BoardError) as caught:
-        probing(Touching(None))
+        probing(ProbesByMotion(None))
     found = caught.value.diagnostic
     assert (found.code, found.line, found.file) == ("probe-no-contact", 2, FILE)
 
 
 def test_a_probe_that_may_find_nothing() -> None:
-    board = Touching(None)
+    board = ProbesByMotion(None)
     assert probing(board, must=False).position_steps.tolist() == [-100, 0, 0]
 
 

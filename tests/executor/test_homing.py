@@ -14,7 +14,7 @@ from cnc.api import Control, HomingStopped, Report, Watch, home, run
 from cnc.boards.loopback import Loopback
 from cnc.boards.stepper.driver import Stepper
 from cnc.cli import exit_code
-from cnc.executor.homing import LATCHES, STUCK, Way, ways_home
+from cnc.executor.homing import LATCHES, STUCK, AxisHoming, homing_sequence
 from cnc.machine.models import Axis, Homing, HomingOrder, Machine
 from cnc.model.diagnostics import BoardError, CncError, UsageError
 from tests.support.boards.stepper_simulator import (
@@ -99,7 +99,7 @@ class Bench:
         """What the next program is told."""
         board = self.driver(machine)
         try:
-            return board.standing_steps
+            return board.known_steps
         finally:
             board.close()
 
@@ -357,7 +357,7 @@ def test_a_machine_without_switches_says_what_it_takes_for_granted(
             for letter, each in small().axes.items()
         }
     )
-    assert not machine.homes
+    assert not machine.can_home
     first, second = ran(bench, machine, tmp_path), ran(bench, machine, tmp_path)
     assert first.ok and second.ok
     assert [warning.code for warning in first.warnings] == ["position-assumed"]
@@ -390,7 +390,7 @@ def test_the_command(
     assert exit_code([str(tmp_path / "p.ngc"), "--machine", str(file), "--home"]) == 0
     bench.switches = {}
     assert exit_code(["home", "--machine", str(file), "--quiet"]) == 3
-    assert "homing-switch: the switch of Z has not closed within 7 mm" in capsys.readouterr().err
+    assert "homing-switch: the switch of Z did not close within 7 mm" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -407,7 +407,7 @@ def test_the_command(
 )
 def test_what_can_not_be_homed(machine: Machine, axes: tuple[str, ...], code: str) -> None:
     with pytest.raises(UsageError) as caught:
-        ways_home(machine, axes)
+        homing_sequence(machine, axes)
     assert caught.value.diagnostic.code == code
 
 
@@ -420,7 +420,7 @@ def test_a_board_without_switches() -> None:
 def test_what_the_machine_file_leaves_out() -> None:
     """Z first, upwards; then the others in their order, downwards; as slow as GRBL."""
     machine = small(axes={letter: axis((-10.0, 20.0), None) for letter in "xyz"})
-    ways = ways_home(machine)
+    ways = homing_sequence(machine)
     assert [(way.letter, way.towards, way.rest) for way in ways] == [
         ("z", 1, 20.0),
         ("x", -1, -10.0),
@@ -432,5 +432,5 @@ def test_what_the_machine_file_leaves_out() -> None:
         0.5,
         1.0,
     )
-    assert isinstance(ways[0], Way)
+    assert isinstance(ways[0], AxisHoming)
     assert LATCHES * 1.0 < STUCK * 1.0

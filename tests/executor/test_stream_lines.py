@@ -12,10 +12,10 @@ import pytest
 
 from cnc.api import Control, Outputs, Report, Watch, run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Drop, Unplug
-from cnc.boards.grbl.simulator.ports import BoxPort
-from cnc.boards.grbl.simulator.workpiece import World
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import UsageError
@@ -24,14 +24,14 @@ MACHINE = load_machine("grbl-uno")
 
 
 @pytest.fixture
-def box() -> GrblBox:
-    return GrblBox()
+def box() -> GrblSimulator:
+    return GrblSimulator()
 
 
-def ran(box: GrblBox, tmp_path: Path, text: str, **arguments: object) -> Report:
+def ran(box: GrblSimulator, tmp_path: Path, text: str, **arguments: object) -> Report:
     program = tmp_path / "p.nc"
     program.write_text(text)
-    port = BoxPort(box)
+    port = GrblSimulatorPort(box)
     board = GrblBoard(port, MACHINE, port.clock, "the box")
     board.connect()
     report = run(program, MACHINE, board=board, **arguments)  # type: ignore[arg-type]
@@ -39,7 +39,7 @@ def ran(box: GrblBox, tmp_path: Path, text: str, **arguments: object) -> Report:
     return report
 
 
-def test_a_program_goes_where_it_says(box: GrblBox, tmp_path: Path) -> None:
+def test_a_program_goes_where_it_says(box: GrblSimulator, tmp_path: Path) -> None:
     report = ran(
         box,
         tmp_path,
@@ -51,7 +51,9 @@ def test_a_program_goes_where_it_says(box: GrblBox, tmp_path: Path) -> None:
     assert [event.value for event in box.events if event.kind == "spindle"] == ["M3 1000", "M5 0"]
 
 
-def test_the_offsets_of_the_board_are_those_of_the_program(box: GrblBox, tmp_path: Path) -> None:
+def test_the_offsets_of_the_board_are_those_of_the_program(
+    box: GrblSimulator, tmp_path: Path
+) -> None:
     box.core.eeprom.systems["G54"] = (30.0, 20.0, -10.0)
     box.core.eeprom.systems["G55"] = (50.0, 20.0, -10.0)
     report = ran(box, tmp_path, "G54 G0 X1 Y2 Z3\nG55 G1 X1 F900\nG53 G0 Z0\nM2\n")
@@ -60,7 +62,9 @@ def test_the_offsets_of_the_board_are_those_of_the_program(box: GrblBox, tmp_pat
     assert report.end_position == pytest.approx({"x": 51.0, "y": 22.0, "z": 0.0})
 
 
-def test_offsets_that_a_program_sets_are_kept_by_the_board(box: GrblBox, tmp_path: Path) -> None:
+def test_offsets_that_a_program_sets_are_kept_by_the_board(
+    box: GrblSimulator, tmp_path: Path
+) -> None:
     report = ran(box, tmp_path, "G0 X10 Y5\nG10 L20 P2 X0 Y0\nG10 L2 P3 Z-4.5\nM2\n")
     assert report.ok, report.faults
     assert box.core.eeprom.systems["G55"] == pytest.approx((10.0, 5.0, 0.0))
@@ -69,7 +73,7 @@ def test_offsets_that_a_program_sets_are_kept_by_the_board(box: GrblBox, tmp_pat
 
 
 def test_a_probe_tells_the_program_where_it_touched(tmp_path: Path) -> None:
-    box = GrblBox(world=World(surface=((0.0, 0.0, 1.0), -4.0)))
+    box = GrblSimulator(environment=Environment(surface=((0.0, 0.0, 1.0), -4.0)))
     report = ran(box, tmp_path, "G38.2 Z-20 F100\nG10 L20 P1 Z0\nG0 Z5\nX1\nM2\n")
     assert report.ok, report.faults
     assert box.position == pytest.approx((1.0, 0.0, 1.0), abs=0.01)
@@ -77,14 +81,14 @@ def test_a_probe_tells_the_program_where_it_touched(tmp_path: Path) -> None:
 
 
 def test_nothing_outside_the_travel_of_the_board_is_sent(tmp_path: Path) -> None:
-    box = GrblBox(settings={20: 1, 130: 50, 131: 50, 132: 50})
+    box = GrblSimulator(settings={20: 1, 130: 50, 131: 50, 132: 50})
     report = ran(box, tmp_path, "G0 X-4\nG1 X10 F100\nM2\n")
     (fault,) = report.faults
     assert (fault.diagnostic.code, fault.diagnostic.line, fault.exit_code) == ("soft-limit", 2, 1)
     assert not box.moves
 
 
-def test_a_fault_of_the_link_names_file_and_line(box: GrblBox, tmp_path: Path) -> None:
+def test_a_fault_of_the_link_names_file_and_line(box: GrblSimulator, tmp_path: Path) -> None:
     box.inject(Unplug(), time=6.0)
     report = ran(box, tmp_path, "".join(f"G1 X{k % 2 * 20} F600\n" for k in range(40)))
     (fault,) = report.faults
@@ -96,7 +100,7 @@ def test_a_fault_of_the_link_names_file_and_line(box: GrblBox, tmp_path: Path) -
 
 
 def test_a_board_that_ends_elsewhere_than_the_program_is_found_out(
-    box: GrblBox, tmp_path: Path
+    box: GrblSimulator, tmp_path: Path
 ) -> None:
     text = "G1 X20.05 F600\n"
     assert ran(box, tmp_path, text).ok
@@ -104,7 +108,7 @@ def test_a_board_that_ends_elsewhere_than_the_program_is_found_out(
     codes = set()
     # One byte after the other of what is sent at the end is lost on the way.
     for byte in range(asked, asked + 80):
-        other = GrblBox()
+        other = GrblSimulator()
         other.inject(Drop(1), byte=byte)
         report = ran(other, tmp_path, text)
         codes.update(fault.diagnostic.code for fault in report.faults)
@@ -113,7 +117,7 @@ def test_a_board_that_ends_elsewhere_than_the_program_is_found_out(
     assert {"position-differs", "board-error"} <= codes
 
 
-def test_a_stop_is_reported_with_the_position(box: GrblBox, tmp_path: Path) -> None:
+def test_a_stop_is_reported_with_the_position(box: GrblSimulator, tmp_path: Path) -> None:
     control = Control()
     seen: list[Progress] = []
 
@@ -145,7 +149,7 @@ def test_pauses_wait_for_the_operator_or_are_refused_or_left_out(tmp_path: Path)
             holds.append(progress.line)
             control.resume()
 
-    waited, refused, left_out = GrblBox(), GrblBox(), GrblBox()
+    waited, refused, left_out = GrblSimulator(), GrblSimulator(), GrblSimulator()
     assert ran(
         waited, tmp_path, text, control=control, watch=Watch(on_sent=go_on), dialect="linuxcnc"
     ).ok
@@ -159,10 +163,10 @@ def test_pauses_wait_for_the_operator_or_are_refused_or_left_out(tmp_path: Path)
         assert box.position[0] == pytest.approx(3.0, abs=0.002)
 
 
-def test_lines_are_checked_on_the_board_without_motion(box: GrblBox, tmp_path: Path) -> None:
+def test_lines_are_checked_on_the_board_without_motion(box: GrblSimulator, tmp_path: Path) -> None:
     program = tmp_path / "p.nc"
     program.write_text("G1 X10 F600\nG2 X20 I5\nM2\n")
-    port = BoxPort(box)
+    port = GrblSimulatorPort(box)
     board = GrblBoard(port, MACHINE, port.clock, "the box")
     board.connect()
     board.check_only = True
@@ -172,15 +176,15 @@ def test_lines_are_checked_on_the_board_without_motion(box: GrblBox, tmp_path: P
 
 
 def test_home_and_unlock_go_to_a_locked_board_first(tmp_path: Path) -> None:
-    box = GrblBox(settings={22: 1})
+    box = GrblSimulator(settings={22: 1})
     report = ran(box, tmp_path, "$H\n", dialect="grbl")
     assert report.ok, report.faults
     assert box.position == pytest.approx((-1.0, -1.0, -1.0), abs=0.002)
-    locked = ran(GrblBox(settings={22: 1}), tmp_path, "G1 X1 F100\n")
+    locked = ran(GrblSimulator(settings={22: 1}), tmp_path, "G1 X1 F100\n")
     assert [fault.diagnostic.code for fault in locked.faults] == ["board-locked"]
 
 
-def test_pulses_are_not_to_be_had(box: GrblBox, tmp_path: Path) -> None:
+def test_pulses_are_not_to_be_had(box: GrblSimulator, tmp_path: Path) -> None:
     with pytest.raises(UsageError) as caught:
         ran(box, tmp_path, "G1 X1 F100\n", outputs=Outputs(pulses=str(tmp_path / "x.npz")))
     assert caught.value.diagnostic.code == "no-pulses"

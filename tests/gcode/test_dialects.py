@@ -9,6 +9,7 @@ import pytest
 
 from cnc.gcode import dialects
 from cnc.gcode.state.modal_groups import GROUP_OF_G, GROUP_OF_M
+from cnc.gcode.syntax.code_numbers import G
 from cnc.model.diagnostics import UsageError
 from tests.support.gcode.gcode_cases import means, refused, run
 
@@ -49,7 +50,7 @@ def test_the_codes(name: str) -> None:
 
 def test_auto_and_paper_are_linuxcnc_with_nurbs() -> None:
     base = dialects.load("linuxcnc").g
-    assert dialects.load("auto").g == dialects.load("paper").g == base | {62}
+    assert dialects.load("auto").g == dialects.load("paper").g == base | {G.G6_2}
     assert dialects.load("linuxcnc").nurbs == dialects.load("grbl").nurbs == ()
 
 

@@ -43,7 +43,7 @@ class Case:
 def _codes(name: str) -> set[str]:
     """The codes of a dialect as they are written, without leading zeros."""
     spoken = dialects.load(name)
-    return {f"G{code / 10:g}" for code in spoken.g} | {f"M{code}" for code in spoken.m}
+    return {code.written for code in spoken.g} | {f"M{code}" for code in spoken.m}
 
 
 def _cases() -> Iterator[Case]:

@@ -1,6 +1,6 @@
-"""The programs of the record: ``programs/``, random programs, and the tables of the language.
+"""Collect the programs of the record: ``programs/``, random programs, and tables of the tests.
 
-This reads the suite's own generators and tables. ``golden.py record`` needs none of them: it runs
+The generators and tables are those of the tests. ``golden.py record`` does not need them: it runs
 the files that are written here.
 """
 
@@ -19,24 +19,30 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from golden import MANIFEST, Case
+from tests.gcode import test_language_programs
+from tests.gcode.syntax import test_malformed
+from tests.golden.golden import MANIFEST, Case
+from tests.support.gcode import flow_author, fuzzing
+from tests.support.paths import ROOT
+from tests.support.planner.random_jobs import random_job
+from tests.support.programs.geometry_programs import geometry
+from tests.support.programs.random_programs import random_program
 
-ROOT = Path(__file__).parents[2]
 TESTS = ROOT / "tests"
 MACHINES = ("default", "paper-nurbs", "grbl-uno", "stepper-uno")
 ALGORITHMS = ("enclosing-line", "half-step", "point-by-point", "kiritsis", "crossings")
 DIALECTS = ("auto", "linuxcnc", "grbl", "fanuc", "paper")
 EVERY_FILE = ("blocks", "trace", "pulses", "lines")
 FUZZED, FLOWS, MOVES, GEOMETRIES, JOBS = 400, 20, 60, 50, 50
-"""Random programs: of the grammar, of each kind of control flow, of moves, for GRBL boards, and
-with a machine of their own."""
+"""Numbers of random programs: of the grammar, of each kind of control flow, of moves, for GRBL
+boards, and with a machine of their own."""
 FEWEST_ERRORS = 1000
-"""Fewer marked programs than this mean that the tables were not found."""
+"""Fewer marked programs mean that tables were not found."""
 MARK = "\N{BROKEN BAR}"
-"""Stands before the place of an error in the tables."""
+"""Marks the column of an error in the tables."""
 
 TEXT = (ast.Constant, ast.BinOp, ast.JoinedStr)
-"""Expressions of text."""
+"""Syntax nodes of expressions that are text."""
 
 TOOLS = "T1 P1 X0.5 Z40 D6\nT2 P2 Z100\nT3 P3 D4\nT11 P11 X0.5 Z110 D5.5\n"
 AXIS = """[axes.{}]
@@ -50,14 +56,14 @@ PROGRAM = 'subroutines = ["../subroutines"]\nmax_repeated_lines = 5000\nmax_call
 
 
 class Collection:
-    """Writes files into a folder, and keeps the list of cases."""
+    """A folder of files and the list of cases."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.cases: dict[str, Case] = {}
 
     def write(self, name: str, text: str) -> str:
-        """Write a file, its ends of line as they are. Returns its name within the folder."""
+        """Write a file without changing its line ends. Return its name within the folder."""
         file = self.folder / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8", newline="")
@@ -66,7 +72,7 @@ class Collection:
     def add(self, name: str, arguments: list[str], outputs: tuple[str, ...]) -> None:
         """Add a case: the arguments of ``cncrun``, and the output files to hash."""
         if name in self.cases:
-            raise ValueError(f"two cases are called {name}")
+            raise ValueError(f"two cases have the name {name}")
         self.cases[name] = {"name": name, "arguments": arguments, "outputs": list(outputs)}
 
     def check(self, program: str, options: str, outputs: tuple[str, ...]) -> None:
@@ -86,9 +92,8 @@ def collect(folder: Path) -> int:
     """
     if folder.exists() and any(folder.iterdir()):
         sys.exit(f"{folder} is not empty")
-    sys.path[:0] = [str(path) for path in sorted({file.parent for file in TESTS.rglob("*.py")})]
     to = Collection(folder)
-    shutil.copytree(TESTS / "gcode" / "subroutines", folder / "subroutines")
+    shutil.copytree(TESTS / "support" / "gcode" / "subroutines", folder / "subroutines")
     _language_machines(to)
     _errors(to)
     _shipped(to)
@@ -99,10 +104,7 @@ def collect(folder: Path) -> int:
 
 
 def _language_machines(to: Collection) -> None:
-    """Machines for the language: ample travel, coarse steps, a tool table.
-
-    Their limits end endless loops soon.
-    """
+    """Add machines for the language: large travel, coarse steps, a tool table, low loop limits."""
     to.write("machines/tools.tbl", TOOLS)
     for axes in ("xyz", "xyza", "xyzabcuvw", "xz"):
         text = "\n".join(AXIS.format(axis) for axis in axes)
@@ -112,9 +114,9 @@ def _language_machines(to: Collection) -> None:
 
 
 def _shipped(to: Collection) -> None:
-    """The programs in ``programs/``, on each machine, with each algorithm and dialect.
+    """Add the programs in ``programs/`` for each machine, algorithm and dialect.
 
-    Most leave the travel of the small machines: these are there once more with ample travel.
+    Most programs leave the travel of the small machines, which are added with a large travel, too.
     """
     for machine in MACHINES[1:]:
         text = (ROOT / "config" / f"{machine}.toml").read_text(encoding="utf-8")
@@ -152,13 +154,7 @@ def _shipped(to: Collection) -> None:
 
 
 def _random(to: Collection) -> None:
-    """Programs of the suite's generators; most of those of the grammar are rejected."""
-    fuzzing, flow = importlib.import_module("fuzzing"), importlib.import_module("flow_author")
-    moves, boards = (
-        importlib.import_module("random_programs"),
-        importlib.import_module("geometry_programs"),
-    )
-    jobs = importlib.import_module("random_jobs")
+    """Add programs of the generators; most of those of the grammar are rejected."""
     for seed in range(FUZZED):
         made = fuzzing.Author(seed).program()
         name = to.write(f"random/language-{seed}.nc", "\n".join(made.lines))
@@ -168,20 +164,22 @@ def _random(to: Collection) -> None:
             ("blocks",),
         )
     for seed in range(FLOWS):
-        words = flow.OWords(flow.Author(seed).program(), seed).text()
+        words = flow_author.OWords(flow_author.Author(seed).program(), seed).text()
         name = to.write(f"random/o-words-{seed}.nc", "\n".join(words))
         to.check(name, "--machine machines/xyz.toml --dialect linuxcnc", EVERY_FILE)
-        macros = flow.MacroB(flow.Author(seed, most_loops=3, repeats=False).program(), seed).text()
+        macros = flow_author.MacroB(
+            flow_author.Author(seed, most_loops=3, repeats=False).program(), seed
+        ).text()
         name = to.write(f"random/macro-b-{seed}.nc", "\n".join(macros))
         to.check(name, "--machine machines/xyz.toml --dialect fanuc", EVERY_FILE)
     for seed in range(MOVES):
-        name = to.write(f"random/moves-{seed}.nc", moves.random_program(seed))
+        name = to.write(f"random/moves-{seed}.nc", random_program(seed))
         to.check(name, "--machine default", EVERY_FILE)
     for seed in range(GEOMETRIES):
-        name = to.write(f"random/geometry-{seed}.nc", "\n".join(boards.geometry(seed).lines) + "\n")
+        name = to.write(f"random/geometry-{seed}.nc", "\n".join(geometry(seed).lines) + "\n")
         to.check(name, "--machine machines/xyz.toml", ("blocks", "pulses", "lines"))
     for seed in range(JOBS):
-        text, machine = jobs.random_job(seed)
+        text, machine = random_job(seed)
         name = to.write(f"random/job-{seed}.nc", text)
         to.write(
             f"random/job-{seed}.toml",
@@ -191,7 +189,7 @@ def _random(to: Collection) -> None:
 
 
 def _toml(table: dict[str, Any], above: str = "") -> str:
-    """A nested dict of numbers as TOML."""
+    """Return a nested dict of numbers as TOML."""
     lines = [f"{key} = {value!r}" for key, value in table.items() if not isinstance(value, dict)]
     for key, value in table.items():
         if isinstance(value, dict):
@@ -203,9 +201,9 @@ def _toml(table: dict[str, Any], above: str = "") -> str:
 
 
 def _errors(to: Collection) -> None:
-    """All programs with a marked place, from the test modules and errors.txt, in every dialect."""
+    """Add all programs with a marked column, from test modules and errors.txt, in each dialect."""
     marked = {text: False for file in sorted(TESTS.rglob("test_*.py")) for text in _marked_of(file)}
-    for _, _, code, text in importlib.import_module("test_malformed").ERRORS:
+    for _, _, code, text in test_malformed.ERRORS:
         marked[text] = code == "tool-table-missing"
     if len(marked) < FEWEST_ERRORS:
         raise ValueError(f"only {len(marked)} marked programs were found")
@@ -219,31 +217,31 @@ def _errors(to: Collection) -> None:
 
 
 def _marked_of(file: Path) -> Iterator[str]:
-    """The marked programs of a test module: in its tables, its parameters and its tests' text."""
+    """Yield the marked programs of a test module: of its tables, parameters and test functions."""
     source = file.read_text(encoding="utf-8")
     if MARK not in source:
         return
-    module = importlib.import_module(file.stem)
+    module = importlib.import_module(".".join(file.relative_to(ROOT).with_suffix("").parts))
     yield from _marked_in([value for key, value in vars(module).items() if key[:2] != "__"])
     for test in _tests_of(module):
         yield from _marked_in([mark.args for mark in getattr(test, "pytestmark", ())])
-    # Text in the tests themselves. A part of a longer expression is not a whole program.
+    # Text inside test functions. A part of a longer expression is not a whole program.
     nodes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, TEXT)]
     parts = {id(part) for node in nodes for part in ast.walk(node) if part is not node}
     for node in nodes:
         if id(node) not in parts and MARK in ast.unparse(node):
-            # An expression of a test's own variables has no value here.
+            # An expression with local variables has no value here.
             with suppress(NameError):
                 yield from _marked_in(eval(ast.unparse(node), vars(module)))
 
 
 def _tests_of(module: ModuleType) -> list[Any]:
-    """The test functions of a module."""
+    """Return the test functions of a module."""
     return [value for key, value in vars(module).items() if key.startswith("test_")]
 
 
 def _marked_in(value: Any) -> Iterator[str]:
-    """The marked programs in a value; a mark alone is none."""
+    """Yield the marked programs in a value; a mark alone is none."""
     if isinstance(value, str):
         if MARK in value.strip() and value.strip() != MARK:
             yield value
@@ -255,8 +253,8 @@ def _marked_in(value: Any) -> Iterator[str]:
 
 
 def _language(to: Collection) -> None:
-    """The programs of language.txt in the dialects that they are for."""
-    for case, dialect in importlib.import_module("test_language_programs").RUNS:
+    """Add the programs of language.txt in their dialects."""
+    for case, dialect in test_language_programs.RUNS:
         source = f"%\n{case.source}\n%"
         name = f"language/{case.line}.nc"
         if not (to.folder / name).exists():

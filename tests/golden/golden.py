@@ -1,20 +1,20 @@
-"""Proof that a change of the code changes no behaviour: records of many programs, compared.
+"""Compare the behaviour of two versions of the code over many programs.
 
 Use, from the root of the repository::
 
-    python tests/golden/golden.py collect FOLDER           write the programs, once
-    python tests/golden/golden.py record FOLDER OLD.json   run them, before the change
-    python tests/golden/golden.py record FOLDER NEW.json   run them, after the change
-    python tests/golden/golden.py compare OLD.json NEW.json
+    python -m tests.golden.golden collect FOLDER           write the programs, once
+    python -m tests.golden.golden record FOLDER OLD.json   run them, before the change
+    python -m tests.golden.golden record FOLDER NEW.json   run them, after the change
+    python -m tests.golden.golden compare OLD.json NEW.json
 
-``record`` runs the ``cncrun`` that is installed. ``--entry cnc.cli:main`` names another entry
-point, and PYTHONPATH another copy of the code. ``--only TEXT`` runs the cases whose names contain
-TEXT. ``compare`` lists each difference with its program and artefact.
+``record`` runs the code in the current folder. ``--entry MODULE:FUNCTION`` names another entry
+point. ``--only TEXT`` runs the cases whose names contain TEXT. ``compare`` lists each difference
+with its program and artefact.
 
-Every case of the manifest is a command line. The record holds its exit code, the place and code of
-each message on standard error, the summary, and the SHA-256 of each output file. Times, folders and
-the wording of messages are left out. The summary is kept as it is, so that ``compare`` names the
-figure that differs.
+Every case of the manifest is a command line. The record has its exit code, the place and code of
+each message on standard error, the summary, and the SHA-256 of each output file. It leaves out
+times, folders and the wording of messages. The summary is kept as a whole, so that ``compare``
+names the figure that differs.
 """
 
 from __future__ import annotations
@@ -45,23 +45,23 @@ EXTENSIONS = {"blocks": ".jsonl", "trace": ".npz", "pulses": ".npz", "lines": ".
 PATHS = {"file", "program", "first", "second"}
 """Keys of the summary that hold a path."""
 LEFT_OUT = {"timing", "lines_per_s", "steps_per_s", "message", "hint"}
-"""Keys of the summary that depend on the computer, or are wording."""
+"""Keys of the summary that depend on the computer, or are text for people."""
 PLACE = re.compile(
     r"^(?:(?P<file>.+?):(?P<line>\d+):(?:(?P<column>\d+):)? |.+?: )?"
     r"(?P<code>[a-z0-9]+(?:-[a-z0-9]+)+): ",
     re.M,
 )
-"""A message on standard error: its place, where it has one, and its code."""
+"""A message on standard error: an optional place, and the code."""
 
 Case = dict[str, Any]
 Result = dict[str, Any]
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Carry out the command line.
+    """Run the command line.
 
     Returns:
-        The exit code: 0, or 1 where two records differ.
+        The exit code: 0, or 1 if two records differ.
     """
     layout = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=layout)
@@ -79,7 +79,7 @@ def main(arguments: list[str] | None = None) -> int:
     comparing.add_argument("new", type=Path)
     options = parser.parse_args(arguments)
     if options.command == "collect":
-        from collect import collect
+        from tests.golden.collect import collect
 
         print(f"{collect(options.folder)} cases in {options.folder}")
         return 0
@@ -91,7 +91,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    """Contents of a JSON file."""
+    """Return the contents of a JSON file."""
     found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     return found
 
@@ -107,8 +107,8 @@ def _record(options: argparse.Namespace) -> int:
     code = importlib.import_module(entry.split(":")[0]).__file__
     print(f"{len(cases)} cases with {entry} of {code}", flush=True)
     begin, results = time.monotonic(), {}
-    # A fork would inherit threads of the import above. `check --jobs` needs workers that may have
-    # children of their own, which those of a multiprocessing.Pool may not.
+    # A fork would inherit threads of the import above. `check --jobs` needs workers with children,
+    # which a multiprocessing.Pool forbids.
     initial = (str(folder), entry)
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(options.workers, context, _prepare, initial) as pool:
@@ -127,7 +127,7 @@ def _record(options: argparse.Namespace) -> int:
 
 
 def _installed_entry() -> str:
-    """``module:function`` of the installed ``cncrun``."""
+    """Return ``module:function`` of the installed ``cncrun``."""
     found = {entry.value for entry in entry_points(group="console_scripts", name="cncrun")}
     if len(found) != 1:
         sys.exit(f"{len(found)} programs cncrun are installed: name one with --entry")
@@ -135,11 +135,11 @@ def _installed_entry() -> str:
 
 
 _run_command: Callable[[], None]
-"""The entry point, in a worker."""
+"""The entry point in a worker process."""
 
 
 def _prepare(folder: str, entry: str) -> None:
-    """Make a process ready to run cases in ``folder``."""
+    """Prepare a worker process for cases in ``folder``."""
     global _run_command
     module, _, function = entry.partition(":")
     _run_command = getattr(importlib.import_module(module), function)
@@ -148,7 +148,7 @@ def _prepare(folder: str, entry: str) -> None:
 
 
 def _timed_run(case: Case) -> tuple[str, Result, float]:
-    """Name, result and seconds of a case."""
+    """Run a case and return its name, result and seconds."""
     begin = time.monotonic()
     result = run_case(case)
     return case["name"], result, time.monotonic() - begin
@@ -199,9 +199,10 @@ def _message(found: re.Match[str]) -> str:
 
 
 def summary_of(text: str) -> Any:
-    """The JSON of standard output without the keys LEFT_OUT; other text as it is; None for none.
+    """Return the JSON of standard output without the keys LEFT_OUT.
 
-    A list of summaries becomes a dict by program.
+    A list of summaries becomes a dict by program. Other text is returned unchanged, and None
+    without any.
     """
     if not text.strip():
         return None
@@ -213,7 +214,7 @@ def summary_of(text: str) -> Any:
 
 
 def _plain(value: Any, key: str) -> Any:
-    """A value of the summary; of paths only the file's name."""
+    """Return a value of the summary; of a path only the name of the file."""
     if isinstance(value, dict):
         return {name: _plain(each, name) for name, each in value.items() if name not in LEFT_OUT}
     if isinstance(value, list):
@@ -222,7 +223,7 @@ def _plain(value: Any, key: str) -> Any:
 
 
 def file_hash(file: Path) -> str:
-    """SHA-256 of a file: of an .npz its arrays, of text its bytes without the folder."""
+    """Return the SHA-256 of the arrays of an .npz file, or of text without the current folder."""
     digest = hashlib.sha256()
     if file.suffix != ".npz":
         digest.update(file.read_bytes().replace(os.fsencode(Path.cwd()) + b"/", b""))
@@ -241,11 +242,7 @@ def file_hash(file: Path) -> str:
 
 
 def compare(old: dict[str, Any], new: dict[str, Any]) -> list[str]:
-    """The differences of two records.
-
-    Returns:
-        A line for each, with the name of the case and the artefact.
-    """
+    """Return a line for each difference of two records, with case and artefact."""
     before, after = old["cases"], new["cases"]
     found = [f"{name}: only in the old record" for name in sorted(before.keys() - after.keys())]
     found += [f"{name}: only in the new record" for name in sorted(after.keys() - before.keys())]
@@ -258,7 +255,7 @@ _ABSENT = object()
 
 
 def _differences(old: Any, new: Any, where: str) -> Iterator[str]:
-    """Each leaf that differs, with its place in the result."""
+    """Yield each differing value with its place in the result."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in sorted(old.keys() | new.keys()):
             place = f"{where}.{key}" if where else key
@@ -271,7 +268,7 @@ def _differences(old: Any, new: Any, where: str) -> Iterator[str]:
 
 
 def _shown(value: Any) -> str:
-    """A value in short."""
+    """Return a value as short text."""
     text = "absent" if value is _ABSENT else json.dumps(value)
     return text if len(text) <= 120 else text[:117] + "..."
 

@@ -1,4 +1,4 @@
-"""The comparison of two records, and what a record leaves out."""
+"""The comparison of two records, and the parts that a record leaves out."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from golden import PLACE, compare, file_hash, main, summary_of
+from tests.golden.golden import PLACE, compare, file_hash, main, summary_of
 
 RECORD = {
     "cases": {
@@ -28,11 +28,11 @@ RECORD = {
 
 
 def changed(*path, value):
-    """The record with another value at a place; None takes the place out."""
+    """Return the record with another value at a place; None removes the place."""
     record = copy.deepcopy(RECORD)
-    *way, last = path
+    *keys, last = path
     place = record["cases"]
-    for key in way:
+    for key in keys:
         place = place[key]
     if value is None:
         del place[last]

@@ -1,13 +1,19 @@
-"""Machine files: what is accepted, and errors that name file, key and line in plain words."""
+"""Loading of machine files, and errors that name file, key and line."""
 
 from pathlib import Path
 
 import pytest
 
-from cnc.machine.load import load_machine, shipped
+from cnc.machine.load import load_machine, shipped_machines
 from cnc.model.diagnostics import EXIT_USAGE, Diagnostic, MachineFileError
 
-AXES = "[axes.x]\nsteps_per_mm = 100\nmax_velocity = 50\nmax_acceleration = 500\nmax_jerk = 9000\ntravel = [0, 100]\n"
+AXES = """[axes.x]
+steps_per_mm = 100
+max_velocity = 50
+max_acceleration = 500
+max_jerk = 9000
+travel = [0, 100]
+"""
 
 
 def load(tmp_path: Path, text: str):
@@ -26,15 +32,15 @@ def fault(tmp_path: Path, text: str) -> Diagnostic:
 
 
 def test_every_shipped_machine_loads():
-    assert {"default", "paper-nurbs", "grbl-uno", "stepper-uno"} <= set(shipped())
-    for name, file in shipped().items():
+    assert {"default", "paper-nurbs", "grbl-uno", "stepper-uno"} <= set(shipped_machines())
+    for name, file in shipped_machines().items():
         machine = load_machine(file)
         assert machine == load_machine(name)
         assert machine.axis_names == ("x", "y", "z")
         assert all(axis.travel for axis in machine.axes.values())
 
 
-def test_no_name_is_the_default():
+def test_without_a_name_the_default_is_loaded():
     assert load_machine(None) == load_machine("default")
 
 
@@ -59,7 +65,7 @@ def test_paper_machine_has_the_limits_of_the_paper():
         assert axis.max_velocity >= 300
 
 
-def test_everything_but_the_axes_has_a_default(tmp_path):
+def test_all_tables_but_the_axes_have_defaults(tmp_path):
     machine = load(tmp_path, AXES)
     assert machine.name == "machine"
     assert machine.board.kind == "loopback"
@@ -185,7 +191,7 @@ def test_a_machine_is_frozen():
         (AXES.replace("max_jerk = 9000\n", ""), 1, 2, "axes.x.max_jerk: nothing limits the jerk"),
     ],
 )
-def test_a_wrong_value_is_named(tmp_path, text, line, column, words):
+def test_wrong_value_is_reported_with_its_key_and_line(tmp_path, text, line, column, words):
     found = fault(tmp_path, text)
     assert found.message.startswith(words)
     assert (found.code, found.line, found.column) == ("machine-file", line, column)
@@ -201,11 +207,11 @@ def test_a_wrong_value_is_named(tmp_path, text, line, column, words):
             "axes.x.max_velocty",
             "did you mean max_velocity?",
         ),
-        (AXES.replace("axes.x", "axes.q"), 1, 2, "axes.q", "known here: x, y, z, a, b, c, u, v, w"),
+        (AXES.replace("axes.x", "axes.q"), 1, 2, "axes.q", "known keys: x, y, z, a, b, c, u, v, w"),
         (AXES.replace("axes.x", "axes.X"), 1, 2, "axes.X", "did you mean x?"),
         (AXES + "[borad]\n", 7, 2, "borad", "did you mean board?"),
         (AXES + "[path]\nmax_fed = 3\n", 8, 1, "path.max_fed", "did you mean max_feed?"),
-        (AXES + "[path]\nzzz = 3\n", 8, 1, "path.zzz", "known here: max_feed, "),
+        (AXES + "[path]\nzzz = 3\n", 8, 1, "path.zzz", "known keys: max_feed, "),
         (
             "path = { max_feed = 3, perod = 1 }\n" + AXES,
             1,
@@ -215,17 +221,17 @@ def test_a_wrong_value_is_named(tmp_path, text, line, column, words):
         ),
         ("board.prot = 'x'\n" + AXES, 1, 1, "board.prot", "did you mean port?"),
         ("[machine]\nnam = 'x'\n" + AXES, 2, 1, "machine.nam", "did you mean name?"),
-        ("name = 'x'\n" + AXES, 1, 1, "name", "the name belongs in [machine]"),
+        ("name = 'x'\n" + AXES, 1, 1, "name", "put the name into [machine]"),
     ],
 )
-def test_an_unknown_key_is_named_with_what_was_meant(tmp_path, text, line, column, key, hint):
+def test_unknown_key_is_reported_with_a_suggestion(tmp_path, text, line, column, key, hint):
     found = fault(tmp_path, text)
     assert found.message == f"{key}: there is no such key"
     assert (found.line, found.column) == (line, column)
     assert found.hint.startswith(hint)
 
 
-def test_a_syntax_error_points_at_its_line(tmp_path):
+def test_syntax_error_has_line_and_column(tmp_path):
     found = fault(tmp_path, AXES.replace("= 50\n", "= = 50\n"))
     assert (found.code, found.line, found.column, found.text) == (
         "machine-file-syntax",
@@ -236,14 +242,14 @@ def test_a_syntax_error_points_at_its_line(tmp_path):
     assert fault(tmp_path, AXES + 'x = "').line == 7
 
 
-def test_a_missing_file_names_the_shipped_ones(tmp_path):
+def test_missing_file_lists_the_shipped_machines(tmp_path):
     with pytest.raises(MachineFileError) as caught:
         load_machine(tmp_path / "gone.toml")
     assert caught.value.diagnostic.code == "no-such-file"
     assert "paper-nurbs" in caught.value.diagnostic.hint
 
 
-def test_what_is_no_text_is_named(tmp_path):
+def test_unreadable_files_are_reported(tmp_path):
     (tmp_path / "m.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(MachineFileError) as caught:
         load_machine(tmp_path / "m.toml")
@@ -253,7 +259,7 @@ def test_what_is_no_text_is_named(tmp_path):
     assert caught.value.diagnostic.code == "machine-file-unreadable"
 
 
-def test_path_limits_can_stand_in_for_those_of_the_axes(tmp_path):
+def test_path_limits_replace_those_of_the_axes(tmp_path):
     bare = AXES.replace("max_acceleration = 500\nmax_jerk = 9000\n", "")
     limits = (
         "[path]\nmax_tangential_acceleration = 10\nmax_normal_acceleration = 10\nmax_jerk = 10\n"

@@ -1,8 +1,6 @@
-"""Where a key stands in a TOML text."""
+"""Locations of keys in a TOML text."""
 
 from cnc.machine.locate import locate
-from cnc.machine.models import AXIS_LETTERS as MACHINE_LETTERS
-from cnc.model.blocks import AXIS_LETTERS
 
 TEXT = """top = 1
 [a.b]
@@ -18,8 +16,8 @@ d.e = { f = 1, g = 2 }
 
 
 def at(*key):
-    place = locate(TEXT, key)
-    return place and (place.line, place.column, place.length)
+    found = locate(TEXT, key)
+    return found and (found.line, found.column, found.length)
 
 
 def test_keys_are_found():
@@ -33,15 +31,10 @@ def test_keys_are_found():
     assert at("c", "d", "e", "g") == (10, 16, 1)
 
 
-def test_a_key_that_is_not_there_gives_the_table_around_it():
+def test_missing_key_gives_its_enclosing_table():
     assert at("a", "b", "zzz") == (2, 2, 3)
     assert at("zzz") is None
 
 
-def test_text_inside_an_array_is_no_key():
+def test_text_inside_an_array_is_not_a_key():
     assert at("a", "b", "x") == at("a", "b")
-
-
-def test_the_machine_knows_the_axes_of_the_language():
-    # canon and machine stand on one floor and do not import each other.
-    assert MACHINE_LETTERS == AXIS_LETTERS

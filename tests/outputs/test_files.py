@@ -32,8 +32,10 @@ from cnc.model.blocks import (
 )
 from cnc.model.diagnostics import UsageError
 from cnc.model.streams import PulseChunk, SampleChunk
-from cnc.outputs.files import JsonLines, block_objects, check_formats, pulse_writer, trace_writer
-from cnc.outputs.targets import NpzTarget, TextTarget
+from cnc.outputs.blocks import BlockWriter, block_objects
+from cnc.outputs.pulses import pulse_writer
+from cnc.outputs.targets import NpzTarget, TextTarget, check_suffixes
+from cnc.outputs.trace import trace_writer
 
 MACHINE = load_machine("paper-nurbs")
 AXES = MACHINE.axis_names
@@ -187,7 +189,7 @@ def test_other_blocks(block, fields):
 
 def test_blocks_are_one_object_a_line(tmp_path):
     file = tmp_path / "b.jsonl"
-    writer = JsonLines(str(file), AXES, "p.nc")
+    writer = BlockWriter(str(file), AXES, "p.nc")
     writer.write(Tool(*AT, 1))
     writer.write(End("p.nc", 8))
     writer.write(Dwell("subs/other.ngc", 2, 1.0))
@@ -338,7 +340,7 @@ def test_a_pulse_falls_before_the_next_at_the_board_s_highest_rate(tmp_path):
 )
 def test_an_unknown_suffix_is_refused(trace, made):
     with pytest.raises(UsageError, match="output-format"):
-        check_formats(trace, made)
+        check_suffixes(trace, made, None)
 
 
 @pytest.mark.parametrize("target", [TextTarget, NpzTarget])

@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import CncError, Diagnostic, GcodeError, UsageError
-from cnc.outputs.formats import github, junit, sarif
+from cnc.outputs.github import github
+from cnc.outputs.junit import junit
+from cnc.outputs.sarif import sarif
 from cnc.report.result import Report, Timing
 
 MACHINE = load_machine("default")

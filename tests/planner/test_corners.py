@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from cnc.kernels.path.curve import SPAN
-from cnc.kernels.planner.overlap import overlap_time
+from cnc.kernels.planner.legs import Turn
+from cnc.kernels.planner.limit_arrays import LimitArrays
+from cnc.kernels.planner.overlap import Leg, overlap_time
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
@@ -166,11 +168,10 @@ def test_unequal_jerks_keep_the_corner_within_the_tolerance(ratio):
     u = np.array([[1.0, 0.0], [math.cos(2.0), math.sin(2.0)]])
     sine = math.sin(1.0)
     j1, j2 = 48000.0, 48000.0 / ratio
-    unlimited = np.full(6, math.inf)
-    unlimited[4] = 1e-3
-    tau = overlap_time(
-        u, sine, sine, j1, j2, 1.0, 1.0, 1e3, 1e3, 0.02, unlimited, np.full(2, math.inf)
-    )
+    free, axes = math.inf, np.full(2, math.inf)
+    unlimited = LimitArrays(free, free, free, free, 1e-3, free, axes, axes, axes)
+    before, after = Leg(j1, 1.0, 1e3), Leg(j2, 1.0, 1e3)
+    tau = overlap_time(u, Turn(sine, sine), before, after, 0.02, unlimited)
     x = np.linspace(0.0, 1.0, 100_001)[:, None]
     motion = tau**3 / 6 * (-j1 * (1 - x) ** 3 * u[0] + j2 * x**3 * u[1])
     nearest = np.linalg.norm(motion, axis=1).min()

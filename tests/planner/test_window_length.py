@@ -79,13 +79,13 @@ def test_each_stretch_is_planned_about_twice(monkeypatch):
     plan, add = cnc.planner.window.plan_to_rest, Window.add
 
     def counted(start, known, *others):
-        planned[0] += len(known)
+        planned[0] += len(known.end)
         return plan(start, known, *others)
 
     def added(self, *chunk):
-        before = self._arrived
+        before = self._plan.arrived
         add(self, *chunk)
-        cut[0] += self._arrived - before
+        cut[0] += self._plan.arrived - before
 
     monkeypatch.setattr(cnc.planner.window, "plan_to_rest", counted)
     monkeypatch.setattr(Window, "add", added)

@@ -1,4 +1,4 @@
-"""The time that a GRBL board takes: by the theory of its planner, and by the board in the box,
+"""The time that a GRBL board takes: by the theory of its planner, and by the board in the simulator,
 which was written apart from this.
 """
 
@@ -12,16 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.api import parse, start_position
-from cnc.boards.grbl.simulator.box import GrblBox
 from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.ports import BoxPort
-from cnc.grbl_lines.grbl_timing import BoardLimits, BoardTime, Countdown
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
+from cnc.grbl_lines.board_limits import BoardLimits
+from cnc.grbl_lines.countdown import Countdown
+from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.smooth import smooth_path
 from cnc.grbl_lines.translator import Translator
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
-from cnc.model.streams import GcodeLine
 from cnc.planner.lookahead import LookAhead
+from tests.support.boards.line_reader import lines_with_effects
 from tests.support.paths import PROGRAMS
 from tests.support.programs.random_programs import random_program
 from tests.support.soak import share
@@ -32,8 +34,8 @@ LIMITS = BoardLimits((50.0, 50.0, 10.0), (200.0, 200.0, 50.0), junction_deviatio
 
 def seconds(texts: Iterable[str], limits: BoardLimits = LIMITS) -> float:
     clock = BoardTime(limits)
-    for number, text in enumerate(texts, start=1):
-        clock.add(GcodeLine(text, number))
+    for line in lines_with_effects(texts):
+        clock.add(line)
     clock.end()
     return clock.seconds
 
@@ -100,14 +102,14 @@ def lines_of(program: Path | str, machine: Machine) -> list[str]:
 
 
 def box_seconds(texts: Iterable[str], machine: Machine) -> float:
-    """How long the board in the box moves, when its ring of 128 bytes is kept as full as it may
+    """How long the board in the simulator moves, when its ring of 128 bytes is kept as full as it may
     be.
     """
-    box = GrblBox(settings=settings_of(machine) | {20: 0.0})
-    port = BoxPort(box, boot_time=0.0)
+    simulator = GrblSimulator(settings=settings_of(machine) | {20: 0.0})
+    port = GrblSimulatorPort(simulator, boot_time=0.0)
     while port.read(0.5):
         pass
-    begin, left, flight, answers = box.now, deque(texts), deque[int](), b""
+    begin, left, flight, answers = simulator.now, deque(texts), deque[int](), b""
     while left or flight:
         while left and sum(flight) + len(left[0]) + 1 <= 127:
             line = left.popleft().encode() + b"\n"
@@ -118,10 +120,10 @@ def box_seconds(texts: Iterable[str], machine: Machine) -> float:
             assert not answer.startswith((b"error", b"ALARM")), answer
             if answer.strip() == b"ok":
                 flight.popleft()
-    while box.core.steppers.running:
-        box.advance(box.now + 0.001)
+    while simulator.core.steppers.running:
+        simulator.advance(simulator.now + 0.001)
     port.close()
-    return box.now - begin
+    return simulator.now - begin
 
 
 @pytest.mark.parametrize(
@@ -154,8 +156,8 @@ def test_batches_make_no_difference(monkeypatch):
 
 def clock_of(texts: list[str], limits: BoardLimits) -> BoardTime:
     clock = BoardTime(limits)
-    for number, text in enumerate(texts, start=1):
-        clock.add(GcodeLine(text, number))
+    for line in lines_with_effects(texts):
+        clock.add(line)
     clock.end()
     return clock
 

@@ -13,21 +13,26 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
 from cnc.api import start_position
+from cnc.executor.packed_lines import PackedLines
 from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.source_text import Text
+from cnc.grbl_lines.moves import Move as PlannedMove
+from cnc.grbl_lines.moves import PlaneArc
 from cnc.grbl_lines.smooth import smooth_path
 from cnc.grbl_lines.translator import PREAMBLE, Translator
-from cnc.grbl_lines.writer import Writer
+from cnc.grbl_lines.writer import LineWriter
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block, NurbsFeed, PathMode
+from cnc.model.blocks import Block, BoardCommand, NurbsFeed, PathMode
 from cnc.model.diagnostics import GcodeError
+from cnc.model.line_effects import ARCS, MOTIONS, LineKind
 from cnc.model.streams import GcodeLine
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from tests.support.boards.board_reader import Move, Reader
+from tests.support.boards.line_reader import LineReader
 from tests.support.deviation import dense, deviation, farthest, path_points
 from tests.support.paths import ROOT
 from tests.support.programs.random_programs import random_program
@@ -191,14 +196,12 @@ def test_arcs_turn_as_far_with_the_floats_of_a_board(radius, angle, sweep, clock
     """An arc never becomes a full circle, nor a circle nothing."""
     sweep = min(sweep, 50.0 / radius) * (-1.0 if clockwise else 1.0)
     center = offset[:2] + radius * np.array([math.cos(angle), math.sin(angle)])
-    writer = Writer(offset.tolist(), 0.01, 115200, "XYZ", 0.002)
+    writer = LineWriter(offset.tolist(), 0.01, 115200, "XYZ", 0.002)
     writer.stands_at((*offset[:2].tolist(), 0.0))
     x, y = center - radius * np.array([math.cos(angle + sweep), math.sin(angle + sweep)])
-    texts = list(
-        writer.arc(
-            (float(x), float(y), 0.0), 0, (float(center[0]), float(center[1])), sweep, 10.0, 10.0
-        )
-    )
+    arc = PlaneArc(0, (float(center[0]), float(center[1])), sweep)
+    move = PlannedMove((float(x), float(y), 0.0), arc, 0, 10.0, 10.0, line=1, rests=False)
+    texts = [line.text for line in writer.move(move)]
     before, reader, total = np.zeros(3), Reader(), 0.0
     for text in texts:
         move = reader.read(text)
@@ -240,6 +243,57 @@ def test_feeds_are_those_of_the_plan():
     # round the small arc it is slower
     assert feeds[1] is not None
     assert feeds[1] < 0.6 * 1500.0
+
+
+def assert_effects_match(lines: list[GcodeLine]) -> None:
+    """Each line carries the effect that its text has, to the last bit."""
+    assert lines
+    reader = LineReader()
+    for line in lines:
+        found, expected = line.effect, reader.read(line.text, line.line).effect
+        assert found is not None
+        assert expected is not None
+        assert found.kind == expected.kind
+        assert found.seconds == expected.seconds
+        if found.kind in MOTIONS:
+            np.testing.assert_array_equal(found.target, expected.target)
+            assert found.kind is LineKind.RAPID or found.feed == expected.feed
+        if found.kind in ARCS:
+            assert (found.plane, found.center) == (expected.plane, expected.center)
+
+
+@settings(max_examples=share(300, 12))
+@given(
+    seed=st.integers(0, 10**6),
+    offset=st.tuples(*[st.floats(-100, 100).map(lambda x: round(x, 3))] * 3),
+)
+def test_lines_of_random_programs_carry_the_effects_of_their_text(seed, offset):
+    blocks = blocks_of(random_program(seed))
+    assert_effects_match(translated(blocks, work_offset=offset, moving="xyz"))
+
+
+@pytest.mark.parametrize("file", ["pocket", "drilling", "probing", "thread-mill", "bezier"])
+def test_lines_of_shipped_programs_carry_the_effects_of_their_text(file):
+    blocks = interpret(
+        Text.of_file(FOLDER / f"{file}.nc"), axes=MILL.axis_names, start=start_position(MILL)
+    )
+    assert_effects_match(translated(blocks))
+
+
+def test_packed_lines_are_the_same_lines():
+    lines = translated(blocks_of("G21 G90\nG1 X10 F500\nG2 X20 I5\nG4 P2\nM3 S100\nM2\n"))
+    lines.append(GcodeLine("$X", 9))
+    packed = PackedLines.of(lines)
+    assert len(packed) == len(lines)
+    assert str(list(packed)) == str(lines)
+
+
+def test_axes_without_a_known_position_are_not_named_before_an_arc():
+    blocks = blocks_of("G21 G90\nG0 X10\nG2 X20 I5 F500\nM2\n")
+    arc = next(k for k, block in enumerate(blocks) if block.line == 3)
+    blocks.insert(arc, BoardCommand("p.nc", 3, "$G"))
+    lines = [line.text for line in translated(blocks, moving="xy")]
+    assert lines == [PREAMBLE, "G0 X10", "$G", "G1 X10 Y0 Z0 F500", "G2 X20 I5", "M2"]
 
 
 def test_every_line_names_its_source_line():

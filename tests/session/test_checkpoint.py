@@ -14,7 +14,8 @@ import pytest
 
 from cnc.api import Control, Report, Watch, run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.loopback import Loopback
 from cnc.boards.stepper.driver import Stepper
 from cnc.cli import exit_code
@@ -22,7 +23,6 @@ from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.session import checkpoint
 from cnc.session.checkpoint import Checkpoint, Recorder
-from tests.support.boards.grblbox_bench import BoxPort
 from tests.support.boards.stepper_rig import machine
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
 from tests.support.soak import share
@@ -195,8 +195,8 @@ def test_in_a_subprogram_the_call_is_where_to_go_on(tmp_path: Path) -> None:
 
 def test_a_grbl_board_says_the_line_that_it_moves_along(program: Path) -> None:
     """Not the last one that it has taken: that lies up to a planner's length ahead."""
-    box, control = GrblBox(), Control()
-    port = BoxPort(box)
+    box, control = GrblSimulator(), Control()
+    port = GrblSimulatorPort(box)
     board = GrblBoard(port, load_machine("grbl-uno"), port.clock, "the box")
     board.connect()
 

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.api import Report, Watch, run, start_position
-from cnc.boards.grbl.simulator.board import GrblSim
-from cnc.gcode.program.program import interpret
+from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
+from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.machine.load import load_machine
 from cnc.model.blocks import ArcFeed, Block, Coolant, Dwell, Polyline, Spindle, Tool
@@ -37,7 +37,7 @@ def read(text: str, start: np.ndarray, *, mark_calls: bool = False) -> Iterator[
         axes=AXES,
         dialect="linuxcnc",
         start=start,
-        mark_calls=mark_calls,
+        options=ProgramOptions(mark_calls=mark_calls),
     )
 
 
@@ -258,7 +258,7 @@ def test_every_board_begins_there_and_ends_where_the_program_does(
             asked.append(str(story))
             return answer
 
-        opened = GrblSim.from_machine(MACHINE) if board == "grbl-sim" else board
+        opened = GrblSimulatorBoard.from_machine(MACHINE) if board == "grbl-sim" else board
         return run(program, MACHINE, board=opened, from_line=6, watch=Watch(on_beginning=ask))
 
     done = ran(True)

@@ -122,7 +122,7 @@ def test_a_pause_waits_for_the_operator_or_is_refused_or_left_out(
 
     def on_sent(sent) -> None:
         if sent.held:
-            told.append((sent.line, sent.why))
+            told.append((sent.line, sent.hold_reason))
             control.resume()
 
     assert ran(tmp_path, words, control=control, watch=Watch(on_sent=on_sent))[0].ok

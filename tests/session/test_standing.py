@@ -12,9 +12,9 @@ import pytest
 
 from cnc.api import Control, HomingStopped, Report, Watch, home, run
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.box import GrblBox
 from cnc.boards.grbl.simulator.faults import Error, Unplug
-from cnc.boards.grbl.simulator.ports import BoxPort
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.cli import exit_code
 from cnc.executor.run import Progress
@@ -41,20 +41,20 @@ def program(tmp_path: Path) -> Path:
     return tmp_path / "p.ngc"
 
 
-def tool(box: GrblBox) -> tuple[float, ...]:
+def tool(box: GrblSimulator) -> tuple[float, ...]:
     """Where the tool is in the world, from where it was at first; the board counts from its last
     start.
     """
-    began = box.core.world.of_travels(*box.core.per_axis(130)).offset
+    began = box.core.environment.of_travels(*box.core.per_axis(130)).offset
     return tuple(
         round(p + o - b, 3)
-        for p, o, b in zip(box.position, box.core.world.offset, began, strict=True)
+        for p, o, b in zip(box.position, box.core.environment.offset, began, strict=True)
     )
 
 
-def ran(box: GrblBox, program: Path, **arguments: object) -> Report:
+def ran(box: GrblSimulator, program: Path, **arguments: object) -> Report:
     """A run on a port that leaves DTR up, as ours do."""
-    port = BoxPort(box, hang_up=False)
+    port = GrblSimulatorPort(box, hang_up=False)
     board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
     board.connect()
     try:
@@ -81,15 +81,17 @@ def stopping(control: Control, at_x: float) -> Watch:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
 def test_two_runs_in_a_row_do_not_shift(program: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with PtyServer(GrblBox(settings=FAST), 4.0) as server:
+    with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
         command = [str(program), "--machine", "grbl-uno", "--port", server.name, "--quiet"]
         assert exit_code(command) == 0, capsys.readouterr().err
-        assert tool(server.box) == END
+        assert tool(server.simulator) == END
         time.sleep(0.1)
         assert exit_code(command) == 0, capsys.readouterr().err
-        assert tool(server.box) == END
+        assert tool(server.simulator) == END
         assert not [
-            event for event in server.box.events if event.kind == "reset" and event.value == "power"
+            event
+            for event in server.simulator.events
+            if event.kind == "reset" and event.value == "power"
         ]
 
 
@@ -97,7 +99,7 @@ def test_two_runs_in_a_row_do_not_shift(program: Path, capsys: pytest.CaptureFix
 def test_a_stopped_run_is_gone_on_with_where_it_was(
     program: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with PtyServer(GrblBox(settings=FAST), 4.0) as server:
+    with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
         control = Control()
         first = run(
             program,
@@ -108,7 +110,7 @@ def test_a_stopped_run_is_gone_on_with_where_it_was(
             watch=stopping(control, 6.5),
         )
         assert first.resume_line is not None
-        assert tool(server.box)[0] > 6.0
+        assert tool(server.simulator)[0] > 6.0
         time.sleep(0.1)
         more = [
             "--machine",
@@ -121,14 +123,14 @@ def test_a_stopped_run_is_gone_on_with_where_it_was(
             "--quiet",
         ]
         assert exit_code([str(program), *more]) == 0, capsys.readouterr().err
-        assert tool(server.box) == END
+        assert tool(server.simulator) == END
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
 def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
     program: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with PtyServer(GrblBox(settings=FAST), 4.0) as server:
+    with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
         control = Control()
         first = run(
             program,
@@ -138,8 +140,8 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
             control=control,
             watch=stopping(control, 6.5),
         )
-        stands = tool(server.box)
-        server.box.drop_dtr()
+        stands = tool(server.simulator)
+        server.simulator.drop_dtr()
         command = [
             str(program),
             "--machine",
@@ -158,16 +160,16 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
             assert "X0.000 Y0.000 Z0.000" in said
             assert f"X{stands[0]:.3f} Y{stands[1]:.3f} Z{stands[2]:.3f}" in said
             assert "--trust-position" in said
-            assert tool(server.box) == stands
+            assert tool(server.simulator) == stands
         time.sleep(0.1)
         assert exit_code([*command, "--trust-position", "--quiet"]) == 0, capsys.readouterr().err
-        assert tool(server.box) == pytest.approx(
+        assert tool(server.simulator) == pytest.approx(
             [a + b for a, b in zip(stands, END, strict=True)], abs=0.01
         )
 
 
 def test_a_fresh_board_has_nothing_to_disagree_with(program: Path) -> None:
-    box = GrblBox(settings=FAST)
+    box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     kept = LastPosition.read("the box")
     assert kept is not None
@@ -178,12 +180,12 @@ def test_a_fresh_board_has_nothing_to_disagree_with(program: Path) -> None:
 def test_a_board_that_stands_elsewhere_is_refused_until_it_is_confirmed(
     program: Path, how: str
 ) -> None:
-    box = GrblBox(settings=FAST)
+    box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     if how == "power":
         box.power_up()
     else:
-        port = BoxPort(box, hang_up=False)
+        port = GrblSimulatorPort(box, hang_up=False)
         port.write(b"G91G0X0.1\n")
         port.read(0.0)
         port.clock.sleep(2.0)
@@ -201,7 +203,7 @@ def test_a_board_that_stands_elsewhere_is_refused_until_it_is_confirmed(
 
 
 def test_less_than_a_step_is_no_difference(program: Path) -> None:
-    box = GrblBox(settings=FAST)
+    box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     step = 1.0 / 250.0
     LastPosition("the box", {"x": 4.0 + step, "y": 3.0, "z": -1.0}, "end").write()
@@ -214,7 +216,7 @@ def test_a_restart_where_the_last_run_ended_at_zero_is_one_too(program: Path) ->
     """Nobody knows whether the tool was moved while the board was off, and the second opening does
     not show the restart.
     """
-    box = GrblBox(settings=FAST)
+    box = GrblSimulator(settings=FAST)
     program.write_text("G21 G90\nG1 X3 F900\nG0 X0\nM2\n")
     assert ran(box, program).ok
     box.power_up()
@@ -224,7 +226,7 @@ def test_a_restart_where_the_last_run_ended_at_zero_is_one_too(program: Path) ->
 
 
 def test_homing_finds_the_position_again(program: Path, tmp_path: Path) -> None:
-    box = GrblBox(settings=SWITCHES)
+    box = GrblSimulator(settings=SWITCHES)
     homing = tmp_path / "home.nc"
     homing.write_text("$H\n")
     program.write_text("G21 G90\nG1 X-50 Y-50 Z-20 F2000\nM2\n")
@@ -238,7 +240,7 @@ def test_homing_finds_the_position_again(program: Path, tmp_path: Path) -> None:
     )
 
     def go(name: Path, **arguments: object) -> Report:
-        port = BoxPort(box, hang_up=False)
+        port = GrblSimulatorPort(box, hang_up=False)
         board = GrblBoard(port, machine, port.clock, "the box", identity="the box")
         board.connect()
         try:
@@ -253,13 +255,15 @@ def test_homing_finds_the_position_again(program: Path, tmp_path: Path) -> None:
         box.power_up()
         said = refused(go(program))
         assert "home the machine with cncrun home" in said
-    box.core.world.broken.add("Z")
+    box.core.environment.broken.add("Z")
     assert [fault.diagnostic.code for fault in go(homing).faults] == ["board-alarm"]
     assert refused(go(program)), "a homing that fails finds nothing"
 
 
-def home_alone(box: GrblBox, *axes: str, control: Control | None = None) -> dict[str, float | None]:
-    port = BoxPort(box, hang_up=False)
+def home_alone(
+    box: GrblSimulator, *axes: str, control: Control | None = None
+) -> dict[str, float | None]:
+    port = GrblSimulatorPort(box, hang_up=False)
     board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
     board.connect()
     try:
@@ -269,7 +273,7 @@ def home_alone(box: GrblBox, *axes: str, control: Control | None = None) -> dict
 
 
 def test_cncrun_home_homes_a_grbl_board() -> None:
-    box = GrblBox(settings=SWITCHES)
+    box = GrblSimulator(settings=SWITCHES)
     for _ in range(2):
         assert home_alone(box) == {"x": -1.0, "y": -1.0, "z": -1.0}
         kept = LastPosition.read("the box")
@@ -285,15 +289,15 @@ def test_cncrun_home_homes_a_grbl_board() -> None:
 
 
 def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
-    box = GrblBox(settings=SWITCHES)
+    box = GrblSimulator(settings=SWITCHES)
     home_alone(box)
-    box.core.world.broken.add("Z")
+    box.core.environment.broken.add("Z")
     with pytest.raises(BoardError) as caught:
         home_alone(box)
     assert caught.value.diagnostic.code == "board-alarm"
     kept = LastPosition.read("the box")
     assert kept is not None and kept.lost
-    stopped = GrblBox(settings=SWITCHES)
+    stopped = GrblSimulator(settings=SWITCHES)
     control = Control()
     control.stop()
     with pytest.raises(HomingStopped):
@@ -302,7 +306,7 @@ def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
 
 
 def test_a_board_that_refuses_to_home_stands_where_it_stood(program: Path) -> None:
-    box = GrblBox(settings=FAST)
+    box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     for _ in range(2):
         with pytest.raises(BoardError) as caught:
@@ -320,7 +324,7 @@ def test_a_board_that_refuses_to_home_stands_where_it_stood(program: Path) -> No
 
 @pytest.mark.parametrize("code", ["port-lost", "board-restarted"])
 def test_a_run_that_ends_blind_leaves_a_lost_position(program: Path, code: str) -> None:
-    box = GrblBox(settings=FAST)
+    box = GrblSimulator(settings=FAST)
 
     def on_sent(sent: Progress) -> None:
         if sent.position is not None and sent.position[0] > 8.0:
@@ -339,7 +343,7 @@ def test_a_run_that_ends_blind_leaves_a_lost_position(program: Path, code: str) 
 
 
 def test_after_a_fault_that_leaves_the_position_known_the_next_run_begins(program: Path) -> None:
-    box = GrblBox(settings=FAST)
+    box = GrblSimulator(settings=FAST)
     box.inject(Error(20), line=14)
     report = ran(box, program)
     assert [fault.diagnostic.code for fault in report.faults] == ["board-error"]
@@ -350,7 +354,7 @@ def test_after_a_fault_that_leaves_the_position_known_the_next_run_begins(progra
 
 def test_the_checkpoint_counts_where_no_run_has_an_end(program: Path) -> None:
     """The record of the board was lost, or its computer died."""
-    box, control = GrblBox(settings=FAST), Control()
+    box, control = GrblSimulator(settings=FAST), Control()
     first = ran(box, program, control=control, watch=stopping(control, 10.0))
     assert first.resume_line == 5
     kept = LastPosition.read("the box")
@@ -366,11 +370,11 @@ def test_the_checkpoint_counts_where_no_run_has_an_end(program: Path) -> None:
 
 
 def test_a_check_on_the_board_neither_asks_nor_changes_anything(program: Path) -> None:
-    box = GrblBox(settings=FAST)
+    box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     kept = LastPosition.read("the box")
     box.power_up()
-    port = BoxPort(box, hang_up=False)
+    port = GrblSimulatorPort(box, hang_up=False)
     board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
     board.connect()
     board.check_only = True
@@ -397,7 +401,7 @@ def test_what_can_not_be_read_is_none_and_what_can_not_be_written_stops_nothing(
     blocked = tmp_path / "file"
     blocked.touch()
     monkeypatch.setenv("XDG_STATE_HOME", str(blocked))
-    assert ran(GrblBox(settings=FAST), program).ok
+    assert ran(GrblSimulator(settings=FAST), program).ok
     assert LastPosition.read("the box") is None
 
 

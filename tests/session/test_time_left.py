@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from cnc.api import Control, Watch, run
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.protocol import RealTime
-from cnc.boards.grbl.simulator.box import GrblBox
 from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.ports import BoxPort
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from tests.support.soak import share
@@ -50,8 +50,8 @@ class Operated:
     disturbed: list[float] = field(default_factory=list)
 
     def run(self, program: Path) -> None:
-        box = GrblBox(settings=settings_of(ROUTER) | self.settings)
-        port = BoxPort(box)
+        box = GrblSimulator(settings=settings_of(ROUTER) | self.settings)
+        port = GrblSimulatorPort(box)
         board = GrblBoard(port, ROUTER, port.clock, "the box")
         board.connect()
         control, held_at, held, reports = Control(self.feed), 0.0, 0.0, 0

@@ -1,5 +1,6 @@
-"""How far two motions are from each other, by dense points of both: the larger of both directed
-distances.
+"""Distance between two motions, from dense points of both.
+
+It is the larger of the two directed distances (Hausdorff distance).
 """
 
 import numpy as np
@@ -12,7 +13,7 @@ NEAR = 6
 
 
 def dense(points: np.ndarray, spacing: float) -> np.ndarray:
-    """Points along a polyline (k, 3), at most ``spacing`` apart, its vertices among them."""
+    """Return points along a polyline (k, 3): its vertices, and others at most ``spacing`` apart."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     counts = np.maximum(np.ceil(steps / spacing), 1.0).astype(int)
     each = np.repeat(np.arange(len(steps)), counts)
@@ -22,8 +23,9 @@ def dense(points: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def farthest(points: np.ndarray, line: np.ndarray) -> float:
-    """The largest distance of a point (k, 3) from the polyline through ``line`` (m, 3), whose
-    points lie near to each other.
+    """Return the largest distance of ``points`` (k, 3) from a polyline.
+
+    ``line`` (m, 3) are the vertices of the polyline; they lie near to each other.
     """
     tree = cKDTree(line)
     nearest = tree.query(points, k=min(NEAR, len(line)))[1].reshape(len(points), -1)
@@ -40,13 +42,13 @@ def farthest(points: np.ndarray, line: np.ndarray) -> float:
 
 
 def deviation(one: np.ndarray, other: np.ndarray, spacing: float = 0.05) -> float:
-    """Of two polylines (k, 3) from each other, in both directions."""
+    """Return the distance between two polylines (k, 3), in both directions."""
     a, b = dense(one, spacing), dense(other, spacing)
     return max(farthest(a, b), farthest(b, a))
 
 
 def path_points(chunk: PathChunk, tolerance: float = 1e-4) -> np.ndarray:
-    """Points (k, axes) along a path, from the kernel that the pulses are made with."""
+    """Return points (k, axes) along a path, by the kernel that makes the pulses."""
     rows = []
     for k in range(len(chunk)):
         kind, at, length = int(chunk.kind[k]), int(chunk.at[k]), float(chunk.length[k])

@@ -1,4 +1,4 @@
-"""Helpers that any test may import."""
+"""The amount of work of a test: quick in every run, full under ``make soak``."""
 
 import os
 import subprocess
@@ -12,20 +12,23 @@ Amount = TypeVar("Amount")
 
 
 def soaking() -> bool:
-    """Whether the long runs were asked for (``make soak``)."""
+    """Return whether this is a run of ``make soak``."""
     return os.environ.get("CNC_SOAK") == "1"
 
 
 def share(full: Amount, quick: Amount) -> Amount:
-    """The amount of work of a long test: ``full`` under ``make soak``, ``quick`` in every run."""
+    """Return ``full`` under ``make soak``, else ``quick``."""
     return full if soaking() else quick
 
 
 def check_without_compiler(*paths: Path, some: str) -> None:
-    """Run tests as plain Python, where an index out of its array can't go unnoticed: those that
-    match ``some``.
+    """Run tests without the compiler, where every index is checked.
 
-    With the compiler switched off already they are run as they are.
+    Without the compiler this does nothing: the tests run in this mode already.
+
+    Args:
+        paths: Files or folders of tests.
+        some: The tests of them to run, as an expression for ``pytest -k``.
     """
     if os.environ.get("NUMBA_DISABLE_JIT") == "1":
         return

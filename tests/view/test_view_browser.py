@@ -4,12 +4,13 @@ import json
 import os
 
 import pytest
-from test_view_command import HOSTILE
 
 from cnc import cli
+from tests.support.paths import ROOT
 from tests.support.soak import share
 from tests.support.view.browser import FOUND, INSTALL, Browser
-from tests.support.view.drawn import ROOT, drawn
+from tests.support.view.drawn import drawn
+from tests.view.test_view_command import HOSTILE
 
 LINES = (
     "G21 G90 G94\nG0 X5 Y5\nG1 X60 F1500 (there)\nY45 ; up\nG2 X20 Y45 I-20 J0\nG1 Y5\nG0 Z5\nM2\n"

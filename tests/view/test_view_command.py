@@ -19,7 +19,8 @@ import pytest
 
 from cnc import cli
 from cnc.view.figure import traverses
-from tests.support.view.drawn import EVERYTHING, ROOT, drawn
+from tests.support.paths import ROOT
+from tests.support.view.drawn import EVERYTHING, drawn
 
 GOOD = "G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
 HOSTILE = """(</script><script>hacked = 1</script>)
@@ -154,7 +155,7 @@ def test_without_matplotlib_the_page_is_drawn_and_the_others_say_what_to_install
     code, said = view(GOOD, "out.png")
     assert code == 2
     assert said.startswith("drawing-missing: .png needs matplotlib")
-    assert "pip install 'cnc[view]'" in said
+    assert "pip install 'cncrun[view]'" in said
     assert view(GOOD, "out.html") == (0, "")
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from cnc.view.collect import Sizes
+from tests.support.paths import ROOT
 from tests.support.soak import share
-from tests.support.view.drawn import EVERYTHING, ROOT, Drawn, drawn, write
+from tests.support.view.drawn import EVERYTHING, Drawn, drawn, write
 
 SMALL = Sizes(strokes=300, curves=100, origins=8)
 PROGRAMS = {

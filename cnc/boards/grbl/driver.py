@@ -14,24 +14,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.boards.grbl import faults
-from cnc.boards.grbl.fault_monitor import NORMAL, Judge
+from cnc.boards.grbl.fault_monitor import NORMAL, FaultMonitor
 from cnc.boards.grbl.lines import MOST_CHARACTERS, bare, kind_of
 from cnc.boards.grbl.link import ANSWER, GrblLink
 from cnc.boards.grbl.messages import Feedback
-from cnc.boards.grbl.operator_commands import LEAST_OVERRIDE, Wishes
+from cnc.boards.grbl.operator_requests import MIN_OVERRIDE, OperatorRequests
 from cnc.boards.grbl.protocol import Event, RealTime, Reported, Started
 from cnc.boards.grbl.settings import STEPS, BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import Clock, Port, PortLost, SystemClock
-from cnc.boards.protocols import Capabilities, Command, Watcher, board_error
+from cnc.boards.protocols import BoardTraits, Capabilities, OnReport, board_error
 from cnc.boards.serial_port import identity, open_port
-from cnc.machine.models import AXIS_LETTERS, Machine
+from cnc.machine.models import Machine
+from cnc.model.blocks import AXIS_LETTERS, Block
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
 
 WAIT = 0.05
-"""Longest wait for the board in s before the operator's wishes are looked at."""
+"""Longest wait for the board in s before the operator's requests are looked at."""
 MARK_LINES = 20
 MARK_TIME = 0.5
 """Lines, and seconds, from one mark to the next: whichever comes first."""
@@ -53,6 +54,8 @@ class GrblBoard:
     ``board-locked``, ``line-too-long``, ``port-lost``, ``board-not-started``, ``board-stopped``.
     """
 
+    traits = BoardTraits(takes_lines=True)
+
     def __init__(
         self,
         port: Port,
@@ -67,9 +70,9 @@ class GrblBoard:
         self.state = "idle"
         self._machine = machine
         self._columns = [AXIS_LETTERS.index(letter) for letter in machine.axes]
-        self._wishes: Wishes | None = None
-        self._watcher: Watcher | None = None
-        self._judge = Judge(self.link.protocol)
+        self._requests: OperatorRequests | None = None
+        self._watcher: OnReport | None = None
+        self._monitor = FaultMonitor(self.link.protocol)
         self._marked_at = 0.0
         self._first = True
         self._probed: tuple[float, ...] | None = None
@@ -149,7 +152,7 @@ class GrblBoard:
         """Source line of the move that the board was on when it reported last, 0 where that is not
         known.
         """
-        return self._judge.way.line
+        return self._monitor.way.line
 
     @property
     def position(self) -> tuple[float, ...]:
@@ -164,7 +167,7 @@ class GrblBoard:
         return self._own(self._in_g54())
 
     @property
-    def places(self) -> dict[str, tuple[float, ...]]:
+    def stored_offsets(self) -> dict[str, tuple[float, ...]]:
         """G54 to G59, G28, G30 and G92 of the board, mm, one number an axis of the machine."""
         return {
             name: self._own(place)
@@ -186,7 +189,7 @@ class GrblBoard:
         """Whether the board was built with M7."""
         return "M" in self.info.options
 
-    def fitted(self, machine: Machine) -> Machine:
+    def limited_to_board(self, machine: Machine) -> Machine:
         """The machine with no more travel than the board's soft limits leave it."""
         return self.info.narrowed(machine)
 
@@ -199,7 +202,7 @@ class GrblBoard:
     @property
     def buffered(self) -> int:
         """Lines that were sent and not carried out yet, as far as that is known."""
-        return max(self.link.protocol.waiting, self._judge.way.lines)
+        return max(self.link.protocol.waiting, self._monitor.way.lines)
 
     @property
     def rapid_override(self) -> int:
@@ -210,11 +213,11 @@ class GrblBoard:
         """The time by the link's clock, s."""
         return self.link.now()
 
-    def attend(self, control: Control, watcher: Watcher) -> None:
-        """Carry out the operator's wishes at once, and tell ``watcher`` whenever the board has
+    def connect_operator(self, control: Control, watcher: OnReport) -> None:
+        """Carry out the operator's requests at once, and tell ``watcher`` whenever the board has
         reported.
         """
-        self._wishes, self._watcher = Wishes(control), watcher
+        self._requests, self._watcher = OperatorRequests(control), watcher
 
     def start(self, origin_steps: NDArray[np.int64]) -> None:
         """Get ready. BoardError ``board-busy`` unless the machine stands still."""
@@ -239,7 +242,7 @@ class GrblBoard:
         if self.check_only:
             link.ask("$C")
             link.refresh()
-        self._judge.begin(
+        self._monitor.begin(
             self.info, self._position(), self._in_g54(), link.now(), moves=not self.check_only
         )
         self._override_first()
@@ -247,7 +250,7 @@ class GrblBoard:
     def send_line(self, line: GcodeLine) -> None:
         """Send as soon as there is room. Returns unsent if the operator stops the run."""
         self._refuse_unless_running()
-        protocol, judge = self.link.protocol, self._judge
+        protocol, monitor = self.link.protocol, self._monitor
         text = line.text
         if len(text) > MOST_CHARACTERS:
             message = f"a line of {len(text)} characters, the board takes {MOST_CHARACTERS}"
@@ -258,9 +261,9 @@ class GrblBoard:
         if self.status.state == "Alarm" and bare(text)[:2] not in ("$H", "$X"):
             raise self._fault(faults.locked(line.line))
         while (
-            protocol.waiting >= judge.vital.most_waiting
+            protocol.waiting >= monitor.vital.max_waiting
             or not protocol.room(text, kind)
-            or judge.far_ahead(self.status)
+            or monitor.far_ahead(self.status)
         ):
             if self._stopping():
                 return
@@ -269,7 +272,7 @@ class GrblBoard:
             return
         if kind == "probe":
             self._probed = None
-        judge.sending(text, line.line, self.link.now())
+        monitor.sending(line, self.link.now())
         self._write(protocol.send(text, line.line, kind))
         if protocol.mark_fits() and (
             protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME
@@ -286,7 +289,7 @@ class GrblBoard:
         elif self.link.due():
             self._serve(0.0)
 
-    def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
+    def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
         """Wait until the lines sent so far have been carried out. After a probe: 1 or 0 for contact
         or none, and where, machine mm.
         """
@@ -351,7 +354,7 @@ class GrblBoard:
         return tuple(sums)
 
     def _stopping(self) -> bool:
-        return self._wishes is not None and self._wishes.control.stopped
+        return self._requests is not None and self._requests.control.stopped
 
     def _drain(self) -> None:
         """Until every line has been answered, or the operator stops the run."""
@@ -380,16 +383,16 @@ class GrblBoard:
         self._rest()
         if self._stopping():
             return
-        if self._judge.way.arrived(self._position()):
+        if self._monitor.way.arrived(self._position()):
             # One report may be wrong.
             self.link.refresh()
-            off = self._judge.way.arrived(self._position())
+            off = self._monitor.way.arrived(self._position())
             if off:
                 raise self._fault(faults.elsewhere(self._position(), off, self.confirmed_line))
-        self._judge.way.begin(self._position())
+        self._monitor.way.begin(self._position())
 
     def _serve(self, timeout: float, *, fast: bool = False) -> None:
-        """Wait for the board a moment, take in what it says, and carry out the operator's wishes.
+        """Wait for the board a moment, take in what it says, and carry out the operator's requests.
         Every fault comes out of here.
         """
         link = self.link
@@ -410,11 +413,11 @@ class GrblBoard:
     def _take(self, event: Event) -> None:
         if isinstance(event, Feedback) and event.kind == "PRB":
             self._probed = self._contact(event.text)
-        wrong = self._judge.told(event, self.link.now())
+        wrong = self._monitor.told(event, self.link.now())
         if wrong is not None:
             raise self._fault(wrong)
         if isinstance(event, Reported):
-            if self._judge.doubtful:
+            if self._monitor.doubtful:
                 self.link.poll_now()
             if self._watcher is not None:
                 self._watcher()
@@ -422,17 +425,17 @@ class GrblBoard:
     def _look(self) -> None:
         """A board that answers nothing, by what it says of itself."""
         protocol, now = self.link.protocol, self.link.now()
-        if protocol.waiting and self._judge.vital.doubtful(now) and protocol.mark_fits():
+        if protocol.waiting and self._monitor.vital.doubtful(now) and protocol.mark_fits():
             self._mark()
-        wrong = self._judge.verdict(now)
+        wrong = self._monitor.verdict(now)
         if wrong is not None:
             raise self._fault(wrong)
 
     def _obey(self) -> None:
-        """The operator's wishes become real-time commands."""
-        wishes, link = self._wishes, self.link
-        if wishes is not None and not wishes.control.stopped and self.state == "running":
-            data = wishes.commands(self.status, link.status_at, link.now())
+        """The operator's requests become real-time commands."""
+        requests, link = self._requests, self.link
+        if requests is not None and not requests.control.stopped and self.state == "running":
+            data = requests.commands(self.status, link.status_at, link.now())
             if data:
                 self._write(data)
 
@@ -440,31 +443,29 @@ class GrblBoard:
         """Before anything moves: the override that the operator begins with; a board begins with
         100.
         """
-        wishes, link = self._wishes, self.link
-        if wishes is None or wishes.override == NORMAL:
+        requests, link = self._requests, self.link
+        if requests is None or requests.override == NORMAL:
             return
         deadline = link.now() + OVERRIDE_PATIENCE
         while (
-            wishes.control.feed_override >= LEAST_OVERRIDE
+            requests.control.feed_override >= MIN_OVERRIDE
             and link.now() < deadline
             and not self._stopping()
         ):
             self._serve(WAIT, fast=True)
             overrides = self.status.overrides
-            if overrides is not None and overrides[0] == wishes.override:
+            if overrides is not None and overrides[0] == requests.override:
                 return
         if not self._stopping():
             message = (
-                f"the board does not take a feed override of {wishes.control.feed_override:g} %"
+                f"the board does not take a feed override of {requests.control.feed_override:g} %"
             )
-            hint = (
-                f"GRBL's go from {LEAST_OVERRIDE} to 200 %; scale the feeds of the program instead"
-            )
+            hint = f"GRBL's go from {MIN_OVERRIDE} to 200 %; scale the feeds of the program instead"
             raise self._fault(board_error("override-refused", message, hint=hint))
 
     def _mark(self) -> None:
         self._marked_at = self.link.now()
-        self._judge.vital.marked(self._marked_at)
+        self._monitor.vital.marked(self._marked_at)
         self._write(self.link.protocol.mark())
 
     def _write(self, data: bytes) -> None:

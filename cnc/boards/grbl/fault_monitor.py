@@ -15,8 +15,8 @@ import math
 from collections.abc import Sequence
 
 from cnc.boards.grbl import faults
-from cnc.boards.grbl.liveness import Vital
-from cnc.boards.grbl.position_tracker import SLACK, Limits, Whereabouts
+from cnc.boards.grbl.liveness import LivenessMonitor
+from cnc.boards.grbl.position_tracker import TOLERANCE, PositionTracker
 from cnc.boards.grbl.protocol import (
     Alarmed,
     Confirmed,
@@ -27,11 +27,13 @@ from cnc.boards.grbl.protocol import (
     Reported,
     Started,
     State,
-    Stray,
+    UnexpectedReply,
 )
 from cnc.boards.grbl.settings import ACCELERATIONS, ARC_TOLERANCE, RATES, STEPS, BoardInfo
 from cnc.boards.grbl.status import Status
+from cnc.boards.grbl.tracked_moves import AxisLimits
 from cnc.model.diagnostics import BoardError
+from cnc.model.streams import GcodeLine
 
 MOST_BLOCKS = 128
 """Moves that the planner of a board may hold which does not tell."""
@@ -48,7 +50,7 @@ FOLLOWED = ("Run", "Hold", "Idle")
 NORMAL = 100
 
 
-class Judge:
+class FaultMonitor:
     """Watches one run.
 
     vital: signs of life. way: the moves that the board has been sent. doubtful: whether a report
@@ -56,8 +58,8 @@ class Judge:
     """
 
     def __init__(self, protocol: GrblProtocol) -> None:
-        self.vital = Vital()
-        self.way = Whereabouts(0, ())
+        self.vital = LivenessMonitor()
+        self.way = PositionTracker(0, ())
         self.doubtful = False
         self._protocol = protocol
         self._ahead = AHEAD
@@ -82,12 +84,12 @@ class Judge:
         steps = max(
             (1.0 / each for column in columns if (each := info.axis(STEPS, column))), default=0.0
         )
-        limits = Limits(
+        limits = AxisLimits(
             [rate / 60.0 if (rate := info.axis(RATES, column)) else math.inf for column in columns],
             [info.axis(ACCELERATIONS, column) or math.inf for column in columns],
         )
-        slack = SLACK + (info.number(ARC_TOLERANCE) or 0.0) + 2.0 * steps
-        self.way = Whereabouts(info.blocks or MOST_BLOCKS, offset, slack, limits)
+        tolerance = TOLERANCE + (info.number(ARC_TOLERANCE) or 0.0) + 2.0 * steps
+        self.way = PositionTracker(info.blocks or MOST_BLOCKS, offset, tolerance, limits)
         self.way.begin(position)
         self.vital.begin(now)
         self._ahead = max(AHEAD, LOOK_AHEAD + info.braking_s())
@@ -96,12 +98,12 @@ class Judge:
         self._sound = self.doubtful = False
         self._busy_at = now
 
-    def sending(self, text: str, line: int, now: float) -> None:
+    def sending(self, line: GcodeLine, now: float) -> None:
         """A line goes out."""
         if not self._protocol.waiting:
             self.vital.begin(now)
         if self._moves:
-            self.way.send(text, line)
+            self.way.send(line)
 
     def far_ahead(self, status: Status) -> bool:
         """Whether the board has motion enough ahead of it for now."""
@@ -136,7 +138,7 @@ class Judge:
             return faults.restarted(line)
         elif isinstance(event, Lost):
             return faults.lost(event.after, event.until)
-        elif isinstance(event, Stray):
+        elif isinstance(event, UnexpectedReply):
             return faults.lost(line, line)
         return None
 

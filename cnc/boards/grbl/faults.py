@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from cnc.boards.grbl.codes import alarm_meaning, error_meaning
 from cnc.boards.protocols import board_error
-from cnc.machine.models import AXIS_LETTERS
+from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.diagnostics import BoardError, Diagnostic
 
 CABLE = "see to a better cable (short, shielded, no hub); what was cut since may be wrong"

@@ -22,10 +22,10 @@ from cnc.boards.grbl.protocol import (
     RealTime,
     Rejected,
     Reported,
-    Sent,
+    SentLine,
     Started,
     State,
-    Stray,
+    UnexpectedReply,
 )
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.status import Status
@@ -90,7 +90,7 @@ class GrblLink:
         self._next_poll = 0.0
         self._unanswered_since: float | None = None
         self._alarms: list[int] = []
-        self._writer: Sent | None = None
+        self._writer: SentLine | None = None
         self._deaf_until = 0.0
 
     def now(self) -> float:
@@ -165,7 +165,7 @@ class GrblLink:
                 failed.append(faults.refused(event.code, command, 0, hal=self.info.hal))
             elif isinstance(event, Alarmed):
                 failed.append(faults.alarmed(event.code, 0, hal=self.info.hal))
-            elif isinstance(event, Started | Stray):
+            elif isinstance(event, Started | UnexpectedReply):
                 failed.append(_AnewError(faults.restarted(0).diagnostic))
             return isinstance(event, Confirmed) or bool(failed)
 

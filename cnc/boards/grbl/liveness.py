@@ -15,7 +15,7 @@ What tells one from the other is the status, asked for five times a second:
 from __future__ import annotations
 
 from cnc.boards.grbl import faults
-from cnc.boards.grbl.protocol import Sent
+from cnc.boards.grbl.protocol import SentLine
 from cnc.boards.grbl.status import Status
 from cnc.model.diagnostics import BoardError
 
@@ -41,16 +41,16 @@ PACE_SHARE = 0.3
 QUIET_STATES = ("Idle", "Check", "Alarm")
 
 
-class Vital:
+class LivenessMonitor:
     """Signs of life. Times are seconds of one clock.
 
-    most_waiting: how many lines may wait unanswered: as many as were taken lately in AHEAD s. A
+    max_waiting: how many lines may wait unanswered: as many as were taken lately in AHEAD s. A
     board whose planner is full takes them one a move, so long moves leave few lines in its receive
     buffer, and short ones as many as fit.
     """
 
     def __init__(self) -> None:
-        self.most_waiting = FEWEST_WAITING
+        self.max_waiting = FEWEST_WAITING
         self._pace = 0.0
         self._answered_at = self._marked_at = 0.0
         self._quiet_since = 0.0
@@ -66,7 +66,7 @@ class Vital:
     def answered(self, now: float) -> None:
         """A line was taken."""
         self._pace += PACE_SHARE * (min(now - self._answered_at, AHEAD) - self._pace)
-        self.most_waiting = max(FEWEST_WAITING, int(AHEAD / max(self._pace, 1e-6)))
+        self.max_waiting = max(FEWEST_WAITING, int(AHEAD / max(self._pace, 1e-6)))
         self._answered_at = self._quiet_since = self._moved_at = now
 
     def reported(self, status: Status, now: float) -> None:
@@ -91,7 +91,7 @@ class Vital:
         """
         return now - self._answered_at > MARK_PAUSE
 
-    def verdict(self, oldest: Sent | None, line: int, now: float) -> BoardError | None:
+    def verdict(self, oldest: SentLine | None, line: int, now: float) -> BoardError | None:
         """What is wrong, as far as the oldest unanswered line tells; ``line``: the source line that
         was answered last.
         """

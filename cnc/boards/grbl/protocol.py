@@ -65,7 +65,7 @@ _END = re.compile(r"M0*2(?![0-9.])|M30(?![0-9.])")
 
 
 class RealTime(bytes, Enum):
-    """Commands that the board takes out of the stream as they arrive: they need no room and get no
+    """CommandLines that the board takes out of the stream as they arrive: they need no room and get no
     answer.
     """
 
@@ -100,7 +100,7 @@ class State(Enum):
 
 
 @dataclass(slots=True)
-class Sent:
+class SentLine:
     """A line on its way.
 
     line: its source line. size: bytes, with the line end. seconds: what it may take while nothing
@@ -122,14 +122,14 @@ class Sent:
 class Confirmed:
     """A line was taken."""
 
-    sent: Sent
+    sent: SentLine
 
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
     """A line was refused."""
 
-    sent: Sent
+    sent: SentLine
     code: int
 
 
@@ -140,7 +140,7 @@ class Alarmed:
     """
 
     code: int
-    sent: Sent | None
+    sent: SentLine | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +160,7 @@ class Lost:
 
 
 @dataclass(frozen=True, slots=True)
-class Stray:
+class UnexpectedReply:
     """An answer to nothing."""
 
     code: int
@@ -174,7 +174,16 @@ class Reported:
 
 
 Event = (
-    Confirmed | Rejected | Alarmed | Started | Lost | Stray | Reported | Feedback | Setting | Other
+    Confirmed
+    | Rejected
+    | Alarmed
+    | Started
+    | Lost
+    | UnexpectedReply
+    | Reported
+    | Feedback
+    | Setting
+    | Other
 )
 
 AFTER_ALARM = {
@@ -202,7 +211,7 @@ class GrblProtocol:
         self.status_reader = StatusReader()
         self.confirmed_line = 0
         self._messages = Messages()
-        self._ledger: deque[Sent] = deque()
+        self._ledger: deque[SentLine] = deque()
         self._used = 0
         self._marks = 0
         self._since_mark = 0
@@ -220,7 +229,7 @@ class GrblProtocol:
         return self._used
 
     @property
-    def oldest(self) -> Sent | None:
+    def oldest(self) -> SentLine | None:
         """The line that the next answer is for."""
         return self._ledger[0] if self._ledger else None
 
@@ -237,7 +246,7 @@ class GrblProtocol:
     def room(self, text: str, kind: Kind | None = None) -> bool:
         """Whether a line, of a ``kind`` if that is known, may be sent now.
 
-        Room for a mark always stays; one place of a ring buffer is never filled.
+        TravelMargin for a mark always stays; one place of a ring buffer is never filled.
         """
         if self.state is not State.READY:
             return False
@@ -259,7 +268,7 @@ class GrblProtocol:
         if "F" in text or "S" in text or "M" in text:
             self._note_modes(text)
         return self._enter(
-            Sent(
+            SentLine(
                 text,
                 line,
                 len(text) + 1,
@@ -290,7 +299,9 @@ class GrblProtocol:
         self._marks += 1
         self._since_mark = 0
         line = self._ledger[-1].line if self._ledger else self.confirmed_line
-        return self._enter(Sent(MARK, line, MARK_BYTES, "system", mark=True, said=dict(self._said)))
+        return self._enter(
+            SentLine(MARK, line, MARK_BYTES, "system", mark=True, said=dict(self._said))
+        )
 
     def reset(self) -> bytes:
         """The soft reset: what was sent and not carried out is forgotten on both sides."""
@@ -306,7 +317,7 @@ class GrblProtocol:
         events = [self._event(message) for message in self._messages.receive(data)]
         return [event for event in events if event is not None]
 
-    def _enter(self, sent: Sent) -> bytes:
+    def _enter(self, sent: SentLine) -> bytes:
         self._ledger.append(sent)
         self._used += sent.size
         self._since_mark += not sent.mark
@@ -333,7 +344,7 @@ class GrblProtocol:
         """A reply is the oldest line's."""
         if not self._ledger:
             self.state = State.FAILED
-            return Stray(code)
+            return UnexpectedReply(code)
         sent = self._ledger.popleft()
         self._used -= sent.size
         self._marks -= sent.mark

@@ -15,6 +15,8 @@ from cnc.model.diagnostics import BoardError, Diagnostic
 
 BAUD = 1_000_000
 """The firmware's speed unless the machine file names another."""
+MIN_BAUD = 250_000
+"""Lowest speed that the firmware is built for, bits/s."""
 ASK_S = 0.025
 """So often the board is asked how it does."""
 BREATH_S = 0.002
@@ -58,7 +60,7 @@ class BoardSilent(BoardError):
     """The board does not answer any more."""
 
 
-class Wire:
+class Connection:
     """A port, and the protocol's state."""
 
     def __init__(self, port: Port, clock: Clock, name: str) -> None:
@@ -156,11 +158,11 @@ def least_ns(welcome: Welcome, machine: Machine) -> int:
     )
 
 
-def opened(wire: Wire, machine: Machine) -> tuple[Welcome, Status]:
+def opened(connection: Connection, machine: Machine) -> tuple[Welcome, Status]:
     """Find out what answers, whether it can do what the machine needs, and get it ready. BoardError
     says what is in the way.
     """
-    welcome, name = wire.greet(), wire.name
+    welcome, name = connection.greet(), connection.name
     if welcome.version != VERSION:
         hint = f"make flash PORT={name} puts the right firmware on it"
         message = f"the firmware of the board on {name} speaks version {welcome.version} of the protocol, this program {VERSION}"
@@ -171,16 +173,16 @@ def opened(wire: Wire, machine: Machine) -> tuple[Welcome, Status]:
         raise board_error("board-axes", message, hint=hint)
     for fault in unfit(machine, least_ns(welcome, machine)):
         raise BoardError(fault)
-    began = wire.clock.now()
-    while wire.link.state in (State.RUNNING, State.RAMPING):
-        if wire.clock.now() - began > 1.0:
+    began = connection.clock.now()
+    while connection.link.state in (State.RUNNING, State.RAMPING):
+        if connection.clock.now() - began > 1.0:
             raise board_error(
                 "board-busy",
                 f"the board on {name} still moves",
                 hint="is another program driving it?",
             )
-        wire.pump(BREATH_S)
-    return welcome, configured(wire, machine, welcome, LIMITS, wire.pump)
+        connection.pump(BREATH_S)
+    return welcome, configured(connection, machine, welcome, LIMITS, connection.pump)
 
 
 def unfit(machine: Machine, least: int) -> Iterator[Diagnostic]:
@@ -208,7 +210,11 @@ def unfit(machine: Machine, least: int) -> Iterator[Diagnostic]:
 
 
 def configured(
-    wire: Wire, machine: Machine, welcome: Welcome, limits: int, pump: Callable[[float], object]
+    connection: Connection,
+    machine: Machine,
+    welcome: Welcome,
+    limits: int,
+    pump: Callable[[float], object],
 ) -> Status:
     """The board at rest, told how the machine is built: before it knows its switches it can't tell
     how they are.
@@ -230,8 +236,8 @@ def configured(
         inverted,
         int(machine.board.invert_enable),
     )
-    wire.request(Kind.CONFIGURE, bytes(numbers), pump)
-    status = wire.ask(pump)
+    connection.request(Kind.CONFIGURE, bytes(numbers), pump)
+    status = connection.ask(pump)
     if status.inputs & EMERGENCY_STOP:
         code, what, hint = ALARMS[Alarm.EMERGENCY_STOP]
         raise board_error(code, what, hint=hint)
@@ -239,7 +245,11 @@ def configured(
 
 
 def cleared(
-    wire: Wire, machine: Machine, status: Status, limits: int, pump: Callable[[float], object]
+    connection: Connection,
+    machine: Machine,
+    status: Status,
+    limits: int,
+    pump: Callable[[float], object],
 ) -> None:
     """End an alarm, for the next motion. BoardError ``board-limit`` where one of these switches is
     pressed.
@@ -257,8 +267,8 @@ def cleared(
         raise board_error(
             "board-limit", f"the limit switch of {' and '.join(pressed)} is pressed", hint=hint
         )
-    if wire.link.state != State.IDLE:
-        wire.request(Kind.CLEAR, b"", pump)
+    if connection.link.state != State.IDLE:
+        connection.request(Kind.CLEAR, b"", pump)
 
 
 def _no_stepper(name: str, murmur: bytes) -> BoardError:

@@ -1,7 +1,7 @@
 """The stepper board: an Arduino with the firmware in ``firmware/``, which plays grid moves as they
 were planned.
 
-How moves go to it is in :mod:`cnc.boards.stepper.sender`, what goes over the wire in
+How moves go to it is in :mod:`cnc.boards.stepper.sender`, what goes over the connection in
 :mod:`cnc.boards.stepper.protocol`. Here it is a board as every other (:mod:`cnc.boards.protocols`),
 with its faults.
 """
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from cnc.boards.loopback import Loopback
 from cnc.boards.port import Clock, Port, SystemClock
-from cnc.boards.protocols import Capabilities, Command, Whereabouts, board_error
+from cnc.boards.protocols import BoardTraits, Capabilities, MotionState, board_error
 from cnc.boards.stepper.connection import (
     ALARMS,
     ANSWER_S,
@@ -29,20 +29,21 @@ from cnc.boards.stepper.connection import (
     LIMITS,
     PROBE,
     UNO,
-    Wire,
+    Connection,
     cleared,
     configured,
     least_ns,
     opened,
     unfit,
 )
-from cnc.boards.stepper.feasibility import Burden
+from cnc.boards.stepper.feasibility import FeasibilityCheck
 from cnc.boards.stepper.outputs import Outputs, actions
 from cnc.boards.stepper.position import Place
 from cnc.boards.stepper.protocol import Alarm, Kind, State, Status
 from cnc.boards.stepper.segments import ARM, OUTPUTS
 from cnc.boards.stepper.sender import PIECE_S, Stream
 from cnc.machine.models import Machine
+from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError, Diagnostic, MotionLimitError, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import PulseChunk
@@ -56,6 +57,8 @@ class Stepper:
     program can't drive.
     """
 
+    traits = BoardTraits()
+
     def __init__(
         self,
         port: Port,
@@ -67,8 +70,8 @@ class Stepper:
     ) -> None:
         self._clock = clock or SystemClock()
         self._machine = machine
-        self._wire = Wire(port, self._clock, name)
-        self._link = self._wire.link
+        self._connection = Connection(port, self._clock, name)
+        self._link = self._connection.link
         self._lock = threading.RLock()
         self._closed = threading.Event()
         self._outputs = Outputs()
@@ -79,11 +82,11 @@ class Stepper:
         self._fault: BoardError | None = None
         self._untold: BoardError | None = None
         self._place = Place(machine)
-        self._welcome, self._told = opened(self._wire, machine)
+        self._welcome, self._told = opened(self._connection, machine)
         status = self._told
         self._least_ns = least_ns(self._welcome, machine)
         self._checks = Loopback(len(machine.axes), self._least_ns)
-        self._stream = Stream(self._wire, len(machine.axes), self._pump, status.taken)
+        self._stream = Stream(self._connection, len(machine.axes), self._pump, status.taken)
         self._pressed = status.holds, status.resumes
         self._stream.position = self._place.found(status)
         self._limits = LIMITS
@@ -118,22 +121,22 @@ class Stepper:
         return _capabilities(self._machine, self._least_ns)
 
     @classmethod
-    def foreseen(cls, machine: Machine) -> Capabilities:
+    def expected_capabilities(cls, machine: Machine) -> Capabilities:
         """Of an Uno with the firmware of this version."""
         return _capabilities(machine, least_ns(UNO, machine))
 
-    def burden(self) -> Burden:
+    def feasibility_check(self) -> FeasibilityCheck:
         """What a program asks of this board."""
-        return Burden(len(self._machine.axes), self._least_ns, _baud(self._machine))
+        return FeasibilityCheck(len(self._machine.axes), self._least_ns, _baud(self._machine))
 
     @classmethod
-    def foreseen_burden(cls, machine: Machine) -> Burden:
+    def expected_feasibility_check(cls, machine: Machine) -> FeasibilityCheck:
         """What a program asks of an Uno with the firmware of this version. MotionLimitError where
         that is not for this machine.
         """
         for fault in unfit(machine, least_ns(UNO, machine)):
             raise MotionLimitError(fault)
-        return Burden(len(machine.axes), least_ns(UNO, machine), _baud(machine))
+        return FeasibilityCheck(len(machine.axes), least_ns(UNO, machine), _baud(machine))
 
     @property
     def confirmed_line(self) -> int:
@@ -154,17 +157,17 @@ class Stepper:
         )
 
     @property
-    def standing_steps(self) -> tuple[int | None, ...]:
+    def known_steps(self) -> tuple[int | None, ...]:
         """Where the board knows that each axis stands; None where it lost that, as it does with
         every reset.
         """
         return self._place.standing(self._stream.position)
 
     @property
-    def whereabouts(self) -> Whereabouts:
+    def motion_state(self) -> MotionState:
         """By the board's last status: some hundredths of a second ago."""
         with self._lock:
-            return Whereabouts(
+            return MotionState(
                 self._stream.trail.line,
                 self._place.mm(self._place.of(self._told)),
                 self._stream.ahead_s,
@@ -181,7 +184,7 @@ class Stepper:
             for axis in range(min(LIMITS.bit_count(), len(self._machine.axes)))
         )
 
-    def next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
+    def prepare_next_start(self, *, watched: Sequence[bool], known: Sequence[bool]) -> None:
         """For the next start alone: whose switches end the motion, and which axes stand where its
         origin says.
         """
@@ -190,7 +193,7 @@ class Stepper:
             np.array(known, np.bool_),
         )
 
-    def attend(self, control: Control) -> None:
+    def connect_operator(self, control: Control) -> None:
         """Whom the shield's buttons move from here on: A1 holds, A2 resumes. A fault that comes
         while the motion is held ends the run.
         """
@@ -206,8 +209,10 @@ class Stepper:
                 self._next,
                 (LIMITS, np.ones(len(origin_steps), np.bool_)),
             )
-            status = configured(self._wire, self._machine, self._welcome, self._limits, self._pump)
-            cleared(self._wire, self._machine, status, self._limits, self._pump)
+            status = configured(
+                self._connection, self._machine, self._welcome, self._limits, self._pump
+            )
+            cleared(self._connection, self._machine, status, self._limits, self._pump)
             self._request(Kind.SET_POSITION, self._place.counted(self._stream.position))
             self._outputs = Outputs(enabled=True)
             self._active = self._began = True
@@ -230,7 +235,7 @@ class Stepper:
                         PulseChunk(chunk.time_ns[:rows], turned, chunk.line[:rows]), places
                     )
 
-    def execute(self, block: Command, time_ns: int) -> tuple[float, ...] | None:
+    def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
         """Carry out a block at its time."""
         with self._lock:
             self._refuse_after_fault()
@@ -257,7 +262,7 @@ class Stepper:
             self._stream.until_ns = max(self._stream.until_ns, time_ns + round(seconds * 1e9))
         return None
 
-    def sensed(self) -> tuple[float, ...] | None:
+    def probe_result(self) -> tuple[float, ...] | None:
         """Whether the probe's motion ended by its input, 1 or 0, and where (axes,) mm, exact to the
         grid move.
         """
@@ -297,7 +302,7 @@ class Stepper:
                     self.abort()
                 self._closed.set()
                 self._checks.close()
-                self._wire.port.close()
+                self._connection.port.close()
 
     # ------------------------------------------------------------------------------------------------------------------
     # probing
@@ -383,7 +388,7 @@ class Stepper:
         BoardError for whatever has gone wrong.
         """
         try:
-            said = self._wire.pump(seconds)
+            said = self._connection.pump(seconds)
         except BoardError as error:
             raise self._lost(self._at_line(error)) from error
         for status in said:
@@ -396,7 +401,7 @@ class Stepper:
                 raise self._lost(
                     board_error(
                         "board-reset",
-                        f"the board on {self._wire.name} was reset; its position is lost",
+                        f"the board on {self._connection.name} was reset; its position is lost",
                         hint=hint,
                     )
                 )
@@ -417,10 +422,10 @@ class Stepper:
                 self._control.resume()
 
     def _ask(self) -> Status:
-        return self._wire.ask(self._pump)
+        return self._connection.ask(self._pump)
 
     def _request(self, kind: Kind, payload: bytes) -> None:
-        self._wire.request(kind, payload, self._pump)
+        self._connection.request(kind, payload, self._pump)
 
     def _keep_alive(self) -> None:
         """The board stops when it hears nothing for a quarter of a second, such as while a program

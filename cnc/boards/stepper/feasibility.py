@@ -1,11 +1,11 @@
-"""Whether a stepper board can play a program: what its interrupt and the wire have to do for it,
+"""Whether a stepper board can play a program: what its interrupt and the connection have to do for it,
 before anything moves.
 
 Two stores between the computer and the pins take up what comes too fast for a moment: the queue of
-grid moves before the interrupt, and the store of segments behind the wire. Each is a bucket that
+grid moves before the interrupt, and the store of segments behind the connection. Each is a bucket that
 fills with what the program asks for and empties at the speed that can be kept up:
 
-    grid moves ──► queue ──► one every `least_ns`    segments' bytes ──► store ──► what the wire brings in that time, and the board decodes
+    grid moves ──► queue ──► one every `least_ns`    segments' bytes ──► store ──► what the connection brings in that time, and the board decodes
 
 A bucket that runs over is a fault at its source line. It is the same encoder as in the run, and the
 same pieces.
@@ -27,17 +27,17 @@ KEPT = 510
 holds.
 """
 PAYLOAD = 0.55
-"""Share of the wire's bytes that are the stream's, as measured in the simulator."""
+"""Share of the connection's bytes that are the stream's, as measured in the simulator."""
 DECODED_PER_S, HEAD = 65_000, 6
 """Bytes that the board decodes in a second, each segment counted as so many more: between 200
 random programs that it played and 35 that it did not, measured in the simulator
-(docs/stepper-board.md).
+(docs/how-to/stepper-board.md).
 """
 
 
-class Burden:
+class FeasibilityCheck:
     """What a program asks of a board with so many axes. least_ns: time between grid moves that it
-    can keep up; baud: bits/s of the wire.
+    can keep up; baud: bits/s of the connection.
     """
 
     def __init__(self, axes: int, least_ns: int, baud: int) -> None:
@@ -102,8 +102,8 @@ class Burden:
         if self.most_filled > KEPT:
             if self._filled > KEPT:
                 brings = f"{self._bytes_per_s:.0f} bytes a second"
-                message = f"the grid moves of this line are too dense for the wire, which brings some {brings}"
-                hint = "lower the feed, leave --algorithm out, or let the wire be faster (board.baud, and the firmware's BAUD)"
+                message = f"the grid moves of this line are too dense for the connection, which brings some {brings}"
+                hint = "lower the feed, leave --algorithm out, or let the connection be faster (board.baud, and the firmware's BAUD)"
             else:
                 message = "the grid moves of this line are too dense and too uneven for the board to decode in time"
                 hint = "lower the feed, or leave --algorithm out"

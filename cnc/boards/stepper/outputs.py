@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from cnc.boards.protocols import Action, Command
+from cnc.boards.protocols import Action
 from cnc.machine.models import Machine
+from cnc.model.blocks import Block
 
 ENABLED, SPINDLE, BACKWARD, FLOOD, MIST = 1, 2, 4, 8, 16
 
@@ -37,7 +38,7 @@ class Outputs:
             on |= SPINDLE | BACKWARD * (self.spindle == "ccw")
         return on, self.duty
 
-    def after(self, block: Command, machine: Machine) -> Outputs:
+    def after(self, block: Block, machine: Machine) -> Outputs:
         """After a block: the drivers' floor knows blocks by their names."""
         match type(block).__name__:
             case "Spindle":

@@ -29,8 +29,8 @@ class Place:
         self.turned = np.array([-1 if axis.invert else 1 for axis in axes], dtype=np.int8)
         self.known = np.zeros(len(axes), np.bool_)
         self._letters = [letter.upper() for letter in machine.axes]
-        self._steps_per_mm = np.array([axis.steps_per_mm for axis in axes])
-        self._homes = machine.homes
+        self._steps_per_mm = machine.steps_per_mm
+        self._homes = machine.can_home
 
     def found(self, status: Status) -> NDArray[np.int64]:
         """What a board that was just opened remembers, grid point (axes,); 0 of an axis that is not

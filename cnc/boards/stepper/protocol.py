@@ -1,10 +1,10 @@
-"""The stepper board's side of the wire: bytes in, events out, and bytes to be sent; nothing here
+"""The stepper board's side of the connection: bytes in, events out, and bytes to be sent; nothing here
 reads, writes or waits.
 
 The format is in ``firmware/PROTOCOL.md``. The stream of segments and commands goes out in numbered
 frames, resent from the first one that was not acknowledged (go-back-N):
 
-    acknowledged │ on their way, at most 96 bytes on the wire and no more than the board has room for │ not sent yet
+    acknowledged │ on their way, at most 96 bytes on the connection and no more than the board has room for │ not sent yet
                  ^ base                                                                               ^
 
 Requests (start, stop, position ..) carry a token that the board's next status repeats; until then
@@ -21,7 +21,7 @@ from enum import IntEnum
 
 VERSION = 1
 MOST_IN_FLIGHT = 96
-"""Bytes on the wire that the board has not acknowledged: its ring holds 128."""
+"""Bytes on the connection that the board has not acknowledged: its ring holds 128."""
 FRAME_STREAM = 40
 """Bytes of the stream in a frame: two frames fit into what may be in flight."""
 LONGEST_FRAME = 64
@@ -133,7 +133,7 @@ def crc16(data: bytes) -> int:
 
 
 def frame(kind: int, sequence: int, payload: bytes = b"") -> bytes:
-    """A frame as it goes over the wire."""
+    """A frame as it goes over the connection."""
     body = bytes((kind, sequence)) + payload
     body += crc16(body).to_bytes(2, "little")
     # COBS (Cheshire, Baker 1999): each zero becomes the distance to the next; frames are far too
@@ -159,7 +159,7 @@ def unframed(data: bytes) -> tuple[int, int, bytes] | None:
 @dataclass(slots=True)
 class _Frame:
     sequence: int
-    wire: bytes
+    encoded: bytes
     size: int
     promise_ms: int
     note: int
@@ -228,8 +228,8 @@ class StepperLink:
             promise = until_ms & PROMISE | (
                 PROMISED_END if end and at + FRAME_STREAM >= len(data) else 0
             )
-            wire = frame(Kind.DATA, self._next, promise.to_bytes(2, "little") + part)
-            self._waiting.append(_Frame(self._next, wire, len(part), until_ms, note))
+            encoded = frame(Kind.DATA, self._next, promise.to_bytes(2, "little") + part)
+            self._waiting.append(_Frame(self._next, encoded, len(part), until_ms, note))
             self._next = (self._next + 1) % 256
 
     @property
@@ -252,7 +252,7 @@ class StepperLink:
         goes out as empty frames.
         """
         for each in (*self._flying, *self._waiting):
-            each.wire, each.size = (
+            each.encoded, each.size = (
                 frame(Kind.DATA, each.sequence, PROMISED_END.to_bytes(2, "little")),
                 0,
             )
@@ -263,20 +263,20 @@ class StepperLink:
             self._send_request(now)
         if self._flying and now - self._moved_at >= RESEND_S:
             self._send_again(now)
-        flying = sum(len(each.wire) for each in self._flying)
+        flying = sum(len(each.encoded) for each in self._flying)
         room = self._room - sum(each.size for each in self._flying)
         while (
             self._waiting
-            and flying + len(self._waiting[0].wire) <= MOST_IN_FLIGHT
+            and flying + len(self._waiting[0].encoded) <= MOST_IN_FLIGHT
             and self._waiting[0].size <= room
         ):
             each = self._waiting.popleft()
             if not self._flying:
                 self._moved_at = now
             self._flying.append(each)
-            flying += len(each.wire)
+            flying += len(each.encoded)
             room -= each.size
-            self._out += each.wire
+            self._out += each.encoded
         out = bytes(self._out)
         self._out.clear()
         return out
@@ -391,8 +391,8 @@ class StepperLink:
 
     def _send_again(self, now: float) -> None:
         for each in self._flying:
-            self._out += each.wire
-            self.resent += len(each.wire)
+            self._out += each.encoded
+            self.resent += len(each.encoded)
         self._moved_at = self._sent_again_at = now
 
     def _send_request(self, now: float) -> None:

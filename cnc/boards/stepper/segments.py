@@ -1,7 +1,7 @@
 """Pulses as segments for a board, and back: compressed, in the order and at the times that were
 asked for.
 
-The format is in ``docs/segments.md``; :mod:`cnc.kernels.stepper.segments` plays it,
+The format is in ``docs/explanation/segments.md``; :mod:`cnc.kernels.stepper.segments` plays it,
 :mod:`cnc.kernels.stepper.segment_encoder` makes it.
 """
 

@@ -17,7 +17,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.stepper.connection import ANSWER_S, BREATH_S, Wire
+from cnc.boards.stepper.connection import ANSWER_S, BREATH_S, Connection
 from cnc.boards.stepper.line_tracker import Trail
 from cnc.boards.stepper.protocol import Kind, State, Status
 from cnc.boards.stepper.segments import SegmentEncoder, command
@@ -42,13 +42,15 @@ class Stream:
     now is dropped.
     """
 
-    def __init__(self, wire: Wire, axes: int, pump: Callable[[float], object], taken: int) -> None:
+    def __init__(
+        self, connection: Connection, axes: int, pump: Callable[[float], object], taken: int
+    ) -> None:
         self.position = np.zeros(axes, np.int64)
         self.until_ns = 0
         self.cut = False
         self.running = False
         self.trail = Trail()
-        self._wire = wire
+        self._connection = connection
         self._axes = axes
         self._pump = pump
         self._taken_before = taken
@@ -143,7 +145,7 @@ class Stream:
         self.until_ns = max(self.until_ns, time_ns)
         if self.cut:
             return None
-        link, clock = self._wire.link, self._encoder.clock_ns
+        link, clock = self._connection.link, self._encoder.clock_ns
         data = self._encoder.flush() + command(0, end=True)
         self.trail.add(len(data), np.array([self.position]), np.zeros(1, np.int32))
         link.stream(data, (clock - self._base_ns) // 1_000_000, end=True)
@@ -153,23 +155,23 @@ class Stream:
             self._pump(BREATH_S)
         if not self.running:
             self._run()
-        waited = self._wire.clock.now()
+        waited = self._connection.clock.now()
         while not (
             link.state == State.IDLE
-            and self._wire.status is not None
-            and self.wholly_taken(self._wire.status)
+            and self._connection.status is not None
+            and self.wholly_taken(self._connection.status)
         ):
             if self.cut:
                 return None
             if link.state != State.IDLE:
-                waited = self._wire.clock.now()
-            elif self._wire.clock.now() - waited > ANSWER_S:
+                waited = self._connection.clock.now()
+            elif self._connection.clock.now() - waited > ANSWER_S:
                 break
             self._pump(BREATH_S)
         self.running = False
         self._base_ns = clock
         self.trail.clear()
-        return self._wire.status or self._wire.ask(self._pump)
+        return self._connection.status or self._connection.ask(self._pump)
 
     def wholly_taken(self, status: Status) -> bool:
         """Whether the board has decoded all that was sent."""
@@ -187,7 +189,7 @@ class Stream:
         """Hand bytes of the stream to the link and wait until they are on their way."""
         if self.cut:
             return
-        link, clock_ns = self._wire.link, self._encoder.clock_ns
+        link, clock_ns = self._connection.link, self._encoder.clock_ns
         self.trail.add(len(data), places, lines)
         link.stream(data, (clock_ns - self._base_ns) // 1_000_000, note=int(lines[-1]))
         while link.unsent and not self.cut:
@@ -202,7 +204,7 @@ class Stream:
     @property
     def played_ns(self) -> int:
         """The program's time that the board has come to."""
-        return self._base_ns + round((self._wire.clock.now() - self._began_at) * 1e9)
+        return self._base_ns + round((self._connection.clock.now() - self._began_at) * 1e9)
 
     @property
     def ahead_s(self) -> float:
@@ -212,7 +214,7 @@ class Stream:
     def heard(self, status: Status) -> None:
         """The board has said how far it is."""
         if status.board_ms is not None and self.running:
-            self._began_at = self._wire.clock.now() - status.board_ms * 1e-3
+            self._began_at = self._connection.clock.now() - status.board_ms * 1e-3
         self.trail.passed(self._taken(status))
 
     def _wait_for_horizon(self, time_ns: int) -> None:
@@ -227,12 +229,12 @@ class Stream:
 
     def _run(self) -> None:
         """Start what has been sent."""
-        link = self._wire.link
+        link = self._connection.link
         while link.unconfirmed and not link.full and not self.cut:
             self._pump(BREATH_S)
         self.running = True
-        self._began_at = self._wire.clock.now()
-        self._wire.request(Kind.RUN, b"", self._pump)
+        self._began_at = self._connection.clock.now()
+        self._connection.request(Kind.RUN, b"", self._pump)
 
     def _taken(self, status: Status) -> int:
         return (status.taken - self._taken_before) % 2**32

@@ -11,6 +11,7 @@ from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry import arcs
 from cnc.gcode.state.modal_groups import Modal
 from cnc.gcode.state.source_location import Here
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import MAX_NUMBER, LineWords, Word, fault, whole
 from cnc.model.blocks import PLANE_AXES, ArcFeed
 
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
     from cnc.gcode.codes.motion import Motion
 
 MAX_TURNS = 1_000_000
+_CLOCKWISE = G.G2
 
-_NAMES = {20: "G2", 30: "G3"}
 CENTER_WORDS = {"x": "I", "y": "J", "z": "K"}
 """The letter of an offset along an axis, from the start to a centre or a control point."""
 _PLANE_LETTERS = {
@@ -44,11 +45,11 @@ class ArcMoves:
             if first in columns and second in columns
         }
 
-    def move(self, words: LineWords, motion: int, code: Word | None) -> None:
-        """G2 (20) or G3 (30) with the words of a line; ``code`` is its own motion word, if it has
+    def move(self, words: LineWords, motion: G, code: Word | None) -> None:
+        """G2 or G3 with the words of a line; ``code`` is its own motion word, if it has
         one.
         """
-        user, state, mover = _NAMES[motion], self._state, self._motion
+        user, state, mover = motion.written, self._state, self._motion
         at = code or words.first()
         i, j = self.plane_columns(at)
         end = mover.target(words, user, mover.position)
@@ -101,7 +102,7 @@ class ArcMoves:
     def _arc_of(
         self,
         end: list[float],
-        motion: int,
+        motion: G,
         plane: tuple[int, int],
         offsets: tuple[float | None, float | None] | None,
         radius: float,
@@ -114,7 +115,7 @@ class ArcMoves:
         state, position = self._state, self._motion.position
         tolerance = self._dialect.arc_mm if state.scale == 1.0 else self._dialect.arc_inch
         i, j = plane
-        here, there, clockwise = (position[i], position[j]), (end[i], end[j]), motion == 20
+        here, there, clockwise = (position[i], position[j]), (end[i], end[j]), motion is _CLOCKWISE
         if offsets is None:
             return arcs.from_radius(
                 here,
@@ -190,7 +191,7 @@ class ArcMoves:
         )
         return 0.0 if third is None else end[third] - self._motion.position[third]
 
-    def quick(self, move: QuickMove, motion: int, end: list[float], feed: float) -> ArcFeed | None:
+    def quick(self, move: QuickMove, motion: G, end: list[float], feed: float) -> ArcFeed | None:
         """The arc of a line of the plainest kind to a machine position, ``feed`` mm/s; None where
         it needs a closer look.
         """

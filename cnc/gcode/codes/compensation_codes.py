@@ -16,15 +16,15 @@ from cnc.gcode.codes.tool_codes import ToolSettings
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.compensation import Side
 from cnc.gcode.state.block_buffer import Output
-from cnc.gcode.state.modal_groups import COMPENSATION_OFF, PLANES, Code, Codes, Modal
+from cnc.gcode.state.modal_groups import PLANES, Code, Codes, Modal
 from cnc.gcode.state.source_location import Here
 from cnc.gcode.state.tool_table import MAX_TOOL, ORIENTATIONS
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 from cnc.model.diagnostics import CncError
 
-_DYNAMIC = (411, 421)
-_LEFT = (410, 411)
-_CHANGE_TOOL, _WAIT = 6, 66
+_DYNAMIC = (G.G41_1, G.G42_1)
+_LEFT = (G.G41, G.G41_1)
 
 _POINTS = ((0, 0), (1, -1), (-1, -1), (-1, 1), (1, 1), (1, 0), (0, -1), (-1, 0), (0, 1), (0, 0))
 """Where the control point of a turning tool lies, seen from its nose's centre: Z and X in radii, by
@@ -61,15 +61,15 @@ class Sides:
         """
         if not self._motion.compensated:
             return
-        for group, number in (("tool-change", _CHANGE_TOOL), ("input-output", _WAIT)):
+        for group, number in (("tool-change", M.M6), ("input-output", M.M66)):
             if (code := codes.get(group)) and code.number == number:
                 raise self._active(code.word)
-        if (code := codes.get("plane")) and PLANES[code.number] != self._state.plane:
+        if (code := codes.get("plane")) and PLANES[code.g] != self._state.plane:
             raise self._active(code.word)
 
     def code(self, words: LineWords, code: Code) -> None:
         """G40, G41, G42, G41.1, G42.1."""
-        if code.number == COMPENSATION_OFF:
+        if code.number == G.G40:
             self.off()
             return
         at = code.word
@@ -93,13 +93,13 @@ class Sides:
         compensation.start(
             side, radius, self._state.plane, columns, self._motion.position, at, shift=shift
         )
-        self._state.compensation = code.number
+        self._state.compensation = code.g
         self._out.hold = compensation.add
 
     def off(self) -> None:
         """The move that is held back ends where it would end by itself."""
         self._motion.compensation.stop()
-        self._state.compensation = 0
+        self._state.compensation = G.G40
         self._out.hold = None
 
     def _given(self, words: LineWords, at: Word) -> tuple[float, int]:

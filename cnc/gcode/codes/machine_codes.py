@@ -16,6 +16,7 @@ from cnc.gcode.state.modal_groups import Code, Codes, Modal
 from cnc.gcode.state.source_location import Here
 from cnc.gcode.state.tool_table import MAX_TOOL
 from cnc.gcode.state.unused_words import Waiting
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
 from cnc.model.blocks import (
@@ -34,6 +35,7 @@ from cnc.model.blocks import (
     WaitInput,
     WaitMode,
 )
+from cnc.model.parameter_numbers import INPUT_VALUE
 from cnc.model.units import MM_PER_INCH
 
 LONG_DWELL = 100.0
@@ -42,11 +44,15 @@ MAX_DWELL = 1e6
 """s. What is longer is a slip: it is more than eleven days."""
 MAX_CHANNEL = 63
 """Highest number of an input or output."""
-INPUT_ANSWER = 5399
-"""Parameter that M66 leaves its answer in."""
 
 _WAIT_MODES: tuple[WaitMode, ...] = ("immediate", "rise", "fall", "high", "low")
 _DIRECTIONS = ("shortest", "cw", "ccw")
+_OVERRIDE_SWITCHES: dict[G | M, str] = {
+    M.M50: "feed_override",
+    M.M51: "speed_override",
+    M.M52: "adaptive_feed",
+    M.M53: "feed_stop",
+}
 _SAVED = (
     "plane", "scale", "diameter", "absolute", "arc_absolute", "feed_mode", "feed", "constant_surface", "speed", "most_rpm", "spindle",
     "mist", "flood", "initial_level", "path", "tolerance", "feed_override", "speed_override", "adaptive_feed", "feed_stop",
@@ -88,7 +94,7 @@ class Functions:
                 self._waiting.give(word)
         if word := words.take("T", "T"):
             state.tool = whole(word, "the tool number", 0, MAX_TOOL)
-            if 6 in self._dialect.m:
+            if M.M6 in self._dialect.m:
                 self._waiting.give(word)
 
     def _speed(self, word: Word) -> float:
@@ -106,7 +112,7 @@ class Functions:
         if code is None:
             return
         state, here = self._state, self._here
-        if code.number == 61:
+        if code.number == M.M61:
             word = words.take("Q", "M61")
             if word is None:
                 raise fault(
@@ -139,9 +145,9 @@ class Functions:
         if code is None:
             if mode and state.spindle != "off":
                 self._spindle()
-        elif code.number == 19:
+        elif code.number == M.M19:
             self._orient(words)
-        elif code.number == 5:
+        elif code.number == M.M5:
             state.spindle = "off"
             self._spindle()
         else:
@@ -149,13 +155,13 @@ class Functions:
                 message = f"{code.word.written} without a speed ever given: the spindle stands"
                 self._here.caution("spindle-speed-missing", message, code.word, "give S")
             self._waiting.used("S")
-            state.spindle = "cw" if code.number == 3 else "ccw"
+            state.spindle = "cw" if code.number == M.M3 else "ccw"
             self._spindle()
 
     def _spindle_mode(self, words: LineWords, code: Code) -> None:
         """G96 D S: constant surface speed, at most D rpm; G97 S: rpm."""
         state = self._state
-        state.constant_surface = code.number == 960
+        state.constant_surface = code.number == G.G96
         most = words.take("D", "G96") if state.constant_surface else None
         state.most_rpm = not_negative(most, "the highest speed") if most else 0.0
         word = words.take("S", code.word.written)
@@ -216,8 +222,8 @@ class Functions:
         """M7, M8, M9."""
         if code := codes.get("coolant"):
             state = self._state
-            state.mist = code.number == 7 or (state.mist and code.number == 8)
-            state.flood = code.number == 8 or (state.flood and code.number == 7)
+            state.mist = code.number == M.M7 or (state.mist and code.number == M.M8)
+            state.flood = code.number == M.M8 or (state.flood and code.number == M.M7)
             self._coolant()
 
     def _coolant(self) -> None:
@@ -231,18 +237,12 @@ class Functions:
         if code is None:
             return
         state = self._state
-        if code.number in (48, 49):
-            state.feed_override = state.speed_override = code.number == 48
+        if code.number in (M.M48, M.M49):
+            state.feed_override = state.speed_override = code.number == M.M48
         else:
             word = words.take("P", code.word.written)
             on = word is None or not_negative(word, "the switch") != 0.0
-            name = {
-                50: "feed_override",
-                51: "speed_override",
-                52: "adaptive_feed",
-                53: "feed_stop",
-            }[code.number]
-            setattr(state, name, on)
+            setattr(state, _OVERRIDE_SWITCHES[code.number], on)
         self._overrides()
 
     def _overrides(self) -> None:
@@ -264,9 +264,9 @@ class Functions:
         if code is None:
             return
         here, number = self._here, code.number
-        if number == 66:
+        if number == M.M66:
             self._wait(words, code)
-        elif number >= 67:
+        elif number in (M.M67, M.M68):
             channel, value = self._channel(words, code, "E"), words.take("Q", code.word.written)
             if value is None:
                 raise fault(
@@ -275,15 +275,17 @@ class Functions:
                     code.word,
                     "give Q and the value",
                 )
-            self._out.add(AnalogOutput(here.file, here.line, channel, value.number, number == 67))
+            self._out.add(
+                AnalogOutput(here.file, here.line, channel, value.number, number == M.M67)
+            )
         else:
             self._out.add(
                 DigitalOutput(
                     here.file,
                     here.line,
                     self._channel(words, code, "P"),
-                    number in (62, 64),
-                    number in (62, 63),
+                    number in (M.M62, M.M64),
+                    number in (M.M62, M.M63),
                 )
             )
 
@@ -332,7 +334,7 @@ class Functions:
         )
 
     def _answered(self, answer: tuple[float, ...]) -> None:
-        self._parameters.values[INPUT_ANSWER] = answer[0]
+        self._parameters.values[INPUT_VALUE] = answer[0]
 
     # Dwell, path control
 
@@ -371,8 +373,8 @@ class Functions:
         """
         control: PathControl = "blend"
         tolerance = 0.0
-        if code.number != 640:
-            control = "exact-stop" if code.number == 611 else self._dialect.path_stop
+        if code.number != G.G64:
+            control = "exact-stop" if code.number == G.G61_1 else self._dialect.path_stop
         else:
             for letter in sorted(self._dialect.path_words):
                 if word := words.take(letter, "G64"):
@@ -414,9 +416,11 @@ class Functions:
         over.
         """
         here, state = self._here, self._state
-        if code.number in (0, 1, 60):
+        if code.number in (M.M0, M.M1, M.M60):
             self._out.add(
-                Stop(here.file, here.line, optional=code.number == 1, pallet=code.number == 60)
+                Stop(
+                    here.file, here.line, optional=code.number == M.M1, pallet=code.number == M.M60
+                )
             )
             return False
         self._spindle_off()

@@ -11,24 +11,18 @@ from functools import partial
 
 from cnc.gcode.codes.system_parameters import feed_word
 from cnc.gcode.state.block_buffer import Output
-from cnc.gcode.state.coordinates import NAMES, Coordinates
-from cnc.gcode.state.modal_groups import CANCEL, COMPENSATION_OFF, FEED_MODES, PLANES, Modal
+from cnc.gcode.state.coordinates import SYSTEM_CODES, Coordinates
+from cnc.gcode.state.modal_groups import FEED_MODES, PLANES, Modal
 from cnc.gcode.state.source_location import Here
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
+from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import Stop
 
-_STOP = 3006
-"""``#3006=1`` stops until the operator starts again."""
-_SWITCHES = (3003, 3004)
-"""They keep the operator from stopping between blocks and from overrides; here they only
-remember.
-"""
-_BLOCK_END, _MACHINE, _CURRENT = 5001, 5021, 5041
-_MODAL = 4000
-_LAST_PLAIN = 330
+_LAST_PLAIN = G.G33
 """Motion codes beyond are cycles, which have a group of their own."""
-_PLANE_CODES = {plane: code / 10 for code, plane in PLANES.items()}
-_FEED_CODES = {mode: code / 10 for code, mode in FEED_MODES.items()}
+_PLANE_CODES = {plane: code.code for code, plane in PLANES.items()}
+_FEED_CODES = {mode: code.code for code, mode in FEED_MODES.items()}
 
 
 def bind(
@@ -46,32 +40,33 @@ def bind(
     which ``position`` tells in mm.
     """
     groups: dict[int, Callable[[], float]] = {
-        1: lambda: 0.0 if state.motion is None or state.motion > _LAST_PLAIN else state.motion / 10,
+        1: lambda: 0.0 if state.motion is None or state.motion > _LAST_PLAIN else state.motion.code,
         2: lambda: _PLANE_CODES[state.plane],
-        3: lambda: 90.0 if state.absolute else 91.0,
+        3: lambda: (G.G90 if state.absolute else G.G91).code,
         5: lambda: _FEED_CODES[state.feed_mode],
-        6: lambda: 21.0 if state.scale == 1.0 else 20.0,
-        7: lambda: (state.compensation or COMPENSATION_OFF) / 10,
+        6: lambda: (G.G21 if state.scale == 1.0 else G.G20).code,
+        7: lambda: state.compensation.code,
         9: lambda: (
-            CANCEL / 10
-            if state.motion is None or state.motion <= _LAST_PLAIN
-            else state.motion / 10
+            G.G80.code if state.motion is None or state.motion <= _LAST_PLAIN else state.motion.code
         ),
-        10: lambda: 98.0 if state.initial_level else 99.0,
-        13: lambda: 96.0 if state.constant_surface else 97.0,
-        14: lambda: NAMES[coordinates.system] / 10,
+        10: lambda: (G.G98 if state.initial_level else G.G99).code,
+        13: lambda: (G.G96 if state.constant_surface else G.G97).code,
+        14: lambda: SYSTEM_CODES[coordinates.system].code,
         109: lambda: feed_word(state),
         119: lambda: 0.0 if state.speed is None or state.constant_surface else state.speed,
         120: lambda: float(state.tool or 0),
     }
     for group, read in groups.items():
-        parameters.bind(_MODAL + group, read)
-    coordinates.bind_numbers(_MACHINE, position, lambda: state.scale)
-    for first in (_BLOCK_END, _CURRENT):
+        parameters.bind(numbers.MODAL_CODES + group, read)
+    coordinates.bind_numbers(numbers.MACHINE_POSITION, position, lambda: state.scale)
+    for first in (numbers.BLOCK_END, numbers.CURRENT_POSITION):
         coordinates.bind_numbers(
             first, lambda: coordinates.to_program(position()), lambda: state.scale
         )
-    for number in _SWITCHES:
+    # A program may set these two and read them again; they have no other effect here.
+    for number in (numbers.NO_SINGLE_BLOCK, numbers.NO_OVERRIDES):
         kept = [0.0]
         parameters.bind(number, partial(kept.__getitem__, 0), partial(kept.__setitem__, 0))
-    parameters.bind(_STOP, lambda: 0.0, lambda _: out.add(Stop(here.file, here.line)))
+    parameters.bind(
+        numbers.OPERATOR_STOP, lambda: 0.0, lambda _: out.add(Stop(here.file, here.line))
+    )

@@ -18,9 +18,10 @@ from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.compensation import Compensation
 from cnc.gcode.state.block_buffer import Output
 from cnc.gcode.state.coordinates import Coordinates
-from cnc.gcode.state.modal_groups import BSPLINE, CANCEL, NURBS, Code, Codes, Feed, Modal, feed_of
+from cnc.gcode.state.modal_groups import QUICK_MOTIONS, Code, Codes, Feed, Modal, feed_of
 from cnc.gcode.state.source_location import Here
 from cnc.gcode.state.unused_words import Waiting
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import AXES, MAX_NUMBER, POLAR, LineWords, Word, fault
 from cnc.model.blocks import ROTARY_LETTERS, ArcFeed, NurbsFeed
 from cnc.model.diagnostics import GcodeError
@@ -30,7 +31,7 @@ MIN_FEED = 1e-6
 """mm/s. What is slower is a slip: a millimetre would take eleven days."""
 
 _ARC_WORDS = frozenset("IJKR")
-_CURVES = (50, 51, 52, NURBS, BSPLINE)
+_CURVES = (G.G5, G.G5_1, G.G5_2, G.G6_2, G.BSPLINE)
 _CYCLES = frozenset(
     ("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89")
 )
@@ -38,8 +39,11 @@ _POLAR_USERS = _CYCLES | {"G0", "G1", "G2", "G3", "G38.2", "G38.3", "G38.4", "G3
 """Codes whose point may be given by @ and ^; a cycle under G91 would have to count anew for each of
 its repeats.
 """
-_TAKES_AXES = (100, 280, 300, 520, 920)
+_TAKES_AXES = (G.G10, G.G28, G.G30, G.G52, G.G92)
 """Non-modal codes that take the axis words of their line."""
+_TRAVERSE = G.G0
+_STRAIGHT = (G.G0, G.G1)
+_ARCS = (G.G2, G.G3)
 
 Handler = Callable[[LineWords, Code | None], None]
 """Makes the move of a motion code: takes the words of the line and sets the position. The code is
@@ -89,10 +93,10 @@ class Motion:
         self.coordinates = coordinates
         self.collector: Collector | None = None
         self.compensation = Compensation(out, here)
-        self.handlers: dict[int, Handler] = {}
+        self.handlers: dict[G, Handler] = {}
         self.scales: list[float] = []
-        self.before: int | None = None
-        self.again: dict[int, frozenset[str]] = {20: _ARC_WORDS, 30: _ARC_WORDS}
+        self.before: G | None = None
+        self.again: dict[G, frozenset[str]] = dict.fromkeys(_ARCS, _ARC_WORDS)
         self._linear = [letter not in ROTARY_LETTERS for letter in axes]
         self._has_rotary = not all(self._linear)
         self._dialect = dialect
@@ -117,19 +121,19 @@ class Motion:
 
     # Which move a line asks for
 
-    def check(self, words: LineWords, codes: Codes) -> int | None:
+    def check(self, words: LineWords, codes: Codes) -> G | None:
         """The motion code that this line's words belong to, before anything is executed; None for a
         line without a move.
         """
         code, special, state = codes.get("motion"), codes.get("non-modal"), self._state
-        self._machine_words = special is not None and special.number == 530
+        self._machine_words = special is not None and special.number == G.G53
         self.before = state.motion
         has_axis = words.has_axis()
-        if special and special.number == 40 and has_axis:
+        if special and special.number == G.G4 and has_axis:
             has_axis = self._axis_beside_dwell(words, code)
         taker = special if special and special.number in _TAKES_AXES else None
         if (length := codes.get("tool-length")) and (
-            length.number == 431 or (length.number == 432 and "H" not in words.rest)
+            length.number == G.G43_1 or (length.number == G.G43_2 and "H" not in words.rest)
         ):
             if special and (taker or self._machine_words):
                 raise fault(
@@ -141,17 +145,17 @@ class Motion:
         if taker:
             if code:
                 beside = (
-                    code.number in (0, 10)
-                    and taker.number in (280, 300)
+                    code.number in _STRAIGHT
+                    and taker.number in (G.G28, G.G30)
                     and self._dialect.home_beside_motion
                 )
-                if code.number != CANCEL and not beside:
+                if code.number != G.G80 and not beside:
                     raise fault(
                         "axis-words-wanted-twice",
                         f"both {taker.word.written} and {code.word.written} take axis words",
                         code.word,
                     )
-                state.motion = code.number if beside else None
+                state.motion = code.g if beside else None
             return None
         if code:
             return self._explicit(words, code, special, has_axis)
@@ -164,8 +168,8 @@ class Motion:
                     "such as G53 G0 Z0",
                 )
             orient = codes.get("spindle")
-            letters = self.again.get(state.motion or 0, frozenset())
-            again = not letters.isdisjoint(words.rest) and not (orient and orient.number == 19)
+            letters = self.again.get(state.motion or _TRAVERSE, frozenset())
+            again = not letters.isdisjoint(words.rest) and not (orient and orient.number == M.M19)
             return state.motion if again and special is None else None
         return self._modal_move(words, special)
 
@@ -186,10 +190,10 @@ class Motion:
 
     def _explicit(
         self, words: LineWords, code: Code, special: Code | None, has_axis: bool
-    ) -> int | None:
+    ) -> G | None:
         """A line with a motion code of its own."""
         if self._machine_words and special:
-            if code.number not in (0, 10):
+            if code.number not in _STRAIGHT:
                 raise fault(
                     "machine-coordinates-motion",
                     f"{special.word.written} goes with G0 and G1 only",
@@ -202,8 +206,8 @@ class Motion:
                     special.word,
                     "such as G53 G0 Z0",
                 )
-        self._state.motion = None if code.number == CANCEL else code.number
-        if code.number == CANCEL:
+        self._state.motion = None if code.number == G.G80 else code.g
+        if code.number == G.G80:
             if has_axis:
                 word = words.first_axis()
                 raise fault(
@@ -213,11 +217,11 @@ class Motion:
                     "give G0 or G1",
                 )
             return None
-        if code.number in (0, 10) and not has_axis:
+        if code.number in _STRAIGHT and not has_axis:
             return None
-        return code.number
+        return code.g
 
-    def _modal_move(self, words: LineWords, special: Code | None) -> int:
+    def _modal_move(self, words: LineWords, special: Code | None) -> G:
         """Axis words without a motion code: the one in effect."""
         word, motion = words.first_axis(), self._state.motion
         if special and not self._machine_words:
@@ -230,10 +234,10 @@ class Motion:
                 word,
                 "begin with G0 or G1",
             )
-        if motion == NURBS:
+        if motion == G.G6_2:
             message = f"G6.2 is still in effect: {word.written} needs a new motion code"
             raise fault("nurbs-still-active", message, word, "give G0, G1, G2, G3 or another G6.2")
-        if special and motion not in (0, 10):
+        if special and motion not in _STRAIGHT:
             raise fault(
                 "machine-coordinates-motion",
                 f"{special.word.written} goes with G0 and G1 only",
@@ -241,20 +245,20 @@ class Motion:
             )
         return motion
 
-    def move(self, words: LineWords, motion: int | None, explicit: Code | None = None) -> None:
+    def move(self, words: LineWords, motion: G | None, explicit: Code | None = None) -> None:
         """Make the move that :meth:`check` found; ``explicit`` is the line's own motion code, if it
         has one.
         """
         if motion is None:
             return
         code = explicit.word if explicit else None
-        if motion == 0:
+        if motion == G.G0:
             self.traverse(self.target(words, "G0", self.position, machine=self._machine_words))
-        elif motion == 10:
+        elif motion == G.G1:
             at = code or words.first_axis()
             end = self.target(words, "G1", self.position, machine=self._machine_words)
             self.feed_to(end, self.feed(words, end, self.distance(end), at))
-        elif motion in (20, 30):
+        elif motion in _ARCS:
             self.arcs.move(words, motion, code)
         else:
             if motion in _CURVES:
@@ -485,15 +489,20 @@ class Motion:
         state, parameters, scales = self._state, self.coordinates.parameters, self.scales
         motion = state.motion if move.motion is None else move.motion
         feed = state.feed
+        is_arc = motion in _ARCS
         if (
             motion is None
-            or motion > 30
-            or bool(move.arc) != (motion > 10)
-            or (motion > 10 and state.arc_absolute)
+            or motion not in QUICK_MOTIONS
+            or bool(move.arc) != is_arc
+            or (is_arc and state.arc_absolute)
         ):
             return False
         waiting = self._waiting
-        if move.feed is not None and waiting.watching and (motion == 0 or "F" in waiting.words):
+        if (
+            move.feed is not None
+            and waiting.watching
+            and (motion == _TRAVERSE or "F" in waiting.words)
+        ):
             return False
         try:
             if move.feed is not None:
@@ -516,23 +525,23 @@ class Motion:
                     if absolute
                     else end[index] + value * scales[index]
                 )
-            if motion == 0:
+            if motion == _TRAVERSE:
                 rate = math.nan
             elif feed is None:
                 return False
-            elif motion == 10:
+            elif not is_arc:
                 rate = self.straight_feed(end, feed)
             else:
                 arc = self.arcs.quick(move, motion, end, self.straight_feed(end, feed))
         except GcodeError:
             return False
-        if motion <= 10:
+        if not is_arc:
             self.feed_to(end, rate)
         elif arc is None:
             return False
         else:
             self.arc(arc)
-        if motion and waiting.words:
+        if motion != _TRAVERSE and waiting.words:
             waiting.used("F")
         state.feed = feed
         state.motion = motion

@@ -10,13 +10,14 @@ from __future__ import annotations
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.tool_codes import ToolSettings
 from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.coordinates import EXTERNAL, Coordinates
-from cnc.gcode.state.modal_groups import SYSTEMS, Code, Modal
+from cnc.gcode.state.coordinates import EXTERNAL, SYSTEM_CODES, Coordinates
+from cnc.gcode.state.modal_groups import Code, Modal
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, whole
 
-_HOME = {280: 28, 281: 28, 300: 30, 301: 30}
+_HOME = {G.G28: G.G28, G.G28_1: G.G28, G.G30: G.G30, G.G30_1: G.G30}
+"""The code that goes to the position of each code."""
 _ORIGINS = (2, 20)
-_MORE = 541
 
 
 class Settings:
@@ -34,8 +35,7 @@ class Settings:
     def system(self, words: LineWords, code: Code) -> None:
         """G54 to G59.3, and FANUC's G54.1 P."""
         self._check_compensation(code.word)
-        index = SYSTEMS[code.number]
-        if code.number == _MORE:
+        if code.number == G.G54_1:
             word = words.take("P", code.word.written)
             if word is None:
                 hint = f"give P from 1 to {self._dialect.more_systems}"
@@ -43,6 +43,8 @@ class Settings:
                     "offset-system-missing", f"{code.word.written} needs a P word", code.word, hint
                 )
             index = self._more(word)
+        else:
+            index = SYSTEM_CODES.index(code.g)
         self._coordinates.select(index)
 
     def _more(self, word: Word) -> int:
@@ -55,24 +57,24 @@ class Settings:
 
     def non_modal(self, words: LineWords, code: Code) -> None:
         """G10, G28, G28.1, G30, G30.1, G52, G53, G92 to G92.3."""
-        number, coordinates = code.number, self._coordinates
-        if number == 100:
+        number, coordinates = code.g, self._coordinates
+        if number == G.G10:
             self._g10(words, code.word)
             return
         self._check_compensation(code.word)
-        if number in (280, 300):
+        if number in (G.G28, G.G30):
             self._go_home(words, code)
-        elif number in (281, 301):
+        elif number in (G.G28_1, G.G30_1):
             coordinates.set_home(_HOME[number], self._motion.position)
-        elif number == 520:
+        elif number == G.G52:
             coordinates.local(self._values(words, "G52", code.word))
-        elif number == 530:
+        elif number == G.G53:
             self._check_machine_move(code.word)
-        elif number == 920:
+        elif number == G.G92:
             coordinates.shift_here(self._values(words, "G92", code.word), self._motion.position)
-        elif number == 921:
+        elif number == G.G92_1:
             coordinates.clear_shift()
-        elif number == 922:
+        elif number == G.G92_2:
             coordinates.suspend_shift()
         else:
             coordinates.restore_shift()
@@ -143,10 +145,10 @@ class Settings:
 
     def _home(self, words: LineWords, code: Code) -> list[float]:
         """The stored position; FANUC's P2 to P4 of G30 say which."""
-        home = _HOME[code.number]
+        home = _HOME[code.g]
         if (
             self._dialect.offset_memory
-            and home == 30
+            and home == G.G30
             and (place := words.take("P", "G30"))
             and whole(place, "the reference position", 2, 4) > 2
         ):

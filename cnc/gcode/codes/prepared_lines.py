@@ -10,16 +10,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.modal_groups import NURBS, Codes, codes_of
+from cnc.gcode.state.modal_groups import QUICK_MOTIONS, Codes, codes_of
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Statement, Value
 from cnc.gcode.syntax.words import AXES, MAX_NUMBER, LineWords, Word, fault
 
 NEAR_CODE = 1e-3
 """How far from a whole number ten times a computed code may be."""
-_QUICK_MOTIONS = (0, 10, 20, 30)
 _DISTANCES = AXES | frozenset("IJKR")
-_MOTION_OF = {motion / 10: motion for motion in _QUICK_MOTIONS}
+_MOTION_OF = {motion.code: motion for motion in QUICK_MOTIONS}
 _ARC, _FEED, _CODE, _NUMBER, _OTHER = -1, -2, -3, -4, -5
 _QUICK_WORDS = AXES | frozenset("FIJKR")
 
@@ -36,7 +36,7 @@ class QuickMove(NamedTuple):
     axes: column and value of each axis word; arc: letter and value of I, J, K, R.
     """
 
-    motion: int | None
+    motion: G | None
     axes: tuple[tuple[int, Known], ...]
     arc: tuple[tuple[str, Known], ...]
     feed: Known | None
@@ -124,7 +124,7 @@ def move_of(letters: Iterable[int], numbers: Iterable[float], kinds: list[int]) 
     """The quick way for words by the codes of their letters; None where that line is of another
     kind, or may be wrong.
     """
-    motion: int | None = None
+    motion: G | None = None
     feed: float | None = None
     axes: list[tuple[int, Known]] = []
     arc: list[tuple[str, Known]] = []
@@ -163,7 +163,7 @@ def without_point(statement: Statement, *, collected: bool) -> Word | None:
     words = statement.words
     letters = (
         AXES
-        if collected or any(word.letter == "G" and word.number == NURBS / 10 for word in words)
+        if collected or any(word.letter == "G" and word.number == G.G6_2.code for word in words)
         else _DISTANCES
     )
     return next(
@@ -191,7 +191,7 @@ def _quick(
         or not words.rest.keys() <= _QUICK_WORDS
     ):
         return None
-    if codes.keys() - {"motion"} or (codes and codes["motion"].number not in _QUICK_MOTIONS):
+    if codes.keys() - {"motion"} or (codes and codes["motion"].number not in QUICK_MOTIONS):
         return None
     letters = [letter for letter in words.rest if letter in AXES]
     if not all(letter in column and letter in dialect.axes for letter in letters) or not (
@@ -201,7 +201,7 @@ def _quick(
     values: dict[str, Known] = {letter: word.number for letter, word in words.rest.items()}
     values |= {statement.words[index].letter: value for index, value in statement.computed}
     return QuickMove(
-        codes["motion"].number if codes else None,
+        codes["motion"].g if codes else None,
         tuple((column[letter], values[letter]) for letter in letters),
         tuple((letter, values[letter]) for letter in "IJKR" if letter in values),
         values.get("F"),

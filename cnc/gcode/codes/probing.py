@@ -14,14 +14,19 @@ from cnc.gcode.cycles.cycle_runner import refuse_axes, refuse_modes
 from cnc.gcode.state.block_buffer import Output
 from cnc.gcode.state.modal_groups import Code, Modal
 from cnc.gcode.state.source_location import Here
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.words import LineWords, fault
 from cnc.model.blocks import AXIS_LETTERS, ROTARY_LETTERS, Probe
+from cnc.model.parameter_numbers import PROBE_CONTACT, PROBE_POSITION
 
-CONTACT = 5061
-SUCCESS = 5070
-PROBES = {382: (True, True), 383: (True, False), 384: (False, True), 385: (False, False)}
-"""Ten times the code: whether towards the work, and whether it is an error to find nothing."""
+PROBES = {
+    G.G38_2: (True, True),
+    G.G38_3: (True, False),
+    G.G38_4: (False, True),
+    G.G38_5: (False, False),
+}
+"""Of each code: whether towards the work, and whether it is an error to find nothing."""
 LINEAR = "XYZUVW"
 
 
@@ -47,7 +52,7 @@ class Probing:
         """One probing move."""
         motion, state, here = self._motion, self._state, self._here
         assert state.motion is not None
-        name = f"G{state.motion / 10:g}"
+        name = state.motion.written
         at = code.word if code else words.first()
         refuse_modes(motion, state, name, at, inverse_time=False)
         if state.feed_mode == "per-revolution":
@@ -89,5 +94,5 @@ class Probing:
             if letter in motion.axes:
                 number = program[motion.axes.index(letter)]
                 number /= 1.0 if letter in ROTARY_LETTERS else self._state.scale
-            values[CONTACT + place] = number
-        values[SUCCESS] = answer[0]
+            values[PROBE_POSITION + place] = number
+        values[PROBE_CONTACT] = answer[0]

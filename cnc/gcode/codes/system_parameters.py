@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from cnc.gcode.state.modal_groups import CANCEL, COMPENSATION_OFF, PLANES, Modal
+from cnc.gcode.state.modal_groups import PLANES, Modal
 from cnc.gcode.state.source_location import Here
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.model.units import per_minute
 
@@ -27,9 +28,9 @@ def bind(parameters: Parameters, state: Modal, here: Here) -> None:
         "_task": lambda: 0.0,
         "_remap_level": lambda: 0.0,
         "_line": lambda: here.line,
-        "_motion_mode": lambda: CANCEL if state.motion is None else state.motion,
+        "_motion_mode": lambda: G.G80 if state.motion is None else state.motion,
         "_plane": lambda: _PLANE_CODES[state.plane],
-        "_ccomp": lambda: state.compensation or COMPENSATION_OFF,
+        "_ccomp": lambda: state.compensation,
         "_metric": lambda: state.scale == 1.0,
         "_imperial": lambda: state.scale != 1.0,
         "_absolute": lambda: state.absolute,

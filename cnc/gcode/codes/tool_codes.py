@@ -13,6 +13,7 @@ from cnc.gcode.codes.motion import Motion
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, Modal
 from cnc.gcode.state.tool_table import MAX_TOOL, ORIENTATIONS, ToolEntry, ToolTable
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 
 
@@ -41,7 +42,7 @@ class ToolSettings:
     def tool_length(self, words: LineWords, code: Code) -> None:
         """G43, G43.1, G43.2, G44, G49."""
         at, number = code.word, code.number
-        if number == 490 and not any(self._coordinates.tool_offset):
+        if number == G.G49 and not any(self._coordinates.tool_offset):
             return
         if self._motion.compensated:
             raise fault(
@@ -51,11 +52,11 @@ class ToolSettings:
                 "give G40 and a move before",
             )
         nothing = [0.0] * len(self._motion.axes)
-        if number == 490:
+        if number == G.G49:
             offset = nothing
-        elif number == 431:
+        elif number == G.G43_1:
             offset = self._with(self._coordinates.tool_offset, self._axis_words(words, "G43.1", at))
-        elif number == 432:
+        elif number == G.G43_2:
             if "H" in words.rest and words.has_axis():
                 message = f"{at.written} takes H or axis words, not both"
                 raise fault(
@@ -72,7 +73,7 @@ class ToolSettings:
             offset = [a + b for a, b in zip(self._coordinates.tool_offset, added, strict=True)]
         else:
             offset = self._of_h(words, at)
-            if number == 440:
+            if number == G.G44:
                 offset = [-value for value in offset]
         self._coordinates.tool_offset = offset
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from cnc.gcode.state.modal_groups import NURBS, Modal
+from cnc.gcode.state.modal_groups import Modal
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, fault
 from cnc.model.diagnostics import GcodeError
 
@@ -28,7 +29,7 @@ _HINTS = {
 def unused(words: LineWords, state: Modal) -> GcodeError:
     """The error for the leftmost word that is left."""
     word = words.first()
-    if state.motion == NURBS and word.letter in "KURPW":
+    if state.motion == G.G6_2 and word.letter in "KURPW":
         message = f"{word.written} after the last knot: the curve was complete"
         return fault(
             "nurbs-still-active", message, word, "go on with G0, G1, G2, G3 or another G6.2"

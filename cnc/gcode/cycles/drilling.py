@@ -24,15 +24,18 @@ from cnc.gcode.cycles.drilling_steps import Hole, Manner, steps
 from cnc.gcode.cycles.steps import Turning
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, Modal
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
 from cnc.model.blocks import Plane
 
-FINE_BORING = 760
-TAPS: dict[int, Turning] = {740: "ccw", 840: "cw"}
-PECKING = (730, 830)
-DWELLING = (740, 820, 840, 860, 880, 890)
-NEEDS_SPINDLE = (740, FINE_BORING, 840, 860, 880)
-DRILLING = (730, 740, 810, 820, 830, 840, 850, 860, 880, 890)
+FINE_BORING = G.G76
+TAPS: dict[G, Turning] = {G.G74: "ccw", G.G84: "cw"}
+PECKING = (G.G73, G.G83)
+DWELLING = (G.G74, G.G82, G.G84, G.G86, G.G88, G.G89)
+NEEDS_SPINDLE = (G.G74, FINE_BORING, G.G84, G.G86, G.G88)
+DRILLING = (
+    G.G73, G.G74, G.G81, G.G82, G.G83, G.G84, G.G85, G.G86, G.G88, G.G89,
+)  # fmt: skip
 
 MOST_REPEATS = 10_000
 MOST_BITES = 100_000
@@ -45,7 +48,7 @@ class _Series:
     that stay, by letter.
     """
 
-    cycle: int
+    cycle: G
     plane: Plane
     start: list[float]
     words: dict[str, Word] = field(default_factory=dict)
@@ -60,9 +63,7 @@ def register(motion: Motion, dialect: Dialect, state: Modal, performer: Performe
 
 
 class Cycles:
-    """Makes the lines of canned cycles. ``cycles`` are those that the dialect has, ten times their
-    codes.
-    """
+    """Makes the lines of canned cycles. ``cycles`` are those of the dialect."""
 
     def __init__(
         self, motion: Motion, dialect: Dialect, state: Modal, performer: Performer
@@ -82,7 +83,7 @@ class Cycles:
         motion, state = self._motion, self._state
         cycle = state.motion
         assert cycle is not None
-        name = f"G{cycle // 10}"
+        name = cycle.written
         at = code.word if code else words.first()
         refuse_modes(motion, state, name, at)
         if not words.has_axis() and not (self._rules.words_stay and "R" in words.rest):
@@ -120,7 +121,7 @@ class Cycles:
         self._series = series
         self._performer.perform(steps(cycle, stage.start, holes, how), stage)
 
-    def _series_of(self, cycle: int) -> _Series:
+    def _series_of(self, cycle: G) -> _Series:
         """The series that this line goes on with, or a new one."""
         state, series, before = self._state, self._series, self._motion.before
         if series is None or before not in self.cycles or series.plane != state.plane:
@@ -146,7 +147,7 @@ class Cycles:
             series.words[letter] = word
         return word
 
-    def _manner(self, words: LineWords, series: _Series, cycle: int, name: str, at: Word) -> Manner:
+    def _manner(self, words: LineWords, series: _Series, cycle: G, name: str, at: Word) -> Manner:
         """What Q, P and the spindle say; the feed is still missing."""
         state, rules = self._state, self._rules
         dwell = peck = 0.0
@@ -190,7 +191,7 @@ class Cycles:
             )
         return seconds
 
-    def _check_spindle(self, cycle: int, name: str, at: Word) -> None:
+    def _check_spindle(self, cycle: G, name: str, at: Word) -> None:
         state = self._state
         needed = TAPS.get(cycle)
         start = "S and M4" if needed == "ccw" else "S and M3"

@@ -20,6 +20,7 @@ from math import ceil
 from typing import Literal
 
 from cnc.gcode.cycles.steps import (
+    ROUNDING,
     Allow,
     Cut,
     Operator,
@@ -33,9 +34,7 @@ from cnc.gcode.cycles.steps import (
     opposite,
     without_standing,
 )
-
-ROUNDING = 1e-9
-"""Part of a peck that is rounding of the quotient and not worth a peck of its own."""
+from cnc.gcode.syntax.code_numbers import G
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,23 +189,23 @@ def bore_finely(hole: Hole, how: Manner) -> Iterator[Step]:
     yield Turn(how.turning)
 
 
-_CYCLES: dict[int, Callable[[Hole, Manner], Iterator[Step]]] = {
-    730: break_chips,
-    740: tap,
-    760: bore_finely,
-    810: drill,
-    820: drill,
-    830: peck,
-    840: tap,
-    850: bore,
-    860: bore_and_stop,
-    880: bore_by_hand,
-    890: bore_and_dwell,
+_CYCLES: dict[G, Callable[[Hole, Manner], Iterator[Step]]] = {
+    G.G73: break_chips,
+    G.G74: tap,
+    G.G76: bore_finely,
+    G.G81: drill,
+    G.G82: drill,
+    G.G83: peck,
+    G.G84: tap,
+    G.G85: bore,
+    G.G86: bore_and_stop,
+    G.G88: bore_by_hand,
+    G.G89: bore_and_dwell,
 }
 
 
-def steps(cycle: int, position: Point, holes: Iterable[Hole], how: Manner) -> Iterator[Step]:
-    """The steps of a line of cycles, from ``position`` on; ``cycle`` is ten times its code.
+def steps(cycle: G, position: Point, holes: Iterable[Hole], how: Manner) -> Iterator[Step]:
+    """The steps of a line of cycles, from ``position`` on.
 
     Below R the tool first rises to R. Then, for every hole, it goes across at the height where it
     is, down to R, and makes the hole.
@@ -214,7 +213,7 @@ def steps(cycle: int, position: Point, holes: Iterable[Hole], how: Manner) -> It
     yield from without_standing(position, _steps(cycle, position, holes, how))
 
 
-def _steps(cycle: int, position: Point, holes: Iterable[Hole], how: Manner) -> Iterator[Step]:
+def _steps(cycle: G, position: Point, holes: Iterable[Hole], how: Manner) -> Iterator[Step]:
     first, second, height = position
     for hole in holes:
         if height < hole.retract:

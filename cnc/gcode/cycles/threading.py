@@ -13,9 +13,10 @@ from cnc.gcode.cycles.steps import Turning
 from cnc.gcode.cycles.threading_steps import MOST_PASSES, Thread, cut, follow, passes, tap_rigidly
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.modal_groups import Code, Modal
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
 
-FOLLOW, TAP, THREAD = 330, 331, 760
+FOLLOW, TAP, THREAD = G.G33, G.G33_1, G.G76
 LARGEST_SLIDE = 80.0
 """Degrees of the compound slide in G76: near a right angle its tangent leaves all bounds."""
 MOST_SPRINGS = 1000

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from math import ceil, copysign, hypot, log, radians, tan
 
 from cnc.gcode.cycles.steps import (
+    ROUNDING,
     Allow,
     Cut,
     Point,
@@ -34,8 +35,6 @@ from cnc.gcode.cycles.steps import (
     without_standing,
 )
 
-ROUNDING = 1e-9
-"""Part of a pass that is rounding of the formula and not worth a pass of its own."""
 MOST_PASSES = 10_000
 
 

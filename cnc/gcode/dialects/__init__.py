@@ -1,18 +1,19 @@
-"""Dialects as data: which codes are legal, what they mean where controllers differ, and the
-defaults.
+"""Dialects: legal codes, meanings that differ between controllers, and defaults.
 
-Each dialect is a TOML file beside this one; ``base`` names the file whose keys it starts from.
-``known.toml`` names codes that no dialect here speaks, so that they are refused by name.
+Each dialect is a TOML file in this folder. Its key ``base`` names a file whose keys it starts from.
+``known.toml`` has the names of codes that no dialect supports, for error messages.
 """
 
 from __future__ import annotations
 
+import math
 import tomllib
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any, Literal
 
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parser import Flavour
 from cnc.gcode.syntax.words import Word, fault
 from cnc.model.blocks import PathControl
@@ -23,11 +24,16 @@ NAMES = ("auto", "linuxcnc", "grbl", "fanuc", "paper")
 
 @dataclass(frozen=True, slots=True)
 class ArcTolerance:
-    """How far an arc's data may contradict itself, in mm.
+    """Tolerances of arcs.
 
-    Centre format: the radii at both ends may differ by ``slack``, or by ``relative`` of the larger
-    one, but never by more than ``limit``. R format: the radius may fall short of half the chord by
-    ``reach``.
+    In centre format the radii at both ends may differ by ``slack``, or by ``relative`` times the
+    larger one, but never by more than ``limit``.
+
+    Attributes:
+        slack: Allowed difference of the radii, mm.
+        relative: Allowed difference of the radii, as a fraction of the larger one.
+        limit: Largest difference of the radii, mm.
+        reach: In R format, allowed difference of half the chord and the radius, mm.
     """
 
     slack: float
@@ -38,13 +44,16 @@ class ArcTolerance:
 
 @dataclass(frozen=True, slots=True)
 class CycleRules:
-    """What dialects do differently in canned cycles.
+    """Differences of dialects in canned cycles.
 
-    repeats: letters of the count. words_stay: whether R, depth, P and Q stay when another cycle
-    follows. dwell_needed: whether P must be given. clearance: mm that G73 backs off and G83 stays
-    away from the bottom. feed_out_to: how far up G74, G84 and G89 feed. tap_dwell: once after the
-    spindle was reversed, or before each reversal. fine_boring: whether G76 is that cycle, and not a
-    thread's.
+    Attributes:
+        repeats: Letters of the number of repeats.
+        words_stay: Whether R, depth, P and Q stay in effect for another cycle.
+        dwell_needed: Whether P must be given.
+        clearance: Retraction of G73, and distance of G83 from the bottom, mm.
+        feed_out_to: Height to which G74, G84 and G89 retract at feed.
+        tap_dwell: Dwell once after the spindle was reversed, or before each reversal.
+        fine_boring: Whether G76 is fine boring, and not a thread.
     """
 
     repeats: str
@@ -58,16 +67,14 @@ class CycleRules:
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """What a dialect allows and means; ``g`` holds ten times the code numbers. The TOML files
-    explain every key.
-    """
+    """The rules of a dialect. The TOML files explain every key."""
 
     name: str
-    g: frozenset[int]
-    m: frozenset[int]
+    g: frozenset[G]
+    m: frozenset[M]
     axes: frozenset[str]
     nurbs: tuple[str, ...]
-    motion: int | None
+    motion: G | None
     units_before_feed: bool
     arc_turns: bool
     arc_idle_center: bool
@@ -97,20 +104,29 @@ class Dialect:
 
     @property
     def systems(self) -> int:
-        """Number of coordinate systems, G54 being the first."""
-        return 9 if 593 in self.g else 6
+        """Number of coordinate systems, from G54 on."""
+        return 9 if G.G59_3 in self.g else 6
 
-    def check_g(self, word: Word) -> int:
-        """Ten times the code of a G word, or an error that names it."""
-        if word.tenths in self.g:
-            return word.tenths
-        raise _refused(word, self, "g", word.tenths / 10)
+    def check_g(self, word: Word) -> G:
+        """Return the code of a G word.
 
-    def check_m(self, word: Word) -> int:
-        """The code of an M word, or an error that names it."""
+        Raises:
+            GcodeError: The dialect does not have it.
+        """
+        tenths = word.tenths
+        if tenths in self.g:
+            return G(tenths)
+        raise _refused(word, self, "g", math.nan if tenths is None else tenths / 10)
+
+    def check_m(self, word: Word) -> M:
+        """Return the code of an M word.
+
+        Raises:
+            GcodeError: The dialect does not have it.
+        """
         number = word.whole
-        if number in self.m and "-" not in word.written and number is not None:
-            return number
+        if number in self.m and "-" not in word.written:
+            return M(number)
         raise _refused(word, self, "m", word.number)
 
 
@@ -128,7 +144,11 @@ def _codes(text: str) -> list[float]:
 
 @lru_cache(maxsize=len(NAMES))
 def load(name: str) -> Dialect:
-    """The dialect of that name. Raises UsageError ``unknown-dialect``."""
+    """Return the dialect of a name.
+
+    Raises:
+        UsageError: ``unknown-dialect``.
+    """
     if name not in NAMES:
         raise UsageError(
             Diagnostic(
@@ -141,11 +161,11 @@ def load(name: str) -> Dialect:
     arc = table["arc"]
     return Dialect(
         name=name,
-        g=frozenset(round(code * 10) for code in _codes(table["g"])),
-        m=frozenset(int(code) for code in _codes(table["m"])),
+        g=frozenset(G(round(code * 10)) for code in _codes(table["g"])),
+        m=frozenset(M(int(code)) for code in _codes(table["m"])),
         axes=frozenset(table["axes"]),
         nurbs=tuple(table["nurbs"]),
-        motion=round(float(table["motion"]) * 10) if table["motion"] else None,
+        motion=G(round(float(table["motion"]) * 10)) if table["motion"] else None,
         units_before_feed=table["units_before_feed"],
         arc_turns=table["arc_turns"],
         arc_idle_center=table["arc_idle_center"],
@@ -182,13 +202,13 @@ def _known() -> dict[str, dict[str, str]]:
 
 @lru_cache(maxsize=len(NAMES))
 def _legal(name: str) -> dict[str, frozenset[float]]:
-    """The codes of a dialect as numbers, by ``g`` and ``m``."""
+    """Return the codes of a dialect as numbers, by ``g`` and ``m``."""
     table = _read(name)
     return {kind: frozenset(_codes(table[kind])) for kind in "gm"}
 
 
 def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError:
-    """Why a code is refused: other dialects have it, other controllers have it, or nobody has."""
+    """Return the error of a code: other dialects have it, other controllers, or none."""
     name = word.written
     if "-" in name:
         return fault("code-unknown", f"{name} is unknown", word, "codes are not negative")
@@ -210,8 +230,9 @@ def _refused(word: Word, dialect: Dialect, kind: str, code: float) -> GcodeError
 
 
 def _near(written: str, legal: frozenset[float]) -> list[str]:
-    """Codes that one slip of the pen makes what is written: a point forgotten, another digit behind
-    it, a digit too many, two swapped.
+    """Return codes that a typing error may have turned into the one written.
+
+    The errors are a missing point, another digit after it, a digit too many, two digits swapped.
     """
     before, point, _ = written.lstrip("0").partition(".")
     places = range(1, len(before))

@@ -43,6 +43,7 @@ from cnc.gcode.geometry.offset_curves import (
     true_arcs,
 )
 from cnc.gcode.state.source_location import Here
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import Word, fault
 from cnc.model.blocks import ArcFeed, Block, Plane
 from cnc.model.diagnostics import CncError
@@ -51,7 +52,7 @@ MAX_WAITING = 1000
 """Blocks between two moves in the plane: a bound to the memory that a program can ask for."""
 
 Side = Literal["left", "right"]
-_MOTIONS = (0.0, 1.0, 2.0, 3.0)
+_MOTIONS = tuple(code.code for code in (G.G0, G.G1, G.G2, G.G3))
 _STRAIGHT_OUT = "the first move after G40 must be a straight one", "lead out with G0 or G1"
 
 

@@ -1,1 +1,1 @@
-"""Programs: lines in order, control flow, subprograms."""
+"""Execution of programs: lines in order, control flow, subprograms."""

@@ -1,9 +1,8 @@
-"""Blocks of control lines, from if to endif and from while to endwhile: which line belongs to
-which.
+"""Blocks of control lines, from if to endif and from while to endwhile.
 
-A block is understood when its first line is executed for the first time: its control lines are read
-up to its end, so that whatever is wrong with them is told before anything in it is executed, and
-every one of them becomes a step that knows where it leads.
+A block is read to its end when its first line is executed for the first time. So its faults are
+reported before any line of it is executed. Each of its control lines becomes a step that knows its
+target.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from cnc.gcode.program.call_stack import Flow
+from cnc.gcode.program.call_stack import NOTHING, Flow, Listing, Loop, Step
 from cnc.gcode.program.control_flow import (
     Border,
     Do,
@@ -25,7 +24,7 @@ from cnc.gcode.program.control_flow import (
     While,
     shown,
 )
-from cnc.gcode.program.listing import NOTHING, Listing, Loop, Mark, Step
+from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Control
 from cnc.model.diagnostics import CncError
@@ -34,7 +33,7 @@ MACRO_LOOPS = ("1", "2", "3")
 """FANUC's DO numbers."""
 
 _OPENERS = ("if", "while", "do", "repeat", "while-do")
-_CLOSES = {
+_OPENER_OF = {
     "endif": "if",
     "endwhile": "while",
     "endrepeat": "repeat",
@@ -42,13 +41,19 @@ _CLOSES = {
     "elseif": "if",
     "else": "if",
 }
-"""What the block that a line closes or goes on with was opened by; ``while`` may close a ``do``."""
+"""The keyword that opens the block of a line. ``while`` may also end a ``do``."""
+_ENDS = {"if": "endif", "while": "endwhile", "do": "while", "repeat": "endrepeat"}
+"""The keyword that ends a block, by the one that opens it."""
 
 
 @dataclass(slots=True)
 class _Block:
-    """A block whose end has not been found yet. ``branches``: its elseif lines; ``leaves``: break
-    and continue.
+    """A block whose end has not been found yet.
+
+    Attributes:
+        branches: Its elseif lines.
+        otherwise: The line of its else; 0 for none.
+        leaves: Its break and continue lines.
     """
 
     line: int
@@ -61,16 +66,18 @@ class _Block:
     def name(self) -> str:
         return shown(self.control)
 
-    def is_for(self, control: Control) -> bool:
-        """Whether the line belongs to this block."""
+    def has(self, control: Control) -> bool:
+        """Return whether a control line belongs to this block."""
         keyword = control.keyword
-        opener = "do" if keyword == "while" else _CLOSES.get(keyword)
+        opener = "do" if keyword == "while" else _OPENER_OF.get(keyword)
         return control.label == self.control.label and opener == self.control.keyword
 
 
 def block_at(flow: Flow, line: int, control: Control) -> Step:
-    """The step of a line that opens a block, or of one that should stand in a block. The whole
-    block gets its steps.
+    """Return the step of a line that opens a block, and make the steps of the whole block.
+
+    Raises:
+        CncError: The block is faulty, or the line belongs to a block that was not opened.
     """
     listing = flow.listing
     if control.keyword not in _OPENERS:
@@ -80,16 +87,16 @@ def block_at(flow: Flow, line: int, control: Control) -> Step:
 
 
 def goto_at(flow: Flow, line: int, control: Control) -> Step:
-    """The step of ``GOTO n`` or ``IF [..] GOTO n``."""
+    """Return the step of ``GOTO n`` or ``IF [..] GOTO n``."""
     condition = control.values[0] if control.keyword == "if-goto" else None
     return Goto(
-        flow.parameters, condition, control.values[-1], Mark(line, control.column, control.length)
+        flow.parameters, condition, control.values[-1], Place(line, control.column, control.length)
     )
 
 
 def border_at(flow: Flow, line: int, control: Control) -> Step:
-    """The step of O and a number alone: the name of the main program, or the border of the next."""
-    return Border(Mark(line, control.column, control.length), shown(control))
+    """Return the step of O and a number alone: the beginning of a program."""
+    return Border(Place(line, control.column, control.length), shown(control))
 
 
 class _Reader:
@@ -102,85 +109,80 @@ class _Reader:
         self.open: list[_Block] = []
 
     def read(self, line: int) -> None:
-        """From the line that opens the block."""
+        """Make the steps of the block that ``line`` opens."""
         for at, control in self.listing.control_lines(line):
             keyword = control.keyword
-            if keyword in ("program", "endsub"):
-                what = (
-                    "the end of the subroutine"
-                    if keyword == "endsub"
-                    else f"program {shown(control)} begins"
-                )
-                raise self._not_closed(f"before {what} in line {at}")
-            if keyword == "sub":
-                hint = "define subroutines outside of all blocks"
-                raise self.listing.wrong(
-                    at, control, "sub-nested", f"{shown(control)} inside {self._last()}", hint
-                )
+            if keyword in ("program", "endsub", "sub"):
+                raise self._interrupted(at, control)
             if keyword in ("break", "continue"):
-                self._leave(at, control)
-            elif keyword in _CLOSES or (
-                keyword == "while" and any(block.is_for(control) for block in self.open)
+                self._add_leave(at, control)
+            elif keyword in _OPENER_OF or (
+                keyword == "while" and any(block.has(control) for block in self.open)
             ):
-                self._go_on(at, control)
+                self._continue_or_end(at, control)
             elif keyword in _OPENERS:
                 self._begin(at, control)
             if not self.open:
                 return
         raise self._not_closed("before the end of the file")
 
+    def _interrupted(self, line: int, control: Control) -> CncError:
+        """Return the error for a subroutine or program that begins or ends inside a block."""
+        if control.keyword == "sub":
+            hint = "define subroutines outside of all blocks"
+            message = f"{shown(control)} inside {self._last()}"
+            return self.listing.control_fault(line, control, "sub-nested", message, hint)
+        event = (
+            "the end of the subroutine"
+            if control.keyword == "endsub"
+            else f"program {shown(control)} begins"
+        )
+        return self._not_closed(f"before {event} in line {line}")
+
     def _begin(self, line: int, control: Control) -> None:
         label, listing = control.label, self.listing
         if not isinstance(label, str):
-            raise listing.wrong(
+            raise listing.control_fault(
                 line,
                 control,
                 "label-computed",
-                f"the label of {control.keyword} must be written as it is",
+                f"the label of {control.keyword} must be a number or a name",
                 "only a call may compute its label",
             )
         if control.keyword == "while-do":
-            if label not in MACRO_LOOPS:
-                raise listing.wrong(
-                    line, control, "loop-number-bad", f"DO{label}: loops are DO1, DO2 and DO3"
-                )
-            if same := next((block for block in self.open if block.control.label == label), None):
-                raise listing.wrong(
-                    line,
-                    control,
-                    "label-repeated",
-                    f"DO{label} inside the DO{label} of line {same.line}",
-                    "take another number",
-                )
+            self._check_macro_loop(line, control, label)
         elif (first := listing.labels.setdefault((self.scope, label), line)) != line:
-            message = f"the label o{label} is taken already, by line {first}"
-            raise listing.wrong(
-                line, control, "label-repeated", message, "each block needs a label of its own"
+            message = f"the label o{label} is used in line {first} already"
+            raise listing.control_fault(
+                line, control, "label-repeated", message, "give each block its own label"
             )
         self.open.append(_Block(line, control))
 
-    def _go_on(self, line: int, control: Control) -> None:
-        """elseif, else, or the end of a block."""
+    def _check_macro_loop(self, line: int, control: Control, label: str) -> None:
+        """Raise the error for a wrong or repeated DO number."""
+        if label not in MACRO_LOOPS:
+            raise self.listing.control_fault(
+                line, control, "loop-number-bad", f"DO{label}: loops are DO1, DO2 and DO3"
+            )
+        if same := next((block for block in self.open if block.control.label == label), None):
+            message = f"DO{label} inside the DO{label} of line {same.line}"
+            raise self.listing.control_fault(
+                line, control, "label-repeated", message, "use another number"
+            )
+
+    def _continue_or_end(self, line: int, control: Control) -> None:
+        """Take elseif, else, or the end of a block."""
         block = self.open[-1]
-        if not block.is_for(control):
-            if any(other.is_for(control) for other in self.open):
+        if not block.has(control):
+            if any(other.has(control) for other in self.open):
                 message = f"{shown(control)} inside {self._last()}, which is still open"
-                raise self.listing.wrong(
-                    line,
-                    control,
-                    "block-crossed",
-                    message,
-                    "what was opened last must be closed first",
-                )
+                hint = "close the innermost block first"
+                raise self.listing.control_fault(line, control, "block-crossed", message, hint)
             raise _not_open(self.listing, line, control)
         if control.keyword in ("elseif", "else"):
             if block.otherwise:
-                raise self.listing.wrong(
-                    line,
-                    control,
-                    "else-repeated",
-                    f"{shown(control)} after the else of line {block.otherwise}",
-                )
+                message = f"{shown(control)} after the else of line {block.otherwise}"
+                raise self.listing.control_fault(line, control, "else-repeated", message)
             if control.keyword == "else":
                 block.otherwise = line
             else:
@@ -189,7 +191,8 @@ class _Reader:
         self.open.pop()
         self._close(block, line, control)
 
-    def _leave(self, line: int, control: Control) -> None:
+    def _add_leave(self, line: int, control: Control) -> None:
+        """Take a break or a continue."""
         block = next((block for block in self.open if block.control.label == control.label), None)
         if block is None or block.control.keyword not in ("while", "do"):
             raise _not_open(self.listing, line, control, block)
@@ -200,7 +203,7 @@ class _Reader:
         listing, parameters, first = self.listing, self.parameters, block.line
         steps = listing.steps
         values = block.control.values
-        at = Mark(first, block.control.column, block.control.length)
+        at = Place(first, block.control.column, block.control.length)
         loop = Loop(block.name, at, first, line)
         match block.control.keyword:
             case "if":
@@ -232,14 +235,13 @@ class _Reader:
 
     def _not_closed(self, where: str) -> CncError:
         block = self.open[-1]
-        ends = {"if": "endif", "while": "endwhile", "do": "while", "repeat": "endrepeat"}
         control = block.control
         needed = (
             f"END{control.label}"
             if control.keyword == "while-do"
-            else f"o{control.label} {ends[control.keyword]}"
+            else f"o{control.label} {_ENDS[control.keyword]}"
         )
-        return self.listing.wrong(
+        return self.listing.control_fault(
             block.line,
             control,
             "block-not-closed",
@@ -251,35 +253,36 @@ class _Reader:
 def _not_open(
     listing: Listing, line: int, control: Control, block: _Block | None = None
 ) -> CncError:
-    """The error for a line whose block was never opened, or is of another kind (``block``)."""
+    """Return the error for a line outside of its block.
+
+    Args:
+        listing: The text.
+        line: The number of the line.
+        control: The control line.
+        block: The block with the label of the line, if it is of another kind.
+    """
     name, label = shown(control), control.label
     if control.keyword in ("break", "continue"):
         if block is not None:
-            message = f"{name}: {block.name} of line {block.line} is no while or do loop"
+            message = f"{name}: {block.name} of line {block.line} is not a while or do loop"
         else:
             message = f"{name} outside of a loop with that label"
-        return listing.wrong(
-            line,
-            control,
-            "loop-not-open",
-            message,
-            f"{control.keyword} belongs inside o{label} while or o{label} do",
-        )
+        hint = f"write {control.keyword} inside o{label} while or o{label} do"
+        return listing.control_fault(line, control, "loop-not-open", message, hint)
     if control.keyword == "end":
+        message = f"{name} without DO{label} before it"
         hint = "a GOTO must not lead into a loop"
-        return listing.wrong(
-            line, control, "block-not-open", f"{name} without DO{label} before it", hint
-        )
-    opener = _CLOSES[control.keyword]
-    return listing.wrong(
+        return listing.control_fault(line, control, "block-not-open", message, hint)
+    opener = _OPENER_OF[control.keyword]
+    return listing.control_fault(
         line, control, "block-not-open", f"{name} without o{label} {opener} before it"
     )
 
 
 MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = {
-    **dict.fromkeys((*_OPENERS, *_CLOSES, "break", "continue"), block_at),
+    **dict.fromkeys((*_OPENERS, *_OPENER_OF, "break", "continue"), block_at),
     "goto": goto_at,
     "if-goto": goto_at,
     "program": border_at,
 }
-"""What makes the step of a control line, by its keyword."""
+"""Functions that make the step of a control line, by keyword."""

@@ -1,26 +1,134 @@
-"""Where a program is: the calls that it is in, what they return to, and the limits that keep it
-from going on for ever.
+"""The state of control flow: steps of lines, calls within each other, limits of repetition.
+
+A line becomes a *step* when it is reached for the first time. A :class:`Listing` holds the steps of
+one text. A :class:`Frame` is a call (or the main program); :class:`Flow` is the stack of frames.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal, Protocol
 
-from cnc.gcode.program.listing import Listing, Mark, Step
-from cnc.model.blocks import Called
+from cnc.gcode.program.interpreter import Interpreter
+from cnc.gcode.program.line_index import LineIndex, Place
+from cnc.gcode.syntax.parser import Syntax
+from cnc.gcode.syntax.source_text import Text, Window
+from cnc.gcode.syntax.statement import Statement
+from cnc.model.blocks import CallBoundary
 from cnc.model.diagnostics import CncError
 
-if TYPE_CHECKING:
-    from cnc.gcode.program.interpreter import Interpreter
-    from cnc.gcode.program.subprograms import Library
+KEPT_PAGES = 4
+"""Pages of a text whose steps are kept."""
+
+
+class Step(Protocol):
+    """The effect of a line on the flow of control."""
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Execute the step that stands at ``line``; return the number of the next line."""
+
+
+@dataclass(slots=True, eq=False)
+class Loop:
+    """Lines that may be executed again.
+
+    Attributes:
+        name: The loop as messages call it.
+        at: The place that an error about the loop points at.
+        first: First line of the loop.
+        last: Last line of the loop.
+        since: Number of executed lines when the loop was entered.
+    """
+
+    name: str
+    at: Place
+    first: int
+    last: int
+    since: int = 0
+
+
+class Nothing:
+    """An empty line, a deleted one, or the end of a block."""
+
+    __slots__ = ()
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Continue with the next line."""
+        return line + 1
+
+
+NOTHING = Nothing()
+
+
+class Page:
+    """A window of text with a step for each line: None until the line is reached."""
+
+    __slots__ = ("count", "first", "steps", "window")
+
+    def __init__(self, window: Window) -> None:
+        self.window = window
+        self.first, self.count = window.first, window.count
+        self.steps: list[Step | Statement | None] = [None] * window.count
+
+
+@dataclass(slots=True, eq=False)
+class Subroutine:
+    """A subroutine of O-words: its label, the line of its sub and that of its endsub."""
+
+    listing: Listing
+    label: str
+    first: int
+    last: int
+
+    @property
+    def name(self) -> str:
+        """The subroutine as messages call it."""
+        return f"o{self.label}"
+
+
+class Listing(LineIndex):
+    """A text with the steps of its lines.
+
+    Attributes:
+        steps: Steps that outlast their page, by line.
+        labels: Line of each block label, by scope and label.
+        loops: Loops found so far.
+        subs: Subroutines found so far, by label.
+        last_executed: The highest line that was ever executed.
+    """
+
+    def __init__(self, text: Text, syntax: Syntax, *, block_delete: bool = False) -> None:
+        super().__init__(text, syntax, block_delete=block_delete)
+        self.steps: dict[int, Step] = {}
+        self.labels: dict[tuple[int, str], int] = {}
+        self.loops: list[Loop] = []
+        self.subs: dict[str, Subroutine] = {}
+        self.last_executed = 0
+        self._pages: OrderedDict[int, Page] = OrderedDict()
+
+    def page(self, line: int) -> Page | None:
+        """Return the page that holds a line (from 1); None past the end."""
+        window = self.window(line)
+        if window is None:
+            return None
+        page = self._pages.get(window.first)
+        if page is None:
+            page = self._pages[window.first] = Page(window)
+            if len(self._pages) > KEPT_PAGES:
+                self._pages.popitem(last=False)
+        self._pages.move_to_end(window.first)
+        return page
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """``repeated_lines``: lines that loops and calls may execute again in a program; ``depth``:
-    calls within each other.
+    """Limits that end endless programs.
+
+    Attributes:
+        repeated_lines: Lines of a program that loops and calls may execute again.
+        depth: Calls within each other.
     """
 
     repeated_lines: int = 2_000_000
@@ -31,50 +139,73 @@ class Limits:
 class Frame:
     """A call, or the main program.
 
-    ``kind``: an O-word's sub, M98's program, G65's macro. ``begin`` is the line where its body
-    begins, ``scope`` the line of its name (0: none), which tells its labels from those of others.
-    ``caller`` and ``at``: where the call stands; ``back``: the line to go on at. ``left`` is how
-    often it is still to be repeated, ``counts`` holds what is left of its repeat loops.
+    Attributes:
+        kind: The subroutine of an O-word, the program of M98, or the macro of G65.
+        name: The callee as messages call it.
+        listing: The text of the callee.
+        scope: Line of the callee's name (0: none). It separates its labels from those of others.
+        caller: The text of the call.
+        at: The place of the call.
+        return_line: The line of the caller to continue at.
+        repeats_left: Number of repeats to come.
+        is_repeated: Whether the call asked for more than one execution.
+        since: Number of executed lines when the call was made.
+        counts: Rounds left, by repeat loop.
     """
 
     kind: Literal["main", "sub", "program", "macro"]
     name: str
     listing: Listing
-    begin: int
     scope: int
     caller: Listing
-    at: Mark
-    back: int
-    left: int = 0
-    repeated: bool = False
+    at: Place
+    return_line: int
+    repeats_left: int = 0
+    is_repeated: bool = False
     since: int = 0
     counts: dict[Step, int] = field(default_factory=dict)
 
+    @property
+    def first(self) -> int:
+        """First line of the body."""
+        return self.scope + 1
+
 
 class Flow:
-    """The flow of control. ``mark_calls``: whether the calls of the main program stand among its
-    blocks.
+    """The flow of control.
 
-    ``executed`` is the number of lines executed so far, kept up to date for steps; ``new`` how many
-    of them for the first time.
+    Attributes:
+        interpreter: Executes statements.
+        parameters: The parameters of the program.
+        find_file: Finds the file of a subroutine by label, for the call at a place.
+        limits: The limits of repetition.
+        main: The text of the main program.
+        listing: The text that is being executed.
+        frame: The current call.
+        frames: The calls around the current one, outermost first.
+        executed: Number of lines executed so far, up to date whenever a step runs.
+        new: Number of lines executed for the first time.
+        value: Value of the last return, None if it had none.
+        percent: Whether a ``%`` was read.
+        main_border: Line of the O number of the main program; 0 for none.
     """
 
     def __init__(
         self,
         interpreter: Interpreter,
         listing: Listing,
-        library: Library,
+        find_file: Callable[[str, Place], Listing | None],
         limits: Limits,
         *,
         mark_calls: bool = False,
     ) -> None:
         self.interpreter = interpreter
         self.parameters = interpreter.parameters
-        self.library = library
+        self.find_file = find_file
         self.limits = limits
         self.main = self.listing = listing
         self._mark_calls = mark_calls
-        self.frame = Frame("main", "", listing, 1, 0, listing, Mark(0), 0)
+        self.frame = Frame("main", "", listing, 0, listing, Place(0), 0)
         self.frames: list[Frame] = []
         self.executed = self.new = 0
         self.value: float | None = None
@@ -82,12 +213,27 @@ class Flow:
         self.main_border = 0
         self.parameters.bind("_value", lambda: 0.0 if self.value is None else self.value)
         self.parameters.bind("_value_returned", lambda: 0.0 if self.value is None else 1.0)
-        self._look_at(listing)
+        self._set_listing(listing)
 
     def enter(self, frame: Frame, arguments: Sequence[float] | None = None) -> int:
-        """Go into a call; the line to go on at. With ``arguments`` it has parameters of its own."""
+        """Enter a call.
+
+        Args:
+            frame: The call.
+            arguments: Values of the first local parameters; None for a call without parameters of
+                its own.
+
+        Returns:
+            The line to continue at.
+
+        Raises:
+            CncError: ``call-too-deep``.
+        """
         if len(self.frames) >= self.limits.depth:
-            hint = "what calls itself needs a condition that ends it, or raise program.max_call_depth in the machine file"
+            hint = (
+                "give the call a condition that ends it, "
+                "or raise program.max_call_depth in the machine file"
+            )
             message = f"{frame.name} is called within {self.limits.depth} other calls"
             raise frame.caller.fault(frame.at, "call-too-deep", message, hint)
         self._mark(frame, inside=True)
@@ -98,58 +244,48 @@ class Flow:
         if arguments is not None:
             parameters.push(arguments)
         elif not parameters.macro:
-            # M98 in RS274/NGC: names of its own, but the caller's numbers. FANUC's has no names,
+            # M98 in RS274/NGC has its own names, but the caller's numbers. FANUC's has no names,
             # and shares its numbers too.
             numbers = parameters.locals
             parameters.push(())
             parameters.locals = numbers
         self.interpreter.entered()
-        self._look_at(frame.listing)
-        return frame.begin
+        self._set_listing(frame.listing)
+        return frame.first
 
     def leave(self) -> int:
-        """Go back to the caller; the line to go on at."""
+        """Return to the caller; return the line to continue at."""
         left = self._pop()
         self.interpreter.left()
         self._mark(left, inside=False)
-        self._look_at(left.caller)
-        return left.back
-
-    def _mark(self, frame: Frame, *, inside: bool) -> None:
-        if self._mark_calls and not self.frames:
-            self.interpreter.out.put(Called(self.main.name, frame.at.line, inside))
+        self._set_listing(left.caller)
+        return left.return_line
 
     def unwind(self) -> None:
-        """The program has ended, perhaps in a call: the parameters are those of the main program
-        again.
-        """
+        """Restore the parameters of the main program when the program ends inside a call."""
         while self.frames:
             self._pop()
 
-    def _pop(self) -> Frame:
-        left = self.frame
-        self.frame = self.frames.pop()
-        if left.kind != "program" or not self.parameters.macro:
-            self.parameters.pop()
-        return left
-
     def endless(self, line: int) -> CncError:
-        """The error for too many lines executed again, at the loop or the call that is to blame."""
-        listing, at, name = self._to_blame(line)
+        """Return the error for too many repeated lines, at the loop or call that caused them."""
+        listing, at, name = self._cause_of_repetition(line)
         many = f"{self.limits.repeated_lines:,}".replace(",", " ")
-        message = f"{name} does not come to an end: more than {many} lines were executed again"
-        hint = "mend the condition that ends it, or raise program.max_repeated_lines in the machine file"
+        message = f"{name} does not end: more than {many} lines were executed again"
+        hint = (
+            "correct the condition that ends it, "
+            "or raise program.max_repeated_lines in the machine file"
+        )
         return listing.fault(at, "loop-endless", message, hint)
 
-    def _to_blame(self, line: int) -> tuple[Listing, Mark, str]:
-        """The innermost loop or call whose lines took half of what is allowed."""
-        suspects: list[tuple[int, Listing, Mark, str]] = []
+    def _cause_of_repetition(self, line: int) -> tuple[Listing, Place, str]:
+        """Return the innermost loop or call whose lines took half of the limit."""
+        suspects: list[tuple[int, Listing, Place, str]] = []
         listing = self.listing
         for frame in [self.frame, *reversed(self.frames)]:
             around = [loop for loop in listing.loops if loop.first <= line <= loop.last]
             around.sort(key=lambda loop: loop.last - loop.first)
             suspects += [(loop.since, listing, loop.at, loop.name) for loop in around]
-            if frame.repeated:
+            if frame.is_repeated:
                 suspects.append((frame.since, frame.caller, frame.at, f"the call of {frame.name}"))
             line, listing = frame.at.line, frame.caller
         if not suspects:  # calls that branch again and again
@@ -161,7 +297,20 @@ class Flow:
             min(suspects, key=lambda each: each[0]),
         )[1:]
 
-    def _look_at(self, listing: Listing) -> None:
+    def _mark(self, frame: Frame, *, inside: bool) -> None:
+        """Put a mark among the blocks where the main program calls or is returned to."""
+        if self._mark_calls and not self.frames:
+            self.interpreter.out.put(CallBoundary(self.main.name, frame.at.line, inside))
+
+    def _pop(self) -> Frame:
+        left = self.frame
+        self.frame = self.frames.pop()
+        if left.kind != "program" or not self.parameters.macro:
+            self.parameters.pop()
+        return left
+
+    def _set_listing(self, listing: Listing) -> None:
+        """Continue in a listing; errors and blocks then name its file."""
         interpreter = self.interpreter
         if interpreter.here.file != listing.name:
             interpreter.out.flush()

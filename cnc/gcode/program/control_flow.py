@@ -1,7 +1,7 @@
-"""What control lines do: O-words (if, while, do, repeat) and FANUC's macro B (GOTO, IF .. THEN,
-WHILE .. DO, END).
+"""Steps of control lines: O-words (if, while, do, repeat) and FANUC's macro B.
 
-Source: LinuxCNC, "O codes"; FANUC operator's manual, "Custom macro", branch and repetition.
+Macro B has GOTO, IF .. THEN, WHILE .. DO and END. Sources: LinuxCNC, "O codes"; FANUC operator's
+manual, "Custom macro", branch and repetition.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from cnc.gcode.program.call_stack import Flow
-from cnc.gcode.program.listing import Listing, Loop, Mark
+from cnc.gcode.program.call_stack import Flow, Listing, Loop
+from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Control, Statement, Value
 from cnc.gcode.syntax.words import fault
@@ -21,7 +21,7 @@ MAX_SEQUENCE = 99_999_999
 
 
 def shown(control: Control) -> str:
-    """A control line as messages call it."""
+    """Return a control line as messages call it."""
     label = control.label if isinstance(control.label, str) else "[..]"
     match control.keyword:
         case "while-do":
@@ -35,8 +35,11 @@ def shown(control: Control) -> str:
 
 
 class If:
-    """``branches``: line and condition of each elseif; ``otherwise``: where to go on if nothing
-    holds.
+    """``o1 if``.
+
+    Attributes:
+        branches: Line and condition of each elseif.
+        otherwise: The line to continue at if no condition holds.
     """
 
     __slots__ = ("branches", "condition", "otherwise", "parameters")
@@ -48,25 +51,23 @@ class If:
         branches: list[tuple[int, Value]],
         otherwise: int,
     ) -> None:
-        self.parameters, self.condition, self.branches, self.otherwise = (
-            parameters,
-            condition,
-            branches,
-            otherwise,
-        )
+        self.parameters = parameters
+        self.condition = condition
+        self.branches = branches
+        self.otherwise = otherwise
 
     def run(self, flow: Flow, line: int) -> int:
-        """Into the first branch whose condition holds."""
+        """Enter the first branch whose condition holds."""
         if self.condition(self.parameters):
             return line + 1
         for branch, condition in self.branches:
-            if _at(flow, branch, condition):
+            if _value_at(flow, branch, condition):
                 return branch + 1
         return self.otherwise
 
 
 class Jump:
-    """Go on elsewhere."""
+    """A line after which the program always continues at the same line."""
 
     __slots__ = ("to",)
 
@@ -74,7 +75,7 @@ class Jump:
         self.to = to
 
     def run(self, flow: Flow, line: int) -> int:
-        """Go there."""
+        """Continue at the target."""
         return self.to
 
 
@@ -87,14 +88,14 @@ class While:
         self.parameters, self.condition, self.loop = parameters, condition, loop
 
     def run(self, flow: Flow, line: int) -> int:
-        """Into the loop or past it."""
+        """Enter the loop or pass it."""
         self.loop.since = flow.executed
         value = self.condition(self.parameters)
         return line + 1 if value and value == value else self.loop.last + 1
 
 
 class EndWhile:
-    """Asks the condition of the first line again."""
+    """The last line of a while loop. It evaluates the condition of the first line again."""
 
     __slots__ = ("begin", "condition", "first", "parameters")
 
@@ -103,7 +104,7 @@ class EndWhile:
         self.condition, self.parameters = begin.condition, begin.parameters
 
     def run(self, flow: Flow, line: int) -> int:
-        """Back or on."""
+        """Repeat the loop or leave it."""
         try:
             value = self.condition(self.parameters)
         except GcodeError as error:
@@ -120,7 +121,7 @@ class Do:
         self.loop = loop
 
     def run(self, flow: Flow, line: int) -> int:
-        """Go on."""
+        """Enter the loop."""
         self.loop.since = flow.executed
         return line + 1
 
@@ -134,13 +135,14 @@ class DoWhile:
         self.parameters, self.condition, self.begin = parameters, condition, loop.first + 1
 
     def run(self, flow: Flow, line: int) -> int:
-        """Back or on."""
+        """Repeat the loop or leave it."""
         return self.begin if self.condition(self.parameters) else line + 1
 
 
 class Repeat:
-    """``o1 repeat [n]``: the count is rounded to a whole number, halves to the even one; none below
-    1.
+    """``o1 repeat [n]``.
+
+    The count is rounded to a whole number, halves to the even one. Below 1 the loop is passed.
     """
 
     __slots__ = ("count", "loop", "parameters")
@@ -149,7 +151,7 @@ class Repeat:
         self.parameters, self.count, self.loop = parameters, count, loop
 
     def run(self, flow: Flow, line: int) -> int:
-        """Into the loop or past it."""
+        """Enter the loop or pass it."""
         count = round(self.count(self.parameters))
         if count < 1:
             return self.loop.last + 1
@@ -159,7 +161,7 @@ class Repeat:
 
 
 class EndRepeat:
-    """One time less."""
+    """The last line of a repeat loop. It counts the rounds down."""
 
     __slots__ = ("begin", "repeat")
 
@@ -167,25 +169,28 @@ class EndRepeat:
         self.repeat, self.begin = repeat, repeat.loop.first + 1
 
     def run(self, flow: Flow, line: int) -> int:
-        """Back or on."""
+        """Repeat the loop or leave it."""
         counts = flow.frame.counts
         counts[self.repeat] = left = counts[self.repeat] - 1
         return self.begin if left else line + 1
 
 
-class Back:
-    """Jumps that lead back make loops, too: this one is called ``name`` and stands ``at`` a
-    place.
+class BackwardJump:
+    """A loop that consists of a jump back, such as GOTO or M99 P.
+
+    Args:
+        name: The jump as messages call it.
+        at: The place of the jump.
     """
 
     __slots__ = ("at", "loop", "name")
 
-    def __init__(self, name: str, at: Mark) -> None:
+    def __init__(self, name: str, at: Place) -> None:
         self.name, self.at = name, at
         self.loop: Loop | None = None
 
-    def note(self, flow: Flow, listing: Listing, to: int) -> None:
-        """It led to a line of the listing."""
+    def record(self, flow: Flow, listing: Listing, to: int) -> None:
+        """Record a jump to a line of the listing."""
         if self.loop is None:
             self.loop = Loop(self.name, self.at, to, self.at.line, flow.executed)
             listing.loops.append(self.loop)
@@ -193,21 +198,23 @@ class Back:
 
 
 class Goto:
-    """``GOTO n``: to the first line with ``N n`` behind this one in the same program, else from the
-    program's beginning.
+    """``GOTO n``, with or without a condition.
+
+    The target is the first line with ``N n`` after this one in the same program, or else from the
+    beginning of the program.
     """
 
     __slots__ = ("at", "back", "condition", "found", "parameters", "target")
 
     def __init__(
-        self, parameters: Parameters, condition: Value | None, target: Value, at: Mark
+        self, parameters: Parameters, condition: Value | None, target: Value, at: Place
     ) -> None:
         self.parameters, self.condition, self.target, self.at = parameters, condition, target, at
         self.found: dict[float, int] = {}
-        self.back = Back("this GOTO", at)
+        self.back = BackwardJump("this GOTO", at)
 
     def run(self, flow: Flow, line: int) -> int:
-        """Jump, if there is no condition or it holds."""
+        """Jump if there is no condition or it holds."""
         if self.condition is not None:
             value = self.condition(self.parameters)
             if not value or value != value:
@@ -220,34 +227,42 @@ class Goto:
                 listing, number, line, partial(listing.fault, self.at)
             )
         if to <= line:
-            self.back.note(flow, flow.listing, to)
+            self.back.record(flow, flow.listing, to)
         return to
 
 
 def jump_target(
-    listing: Listing, number: float, line: int, wrong: Callable[[str, str, str], CncError]
+    listing: Listing, number: float, line: int, error_of: Callable[[str, str, str], CncError]
 ) -> int:
-    """The line of a block number, searched from behind ``line`` to the end of the program there,
-    then from its beginning.
+    """Find the line of a block number.
 
-    ``wrong`` makes the error, of code, message and hint, if there is none or if it stands in a
-    loop.
+    Args:
+        listing: The text to search.
+        number: The block number.
+        line: Search from after this line to the end of its program, then from its beginning.
+        error_of: Makes an error at the jump from code, message and hint.
+
+    Returns:
+        The line number of the target.
+
+    Raises:
+        CncError: ``jump-target-bad``, ``jump-target-missing``, ``jump-into-loop``.
     """
     if not (0 < number <= MAX_SEQUENCE and number == int(number)):
-        raise wrong(
+        raise error_of(
             "jump-target-bad",
-            f"{number:g} is no block number to jump to",
-            f"they are whole numbers from 1 to {MAX_SEQUENCE}",
+            f"{number:g} is not a block number to jump to",
+            f"block numbers are whole numbers from 1 to {MAX_SEQUENCE}",
         )
     begin, end = listing.program_around(line)
     to = listing.numbered(int(number), line + 1, end) or listing.numbered(
         int(number), begin, line + 1
     )
     if to is None:
-        raise wrong(
+        raise error_of(
             "jump-target-missing",
             f"there is no block N{number:.0f} in this program",
-            "give the block that is meant this N word",
+            "put this N word at the start of the target block",
         )
     for loop in listing.loops:
         if (
@@ -255,13 +270,13 @@ def jump_target(
             and loop.first < to <= loop.last
             and not loop.first <= line <= loop.last
         ):
-            message = f"N{number:.0f} stands inside the loop {loop.name} of line {loop.first}"
-            raise wrong("jump-into-loop", message, "jump to the loop's first line")
+            message = f"N{number:.0f} is inside the loop {loop.name} of line {loop.first}"
+            raise error_of("jump-into-loop", message, "jump to the first line of the loop")
     return to
 
 
 class Conditional:
-    """``IF [..] THEN`` and what it does."""
+    """``IF [..] THEN`` with its assignments."""
 
     __slots__ = ("condition", "parameters", "then")
 
@@ -269,7 +284,7 @@ class Conditional:
         self.parameters, self.condition, self.then = parameters, condition, then
 
     def run(self, flow: Flow, line: int) -> int:
-        """Do it if the condition holds."""
+        """Execute the assignments if the condition holds."""
         value = self.condition(self.parameters)
         if value and value == value:
             flow.interpreter.execute(self.then, line)
@@ -277,15 +292,19 @@ class Conditional:
 
 
 class Border:
-    """The first line of a program."""
+    """The first line of a program: O and a number alone."""
 
     __slots__ = ("at", "name")
 
-    def __init__(self, at: Mark, name: str) -> None:
+    def __init__(self, at: Place, name: str) -> None:
         self.at, self.name = at, name
 
     def run(self, flow: Flow, line: int) -> int:
-        """Go on if the main program begins here. Whatever ran into it was not ended."""
+        """Continue if the main program begins here.
+
+        Raises:
+            CncError: ``subprogram-not-ended``, ``program-end-missing``.
+        """
         if flow.frame.kind != "main":
             raise not_ended(flow, f"before {self.name} begins in line {line}")
         if flow.interpreter.begun or flow.main_border:
@@ -303,20 +322,20 @@ class Border:
 
 
 def not_ended(flow: Flow, where: str) -> CncError:
-    """The error for a subprogram that runs into what does not belong to it."""
+    """Return the error for a subprogram that continues into lines of another."""
     frame = flow.frame
     at = (
-        Mark(frame.scope, 1, len(flow.listing.source(frame.scope).rstrip()))
+        Place(frame.scope, 1, len(flow.listing.source(frame.scope).rstrip()))
         if frame.scope
-        else Mark(frame.begin)
+        else Place(frame.first)
     )
     return frame.listing.fault(
         at, "subprogram-not-ended", f"{frame.name} does not end {where}", "M99 is missing"
     )
 
 
-def _at(flow: Flow, line: int, value: Value) -> float:
-    """A value that stands in another line than the one that is executed."""
+def _value_at(flow: Flow, line: int, value: Value) -> float:
+    """Compute a value that stands in another line than the one that is executed."""
     try:
         return value(flow.parameters)
     except GcodeError as error:

@@ -1,17 +1,16 @@
-"""Statements and modal state to canonical blocks.
+"""The interpreter: statements and modal state to canonical blocks.
 
-A line is executed in the order of RS274/NGC, whatever order its words stand in: messages, feed
+A line is executed in the order of RS274/NGC, in whatever order its words stand: messages, feed
 mode, F, S, T, inputs and outputs, tool change, spindle, saved state, coolant, overrides, dwell,
 plane, units, compensation, length, coordinate system, path control, distance and retract modes, G10
-to G92, motion, stop. Every word must find a user: what is left over is an error, so nothing is
-ignored. Source: LinuxCNC, "G-code overview", order of execution.
+to G92, motion, stop. A word that no code uses is an error, so no word is ignored. Source: LinuxCNC,
+"G-code overview", order of execution.
 """
 
 from __future__ import annotations
 
 from cnc.gcode import dialects
 from cnc.gcode.codes import macro_variables, probing, system_parameters
-from cnc.gcode.codes.comments import fill
 from cnc.gcode.codes.compensation_codes import Sides
 from cnc.gcode.codes.machine_codes import Functions
 from cnc.gcode.codes.motion import MIN_FEED, Motion
@@ -21,36 +20,48 @@ from cnc.gcode.codes.tool_codes import ToolSettings
 from cnc.gcode.codes.unused import unused
 from cnc.gcode.cycles import drilling, threading
 from cnc.gcode.cycles.cycle_runner import Performer
+from cnc.gcode.program.comment_commands import CommentCommands
+from cnc.gcode.program.saved_state import SavedState
 from cnc.gcode.splines import bezier, bspline, g5_2, g6_2
 from cnc.gcode.state.block_buffer import Output
 from cnc.gcode.state.coordinates import Coordinates
-from cnc.gcode.state.modal_groups import FEED_MODES, PLANES, Code, Codes, Modal, codes_of, feed_of
+from cnc.gcode.state.modal_groups import (
+    FEED_MODES,
+    PLANES,
+    QUICK_MOTIONS,
+    Code,
+    Codes,
+    Modal,
+    codes_of,
+    feed_of,
+)
 from cnc.gcode.state.source_location import Here, Warn
 from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.state.unused_words import Waiting
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
-from cnc.gcode.syntax.statement import Assignment, Remark, Statement
-from cnc.gcode.syntax.words import LineWords, Word, fault, whole
-from cnc.model.blocks import Abort, BoardCommand, Message
+from cnc.gcode.syntax.statement import Assignment, Statement
+from cnc.gcode.syntax.words import LineWords, fault, whole
+from cnc.model.blocks import Abort, BoardCommand
+from cnc.model.parameter_numbers import EXTERNAL_OFFSET
 from cnc.model.units import MM_PER_INCH
 
 MOST_PREPARED = 8192
-"""Statements that are kept prepared."""
-_QUICK_MOTIONS = (None, 0, 10, 20, 30)
-_FIRST_OFFSET = 5200
-"""Variables of FANUC's coordinate systems come after this number; a program that sets one means it
-to count at once.
-"""
-_Saved = tuple[Modal, tuple[int, list[float]]]
-_MESSAGES = ("msg", "debug", "print")
+"""Prepared statements that are kept."""
+_QUICK_MOTIONS = (None, *QUICK_MOTIONS)
 
 
 class Interpreter:
-    """A program being executed, statement by statement, into ``out``.
+    """Executes the statements of a program.
 
-    ``ended`` tells that nothing more is to be read, ``aborted`` that the program has aborted
-    itself. ``plain``: nothing is in effect that a straight move or an arc would have to heed beyond
-    units, offsets, distance mode and feed.
+    Attributes:
+        ended: Whether the program has ended.
+        aborted: Whether it has aborted itself.
+        begun: Whether a word was executed.
+        plain: Whether straight moves and arcs depend on units, offsets, distance mode and feed
+            only.
+        here: The current line.
+        out: The blocks.
     """
 
     def __init__(
@@ -109,16 +120,17 @@ class Interpreter:
                 self.out,
                 lambda: self.motion.position,
             )
-        parameters.bind("_call_level", lambda: float(len(self._saved) - 1))
+        parameters.bind("_call_level", lambda: float(self._saved_state.calls))
         self.points_wanted = dialect.decimal_points
         self._prepared: dict[int, Prepared] = {}
-        self._saved: list[_Saved | None] = [None]
-        self._restore_at_return: list[bool] = [False]
-        self._may_abort: set[tuple[str, int]] = set()
-        self._look_around()
+        self._saved_state = SavedState(self.functions, self.modal, self.motion, self.waiting)
+        self._comment_commands = CommentCommands(
+            self.here, self.out, parameters, aborts=dialect.flavour == "ngc"
+        )
+        self._update_plain()
 
     def execute(self, statement: Statement, line: int) -> None:
-        """Execute a statement that stands at ``line`` of the file; the blocks are in ``out``."""
+        """Execute the statement of a line; its blocks are in ``out``."""
         self.here.line = line
         prepared = self._prepared.get(id(statement))
         if prepared is None:
@@ -130,17 +142,23 @@ class Interpreter:
         if statement.assignments:
             self._assign(statement.assignments)
         for remark in statement.remarks:
-            self._remark(remark)
+            if error := self._comment_commands.execute(remark):
+                self.sides.off()
+                self.out.put(Abort(self.here.file, line))
+                self.aborted = True
+                raise error
         if words is not None:
             self._execute(words, prepared.codes)
             self.begun = True
-            self._look_around()
+            self._update_plain()
         elif statement.board:
             self.out.add(BoardCommand(self.here.file, line, statement.board))
 
     def execute_move(self, move: QuickMove, line: int) -> bool:
-        """Execute a line that is nothing but a move; False, and nothing done, where it needs a
-        closer look as a statement.
+        """Execute a line that is nothing but a move.
+
+        Returns:
+            Whether it was executed. If not, nothing was done: execute it as a statement.
         """
         if not self.plain:
             return False
@@ -153,7 +171,11 @@ class Interpreter:
         return True
 
     def end_of_file(self) -> None:
-        """The program ends without M2, M30 or ``%``; an error inside a curve."""
+        """End a program that has no M2, M30 or ``%``.
+
+        Raises:
+            GcodeError: A spline is not complete.
+        """
         if self.motion.collector:
             self.motion.collector.end("the program ends before the curve is complete")
         self.sides.off()
@@ -161,16 +183,13 @@ class Interpreter:
         self.out.flush()
 
     def entered(self) -> None:
-        """A subprogram was called."""
-        self._saved.append(None)
-        self._restore_at_return.append(False)
+        """Begin a subprogram, which has a saved state of its own."""
+        self._saved_state.enter()
 
     def left(self) -> None:
-        """A subprogram returned: what M73 saved in it is in effect again."""
-        saved = self._saved.pop()
-        if self._restore_at_return.pop() and saved is not None:
-            self._restore(saved)
-            self._look_around()
+        """End a subprogram and restore the state that M73 saved in it."""
+        if self._saved_state.leave():
+            self._update_plain()
 
     def _prepare(self, statement: Statement) -> Prepared:
         if len(self._prepared) >= MOST_PREPARED:
@@ -183,12 +202,12 @@ class Interpreter:
             word := without_point(statement, collected=self.motion.collector is not None)
         ):
             self.points_wanted = False
-            message = f"{word.written} has no decimal point: it counts whole millimetres, inches or degrees here"
-            hint = f"a control that counts its least increment would take a thousandth or less: write {word.written}."
+            message = f"{word.written} has no decimal point: it is read as mm, inches or degrees"
+            hint = f"other controls would read a thousandth of it or less: write {word.written}."
             self.here.caution("decimal-point-missing", message, word, hint)
         return prepared
 
-    def _look_around(self) -> None:
+    def _update_plain(self) -> None:
         state, motion = self.modal, self.motion
         self.plain = (
             state.motion in _QUICK_MOTIONS
@@ -198,7 +217,7 @@ class Interpreter:
         )
 
     def _assign(self, assignments: tuple[Assignment, ...]) -> None:
-        """All right sides are computed before the first parameter is set."""
+        """Set parameters. All values are computed before the first is set."""
         parameters = self.parameters
         if len(assignments) == 1:
             (only,) = assignments
@@ -223,41 +242,9 @@ class Interpreter:
 
     def _assign_number(self, number: float, value: float, column: int) -> None:
         self.parameters.set_number(number, value, column)
-        if number > _FIRST_OFFSET and self.parameters.macro:
+        # Variables of FANUC's coordinate systems take effect at once.
+        if number >= EXTERNAL_OFFSET and self.parameters.macro:
             self.coordinates.refresh()
-
-    def _remark(self, remark: Remark) -> None:
-        here = self.here
-        if remark.kind == "abort" and self.dialect.flavour == "ngc":
-            self._aborted(remark)
-        elif remark.kind in _MESSAGES:
-            text = remark.text if remark.kind == "msg" else fill(remark.text, self.parameters)
-            self.out.add(Message(here.file, here.line, text))
-        else:
-            name = f"({remark.kind.upper()})"
-            at = Word("(", 0.0, name, remark.column, 1)
-            what = "stops the program" if remark.kind == "abort" else "writes a file or runs code"
-            hint = f"it {what} on LinuxCNC only"
-            here.caution("comment-not-active", f"{name} does nothing here", at, hint)
-
-    def _aborted(self, remark: Remark) -> None:
-        """GcodeError ``program-abort``; the moves before it are in ``out``.
-
-        Only a warning where a guessed answer may have led here.
-        """
-        here, text = self.here, fill(remark.text, self.parameters)
-        reason = f": {text}" if text else ""
-        at = Word("(", 0.0, "(ABORT)", remark.column, remark.length)
-        if not self.out.guessed:
-            self.sides.off()
-            self.out.put(Abort(here.file, here.line))
-            self.aborted = True
-            hint = "its own text says why: see to that, then run it again"
-            raise fault("program-abort", f"the program aborts itself{reason}", at, hint)
-        if (place := (here.file, here.line)) not in self._may_abort:
-            self._may_abort.add(place)
-            hint = "the check goes on; a run aborts here if the board's answer leads here"
-            here.caution("abort-possible", f"the program may abort itself{reason}", at, hint)
 
     def _execute(self, words: LineWords, codes: Codes | None) -> None:
         if codes is None:
@@ -277,16 +264,24 @@ class Interpreter:
         return True
 
     def _in_order(self, words: LineWords, codes: Codes) -> None:
-        """The standard order of execution."""
-        state, motion, functions = self.modal, self.motion, self.functions
-        moving = motion.check(words, codes)
+        """Execute the words of a line in the standard order."""
+        moving = self.motion.check(words, codes)
         if not codes:
             self._feed(words, codes)
-            functions.speed_and_tool(words, codes)
-            motion.move(words, moving)
+            self.functions.speed_and_tool(words, codes)
+            self.motion.move(words, moving)
             return
+        self._execute_functions(words, codes)
+        self._execute_settings(words, codes)
+        self.motion.move(words, moving, codes.get("motion"))
+        if code := codes.get("stop"):
+            self._stop(code)
+
+    def _execute_functions(self, words: LineWords, codes: Codes) -> None:
+        """Execute the first half of the order: feed mode to dwell."""
+        state, functions = self.modal, self.functions
         if code := codes.get("feed-mode"):
-            mode = FEED_MODES[code.number]
+            mode = FEED_MODES[code.g]
             if mode != state.feed_mode:
                 state.feed_mode, state.feed = mode, None
                 self.waiting.used("F")
@@ -298,13 +293,18 @@ class Interpreter:
         functions.input_output(words, codes)
         functions.tool_change(words, codes)
         functions.spindle(words, codes)
-        self._saved_state(codes)
+        if code := codes.get("state"):
+            self._saved_state.execute(code)
         functions.coolant(codes)
         functions.overrides(words, codes)
-        if (code := codes.get("non-modal")) and code.number == 40:
+        if (code := codes.get("non-modal")) and code.number == G.G4:
             functions.dwell(words, code)
+
+    def _execute_settings(self, words: LineWords, codes: Codes) -> None:
+        """Execute the second half of the order up to the motion: plane to G92."""
+        state = self.modal
         if code := codes.get("plane"):
-            state.plane = PLANES[code.number]
+            state.plane = PLANES[code.g]
         self._units(codes)
         if code := codes.get("compensation"):
             self.sides.code(words, code)
@@ -313,21 +313,18 @@ class Interpreter:
         if code := codes.get("system"):
             self.settings.system(words, code)
         if code := codes.get("path"):
-            functions.path_control(words, code)
+            self.functions.path_control(words, code)
         if code := codes.get("distance"):
-            state.absolute = code.number == 900
+            state.absolute = code.number == G.G90
         if code := codes.get("arc-distance"):
-            state.arc_absolute = code.number == 901
+            state.arc_absolute = code.number == G.G90_1
         if code := codes.get("retract"):
-            state.initial_level = code.number == 980
-        if (code := codes.get("non-modal")) and code.number != 40:
+            state.initial_level = code.number == G.G98
+        if (code := codes.get("non-modal")) and code.number != G.G4:
             self.settings.non_modal(words, code)
-        motion.move(words, moving, codes.get("motion"))
-        if code := codes.get("stop"):
-            self._stop(code)
 
     def _feed(self, words: LineWords, codes: Codes) -> None:
-        """F. In inverse time it belongs to the move of its line, which takes it."""
+        """Execute F. In inverse time mode the move of the line uses it instead."""
         if "F" not in words.rest or self.modal.feed_mode == "inverse-time":
             return
         word = words.rest.pop("F")
@@ -338,14 +335,15 @@ class Interpreter:
             and not self.dialect.units_before_feed
         ):
             message = f"F is read before {code.word.written} takes effect"
-            self.here.caution("feed-before-units", message, word, "write F on the next line")
+            self.here.caution("feed-before-units", message, word, "write F in the next line")
         if word.number <= 0:
             raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
         feed = feed_of(word.number, scale)
         if self.modal.feed_mode == "per-revolution":
             feed = type(feed)(word.number * scale, word.number)
         if feed.rotary < MIN_FEED:
-            raise fault("feed-too-slow", f"{word.written}: the feed is next to nothing", word)
+            message = f"{word.written}: the feed is less than {MIN_FEED} mm/s"
+            raise fault("feed-too-slow", message, word)
         self.modal.feed = feed
         self.waiting.give(word)
 
@@ -355,49 +353,17 @@ class Interpreter:
             self.modal.scale = _scale(code) if code else self.modal.scale
             self.parameters.increments = 1_000.0 if self.modal.scale == 1.0 else 10_000.0
             if diameter := codes.get("diameter"):
-                self.modal.diameter = diameter.number == 70
+                self.modal.diameter = diameter.number == G.G7
             self.motion.units_changed()
-
-    def _saved_state(self, codes: Codes) -> None:
-        """M70 and M73 save, M71 forgets, M72 restores; each call has its own."""
-        code = codes.get("state")
-        if code is None:
-            return
-        if code.number in (70, 73):
-            self._saved[-1] = self.functions.save(), self.coordinates.save()
-            self._restore_at_return[-1] = code.number == 73
-        elif code.number == 71:
-            self._saved[-1] = None
-        else:
-            saved = self._saved[-1]
-            if saved is None:
-                raise fault(
-                    "state-not-saved",
-                    "M72 without a saved state",
-                    code.word,
-                    "save it with M70 before, at the same level of calls",
-                )
-            self._restore(saved, code.word)
-
-    def _restore(self, saved: _Saved, at: Word | None = None) -> None:
-        if self.motion.compensated and (
-            saved[0].plane != self.modal.plane or saved[1] != self.coordinates.save()
-        ):
-            message = "another plane or coordinate system would be in effect again, under cutter compensation"
-            raise fault("compensation-active", message, at, "give G40 and a move before")
-        self.functions.restore(saved[0])
-        self.waiting.words.clear()
-        self.coordinates.restore(saved[1])
-        self.motion.units_changed()
 
     def _stop(self, code: Code) -> None:
         if self.motion.collector:
             raise fault(
                 "nurbs-foreign-word",
-                f"{code.word.written} can't stand in the line of a spline",
+                f"{code.word.written} is not allowed in the line of a spline",
                 code.word,
             )
-        if code.number in (2, 30):
+        if code.number in (M.M2, M.M30):
             self.sides.off()
             self.waiting.end()
         self.ended = self.functions.stop(code)
@@ -406,5 +372,5 @@ class Interpreter:
 
 
 def _scale(code: Code) -> float:
-    """Millimetres a program unit under G20 or G21."""
-    return MM_PER_INCH if code.number == 200 else 1.0
+    """Return the millimetres of a program unit under G20 or G21."""
+    return MM_PER_INCH if code.number == G.G20 else 1.0

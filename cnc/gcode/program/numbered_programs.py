@@ -1,6 +1,6 @@
-"""Numbered programs: M98 and M99, and FANUC's G65 with arguments.
+"""Numbered programs: calls with M98 and G65, return with M99.
 
-Source: LinuxCNC, "O codes", FANUC-style numbered programs; FANUC operator's manual, "Subprogram
+Sources: LinuxCNC, "O codes", FANUC-style numbered programs; FANUC operator's manual, "Subprogram
 (M98, M99)" and "Custom macro", macro call.
 """
 
@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import Literal
+from typing import Literal, NamedTuple
 
-from cnc.gcode.program.call_stack import Flow, Frame
-from cnc.gcode.program.control_flow import Back, jump_target
-from cnc.gcode.program.listing import Listing, Mark, Step
+from cnc.gcode.program.call_stack import Flow, Frame, Listing, Step
+from cnc.gcode.program.control_flow import BackwardJump, jump_target
+from cnc.gcode.program.line_index import Place
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import LOCAL_MACRO, Parameters
 from cnc.gcode.syntax.statement import Statement, Value
 from cnc.gcode.syntax.words import Word, fault
+from cnc.model.diagnostics import GcodeError
 
 MAX_PROGRAM = 99_999_999
 MAX_REPEATS = 999_999_999
 LONGEST_NUMBER = 9999
-"""FANUC's M98 takes P with more digits as repeats and, in its last four, the number."""
+"""FANUC's M98 reads a larger P as repeats followed by four digits of program number."""
 
 _ARGUMENTS = dict(
     zip(
@@ -29,16 +31,27 @@ _ARGUMENTS = dict(
         strict=True,
     )
 )
-"""FANUC's first argument list: where a letter of G65 goes. I, J and K more than once are the second
-list: #4 to #33 in threes.
+"""FANUC's argument list I: the variable of each letter of G65. I, J and K given several times are
+list II: #4 to #33 in threes.
 """
-_SETS = 10
+_MAX_THREES = 10
+_ARGUMENT_LETTERS = "arguments have the letters A to F, H to K, M and Q to Z"
 
 
-class _Taken:
-    """Words that a call takes out of its statement, and what is left of it to be executed
-    before.
-    """
+class Argument(NamedTuple):
+    """An argument of G65: the number of its variable, its word, and its value if computed."""
+
+    number: int
+    word: Word
+    value: Value | None
+
+    def result(self, parameters: Parameters) -> float:
+        """Return the number of the argument."""
+        return self.word.number if self.value is None else self.value(parameters)
+
+
+class _CallWords:
+    """The words of a call, apart from the rest of its line, which is executed before the call."""
 
     def __init__(self, statement: Statement, letters: str, code: Word) -> None:
         computed = dict(statement.computed)
@@ -50,7 +63,7 @@ class _Taken:
                 continue
             if word.letter in letters:
                 if word.letter in self.values:
-                    raise fault("word-repeated", f"{word.letter} is given twice in this line", word)
+                    raise _repeated(word)
                 self.values[word.letter] = word, computed.get(index)
                 continue
             if index in computed:
@@ -60,13 +73,26 @@ class _Taken:
         self._rest = Statement(tuple(words), tuple(left), statement.assignments, statement.remarks)
 
     def execute_rest(self, flow: Flow, line: int) -> None:
-        """Do what else the line says."""
+        """Execute the rest of the line."""
         flow.interpreter.begun = True
         if not self._empty:
             flow.interpreter.execute(self._rest, line)
 
-    def whole(self, letter: str, parameters: Parameters, what: str, highest: int) -> int | None:
-        """A word's number, which must be whole; None where it is not given (or vacant)."""
+    def whole(self, letter: str, parameters: Parameters, meaning: str, highest: int) -> int | None:
+        """Return the whole number of a word.
+
+        Args:
+            letter: The letter of the word.
+            parameters: The parameters to compute it with.
+            meaning: The meaning of the number, for the message.
+            highest: Largest number that is allowed.
+
+        Returns:
+            The number; None if the word is missing or vacant.
+
+        Raises:
+            GcodeError: ``value-out-of-range``.
+        """
         if letter not in self.values:
             return None
         word, value = self.values[letter]
@@ -74,116 +100,142 @@ class _Taken:
         if number != number:
             return None
         if not 0 <= number <= highest or number != int(number):
-            raise fault(
-                "value-out-of-range",
-                f"{word.written}: {what} must be a whole number from 0 to {highest}",
-                word,
-            )
+            message = f"{word.written}: {meaning} must be a whole number from 0 to {highest}"
+            raise fault("value-out-of-range", message, word)
         return int(number)
 
 
 class ProgramCall:
-    """``M98 P L`` and ``G65 P L`` with arguments."""
+    """``M98 P L``, and ``G65 P L`` with arguments."""
 
-    __slots__ = ("arguments", "at", "code", "macro", "taken")
+    __slots__ = ("arguments", "at", "code", "macro", "words")
 
     def __init__(self, line: int, statement: Statement, code: Word, *, macro: bool) -> None:
-        self.at = Mark(line, code.column, code.length)
+        self.at = Place(line, code.column, code.length)
         self.code, self.macro = code, macro
-        self.arguments: list[tuple[int, Word, Value | None]] | None = None
+        self.arguments: list[Argument] | None = None
         if code.letter == "G":
-            statement, self.arguments = _arguments(statement, code)
-        self.taken = _Taken(statement, "PL", code)
+            statement, self.arguments = _split_arguments(statement, code)
+        self.words = _CallWords(statement, "PL", code)
 
     def run(self, flow: Flow, line: int) -> int:
-        """Execute what else the line says, then go into the program."""
+        """Execute the rest of the line, then enter the program."""
         parameters = flow.parameters
-        number, repeats = self._number(parameters)
-        arguments = None if self.arguments is None else self._computed(self.arguments, parameters)
-        self.taken.execute_rest(flow, line)
+        number, repeats = self._number_and_repeats(parameters)
+        arguments = None if self.arguments is None else self._locals(self.arguments, parameters)
+        self.words.execute_rest(flow, line)
         if flow.interpreter.ended or repeats == 0:
             return line + 1
         listing, scope = self._look_up(flow, number)
         kind: Literal["program", "macro"] = "program" if arguments is None else "macro"
         frame = Frame(
-            kind, f"O{number}", listing, scope + 1, scope, flow.listing, self.at, line + 1, left=repeats - 1, repeated=repeats > 1
-        )  # fmt: skip
+            kind,
+            f"O{number}",
+            listing,
+            scope,
+            flow.listing,
+            self.at,
+            line + 1,
+            repeats_left=repeats - 1,
+            is_repeated=repeats > 1,
+        )
         return flow.enter(frame, arguments)
 
-    def _number(self, parameters: Parameters) -> tuple[int, int]:
-        """Number of the program, and how often it is called."""
-        number = self.taken.whole("P", parameters, "the number of a program", MAX_PROGRAM)
+    def _number_and_repeats(self, parameters: Parameters) -> tuple[int, int]:
+        """Return the number of the program, and how often it is called."""
+        number = self.words.whole("P", parameters, "the program number", MAX_PROGRAM)
         if number is None:
             written = self.code.written
-            raise fault(
-                "program-number-missing",
-                f"{written} needs P, the number of a program",
-                self.code,
-                f"such as {written} P100",
-            )
-        repeats = self.taken.whole("L", parameters, "the number of repeats", MAX_REPEATS)
+            message = f"{written} needs P, the program number"
+            raise fault("program-number-missing", message, self.code, f"such as {written} P100")
+        repeats = self.words.whole("L", parameters, "the number of repeats", MAX_REPEATS)
         if repeats is None and self.macro and self.arguments is None and number > LONGEST_NUMBER:
             return number % (LONGEST_NUMBER + 1), number // (LONGEST_NUMBER + 1)
         return number, 1 if repeats is None else repeats
 
-    def _computed(
-        self, arguments: list[tuple[int, Word, Value | None]], parameters: Parameters
-    ) -> list[float]:
+    def _locals(self, arguments: list[Argument], parameters: Parameters) -> list[float]:
+        """Return the values of #1 to #33; NaN for those without an argument."""
         found = [math.nan] * LOCAL_MACRO
-        for number, word, value in arguments:
-            found[number - 1] = word.number if value is None else value(parameters)
+        for argument in arguments:
+            found[argument.number - 1] = argument.result(parameters)
         return found
 
     def _look_up(self, flow: Flow, number: int) -> tuple[Listing, int]:
-        """In this file or the main program, or in a file of its own, which needs no O line."""
+        """Find a program in this text, in the main program, or in a file of its own.
+
+        Returns:
+            The text and the line of the O number; 0 for a file without O lines.
+        """
         for listing in (flow.listing, flow.main):
             if found := self._in(listing, number):
                 return listing, found
-        file = flow.library.find(str(number), self.at)
+        file = flow.find_file(str(number), self.at)
         if file is not None:
             if found := self._in(file, number):
                 return file, found
-            if not file.places().programs and not file.places().subs:
+            if not file.definitions().programs and not file.definitions().subs:
                 return file, 0
+        word = self.words.values["P"][0]
         for listing in (flow.listing, flow.main, *([file] if file else [])):
-            if str(number) in listing.places().subs:
-                hint = f"call it with o{number} call"
-                raise fault(
-                    "call-style-mixed",
-                    f"o{number} is a sub, not a program",
-                    self.taken.values["P"][0],
-                    hint,
-                )
-        hint = (
-            f"O{number} stands nowhere in this file, and no folder of subroutines has {number}.ngc"
-        )
-        raise fault(
-            "program-unknown", f"there is no program O{number}", self.taken.values["P"][0], hint
-        )
+            if str(number) in listing.definitions().subs:
+                message = f"o{number} is a subroutine, not a program"
+                raise fault("call-style-mixed", message, word, f"call it with o{number} call")
+        hint = f"there is no O{number} in this file, and no {number}.ngc in the folders"
+        raise fault("program-unknown", f"there is no program O{number}", word, hint)
 
     def _in(self, listing: Listing, number: int) -> int | None:
-        places = listing.places()
-        if again := places.programs_again.get(number):
-            message = f"O{number} begins in line {places.programs[number]} already"
-            raise listing.wrong(
-                again, listing.control(again), "program-repeated", message, "take another number"
-            )
-        return places.programs.get(number)
+        definitions = listing.definitions()
+        if repeated := definitions.repeated_programs.get(number):
+            message = f"O{number} begins in line {definitions.programs[number]} already"
+            control = listing.control(repeated)
+            hint = "use another number"
+            raise listing.control_fault(repeated, control, "program-repeated", message, hint)
+        return definitions.programs.get(number)
 
 
-def _arguments(
-    statement: Statement, code: Word
-) -> tuple[Statement, list[tuple[int, Word, Value | None]]]:
-    """The statement of G65 without its arguments, and the variable each argument goes to; a later
-    one takes the place of an earlier.
+class _ArgumentNumbers:
+    """Assigns the words of G65 to variables, in the order written."""
+
+    def __init__(self) -> None:
+        self._threes, self._last = 0, "K"
+        self._given: set[str] = set()
+
+    def number(self, word: Word) -> int:
+        """Return the variable of a word.
+
+        Raises:
+            GcodeError: ``argument-bad``, ``word-repeated``.
+        """
+        letter = word.letter
+        if letter not in _ARGUMENTS:
+            message = f"{word.written} is not an argument of G65"
+            raise fault("argument-bad", message, word, _ARGUMENT_LETTERS)
+        number = _ARGUMENTS[letter]
+        if letter in "IJK":
+            # A letter that does not come after the one before it begins another three.
+            self._threes += letter <= self._last
+            self._last = letter
+            number += 3 * (self._threes - 1)
+            if self._threes > _MAX_THREES:
+                message = f"{word.written}: G65 takes I, J and K at most {_MAX_THREES} times"
+                raise fault("argument-bad", message, word)
+        elif letter in self._given:
+            raise _repeated(word)
+        self._given.add(letter)
+        return number
+
+
+def _split_arguments(statement: Statement, code: Word) -> tuple[Statement, list[Argument]]:
+    """Split the statement of G65 into its other words and its arguments.
+
+    A later argument of the same variable replaces an earlier one.
     """
     computed = dict(statement.computed)
     kept: list[Word] = []
     left: list[tuple[int, Value]] = []
-    found: list[tuple[int, Word, Value | None]] = []
-    threes, last = 0, "K"
+    arguments: list[Argument] = []
+    numbers = _ArgumentNumbers()
     behind = False
-    given: set[str] = set()
     for index, word in enumerate(statement.words):
         behind = behind or word is code
         if word is code or word.letter in "PLN":
@@ -191,95 +243,70 @@ def _arguments(
                 left.append((len(kept), computed[index]))
             kept.append(word)
             continue
-        if word.letter not in _ARGUMENTS:
-            raise fault(
-                "argument-bad",
-                f"{word.written} is no argument of G65",
-                word,
-                "arguments have the letters A to F, H to K, M and Q to Z",
-            )
-        if not behind:
-            raise fault(
-                "argument-bad",
-                f"{word.written} stands before G65",
-                word,
-                "write arguments behind G65",
-            )
-        number = _ARGUMENTS[word.letter]
-        if word.letter in "IJK":
-            # A letter that does not come after the one before it begins another three.
-            threes += word.letter <= last
-            last = word.letter
-            number += 3 * (threes - 1)
-            if threes > _SETS:
-                raise fault(
-                    "argument-bad",
-                    f"{word.written}: G65 takes I, J and K {_SETS} times at most",
-                    word,
-                )
-        elif word.letter in given:
-            raise fault("word-repeated", f"{word.letter} is given twice in this line", word)
-        given.add(word.letter)
-        found.append((number, word, computed.get(index)))
-    return Statement(tuple(kept), tuple(left), statement.assignments, statement.remarks), found
+        if word.letter in _ARGUMENTS and not behind:
+            message = f"{word.written} stands before G65"
+            raise fault("argument-bad", message, word, "write arguments after G65")
+        arguments.append(Argument(numbers.number(word), word, computed.get(index)))
+    rest = Statement(tuple(kept), tuple(left), statement.assignments, statement.remarks)
+    return rest, arguments
+
+
+def _repeated(word: Word) -> GcodeError:
+    return fault("word-repeated", f"{word.letter} is given twice in this line", word)
 
 
 class ProgramReturn:
     """``M99``, and ``M99 P n`` in FANUC's language."""
 
-    __slots__ = ("at", "backs", "code", "taken")
+    __slots__ = ("at", "backs", "code", "words")
 
     def __init__(self, line: int, statement: Statement, code: Word, *, macro: bool) -> None:
-        self.at = Mark(line, code.column, code.length)
+        self.at = Place(line, code.column, code.length)
         self.code = code
-        self.taken = _Taken(statement, "P" if macro else "", code)
-        self.backs: dict[tuple[str, int], Back] = {}
+        self.words = _CallWords(statement, "P" if macro else "", code)
+        self.backs: dict[tuple[str, int], BackwardJump] = {}
 
     def run(self, flow: Flow, line: int) -> int:
-        """Execute what else the line says, then go back to the caller, or to its block P."""
-        block = self.taken.whole("P", flow.parameters, "a block number", MAX_PROGRAM)
-        self.taken.execute_rest(flow, line)
+        """Execute the rest of the line, then return to the caller, or to its block P."""
+        block = self.words.whole("P", flow.parameters, "a block number", MAX_PROGRAM)
+        self.words.execute_rest(flow, line)
         if flow.interpreter.ended:
             return line + 1
         frame = flow.frame
         if frame.kind == "sub":
             message = f"{self.code.written} in subroutine {frame.name} of line {frame.scope}"
-            raise fault(
-                "call-style-mixed",
-                message,
-                self.code,
-                f"{frame.name} endsub and {frame.name} return lead back",
-            )
+            hint = f"return with {frame.name} endsub or {frame.name} return"
+            raise fault("call-style-mixed", message, self.code, hint)
         if frame.kind == "main":
             if block is None:
-                message = f"{self.code.written} in the main program would begin it again, for ever"
+                message = f"{self.code.written} would repeat the main program for ever"
                 raise fault("program-endless", message, self.code, "end it with M30")
-            return self._jump(flow, flow.listing, block, line, Back("this M99", self.at))
-        if frame.left:
-            frame.left -= 1
+            jump = BackwardJump("this M99", self.at)
+            return self._jump(flow, flow.listing, block, line, jump)
+        if frame.repeats_left:
+            frame.repeats_left -= 1
             frame.counts.clear()
-            return frame.begin
+            return frame.first
         if block is None:
             return flow.leave()
-        to = self._jump(
-            flow, frame.caller, block, frame.at.line, Back(f"the call of {frame.name}", frame.at)
-        )
+        jump = BackwardJump(f"the call of {frame.name}", frame.at)
+        to = self._jump(flow, frame.caller, block, frame.at.line, jump)
         flow.leave()
         return to
 
-    def _jump(self, flow: Flow, listing: Listing, block: int, line: int, back: Back) -> int:
+    def _jump(self, flow: Flow, listing: Listing, block: int, line: int, jump: BackwardJump) -> int:
         to = jump_target(listing, block, line, partial(flow.listing.fault, self.at))
         if to <= line:
-            self.backs.setdefault((listing.name, line), back).note(flow, listing, to)
+            self.backs.setdefault((listing.name, line), jump).record(flow, listing, to)
         return to
 
 
-CODES = {("M", 98.0), ("M", 99.0), ("G", 65.0)}
-"""Words that call and return."""
+CODES = {("M", float(M.M98)), ("M", float(M.M99)), ("G", G.G65.code)}
+"""Letters and numbers of the words that call and return."""
 
 
 def call_or_return(line: int, statement: Statement, code: Word, *, macro: bool) -> Step:
-    """The step of a line with M98, M99 or G65."""
-    if code.number == 99:
+    """Return the step of a line with M98, M99 or G65."""
+    if code.number == M.M99:
         return ProgramReturn(line, statement, code, macro=macro)
     return ProgramCall(line, statement, code, macro=macro)

@@ -1,5 +1,6 @@
-"""Subroutines of O-words, sub and call and return, and the files that they may stand in. Source:
-LinuxCNC, "O codes".
+"""Subroutines of O-words: sub, call, return, endsub, and files of subroutines.
+
+Source: LinuxCNC, "O codes".
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from cnc.gcode.program.call_stack import Flow, Frame
-from cnc.gcode.program.control_flow import shown
-from cnc.gcode.program.listing import Listing, Mark, Step
+from cnc.gcode.program.call_stack import Flow, Frame, Listing, Step, Subroutine
+from cnc.gcode.program.control_flow import Jump, shown
+from cnc.gcode.program.line_index import Place
 from cnc.gcode.syntax.parameters import LOCAL, Parameters
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text
@@ -28,7 +29,7 @@ _SUFFIXES = (".ngc", ".nc")
 
 
 class Library:
-    """Files of subroutines: found by name in given folders, read once."""
+    """Files of subroutines in given folders. Each file is read once."""
 
     def __init__(self, folders: Sequence[Path], syntax: Syntax, *, block_delete: bool) -> None:
         self.folders = folders
@@ -36,28 +37,36 @@ class Library:
         self._block_delete = block_delete
         self._listings: dict[Path, Listing] = {}
 
-    def find(self, label: str, at: Mark) -> Listing | None:
-        """The file of a name (``<name>``) or a number. Raises GcodeError for a name that would lead
-        out of the folders.
+    def find(self, label: str, at: Place) -> Listing | None:
+        """Find the file of a subroutine.
+
+        Args:
+            label: A name in angle brackets, or a number.
+            at: The place of the call, for errors.
+
+        Returns:
+            The text of the file, or None if there is none.
+
+        Raises:
+            GcodeError: ``sub-file-outside``, or the file cannot be read.
         """
         name = label.strip("<>")
         if not _FILE_NAME.fullmatch(name):
             if any(part in name for part in ("/", "\\", "..")):
-                raise _outside(f"o<{name}>: a subroutine's name is no path", at)
+                raise _outside(f"o<{name}>: the name of a subroutine cannot be a path", at)
             return None
         for folder in self.folders:
             for file in _file_names(name):
-                if os.path.isfile(
-                    folder / file
-                ):  # False, too, for a folder that can't be read and a name too long for a file
+                # False, too, for a folder that cannot be read and for a name that is too long.
+                if os.path.isfile(folder / file):
                     return self._listing(folder, file, at)
         return None
 
-    def _listing(self, folder: Path, file: str, at: Mark) -> Listing:
+    def _listing(self, folder: Path, file: str, at: Place) -> Listing:
         path = folder / file
         real = path.resolve()
         if not real.is_relative_to(folder.resolve()):
-            raise _outside(f"{path} leads to a file outside of its folder", at)
+            raise _outside(f"{path} is a link to a file outside of its folder", at)
         if real not in self._listings:
             try:
                 text = Text.of_file(real, os.fspath(path))
@@ -75,180 +84,167 @@ def _file_names(name: str) -> list[str]:
     return [stem + suffix for stem in stems for suffix in _SUFFIXES]
 
 
-def _outside(message: str, at: Mark) -> CncError:
-    hint = "subroutines are found in the program's folder and in configured folders only"
+def _outside(message: str, at: Place) -> CncError:
+    hint = "put subroutines into the program's folder or a configured folder"
     return fault("sub-file-outside", message, column=at.column, length=at.length, hint=hint)
 
 
-class Definition:
-    """A subroutine as it is reached in the program: it is passed by. ``end`` is the line of its
-    endsub.
+def define(listing: Listing, line: int, control: Control) -> Subroutine:
+    """Read the subroutine that begins at a line, and add it to those of its text.
+
+    Raises:
+        CncError: Its label is computed or repeated, or it has no end.
     """
-
-    __slots__ = ("end", "label", "line", "listing", "name")
-
-    def __init__(self, listing: Listing, line: int, control: Control) -> None:
-        """Read its control lines up to its end."""
-        if not isinstance(control.label, str):
-            hint = "only a call may compute its label"
-            raise listing.wrong(
-                line, control, "label-computed", "the label of sub must be written as it is", hint
-            )
-        self.listing, self.line, self.label = listing, line, control.label
-        self.name = f"o{self.label}"
-        self.end = self._end(control)
-
-    def _end(self, control: Control) -> int:
-        for line, other in self.listing.control_lines(self.line + 1):
-            match other.keyword:
-                case "sub":
-                    hint = "a subroutine can't be defined inside another"
-                    message = f"{shown(other)} inside {self.name} sub of line {self.line}"
-                    raise self.listing.wrong(line, other, "sub-nested", message, hint)
-                case "endsub":
-                    if other.label == self.label:
-                        return line
-                    message = f"{shown(other)} inside {self.name} sub of line {self.line}"
-                    raise self.listing.wrong(
-                        line, other, "sub-not-open", message, f"write {self.name} endsub"
-                    )
-                case "program":
-                    break
-        message = f"{self.name} sub is not closed"
-        raise self.listing.wrong(
-            self.line, control, "sub-not-closed", message, f"{self.name} endsub is missing"
-        )
-
-    def run(self, flow: Flow, line: int) -> int:
-        """Pass it by."""
-        return self.end + 1
+    if not isinstance(control.label, str):
+        hint = "only a call may compute its label"
+        message = "the label of sub must be a number or a name"
+        raise listing.control_fault(line, control, "label-computed", message, hint)
+    subroutine = Subroutine(listing, control.label, line, _line_of_endsub(listing, line, control))
+    other = listing.subs.setdefault(subroutine.label, subroutine)
+    if other is not subroutine:
+        message = f"{subroutine.name} is defined in line {other.first} already"
+        raise listing.control_fault(line, control, "sub-repeated", message, "use another label")
+    # The definition itself is passed.
+    listing.steps[line] = Jump(subroutine.last + 1)
+    return subroutine
 
 
-def definition_at(listing: Listing, line: int, control: Control) -> Definition:
-    """The subroutine that begins at a line. Refuses a second one of its name in the same file."""
-    definition = Definition(listing, line, control)
-    other = listing.subs.setdefault(definition.label, definition)
-    if other is not definition:
-        message = f"{definition.name} is defined in line {other.line} already"
-        raise listing.wrong(line, control, "sub-repeated", message, "take another label")
-    listing.steps[line] = definition
-    return definition
+def _line_of_endsub(listing: Listing, first: int, control: Control) -> int:
+    name = f"o{control.label}"
+    for line, other in listing.control_lines(first + 1):
+        message = f"{shown(other)} inside {name} sub of line {first}"
+        match other.keyword:
+            case "sub":
+                hint = "define it outside of the other subroutine"
+                raise listing.control_fault(line, other, "sub-nested", message, hint)
+            case "endsub":
+                if other.label == control.label:
+                    return line
+                hint = f"write {name} endsub"
+                raise listing.control_fault(line, other, "sub-not-open", message, hint)
+            case "program":
+                break
+    raise listing.control_fault(
+        first, control, "sub-not-closed", f"{name} sub is not closed", f"{name} endsub is missing"
+    )
 
 
 def sub_at(flow: Flow, line: int, control: Control) -> Step:
-    """The step of ``o1 sub``."""
-    return definition_at(flow.listing, line, control)
+    """Return the step of ``o1 sub``, which passes the definition."""
+    define(flow.listing, line, control)
+    return flow.listing.steps[line]
 
 
 class Call:
     """``o1 call [..] [..]``."""
 
-    __slots__ = ("at", "control", "definition", "label")
+    __slots__ = ("at", "control", "label", "subroutine")
 
     def __init__(self, line: int, control: Control) -> None:
-        self.at = Mark(line, control.column, control.length)
+        self.at = Place(line, control.column, control.length)
         self.control, self.label = control, control.label
-        self.definition: Definition | None = None
+        self.subroutine: Subroutine | None = None
         if len(control.values) > LOCAL:
-            message = f"{len(control.values)} arguments: a call takes {LOCAL} at most"
+            message = f"{len(control.values)} arguments: a call takes at most {LOCAL}"
             raise fault("call-arguments", message, column=control.column, length=control.length)
 
     def run(self, flow: Flow, line: int) -> int:
-        """Into the subroutine. Its arguments are computed first."""
+        """Compute the arguments, then enter the subroutine."""
         parameters = flow.parameters
         arguments = [value(parameters) for value in self.control.values]
-        definition = self.definition
-        if definition is None:
+        subroutine = self.subroutine
+        if subroutine is None:
             label = self.label
             if isinstance(label, str):
-                definition = self.definition = self._look_up(flow, label)
+                subroutine = self.subroutine = self._look_up(flow, label)
             else:
-                definition = self._look_up(flow, self._number(label, parameters))
+                subroutine = self._look_up(flow, self._computed_label(label, parameters))
         flow.value = None
-        listing = definition.listing
         frame = Frame(
             "sub",
-            definition.name,
-            listing,
-            definition.line + 1,
-            definition.line,
+            subroutine.name,
+            subroutine.listing,
+            subroutine.first,
             flow.listing,
             self.at,
             line + 1,
         )
         return flow.enter(frame, arguments)
 
-    def _number(self, label: Value, parameters: Parameters) -> str:
+    def _computed_label(self, label: Value, parameters: Parameters) -> str:
         number = label(parameters)
         if not 0 <= number <= MAX_LABEL or number != int(number):
             raise self._fault(
                 "label-bad",
-                f"o[..] comes to {number:g}, which is no label",
-                "labels are whole numbers from 0",
+                f"the label o[..] is {number:g}",
+                f"a label is a whole number from 0 to {MAX_LABEL}",
             )
         return str(int(number))
 
-    def _look_up(self, flow: Flow, label: str) -> Definition:
-        """In this file or the main program, where what was passed already comes first, or in a file
-        of its own.
-        """
-        here = (flow.listing, flow.main)
-        for listing in here:
+    def _look_up(self, flow: Flow, label: str) -> Subroutine:
+        """Find a subroutine in this text, in the main program, or in a file of its own."""
+        texts = (flow.listing, flow.main)
+        # Definitions that were passed already come first.
+        for listing in texts:
             if found := listing.subs.get(label):
                 return found
-        for listing in here:
+        for listing in texts:
             if found := self._in(listing, label):
                 return found
-        file = flow.library.find(label, self.at)
-        if file is not None:
-            if found := self._in(file, label):
-                return found
-            raise self._fault(
-                "sub-file-empty",
-                f"{file.name} has no o{label} sub",
-                "the subroutine's label is the file's name",
-            )
-        if label.isdigit() and any(int(label) in listing.places().programs for listing in here):
-            raise self._fault(
+        file = flow.find_file(label, self.at)
+        if file is None:
+            raise self._unknown(flow, label)
+        if found := self._in(file, label):
+            return found
+        raise self._fault(
+            "sub-file-empty",
+            f"{file.name} has no o{label} sub",
+            "the label of the subroutine must be the name of the file",
+        )
+
+    def _in(self, listing: Listing, label: str) -> Subroutine | None:
+        if found := listing.subs.get(label):  # of a file that an earlier call has read
+            return found
+        definitions = listing.definitions()
+        line = definitions.subs.get(label)
+        if line is None:
+            return None
+        subroutine = define(listing, line, listing.control(line))
+        if repeated := definitions.repeated_subs.get(label):
+            define(listing, repeated, listing.control(repeated))
+        return subroutine
+
+    def _unknown(self, flow: Flow, label: str) -> CncError:
+        texts = (flow.listing, flow.main)
+        if label.isdigit() and any(int(label) in text.definitions().programs for text in texts):
+            return self._fault(
                 "call-style-mixed",
-                f"O{label} is a program, not a sub",
+                f"O{label} is a program, not a subroutine",
                 f"call it with M98 P{label}",
             )
-        near = difflib.get_close_matches(
-            label, {*flow.listing.places().subs, *flow.main.places().subs}, 1
-        )
+        known = {known for text in texts for known in text.definitions().subs}
+        near = difflib.get_close_matches(label, known, 1)
         file_name = _file_names(label.strip("<>"))[0]
         hint = (
             f"did you mean o{near[0]}?"
             if near
-            else f"o{label} sub is not in this file, and {file_name} in no folder of subroutines"
+            else f"there is no o{label} sub in this file, and no {file_name} in the folders"
         )
-        raise self._fault("sub-unknown", f"there is no subroutine o{label}", hint)
-
-    def _in(self, listing: Listing, label: str) -> Definition | None:
-        if found := listing.subs.get(label):  # of a file: another call was here before
-            return found
-        places = listing.places()
-        line = places.subs.get(label)
-        if line is None:
-            return None
-        definition = definition_at(listing, line, listing.control(line))
-        if again := places.subs_again.get(label):
-            definition_at(listing, again, listing.control(again))
-        return definition
+        return self._fault("sub-unknown", f"there is no subroutine o{label}", hint)
 
     def _fault(self, code: str, message: str, hint: str) -> CncError:
         return fault(code, message, column=self.at.column, length=self.at.length, hint=hint)
 
 
 def call_at(flow: Flow, line: int, control: Control) -> Step:
-    """The step of ``o1 call``."""
+    """Return the step of ``o1 call``."""
     return Call(line, control)
 
 
 class Return:
-    """``o1 return [..]`` and ``o1 endsub [..]``; a return leaves the subroutine that it stands in,
-    whatever its label (LinuxCNC's way).
+    """``o1 return [..]`` and ``o1 endsub [..]``.
+
+    A return leaves the subroutine around it, whatever its label, as in LinuxCNC.
     """
 
     __slots__ = ("control",)
@@ -257,7 +253,7 @@ class Return:
         self.control = control
 
     def run(self, flow: Flow, line: int) -> int:
-        """Back to the caller."""
+        """Return to the caller."""
         frame, control = flow.frame, self.control
         label = control.label if isinstance(control.label, str) else "[..]"
         if frame.kind != "sub":
@@ -273,13 +269,12 @@ class Return:
             raise fault(
                 "sub-not-open", message, column=control.column, length=control.length, hint=hint
             )
-        value = control.values[0](flow.parameters) if control.values else None
-        flow.value = value
+        flow.value = control.values[0](flow.parameters) if control.values else None
         return flow.leave()
 
 
 def return_at(flow: Flow, line: int, control: Control) -> Step:
-    """The step of ``o1 return`` and ``o1 endsub``."""
+    """Return the step of ``o1 return`` and ``o1 endsub``."""
     return Return(control)
 
 
@@ -289,4 +284,4 @@ MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = {
     "return": return_at,
     "call": call_at,
 }
-"""What makes the step of a control line, by its keyword."""
+"""Functions that make the step of a control line, by keyword."""

@@ -23,10 +23,11 @@ from cnc.gcode.splines import knots as curves
 from cnc.gcode.splines.collecting import check_mode
 from cnc.gcode.state.modal_groups import Code, Modal
 from cnc.gcode.state.source_location import Here
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
 from cnc.model.blocks import PLANE_AXES, NurbsFeed, Plane
 
-CUBIC, QUADRATIC = 50, 51
+CUBIC, QUADRATIC = G.G5, G.G5_1
 
 Vector = list[float]
 

@@ -24,8 +24,9 @@ from __future__ import annotations
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.splines import knots
 from cnc.gcode.splines.collecting import Gathering, Place, ReadFeed, check_mode, leaving, weight_of
-from cnc.gcode.state.modal_groups import BSPLINE, Code, Codes, Modal
+from cnc.gcode.state.modal_groups import Code, Codes, Modal
 from cnc.gcode.state.source_location import Here
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
 
 DEFAULT_DEGREE = 3
@@ -41,7 +42,7 @@ def register(motion: Motion, state: Modal, here: Here, read_feed: ReadFeed) -> N
         curve.first(words)
         motion.collector = curve
 
-    motion.handlers[BSPLINE] = begin
+    motion.handlers[G.BSPLINE] = begin
 
 
 class ControlPolygon(Gathering):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.state.modal_groups import GROUP_OF_G, Code, Codes, Modal
 from cnc.gcode.state.source_location import Here
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
 from cnc.model.blocks import NurbsFeed
 from cnc.model.diagnostics import GcodeError
@@ -26,7 +27,7 @@ ReadFeed = Callable[[LineWords, Codes], None]
 """Takes the F word of a line, if it has one, into the modal state."""
 
 _ROTARY = frozenset("ABC")
-_ENDS = (2, 30)
+_ENDS = (M.M2, M.M30)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,7 @@ class Gathering:
         """
         strangers = [
             *words.m,
-            *(word for word in words.g if GROUP_OF_G.get(word.tenths) == "non-modal"),
+            *(word for word in words.g if _is_non_modal(word)),
         ]
         strangers += [words.users[letter][1] for letter in "ST" if letter in words.users]
         for word in strangers[:1]:
@@ -144,6 +145,11 @@ def weight_of(word: Word) -> float:
     return word.number
 
 
+def _is_non_modal(word: Word) -> bool:
+    tenths = word.tenths
+    return tenths is not None and GROUP_OF_G[G(tenths)] == "non-modal"
+
+
 def leaving(codes: Codes) -> Code | None:
     """The code that would leave the curve: another motion, or the end of the program."""
     if code := codes.get("motion"):
@@ -156,7 +162,7 @@ def check_mode(state: Modal, word: Word, code: str = "", *, inverse_time: bool =
     """Refuse a spline under cutter compensation, and, unless ``inverse_time`` goes, under G93;
     ``code`` is that of both errors.
     """
-    if state.compensation:
+    if state.compensation != G.G40:
         raise fault(
             code or "compensation-active",
             f"{word.written} under cutter compensation",

@@ -30,9 +30,10 @@ from cnc.gcode.splines.collecting import (
 )
 from cnc.gcode.state.modal_groups import Code, Codes, Modal
 from cnc.gcode.state.source_location import Here
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 
-OPEN, CLOSE = 52, 53
+OPEN, CLOSE = G.G5_2, G.G5_3
 DEFAULT_ORDER = 3
 
 

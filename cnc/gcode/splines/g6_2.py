@@ -23,8 +23,9 @@ import numpy as np
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.splines.collecting import MAX_ORDER, Gathering, Place, check_mode, leaving, weight_of
-from cnc.gcode.state.modal_groups import NURBS, Code, Codes, Modal
+from cnc.gcode.state.modal_groups import Code, Codes, Modal
 from cnc.gcode.state.source_location import Here
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 from cnc.model.diagnostics import GcodeError
 
@@ -115,7 +116,7 @@ def register(motion: Motion, dialect: Dialect, state: Modal, here: Here) -> None
         curve.first(words)
         motion.collector = curve
 
-    motion.handlers[NURBS] = begin
+    motion.handlers[G.G6_2] = begin
 
 
 class Collector(Gathering):

@@ -19,24 +19,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from cnc.gcode.syntax.parameters import CURRENT_SYSTEM, Parameters
+from cnc.gcode.syntax.code_numbers import G
+from cnc.gcode.syntax.parameters import Parameters
+from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS, ROTARY_LETTERS
 
-SHIFT_IN_EFFECT = 5210
 EXTERNAL = -1
 """The number of the offset that counts in every system (FANUC's P0)."""
-NAMES = (540, 550, 560, 570, 580, 590, 591, 592, 593)
-"""What #<_coord_system> says of each system."""
-_NAME_OF_MORE = 541
-
-_SHIFT = 5211
-_ORIGIN = 5221
-_MORE = 7001
-_EXTERNAL = 5201
-_STEP = 20
-_ROTATION = 9
-_RELATIVE = 5420
-_HOMES = {28: 5161, 30: 5181}
+SYSTEM_CODES = (G.G54, G.G55, G.G56, G.G57, G.G58, G.G59, G.G59_1, G.G59_2, G.G59_3)
+"""The code of each system, as #<_coord_system> reads it. All others are G54.1's."""
+_HOMES: dict[G, int] = {G.G28: numbers.G28_POSITION, G.G30: numbers.G30_POSITION}
 
 
 class Coordinates:
@@ -74,11 +66,13 @@ class Coordinates:
         self._local = [0.0] * len(axes)
         self._external = [0.0] * len(axes)
         if not shift_stays:
-            self._values[SHIFT_IN_EFFECT] = 0.0
+            self._values[numbers.SHIFT_IN_EFFECT] = 0.0
         self._shift = (
-            self._stored(_SHIFT) if self._values.get(SHIFT_IN_EFFECT, 0.0) else [0.0] * len(axes)
+            self._stored(numbers.SHIFT)
+            if self._values.get(numbers.SHIFT_IN_EFFECT, 0.0)
+            else [0.0] * len(axes)
         )
-        number = self._values.get(CURRENT_SYSTEM, 1.0)
+        number = self._values.get(numbers.CURRENT_SYSTEM, 1.0)
         self._use(int(number) - 1 if number in range(1, systems + 1) else 0)
 
     def bind(self, here: Callable[[], list[float]], scale: Callable[[], float]) -> None:
@@ -90,12 +84,14 @@ class Coordinates:
         for place, letter in enumerate(AXIS_LETTERS):
             index = self._axes.index(letter) if letter in self._axes else None
             relative = self._reading(index, letter, lambda: self.to_program(here()), scale)
-            bind(_RELATIVE + place, relative)
+            bind(numbers.POSITION + place, relative)
             bind(f"_{letter}", relative)
             bind(f"_abs_{letter}", self._reading(index, letter, here, scale))
         bind(
             "_coord_system",
-            lambda: float(NAMES[self.system] if self.system < len(NAMES) else _NAME_OF_MORE),
+            lambda: float(
+                SYSTEM_CODES[self.system] if self.system < len(SYSTEM_CODES) else G.G54_1
+            ),
         )
 
     def bind_numbers(
@@ -192,7 +188,7 @@ class Coordinates:
         """G54 (0) to G59.3 (8). To choose the one in use again changes nothing: stored numbers are
         not read anew.
         """
-        self._values[CURRENT_SYSTEM] = system + 1.0
+        self._values[numbers.CURRENT_SYSTEM] = system + 1.0
         if system != self.system:
             self._use(system)
 
@@ -203,7 +199,7 @@ class Coordinates:
     def end(self) -> None:
         """The program is over (M2, M30): the first system, and no local offset."""
         self._local = [0.0] * len(self._axes)
-        self._values[CURRENT_SYSTEM] = 1.0
+        self._values[numbers.CURRENT_SYSTEM] = 1.0
         self._use(0)
 
     def set_origin(
@@ -222,7 +218,7 @@ class Coordinates:
             number = first + self._places[index]
             self._values[number] = value + (self._values.get(number, 0.0) if add else 0.0)
         if rotation is not None:
-            self._values[first + _ROTATION] = rotation
+            self._values[first + numbers.ROTATION] = rotation
         if system in (self.system, EXTERNAL):
             self.refresh()
 
@@ -249,7 +245,7 @@ class Coordinates:
     def _use(self, system: int) -> None:
         self.system = system
         self._origin = self._stored(self._first(system))
-        self._external = self._stored(_EXTERNAL) if self._fanuc else self._external
+        self._external = self._stored(numbers.EXTERNAL_OFFSET) if self._fanuc else self._external
         self.rotation = self._rotation_of(system)
         self._turn = _turn(self.rotation)
         self._settle()
@@ -259,15 +255,13 @@ class Coordinates:
         ``systems`` on.
         """
         if system == EXTERNAL:
-            return _EXTERNAL
-        return (
-            _ORIGIN + _STEP * system
-            if system < self.systems
-            else _MORE + _STEP * (system - self.systems)
-        )
+            return numbers.EXTERNAL_OFFSET
+        if system < self.systems:
+            return numbers.origin(system)
+        return numbers.G54_1_ORIGIN + numbers.SYSTEM_STEP * (system - self.systems)
 
     def _rotation_of(self, system: int) -> float:
-        return self._values.get(self._first(system) + _ROTATION, 0.0) if self._xy else 0.0
+        return self._values.get(self._first(system) + numbers.ROTATION, 0.0) if self._xy else 0.0
 
     def _stored(self, first: int) -> list[float]:
         return [self._values.get(first + place, 0.0) for place in self._places]
@@ -310,19 +304,19 @@ class Coordinates:
 
     def suspend_shift(self) -> None:
         """G92.2: no shift; the stored one waits for G92.3."""
-        self._values[SHIFT_IN_EFFECT] = 0.0
+        self._values[numbers.SHIFT_IN_EFFECT] = 0.0
         self._shift = [0.0] * len(self._axes)
         self._settle()
 
     def restore_shift(self) -> None:
         """G92.3: the shift that is stored."""
-        self._set_shift(self._stored(_SHIFT), 1.0)
+        self._set_shift(self._stored(numbers.SHIFT), 1.0)
 
     def _set_shift(self, shift: list[float], in_effect: float) -> None:
         self._shift = shift
-        self._values[SHIFT_IN_EFFECT] = in_effect
+        self._values[numbers.SHIFT_IN_EFFECT] = in_effect
         for place, value in zip(self._places, shift, strict=True):
-            self._values[_SHIFT + place] = value
+            self._values[numbers.SHIFT + place] = value
         self._settle()
 
     # Tool
@@ -381,12 +375,12 @@ class Coordinates:
 
     # Reference positions
 
-    def home(self, code: int) -> list[float]:
-        """The machine position that G28 (``code`` 28) or G30 goes to."""
+    def home(self, code: G) -> list[float]:
+        """The machine position that G28 or G30 goes to."""
         return self._stored(_HOMES[code])
 
-    def set_home(self, code: int, position: list[float]) -> None:
-        """G28.1, G30.1: store a machine position."""
+    def set_home(self, code: G, position: list[float]) -> None:
+        """Store the machine position that G28 or G30 goes to."""
         for place, value in zip(self._places, position, strict=True):
             self._values[_HOMES[code] + place] = value
 

@@ -11,77 +11,88 @@ from functools import lru_cache
 from typing import Literal
 
 from cnc.gcode.dialects import Dialect
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import Word, fault
 from cnc.model.blocks import PathControl, Plane
 from cnc.model.diagnostics import GcodeError
 from cnc.model.units import per_second
 
-NURBS = 62
-"""G6.2, ten times its number as everywhere."""
-CANCEL = 800
-COMPENSATION_OFF = 400
-BSPLINE = -10
-"""Siemens' motion code that is a word."""
-
-_GROUPS: dict[str, tuple[int, ...]] = {
+_GROUPS: dict[str, tuple[G, ...]] = {
     "motion": (
-        0, 10, 20, 30, 50, 51, 52, 53, NURBS, BSPLINE, 330, 331, 382, 383, 384, 385, 730, 740, 760,
-        CANCEL, 810, 820, 830, 840, 850, 860, 870, 880, 890,
+        G.G0, G.G1, G.G2, G.G3, G.G5, G.G5_1, G.G5_2, G.G5_3, G.G6_2, G.BSPLINE, G.G33, G.G33_1,
+        G.G38_2, G.G38_3, G.G38_4, G.G38_5, G.G73, G.G74, G.G76, G.G80, G.G81, G.G82, G.G83, G.G84,
+        G.G85, G.G86, G.G87, G.G88, G.G89,
     ),
-    "non-modal": (40, 100, 280, 281, 300, 301, 520, 530, 650, 920, 921, 922, 923),
-    "plane": (170, 180, 190),
-    "units": (200, 210),
-    "distance": (900, 910),
-    "arc-distance": (901, 911),
-    "feed-mode": (930, 940, 950),
-    "compensation": (COMPENSATION_OFF, 410, 411, 420, 421),
-    "tool-length": (430, 431, 432, 440, 490),
-    "system": (540, 550, 560, 570, 580, 590, 591, 592, 593, 541),
-    "path": (610, 611, 640),
-    "spindle-mode": (960, 970),
-    "retract": (980, 990),
-    "diameter": (70, 80),
+    "non-modal": (
+        G.G4, G.G10, G.G28, G.G28_1, G.G30, G.G30_1, G.G52, G.G53, G.G65, G.G92, G.G92_1, G.G92_2,
+        G.G92_3,
+    ),
+    "plane": (G.G17, G.G18, G.G19),
+    "units": (G.G20, G.G21),
+    "distance": (G.G90, G.G91),
+    "arc-distance": (G.G90_1, G.G91_1),
+    "feed-mode": (G.G93, G.G94, G.G95),
+    "compensation": (G.G40, G.G41, G.G41_1, G.G42, G.G42_1),
+    "tool-length": (G.G43, G.G43_1, G.G43_2, G.G44, G.G49),
+    "system": (
+        G.G54, G.G55, G.G56, G.G57, G.G58, G.G59, G.G59_1, G.G59_2, G.G59_3, G.G54_1,
+    ),
+    "path": (G.G61, G.G61_1, G.G64),
+    "spindle-mode": (G.G96, G.G97),
+    "retract": (G.G98, G.G99),
+    "diameter": (G.G7, G.G8),
     # Ends of what no dialect has the beginning of. Headers of CAM posts hold them; there is nothing
     # to end.
-    "polar": (150,),
-    "call": (670,),
-    "rotation": (690,),
+    "polar": (G.G15,),
+    "call": (G.G67,),
+    "rotation": (G.G69,),
 }  # fmt: skip
-_M_GROUPS: dict[str, tuple[int, ...]] = {
-    "stop": (0, 1, 2, 30, 60, 98, 99),
-    "tool-change": (6, 61),
-    "spindle": (3, 4, 5, 19),
-    "coolant": (7, 8, 9),
-    "overrides": (48, 49, 50, 51, 52, 53),
-    "input-output": (62, 63, 64, 65, 66, 67, 68),
-    "state": (70, 71, 72, 73),
+_M_GROUPS: dict[str, tuple[M, ...]] = {
+    "stop": (M.M0, M.M1, M.M2, M.M30, M.M60, M.M98, M.M99),
+    "tool-change": (M.M6, M.M61),
+    "spindle": (M.M3, M.M4, M.M5, M.M19),
+    "coolant": (M.M7, M.M8, M.M9),
+    "overrides": (M.M48, M.M49, M.M50, M.M51, M.M52, M.M53),
+    "input-output": (M.M62, M.M63, M.M64, M.M65, M.M66, M.M67, M.M68),
+    "state": (M.M70, M.M71, M.M72, M.M73),
 }
 GROUP_OF_G = {code: group for group, codes in _GROUPS.items() for code in codes}
 GROUP_OF_M = {code: group for group, codes in _M_GROUPS.items() for code in codes}
 
-PLANES: dict[int, Plane] = {170: "XY", 180: "ZX", 190: "YZ"}
+QUICK_MOTIONS = (G.G0, G.G1, G.G2, G.G3)
+"""Motion codes of straight moves and arcs."""
+PLANES: dict[G, Plane] = {G.G17: "XY", G.G18: "ZX", G.G19: "YZ"}
 SYSTEMS = {code: index for index, code in enumerate(_GROUPS["system"])}
 
 FeedMode = Literal["per-minute", "inverse-time", "per-revolution"]
-FEED_MODES: dict[int, FeedMode] = {930: "inverse-time", 940: "per-minute", 950: "per-revolution"}
+FEED_MODES: dict[G, FeedMode] = {
+    G.G93: "inverse-time",
+    G.G94: "per-minute",
+    G.G95: "per-revolution",
+}
 
-
-_ENDS_ANYWAY = [{CANCEL, plain} for plain in (0, 10, 20, 30)]
+_ENDS_ANYWAY = [{G.G80, motion} for motion in QUICK_MOTIONS]
 
 
 @dataclass(frozen=True, slots=True)
 class Code:
-    """A code of a line: ``number`` is ten times the code for G, the code for M."""
+    """A code of a line."""
 
-    number: int
+    number: G | M
     word: Word
+
+    @property
+    def g(self) -> G:
+        """The number of a G-code."""
+        assert isinstance(self.number, G)
+        return self.number
 
 
 Codes = dict[str, Code]
 """The codes of a line by modal group."""
 
 
-CALLS_M, CALL_G = (98, 99), 650
+_CALLS = (M.M98, M.M99)
 """Codes that the flow of control takes out of a line before it is executed."""
 
 
@@ -91,15 +102,15 @@ def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
     """
     found: Codes = {}
     for word in g:
-        number = dialect.check_g(word) if word.letter == "G" else BSPLINE
-        if number == CALL_G:
+        number = dialect.check_g(word) if word.letter == "G" else G.BSPLINE
+        if number == G.G65:
             raise _call_left(word)
         _add(found, GROUP_OF_G[number], Code(number, word))
     for word in m:
-        number = dialect.check_m(word)
-        if number in CALLS_M:
+        code = dialect.check_m(word)
+        if code in _CALLS:
             raise _call_left(word)
-        _add(found, GROUP_OF_M[number], Code(number, word))
+        _add(found, GROUP_OF_M[code], Code(code, word))
     return found
 
 
@@ -115,7 +126,7 @@ def _add(found: Codes, group: str, code: Code) -> None:
     other = found.get(group)
     if other and {other.number, code.number} in _ENDS_ANYWAY:
         # G80 beside a plain motion code, which ends the cycles anyway.
-        if code.number == CANCEL:
+        if code.number == G.G80:
             return
     elif other:
         if other.number == code.number:
@@ -164,11 +175,11 @@ class Modal:
     ``scale`` is mm a program unit; ``diameter`` (G7): X words are diameters. ``speed`` is in rpm,
     or mm/s under G96, where ``most_rpm`` limits the spindle (0: no limit). ``tool`` is the number
     of the last T word, ``loaded`` that of the tool in the spindle (0: none). ``compensation`` is
-    ten times the code of the G41 or G42 in effect (0: none). ``initial_level`` (G98): cycles end at
+    the G41 or G42 in effect, or G40. ``initial_level`` (G98): cycles end at
     the level that they began from, not at R.
     """
 
-    motion: int | None = None
+    motion: G | None = None
     plane: Plane = "XY"
     scale: float = 1.0
     diameter: bool = False
@@ -185,7 +196,7 @@ class Modal:
     tool: int | None = None
     loaded: int = 0
     initial_level: bool = False
-    compensation: int = 0
+    compensation: G = G.G40
     path: PathControl = "exact-path"
     tolerance: float = 0.0
     feed_override: bool = True

@@ -24,6 +24,7 @@ from pathlib import Path
 from cnc.gcode.syntax.parameters import Parameters, replace_text
 from cnc.gcode.syntax.words import AXES
 from cnc.model.diagnostics import Diagnostic, MachineFileError
+from cnc.model.parameter_numbers import CURRENT_TOOL
 
 MAX_TOOL = 99_999
 MAX_POCKET = 99_999
@@ -33,7 +34,6 @@ _WORD = re.compile(r"[ \t]*([A-Za-z])[ \t]*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))?"
 _DATA = AXES | frozenset("TPDIJQ")
 _WHOLE = {"T": MAX_TOOL, "P": MAX_POCKET, "Q": ORIENTATIONS}
 _AXES_IN_ORDER = "XYZABCUVW"
-_CURRENT_TOOL = 5400
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +170,7 @@ class ToolTable:
             lambda: entry().back_angle,
             lambda: float(entry().orientation),
         ]
-        for number, read in enumerate(readings, start=_CURRENT_TOOL):
+        for number, read in enumerate(readings, start=CURRENT_TOOL):
             parameters.bind(number, read)
         parameters.bind("_current_tool", readings[0])
 

@@ -1,1 +1,1 @@
-"""Text to statements: characters, words, expressions, grammar."""
+"""From text to statements: scanner, grammar, words, expressions."""

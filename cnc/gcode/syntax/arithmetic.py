@@ -1,11 +1,17 @@
-"""What the operators and functions of expressions compute: plain numbers in, plain numbers out,
-angles in degrees.
+"""Operators and functions of expressions, on plain numbers; angles are in degrees.
 
-Where the two families differ: RS274/NGC compares EQ and NE to within 1e-6, GE and LE exactly, and
-takes what is not 0 for true in AND, OR and XOR; its FIX and FUP round down and up, its MOD is never
-negative. FANUC's compare exactly, AND, OR and XOR work on the bits of whole numbers, FIX and FUP
-round toward and away from zero, MOD takes the sign of its left side. Sources: LinuxCNC 2.9, "G-code
-overview"; FANUC, "Custom macro".
+The two families differ:
+
+===============  ==========================  ===================================
+operators        RS274/NGC                   FANUC
+===============  ==========================  ===================================
+EQ, NE           to within 1e-6              exactly
+AND, OR, XOR     any number but 0 is true    on the bits of whole numbers
+FIX, FUP         down, up                    toward zero, away from zero
+MOD              never negative              has the sign of its left side
+===============  ==========================  ===================================
+
+GE and LE compare exactly in both. Sources: LinuxCNC 2.9, "G-code overview"; FANUC, "Custom macro".
 """
 
 from __future__ import annotations
@@ -14,7 +20,7 @@ import math
 from collections.abc import Callable
 
 NEAR = 1e-6
-"""How far apart numbers are equal to RS274/NGC."""
+"""Numbers that differ by less are equal in RS274/NGC."""
 _QUADRANT = 90.0
 
 Unary = Callable[[float], float]
@@ -22,38 +28,36 @@ Binary = Callable[[float, float], float]
 
 
 class Undefined(Exception):
-    """The result does not exist: a code, what is wrong, and what to do."""
+    """The result does not exist. The arguments are error code, message and hint."""
 
     def __init__(self, code: str, message: str, hint: str = "") -> None:
         super().__init__(code, message, hint)
 
 
 def power(a: float, b: float) -> float:
-    """A power. Negative numbers have whole powers only, 0 has none below 0."""
+    """Return a power. Negative numbers have only whole powers; 0 has no negative ones."""
     try:
         return math.pow(a, b)
     except OverflowError:
         return math.inf
     except ValueError:
-        what = (
-            "0 has no negative powers" if a == 0 else f"{a:g} is negative and has whole powers only"
+        reason = (
+            "0 has no negative powers" if a == 0 else f"{a:g} is negative and has only whole powers"
         )
-        raise Undefined("power-undefined", f"{a:g}**{b:g}: {what}") from None
+        raise Undefined("power-undefined", f"{a:g}**{b:g}: {reason}") from None
 
 
 def modulo(a: float, b: float) -> float:
-    """What is left of a division, never negative."""
+    """Return the remainder of a division; never negative."""
     if b == 0:
         raise Undefined("division-by-zero", "a division by zero (MOD)")
     rest = math.fmod(a, b)
-    # What is left may be -0.
+    # The remainder may be -0.
     return rest + abs(b) if rest < 0 else abs(rest)
 
 
 def macro_modulo(a: float, b: float) -> float:
-    """What is left of a division of whole numbers, with the sign of the first; others are rounded
-    before.
-    """
+    """Return the remainder of a division of rounded numbers, with the sign of the first."""
     divisor = half_away(b)
     if divisor == 0:
         raise Undefined("division-by-zero", "a division by zero (MOD)")
@@ -61,47 +65,47 @@ def macro_modulo(a: float, b: float) -> float:
 
 
 def half_away(x: float) -> float:
-    """The nearest whole number; halves go away from zero."""
+    """Return the nearest whole number; halves are rounded away from zero."""
     below = math.floor(abs(x))
     return math.copysign(below + (abs(x) - below >= 0.5), x)
 
 
 def down(x: float) -> float:
-    """The next whole number down."""
+    """Return the number rounded down."""
     return float(math.floor(x))
 
 
 def up(x: float) -> float:
-    """The next whole number up."""
+    """Return the number rounded up."""
     return float(math.ceil(x))
 
 
 def toward_zero(x: float) -> float:
-    """The whole number without what stands after the point."""
+    """Return the number without its decimals."""
     return float(math.trunc(x))
 
 
 def away_from_zero(x: float) -> float:
-    """The next whole number away from zero."""
+    """Return the number rounded away from zero."""
     return math.copysign(math.ceil(abs(x)), x)
 
 
 def sine(x: float) -> float:
-    """Sine; exact where it is -1, 0 or 1."""
+    """Return the sine; exact if it is -1, 0 or 1."""
     if x % _QUADRANT == 0:
         return (0.0, 1.0, 0.0, -1.0)[int(x / _QUADRANT % 4)]
     return math.sin(math.radians(x))
 
 
 def cosine(x: float) -> float:
-    """Cosine; exact where it is -1, 0 or 1."""
+    """Return the cosine; exact if it is -1, 0 or 1."""
     if x % _QUADRANT == 0:
         return (1.0, 0.0, -1.0, 0.0)[int(x / _QUADRANT % 4)]
     return math.cos(math.radians(x))
 
 
 def tangent(x: float) -> float:
-    """Tangent; 90 degrees have none."""
+    """Return the tangent; it is undefined at 90 degrees."""
     if x % _QUADRANT == 0:
         if x / _QUADRANT % 2:
             raise Undefined("argument-out-of-range", f"TAN[{x:g}] is infinite")
@@ -110,7 +114,7 @@ def tangent(x: float) -> float:
 
 
 def square_root(x: float) -> float:
-    """Square root."""
+    """Return the square root."""
     if x < 0:
         raise Undefined(
             "argument-out-of-range", f"SQRT[{x:g}]: a negative number has no square root"
@@ -119,7 +123,7 @@ def square_root(x: float) -> float:
 
 
 def exponential(x: float) -> float:
-    """Power of e."""
+    """Return the power of e."""
     try:
         return math.exp(x)
     except OverflowError:
@@ -127,56 +131,54 @@ def exponential(x: float) -> float:
 
 
 def logarithm(x: float) -> float:
-    """Natural logarithm."""
+    """Return the natural logarithm."""
     if x <= 0:
         raise Undefined(
-            "argument-out-of-range", f"LN[{x:g}]: only numbers above 0 have a logarithm"
+            "argument-out-of-range", f"LN[{x:g}]: only positive numbers have a logarithm"
         )
     return math.log(x)
 
 
 def arcsine(x: float) -> float:
-    """Angle from -90 to 90."""
+    """Return the angle from -90 to 90."""
     _check_ratio("ASIN", x)
     return math.degrees(math.asin(x))
 
 
 def arccosine(x: float) -> float:
-    """Angle from 0 to 180."""
+    """Return the angle from 0 to 180."""
     _check_ratio("ACOS", x)
     return math.degrees(math.acos(x))
 
 
 def arctangent(y: float, x: float) -> float:
-    """Angle of the point (x, y), from -180 to 180; 0 at the origin."""
+    """Return the angle of the point (x, y) from -180 to 180; 0 at the origin."""
     return math.degrees(math.atan2(y, x))
 
 
 def macro_arcsine(x: float) -> float:
-    """Angle from 0 to 90 or from 270 to 360, as FANUC has it by default."""
+    """Return the angle from 0 to 90 or from 270 to 360: FANUC's default."""
     angle = arcsine(x)
     return angle + 360 if angle < 0 else angle
 
 
 def macro_arctangent(y: float, x: float) -> float:
-    """Angle of the point (x, y), from 0 to 360, as FANUC has it by default."""
+    """Return the angle of the point (x, y) from 0 to 360: FANUC's default."""
     angle = arctangent(y, x)
     return angle + 360 if angle < 0 else angle
 
 
 def to_binary(x: float) -> float:
-    """The number that decimal digits of four bits each stand for."""
+    """Return the number whose binary-coded decimal form is given."""
     value = _bits("BIN", x)
     digits = f"{value:x}"
     if not digits.isdecimal():
-        raise Undefined(
-            "argument-out-of-range", f"BIN[{x:g}]: {value} is not in binary-coded decimal"
-        )
+        raise Undefined("argument-out-of-range", f"BIN[{x:g}]: {value} is not binary-coded decimal")
     return float(digits)
 
 
 def to_decimal(x: float) -> float:
-    """The number whose groups of four bits are the decimal digits of another."""
+    """Return the binary-coded decimal form of a number."""
     return float(int(str(_bits("BCD", x)), 16))
 
 
@@ -184,14 +186,17 @@ def _bits(name: str, x: float) -> int:
     value = int(half_away(x))
     if not 0 <= value <= (99_999_999 if name == "BCD" else 0x99999999):
         raise Undefined(
-            "argument-out-of-range", f"{name}[{x:g}]: it has at most eight digits and no sign"
+            "argument-out-of-range",
+            f"{name}[{x:g}]: the argument has at most eight digits and no sign",
         )
     return value
 
 
 def _check_ratio(name: str, x: float) -> None:
     if not -1 <= x <= 1:
-        raise Undefined("argument-out-of-range", f"{name}[{x:g}]: the argument is from -1 to 1")
+        raise Undefined(
+            "argument-out-of-range", f"{name}[{x:g}]: the argument must be from -1 to 1"
+        )
 
 
 def _bitwise(operate: Callable[[int, int], int]) -> Binary:
@@ -211,7 +216,7 @@ OPERATORS: dict[str, Binary] = {
     "OR": lambda a, b: 1.0 if a != 0 or b != 0 else 0.0,
     "XOR": lambda a, b: 1.0 if (a != 0) != (b != 0) else 0.0,
 }
-"""RS274/NGC's, but for + - * /."""
+"""Operators of RS274/NGC except + - * /."""
 MACRO_OPERATORS: dict[str, Binary] = {
     "MOD": macro_modulo,
     "EQ": lambda a, b: 1.0 if a == b or (a != a and b != b) else 0.0,
@@ -224,7 +229,7 @@ MACRO_OPERATORS: dict[str, Binary] = {
     "OR": _bitwise(int.__or__),
     "XOR": _bitwise(int.__xor__),
 }
-"""FANUC's, but for + - * /; EQ and NE are given vacant variables as NaN."""
+"""Operators of FANUC except + - * /. EQ and NE take vacant variables as NaN."""
 FUNCTIONS: dict[str, Unary] = {
     "ABS": abs,
     "ACOS": arccosine,

@@ -1,9 +1,10 @@
-"""Expressions as closures: what has to be computed each time that a line is executed.
+"""Expressions as closures, which are computed whenever their line is executed.
 
-A node is built from its parts, operator by operator. Constant parts are computed once; what can't
-be computed raises when it is asked for, at the column of the operator, function or parameter that
-fails. With FANUC's macros a variable that was never set is vacant, which is NaN: EQ and NE tell it
-from 0, a word or an assignment hands it on, everything else takes it for 0.
+A node is built from its parts, operator by operator. Constant parts are computed once. An error is
+raised when the value is computed, at the column of the operator, function or parameter.
+
+In FANUC's macros a variable that was never set is *vacant*, which is NaN here. EQ and NE
+distinguish it from 0. Words and assignments receive it as vacant; all else takes it as 0.
 """
 
 from __future__ import annotations
@@ -28,21 +29,24 @@ from cnc.gcode.syntax.words import NEAR_WHOLE, fault
 from cnc.model.diagnostics import GcodeError
 
 MAX_DEPTH = 100
-"""Operations inside each other. Each costs a frame of Python's stack; brackets alone cost
-nothing.
-"""
-_LOOK = (
-    "look at the numbers that it is computed from: (DEBUG, #1) in the line before shows a parameter"
+"""Most operations inside each other. Each takes a frame of Python's stack; brackets take none."""
+_CHECK_INPUT = (
+    "check the numbers that it is computed from: (DEBUG, #1) in the line before shows a parameter"
 )
 _INF = math.inf
 
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """A part of an expression, from ``begin`` to before ``end`` in the text without blanks.
+    """A part of an expression.
 
-    ``number`` is its value where that is constant. ``raw`` is the value with vacant as NaN, where
-    that can be.
+    Attributes:
+        value: Computes the value.
+        begin: Position of its first character in the text without blanks.
+        end: Position after its last character.
+        number: The value if it is constant.
+        raw: Computes the value with vacant as NaN, if it can be vacant.
+        depth: Number of operations inside each other.
     """
 
     value: Value
@@ -53,48 +57,52 @@ class Node:
     depth: int = 0
 
     def spanning(self, begin: int, end: int) -> Node:
-        """The same, in brackets."""
+        """Return the same node with brackets around it."""
         return replace(self, begin=begin, end=end)
 
     @property
     def result(self) -> Value:
-        """The value as a word or an assignment takes it: vacant is NaN."""
+        """The value for a word or an assignment: vacant is NaN."""
         return self.raw or self.value
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterNode(Node):
-    """A parameter: ``index`` is its name, or computes its number."""
+    """A parameter. ``index`` is its name, or computes its number."""
 
     index: Node | str = ""
 
 
 def constant(number: float, begin: int, end: int) -> Node:
-    """A node that is always the same."""
+    """Return a node with a constant value."""
     return Node(lambda _: number, begin, end, number)
 
 
 class Builder:
-    """Builds the nodes of one line. ``columns`` holds the place in the line, from 0, of every
-    character of the text without blanks.
-    """
+    """Builds the nodes of one line."""
 
     def __init__(self, columns: Sequence[int], *, macro: bool) -> None:
+        """Create a builder.
+
+        Args:
+            columns: Position in the line, from 0, of each character of the text without blanks.
+            macro: Whether the language is FANUC's macro B.
+        """
         self.columns = columns
         self.macro = macro
 
     def place(self, begin: int, end: int) -> tuple[int, int]:
-        """Column from 1 and length of a part of the line."""
+        """Return column (from 1) and length of a part of the line."""
         first = self.columns[begin]
         return first + 1, self.columns[end - 1] + 1 - first
 
     def fault(self, code: str, message: str, begin: int, end: int, hint: str = "") -> GcodeError:
-        """An error at a part of the line."""
+        """Return an error at a part of the line."""
         column, length = self.place(begin, end)
         return fault(code, message, column=column, length=length, hint=hint)
 
     def sign(self, sign: str, operand: Node, begin: int) -> Node:
-        """A sign before an operand."""
+        """Return an operand with a sign before it."""
         if sign == "+":
             return replace(operand, begin=begin)
         a, raw = operand.value, operand.raw
@@ -104,7 +112,7 @@ class Builder:
         return self._folded(node, operand)
 
     def binary(self, left: Node, operator: str, right: Node, begin: int) -> Node:
-        """Two operands and what stands between them, at ``begin``."""
+        """Return two operands with an operator, which stands at ``begin``."""
         place = self.place(begin, begin + len(operator))
         if operator in ("EQ", "NE") and self.macro:
             a, b = left.result, right.result
@@ -124,8 +132,13 @@ class Builder:
         return self._folded(node, left, right)
 
     def call(self, name: str, argument: Node, begin: int, *, increments: bool = False) -> Node:
-        """A function. ROUND in a FANUC word (``increments``) rounds to what the control
-        resolves.
+        """Return the call of a function.
+
+        Args:
+            name: The function.
+            argument: Its argument.
+            begin: Position of the function.
+            increments: Whether ROUND rounds to least input increments, as in a FANUC word.
         """
         column, length = self.place(begin, begin + len(name))
         a = argument.value
@@ -147,7 +160,7 @@ class Builder:
         return self._folded(Node(value, begin, argument.end, depth=argument.depth + 1), argument)
 
     def arctangent(self, y: Node, x: Node | None, begin: int) -> Node:
-        """ATAN[y]/[x], or FANUC's ATAN[y]."""
+        """Return ATAN[y]/[x], or FANUC's ATAN[y]."""
         if x is None:
             a = y.value
             node = Node(lambda p: math.degrees(math.atan(a(p))), begin, y.end, depth=y.depth + 1)
@@ -158,13 +171,12 @@ class Builder:
         return self._folded(node, y, x)
 
     def parameter(self, index: Node | str, begin: int, end: int) -> ParameterNode:
-        """``#`` and a number, which may be computed, or a name."""
+        """Return a parameter with a number, which may be computed, or a name."""
         column = self.place(begin, end)[0]
         if isinstance(index, str):
             return ParameterNode(lambda p: p.name(index, column), begin, end, index=index)
         if index.number is None:
-            i = index.value
-            value: Value = lambda p: p.number(i(p), column)  # noqa: E731
+            value = _computed_parameter(index.value, column)
             depth = index.depth + 1
             if depth > MAX_DEPTH:
                 raise self._too_deep(begin, end)
@@ -178,7 +190,7 @@ class Builder:
         return ParameterNode(value, begin, end, depth=depth, index=index)
 
     def _numbered(self, number: int, column: int) -> Value:
-        """The value of a parameter, vacant as NaN."""
+        """Return the value of a parameter; vacant is NaN."""
         if 0 < number <= (LOCAL_MACRO if self.macro else LOCAL):
             unset = VACANT if self.macro else 0.0
             return lambda p: p.locals.get(number, unset)
@@ -192,7 +204,11 @@ class Builder:
         return value
 
     def whole(self, node: Node) -> int:
-        """A constant number of a parameter. GcodeError ``parameter-number``."""
+        """Return the constant number of a parameter.
+
+        Raises:
+            GcodeError: ``parameter-number``, if it is not whole.
+        """
         assert node.number is not None
         number = round(node.number)
         if abs(number - node.number) > NEAR_WHOLE:
@@ -202,7 +218,7 @@ class Builder:
         return number
 
     def exists(self, index: Node | str, begin: int, end: int) -> Node:
-        """Whether there is such a parameter."""
+        """Return whether a parameter exists, as 1 or 0."""
         if isinstance(index, str):
             return Node(lambda p: float(p.exists(index)), begin, end)
         a = index.value
@@ -211,7 +227,7 @@ class Builder:
         )
 
     def _folded(self, node: Node, *parts: Node) -> Node:
-        """The node, computed once and for all where its parts are constant and it can be."""
+        """Return the node; a constant if its parts are constant and it can be computed."""
         if parts and all(part.number is not None for part in parts):
             try:
                 return constant(node.value(_NONE), node.begin, node.end)
@@ -224,12 +240,16 @@ class Builder:
     def _too_deep(self, begin: int, end: int) -> GcodeError:
         message = f"more than {MAX_DEPTH} operations inside each other"
         return self.fault(
-            "expression-too-deep", message, begin, end, "keep a part of it in a parameter"
+            "expression-too-deep", message, begin, end, "compute a part of it into a parameter"
         )
 
 
 _NONE = Parameters()
-"""What constants are computed under."""
+"""Parameters for the computation of constants."""
+
+
+def _computed_parameter(index: Value, column: int) -> Value:
+    return lambda p: p.number(index(p), column)
 
 
 def _not_vacant(raw: Value) -> Value:
@@ -244,8 +264,8 @@ def _to_increments(a: Value) -> Value:
     return lambda p: half_away(a(p) * p.increments) / p.increments
 
 
-# The four rules of arithmetic are written out: through one function for all of them each operation
-# of a program would take a call more.
+# Each of + - * / has its own function. One function for all would need one more call for each
+# operation of a program.
 
 
 def _add(a: Value, b: Value, place: tuple[int, int]) -> Value:
@@ -304,7 +324,7 @@ def _divide(a: Value, b: Value, place: tuple[int, int]) -> Value:
             result = a(p) / b(p)
         except ZeroDivisionError:
             raise fault(
-                "division-by-zero", "a division by zero", column=place[0], hint=_LOOK
+                "division-by-zero", "a division by zero", column=place[0], hint=_CHECK_INPUT
             ) from None
         if -_INF < result < _INF:
             return result
@@ -333,14 +353,14 @@ def _operation(a: Value, operator: str, b: Value, place: tuple[int, int], *, mac
 
 def _failed(undefined: Undefined, column: int, length: int) -> GcodeError:
     code, message, hint = undefined.args
-    return fault(code, message, column=column, length=length, hint=hint or _LOOK)
+    return fault(code, message, column=column, length=length, hint=hint or _CHECK_INPUT)
 
 
 def _overflow(column: int, length: int) -> GcodeError:
     return fault(
         "number-too-large",
-        "the result is too large to be a number",
+        "the result is too large for a number",
         column=column,
         length=length,
-        hint=_LOOK,
+        hint=_CHECK_INPUT,
     )

@@ -1,12 +1,12 @@
-"""Lines that differ in their numbers alone are parsed once.
+"""Templates for lines that differ only in their numbers, so that the grammar parses one of them.
 
-A program that was unrolled, or written by a macro, is full of them::
+Programs with unrolled loops have many such lines::
 
-    X[#1 + 2.5] Y3      shape  X[#1 + _] Y_      numbers  2.5, 3
+    X[#1 + 2.5] Y3      template  X[#1 + _] Y_      numbers  2.5, 3
 
-The grammar reads the first two lines of a shape: one as it stands, one with its numbers left open.
-From then on a line takes its numbers from its text, and everything else from its shape. What a line
-can't compute is computed once more by its own full parse, so that errors stand at their places.
+The grammar parses the first two lines of a template: the first as it is, the second with open
+numbers. Later lines take the numbers from their text and all else from the template. If a value
+cannot be computed, the line is parsed in full, so that the error has its right column.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import re
 import string
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 from cnc.gcode.syntax.parameters import Parameters
@@ -23,27 +24,32 @@ from cnc.gcode.syntax.statement import Assignment, Statement, Value
 from cnc.gcode.syntax.words import MAX_NUMBER, Word
 from cnc.model.diagnostics import GcodeError
 
-MOST_SHAPES = 4096
-"""Shapes that are kept."""
+MOST_TEMPLATES = 4096
+"""Templates that are kept."""
 
 _OPEN = re.compile(r"(\([^()]*\))|;.*|<[^<>]*>|#[ \t]*[0-9]+|([0-9]+\.?[0-9]*|\.[0-9]+)", re.DOTALL)
-"""What is left open in a shape: comments and numbers, but for the digits of names and of
-parameters.
+"""Open spans of a template: comments and numbers. The digits of names and parameters are part of
+the template.
 """
 _ACTIVE = re.compile(r"\([ \t]*(?:msg|debug|print|log|probe|py|abort)", re.IGNORECASE)
 _CAPITALS = str.maketrans(string.ascii_lowercase, string.ascii_uppercase, " \t")
 
 Span = tuple[int, int]
 Parse = Callable[[dict[int, int] | None], Statement]
-"""Parses the line; with the places of its numbers (from 0, as they stand in the line) by index,
-those are left open.
+"""Parses the line. The argument holds the index of each open number by its position in the line,
+from 0; None for no open numbers.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where a part of the first line stands: from column ``first`` to before ``end``, behind so
-    many open spans each.
+    """The place of a part of the line that a template was made from.
+
+    Attributes:
+        first: Position of its first character, from 0.
+        end: Position after its last character.
+        spans_before: Number of open spans before ``first``.
+        spans_inside: Number of open spans before ``end``.
     """
 
     first: int
@@ -53,9 +59,14 @@ class _Place:
 
 
 @dataclass(frozen=True, slots=True)
-class _Shape:
-    """A statement with its numbers open; ``ends`` are the ends of the open spans in the line that
-    it was made from.
+class _Template:
+    """A statement with open numbers.
+
+    Attributes:
+        statement: The statement.
+        ends: Ends of the open spans in the line that it was made from.
+        words: Places of the words.
+        assignments: Places of the assignments.
     """
 
     statement: Statement
@@ -64,15 +75,17 @@ class _Shape:
     assignments: tuple[_Place, ...]
 
 
-_shapes: dict[str, _Shape | Literal["met", "unfit"]] = {}
-"""Shapes by their text: one that was met once is made at the second time, one that is unfit
-never.
-"""
+_templates: dict[str, _Template | Literal["met", "unfit"]] = {}
+"""Templates by their text. ``met``: one line was parsed. ``unfit``: such lines have no template."""
 
 
 def statement(text: str, flavour: str, parse: Parse) -> Statement:
-    """The statement of a line, from its shape where that is known. ``flavour``: whatever else the
-    parse depends on.
+    """Return the statement of a line, from its template if there is one.
+
+    Args:
+        text: The line.
+        flavour: Everything else that the parse depends on.
+        parse: Parses the line in full.
     """
     if _ACTIVE.search(text):
         return parse(None)
@@ -95,20 +108,22 @@ def statement(text: str, flavour: str, parse: Parse) -> Statement:
     if not numbers:
         return parse(None)
     key = f"{flavour}\n{''.join(pieces)}{text[at:]}"
-    shape = _shapes.get(key)
-    if isinstance(shape, _Shape):
-        return _filled(shape, text, spans, numbers, parse) or parse(None)
-    if shape is None:
-        if len(_shapes) >= MOST_SHAPES:
-            _shapes.clear()
-        _shapes[key] = "met"
-    elif shape == "met":
-        _shapes[key] = _learnt(text, spans, numbers, parse) or "unfit"
+    template = _templates.get(key)
+    if isinstance(template, _Template):
+        return _filled(template, text, spans, numbers, parse) or parse(None)
+    if template is None:
+        if len(_templates) >= MOST_TEMPLATES:
+            _templates.clear()
+        _templates[key] = "met"
+    elif template == "met":
+        _templates[key] = _make_template(text, spans, numbers, parse) or "unfit"
     return parse(None)
 
 
-def _learnt(text: str, spans: list[Span], numbers: list[Span], parse: Parse) -> _Shape | None:
-    """The shape of a line, if it can be one."""
+def _make_template(
+    text: str, spans: list[Span], numbers: list[Span], parse: Parse
+) -> _Template | None:
+    """Return the template of a line; None if it cannot have one."""
     try:
         open_numbers = {begin: index for index, (begin, _) in enumerate(numbers)}
         found = parse(open_numbers)
@@ -117,10 +132,10 @@ def _learnt(text: str, spans: list[Span], numbers: list[Span], parse: Parse) -> 
     simple = not (found.control or found.remarks or found.board or found.percent) and all(
         len(word.letter) == 1 for word in found.words
     )
-    if not simple or open_numbers:  # a number that was not taken as one
+    if not simple or open_numbers:  # the grammar did not read a number as one
         return None
     ends = tuple(end for _, end in spans)
-    return _Shape(
+    return _Template(
         found,
         ends,
         tuple(_place(word.column, word.length, ends) for word in found.words),
@@ -135,17 +150,17 @@ def _place(column: int, length: int, ends: tuple[int, ...]) -> _Place:
 
 
 def _filled(
-    shape: _Shape, text: str, spans: list[Span], numbers: list[Span], parse: Parse
+    template: _Template, text: str, spans: list[Span], numbers: list[Span], parse: Parse
 ) -> Statement | None:
-    """The statement of another line of the shape; None where it needs the grammar after all."""
+    """Return the statement of another line of the template; None if it needs the grammar."""
     shifts = [0]
-    shifts += [span[1] - end for span, end in zip(spans, shape.ends, strict=True)]
+    shifts += [span[1] - end for span, end in zip(spans, template.ends, strict=True)]
     values = tuple([float(text[begin:end]) for begin, end in numbers])
     if math.inf in values:
         return None
-    known = shape.statement
+    known = template.statement
     words: list[Word] = []
-    for word, place in zip(known.words, shape.words, strict=True):
+    for word, place in zip(known.words, template.words, strict=True):
         first, end = (
             place.first + shifts[place.spans_before],
             place.end + shifts[place.spans_inside],
@@ -159,12 +174,12 @@ def _filled(
         words.append(Word(word.letter, number, written, first + 1, end - first))
     computed = tuple(
         [
-            (index, _bound(value, values, lambda k=k: parse(None).computed[k][1]))
+            (index, _bound(value, values, partial(_computed_of, parse, k)))
             for k, (index, value) in enumerate(known.computed)
-        ]  # type: ignore[misc]
+        ]
     )
     assignments: list[Assignment] = []
-    for k, (each, place) in enumerate(zip(known.assignments, shape.assignments, strict=True)):
+    for k, (each, place) in enumerate(zip(known.assignments, template.assignments, strict=True)):
         first, end = (
             place.first + shifts[place.spans_before],
             place.end + shifts[place.spans_inside],
@@ -172,21 +187,35 @@ def _filled(
         target = (
             each.target
             if isinstance(each.target, str)
-            else _bound(each.target, values, lambda k=k: _target(parse(None), k))
-        )  # type: ignore[misc]
-        value = _bound(each.value, values, lambda k=k: parse(None).assignments[k].value)  # type: ignore[misc]
+            else _bound(each.target, values, partial(_target_of, parse, k))
+        )
+        value = _bound(each.value, values, partial(_assigned_of, parse, k))
         assignments.append(Assignment(target, value, first + 1, end - first))
     return Statement(tuple(words), computed, tuple(assignments), deletable=known.deletable)
 
 
-def _target(found: Statement, index: int) -> Value:
-    target = found.assignments[index].target
+def _computed_of(parse: Parse, index: int) -> Value:
+    return parse(None).computed[index][1]
+
+
+def _assigned_of(parse: Parse, index: int) -> Value:
+    return parse(None).assignments[index].value
+
+
+def _target_of(parse: Parse, index: int) -> Value:
+    target = parse(None).assignments[index].target
     assert not isinstance(target, str)
     return target
 
 
 def _bound(value: Value, numbers: tuple[float, ...], exact: Callable[[], Value]) -> Value:
-    """A value of the shape with the numbers of a line; ``exact`` is that of its full parse."""
+    """Return a value of the template with the numbers of a line.
+
+    Args:
+        value: The value.
+        numbers: The numbers of the line.
+        exact: Returns the value of the line's full parse.
+    """
 
     def bound(parameters: Parameters) -> float:
         parameters.open_numbers = numbers

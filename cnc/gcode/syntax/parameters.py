@@ -1,4 +1,4 @@
-"""Parameters: numbered and named variables of a program, and the file that keeps some of them.
+"""Parameters: the numbered and named variables of a program, and the parameter file.
 
 Numbers are the units of the program (mm or inch, as written); a parameter has no unit of its own.
 Source: LinuxCNC, "Parameters" (ranges, scope of names, the parameter file), and FANUC's custom
@@ -17,6 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from cnc.gcode.syntax.words import NEAR_WHOLE, fault
+from cnc.model import parameter_numbers as numbers
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 
 LOCAL = 30
@@ -26,12 +27,24 @@ LAST = 5602
 """Highest number that the interpreter knows."""
 USER = range(31, 5001)
 """Numbers that a program may use as it likes and that the file keeps once they were set."""
-SYSTEM = frozenset((*range(5161, 5170), *range(5181, 5190), *range(5210, 5391)))
+SYSTEM = frozenset(
+    (
+        *numbers.place(numbers.G28_POSITION),
+        *numbers.place(numbers.G30_POSITION),
+        *range(numbers.SHIFT_IN_EFFECT, numbers.origin(8) + numbers.ROTATION + 1),
+    )
+)
 """Home positions, G92, the coordinate systems: always there, always kept."""
-CURRENT_SYSTEM = 5220
-ALARM = 3000
-"""FANUC: setting it stops the program with an alarm."""
-KEPT_MACRO = frozenset((*range(500, 1000), *range(5201, 5210), *range(7001, 7961)))
+KEPT_MACRO = frozenset(
+    (
+        *range(500, 1000),
+        *numbers.place(numbers.EXTERNAL_OFFSET),
+        *range(
+            numbers.G54_1_ORIGIN,
+            numbers.G54_1_ORIGIN + numbers.MOST_G54_1_SYSTEMS * numbers.SYSTEM_STEP,
+        ),
+    )
+)
 """FANUC's common variables that stay, the external offset of its coordinate systems, and the
 systems of G54.1.
 """
@@ -48,18 +61,20 @@ Write = Callable[[float], None]
 class Parameters:
     """The variables of a program.
 
-    ``values`` is the plain store of the numbers above the locals; ``locals`` holds those of the
-    current call. Both are open to compiled expressions, which look there first. ``open_numbers``
-    are the numbers of the line that is being computed (:mod:`cnc.gcode.syntax.line_templates`).
-    With ``macro`` the ranges are FANUC's, and a number that was never set is vacant (NaN), not 0.
-    ``increments`` is how many least input increments a unit of length has: FANUC's ROUND rounds a
-    word to that (1000 a mm, 10000 an inch).
+    Attributes:
+        macro: Whether the ranges are FANUC's. Unset parameters are then vacant (NaN), not 0.
+        values: Values of the numbers above the locals. Expressions read it first.
+        locals: Values of the numbers of the current call. Expressions read it first.
+        open_numbers: Numbers of the line that is being computed
+            (:mod:`cnc.gcode.syntax.line_templates`).
+        increments: Least input increments in a unit of length: 1000 for mm, 10000 for inches.
+            FANUC's ROUND rounds words to them.
     """
 
     def __init__(self, values: Mapping[int, float] | None = None, *, macro: bool = False) -> None:
         self.macro = macro
         self.values: dict[int, float] = (
-            dict.fromkeys(sorted(SYSTEM), 0.0) | {CURRENT_SYSTEM: 1.0} | dict(values or {})
+            dict.fromkeys(sorted(SYSTEM), 0.0) | {numbers.CURRENT_SYSTEM: 1.0} | dict(values or {})
         )
         self.locals: dict[int, float] = {}
         self.open_numbers: tuple[float, ...] = ()
@@ -72,7 +87,11 @@ class Parameters:
         self._unset = VACANT if macro else 0.0
 
     def number(self, index: float, column: int) -> float:
-        """``#index``. GcodeError ``parameter-number`` where there is no such number."""
+        """Return ``#index``.
+
+        Raises:
+            GcodeError: ``parameter-number``, if there is no such number.
+        """
         number = self._whole(index, column)
         if 0 < number <= self._last_local:
             return self.locals.get(number, self._unset)
@@ -85,30 +104,37 @@ class Parameters:
         return self._unset
 
     def set_number(self, index: float, value: float, column: int) -> None:
-        """``#index = value``. GcodeError ``parameter-number``, ``parameter-read-only``,
-        ``macro-alarm``.
+        """Execute ``#index = value``.
+
+        Raises:
+            GcodeError: ``parameter-number``, ``parameter-read-only``, ``macro-alarm``.
         """
         number = self._whole(index, column)
         if 0 < number <= self._last_local:
             self._store(self.locals, number, value)
         elif number in self._bound:
             self._write(number, value, column)
-        elif number == ALARM and self.macro:
-            message = f"the program stops itself with alarm {ALARM + value:g}"
+        elif number == numbers.ALARM and self.macro:
+            message = f"the program stops itself with alarm {numbers.ALARM + value:g}"
             raise fault(
-                "macro-alarm", message, column=column, hint="the comment beside it may say why"
+                "macro-alarm",
+                message,
+                column=column,
+                hint="the comment in its line may give the reason",
             )
         elif number == 0 and self.macro:
             raise fault(
-                "parameter-read-only", "#0 is always vacant and can't be set", column=column
+                "parameter-read-only", "#0 is always vacant and cannot be set", column=column
             )
         else:
             self._check(number, column)
             self._store(self.values, number, value)
 
     def name(self, name: str, column: int) -> float:
-        """``#<name>``, given without the brackets, in lower case and without blanks. GcodeError
-        ``parameter-undefined``.
+        """Return ``#<name>``. The name is in lower case, without brackets and blanks.
+
+        Raises:
+            GcodeError: ``parameter-undefined``.
         """
         value = (self._globals if name.startswith("_") else self._names).get(name)
         if value is not None:
@@ -118,8 +144,10 @@ class Parameters:
         raise self._undefined(name, column)
 
     def set_name(self, name: str, value: float, column: int) -> None:
-        """``#<name> = value``: global where the name begins with ``_``, else of this call.
-        GcodeError ``parameter-read-only``.
+        """Execute ``#<name> = value``. A name that begins with ``_`` is global.
+
+        Raises:
+            GcodeError: ``parameter-read-only``.
         """
         if name in self._bound:
             self._write(name, value, column)
@@ -129,22 +157,28 @@ class Parameters:
             self._names[name] = value
 
     def exists(self, target: str | float) -> bool:
-        """Whether a name has a value, or there is a parameter of that number."""
+        """Return whether a name has a value, or a parameter of that number exists."""
         if isinstance(target, str):
             return target in self._names or target in self._globals or target in self._bound
         return target in self._bound or (1 <= target <= LAST and float(target).is_integer())
 
     def bind(self, key: int | str, read: Read, write: Write | None = None) -> None:
-        """Let a parameter show something live (5420: the position); without ``write`` a program
-        can't set it.
+        """Bind a parameter to functions, such as 5420 to the position.
+
+        Args:
+            key: Number or name of the parameter.
+            read: Returns its value.
+            write: Sets its value; None if programs may not set it.
         """
         if isinstance(key, int):
             self.values.pop(key, None)
         self._bound[key] = read, write
 
     def push(self, arguments: Sequence[float]) -> None:
-        """Enter a call: it has names of its own, and its own #1.. which begin with the arguments
-        (NaN: not given).
+        """Enter a call, which has its own names and its own local numbers.
+
+        Args:
+            arguments: Values of #1, #2, ..; NaN for those that are not given.
         """
         self._callers.append((self.locals, self._names))
         self.locals = {
@@ -157,7 +191,10 @@ class Parameters:
         self.locals, self._names = self._callers.pop()
 
     def stored(self) -> dict[int, float]:
-        """What the parameter file keeps, ascending: the system's, and the user's that were set."""
+        """Return the values for the parameter file, by ascending number.
+
+        They are those of the system, and those of the user that were set.
+        """
         kept = KEPT_MACRO if self.macro else USER
         return {
             number: self.values[number]
@@ -166,7 +203,7 @@ class Parameters:
         }
 
     def _store(self, store: dict[int, float], number: int, value: float) -> None:
-        """Vacant is stored as nothing at all."""
+        """Store a value. A vacant value removes the parameter."""
         if value == value:
             store[number] = value
         else:
@@ -198,7 +235,7 @@ class Parameters:
         write = self._bound[key][1]
         if write is None:
             shown = f"#<{key}>" if isinstance(key, str) else f"#{key}"
-            raise fault("parameter-read-only", f"{shown} can be read only", column=column)
+            raise fault("parameter-read-only", f"{shown} is read-only", column=column)
         write(value)
 
     def _undefined(self, name: str, column: int) -> GcodeError:
@@ -208,7 +245,11 @@ class Parameters:
             *(key for key in self._bound if isinstance(key, str)),
         ]
         near = difflib.get_close_matches(name, known, 1)
-        hint = f"did you mean #<{near[0]}>?" if near else f"set it first, or ask EXISTS[#<{name}>]"
+        hint = (
+            f"did you mean #<{near[0]}>?"
+            if near
+            else f"set it first, or test it with EXISTS[#<{name}>]"
+        )
         return fault(
             "parameter-undefined",
             f"#<{name}> was never set",
@@ -219,16 +260,17 @@ class Parameters:
 
 
 def read_parameters(path: str | os.PathLike[str]) -> dict[int, float]:
-    """The numbers of a parameter file: a number and its value a line, ascending.
+    """Read a parameter file: a number and its value in each line, by ascending number.
 
-    Raises UsageError with file and line: ``no-such-file``, ``unreadable-file``,
-    ``parameter-file-line``, ``parameter-file-order``.
+    Raises:
+        UsageError: ``no-such-file``, ``unreadable-file``, ``parameter-file-line``,
+            ``parameter-file-order``, with file and line.
     """
     name = os.fspath(path)
     try:
         text = Path(path).read_text(encoding="latin-1")
     except FileNotFoundError:
-        hint = "the first time, make an empty file of this name"
+        hint = "to begin with, make an empty file of this name"
         raise UsageError(
             Diagnostic("no-such-file", f"there is no parameter file {name}", file=name, hint=hint)
         ) from None
@@ -236,7 +278,7 @@ def read_parameters(path: str | os.PathLike[str]) -> dict[int, float]:
         raise UsageError(
             Diagnostic(
                 "unreadable-file",
-                f"can't read the parameter file {name}: {error.strerror}",
+                f"cannot read the parameter file {name}: {error.strerror}",
                 file=name,
             )
         ) from None
@@ -250,7 +292,7 @@ def read_parameters(path: str | os.PathLike[str]) -> dict[int, float]:
         if found is None or not math.isfinite(value):
             raise _file_error(
                 "parameter-file-line",
-                "this is no number of a parameter and its value",
+                "this is not the number of a parameter and its value",
                 name,
                 line,
                 raw,
@@ -264,17 +306,17 @@ def read_parameters(path: str | os.PathLike[str]) -> dict[int, float]:
                 name,
                 line,
                 raw,
-                f"they are 1 to {LAST_MACRO}",
+                f"parameters are 1 to {LAST_MACRO}",
             )
         if number <= last:
-            message = f"{number} stands after {last}"
+            message = f"{number} comes after {last}"
             raise _file_error(
                 "parameter-file-order",
                 message,
                 name,
                 line,
                 raw,
-                "the numbers must ascend, each given once",
+                "numbers must ascend, each given once",
             )
         values[number] = value
         last = number
@@ -282,10 +324,12 @@ def read_parameters(path: str | os.PathLike[str]) -> dict[int, float]:
 
 
 def write_parameters(path: str | os.PathLike[str], values: Mapping[int, float]) -> None:
-    """Write a parameter file. The old one is there whole until the new one is; ``float`` gives
-    every value back as it was.
+    """Write a parameter file. ``float`` reads each value back exactly.
 
-    Raises UsageError ``unwritable-file``.
+    The old file is replaced when the new one is complete.
+
+    Raises:
+        UsageError: ``unwritable-file``.
     """
     replace_text(
         path,
@@ -294,9 +338,16 @@ def write_parameters(path: str | os.PathLike[str], values: Mapping[int, float]) 
     )
 
 
-def replace_text(path: str | os.PathLike[str], text: str, what: str) -> None:
-    """Write a file whole or not at all; ``what`` is what messages call it. UsageError
-    ``unwritable-file``.
+def replace_text(path: str | os.PathLike[str], text: str, name_in_messages: str) -> None:
+    """Replace a file by a new one when the new one is complete.
+
+    Args:
+        path: The file.
+        text: Its new text.
+        name_in_messages: The file as messages call it, such as "the tool table".
+
+    Raises:
+        UsageError: ``unwritable-file``.
     """
     target = Path(os.path.realpath(path))
     try:
@@ -317,12 +368,16 @@ def replace_text(path: str | os.PathLike[str], text: str, what: str) -> None:
     except OSError as error:
         name = os.fspath(path)
         raise UsageError(
-            Diagnostic("unwritable-file", f"can't write {what} {name}: {error.strerror}", file=name)
+            Diagnostic(
+                "unwritable-file",
+                f"cannot write {name_in_messages} {name}: {error.strerror}",
+                file=name,
+            )
         ) from None
 
 
 def _mode(target: Path) -> int:
-    """The rights of the file that is replaced, or what a new one would have."""
+    """Return the permissions of the file that is replaced, or those of a new file."""
     try:
         return target.stat().st_mode & 0o777
     except OSError:

@@ -1,8 +1,7 @@
-"""Text to statements: the Lark grammars, one line at a time.
+"""The parser: a line of text to a statement, by the Lark grammars.
 
-The grammars' tables are cached in the user's cache folder, which saves their construction at every
-start; where that folder can't be written, they are built anew. Parsed lines are memoised by their
-text, for programs that repeat themselves.
+The tables of the grammars are kept in the user's cache folder, since it takes long to make them. If
+the folder cannot be written, they are made at each start. Parsed lines are memoised by their text.
 """
 
 from __future__ import annotations
@@ -27,9 +26,9 @@ if TYPE_CHECKING:
     from lark import Lark
 
 MAX_LINE = 4096
-"""Characters of a line. RS274 allows 256; what is longer than this is no program."""
+"""Most characters of a line. RS274 allows 256; a longer line than this is not G-code."""
 MEMO = 4096
-"""Distinct lines whose parse is kept."""
+"""Parsed lines that are kept."""
 
 _CONTROL = re.compile(r"[\x00-\x08\x0a-\x1f\x7f]")
 _PIECE = re.compile(r"\([^()]*\)|[(;].*|[ \t]+|[^ \t(;]+", re.DOTALL)
@@ -46,11 +45,13 @@ Flavour = Literal["ngc", "macro-b", "none"]
 
 @dataclass(frozen=True, slots=True)
 class Syntax:
-    """What a line of a dialect may look like.
+    """The syntax of a dialect.
 
-    ``flavour``: parameters, expressions and control flow as RS274/NGC or FANUC's macro B has them,
-    or none at all. ``siemens``: BSPLINE, SD=, PL=, PW=. ``dollar``: lines that begin with $ are for
-    the board. ``dialect`` is the name that messages show.
+    Attributes:
+        flavour: Parameters, expressions and control flow of RS274/NGC, of FANUC's macro B, or none.
+        siemens: Whether the dialect has BSPLINE, SD=, PL=, PW=.
+        dollar: Whether lines that begin with $ are commands for the board.
+        dialect: Name of the dialect for messages.
     """
 
     flavour: Flavour = "ngc"
@@ -63,7 +64,7 @@ AUTO = Syntax(siemens=True)
 
 
 def cache_folder() -> Path:
-    """Where this user's caches live: ``XDG_CACHE_HOME``, or the platform's usual place."""
+    """Return the user's cache folder: ``XDG_CACHE_HOME``, or the usual one of the platform."""
     if named := os.environ.get("XDG_CACHE_HOME"):
         return Path(named) / "cnc"
     if sys.platform == "win32" and (local := os.environ.get("LOCALAPPDATA")):
@@ -73,18 +74,16 @@ def cache_folder() -> Path:
 
 @lru_cache(maxsize=2)
 def _grammar(name: str) -> Lark:
-    """A grammar, from the cache where there is one.
+    """Return a grammar, from the cache if possible.
 
-    Lark tells a stale, damaged or half-written cache from a good one, and goes on without one that
-    can't be written.
+    Lark recognises an old or damaged cache, and works without one that cannot be written.
     """
     import lark
 
     folder = cache_folder()
-    cache: str | bool = str(
-        folder
-        / f"{name}-{__version__}-lark{lark.__version__}-py{sys.version_info[0]}{sys.version_info[1]}.bin"
-    )
+    python = f"py{sys.version_info[0]}{sys.version_info[1]}"
+    file = f"{name}-{__version__}-lark{lark.__version__}-{python}.bin"
+    cache: str | bool = str(folder / file)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
@@ -101,19 +100,20 @@ def _grammar(name: str) -> Lark:
 
 @lru_cache(maxsize=MEMO)
 def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
-    """Parse one line, given without its line end.
+    """Parse a line, which is given without its line end.
 
-    Errors name the column (from 1) and say in plain words what is wrong; line and file are the
-    caller's to add. So do the errors that computed values raise when they are asked for.
+    Raises:
+        GcodeError: A syntax error with its column (from 1). The caller adds line and file. Computed
+            values raise the same kind of error when they are computed.
     """
     if len(text) > MAX_LINE:
         raise fault(
             "line-too-long", f"the line has more than {MAX_LINE} characters", column=MAX_LINE + 1
         )
     if control := _CONTROL.search(text):
-        what = f"control character U+{ord(control[0]):04X}"
+        message = f"control character U+{ord(control[0]):04X}"
         raise fault(
-            "control-character", what, column=control.start() + 1, hint="is this a text file?"
+            "control-character", message, column=control.start() + 1, hint="is this a text file?"
         )
     if not text or text.isspace():
         return Statement()
@@ -126,8 +126,12 @@ def parse_line(text: str, syntax: Syntax = AUTO) -> Statement:
 
 
 def _parse(text: str, syntax: Syntax, open_numbers: dict[int, int] | None) -> Statement:
-    """Parse a line by the grammar; see :mod:`cnc.gcode.syntax.line_templates` for
-    ``open_numbers``.
+    """Parse a line with the grammar.
+
+    Args:
+        text: The line.
+        syntax: The syntax of the dialect.
+        open_numbers: See :data:`cnc.gcode.syntax.line_templates.Parse`.
     """
     squeezed, columns = squeeze(text)
     if syntax.flavour == "none":
@@ -154,8 +158,10 @@ def _parse(text: str, syntax: Syntax, open_numbers: dict[int, int] | None) -> St
 
 
 def squeeze(text: str) -> tuple[str, list[int]]:
-    """The text without blanks and in capitals, but for comments; and the place of every character
-    in the line, with that of its end.
+    """Remove blanks and make capitals, except in comments.
+
+    Returns:
+        The text, and the position in the line of each of its characters and of the line's end.
     """
     kept: list[str] = []
     columns: list[int] = []
@@ -182,7 +188,7 @@ def _board_line(text: str, syntax: Syntax) -> Statement:
 
 
 def _refuse_foreign(squeezed: str, columns: list[int], syntax: Syntax) -> None:
-    """Refuse parameters, expressions and O-words by name, in a dialect that has none of them."""
+    """Raise the error for parameters, expressions and O-words in a dialect without them."""
     for found in _FOREIGN.finditer(squeezed):
         if found[1]:
             message = f"{_FOREIGN_NAMES[found[1]]} not in the {syntax.dialect} dialect"

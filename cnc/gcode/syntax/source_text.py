@@ -1,8 +1,7 @@
 """The text of a program: lines by number, in any order, in bounded memory.
 
-A file is read in windows of some thousand lines. A loop goes back to lines that were read before, a
-call to lines far away: where each window begins in the file is remembered, and the last few windows
-are kept.
+A file is read in windows of some thousand lines. Loops and calls lead to lines outside of the
+current window. So the last few windows are kept, and the position of each window in the file.
 """
 
 from __future__ import annotations
@@ -32,42 +31,49 @@ KEPT_WINDOWS = 4
 
 _BOM = b"\xef\xbb\xbf"
 _NOT_UTF8 = "latin-1"
-_FOREIGN = b"\0"
-"""Ends the bytes of a line that bytes can't hold, or not as one line: no plain line has it."""
+_NOT_BYTES = b"\0"
+"""Ends the bytes of a line that cannot be bytes, or not one line. No plain line has it."""
 _FIRST_LINES, _MOST_LINES = 64, 8192
-"""Lines of a window over lines that come one by one: the first is short, so that the beginning does
-not wait.
+"""Lines of the first and of the largest window over lines in memory. The first is short, so that a
+program starts soon.
 """
 
 
 class Window:
-    """Some lines that follow each other, ``count`` of them from line ``first`` (from 1) on; below,
-    ``index`` counts from 0.
+    """Consecutive lines of a text. Methods take the index of a line in the window, from 0.
 
-    Of each line: ``head`` (uint8), the upper-case first letter after blanks, ``/``, comments and an
-    N number, 0 for none; ``label`` (int64), its N number, -1 for none; ``plain`` (int32), how many
-    lines that the scanner took follow each other from here on, 0 where this one is the grammar's;
-    ``straight`` (int32), how many follow that have no words but those of a straight move. ``scan``
-    has the words.
+    Attributes:
+        first: Number of the first line, from 1.
+        count: Number of lines.
+        scan: The scanned lines and words.
+        head: See :class:`cnc.kernels.gcode.scanner.Lines`, as for the next three.
+        label: N numbers.
+        plain: Numbers of consecutive plain lines.
+        straight: Numbers of consecutive straight moves.
     """
 
     def __init__(
         self, first: int, data: bytes, found: Scan, texts: dict[int, str] | None = None
     ) -> None:
-        """``texts`` by index are of lines that the bytes don't hold as they are."""
+        """Create a window.
+
+        Args:
+            first: Number of the first line.
+            data: The bytes of the lines.
+            found: The scan of the bytes.
+            texts: Text by index of the lines whose bytes differ from the text.
+        """
         count = found.count
         self.first, self.count, self.scan = first, count, found
-        self.head: NDArray[np.uint8] = found.head[:count]
-        self.label: NDArray[np.int64] = found.label[:count]
-        self.plain: NDArray[np.int32] = found.plain[:count]
-        self.straight: NDArray[np.int32] = found.straight[:count]
-        self._data, self._begin, self._end = data, found.begin, found.end
+        self.head: NDArray[np.uint8] = found.lines.head[:count]
+        self.label: NDArray[np.int64] = found.lines.label[:count]
+        self.plain: NDArray[np.int32] = found.lines.plain[:count]
+        self.straight: NDArray[np.int32] = found.lines.straight[:count]
+        self._data, self._begin, self._end = data, found.lines.begin, found.lines.end
         self._texts = texts or {}
 
     def text(self, index: int) -> str:
-        """The line without its end: UTF-8, or Latin-1, in which no byte is wrong, where it is no
-        UTF-8.
-        """
+        """Return a line without its end. It is read as Latin-1 if it is not UTF-8."""
         if index in self._texts:
             return self._texts[index]
         line = self._data[self._begin[index] : self._end[index]]
@@ -77,8 +83,9 @@ class Window:
             return line.decode(_NOT_UTF8)
 
     def find(self, pattern: re.Pattern[bytes], index: int, end: int) -> int:
-        """The first line from ``index`` on, before ``end``, whose bytes hold the pattern, which
-        spans no two lines; else ``end``.
+        """Return the first line from ``index`` to before ``end`` that has a pattern.
+
+        Returns ``end`` if there is none. The pattern must not match across lines.
         """
         found = pattern.search(self._data, int(self._begin[index]), int(self._end[end - 1]))
         return (
@@ -90,7 +97,7 @@ class Window:
         )
 
     def statement(self, index: int, syntax: Syntax) -> Statement:
-        """The parsed line; equal lines share one. Errors as those of ``parse_line``."""
+        """Return the parsed line; equal lines share one. Errors are those of ``parse_line``."""
         text = self.text(index)
         return self._plain(index, text) if self.plain[index] else parse_line(text, syntax)
 
@@ -109,14 +116,23 @@ _memo: dict[str, Statement] = {}
 
 
 class Text:
-    """A program's text; ``name`` is how messages call it, ``lines`` the number of lines read so
-    far.
+    """The text of a program.
+
+    Attributes:
+        name: The text as messages call it.
+        lines: Number of lines read so far.
     """
 
     def __init__(
         self, name: str, windows: Iterator[Window], again: Callable[[int], Window]
     ) -> None:
-        """``windows`` in their order; ``again`` gives one that was given before, by its index."""
+        """Create a text.
+
+        Args:
+            name: The text as messages call it.
+            windows: All windows in order.
+            again: Returns an earlier window by its index.
+        """
         self.name = name
         self.lines = 0
         self._firsts: list[int] = []
@@ -125,20 +141,22 @@ class Text:
 
     @classmethod
     def of_file(cls, path: str | os.PathLike[str], name: str | None = None) -> Text:
-        r"""The lines of a file (``\r\n``, ``\n`` or ``\r`` end one), UTF-8 with or without a byte
-        order mark.
+        r"""Return the text of a file.
 
-        A line that is longer than a window is cut at a length that the language refuses. Raises
-        UsageError ``no-such-file`` or ``unreadable-file``, here and whenever a window has to be
-        read.
+        It is UTF-8, with or without a byte order mark. Lines end in ``\r\n``, ``\n`` or ``\r``. A
+        line that is longer than a window is cut; the parser refuses it.
+
+        Raises:
+            UsageError: ``no-such-file``, ``unreadable-file``, here or when a window is read.
         """
         file = _File(path)
         return cls(os.fspath(path) if name is None else name, file.windows(), file.again)
 
     @classmethod
     def of_lines(cls, lines: Iterable[str], name: str) -> Text:
-        """Lines in memory, with or without their ends. They are read when they are needed, and
-        kept.
+        """Return a text of lines in memory, with or without line ends.
+
+        Lines are taken from the iterable when they are needed, and kept.
         """
         kept: Kept = []
         return cls(
@@ -146,7 +164,7 @@ class Text:
         )
 
     def window(self, line: int) -> Window | None:
-        """The window that holds a line (from 1); None past the end."""
+        """Return the window that holds a line (from 1); None past the end."""
         if line < 1:
             return None
         while line > self.lines:
@@ -171,8 +189,10 @@ class Text:
 
 
 class _File:
-    """Windows of a file. It is opened for each anew: a program may be at work for hours, and a file
-    held open can't be replaced.
+    """The windows of a file.
+
+    The file is opened for each window. A program may run for hours, and some systems cannot replace
+    an open file.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -200,7 +220,7 @@ class _File:
             ) from None
         except OSError as error:
             raise UsageError(
-                Diagnostic("unreadable-file", f"can't read {path}: {error.strerror}", file=path)
+                Diagnostic("unreadable-file", f"cannot read {path}: {error.strerror}", file=path)
             ) from None
 
     def _read(self, offset: int) -> bytes:
@@ -209,7 +229,7 @@ class _File:
             return file.read(WINDOW_BYTES)
 
     def windows(self) -> Iterator[Window]:
-        """All of them in their order."""
+        """Yield all windows in order."""
         line, offset = 1, len(_BOM) if self._read(0).startswith(_BOM) else 0
         while data := self._read(offset):
             self._begins.append((line, offset))
@@ -219,13 +239,14 @@ class _File:
             offset = offset + size if size else self._end_of_line(offset + len(data) - 1)
 
     def again(self, index: int) -> Window:
-        """One of those that were given before."""
+        """Return an earlier window."""
         line, offset = self._begins[index]
         return self._window(line, self._read(offset))[0]
 
     def _window(self, line: int, data: bytes) -> tuple[Window, int]:
-        """The window that these bytes begin with, and its size; a size of 0 where its only line
-        goes on behind them.
+        """Return the first window of some bytes, and its size in bytes.
+
+        The size is 0 if its only line continues after the bytes.
         """
         found = scan(data, whole=len(data) < WINDOW_BYTES)
         if found.count:
@@ -233,7 +254,7 @@ class _File:
         return Window(line, data, scan(data, whole=True)), 0
 
     def _end_of_line(self, offset: int) -> int:
-        """Where the line after the one ``offset`` stands in begins."""
+        """Return the position of the line after the one at ``offset``."""
         while data := self._read(offset):
             ends = [at for at in (data.find(b"\n"), data.find(b"\r")) if at >= 0]
             if ends:
@@ -244,16 +265,16 @@ class _File:
 
 
 Kept = list[tuple[int, list[str]]]
-"""Windows of lines in memory: the number of the first line, and the lines."""
+"""Windows of lines in memory: number of the first line, and lines."""
 
 
 def _windows_of_lines(lines: Iterator[str], kept: Kept) -> Iterator[Window]:
-    """Windows over lines as they come; what they are made of is appended to ``kept``."""
+    """Yield windows over lines in memory, and append their lines to ``kept``."""
     first, size = 1, _FIRST_LINES
-    while some := [line.removesuffix("\n").removesuffix("\r") for line in islice(lines, size)]:
-        kept.append((first, some))
-        yield _window_of_lines(first, some)
-        first, size = first + len(some), min(2 * size, _MOST_LINES)
+    while part := [line.removesuffix("\n").removesuffix("\r") for line in islice(lines, size)]:
+        kept.append((first, part))
+        yield _window_of_lines(first, part)
+        first, size = first + len(part), min(2 * size, _MOST_LINES)
 
 
 def _window_of_lines(first: int, lines: list[str]) -> Window:
@@ -263,7 +284,7 @@ def _window_of_lines(first: int, lines: list[str]) -> Window:
         piece = line.encode(errors="replace")
         if "\n" in line or "\r" in line or b"?" in piece:
             texts[index] = line
-            piece = piece.replace(b"\n", b" ").replace(b"\r", b" ") + _FOREIGN
+            piece = piece.replace(b"\n", b" ").replace(b"\r", b" ") + _NOT_BYTES
         pieces.append(piece + b"\n")
     data = b"".join(pieces)
     return Window(first, data, scan(data, whole=True), texts)

@@ -1,7 +1,7 @@
-"""A line as it was parsed, before anything in it is worth a number.
+"""Statements: parsed lines whose values have not been computed yet.
 
-A statement never changes and is shared between equal lines, however often a loop comes by: what has
-to be computed stands in it as a closure over the parameters.
+A statement never changes and is shared between equal lines. Values to be computed are closures that
+take the parameters.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.words import Word
 
 Value = Callable[[Parameters], float]
-"""An expression: its value under the parameters as they are. Raises GcodeError with the column of
-what can't be computed.
+"""Computes the value of an expression with the present parameters.
+
+Raises GcodeError with the column of the part that cannot be computed.
 """
 
 Keyword = Literal[
@@ -24,16 +25,14 @@ Keyword = Literal[
     "while", "endwhile", "do", "repeat", "endrepeat", "break", "continue",
     "program", "goto", "if-goto", "if-then", "while-do", "end",
 ]  # fmt: skip
-"""What a control line says. The first three rows are O-words; the last row is FANUC's, and O with
-its number alone ("program").
+"""Kinds of control lines. The first three rows are O-words. The last row has those of FANUC, and O
+and a number alone ("program").
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """``#1 = ..``: ``target`` is the name of a named parameter, or computes the number of a
-    numbered one.
-    """
+    """``#1 = ..``. ``target`` is the name of a parameter, or computes its number."""
 
     target: str | Value
     value: Value
@@ -43,9 +42,7 @@ class Assignment:
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """A comment that does something: ``kind`` is the word before its comma in lower case (msg,
-    debug, print, abort, log, ..).
-    """
+    """A command in a comment. ``kind`` is its first word in lower case: msg, debug, print, .."""
 
     kind: str
     text: str
@@ -55,12 +52,17 @@ class Remark:
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """What a control line says.
+    """The control part of a line.
 
-    ``label`` of an O-word or of FANUC's DO and END: ``"100"``, ``"<name>"`` in lower case, or a
-    value where it is computed. ``values``: the condition, the count of a repeat, the arguments of a
-    call, the result of a return or an endsub, the target of a GOTO after its condition. ``then`` is
-    the statement behind FANUC's IF .. THEN.
+    Attributes:
+        keyword: The kind of line.
+        label: Label of an O-word or of FANUC's DO and END: ``"100"``, ``"<name>"`` in lower case,
+            or a computed value.
+        values: Condition, count of a repeat, arguments of a call, result of a return or an endsub,
+            or target of a GOTO after its condition.
+        column: Column from 1.
+        length: Number of characters.
+        then: The statement after FANUC's IF .. THEN.
     """
 
     keyword: Keyword
@@ -75,9 +77,15 @@ class Control:
 class Statement:
     """A parsed line.
 
-    ``words`` in the order written. Where a number is computed, ``computed`` holds the index of its
-    word, which says NaN, and its value. ``board`` is the text of a line for the board alone (GRBL's
-    ``$H``).
+    Attributes:
+        words: Words in the order written. The number of a word is NaN if it is computed.
+        computed: Index and value of each word whose number is computed.
+        assignments: Assignments.
+        remarks: Commands in comments.
+        control: The control part, if there is one.
+        board: Text of a command for the board, such as ``$H`` of GRBL; empty for other lines.
+        percent: Whether the line is a ``%``.
+        deletable: Whether the line begins with ``/``.
     """
 
     words: tuple[Word, ...] = ()

@@ -1,7 +1,7 @@
-"""From the grammar's tree to a statement.
+"""The tree of the grammar to a statement.
 
-Apart from the rest so that Lark is imported only where a line is parsed. Methods bear the names of
-the grammar's rules.
+This module imports Lark. It is imported when the first line is parsed by the grammar, so that
+programs of plain lines start faster. Methods have the names of the grammar's rules.
 """
 
 # ruff: noqa: D102
@@ -21,7 +21,7 @@ from cnc.gcode.syntax.statement import Assignment, Control, Keyword, Remark, Sta
 from cnc.gcode.syntax.words import MAX_NUMBER, Word, fault
 
 LENGTHS = "XYZUVWABCIJKRQ"
-"""Letters whose words FANUC's ROUND rounds to the least input increment."""
+"""Letters of words in which FANUC's ROUND rounds to the least input increment."""
 
 _REMARK = re.compile(
     r"\([ \t]*(msg|debug|print|log|logopen|logappend|logclose|probeopen|probeclose|py"
@@ -29,12 +29,13 @@ _REMARK = re.compile(
     r"(?:[ \t]*|[ \t]*,(.*)|(?<=open)[ \t]+([^,]*))\)",
     re.IGNORECASE | re.ASCII,
 )
-"""A comment that does something: its word, and what stands behind a comma (behind a blank with
-PROBEOPEN). ABORT needs the comma."""
+"""A command in a comment: its first word, and the text after a comma. With PROBEOPEN a blank
+is enough; ABORT needs the comma.
+"""
 
 CHECKED_NOW = -1
-"""No place in a line: left among the open numbers where a constant has to be checked while the line
-is read.
+"""A key of the open numbers that is no position in the line: the line has a constant that must be
+checked when it is parsed, so it can have no template.
 """
 
 Item = tuple[Word, Value | None]
@@ -42,11 +43,7 @@ Item = tuple[Word, Value | None]
 
 @v_args(inline=True)
 class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
-    """Makes the statement of one line, whose text without blanks is ``text``.
-
-    ``open_numbers``: numbers to be left open, by their place in the line (from 0); those that were
-    met are taken out of it.
-    """
+    """Makes the statement of one line."""
 
     def __init__(
         self,
@@ -57,6 +54,16 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
         siemens: bool,
         dialect: str,
     ) -> None:
+        """Create a translator.
+
+        Args:
+            text: The line without blanks.
+            build: Builds the expressions.
+            open_numbers: Indices of open numbers by position in the line. Those that the grammar
+                reads as numbers are removed.
+            siemens: Whether the dialect has BSPLINE, SD=, PL=, PW=.
+            dialect: Name of the dialect for messages.
+        """
         super().__init__(visit_tokens=False)
         self._open = open_numbers
         self._opened = -1
@@ -168,7 +175,7 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
         )
 
     def loop(self, *parts: Token | Node) -> Control:
-        """WHILE [..] DO m, or DO m: for ever."""
+        """WHILE [..] DO m, or DO m, whose condition always holds."""
         condition: Value = parts[1].value if isinstance(parts[1], Node) else _always
         return self._control("while-do", self._label(parts[-1]), (condition,), parts[0], parts[-1])
 
@@ -231,7 +238,7 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
         return Control(keyword, label, values, column, length, then)
 
     def _label(self, label: Any) -> str | Value:
-        """``100``, ``<name>``, or what computes the number."""
+        """Return ``100``, ``<name>``, or a value that computes the number."""
         if isinstance(label, Node):
             return label.value
         if label.type == "NAME":
@@ -239,7 +246,7 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
         if "." in label:
             raise self._build.fault(
                 "label-malformed",
-                f"{label} is no label",
+                f"{label} is not a label",
                 _begin(label),
                 _end(label),
                 "a label is a whole number",
@@ -254,9 +261,7 @@ class Translator(Transformer_NonRecursive):  # type: ignore[type-arg]
 
 
 def mark_rounding(tree: Tree[Token]) -> None:
-    """Tell ROUND in a FANUC word from ROUND in a macro statement: it rounds a length to the least
-    input increment.
-    """
+    """Mark ROUND in FANUC words, where it rounds lengths to the least input increment."""
     for word in tree.find_data("word"):
         if str(word.children[0]) in LENGTHS:
             for call in word.find_data("call"):
@@ -268,14 +273,14 @@ def _always(_: Parameters) -> float:
 
 
 def _check_alone(control: Control, words: list[Word], assignments: list[Assignment]) -> None:
-    """A control line has a line number at most beside what it controls."""
+    """Raise the error for a control line with anything but a line number before it."""
     number = (
         words[0] if words and words[0].letter == "N" and words[0].column < control.column else None
     )
     if number is not None and (number.whole is None or "-" in number.written):
         raise fault(
             "line-number-bad",
-            f"{number.written} is no line number",
+            f"{number.written} is not a line number",
             number,
             "a line number is a whole number from 0",
         )
@@ -283,7 +288,7 @@ def _check_alone(control: Control, words: list[Word], assignments: list[Assignme
     places += [(assignment.column, assignment.length) for assignment in assignments]
     if places:
         column, length = min(places)
-        message = "what controls the flow stands in a line of its own"
+        message = "a control line must stand alone in its line"
         raise fault(
             "control-not-alone",
             message,

@@ -1,8 +1,8 @@
-"""The words of a line: a letter, a number, and where they stand.
+"""Words: a letter, a number, and their place in the line.
 
 A parsed line (:mod:`cnc.gcode.syntax.statement`) never changes and is shared between equal lines.
-Executing it goes through a :class:`LineWords`, the record of which words have found a user: the
-interpreter refuses a line that has a word left, so no word is ever ignored.
+When it is executed, a :class:`LineWords` records the words that no code has used. The interpreter
+refuses a line with such a word, so no word is ever ignored.
 """
 
 from __future__ import annotations
@@ -15,21 +15,25 @@ from typing import NoReturn
 from cnc.model.diagnostics import Diagnostic, GcodeError
 
 MAX_NUMBER = 1e9
-"""Largest magnitude of a word's number: a thousand kilometres, or a slip."""
+"""Largest magnitude of a word's number: a thousand kilometres. A larger one is a mistake."""
 AXES = frozenset("XYZABCUVW")
 POLAR = frozenset("@^")
-"""Distance and angle, in the place of X and Y."""
+"""Distance and angle of polar coordinates, instead of X and Y."""
 _POINT = AXES | POLAR
 NEAR_WHOLE = 1e-4
-"""How far from a whole number a computed number may be that has to be whole. Source: LinuxCNC,
-which takes as much.
-"""
+"""Tolerance of a computed number that must be whole. Source: LinuxCNC."""
 
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """A word: upper-case ``letter``, ``number``, ``written`` as in the source but for blanks and
-    case, ``column`` from 1, ``length``.
+    """A word.
+
+    Attributes:
+        letter: Capital letter.
+        number: Number; NaN if it is computed.
+        written: Text without blanks, in capitals.
+        column: Column from 1.
+        length: Number of characters, blanks included.
     """
 
     letter: str
@@ -39,18 +43,17 @@ class Word:
     length: int
 
     @property
-    def tenths(self) -> int:
-        """Ten times the number, for the codes of G words (G61.1 is 611); -1 where the number is no
-        code.
+    def tenths(self) -> int | None:
+        """Ten times the number, as in :class:`cnc.gcode.syntax.code_numbers.G`.
+
+        None for a number that is not a code.
         """
         tenths = round(self.number * 10)
-        return tenths if self.number == tenths / 10 and "-" not in self.written else -1
+        return tenths if self.number == tenths / 10 and "-" not in self.written else None
 
     @property
     def whole(self) -> int | None:
-        """The number where it is a whole one; a computed one may be off by as much as computing
-        makes it.
-        """
+        """The number if it is whole, else None. A computed number is rounded if it is close."""
         if self.number.is_integer():
             return int(self.number)
         if not math.isfinite(self.number) or not ("[" in self.written or "#" in self.written):
@@ -68,8 +71,9 @@ def fault(
     column: int = 0,
     length: int = 1,
 ) -> GcodeError:
-    """An error at a word (or a column) of the current line; the interpreter adds file, line and
-    text.
+    """Return an error at a word or a column of the current line.
+
+    The interpreter adds file, line and text.
     """
     if word is not None:
         column, length = word.column, word.length
@@ -78,10 +82,13 @@ def fault(
 
 @dataclass(slots=True)
 class LineWords:
-    """The words of the line that is being executed, and which of them are still without a user.
+    """The words of the line that is being executed.
 
-    ``g`` and ``m`` hold the code words in the order written; ``rest`` every other word by its
-    letter.
+    Attributes:
+        g: G words in the order written.
+        m: M words in the order written.
+        rest: Other words that no code has used yet, by letter.
+        users: Code and word of each used word, by letter.
     """
 
     g: list[Word] = field(default_factory=list)
@@ -91,8 +98,10 @@ class LineWords:
 
     @classmethod
     def of(cls, written: Iterable[Word]) -> LineWords:
-        """Sort the words of a line; the line number is dropped: only a jump looks for it,
-        elsewhere.
+        """Sort the words of a line. The line number is left out.
+
+        Raises:
+            GcodeError: ``word-repeated``, ``line-number-place``, ``line-number-bad``.
         """
         words = cls()
         for index, word in enumerate(written):
@@ -110,28 +119,34 @@ class LineWords:
         return words
 
     def take(self, letter: str, user: str) -> Word | None:
-        """Give the word to ``user`` (the name of a code); None where the line has none. A word has
-        one user only.
+        """Return a word and remove it from ``rest``; None if the line has none.
+
+        Args:
+            letter: The letter of the word.
+            user: Name of the code that uses it.
+
+        Raises:
+            GcodeError: ``word-wanted-twice``, if another code has used it.
         """
         word = self.rest.pop(letter, None)
         if word is not None:
             self.users[letter] = user, word
         elif letter in self.users:
             other, taken = self.users[letter]
-            message = f"both {other} and {user} take a {letter} word in this line"
-            raise fault("word-wanted-twice", message, taken, f"write {user} on a line of its own")
+            message = f"both {other} and {user} use the {letter} word of this line"
+            raise fault("word-wanted-twice", message, taken, f"write {user} in a separate line")
         return word
 
     def has_axis(self) -> bool:
-        """Whether an axis word is left, polar ones among them."""
+        """Return whether an axis word or a polar word is left."""
         return not _POINT.isdisjoint(self.rest)
 
     def first(self) -> Word:
-        """The leftmost word left, codes aside."""
+        """Return the leftmost word left, except codes."""
         return min(self.rest.values(), key=lambda word: word.column)
 
     def first_axis(self) -> Word:
-        """The leftmost axis word left."""
+        """Return the leftmost axis word left."""
         return min(
             (word for letter, word in self.rest.items() if letter in _POINT),
             key=lambda word: word.column,
@@ -149,27 +164,39 @@ def _check_line_number(word: Word, *, first: bool) -> None:
     if word.whole is None or "-" in word.written:
         raise fault(
             "line-number-bad",
-            f"{word.written} is no line number",
+            f"{word.written} is not a line number",
             word,
             "a line number is a whole number from 0",
         )
 
 
-def whole(word: Word, what: str, low: int, high: int | None = None) -> int:
-    """The word's number as a whole number from ``low`` to ``high``, or an error that says what it
-    is for.
+def whole(word: Word, meaning: str, low: int, high: int | None = None) -> int:
+    """Return the number of a word, which must be whole.
+
+    Args:
+        word: The word.
+        meaning: Meaning of the number, for the message.
+        low: Smallest number allowed.
+        high: Largest number allowed; None for no limit.
+
+    Raises:
+        GcodeError: ``value-out-of-range``.
     """
     number = word.whole
     if number is None or number < low or (high is not None and number > high):
         span = f"from {low}" if high is None else f"from {low} to {high}"
-        _refuse(word, f"{what} must be a whole number {span}")
+        _refuse(word, f"{meaning} must be a whole number {span}")
     return number
 
 
-def not_negative(word: Word, what: str) -> float:
-    """The word's number, which must not be negative."""
+def not_negative(word: Word, meaning: str) -> float:
+    """Return the number of a word, which must not be negative.
+
+    Raises:
+        GcodeError: ``value-out-of-range``.
+    """
     if word.number < 0:
-        _refuse(word, f"{what} must not be negative")
+        _refuse(word, f"{meaning} must not be negative")
     return word.number
 
 

@@ -1,1 +1,1 @@
-"""Compiled scanner and builder for plain lines."""
+"""Kernels of :mod:`cnc.gcode`: the scanner, and runs of straight moves."""

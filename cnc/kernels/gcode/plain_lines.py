@@ -6,12 +6,14 @@ operation, so that the numbers are the same.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.kernels.gcode.scanner import Words
 from cnc.kernels.jit import njit
 
-Bytes = NDArray[np.uint8]
 Counts = NDArray[np.int32]
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -19,78 +21,155 @@ Floats = NDArray[np.float64]
 TRAVERSE, FEED, NO_MOTION = 0, 1, -1
 """Motion modes; NO_MOTION is any but the others."""
 NO_AXIS = -1
-LINEAR, ROTARY = 0, 1
-"""Entries of ``feed``."""
-SCALE, ZERO, TURNS = 0, 1, 2
-"""Rows of ``axes``."""
 
 _A, _F, _G, _N = 65, 70, 71, 78
 
 
+class Setup(NamedTuple):
+    """The settings that hold for a run of lines; n is the number of axes.
+
+    Attributes:
+        column: (26,) the axis of each letter, or NO_AXIS.
+        scale: (n,) mm or degrees a program unit.
+        zero: (n,) machine position of the program's zero, mm or degrees.
+        turns: (n,) 1 for a rotary axis, 0 for a linear one.
+        absolute: 1 under G90, 0 under G91.
+        feed_scale: mm a program unit.
+        min_feed: Slowest feed, mm/s.
+    """
+
+    column: Ints
+    scale: Floats
+    zero: Floats
+    turns: Floats
+    absolute: int
+    feed_scale: float
+    min_feed: float
+
+
+class State(NamedTuple):
+    """The modal state before or after a run of lines.
+
+    Attributes:
+        mode: Motion mode.
+        linear: Feed of linear axes, mm/s; NaN for none.
+        rotary: Feed of rotary axes, degrees/s; NaN for none.
+    """
+
+    mode: int
+    linear: float
+    rotary: float
+
+
+class Moves(NamedTuple):
+    """Straight moves, n axes each.
+
+    Attributes:
+        points: (m, n) end positions, mm or degrees.
+        feeds: (m,) mm/s or degrees/s, NaN for a traverse.
+        lines: (m,) line numbers.
+    """
+
+    points: Floats
+    feeds: Floats
+    lines: Counts
+
+
+@njit
+def _state_after(
+    words: Words, first: int, end: int, setup: Setup, state: State
+) -> tuple[bool, bool, State]:
+    """Apply the G and F words of a line.
+
+    Returns:
+        Whether the line can be executed, whether it has a move, and the state.
+    """
+    code, linear, rotary = state.mode, state.linear, state.rotary
+    moving = False
+    for w in range(first, end):
+        char = int(words.letter[w])
+        if char == _G:
+            code = int(words.number[w])
+        elif char == _F:
+            linear = words.number[w] * setup.feed_scale / 60.0
+            rotary = words.number[w] / 60.0
+            if rotary < setup.min_feed:
+                return False, moving, state
+        elif char != _N:
+            moving = True
+            if setup.column[char - _A] == NO_AXIS:
+                return False, moving, state
+    if moving and (code == NO_MOTION or (code == FEED and np.isnan(linear))):
+        return False, moving, state
+    return True, moving, State(code, linear, rotary)
+
+
+@njit
+def _set_target(words: Words, first: int, end: int, setup: Setup, target: Floats) -> bool:
+    """Move ``target`` (n,) from the start to the end of a move; return whether only axes turn."""
+    turned = False
+    shifted = False
+    for w in range(first, end):
+        char = int(words.letter[w])
+        if char in (_G, _F, _N):
+            continue
+        i = setup.column[char - _A]
+        value = words.number[w] * setup.scale[i]
+        value = value + setup.zero[i] if setup.absolute else target[i] + value
+        if value != target[i]:
+            if setup.turns[i] != 0.0:
+                turned = True
+            else:
+                shifted = True
+        target[i] = value
+    return turned and not shifted
+
+
 @njit
 def straight(
-    line: int, first: Counts, letter: Bytes, number: Floats, begin: int, end: int, column: Ints, axes: Floats, absolute: int,
-    feed_scale: float, min_feed: float, mode: int, position: Floats, feed: Floats, points: Floats, feeds: Floats, lines: Counts,
-) -> tuple[int, int, int]:  # fmt: skip
-    """Execute the lines ``begin`` to ``end`` of a scan, all of which hold only words of straight
-    moves, each once.
+    first: Counts,
+    words: Words,
+    begin: int,
+    end: int,
+    number: int,
+    setup: Setup,
+    state: State,
+    position: Floats,
+    moves: Moves,
+) -> tuple[int, int, State]:
+    """Execute lines that hold only words of straight moves, each word once.
 
-    ``line`` is the number of line ``begin``. column (26,): the axis of each letter or NO_AXIS. axes
-    (3, n): mm or degrees a program unit, the position of the program's zero, 1 where the axis
-    turns. ``feed_scale`` mm a program unit, ``min_feed`` mm/s. The state: ``mode``, position (n,),
-    feed (2,) mm/s and deg/s, NaN for none; the arrays are brought up to date.
+    Stops before the first line that needs the interpreter: an unknown axis, a move without a motion
+    mode or a feed, a feed too slow.
 
-    Stops before the first line that needs a closer look: an axis that the machine has not, a move
-    without a motion mode or a feed, a feed too slow. Returns the number of lines executed, of moves
-    written to points, feeds (NaN for a traverse) and lines, and the mode.
+    Args:
+        first: Index of the first word of each line of a scan, and one entry more.
+        words: The words of the scan.
+        begin: Index of the first line.
+        end: Index after the last line.
+        number: Number of the first line in the program.
+        setup: Settings that hold for all lines.
+        state: Modal state before the first line.
+        position: (n,) the position, brought up to date.
+        moves: Filled with the moves.
+
+    Returns:
+        Number of lines executed, number of moves, and the state after them.
     """
-    n = len(position)
-    moves = 0
+    count = 0
     for k in range(begin, end):
-        code = mode
-        linear = feed[LINEAR]
-        rotary = feed[ROTARY]
-        moving = False
-        for w in range(first[k], first[k + 1]):
-            char = int(letter[w])
-            if char == _G:
-                code = int(number[w])
-            elif char == _F:
-                linear = number[w] * feed_scale / 60.0
-                rotary = number[w] / 60.0
-                if rotary < min_feed:
-                    return k - begin, moves, mode
-            elif char != _N:
-                moving = True
-                if column[char - _A] == NO_AXIS:
-                    return k - begin, moves, mode
-        if moving and (code == NO_MOTION or (code == FEED and np.isnan(linear))):
-            return k - begin, moves, mode
-        mode = code
-        feed[LINEAR] = linear
-        feed[ROTARY] = rotary
+        known, moving, after = _state_after(words, first[k], first[k + 1], setup, state)
+        if not known:
+            return k - begin, count, state
+        state = after
         if not moving:
             continue
-        turned = False
-        shifted = False
-        for i in range(n):
-            points[moves, i] = position[i]
-        for w in range(first[k], first[k + 1]):
-            char = int(letter[w])
-            if char in (_G, _F, _N):
-                continue
-            i = column[char - _A]
-            value = number[w] * axes[SCALE, i]
-            value = value + axes[ZERO, i] if absolute else position[i] + value
-            if value != position[i]:
-                if axes[TURNS, i] != 0.0:
-                    turned = True
-                else:
-                    shifted = True
-            points[moves, i] = value
-        for i in range(n):
-            position[i] = points[moves, i]
-        feeds[moves] = np.nan if code == TRAVERSE else rotary if turned and not shifted else linear
-        lines[moves] = line + k - begin
-        moves += 1
-    return end - begin, moves, mode
+        turning = _set_target(words, first[k], first[k + 1], setup, position)
+        for i in range(len(position)):
+            moves.points[count, i] = position[i]
+        moves.feeds[count] = (
+            np.nan if state.mode == TRAVERSE else state.rotary if turning else state.linear
+        )
+        moves.lines[count] = number + k - begin
+        count += 1
+    return end - begin, count, state

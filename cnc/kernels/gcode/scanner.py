@@ -1,15 +1,18 @@
 """Lines of a program, from bytes to arrays of words.
 
-What is taken here is the bulk of any program that a machine wrote: words of a letter and a number
-without blanks inside, comments, line ends. Everything else (parameters, expressions, O-words,
-active comments, ...) is only marked, for the grammar to read. So is every number that takes more
-than one rounding: m / 10^k is one correctly rounded division where m <= 2^53 and k <= 22, both
-sides being exact. Source: Clinger, "How to read floating point numbers accurately", PLDI 1990.
+A *plain* line has words (a letter and a number without blanks inside) and comments only. Most lines
+that CAM systems write are plain, and they are read here. All others (parameters, expressions,
+O-words, commands in comments) are only marked for the grammar.
+
+A number is m / 10^k with whole m and k. Where m <= 2^53 and k <= 22 both sides are exact, so one
+division gives the correctly rounded number. A line with any other number is not plain. Source:
+Clinger, "How to read floating point numbers accurately", PLDI 1990.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +26,47 @@ Floats = NDArray[np.float64]
 
 NOT_PLAIN = -1
 
+
+class Lines(NamedTuple):
+    """The lines of a text.
+
+    Attributes:
+        begin: (lines,) position of the first byte.
+        end: (lines,) position after the last byte.
+        head: (lines,) first letter after blanks, comments, ``/`` and N; a capital, 0 for none.
+        label: (lines,) N number, -1 for none.
+        plain: (lines,) number of consecutive plain lines from here on; 0 if this one is not plain.
+        straight: (lines,) number of consecutive lines from here on with straight moves only.
+        first: (lines + 1,) index of the first word; the last entry is the number of words.
+    """
+
+    begin: Counts
+    end: Counts
+    head: Bytes
+    label: Ints
+    plain: Counts
+    straight: Counts
+    first: Counts
+
+
+class Words(NamedTuple):
+    """The words of the plain lines of a text.
+
+    Attributes:
+        letter: (words,) code of the capital letter.
+        number: (words,) the number.
+        column: (words,) column in the line, from 1.
+        length: (words,) number of characters.
+    """
+
+    letter: Bytes
+    number: Floats
+    column: Counts
+    length: Counts
+
+
 _DIGITS = 18
-"""Digits of a number at most: as many as an int64 holds in any case."""
+"""Most digits of a number: any number of so many digits fits into an int64."""
 _EXACT = 1 << 53
 _POWERS = np.array([float(f"1e{k}") for k in range(_DIGITS + 1)])
 
@@ -42,7 +84,7 @@ _OPEN, _CLOSE, _PLUS, _MINUS, _DOT, _SLASH, _ZERO, _SEMICOLON, _DELETE = (
 )
 _A, _F, _G, _N, _O, _Z = 65, 70, 71, 78, 79, 90
 _LOWER = 32
-"""The bit that a small letter has and a capital has not."""
+"""The bit that is set in a small letter and not in a capital."""
 
 _STRAIGHT = 0
 for _letter in b"NGFXYZABCUVW":
@@ -51,15 +93,14 @@ _ACTIVE = np.array(
     [[ord(char) for char in begin] for begin in ("msg", "deb", "pri", "log", "pro", "abo", "py\0")],
     np.uint8,
 )
-"""How comments begin that may be more than comments: msg, debug, print, log.., probe.., abort,
-py.
-"""
+"""Beginnings of comments that may be commands: msg, debug, print, log.., probe.., abort, py."""
 
 
 @njit
 def _comment_end(data: Bytes, at: int, stop: int) -> int:
-    """The position after the comment that opens at ``at``, or NOT_PLAIN: it is not closed, holds
-    another one, or may be active.
+    """Return the position after the comment that opens at ``at``.
+
+    NOT_PLAIN if it is not closed, holds another comment, or may be a command.
     """
     i = at + 1
     while i < stop and (data[i] == _BLANK or data[i] == _TAB):
@@ -82,9 +123,7 @@ def _comment_end(data: Bytes, at: int, stop: int) -> int:
 
 @njit
 def _tail_is_plain(data: Bytes, at: int, stop: int) -> bool:
-    """Whether the comment that opens with a semicolon at ``at`` has only characters that any
-    comment may have.
-    """
+    """Return whether the comment from the semicolon at ``at`` has only legal characters."""
     for i in range(at, stop):
         char = int(data[i])
         if (char < _BLANK and char != _TAB) or char >= _DELETE:
@@ -93,21 +132,49 @@ def _tail_is_plain(data: Bytes, at: int, stop: int) -> bool:
 
 
 @njit
-def _words(
-    data: Bytes,
-    begin: int,
-    stop: int,
-    count: int,
-    largest: float,
-    letter: Bytes,
-    number: Floats,
-    column: Counts,
-    length: Counts,
-) -> int:
-    """Append the words of the line data[begin:stop] to the arrays, which hold ``count``; the new
-    count, or NOT_PLAIN.
+def _number(data: Bytes, begin: int, stop: int) -> tuple[int, float]:
+    """Read the number at ``begin``, with or without a sign.
 
-    There must be room for as many words as half the line has bytes.
+    Returns:
+        The position after it, or NOT_PLAIN where exact division can not give it; and its value.
+    """
+    i = begin
+    sign = 1.0
+    if i < stop and (data[i] == _MINUS or data[i] == _PLUS):
+        if data[i] == _MINUS:
+            sign = -1.0
+        i += 1
+    mantissa = 0
+    digits = i
+    while i < stop and 0 <= int(data[i]) - _ZERO <= 9:
+        mantissa = mantissa * 10 + int(data[i]) - _ZERO
+        i += 1
+    digits = i - digits
+    decimals = 0
+    if i < stop and data[i] == _DOT:
+        i += 1
+        decimals = i
+        while i < stop and 0 <= int(data[i]) - _ZERO <= 9:
+            mantissa = mantissa * 10 + int(data[i]) - _ZERO
+            i += 1
+        decimals = i - decimals
+    digits += decimals
+    # More digits than fit have overflowed by now, which is why they are counted.
+    if digits == 0 or digits > _DIGITS or mantissa > _EXACT:
+        return NOT_PLAIN, 0.0
+    return i, sign * (mantissa / _POWERS[decimals])
+
+
+@njit
+def _read_words(
+    data: Bytes, begin: int, stop: int, count: int, largest: float, words: Words
+) -> int:
+    """Append the words of the line data[begin:stop] to the arrays, which hold ``count``.
+
+    The arrays must have space for as many words as half the line has bytes.
+
+    Returns:
+        The new count, or NOT_PLAIN.
     """
     i = begin
     first = count
@@ -124,54 +191,28 @@ def _words(
         if char == _SEMICOLON:
             return count if _tail_is_plain(data, i, stop) else NOT_PLAIN
         capital = char & ~_LOWER
-        if (
-            char < _A
-            or capital < _A
-            or capital > _Z
-            or capital == _O
-            or (capital == _N and count > first)
-        ):
+        if char < _A or capital < _A or capital > _Z:
+            return NOT_PLAIN
+        if capital == _O or (capital == _N and count > first):
             return NOT_PLAIN
         at = i
-        i += 1
-        sign = 1.0
-        if i < stop and (data[i] == _MINUS or data[i] == _PLUS):
-            if data[i] == _MINUS:
-                sign = -1.0
-            i += 1
-        mantissa = 0
-        digits = i
-        while i < stop and 0 <= int(data[i]) - _ZERO <= 9:
-            mantissa = mantissa * 10 + int(data[i]) - _ZERO
-            i += 1
-        digits = i - digits
-        decimals = 0
-        if i < stop and data[i] == _DOT:
-            i += 1
-            decimals = i
-            while i < stop and 0 <= int(data[i]) - _ZERO <= 9:
-                mantissa = mantissa * 10 + int(data[i]) - _ZERO
-                i += 1
-            decimals = i - decimals
-        digits += decimals
-        # More digits than fit have overflowed by now, which is why they are counted.
-        if digits == 0 or digits > _DIGITS or mantissa > _EXACT:
+        i, value = _number(data, at + 1, stop)
+        if i < 0 or abs(value) > largest:
             return NOT_PLAIN
-        value = mantissa / _POWERS[decimals]
-        if value > largest:
-            return NOT_PLAIN
-        letter[count] = capital
-        number[count] = sign * value
-        column[count] = at - begin + 1
-        length[count] = i - at
+        words.letter[count] = capital
+        words.number[count] = value
+        words.column[count] = at - begin + 1
+        words.length[count] = i - at
         count += 1
     return count
 
 
 @njit
 def _head(data: Bytes, begin: int, stop: int) -> tuple[int, int]:
-    """The first letter (capital, 0 for none) of a line after blanks, comments, ``/`` and its N
-    number, and that number (-1 for none).
+    """Return the first letter of a line and its N number.
+
+    Blanks, comments, ``/`` and the N number are passed. The letter is a capital, 0 for none; the
+    number is -1 for none.
     """
     i = begin
     label = NOT_PLAIN
@@ -206,18 +247,19 @@ def _head(data: Bytes, begin: int, stop: int) -> tuple[int, int]:
 
 
 @njit
-def _is_straight(letter: Bytes, number: Floats, first: int, end: int) -> bool:
-    """Whether a line has only words of a straight move: N, one of G0 and G1, axes and a feed, each
-    once at most.
+def _is_straight(words: Words, first: int, end: int) -> bool:
+    """Return whether a line has only words of a straight move, each at most once.
+
+    These are N, one of G0 and G1, axes and a feed.
     """
     seen = 0
     for k in range(first, end):
-        code = int(letter[k])
+        code = int(words.letter[k])
         bit = 1 << (code - _A)
         if _STRAIGHT & bit == 0 or seen & bit != 0:
             return False
         seen |= bit
-        value = number[k]
+        value = words.number[k]
         # A number with a minus is no code and no line number, not even where it is zero.
         if code == _N and (value != math.floor(value) or math.copysign(1.0, value) < 0.0):
             return False
@@ -230,7 +272,7 @@ def _is_straight(letter: Bytes, number: Floats, first: int, end: int) -> bool:
 
 @njit
 def _run_lengths(flags: Counts, count: int) -> None:
-    """Turn flags (1 or 0) into how many ones follow each other from here on."""
+    """Replace each flag (1 or 0) by the number of consecutive ones from it on."""
     run = 0
     for i in range(count - 1, -1, -1):
         run = run + 1 if flags[i] else 0
@@ -238,67 +280,76 @@ def _run_lengths(flags: Counts, count: int) -> None:
 
 
 @njit
-def scan(
-    data: Bytes, final: int, longest: int, largest: float, begin: Counts, end: Counts, head: Bytes, label: Ints, plain: Counts,
-    straight: Counts, first: Counts, letter: Bytes, number: Floats, column: Counts, length: Counts,
-) -> tuple[int, int]:  # fmt: skip
-    r"""Take the lines of ``data`` apart, as many as are complete and as the arrays have room for;
-    their number, and the bytes they took.
+def _line_end(data: Bytes, at: int, final: int) -> tuple[int, int]:
+    """Find the end of the line that begins at ``at``.
 
-    Lines end in ``\n``, ``\r\n`` or ``\r``; with ``final`` the end of the data ends one too. A line
-    of more than ``longest`` bytes is not plain, nor is one with a number above ``largest``.
-
-    Of each line: where it begins and ends in ``data``, its first letter ``head`` and its N number
-    ``label`` (-1: none); how many lines follow each other from here on that are ``plain``, and that
-    have only the words of ``straight`` moves; the index ``first`` of its first word, with one entry
-    more than lines for the end of the last. Of each word of a plain line: letter (capital), number,
-    column (from 1) and length.
+    Returns:
+        The position of its end, and that of the next line; -1 for the latter if the line may
+        continue after the data.
     """
     size = len(data)
-    lines = 0
-    words = 0
+    stop = at
+    while stop < size and data[stop] != _LF and data[stop] != _CR:
+        stop += 1
+    if stop == size:
+        return stop, size if final else -1
+    if data[stop] == _LF:
+        return stop, stop + 1
+    # A \r at the end of the data may be the first half of \r\n.
+    if stop + 1 == size:
+        return stop, size if final else -1
+    return stop, stop + 2 if data[stop + 1] == _LF else stop + 1
+
+
+@njit
+def scan(
+    data: Bytes, final: int, longest: int, largest: float, lines: Lines, words: Words
+) -> tuple[int, int]:
+    r"""Split ``data`` into lines and words: all complete lines for which the arrays have space.
+
+    Lines end in ``\n``, ``\r\n`` or ``\r``.
+
+    Args:
+        data: The text.
+        final: 1 if the end of the data ends a line, too.
+        longest: A line of more bytes is not plain.
+        largest: A line with a number above this is not plain.
+        lines: Filled with the lines.
+        words: Filled with the words of plain lines.
+
+    Returns:
+        The number of lines, and the bytes that they took.
+    """
+    count = 0
+    found = 0
     at = 0
-    while at < size and lines < len(begin):
-        stop = at
-        while stop < size and data[stop] != _LF and data[stop] != _CR:
-            stop += 1
-        after = stop + 1
-        # A \r that the data ends with may be the first half of \r\n.
-        if stop < size and data[stop] == _CR:
-            if after < size:
-                after += 1 if data[after] == _LF else 0
-            elif final == 0:
-                break
-        elif stop == size:
-            if final == 0:
-                break
-            after = size
-        if words + (stop - at) // 2 > len(letter) and lines > 0:
+    while at < len(data) and count < len(lines.begin):
+        stop, after = _line_end(data, at, final)
+        if after < 0 or (found + (stop - at) // 2 > len(words.letter) and count > 0):
             break
-        count = NOT_PLAIN
+        total = NOT_PLAIN
         if stop - at <= longest:
-            count = _words(data, at, stop, words, largest, letter, number, column, length)
-        begin[lines] = at
-        end[lines] = stop
-        first[lines] = words
-        if count >= 0:
-            with_label = count > words and letter[words] == _N
-            numbered = (
-                with_label and number[words] >= 0.0 and number[words] == math.floor(number[words])
-            )
-            label[lines] = int(number[words]) if numbered else NOT_PLAIN
-            named = words + 1 if with_label else words
-            head[lines] = letter[named] if named < count else 0
-            plain[lines] = 1
-            straight[lines] = 1 if _is_straight(letter, number, words, count) else 0
-            words = count
+            total = _read_words(data, at, stop, found, largest, words)
+        lines.begin[count] = at
+        lines.end[count] = stop
+        lines.first[count] = found
+        if total >= 0:
+            has_n = total > found and words.letter[found] == _N
+            n_number = words.number[found] if has_n else -1.0
+            is_label = n_number >= 0.0 and n_number == math.floor(n_number)
+            lines.label[count] = int(n_number) if is_label else NOT_PLAIN
+            named = found + 1 if has_n else found
+            lines.head[count] = words.letter[named] if named < total else 0
+            lines.plain[count] = 1
+            lines.straight[count] = 1 if _is_straight(words, found, total) else 0
+            found = total
         else:
-            head[lines], label[lines] = _head(data, at, stop)
-            plain[lines] = 0
-            straight[lines] = 0
-        lines += 1
+            lines.head[count], lines.label[count] = _head(data, at, stop)
+            lines.plain[count] = 0
+            lines.straight[count] = 0
+        count += 1
         at = after
-    first[lines] = words
-    _run_lengths(plain, lines)
-    _run_lengths(straight, lines)
-    return lines, at
+    lines.first[count] = found
+    _run_lengths(lines.plain, count)
+    _run_lengths(lines.straight, count)
+    return count, at

@@ -1,1 +1,1 @@
-"""Compiled arc fit for lines of a GRBL board."""
+"""Compiled fit of lines and arcs for a GRBL board."""

@@ -1,32 +1,32 @@
-r"""The fewest lines and arcs through points on a path, greedily: each as long as it stays within
-the tolerance.
+r"""The fewest lines and arcs through points of a path, found greedily.
 
-Lines and arcs begin and end at points of the path. An arc lies in one of the planes XY, ZX, YZ and
-may climb along the axis across it. Of all arcs from point S to point E the one is taken that the
-points between, and the middles between those, are nearest to:
+Each line or arc is as long as the tolerance allows. It begins and ends at points of the path. An
+arc lies in one of the planes XY, ZX, YZ and may climb along the axis across it. Of all arcs from
+point S to point E, the arc nearest to the points between and to their midpoints is chosen:
 
-               n ^   . P              With the origin in the middle of S and E, a half their distance and the centre (0, h):
-                 |.     .             P = (x, y) lies on the circle where x^2 + y^2 - a^2 - 2 h y = 0. Of that, which is 2 r times the
-        S -------+------- E           distance from the circle, the sum of squares over all P is least for
+               n ^   . P              With the origin midway between S and E, a half their distance and the centre (0, h):
+                 |.     .             P = (x, y) lies on the circle where x^2 + y^2 - a^2 - 2 h y = 0. This is 2 r times the
+        S -------+------- E           distance from the circle; its sum of squares over all P is least for
             a   h|    a
                  C                        h = sum(y (x^2 + y^2 - a^2)) / (2 sum(y^2)).
 
-The board makes chords of an arc: of one with sweep phi it makes n = floor(phi r / (2 sqrt(c (2 r -
-c)))), one at least, with c its own tolerance (GRBL's $12), which are up to r (1 - cos(phi / 2n))
-inside: of a short arc by much more than c. It turns from one to the next by cos t = 1 - t^2 / 2 and
-sin t = t - t^3 / 6, twelve times before it computes them well (motion_control.c, mc_arc), which
-makes small circles smaller. All that counts as a deviation, too.
+The board replaces an arc by chords. For a sweep phi it makes n = floor(phi r / (2 sqrt(c (2 r -
+c)))) chords, at least one, with c its own tolerance (GRBL's $12). They lie up to r (1 - cos(phi /
+2n)) inside the arc, for a short arc much more than c. From one chord to the next it turns by cos t
+= 1 - t^2 / 2 and sin t = t - t^3 / 6, twelve times before it computes them exactly
+(motion_control.c, mc_arc). This makes small circles smaller. All of this counts as deviation.
 
-How far the next one reaches is found by doubling its length until nothing fits (twice in a row:
-because of n a longer arc may fit where a shorter one does not), and then by halving the doubt. All
-that is accepted has been measured: every point and every middle between two, in the plane and
-across it, and that the angle never runs backwards by more than the tolerance. Of an arc also where
-it bulges to: never out of the travel that is left to it.
+The length of the next move is doubled until nothing fits twice in a row, because a longer arc may
+fit where a shorter one does not (n changes). Then the interval of doubt is halved. Every accepted
+move has been measured at all points and midpoints: in the plane, across it, and that the angle
+never runs backwards by more than the tolerance. An arc must also keep within the limits of travel
+where it turns back.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,24 +37,36 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-STRAIGHT, FIXED = -1, -2
-"""In place of a plane: a line, or an interval that is what it is."""
+STRAIGHT, UNFIT = -1, -2
+"""In place of a plane: a line; nothing that fits."""
 
 LARGEST_RADIUS = 1000.0
-"""mm. The board computes with 32-bit floats: of a larger circle it loses more than a thousandth of
-a millimetre.
-"""
-LEAST_SWEEP = 2e-3
-"""rad. What turns less is a line."""
+"""mm. The board computes with 32-bit floats; a larger circle loses more than a micrometre."""
+SMALLEST_SWEEP = 2e-3
+"""rad. A move that turns by less is a line."""
 TURNS_UNTIL_EXACT = 12.0
 EVEN = 1.0 - 1e-5
-"""How much of a chord has to be missing for one less."""
+"""Part of a chord below which 32-bit floats may make one chord less."""
+
+
+class FitLimits(NamedTuple):
+    """What lines and arcs must keep.
+
+    tolerance: largest distance from the points, mm. chord: largest distance of the board's own
+    chords from an arc, mm. low, high (3,): positions beyond which no arc may turn back, mm.
+    """
+
+    tolerance: float
+    chord: float
+    low: Floats
+    high: Floats
 
 
 @njit
 def line_fits(points: Floats, first: int, last: int, tolerance: float) -> bool:
-    """Whether the points between two stay within the tolerance of the line from the one to the
-    other, and go forward along it.
+    """Return whether the points from first to last lie along the line between these two.
+
+    They stay within the tolerance, mm, and never go backwards by more than it.
     """
     dx = points[last, 0] - points[first, 0]
     dy = points[last, 1] - points[first, 1]
@@ -73,7 +85,7 @@ def line_fits(points: Floats, first: int, last: int, tolerance: float) -> bool:
         if along < before - slack or along > square + slack:
             return False
         before = max(before, along)
-        # from the line, or from its end
+        # distance from the line, or from its end
         share = min(max(along / square, 0.0), 1.0)
         x -= share * dx
         y -= share * dy
@@ -85,12 +97,10 @@ def line_fits(points: Floats, first: int, last: int, tolerance: float) -> bool:
 
 @njit
 def board_chord(radius: float, sweep: float, chord: float) -> float:
-    """How far inside an arc the motion is that the board makes of it with its tolerance
-    ``chord``.
-    """
+    """Return how far inside an arc the board moves, mm, with its own tolerance ``chord``."""
     count = 1.0
     if chord < 2.0 * radius:
-        # where it comes out even, 32-bit floats may make it one less
+        # where the count is whole, 32-bit floats may make it one less
         count = max(
             1.0, math.floor(EVEN * 0.5 * sweep * radius / math.sqrt(chord * (2.0 * radius - chord)))
         )
@@ -104,23 +114,22 @@ def board_chord(radius: float, sweep: float, chord: float) -> float:
 
 
 @njit
-def arc_stays(
-    i: int,
-    j: int,
-    cx: float,
-    cy: float,
-    x: float,
-    y: float,
+def arc_stays_inside(
+    plane: tuple[int, int],
+    center: tuple[float, float],
+    spoke: tuple[float, float],
     sweep: float,
     low: Floats,
     high: Floats,
 ) -> bool:
-    """Whether an arc about (cx, cy) in the plane of two columns keeps between low and high (3,)
-    where it turns back along one of them.
+    """Return whether an arc stays between low and high (3,) where it turns back along an axis.
 
-    x, y: from the centre to its start; sweep: rad, counter-clockwise positive. Its ends are not
-    looked at.
+    plane: columns of its two axes. center, spoke: its centre, and its start from there, mm. sweep:
+    rad, positive for counter-clockwise. Its ends are not checked.
     """
+    i, j = plane
+    cx, cy = center
+    x, y = spoke
     radius = math.sqrt(x * x + y * y)
     if (
         cx - radius >= low[i]
@@ -131,13 +140,12 @@ def arc_stays(
         return True
     begin = math.atan2(y, x)
     for quarter in range(4):
-        # how far it is, the way the arc turns, from its start to where it is farthest out in this
-        # direction
-        way = 0.5 * math.pi * quarter - begin
+        # angle from the start to the extreme point in this direction, in the sense of the arc
+        angle = 0.5 * math.pi * quarter - begin
         if sweep < 0.0:
-            way = -way
-        way %= 2.0 * math.pi
-        if way < abs(sweep):
+            angle = -angle
+        angle %= 2.0 * math.pi
+        if angle < abs(sweep):
             if quarter == 0 and cx + radius > high[i]:
                 return False
             if quarter == 1 and cy + radius > high[j]:
@@ -154,18 +162,17 @@ def arc_fits(
     points: Floats,
     first: int,
     last: int,
-    i: int,
-    j: int,
-    across: int,
-    tolerance: float,
-    chord: float,
-    low: Floats,
-    high: Floats,
+    columns: tuple[int, int, int],
+    limits: FitLimits,
     out: Floats,
 ) -> bool:
-    """Whether an arc in the plane of two columns fits the points; its centre and signed sweep into
-    out (3,).
+    """Return whether an arc fits the points from first to last.
+
+    columns: first and second axis of its plane, and the axis across. out (3,): set to centre and
+    signed sweep.
     """
+    i, j, across = columns
+    tolerance = limits.tolerance
     mx = 0.5 * (points[first, i] + points[last, i])
     my = 0.5 * (points[first, j] + points[last, j])
     tx = points[last, i] - mx
@@ -178,7 +185,7 @@ def arc_fits(
     above = 0.0
     squares = 0.0
     for k in range(2 * first + 1, 2 * last):
-        # points, and the middles between them
+        # points, and the midpoints between them
         here = k // 2
         next_one = (k + 1) // 2
         px = 0.5 * (points[here, i] + points[next_one, i]) - mx
@@ -195,7 +202,7 @@ def arc_fits(
         return False
     cx = mx - h * ty
     cy = my + h * tx
-    # the side on which the path runs says which way round: below the chord (y < 0) is
+    # the side of the chord on which the path runs gives the sense: below it (y < 0) is
     # counter-clockwise
     ahead = 0.5 * (points[first + 1, i] + points[first, i]) - points[first, i]
     aside = 0.5 * (points[first + 1, j] + points[first, j]) - points[first, j]
@@ -205,9 +212,9 @@ def arc_fits(
     fx = (points[last, i] - cx) / radius
     fy = (points[last, j] - cy) / radius
     sweep = math.atan2(turn * (ex * fy - ey * fx), ex * fx + ey * fy)
-    if sweep < LEAST_SWEEP:
+    if sweep < SMALLEST_SWEEP:
         return False
-    inside = board_chord(radius, sweep, chord)
+    inside = board_chord(radius, sweep, limits.chord)
     climb = points[last, across] - points[first, across]
     limit = tolerance * tolerance
     slack = tolerance / radius
@@ -225,7 +232,7 @@ def arc_fits(
         if angle < before - slack or angle > sweep + slack:
             return False
         before = max(before, angle)
-        # from the arc, or from its end
+        # distance from the arc, or from its end
         share = min(max(angle / sweep, 0.0), 1.0)
         beyond = radius * (angle - share * sweep)
         rise = (
@@ -235,7 +242,9 @@ def arc_fits(
         )
         if off * off + rise * rise + beyond * beyond > limit:
             return False
-    if not arc_stays(i, j, cx, cy, radius * ex, radius * ey, turn * sweep, low, high):
+    if not arc_stays_inside(
+        (i, j), (cx, cy), (radius * ex, radius * ey), turn * sweep, limits.low, limits.high
+    ):
         return False
     out[0] = cx
     out[1] = cy
@@ -245,50 +254,39 @@ def arc_fits(
 
 @njit
 def best_fit(
-    points: Floats,
-    first: int,
-    last: int,
-    arcs: bool,
-    tolerance: float,
-    chord: float,
-    low: Floats,
-    high: Floats,
-    out: Floats,
+    points: Floats, first: int, last: int, arcs: bool, limits: FitLimits, out: Floats
 ) -> int:
-    """What fits the points from ``first`` to ``last``: STRAIGHT, or the number of the arc's plane
-    with the arc in out (3,), or FIXED.
+    """Return the move that fits the points from first to last.
+
+    It is STRAIGHT, or the number of an arc's plane with the arc in out (3,), or UNFIT.
     """
-    if line_fits(points, first, last, tolerance):
+    if line_fits(points, first, last, limits.tolerance):
         return STRAIGHT
     if arcs and last > first + 1:
-        if arc_fits(points, first, last, 0, 1, 2, tolerance, chord, low, high, out):
+        if arc_fits(points, first, last, (0, 1, 2), limits, out):
             return 0
-        if arc_fits(points, first, last, 2, 0, 1, tolerance, chord, low, high, out):
+        if arc_fits(points, first, last, (2, 0, 1), limits, out):
             return 1
-        if arc_fits(points, first, last, 1, 2, 0, tolerance, chord, low, high, out):
+        if arc_fits(points, first, last, (1, 2, 0), limits, out):
             return 2
-    return FIXED
+    return UNFIT
 
 
 @njit
-def fewest(
+def fit_fewest(
     points: Floats,
     cut: Flags,
     arcs: Flags,
-    tolerance: float,
-    chord: float,
-    low: Floats,
-    high: Floats,
+    limits: FitLimits,
     end: Ints,
     plane: Ints,
     arc: Floats,
 ) -> int:
-    """Lines and arcs through points (k + 1, 3): where each ends, end (k,), its plane (k,) or
-    STRAIGHT, its centre and sweep (k, 3).
+    """Fit lines and arcs through points (k + 1, 3) and return their number.
 
-    cut (k + 1,): points that they end in. arcs (k,): whether the interval may be part of an arc.
-    chord: mm, how far from an arc the board's own chords may be. low, high (3,): beyond which no
-    arc may bulge. Returns how many there are.
+    cut (k + 1,): points at which a move must end. arcs (k,): whether an interval may be part of an
+    arc. Set for each move: its last point, end (k,); its plane or STRAIGHT, plane (k,); centre and
+    sweep, arc (k, 3).
     """
     count = 0
     here = 0
@@ -303,30 +301,30 @@ def fewest(
         bad = border + 1
         length = 2
         while good < border:
-            look = min(here + length, border)
-            what = best_fit(points, here, look, arcs[here], tolerance, chord, low, high, found)
-            if what != FIXED:
-                good = look
+            trial = min(here + length, border)
+            fit = best_fit(points, here, trial, arcs[here], limits, found)
+            if fit != UNFIT:
+                good = trial
                 bad = border + 1
-                kind = what
+                kind = fit
                 arc[count] = found
             elif bad <= border:
                 break
             else:
-                bad = look
-            if look == border:
+                bad = trial
+            if trial == border:
                 break
             length *= 2
         while bad - good > 1:
-            look = (good + bad) // 2
-            if look > border:
+            trial = (good + bad) // 2
+            if trial > border:
                 break
-            what = best_fit(points, here, look, arcs[here], tolerance, chord, low, high, found)
-            if what == FIXED:
-                bad = look
+            fit = best_fit(points, here, trial, arcs[here], limits, found)
+            if fit == UNFIT:
+                bad = trial
             else:
-                good = look
-                kind = what
+                good = trial
+                kind = fit
                 arc[count] = found
         end[count] = good
         plane[count] = kind

@@ -14,7 +14,7 @@ step, too, as it does along a curve.
 
 Even are the moves of algorithms that step the fastest axis in every move; placed those made where
 axes cross grid lines, one at a time. What is neither is ``packed`` (one mask a slot) or ``timed``
-(a mask and an interval of its own for each move). ``docs/segments.md`` has the bits.
+(a mask and an interval of its own for each move). ``docs/explanation/segments.md`` has the bits.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The GRBL sender on the board in the box: it streams without losing a byte, and tells every way in
+"""The GRBL sender on the board in the simulator: it streams without losing a byte, and tells every way in
 which a board can fail.
 """
 
@@ -11,13 +11,13 @@ import pytest
 
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.messages import Feedback, Setting
-from cnc.boards.grbl.operator_commands import Wishes
+from cnc.boards.grbl.operator_requests import OperatorRequests
 from cnc.boards.grbl.settings import BoardInfo
-from cnc.boards.grbl.simulator.board import GrblSim
-from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
+from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Unplug
 from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
-from cnc.boards.grbl.simulator.workpiece import World
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import SystemClock, port_lost
 from cnc.boards.protocols import LineSink
@@ -27,22 +27,23 @@ from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
 from tests.support.boards.grbl_rig import MACHINE, connected, fails, started
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, LineBoardConformance, feed
+from tests.support.boards.line_reader import lines_with_effects
 from tests.support.soak import share
 
 
 class TestGrblBoard(LineBoardConformance):
     def make(self) -> LineSink:
-        return connected(GrblBox())
+        return connected(GrblSimulator())
 
 
 class TestGrblHal(LineBoardConformance):
     def make(self) -> LineSink:
-        return connected(GrblBox(GRBLHAL))
+        return connected(GrblSimulator(GRBLHAL))
 
 
 class TestGrblSim(LineBoardConformance):
     def make(self) -> LineSink:
-        return GrblSim.from_machine(MACHINE)
+        return GrblSimulatorBoard.from_machine(MACHINE)
 
 
 def mixed(count: int, seed: int) -> list[str]:
@@ -68,65 +69,65 @@ def mixed(count: int, seed: int) -> list[str]:
 
 
 def test_the_ring_never_overflows_with_bursts_of_real_time_bytes_around_the_lines() -> None:
-    box = GrblBox()
-    board = started(box)
+    simulator = GrblSimulator()
+    board = started(simulator)
     rng = random.Random(5)
-    for number, text in enumerate(mixed(share(10_000, 700), 5), start=1):
-        board.send_line(GcodeLine(text, number))
+    for line in lines_with_effects(mixed(share(10_000, 700), 5)):
+        board.send_line(line)
         if rng.random() < 0.02:
             board.link.write(b"?" * 200)
     board.finish()
-    assert box.lost == 0
-    assert box.fullest <= 127
-    assert box.core.lines >= share(10_000, 700)
+    assert simulator.lost == 0
+    assert simulator.fullest <= 127
+    assert simulator.core.lines >= share(10_000, 700)
 
 
 def test_check_mode_goes_as_fast_as_the_wire() -> None:
     """Lines of 26 bytes at 115200 baud: 443 a second is all that the wire can carry."""
-    box = GrblBox()
-    board = connected(box)
+    simulator = GrblSimulator()
+    board = connected(simulator)
     board.check_only = True
-    board.attend(Control(), lambda: None)
+    board.connect_operator(Control(), lambda: None)
     board.start(ORIGIN)
     feed(board, PREAMBLE)
     board.execute(Dwell("p.nc", 1, 0.0), 0)
     count = 1500
-    began = box.now
+    began = simulator.now
     for k in range(count):
         text = f"G1X{k % 10:.3f}Y{k % 7:.3f}F1000Z1.00000"[:25].ljust(25, "0")
         board.send_line(GcodeLine(text, k + 2))
     board._drain()
-    rate = count / (box.now - began)
+    rate = count / (simulator.now - began)
     assert rate >= 0.95 * 115200 / 10 / 26
 
 
 def test_offsets_to_eeprom_amid_motion_lose_nothing() -> None:
-    box = GrblBox()
-    board = started(box)
+    simulator = GrblSimulator()
+    board = started(simulator)
     feed(board, PREAMBLE)
     for k in range(40):
         feed(board, f"G1 X{k % 3} Y{k % 5} F1500", f"G10 L2 P3 X{k}.000", first=2 + 2 * k)
     board.finish()
-    assert box.lost == 0
+    assert simulator.lost == 0
     assert board.confirmed_line == 81
-    assert box.core.eeprom.systems["G56"][0] == 39.0
+    assert simulator.core.eeprom.systems["G56"][0] == 39.0
 
 
 def test_an_operators_stop_keeps_the_position_and_throws_no_alarm() -> None:
     for seed in range(share(50, 6)):
         rng = random.Random(seed)
-        box = GrblBox()
+        simulator = GrblSimulator()
         control = Control()
-        board = started(box, control)
-        when = box.now + rng.uniform(0.2, 6.0)
+        board = started(simulator, control)
+        when = simulator.now + rng.uniform(0.2, 6.0)
 
         def stop_in_time(
-            when: float = when, box: GrblBox = box, control: Control = control
+            when: float = when, simulator: GrblSimulator = simulator, control: Control = control
         ) -> None:
-            if box.now > when:
+            if simulator.now > when:
                 control.stop()
 
-        board.attend(control, stop_in_time)
+        board.connect_operator(control, stop_in_time)
         feed(
             board,
             PREAMBLE,
@@ -135,28 +136,28 @@ def test_an_operators_stop_keeps_the_position_and_throws_no_alarm() -> None:
         board.finish()
         assert control.stopped
         board.stop()
-        assert box.core.state == "Idle"
-        assert board.position == pytest.approx(box.position, abs=0.002)
-        assert [event.value for event in box.events if event.kind == "alarm"] == []
+        assert simulator.core.state == "Idle"
+        assert board.position == pytest.approx(simulator.position, abs=0.002)
+        assert [event.value for event in simulator.events if event.kind == "alarm"] == []
 
 
 def test_hold_and_resume_lose_nothing() -> None:
-    box = GrblBox()
+    simulator = GrblSimulator()
     control = Control()
     seen: list[str] = []
-    board = connected(box)
-    held_at = box.now + 1.5
+    board = connected(simulator)
+    held_at = simulator.now + 1.5
 
     def operate() -> None:
         state = board.status.state
         if not seen or seen[-1] != state:
             seen.append(state)
-        if box.now > held_at and len(seen) < 3:
+        if simulator.now > held_at and len(seen) < 3:
             control.hold()
-        if state == "Hold" and box.now > held_at + 3.0:
+        if state == "Hold" and simulator.now > held_at + 3.0:
             control.resume()
 
-    board.attend(control, operate)
+    board.connect_operator(control, operate)
     board.start(ORIGIN)
     feed(board, PREAMBLE, *(f"G1 X{k % 2 * 5} Y{k % 3 * 2} F1000" for k in range(12)))
     board.finish()
@@ -166,27 +167,27 @@ def test_hold_and_resume_lose_nothing() -> None:
 
 @pytest.mark.parametrize("percent", [10, 55, 87, 100, 123, 200])
 def test_the_feed_override_is_reached_and_held(percent: int) -> None:
-    box = GrblBox()
+    simulator = GrblSimulator()
     control = Control(percent)
-    board = started(box, control)
-    assert box.core.planner.feed_override == percent
+    board = started(simulator, control)
+    assert simulator.core.planner.feed_override == percent
     control.override(100)
     feed(board, PREAMBLE, "G1 X9 F100")
     board.finish()
-    assert box.core.planner.feed_override == 100
+    assert simulator.core.planner.feed_override == 100
 
 
 def test_an_override_that_grbl_does_not_have_is_refused_before_anything_moves() -> None:
     with pytest.raises(BoardError) as caught:
-        started(GrblBox(), Control(5.0))
+        started(GrblSimulator(), Control(5.0))
     assert caught.value.diagnostic.code == "override-refused"
 
 
 def test_a_machine_that_was_moved_since_it_was_asked_does_not_start() -> None:
-    box = GrblBox()
-    board = connected(box)
-    box.write(b"G1 X1 F600\n")
-    box.advance(box.now + 2.0)
+    simulator = GrblSimulator()
+    board = connected(simulator)
+    simulator.write(b"G1 X1 F600\n")
+    simulator.advance(simulator.now + 2.0)
     with pytest.raises(BoardError) as caught:
         board.start(ORIGIN)
     assert caught.value.diagnostic.code == "board-moved"
@@ -198,31 +199,31 @@ def said(state: str, override: int = 100, phase: int = -1) -> Status:
 
 def test_wishes_become_bytes_and_are_said_again_if_they_get_lost() -> None:
     control = Control()
-    wishes = Wishes(control)
-    assert wishes.commands(said("Run"), 0.0, 0.1) == b""
+    requests = OperatorRequests(control)
+    assert requests.commands(said("Run"), 0.0, 0.1) == b""
     control.hold()
-    assert wishes.commands(said("Run"), 0.1, 1.0) == b"!"
-    assert wishes.commands(said("Run"), 1.2, 1.3) == b""
-    assert wishes.commands(said("Run"), 1.6, 1.7) == b"!"
-    assert wishes.commands(said("Hold", phase=1), 1.8, 1.9) == b""
+    assert requests.commands(said("Run"), 0.1, 1.0) == b"!"
+    assert requests.commands(said("Run"), 1.2, 1.3) == b""
+    assert requests.commands(said("Run"), 1.6, 1.7) == b"!"
+    assert requests.commands(said("Hold", phase=1), 1.8, 1.9) == b""
     control.resume()
-    assert wishes.commands(said("Hold", phase=0), 2.0, 2.1) == b"~"
+    assert requests.commands(said("Hold", phase=0), 2.0, 2.1) == b"~"
     # a report that is older than the command, or as old, says nothing
-    assert wishes.commands(said("Hold", phase=0), 2.0, 3.0) == b""
+    assert requests.commands(said("Hold", phase=0), 2.0, 3.0) == b""
     assert not control.held
 
 
 def test_a_hold_at_the_machine_is_the_operators_until_he_goes_on_here_or_there() -> None:
     control = Control()
-    wishes = Wishes(control)
-    assert wishes.commands(said("Hold", phase=0), 1.0, 1.1) == b""
+    requests = OperatorRequests(control)
+    assert requests.commands(said("Hold", phase=0), 1.0, 1.1) == b""
     assert control.held
-    assert wishes.commands(said("Run"), 2.0, 2.1) == b""
+    assert requests.commands(said("Run"), 2.0, 2.1) == b""
     assert not control.held
-    assert wishes.commands(said("Door", phase=0), 3.0, 3.1) == b""
+    assert requests.commands(said("Door", phase=0), 3.0, 3.1) == b""
     assert control.held
     control.resume()
-    assert wishes.commands(said("Door", phase=0), 3.2, 3.3) == b"~"
+    assert requests.commands(said("Door", phase=0), 3.2, 3.3) == b"~"
 
 
 @pytest.mark.parametrize(
@@ -236,24 +237,24 @@ def test_a_hold_at_the_machine_is_the_operators_until_he_goes_on_here_or_there()
     ],
 )
 def test_the_override_goes_by_tens_and_ones(wanted: int, now: int, byte: bytes) -> None:
-    wishes = Wishes(Control(wanted))
-    assert wishes.commands(said("Run", now), 1.0, 1.1) == byte
-    assert wishes.commands(said("Run", now), 1.2, 1.3) == b""
+    requests = OperatorRequests(Control(wanted))
+    assert requests.commands(said("Run", now), 1.0, 1.1) == byte
+    assert requests.commands(said("Run", now), 1.2, 1.3) == b""
 
 
 def test_a_program_stop_waits_for_the_operator() -> None:
-    box = GrblBox()
+    simulator = GrblSimulator()
     control = Control()
-    board = connected(box)
+    board = connected(simulator)
     waited: list[float] = []
 
     def operate() -> None:
         if control.held:
-            waited.append(box.now)
+            waited.append(simulator.now)
             if len(waited) > 40:
                 control.resume()
 
-    board.attend(control, operate)
+    board.connect_operator(control, operate)
     board.start(ORIGIN)
     feed(board, PREAMBLE, "G1 X1 F600", "M0", "G1 X2")
     board.finish()
@@ -262,17 +263,17 @@ def test_a_program_stop_waits_for_the_operator() -> None:
 
 
 def test_a_long_dwell_and_a_long_move_are_no_faults() -> None:
-    box = GrblBox()
-    board = started(box)
+    simulator = GrblSimulator()
+    board = started(simulator)
     feed(board, PREAMBLE, "G4 P45", "G1 X5 F2", "G4 P8", "G1 X6 F600")
     board.finish()
-    assert box.now > 200.0
+    assert simulator.now > 200.0
     assert board.position[0] == pytest.approx(6.0, abs=0.002)
 
 
 def test_a_probe_answers_where_it_touched_and_a_miss_is_told() -> None:
-    box = GrblBox(world=World(surface=((0.0, 0.0, 1.0), -4.0)))
-    board = started(box)
+    simulator = GrblSimulator(environment=Environment(surface=((0.0, 0.0, 1.0), -4.0)))
+    board = started(simulator)
     feed(board, PREAMBLE, "G38.2 Z-8 F120")
     answer = board.execute(Dwell("p.nc", 2, 0.0), 0)
     assert answer is not None
@@ -286,10 +287,10 @@ def test_a_probe_answers_where_it_touched_and_a_miss_is_told() -> None:
 
 
 def test_soft_limits_of_the_board_stop_a_line_without_an_answer() -> None:
-    box = GrblBox(settings={20: 1, 22: 1, 130: 50, 131: 50, 132: 50})
-    board = connected(box)
+    simulator = GrblSimulator(settings={20: 1, 22: 1, 130: 50, 131: 50, 132: 50})
+    board = connected(simulator)
     board.link.ask("$X")
-    board.attend(Control(), lambda: None)
+    board.connect_operator(Control(), lambda: None)
     board.start(ORIGIN)
     found = fails(board, PREAMBLE, "G1 X-60 F600").diagnostic
     assert (found.code, found.line) == ("board-alarm", 2)
@@ -297,8 +298,8 @@ def test_soft_limits_of_the_board_stop_a_line_without_an_answer() -> None:
 
 
 def test_a_locked_board_is_not_unlocked_by_itself() -> None:
-    box = GrblBox(settings={22: 1})
-    board = started(box)
+    simulator = GrblSimulator(settings={22: 1})
+    board = started(simulator)
     with pytest.raises(BoardError) as caught:
         feed(board, PREAMBLE, "G1 X1 F100")
     assert caught.value.diagnostic.code == "board-locked"
@@ -306,8 +307,8 @@ def test_a_locked_board_is_not_unlocked_by_itself() -> None:
 
 
 def test_homing_takes_its_time() -> None:
-    box = GrblBox(settings={22: 1, 20: 1})
-    board = started(box)
+    simulator = GrblSimulator(settings={22: 1, 20: 1})
+    board = started(simulator)
     feed(board, "$H", PREAMBLE)
     board.execute(Dwell("p.nc", 1, 0.0), 0)
     board.finish()
@@ -316,25 +317,25 @@ def test_homing_takes_its_time() -> None:
 
 
 def test_another_offset_than_that_of_g54_is_found_before_anything_moves() -> None:
-    box = GrblBox()
-    box.core.eeprom.systems["G54"] = (1.0, 2.0, 3.0)
-    board = started(box)
+    simulator = GrblSimulator()
+    simulator.core.eeprom.systems["G54"] = (1.0, 2.0, 3.0)
+    board = started(simulator)
     assert board.work_offset == (1.0, 2.0, 3.0)
-    box.core.shift = (0.0, 0.5, 0.0)
-    box.core.wco_counter = 0
+    simulator.core.shift = (0.0, 0.5, 0.0)
+    simulator.core.wco_counter = 0
     with pytest.raises(BoardError) as caught:
         feed(board, PREAMBLE, "G1 X1 F100")
     assert caught.value.diagnostic.code == "offset-differs"
-    assert not box.moves
+    assert not simulator.moves
 
 
 def test_a_line_too_long_is_not_sent() -> None:
-    box = GrblBox()
-    board = started(box)
+    simulator = GrblSimulator()
+    board = started(simulator)
     with pytest.raises(BoardError) as caught:
         feed(board, PREAMBLE, "G1 X1 F100 (" + "x" * 80 + ")")
     assert caught.value.diagnostic.code == "line-too-long"
-    assert not box.moves
+    assert not simulator.moves
 
 
 class Device:
@@ -398,14 +399,14 @@ def test_what_is_no_grbl_board_is_refused_before_anything_moves(
 
 
 def test_an_unplugged_board_names_the_last_line_and_does_not_go_on() -> None:
-    box = GrblBox()
-    board = started(box)
+    simulator = GrblSimulator()
+    board = started(simulator)
     feed(board, PREAMBLE, "G1 X2 F300", "G1 X4", "G1 X6", "G1 X8")
-    pulled = box.now + 1.0
-    box.inject(Unplug(), time=pulled)
+    pulled = simulator.now + 1.0
+    simulator.inject(Unplug(), time=pulled)
     with pytest.raises(BoardError) as caught:
         board.finish()
-    assert box.now - pulled < 1.0
+    assert simulator.now - pulled < 1.0
     assert type(caught.value) is type(port_lost("", ""))
     assert caught.value.diagnostic.line == board.confirmed_line > 1
     with pytest.raises(BoardError):
@@ -413,11 +414,11 @@ def test_an_unplugged_board_names_the_last_line_and_does_not_go_on() -> None:
 
 
 def test_a_board_that_restarts_by_itself_is_noticed() -> None:
-    box = GrblBox()
-    board = started(box)
+    simulator = GrblSimulator()
+    board = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F300")
     board._serve(1.0)
-    box.power_up(0.3)
+    simulator.power_up(0.3)
     with pytest.raises(BoardError) as caught:
         board.finish()
     assert caught.value.diagnostic.code in ("board-restarted", "off-path", "reply-lost")
@@ -451,13 +452,13 @@ def test_a_buffer_that_is_not_told_is_the_least_there_is(told: str) -> None:
 
 
 def test_grblhal_tells_a_larger_buffer_which_is_used() -> None:
-    box = GrblBox(GRBLHAL)
-    board = started(box)
+    simulator = GrblSimulator(GRBLHAL)
+    board = started(simulator)
     assert board.info.hal
     assert board.info.rx_bytes == 1024
     feed(board, PREAMBLE, *(f"G1 X{k % 3}.000 Y{k % 5}.000 F2000" for k in range(300)))
     board.finish()
-    assert box.lost == 0
+    assert simulator.lost == 0
 
 
 def test_the_clock_of_the_computer_is_the_default() -> None:

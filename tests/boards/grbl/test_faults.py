@@ -1,4 +1,4 @@
-"""The GRBL sender and every fault that the box knows, at random moments: told in time, at its line,
+"""The GRBL sender and every fault that the simulator knows, at random moments: told in time, at its line,
 and nothing moves after it.
 """
 
@@ -12,7 +12,6 @@ from dataclasses import replace
 import pytest
 
 from cnc.boards.grbl.protocol import Reported
-from cnc.boards.grbl.simulator.box import GrblBox
 from cnc.boards.grbl.simulator.faults import (
     Alarm,
     Corrupt,
@@ -24,6 +23,7 @@ from cnc.boards.grbl.simulator.faults import (
     Swallow,
     Unplug,
 )
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.model.diagnostics import BoardError
 from tests.support.boards.grbl_rig import LATEST, ROUTER, fails, outcome, started
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
@@ -56,14 +56,14 @@ def test_every_fault_is_told_in_time_and_nothing_moves_after_it(
     for seed in range(share(40, 4)):
         rng = random.Random(f"{name} {seed}")
         slow = seed % 2 == 0
-        box = GrblBox(settings=None if slow else ROUTER)
-        board = started(box)
+        simulator = GrblSimulator(settings=None if slow else ROUTER)
+        board = started(simulator)
         lines = [
             PREAMBLE,
             *(f"G1 X{rng.uniform(0, 9):.3f} Y{rng.uniform(0, 9):.3f} F1500" for _ in range(60)),
         ]
-        struck = box.now + rng.uniform(0.3, 60.0 if slow else 7.0)
-        box.inject(make(rng), time=struck)
+        struck = simulator.now + rng.uniform(0.3, 60.0 if slow else 7.0)
+        simulator.inject(make(rng), time=struck)
         error = outcome(board, lines)
         code = NEVER if error is None else error.diagnostic.code
         assert code in codes, (seed, code)
@@ -73,25 +73,25 @@ def test_every_fault_is_told_in_time_and_nothing_moves_after_it(
             continue
         assert error.exit_code == 3
         assert error.diagnostic.hint
-        assert box.now - struck <= LATEST, (seed, code)
+        assert simulator.now - struck <= LATEST, (seed, code)
         # Not before what the board was moving on, nor behind what it was sent; a line that it took
         # may have been a question.
         assert (
-            min(board.confirmed_line - 12, on_its_way(box, struck))
+            min(board.confirmed_line - 12, on_its_way(simulator, struck))
             <= error.diagnostic.line
             <= board.confirmed_line + 6
         ), (seed, code)
         if name != "unplug":
-            stands, moved = box.position, len(box.moves)
-            box.advance(box.now + 10.0)
-            assert (box.position, len(box.moves)) == (stands, moved), (seed, code)
+            stands, moved = simulator.position, len(simulator.moves)
+            simulator.advance(simulator.now + 10.0)
+            assert (simulator.position, len(simulator.moves)) == (stands, moved), (seed, code)
 
 
-def on_its_way(box: GrblBox, when: float) -> int:
+def on_its_way(simulator: GrblSimulator, when: float) -> int:
     """Source line, of a program of moves behind one line of modes, that the machine was on at a
     time.
     """
-    return sum(move.begin_time <= when for move in box.moves)
+    return sum(move.begin_time <= when for move in simulator.moves)
 
 
 @pytest.mark.parametrize("settings", [None, ROUTER], ids=["fresh", "router"])
@@ -110,16 +110,19 @@ def test_no_more_motion_is_sent_ahead_than_the_planner_has_use_for(
 ) -> None:
     times = []
     for ahead in (None, math.inf):
-        box = GrblBox(settings=settings)
-        board = started(box)
+        simulator = GrblSimulator(settings=settings)
+        board = started(simulator)
         if ahead is not None:
-            board._judge._ahead = ahead
+            board._monitor._ahead = ahead
         feed(board, PREAMBLE, "G1 X5 Y0 F500")
         feed(board, *lines, first=3)
-        left = box.now
+        left = simulator.now
         board.finish()
         times.append(
-            (box.moves[-1].end_time - box.moves[0].begin_time, box.moves[-1].end_time - left)
+            (
+                simulator.moves[-1].end_time - simulator.moves[0].begin_time,
+                simulator.moves[-1].end_time - left,
+            )
         )
     assert times[0][0] == pytest.approx(times[1][0], rel=0.002)
     assert times[0][1] < 4.0
@@ -129,8 +132,8 @@ def test_a_report_that_is_wrong_once_is_none_twice_is_a_fault() -> None:
     """An AVR reads its position while it steps: a number may be half the old and half the new
     one.
     """
-    box = GrblBox()
-    board = started(box)
+    simulator = GrblSimulator()
+    board = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F300")
     board._serve(0.5)
     right = board.status
@@ -147,14 +150,14 @@ def test_a_report_that_is_wrong_once_is_none_twice_is_a_fault() -> None:
 
 
 def test_a_line_that_goes_less_far_than_it_was_sent_is_found_before_a_pause() -> None:
-    box = GrblBox()
-    board = started(box)
+    simulator = GrblSimulator()
+    board = started(simulator)
     feed(board, PREAMBLE)
     board.finish()
     board.start(ORIGIN)
-    sent = box.core.receiver.received
+    sent = simulator.core.receiver.received
     # "G1 X12.5 F600": without its 2 it goes to 1.5
-    box.inject(Drop(1), byte=sent + len("G1 X1") + 1)
+    simulator.inject(Drop(1), byte=sent + len("G1 X1") + 1)
     found = fails(board, "G1 X12.5 F600").diagnostic
     assert (found.code, found.line) == ("position-differs", 1)
 
@@ -166,26 +169,28 @@ def end_of(lines: Sequence[str]) -> tuple[float, float, float]:
 
 @pytest.mark.parametrize("code", range(1, 11))
 def test_alarms_have_their_number_meaning_and_advice(code: int) -> None:
-    box = GrblBox()
-    board = started(box)
+    simulator = GrblSimulator()
+    board = started(simulator)
     feed(board, PREAMBLE, "G1 X5 F200")
-    box.inject(Alarm(code), time=box.now + 0.4)
+    simulator.inject(Alarm(code), time=simulator.now + 0.4)
     with pytest.raises(BoardError) as caught:
         board.finish()
     assert f"ALARM:{code}:" in caught.value.diagnostic.message
-    assert not box.core.locked  # GRBL had forgotten the reset that came while it told of its limit
+    assert (
+        not simulator.core.locked
+    )  # GRBL had forgotten the reset that came while it told of its limit
 
 
 def test_after_an_error_nothing_queued_behind_it_moves() -> None:
-    box = GrblBox()
-    board = started(box)
+    simulator = GrblSimulator()
+    board = started(simulator)
     feed(board, PREAMBLE, "G1 X1 F300")
     found = fails(board, "G999", *(f"G1 X{k} Y9" for k in range(2, 9)), first=3).diagnostic
     assert (found.code, found.line) == ("board-error", 3)
     assert "error:20" in found.message
-    box.advance(box.now + 5.0)
+    simulator.advance(simulator.now + 5.0)
     # it had gone on to a line behind the error for as long as the answer takes to come and the hold
     # to go
-    assert box.position[1] < 0.5
-    assert board.position == pytest.approx(box.position, abs=0.002)
-    assert box.core.state == "Idle"
+    assert simulator.position[1] < 0.5
+    assert board.position == pytest.approx(simulator.position, abs=0.002)
+    assert simulator.core.state == "Idle"

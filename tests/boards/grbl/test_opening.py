@@ -14,10 +14,10 @@ import pytest
 
 from cnc.boards import serial_port
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.box import BOOT_TIME, GrblBox
 from cnc.boards.grbl.simulator.faults import Unplug
 from cnc.boards.grbl.simulator.firmware_profile import GRBLHAL
-from cnc.boards.grbl.simulator.ports import BoxPort
+from cnc.boards.grbl.simulator.grbl_simulator import BOOT_TIME, GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.boards.serial_port import SerialLink, identity, open_port
 from tests.support.boards.grbl_rig import MACHINE
@@ -27,20 +27,20 @@ GREETING = b"help]\r\n"
 TERMINALS = pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
 
 
-def listen(port: BoxPort, seconds: float) -> bytes:
+def listen(port: GrblSimulatorPort, seconds: float) -> bytes:
     said, end = b"", port.clock.now() + seconds
     while port.clock.now() < end:
         said += port.read(0.05)
     return said
 
 
-def moved(box: GrblBox) -> None:
+def moved(simulator: GrblSimulator) -> None:
     """Open a port that keeps DTR up, go to X5, set offsets in both memories, and close it."""
-    port = BoxPort(box, hang_up=False)
+    port = GrblSimulatorPort(simulator, hang_up=False)
     listen(port, BOOT_TIME + 0.2)
     port.write(b"G0X5\nG92X1\nG10L2P2Y3\n")
     assert listen(port, 5.0).count(b"ok") == 3
-    assert box.position == (5.0, 0.0, 0.0)
+    assert simulator.position == (5.0, 0.0, 0.0)
     port.close()
 
 
@@ -48,30 +48,32 @@ def moved(box: GrblBox) -> None:
 
 
 def test_a_rise_of_dtr_resets_the_simulator_and_a_line_that_stays_up_does_not() -> None:
-    box = GrblBox(settings=FAST)
-    moved(box)
-    again = BoxPort(box)
+    simulator = GrblSimulator(settings=FAST)
+    moved(simulator)
+    again = GrblSimulatorPort(simulator)
     again.write(b"?")
     assert b"MPos:5.000" in listen(again, 0.2)
     again.close()
-    last = BoxPort(box)
+    last = GrblSimulatorPort(simulator)
     last.write(b"?G0X9\n")
     assert listen(last, 1.0) == b"", "the boot loader's silence"
     assert GREETING in listen(last, 1.0)
     last.write(b"?")
     assert b"MPos:0.000" in listen(last, 2.0), "bytes sent to the boot loader are lost"
-    assert box.position == (0.0, 0.0, 0.0)
-    assert box.core.world.offset == (-95.0, -100.0, -100.0), "the tool stands where it stood"
-    assert box.core.shift == (0.0, 0.0, 0.0)
-    assert box.core.eeprom.systems["G55"][1] == 3.0
+    assert simulator.position == (0.0, 0.0, 0.0)
+    assert simulator.core.environment.offset == (-95.0, -100.0, -100.0), (
+        "the tool stands where it stood"
+    )
+    assert simulator.core.shift == (0.0, 0.0, 0.0)
+    assert simulator.core.eeprom.systems["G55"][1] == 3.0
 
 
 def test_a_board_that_was_unplugged_starts_anew() -> None:
-    box = GrblBox(settings=FAST)
-    moved(box)
-    box.inject(Unplug())
-    assert GREETING in listen(BoxPort(box), 3.0)
-    assert box.position == (0.0, 0.0, 0.0)
+    simulator = GrblSimulator(settings=FAST)
+    moved(simulator)
+    simulator.inject(Unplug())
+    assert GREETING in listen(GrblSimulatorPort(simulator), 3.0)
+    assert simulator.position == (0.0, 0.0, 0.0)
 
 
 # The port
@@ -86,7 +88,7 @@ def heard(link: SerialLink, until: bytes) -> bytes:
 
 @TERMINALS
 def test_a_second_opening_does_not_reset_the_board() -> None:
-    with PtyServer(GrblBox(settings=FAST), 10.0) as server:
+    with PtyServer(GrblSimulator(settings=FAST), 10.0) as server:
         link = open_port(server.name, 115200)
         assert GREETING in heard(link, GREETING)
         link.write(b"G1X5F3000\nG4P0\n")
@@ -103,7 +105,7 @@ def test_a_second_opening_does_not_reset_the_board() -> None:
 def test_a_program_that_lets_dtr_fall_resets_the_simulator_behind_a_terminal() -> None:
     import termios
 
-    with PtyServer(GrblBox(settings=FAST), 10.0) as server:
+    with PtyServer(GrblSimulator(settings=FAST), 10.0) as server:
         link = open_port(server.name, 115200)
         heard(link, GREETING)
         link.close()
@@ -154,7 +156,7 @@ def test_no_line_is_toggled(
     when it opens a port: up.
     """
     opened = Opened()
-    monkeypatch.setattr(serial_port, "LOWERED", lowered)
+    monkeypatch.setattr(serial_port, "LINES_LOW", lowered)
     monkeypatch.setattr("serial.serial_for_url", lambda *_, **__: opened)
     open_port(name, 115200)
     assert opened.at_opening == lines
@@ -165,13 +167,13 @@ def test_no_line_is_toggled(
 
 @TERMINALS
 def test_a_new_terminal_is_another_board_and_the_same_one_is_the_same() -> None:
-    with PtyServer(GrblBox()) as server:
+    with PtyServer(GrblSimulator()) as server:
         name, first = server.name, identity(server.name)
         link = open_port(name, 115200)
         link.write(b"?")
         link.close()
         assert identity(name) == first
-    with PtyServer(GrblBox()) as server:
+    with PtyServer(GrblSimulator()) as server:
         assert identity(server.name) != first
 
 
@@ -197,30 +199,30 @@ def test_a_board_is_known_by_its_serial_number_then_by_its_port(
 # The driver
 
 
-def connected(box: GrblBox) -> GrblBoard:
-    port = BoxPort(box, hang_up=False)
-    board = GrblBoard(port, MACHINE, port.clock, "the box")
+def connected(simulator: GrblSimulator) -> GrblBoard:
+    port = GrblSimulatorPort(simulator, hang_up=False)
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
     board.connect()
     return board
 
 
 def test_a_restart_at_the_opening_is_noticed_and_none_is_made() -> None:
-    box = GrblBox(settings=FAST)
-    assert connected(box).restarted
-    moved(box)
-    board = connected(box)
+    simulator = GrblSimulator(settings=FAST)
+    assert connected(simulator).restarted
+    moved(simulator)
+    board = connected(simulator)
     assert not board.restarted
     assert board.position == (5.0, 0.0, 0.0)
-    box.power_up()
-    assert connected(box).restarted
+    simulator.power_up()
+    assert connected(simulator).restarted
 
 
 def test_a_greeting_without_a_restart_is_none() -> None:
     """grblHAL greets whoever connects over the network."""
-    box = GrblBox(GRBLHAL, settings=FAST)
-    moved(box)
-    box.core.say(GRBLHAL.banner)
-    board = connected(box)
+    simulator = GrblSimulator(GRBLHAL, settings=FAST)
+    moved(simulator)
+    simulator.core.say(GRBLHAL.banner)
+    board = connected(simulator)
     assert board.link.greeted_unasked
     assert not board.restarted
     assert board.position == (5.0, 0.0, 0.0)
@@ -231,49 +233,49 @@ class NativeUsb:
     down.
     """
 
-    def __init__(self, box: GrblBox) -> None:
-        self.port = BoxPort(box, lowered=True)
+    def __init__(self, simulator: GrblSimulator) -> None:
+        self.port = GrblSimulatorPort(simulator, lowered=True)
         self.clock = self.port.clock
 
     def read(self, timeout: float) -> bytes:
         said = self.port.read(timeout)
-        return said if self.port.box.dtr else b""
+        return said if self.port.simulator.dtr else b""
 
     def write(self, data: bytes) -> None:
         self.port.write(data)
 
     def raise_lines(self) -> None:
         # The line is no reset to it.
-        self.port.box.dtr = True
+        self.port.simulator.dtr = True
 
     def close(self) -> None:
         self.port.close()
 
 
 def test_a_board_that_sends_only_with_dtr_up_is_found() -> None:
-    box = GrblBox(settings=FAST)
-    moved(box)
-    port = NativeUsb(box)
-    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    simulator = GrblSimulator(settings=FAST)
+    moved(simulator)
+    port = NativeUsb(simulator)
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
     board.connect()
     assert not board.restarted
     assert board.position == (5.0, 0.0, 0.0)
 
 
 def test_a_line_that_is_down_stays_down_for_a_board_that_answers() -> None:
-    box = GrblBox(settings=FAST)
-    moved(box)
-    port = BoxPort(box, lowered=True)
-    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    simulator = GrblSimulator(settings=FAST)
+    moved(simulator)
+    port = GrblSimulatorPort(simulator, lowered=True)
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
     board.connect()
-    assert not box.dtr
+    assert not simulator.dtr
     assert board.position == (5.0, 0.0, 0.0)
 
 
 def test_lines_are_raised_only_where_they_are_down(monkeypatch: pytest.MonkeyPatch) -> None:
     for lowered in (False, True):
         opened = Opened()
-        monkeypatch.setattr(serial_port, "LOWERED", lowered)
+        monkeypatch.setattr(serial_port, "LINES_LOW", lowered)
         monkeypatch.setattr("serial.serial_for_url", lambda *_, opened=opened, **__: opened)
         link = open_port("COM3", 115200)
         if not lowered:

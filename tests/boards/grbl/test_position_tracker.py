@@ -11,7 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.boards.grbl.position_tracker import SLACK, Limits, Whereabouts
+from cnc.boards.grbl.position_tracker import TOLERANCE, PositionTracker
+from cnc.boards.grbl.tracked_moves import AxisLimits
+from tests.support.boards.line_reader import LineReader, lines_with_effects
 
 OFFSET = (10.0, -20.0, 3.0)
 PLANNER = 15
@@ -45,7 +47,7 @@ def arc(
     return " ".join((plane, "G3" if sweep > 0 else "G2", *words, *centres)), way
 
 
-# Straight moves go to a few places, so that ways cross and go back over themselves.
+# StraightMove moves go to a few places, so that ways cross and go back over themselves.
 STRAIGHT = st.tuples(*[st.integers(-2, 2)] * 3)
 ROUND = st.tuples(
     st.sampled_from(list(PLANES)),
@@ -93,9 +95,9 @@ def test_a_board_on_its_way_is_on_it_and_is_never_taken_to_be_further(
     follower = followed(lines)
     way = [(number, point) for number, (_, points) in enumerate(lines) for point in points]
     for number, (x, y, z) in [*way[::stride], way[-1]]:
-        a, b, c = (rng.uniform(-0.5, 0.5) * SLACK for _ in range(3))
+        a, b, c = (rng.uniform(-0.5, 0.5) * TOLERANCE for _ in range(3))
         assert follower.off(machine((x + a, y + b, z + c)), 0) == 0.0
-        at_its_end = math.dist((x, y, z), lines[number][1][-1]) <= 2 * SLACK
+        at_its_end = math.dist((x, y, z), lines[number][1][-1]) <= 2 * TOLERANCE
         assert not follower.lines or follower.line <= max(number, 1) or at_its_end
     assert follower.arrived(machine(way[-1][1])) == 0.0
     assert follower.seconds == pytest.approx(0.0, abs=1e-6)
@@ -117,11 +119,11 @@ def test_a_board_off_its_way_is_as_far_from_it_as_is_told(
     assert followed(lines).off(machine(lost), 0) == pytest.approx(nearest, abs=0.2)
 
 
-def followed(lines: list[tuple[str, list[Point]]]) -> Whereabouts:
-    follower = Whereabouts(PLANNER, OFFSET, SLACK)
+def followed(lines: list[tuple[str, list[Point]]]) -> PositionTracker:
+    follower = PositionTracker(PLANNER, OFFSET, TOLERANCE)
     follower.begin(machine((0.0, 0.0, 0.0)))
-    for number, (text, _) in enumerate(lines):
-        follower.send(f"{text} F600", number)
+    for line in lines_with_effects((f"{text} F600" for text, _ in lines), first=0):
+        follower.send(line)
     return follower
 
 
@@ -145,18 +147,18 @@ def followed(lines: list[tuple[str, list[Point]]]) -> Whereabouts:
     ],
 )
 def test_the_time_that_lies_ahead(lines: list[str], seconds: float) -> None:
-    follower = Whereabouts(PLANNER, (0.0, 0.0, 0.0), SLACK, Limits((20.0,) * 3, (20.0,) * 3))
+    follower = PositionTracker(PLANNER, (0.0, 0.0, 0.0), TOLERANCE, AxisLimits((20.0,) * 3, (20.0,) * 3))
     follower.begin((0.0, 0.0, 0.0))
-    for number, line in enumerate(lines):
-        follower.send(line, number)
+    for line in lines_with_effects(lines, first=0):
+        follower.send(line)
     assert follower.seconds == pytest.approx(seconds)
 
 
 def test_overrides_stretch_the_moves_that_they_are_for() -> None:
-    follower = Whereabouts(PLANNER, (0.0, 0.0, 0.0), SLACK, Limits((20.0,) * 3, (20.0,) * 3))
+    follower = PositionTracker(PLANNER, (0.0, 0.0, 0.0), TOLERANCE, AxisLimits((20.0,) * 3, (20.0,) * 3))
     follower.begin((0.0, 0.0, 0.0))
-    for number, line in enumerate(["G0 X20", "G1 Y10 F600"]):
-        follower.send(line, number)
+    for line in lines_with_effects(["G0 X20", "G1 Y10 F600"], first=0):
+        follower.send(line)
     traverse, feed = 2.0, 1.5
     assert follower.seconds_at(100.0, 100.0) == pytest.approx(traverse + feed)
     assert follower.seconds_at(200.0, 25.0) == pytest.approx(4.0 * traverse + 0.5 * feed)
@@ -169,10 +171,11 @@ def test_overrides_stretch_the_moves_that_they_are_for() -> None:
 
 @pytest.mark.parametrize("line", ["G91", "G1 X1 R2", "G53 G0 X1", "$H", "G20", "X"])
 def test_what_is_not_understood_is_not_judged(line: str) -> None:
-    follower = Whereabouts(PLANNER, (0.0, 0.0, 0.0))
+    follower = PositionTracker(PLANNER, (0.0, 0.0, 0.0))
     follower.begin((0.0, 0.0, 0.0))
-    follower.send("G1 X5 F600", 1)
-    follower.send(line, 2)
+    reader = LineReader()
+    follower.send(reader.read("G1 X5 F600", 1))
+    follower.send(reader.read(line, 2))
     assert follower.off((99.0, 0.0, 0.0), 0) == 0.0
     assert follower.arrived((99.0, 0.0, 0.0)) == 0.0
     assert (follower.seconds, follower.line) == (0.0, 0)
@@ -181,9 +184,9 @@ def test_what_is_not_understood_is_not_judged(line: str) -> None:
 
 
 def test_a_probe_may_end_early_but_not_beside_its_way() -> None:
-    follower = Whereabouts(PLANNER, (0.0, 0.0, 0.0))
+    follower = PositionTracker(PLANNER, (0.0, 0.0, 0.0))
     follower.begin((0.0, 0.0, 0.0))
-    follower.send("G38.2 Z-10 F100", 1)
+    follower.send(LineReader().read("G38.2 Z-10 F100", 1))
     assert follower.arrived((0.0, 0.0, -4.0)) == 0.0
     assert follower.off((0.0, 0.0, -4.0), 0) == 0.0
     assert follower.off((1.0, 0.0, -4.0), 0) == 1.0

@@ -35,7 +35,7 @@ from cnc.boards.grbl.protocol import (
     Reported,
     Started,
     State,
-    Stray,
+    UnexpectedReply,
 )
 from cnc.boards.grbl.status import StatusReader
 
@@ -274,7 +274,7 @@ def test_states(before: State, said: bytes, after: State) -> None:
 
 
 def test_an_answer_to_nothing_and_a_restart_are_told() -> None:
-    assert ready().receive(b"ok\r\n") == [Stray(0)]
+    assert ready().receive(b"ok\r\n") == [UnexpectedReply(0)]
     (event,) = ready().receive(WELCOME)
     assert isinstance(event, Started)
     assert not event.expected

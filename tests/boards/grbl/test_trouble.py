@@ -10,20 +10,20 @@ from collections.abc import Callable
 import pytest
 
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.liveness import STUCK, Vital
-from cnc.boards.grbl.protocol import Sent, State
-from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.liveness import STUCK, LivenessMonitor
+from cnc.boards.grbl.protocol import SentLine, State
+from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Alarm, Drop, Error, Freeze, Swallow, Unplug
-from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL, Flavour
-from cnc.boards.grbl.simulator.ports import BoxPort
-from cnc.boards.grbl.simulator.workpiece import World
+from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL, FirmwareProfile
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.boards.grbl.status import Status
 from cnc.model.blocks import Dwell
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
-from cnc.model.streams import GcodeLine
 from tests.support.boards.grbl_rig import LATEST, MACHINE, ROUTER
 from tests.support.boards.line_board_conformance import ORIGIN, PREAMBLE, feed
+from tests.support.boards.line_reader import lines_with_effects
 from tests.support.soak import share
 
 PROGRAM = [PREAMBLE, *(f"G1 X{k % 3 * 2}.5 Y{k % 5}.25 F400" for k in range(24))]
@@ -35,8 +35,8 @@ class Wire:
     ``said`` what it is told.
     """
 
-    def __init__(self, box: GrblBox) -> None:
-        self.port = BoxPort(box)
+    def __init__(self, simulator: GrblSimulator) -> None:
+        self.port = GrblSimulatorPort(simulator)
         self.clock = self.port.clock
         self.heard: Callable[[bytes], bytes] = lambda data: data
         self.said: Callable[[bytes], bytes] = lambda data: data
@@ -54,16 +54,16 @@ class Wire:
         self.port.close()
 
 
-def connected(box: GrblBox) -> tuple[GrblBoard, Wire]:
-    wire = Wire(box)
-    board = GrblBoard(wire, MACHINE, wire.clock, "the box")
+def connected(simulator: GrblSimulator) -> tuple[GrblBoard, Wire]:
+    wire = Wire(simulator)
+    board = GrblBoard(wire, MACHINE, wire.clock, "the simulator")
     board.connect()
     return board, wire
 
 
-def started(box: GrblBox, control: Control | None = None) -> tuple[GrblBoard, Wire]:
-    board, wire = connected(box)
-    board.attend(control or Control(), lambda: None)
+def started(simulator: GrblSimulator, control: Control | None = None) -> tuple[GrblBoard, Wire]:
+    board, wire = connected(simulator)
+    board.connect_operator(control or Control(), lambda: None)
     board.start(ORIGIN)
     return board, wire
 
@@ -78,10 +78,10 @@ def fault(board: GrblBoard, *lines: str) -> BoardError | None:
     return None
 
 
-def moves_no_more(box: GrblBox) -> bool:
-    stands, moved = box.position, len(box.moves)
-    box.advance(box.now + 10.0)
-    return (box.position, len(box.moves)) == (stands, moved)
+def moves_no_more(simulator: GrblSimulator) -> bool:
+    stands, moved = simulator.position, len(simulator.moves)
+    simulator.advance(simulator.now + 10.0)
+    return (simulator.position, len(simulator.moves)) == (stands, moved)
 
 
 @pytest.mark.parametrize("wrong", ["drop", "flip", "double", "noise"])
@@ -90,16 +90,19 @@ def test_whatever_happens_to_what_the_board_says_the_run_ends_well_or_in_a_fault
 ) -> None:
     for seed in range(share(60, 6)):
         rng = random.Random(f"{wrong} {seed}")
-        box = GrblBox()
-        board, wire = started(box)
-        begins = box.now + rng.uniform(0.0, 20.0)
+        simulator = GrblSimulator()
+        board, wire = started(simulator)
+        begins = simulator.now + rng.uniform(0.0, 20.0)
         left = rng.randint(1, 12)
 
         def garble(
-            data: bytes, rng: random.Random = rng, begins: float = begins, box: GrblBox = box
+            data: bytes,
+            rng: random.Random = rng,
+            begins: float = begins,
+            simulator: GrblSimulator = simulator,
         ) -> bytes:
             nonlocal left
-            if not data or not left or box.now < begins:
+            if not data or not left or simulator.now < begins:
                 return data
             left -= 1
             at = rng.randrange(len(data))
@@ -114,24 +117,26 @@ def test_whatever_happens_to_what_the_board_says_the_run_ends_well_or_in_a_fault
         wire.heard = garble
         error = fault(board, *PROGRAM)
         if error is None:
-            assert box.position == pytest.approx(END, abs=0.01), seed
+            assert simulator.position == pytest.approx(END, abs=0.01), seed
         else:
             assert error.exit_code == 3
-            assert box.now - begins < 25.0
-            assert moves_no_more(box), seed
+            assert simulator.now - begins < 25.0
+            assert moves_no_more(simulator), seed
 
 
 class Damage:
     """Strikes the first line that reads ``text``."""
 
-    def __init__(self, wrong: str, text: bytes, rng: random.Random, box: GrblBox) -> None:
-        self.wrong, self.text, self.rng, self.box = wrong, text, rng, box
+    def __init__(
+        self, wrong: str, text: bytes, rng: random.Random, simulator: GrblSimulator
+    ) -> None:
+        self.wrong, self.text, self.rng, self.simulator = wrong, text, rng, simulator
         self.struck = 0.0
 
     def said(self, data: bytes) -> bytes:
         if data != self.text or self.struck:
             return data
-        self.struck = self.box.now
+        self.struck = self.simulator.now
         at, count = self.rng.randrange(len(data)), self.rng.randint(1, 8)
         if self.wrong == "drop":
             return data[:at] + data[at + count :]
@@ -150,32 +155,32 @@ def test_a_line_that_is_damaged_on_its_way_is_told_in_time_and_named(wrong: str)
     """
     for seed in range(share(40, 6)):
         rng = random.Random(f"{wrong} {seed}")
-        box = GrblBox((GRBL, GRBLHAL)[seed % 2], settings=(None, ROUTER)[seed // 2 % 2])
-        board, wire = started(box)
+        simulator = GrblSimulator((GRBL, GRBLHAL)[seed % 2], settings=(None, ROUTER)[seed // 2 % 2])
+        board, wire = started(simulator)
         places = [f"X{rng.uniform(0, 9):.3f} Y{rng.uniform(0, 9):.3f}" for _ in range(30)]
         lines = [
             PREAMBLE,
             *(f"G1 {place} F1500" if k % 3 == 0 else place for k, place in enumerate(places)),
         ]
         victim = rng.randint(3, 28)
-        damage = Damage(wrong, lines[victim].encode() + b"\n", rng, box)
+        damage = Damage(wrong, lines[victim].encode() + b"\n", rng, simulator)
         wire.said = damage.said
         error = fault(board, *lines)
         if error is None:
-            assert box.position == pytest.approx(
+            assert simulator.position == pytest.approx(
                 (*(float(word[1:]) for word in places[-1].split()), 0.0), abs=0.01
             ), seed
             continue
-        assert box.now - damage.struck <= LATEST, (seed, error)
+        assert simulator.now - damage.struck <= LATEST, (seed, error)
         # where it leaves its way is told by five reports a second
         assert -4 <= error.diagnostic.line - (victim + 1) <= 2, (seed, error)
-        assert moves_no_more(box), seed
+        assert moves_no_more(simulator), seed
 
 
 @pytest.mark.parametrize("make", [Unplug, Freeze])
-@pytest.mark.parametrize("flavour", [GRBL, GRBLHAL])
+@pytest.mark.parametrize("profile", [GRBL, GRBLHAL])
 def test_a_board_that_goes_away_at_any_moment_of_its_life_is_noticed(
-    make: Callable[[], Unplug | Freeze], flavour: Flavour
+    make: Callable[[], Unplug | Freeze], profile: FirmwareProfile
 ) -> None:
     """Greeting, settings, offsets to EEPROM, a dwell, a probe, a pause, a hold: somewhere in
     there.
@@ -195,23 +200,23 @@ def test_a_board_that_goes_away_at_any_moment_of_its_life_is_noticed(
     ]
     for seed in range(share(60, 8)):
         rng = random.Random(seed)
-        box = GrblBox(flavour, world=World(surface=((0.0, 0.0, 1.0), -2.0)))
+        simulator = GrblSimulator(profile, environment=Environment(surface=((0.0, 0.0, 1.0), -2.0)))
         struck = rng.uniform(0.0, 32.0)
-        box.inject(make(), time=struck)
-        error = lived(box, lines)
+        simulator.inject(make(), time=struck)
+        error = lived(simulator, lines)
         if error is None:
-            assert box.now < struck
+            assert simulator.now < struck
             continue
         assert error.diagnostic.code in (
             ("port-lost",) if make is Unplug else ("board-silent", "no-answer")
         ), seed
         # a board that has not greeted yet may take its time
-        assert box.now - struck <= (1.0 if make is Unplug else 12.0 if struck < 3.0 else LATEST), (
-            seed
-        )
+        assert simulator.now - struck <= (
+            1.0 if make is Unplug else 12.0 if struck < 3.0 else LATEST
+        ), seed
 
 
-def lived(box: GrblBox, lines: list[str]) -> BoardError | None:
+def lived(simulator: GrblSimulator, lines: list[str]) -> BoardError | None:
     """A board from its greeting to its end; the operator goes on after two seconds wherever it
     waits for him.
     """
@@ -220,19 +225,19 @@ def lived(box: GrblBox, lines: list[str]) -> BoardError | None:
 
     def operate() -> None:
         if control.held:
-            held.append(box.now)
-            if box.now > held[0] + 2.0:
+            held.append(simulator.now)
+            if simulator.now > held[0] + 2.0:
                 held.clear()
                 control.resume()
 
     try:
-        board, _ = connected(box)
-        board.attend(control, operate)
+        board, _ = connected(simulator)
+        board.connect_operator(control, operate)
         board.start(ORIGIN)
-        for number, line in enumerate(lines, start=1):
-            board.send_line(GcodeLine(line, number))
-            if line.startswith("G38"):
-                board.execute(Dwell("p.nc", number, 0.0), 0)
+        for line in lines_with_effects(lines):
+            board.send_line(line)
+            if line.text.startswith("G38"):
+                board.execute(Dwell("p.nc", line.line, 0.0), 0)
         board.finish()
     except BoardError as error:
         return error
@@ -240,57 +245,57 @@ def lived(box: GrblBox, lines: list[str]) -> BoardError | None:
 
 
 def test_an_answer_to_an_offset_that_gets_lost_is_missed() -> None:
-    box = GrblBox()
-    board, _ = started(box)
+    simulator = GrblSimulator()
+    board, _ = started(simulator)
     feed(board, PREAMBLE, "G1 X1 F400")
     board.execute(Dwell("p.nc", 2, 0.0), 0)
-    struck = box.now
-    box.inject(Swallow())
+    struck = simulator.now
+    simulator.inject(Swallow())
     error = fault(board, "G10 L2 P2 X5")
     assert error is not None
     assert error.diagnostic.code == "reply-missing"
-    assert box.now - struck <= LATEST
+    assert simulator.now - struck <= LATEST
 
 
 @pytest.mark.parametrize("arrives", [b"", b"\n", b"$"])
 def test_a_homing_command_that_gets_lost_is_missed(arrives: bytes) -> None:
-    box = GrblBox(settings={22: 1})
-    board, wire = started(box)
+    simulator = GrblSimulator(settings={22: 1})
+    board, wire = started(simulator)
     wire.said = lambda data: arrives if data == b"$H\n" else data
-    struck = box.now
+    struck = simulator.now
     error = fault(board, "$H")
     assert error is not None
     assert error.diagnostic.code in ("reply-missing", "board-locked")
-    assert box.now - struck <= LATEST
-    assert not box.moves
+    assert simulator.now - struck <= LATEST
+    assert not simulator.moves
 
 
 def test_noise_without_an_end_is_no_answer() -> None:
-    box = GrblBox()
-    board, wire = started(box)
+    simulator = GrblSimulator()
+    board, wire = started(simulator)
     feed(board, *PROGRAM[:4])
-    struck = box.now
+    struck = simulator.now
     wire.heard = lambda data: b"\xff\x00x\n" * 20
     error = fault(board, *PROGRAM)
     assert error is not None
     assert error.diagnostic.code == "board-silent"
-    assert box.now - struck <= LATEST
+    assert simulator.now - struck <= LATEST
 
 
 @pytest.mark.parametrize("text", [b"$I\n", b"$$\n", b"$#\n"])
 def test_a_board_that_starts_twice_is_asked_again(text: bytes) -> None:
-    box = GrblBox()
-    wire = Wire(box)
+    simulator = GrblSimulator()
+    wire = Wire(simulator)
     again = [text]
 
     def restart(data: bytes) -> bytes:
         if data in again:
             again.remove(data)
-            box.power_up(0.5)
+            simulator.power_up(0.5)
         return data
 
     wire.said = restart
-    board = GrblBoard(wire, MACHINE, wire.clock, "the box")
+    board = GrblBoard(wire, MACHINE, wire.clock, "the simulator")
     board.connect()
     assert not again
     assert board.info.rx_bytes == 128
@@ -298,72 +303,72 @@ def test_a_board_that_starts_twice_is_asked_again(text: bytes) -> None:
 
 
 def test_answers_left_over_from_before_do_not_count() -> None:
-    box = GrblBox()
-    wire = Wire(box)
+    simulator = GrblSimulator()
+    wire = Wire(simulator)
     extra = [b"ok\r\nok\r\n"]
     wire.heard = lambda data: data + extra.pop() if b"help]" in data and extra else data
-    board = GrblBoard(wire, MACHINE, wire.clock, "the box")
+    board = GrblBoard(wire, MACHINE, wire.clock, "the simulator")
     board.connect()
     board.start(ORIGIN)
     assert fault(board, *PROGRAM[:3]) is None
 
 
 def test_an_answer_too_many_stops_everything() -> None:
-    box = GrblBox()
-    board, wire = started(box)
+    simulator = GrblSimulator()
+    board, wire = started(simulator)
     feed(board, *PROGRAM[:2])
     extra = [b"ok\r\n"]
     wire.heard = lambda data: data + extra.pop() if data and extra else data
     error = fault(board, *PROGRAM[2:])
     assert error is not None
     assert error.diagnostic.code == "reply-lost"
-    assert moves_no_more(box)
+    assert moves_no_more(simulator)
 
 
 def test_a_conversation_out_of_step_never_waits() -> None:
-    box = GrblBox()
-    board, _ = started(box)
+    simulator = GrblSimulator()
+    board, _ = started(simulator)
     feed(board, *PROGRAM[:3])
     board.link.protocol.state = State.FAILED
     assert fault(board, *PROGRAM[3:]) is not None
-    assert moves_no_more(box)
+    assert moves_no_more(simulator)
 
 
 def test_an_alarm_whose_message_gets_lost_is_seen_in_the_reports() -> None:
-    box = GrblBox()
-    board, wire = started(box)
+    simulator = GrblSimulator()
+    board, wire = started(simulator)
     feed(board, PREAMBLE, "G1 X5 F300")
     wire.heard = lambda data: data.replace(b"ALARM", b"ALRM")
-    box.inject(Alarm(4), time=box.now + 0.5)
-    struck = box.now
+    simulator.inject(Alarm(4), time=simulator.now + 0.5)
+    struck = simulator.now
     with pytest.raises(BoardError) as caught:
         board.finish()
     assert caught.value.diagnostic.code == "board-alarm"
-    assert box.now - struck <= LATEST
+    assert simulator.now - struck <= LATEST
 
 
 def test_an_alarm_while_the_operator_stops_is_told() -> None:
-    box = GrblBox()
-    board, _ = started(box)
+    simulator = GrblSimulator()
+    board, _ = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F400")
     board._serve(0.5)
-    box.inject(Alarm(1), time=box.now + 0.01)
+    simulator.inject(Alarm(1), time=simulator.now + 0.01)
     with pytest.raises(BoardError) as caught:
         board.stop()
     assert caught.value.diagnostic.code == "board-alarm"
     assert "ALARM:1" in caught.value.diagnostic.message
-    assert moves_no_more(box)
+    assert moves_no_more(simulator)
 
 
 def test_an_alarm_on_top_of_an_error_is_told_too() -> None:
-    box = GrblBox()
-    board, _ = started(box)
+    simulator = GrblSimulator()
+    board, _ = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F400", "G1 X8")
-    box.inject(Error(20))
+    simulator.inject(Error(20))
     real = board.link._rest
 
     def rest(patience: float) -> None:
-        box.inject(Alarm(1))
+        simulator.inject(Alarm(1))
         real(patience)
 
     board.link._rest = rest  # type: ignore[method-assign]
@@ -375,23 +380,23 @@ def test_an_alarm_on_top_of_an_error_is_told_too() -> None:
 
 
 def test_a_board_that_freezes_while_the_operator_stops_is_told() -> None:
-    box = GrblBox()
-    board, _ = started(box)
+    simulator = GrblSimulator()
+    board, _ = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F400")
     board._serve(0.5)
-    box.inject(Freeze())
-    asked = box.now
+    simulator.inject(Freeze())
+    asked = simulator.now
     with pytest.raises(BoardError) as caught:
         board.stop()
     assert caught.value.diagnostic.code == "board-silent"
     assert "emergency stop" in caught.value.diagnostic.hint
-    assert box.now - asked < 10.0
+    assert simulator.now - asked < 10.0
 
 
 def test_a_second_wish_to_stop_stops_again() -> None:
     """Ctrl-C twice: the second may come while the first is being carried out."""
-    box = GrblBox()
-    board, _ = started(box)
+    simulator = GrblSimulator()
+    board, _ = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F400", "G1 X0")
     board._serve(0.5)
     real = board.link._rest
@@ -406,54 +411,56 @@ def test_a_second_wish_to_stop_stops_again() -> None:
     with pytest.raises(KeyboardInterrupt):
         board.stop()
     board.abort()
-    assert box.core.state == "Idle"
-    assert moves_no_more(box)
+    assert simulator.core.state == "Idle"
+    assert moves_no_more(simulator)
 
 
 @pytest.mark.parametrize("inches", [0, 1])
 @pytest.mark.parametrize("mask", [0, 1, 2, 3, 255])
-@pytest.mark.parametrize("flavour", [GRBL, GRBLHAL])
-def test_reports_of_every_kind_are_followed(flavour: Flavour, mask: int, inches: int) -> None:
+@pytest.mark.parametrize("profile", [GRBL, GRBLHAL])
+def test_reports_of_every_kind_are_followed(
+    profile: FirmwareProfile, mask: int, inches: int
+) -> None:
     """``$10``: machine or work positions, with and without the buffer's state; ``$13``: inches."""
-    box = GrblBox(flavour, settings={10: mask, 13: inches})
-    box.core.eeprom.systems["G54"] = (-3.0, 2.0, 1.0)
-    board, _ = started(box)
+    simulator = GrblSimulator(profile, settings={10: mask, 13: inches})
+    simulator.core.eeprom.systems["G54"] = (-3.0, 2.0, 1.0)
+    board, _ = started(simulator)
     assert fault(board, *PROGRAM) is None
-    assert board.position == pytest.approx(box.position, abs=0.003)
+    assert board.position == pytest.approx(simulator.position, abs=0.003)
     assert board.work_offset == pytest.approx((-3.0, 2.0, 1.0), abs=0.003)
     board.start(ORIGIN)
     feed(board, PREAMBLE)
     board.execute(Dwell("p.nc", 1, 0.0), 0)
     # "G1 X8.5 F400": without its point it would go to 85
-    box.inject(Drop(1), byte=box.core.receiver.received + len("G1 X8") + 1)
-    box.inject(Drop(1), byte=box.core.receiver.received + len("?G1 X8") + 1)
+    simulator.inject(Drop(1), byte=simulator.core.receiver.received + len("G1 X8") + 1)
+    simulator.inject(Drop(1), byte=simulator.core.receiver.received + len("?G1 X8") + 1)
     error = fault(board, "G1 X8.5 Y1 F400")
     assert error is not None
     assert error.diagnostic.code == "off-path"
-    assert moves_no_more(box)
+    assert moves_no_more(simulator)
 
 
 @pytest.mark.parametrize("late", [0.05, 0.3])
 def test_a_board_that_answers_late_is_no_fault(late: float) -> None:
     """A radio link, a hub, a busy computer."""
-    box = GrblBox()
-    board, wire = started(box)
+    simulator = GrblSimulator()
+    board, wire = started(simulator)
     waiting: list[tuple[float, bytes]] = []
 
     def delayed(data: bytes) -> bytes:
         if data:
-            waiting.append((box.now + late, data))
-        due = [each for each in waiting if each[0] <= box.now]
+            waiting.append((simulator.now + late, data))
+        due = [each for each in waiting if each[0] <= simulator.now]
         del waiting[: len(due)]
         return b"".join(each[1] for each in due)
 
     wire.heard = delayed
     assert fault(board, *PROGRAM) is None
-    assert board.position == pytest.approx(box.position, abs=0.003)
+    assert board.position == pytest.approx(simulator.position, abs=0.003)
 
 
 def test_a_board_that_says_run_and_stands_still_is_stuck_even_if_nothing_is_due() -> None:
-    vital = Vital()
+    vital = LivenessMonitor()
     vital.begin(0.0)
     for k in range(int(STUCK) + 3):
         vital.reported(Status("Run", position=(1.0, 0.0, 0.0)), float(k))
@@ -468,9 +475,9 @@ def test_a_dwell_and_a_spindle_have_their_time() -> None:
         ("dwell", 9.0, 11.0),
         ("spindle", 0.0, 22.0),
     ):
-        vital = Vital()
+        vital = LivenessMonitor()
         vital.begin(0.0)
-        sent = Sent("", 3, 1, kind, seconds)  # type: ignore[arg-type]
+        sent = SentLine("", 3, 1, kind, seconds)  # type: ignore[arg-type]
         for k in range(100):
             now = 0.25 * k
             vital.reported(Status("Idle"), now)

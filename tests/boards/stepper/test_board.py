@@ -39,7 +39,7 @@ class TestStepper(PulseBoardConformance):
 if REAL_PORT:
 
     class TestStepperOnAPort(PulseBoardConformance):
-        """The same on a real board, by hand (docs/stepper-board.md): it moves a few steps."""
+        """The same on a real board, by hand (docs/how-to/stepper-board.md): it moves a few steps."""
 
         least = 18_000
         plays_at_once = False
@@ -119,7 +119,7 @@ SHIPPED = sorted(path.name for path in PROGRAMS.glob("*.nc"))
 SENSING = ("turned-thread.nc",)
 """What this board does not feel: the turning spindle."""
 DENSE = ("crossings", "point-by-point")
-"""Algorithms that give each axis rows of its own, which may be more than the wire carries: that is
+"""Algorithms that give each axis rows of its own, which may be more than the connection carries: that is
 said before anything moves.
 """
 PROBING = ("probing.nc",)

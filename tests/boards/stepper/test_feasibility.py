@@ -11,7 +11,7 @@ import pytest
 
 from cnc.api import check, run
 from cnc.boards.stepper.driver import Stepper
-from cnc.boards.stepper.feasibility import LATE_NS, Burden
+from cnc.boards.stepper.feasibility import LATE_NS, FeasibilityCheck
 from cnc.cli import exit_code
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError
@@ -22,12 +22,12 @@ from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
 LEAST_NS = 18_000
 
 
-def bear(gap_ns: int, rows: int, baud: int = 1_000_000) -> Burden:
-    burden = Burden(3, LEAST_NS, baud)
+def bear(gap_ns: int, rows: int, baud: int = 1_000_000) -> FeasibilityCheck:
+    feasibility = FeasibilityCheck(3, LEAST_NS, baud)
     time_ns, step = line(rows, gap_ns)
     for part in chunks(time_ns, step):
-        burden.add(part)
-    return burden
+        feasibility.add(part)
+    return feasibility
 
 
 def test_a_burst_may_be_late_and_a_long_one_may_not() -> None:
@@ -43,8 +43,8 @@ def test_a_burst_may_be_late_and_a_long_one_may_not() -> None:
 
 def test_moves_without_order_fit_a_fast_wire_and_not_a_slow_one() -> None:
     time_ns, step = wander(1, 4_000, 60_000)
-    fast = Burden(3, LEAST_NS, 1_000_000)
-    slow = Burden(3, LEAST_NS, 40_000)
+    fast = FeasibilityCheck(3, LEAST_NS, 1_000_000)
+    slow = FeasibilityCheck(3, LEAST_NS, 40_000)
     for part in chunks(time_ns, step):
         fast.add(part)
 
@@ -59,9 +59,11 @@ def test_moves_without_order_fit_a_fast_wire_and_not_a_slow_one() -> None:
 
 
 def test_nothing_to_bear() -> None:
-    burden = Burden(3, LEAST_NS, 1_000_000)
-    burden.add(PulseChunk(np.zeros(0, np.int64), np.zeros((0, 3), np.int8), np.zeros(0, np.int32)))
-    assert burden.most_late_ns == 0
+    feasibility = FeasibilityCheck(3, LEAST_NS, 1_000_000)
+    feasibility.add(
+        PulseChunk(np.zeros(0, np.int64), np.zeros((0, 3), np.int8), np.zeros(0, np.int32))
+    )
+    assert feasibility.most_late_ns == 0
 
 
 def dense() -> Machine:

@@ -652,7 +652,7 @@ def test_the_driver_notices_a_reset(simulator: Simulator) -> None:
         assert caught.value.diagnostic.code == "board-reset"
         assert "position is lost" in caught.value.diagnostic.message
         assert simulator.now - reset_at < 1.0
-        assert driver.standing_steps == (None,) * 3
+        assert driver.known_steps == (None,) * 3
         _, made = simulator.moves()
         places = made.cumsum(axis=0, dtype=np.int64)
         behind = (
@@ -683,7 +683,7 @@ def test_the_driver_notices_a_reset_that_takes_its_time(simulator: Simulator) ->
         assert caught.value.diagnostic.code == "board-silent"
         assert "ome the machine" in caught.value.diagnostic.hint
         assert simulator.now - reset_at < 1.0
-        assert driver.standing_steps == (None,) * 3
+        assert driver.known_steps == (None,) * 3
 
 
 @pytest.mark.parametrize(

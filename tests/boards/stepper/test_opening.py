@@ -142,7 +142,7 @@ def test_it_comes_up_after_a_reset(simulator: Simulator) -> None:
     write = port.write
     port.write = lambda data: write(data) if simulator.now > 1.6 else None  # type: ignore[method-assign]
     with_board = Stepper(port, machine(), "PORT", clock=port)
-    assert with_board.standing_steps == (None, None, None)
+    assert with_board.known_steps == (None, None, None)
     with_board.close()
 
 
@@ -151,10 +151,10 @@ def test_a_position_survives_a_new_host_but_no_reset(simulator: Simulator) -> No
         driver.start(np.array([100, -200, 300]))
         driver.finish()
     with board(simulator) as driver:
-        assert driver.standing_steps == (100, -200, 300)
+        assert driver.known_steps == (100, -200, 300)
     simulator.reset()
     with board(simulator) as driver:
-        assert driver.standing_steps == (None, None, None)
+        assert driver.known_steps == (None, None, None)
 
 
 def test_the_port_has_to_be_named_and_to_be_there(tmp_path: Path) -> None:

@@ -53,18 +53,18 @@ def test_the_crc_is_that_of_its_polynomial(data: bytes) -> None:
 
 @given(st.integers(0, 255), st.integers(0, 255), st.binary(max_size=50))
 def test_frames_come_back_and_have_one_zero(kind: int, sequence: int, payload: bytes) -> None:
-    wire = frame(kind, sequence, payload)
-    assert wire.index(0) == len(wire) - 1
-    assert unframed(wire[:-1]) == (kind, sequence, payload)
+    data_sent = frame(kind, sequence, payload)
+    assert data_sent.index(0) == len(data_sent) - 1
+    assert unframed(data_sent[:-1]) == (kind, sequence, payload)
 
 
 @given(st.binary(min_size=0, max_size=50), st.data())
 def test_a_changed_frame_is_none(payload: bytes, data: st.DataObject) -> None:
-    wire = bytearray(frame(1, 7, payload)[:-1])
-    at = data.draw(st.integers(0, len(wire) - 1))
-    wire[at] ^= data.draw(st.integers(1, 255))
-    if 0 not in wire:
-        assert unframed(bytes(wire)) is None
+    data_sent = bytearray(frame(1, 7, payload)[:-1])
+    at = data.draw(st.integers(0, len(data_sent) - 1))
+    data_sent[at] ^= data.draw(st.integers(1, 255))
+    if 0 not in data_sent:
+        assert unframed(bytes(data_sent)) is None
 
 
 @given(st.binary(max_size=80))
@@ -80,9 +80,9 @@ def test_a_hello_does_nothing_to_grbl() -> None:
     """
     link = StepperLink()
     link.hello(0.0)
-    wire = link.outgoing(0.0)
-    assert frame(Kind.HELLO, HELLO_SEQUENCE, bytes((VERSION,))) in wire
-    assert not set(wire) & (set(b"!~?\x18\r\n$") | set(range(0x80, 0x100)))
+    data_sent = link.outgoing(0.0)
+    assert frame(Kind.HELLO, HELLO_SEQUENCE, bytes((VERSION,))) in data_sent
+    assert not set(data_sent) & (set(b"!~?\x18\r\n$") | set(range(0x80, 0x100)))
 
 
 def test_an_unknown_version_is_known_by_its_number_alone() -> None:

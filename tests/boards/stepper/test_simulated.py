@@ -209,7 +209,7 @@ def test_a_host_that_dies_leaves_the_machine_on_its_path(
     time_ns, step = eased(6_000, 50_000)
     with board(simulator) as driver:
         driver.start(ORIGIN)
-        port = driver._wire.port
+        port = driver._connection.port
         until = simulator.now + moment * time_ns[-1] * 1e-9
 
         def write(data: bytes) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cnc.gcode.program.program import interpret
+from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
@@ -233,7 +233,9 @@ def test_loops_and_subroutines_read_the_programmed_position() -> None:
 def test_a_contour_over_two_files_names_both(tmp_path: Path) -> None:
     (tmp_path / "side.ngc").write_text("o<side> sub\nG1 X20\nX30\no<side> endsub\n")
     source = "G41.1 D2\nG1 F60 X10\no<side> call\nG1 X40\nX50\nM2\n"
-    blocks = interpret(Text.of_lines(source.split("\n"), "main.ngc"), folders=[tmp_path])
+    blocks = interpret(
+        Text.of_lines(source.split("\n"), "main.ngc"), options=ProgramOptions(folders=[tmp_path])
+    )
     found = [
         (Path(block.file).name, line)
         for block in blocks
@@ -253,7 +255,12 @@ def test_an_error_in_the_file_before(tmp_path: Path) -> None:
     (tmp_path / "side.ngc").write_text("o<side> sub\nG1 X20\n  Y1\no<side> endsub\n")
     source = "G41.1 D4\nG1 F60 X10\no<side> call\nG1 X40\nX50\nM2\n"
     with pytest.raises(GcodeError) as caught:
-        list(interpret(Text.of_lines(source.split("\n"), "main.ngc"), folders=[tmp_path]))
+        list(
+            interpret(
+                Text.of_lines(source.split("\n"), "main.ngc"),
+                options=ProgramOptions(folders=[tmp_path]),
+            )
+        )
     found = caught.value.diagnostic
     assert (found.code, Path(found.file).name, found.line, found.column) == (
         "compensation-gouge",

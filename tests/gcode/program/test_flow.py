@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from cnc.gcode.program import program
-from cnc.gcode.program.call_stack import Limits
-from cnc.gcode.program.listing import Listing
+from cnc.gcode.program.call_stack import Limits, Listing
 from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
@@ -239,7 +238,7 @@ CASES: dict[str, tuple[str, list[float]]] = {
 
 def xs(source: str, **options: object) -> list[float]:
     """Where the moves of a program lead in X."""
-    blocks = interpret(Text.of_lines(source.split("\n"), "test.nc"), axes=("x",), **options)  # type: ignore[arg-type]
+    blocks = run(source, axes=("x",), **options)
     return [
         float(point)
         for block in blocks

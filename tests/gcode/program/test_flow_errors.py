@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cnc.gcode.program.call_stack import Limits
-from cnc.gcode.program.program import interpret
+from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 from tests.support.gcode.gcode_cases import placed, refused, stands
@@ -195,12 +195,12 @@ def test_the_error_of_a_macro_stands_at_its_place(code: str, source: str) -> Non
     [
         ("o1 if [1]\no2 while [1]\no1 endif\no2 endwhile", "o1 endif inside o2 while of line 2"),
         ("o1 if [1]\no1 else\no1 else\no1 endif", "after the else of line 2"),
-        ("\no1 if [1]\no1 endif\no1 do\no1 while [0]", "by line 2"),
+        ("\no1 if [1]\no1 endif\no1 do\no1 while [0]", "in line 2"),
         ("o1 sub\no2 sub\no2 endsub\no1 endsub", "inside o1 sub of line 1"),
-        ("o1 repeat [1]\no1 break\no1 endrepeat", "o1 repeat of line 1 is no while or do loop"),
+        ("o1 repeat [1]\no1 break\no1 endrepeat", "o1 repeat of line 1 is not a while or do loop"),
         ("o1 if [1]\nG0 X1", "o1 endif is missing"),
         ("o<pocket> sub\no<pocket> endsub\no<poket> call", "did you mean o<pocket>?"),
-        ("o<drill> call", "drill.ngc in no folder of subroutines"),
+        ("o<drill> call", "no drill.ngc in the folders"),
         ("o<x y> do\nG0 X1", "o<xy> while is missing"),
     ],
 )
@@ -258,10 +258,7 @@ ENDLESS: dict[str, tuple[str, str, str]] = {
 def test_a_program_without_end_is_found_out(dialect: str, source: str, name: str) -> None:
     begin = time.process_time()
     found = stands("loop-endless", source, dialect=dialect, limits=Limits(repeated_lines=1000))
-    assert (
-        found.message
-        == f"{name} does not come to an end: more than 1 000 lines were executed again"
-    )
+    assert found.message == f"{name} does not end: more than 1 000 lines were executed again"
     assert time.process_time() - begin < 2
 
 
@@ -343,7 +340,9 @@ def test_a_link_that_leads_out_of_the_folder(tmp_path: Path) -> None:
     (inside / "f.ngc").unlink()
     (inside / "g.ngc").write_text("o<f> sub\nG0 X1\no<f> endsub")
     (inside / "f.ngc").symlink_to(inside / "g.ngc")
-    assert list(interpret(Text.of_lines(["o<f> call"], "t"), folders=[inside]))
+    assert list(
+        interpret(Text.of_lines(["o<f> call"], "t"), options=ProgramOptions(folders=[inside]))
+    )
 
 
 def test_a_file_that_can_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

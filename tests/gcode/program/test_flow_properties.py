@@ -9,10 +9,10 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from test_flow import xs
 
 from cnc.gcode.program.call_stack import Limits
 from cnc.model.diagnostics import GcodeError
+from tests.gcode.program.test_flow import xs
 from tests.support.gcode.flow_author import Author, Evaluator, MacroB, OWords, Program
 from tests.support.gcode.gcode_cases import run
 from tests.support.soak import share

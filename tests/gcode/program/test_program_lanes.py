@@ -6,15 +6,16 @@ import random
 from typing import Any
 
 import pytest
-from test_straight import AXES, bits, line
 
-from cnc.gcode.program import program
+from cnc.gcode.program import line_steps
 from cnc.gcode.program.call_stack import Limits
 from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.diagnostics import CncError
+from tests.gcode.program.test_plain_lines import AXES, bits, line
 from tests.support.gcode.fuzzing import Author
+from tests.support.gcode.gcode_cases import read
 from tests.support.soak import share
 
 LIMITS = Limits(repeated_lines=500)
@@ -91,7 +92,7 @@ def outcome(
     known = Parameters(macro=dialect == "fanuc")
     found: list[Any] = [warnings]
     try:
-        blocks = interpret(
+        blocks = read(
             Text.of_lines(lines, "t"),
             axes=axes,
             dialect=dialect,
@@ -118,8 +119,8 @@ def agree(
 ) -> None:
     quick = outcome(lines, axes, dialect, block_delete=block_delete)
     with monkeypatch.context() as patch:
-        patch.setattr(program, "SHORTEST", len(lines) + 1)
-        patch.setattr(program, "move_of", lambda *_: None)
+        patch.setattr(line_steps, "SHORTEST", len(lines) + 1)
+        patch.setattr(line_steps, "move_of", lambda *_: None)
         slow = outcome(lines, axes, dialect, block_delete=block_delete)
     assert quick == slow, (lines, axes, dialect)
 
@@ -181,11 +182,11 @@ def test_lines_that_are_executed_at_once_count_as_new_and_as_executed() -> None:
     limits = Limits(repeated_lines=100)
     told: list[int] = []
     lines = ["G1 F100", *["X1", "X2"] * 5000]
-    list(interpret(Text.of_lines(lines, "t"), limits=limits, on_line=told.append))
+    list(read(Text.of_lines(lines, "t"), limits=limits, on_line=told.append))
     assert told[-1] == len(lines)
     loop = ["G1 F100", "o1 repeat [1000]", *["X1", "X2"] * 50, "o1 endrepeat"]
     with pytest.raises(CncError) as caught:
-        list(interpret(Text.of_lines(loop, "t"), limits=limits))
+        list(read(Text.of_lines(loop, "t"), limits=limits))
     assert caught.value.diagnostic.code == "loop-endless"
 
 

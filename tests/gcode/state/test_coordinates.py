@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cnc.gcode.state.coordinates import EXTERNAL, Coordinates
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 
 XYZ = ("x", "y", "z")
@@ -213,10 +214,10 @@ def test_tool_for_a_fixture_knows_no_shift() -> None:
 
 def test_home_positions() -> None:
     place = fresh({5163: 9.0})
-    assert place.home(28) == [0.0, 0.0, 9.0]
-    place.set_home(30, [1.0, 2.0, 3.0])
+    assert place.home(G.G28) == [0.0, 0.0, 9.0]
+    place.set_home(G.G30, [1.0, 2.0, 3.0])
     assert [place.parameters.values[number] for number in (5181, 5182, 5183)] == [1.0, 2.0, 3.0]
-    assert place.home(30) == [1.0, 2.0, 3.0]
+    assert place.home(G.G30) == [1.0, 2.0, 3.0]
 
 
 def test_live_parameters() -> None:

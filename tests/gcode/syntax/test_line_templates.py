@@ -124,8 +124,8 @@ def filled(template: str, written: list[str]) -> str:
 
 
 @pytest.fixture(autouse=True)
-def _no_shapes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(line_templates, "_shapes", {})
+def _no_templates(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(line_templates, "_templates", {})
 
 
 @settings(max_examples=share(20_000, 400), deadline=None)
@@ -144,7 +144,7 @@ def test_a_shape_says_what_the_grammar_says(data: st.DataObject) -> None:
             )
         )
 
-    line_templates._shapes.clear()
+    line_templates._templates.clear()
     for _ in range(5):
         text = filled(
             template, [data.draw(st.sampled_from(WRITTEN)) for _ in range(template.count("_"))]
@@ -182,8 +182,8 @@ def test_control_lines_and_active_comments_are_always_read(monkeypatch: pytest.M
     assert lines_parsed(monkeypatch, [f"(print, {k}) X[{k}]" for k in range(20)]) == 20
 
 
-def test_shapes_are_kept_in_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(line_templates, "MOST_SHAPES", 10)
+def test_templates_are_kept_in_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(line_templates, "MOST_TEMPLATES", 10)
     for k in range(100):
         parse_line(f"X[#1+{k}] Z[#2{'+#3' * (k % 50)}*{k}]")
-        assert len(line_templates._shapes) <= 10
+        assert len(line_templates._templates) <= 10

@@ -124,13 +124,13 @@ def test_the_lines_of_any_cam_program_are_plain() -> None:
     ],
 )
 def test_all_else_is_for_the_grammar(line: str) -> None:
-    assert scan(line.encode("latin-1") + b"\n", whole=True).plain[0] == 0
+    assert scan(line.encode("latin-1") + b"\n", whole=True).lines.plain[0] == 0
 
 
 def test_the_longest_line_is_plain() -> None:
-    assert scan(b"X1".ljust(MAX_LINE) + b"\nG1" + b"X1" * (MAX_LINE // 2 - 1), whole=True).plain[
-        :2
-    ].tolist() == [2, 1]
+    assert scan(
+        b"X1".ljust(MAX_LINE) + b"\nG1" + b"X1" * (MAX_LINE // 2 - 1), whole=True
+    ).lines.plain[:2].tolist() == [2, 1]
 
 
 def agree(line: str, found: Statement, syntax: Syntax) -> None:
@@ -278,8 +278,8 @@ def test_every_plain_line_has_the_words_of_the_grammar() -> None:
         lines = data.splitlines()
         assert (found.count, found.size) == (len(lines), len(data))
         for index, line in enumerate(lines):
-            assert data[found.begin[index] : found.end[index]] == line
-            if found.plain[index]:
+            assert data[found.lines.begin[index] : found.lines.end[index]] == line
+            if found.lines.plain[index]:
                 text = decoded(line)
                 agree(text, found.statement(index, text), next(syntaxes))
                 plain += 1
@@ -337,7 +337,7 @@ def test_what_is_not_plain_is_what_the_grammar_makes_of_it(tmp_path) -> None:  #
 )
 def test_head_and_label(line: str, head: str | int, label: int) -> None:
     found = scan(line.encode() + b"\n", whole=True)
-    assert (int(found.head[0]), int(found.label[0])) == (
+    assert (int(found.lines.head[0]), int(found.lines.label[0])) == (
         ord(head) if isinstance(head, str) else head,
         label,
     )
@@ -356,13 +356,13 @@ def test_the_label_of_any_line_is_its_n_word() -> None:
             if statement.assignments or statement.control:
                 continue
             if not words or words[0].letter != "N":
-                assert found.label[index] == -1, line
+                assert found.lines.label[index] == -1, line
                 # @ and ^ are words, but no letters.
-                assert not words or found.head[index] == (
+                assert not words or found.lines.head[index] == (
                     ord(words[0].letter) if words[0].letter.isalpha() else 0
                 ), line
             elif words[0].written[1:].isdigit():
-                assert found.label[index] == words[0].number, line
+                assert found.lines.label[index] == words[0].number, line
 
 
 STRAIGHT = [
@@ -397,17 +397,17 @@ BENT = [
 
 
 def test_straight_lines_are_told_from_others() -> None:
-    assert scan("\n".join(STRAIGHT).encode() + b"\n", whole=True).straight[
+    assert scan("\n".join(STRAIGHT).encode() + b"\n", whole=True).lines.straight[
         : len(STRAIGHT)
     ].tolist() == list(range(len(STRAIGHT), 0, -1))
     for line in BENT:
-        assert scan(line.encode() + b"\n", whole=True).straight[0] == 0, line
+        assert scan(line.encode() + b"\n", whole=True).lines.straight[0] == 0, line
 
 
 def test_runs_end_where_a_line_is_not_plain() -> None:
     found = scan(b"G0X1\nX2\nM3\nX3\nO1 sub\nX1\n", whole=True)
-    assert found.plain[:6].tolist() == [4, 3, 2, 1, 0, 1]
-    assert found.straight[:6].tolist() == [2, 1, 0, 1, 0, 1]
+    assert found.lines.plain[:6].tolist() == [4, 3, 2, 1, 0, 1]
+    assert found.lines.straight[:6].tolist() == [2, 1, 0, 1, 0, 1]
 
 
 def test_a_scan_of_a_piece_takes_whole_lines_only() -> None:
@@ -429,5 +429,5 @@ def test_a_scan_takes_fewer_lines_where_their_words_are_many() -> None:
     found = scan(line * 20, whole=False)
     assert 0 < found.count < 20
     assert found.size == found.count * len(line)
-    assert found.first[found.count] == found.count * 2000
-    assert (found.plain[: found.count] > 0).all()
+    assert found.lines.first[found.count] == found.count * 2000
+    assert (found.lines.plain[: found.count] > 0).all()

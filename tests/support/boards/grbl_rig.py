@@ -1,12 +1,12 @@
-"""A GRBL sender at a board in the box."""
+"""A GRBL sender at a board in the simulator."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
 from cnc.boards.grbl.driver import GrblBoard
-from cnc.boards.grbl.simulator.box import GrblBox
-from cnc.boards.grbl.simulator.ports import BoxPort
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
@@ -21,18 +21,20 @@ LATEST = 5.0
 """Seconds from a fault to its report."""
 
 
-def connected(box: GrblBox) -> GrblBoard:
-    port = BoxPort(box)
-    board = GrblBoard(port, MACHINE, port.clock, "the box")
+def connected(simulator: GrblSimulator) -> GrblBoard:
+    port = GrblSimulatorPort(simulator)
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
     board.connect()
     return board
 
 
 def started(
-    box: GrblBox, control: Control | None = None, watcher: Callable[[], None] = lambda: None
+    simulator: GrblSimulator,
+    control: Control | None = None,
+    watcher: Callable[[], None] = lambda: None,
 ) -> GrblBoard:
-    board = connected(box)
-    board.attend(control or Control(), watcher)
+    board = connected(simulator)
+    board.connect_operator(control or Control(), watcher)
     board.start(ORIGIN)
     return board
 

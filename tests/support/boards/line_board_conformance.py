@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pytest
@@ -13,16 +14,20 @@ from cnc.boards.protocols import Capabilities, LineSink
 from cnc.model.blocks import Dwell
 from cnc.model.diagnostics import BoardError
 from cnc.model.operator_control import Control
-from cnc.model.streams import GcodeLine
+from tests.support.boards.line_reader import LineReader
 
 AXES = 3
 PREAMBLE = "G21 G90 G94 G17 G54"
 ORIGIN = np.zeros(AXES, np.int64)
+READERS: WeakKeyDictionary[LineSink, LineReader] = WeakKeyDictionary()
+"""A reader of lines for each board: modes stay from one call of :func:`feed` to the next."""
 
 
 def feed(board: LineSink, *texts: str, first: int = 1) -> None:
+    """Send lines with their effects, as their writer knows them."""
+    reader = READERS.setdefault(board, LineReader())
     for line, text in enumerate(texts, start=first):
-        board.send_line(GcodeLine(text, line))
+        board.send_line(reader.read(text, line))
 
 
 class LineBoardConformance:
@@ -42,7 +47,7 @@ class LineBoardConformance:
 
     @pytest.fixture
     def board(self, fresh: LineSink) -> LineSink:
-        fresh.attend(Control(), lambda: None)
+        fresh.connect_operator(Control(), lambda: None)
         fresh.start(ORIGIN)
         return fresh
 
@@ -53,7 +58,17 @@ class LineBoardConformance:
         assert (can.axes, can.lines, can.pulses) == (AXES, True, False)
         assert len(fresh.position) == len(fresh.work_offset) == len(fresh.resolution) == AXES
         assert all(0.0 < step < 0.1 for step in fresh.resolution)
-        assert set(fresh.places) >= {"G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92"}
+        assert set(fresh.stored_offsets) >= {
+            "G54",
+            "G55",
+            "G56",
+            "G57",
+            "G58",
+            "G59",
+            "G28",
+            "G30",
+            "G92",
+        }
 
     def test_goes_where_the_lines_say(self, board: LineSink) -> None:
         feed(board, PREAMBLE, "G0 X2 Y1", "G1 Z-1 F600", "G3 X4 Y3 I0 J2", "G1 X5")
@@ -84,7 +99,7 @@ class LineBoardConformance:
 
     def test_a_wish_to_stop_lets_nobody_wait(self, fresh: LineSink) -> None:
         control = Control()
-        fresh.attend(control, lambda: None)
+        fresh.connect_operator(control, lambda: None)
         fresh.start(ORIGIN)
         control.stop()
         feed(fresh, PREAMBLE, *["G1 X8 F60", "X0"] * 50)
@@ -94,7 +109,7 @@ class LineBoardConformance:
 
     def test_lines_that_are_only_checked_move_nothing(self, fresh: LineSink) -> None:
         fresh.check_only = True
-        fresh.attend(Control(), lambda: None)
+        fresh.connect_operator(Control(), lambda: None)
         fresh.start(ORIGIN)
         feed(fresh, PREAMBLE, "G1 X5 F600", "G4 P100", "G1 Y5")
         fresh.finish()

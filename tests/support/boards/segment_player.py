@@ -1,4 +1,4 @@
-"""Segments played by the letter of docs/segments.md, with Python's whole numbers and nothing of the
+"""Segments played by the letter of docs/explanation/segments.md, with Python's whole numbers and nothing of the
 kernels.
 """
 

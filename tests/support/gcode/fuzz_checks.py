@@ -25,6 +25,7 @@ from cnc.gcode.program import program
 from cnc.gcode.program.call_stack import Limits
 from cnc.gcode.state.modal_groups import GROUP_OF_G, GROUP_OF_M
 from cnc.gcode.state.tool_table import ToolEntry, ToolTable
+from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.parser import Syntax, parse_line
 from cnc.gcode.syntax.source_text import Text
@@ -45,6 +46,7 @@ from cnc.model.blocks import (
 )
 from cnc.model.diagnostics import CncError, Diagnostic
 from tests.support.gcode.fuzzing import Author, Program
+from tests.support.gcode.gcode_cases import read
 
 SECONDS = 5.0
 """CPU time that a program may take: most take a thousandth of a second."""
@@ -60,8 +62,8 @@ PLAIN = re.compile(
 """What no message may say: names from inside."""
 IDLE = frozenset("NO")
 """Line and program numbers mean nothing."""
-IDLE_CODES = frozenset((150, 670, 690))
-"""Ten times the codes that end what can't be in effect: they stand in the headers of posts."""
+IDLE_CODES = frozenset((G.G15, G.G67, G.G69))
+"""Codes that end what can't be in effect: they stand in the headers of posts."""
 IDLE_WITH = {"Q": {"G64"}}
 """Q of G64 gives leave that is not taken."""
 
@@ -96,7 +98,7 @@ def blocks_of(what: Program, **options: Any) -> list[Block]:
         "folders": FOLDERS,
         "tools": ToolTable(TOOLS),
     }
-    return list(program.interpret(text, axes=what.axes, dialect=what.dialect, **options))
+    return list(read(text, axes=what.axes, dialect=what.dialect, **options))
 
 
 def sound(blocks: list[Block], axes: tuple[str, ...]) -> None:

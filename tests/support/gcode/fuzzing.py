@@ -101,16 +101,10 @@ def _shipped() -> list[str]:
     ]
 
 
-def _as_written(number: float) -> str:
-    return f"{number:g}"
-
-
 @lru_cache(maxsize=len(dialects.NAMES))
 def _codes(dialect: str) -> list[str]:
     spoken = dialects.load(dialect)
-    return [f"G{_as_written(code / 10)}" for code in sorted(spoken.g)] + [
-        f"M{code}" for code in sorted(spoken.m)
-    ]
+    return [code.written for code in sorted(spoken.g)] + [f"M{code}" for code in sorted(spoken.m)]
 
 
 class Author:

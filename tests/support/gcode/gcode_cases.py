@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cnc.gcode.program.program import interpret
+from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.syntax.parser import MAX_LINE
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import (
@@ -35,9 +36,16 @@ from cnc.model.diagnostics import Diagnostic, GcodeError
 Row = tuple[Any, ...]
 
 
+def read(text: Text, **options: Any) -> Iterator[Block]:
+    """The blocks of a program; the options are those of ``interpret`` and ProgramOptions."""
+    names = {field.name for field in fields(ProgramOptions)} & options.keys()
+    rare = ProgramOptions(**{name: options.pop(name) for name in names})
+    return interpret(text, options=rare, **options)
+
+
 def run(source: str, **options: Any) -> list[Block]:
     """The blocks of a program."""
-    return list(interpret(Text.of_lines(source.split("\n"), "test.nc"), **options))
+    return list(read(Text.of_lines(source.split("\n"), "test.nc"), **options))
 
 
 def rows(blocks: list[Block]) -> Iterator[Row]:

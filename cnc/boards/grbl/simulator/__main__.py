@@ -8,10 +8,10 @@ import argparse
 import os
 import sys
 
-from cnc.boards.grbl.simulator.box import GrblBox
 from cnc.boards.grbl.simulator.eeprom import setting_text
 from cnc.boards.grbl.simulator.faults import Appointment, parse_fault
-from cnc.boards.grbl.simulator.firmware_profile import FLAVOURS, GRBL_SETTINGS
+from cnc.boards.grbl.simulator.firmware_profile import FIRMWARES, GRBL_SETTINGS
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 
 
@@ -36,7 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m cnc.boards.grbl.simulator", description=__doc__
     )
-    parser.add_argument("--flavour", choices=FLAVOURS, default="grbl", help="which firmware")
+    parser.add_argument("--flavour", choices=FIRMWARES, default="grbl", help="which firmware")
     parser.add_argument(
         "--factor", type=float, default=1.0, help="how much faster than the wall its clock runs"
     )
@@ -61,10 +61,10 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("--factor must be greater than 0")
     if not hasattr(os, "openpty"):
         parser.error("this system has no pseudo-terminals")
-    box = GrblBox(FLAVOURS[chosen.flavour], settings=dict(chosen.setting))
+    simulator = GrblSimulator(FIRMWARES[chosen.flavour], settings=dict(chosen.setting))
     for each in chosen.fault:
-        box.inject(each.fault, byte=each.byte, line=each.line, time=each.time)
-    with PtyServer(box, chosen.factor) as server:
+        simulator.inject(each.fault, byte=each.byte, line=each.line, time=each.time)
+    with PtyServer(simulator, chosen.factor) as server:
         changed = ", ".join(setting_text(number, value) for number, value in chosen.setting)
         sys.stdout.write(f"{server.name}\n")
         sys.stderr.write(

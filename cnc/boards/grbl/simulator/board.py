@@ -1,4 +1,4 @@
-"""``--board grbl-sim``: the GRBL driver on the board in the box, in virtual time, as fast as it
+"""``--board grbl-sim``: the GRBL driver on the board in the simulator, in virtual time, as fast as it
 computes.
 """
 
@@ -9,24 +9,26 @@ from pathlib import Path
 
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.settings import ACCELERATIONS, RATES, STEPS, TRAVELS
-from cnc.boards.grbl.simulator.box import GrblBox
-from cnc.boards.grbl.simulator.ports import BoxPort
-from cnc.machine.models import AXIS_LETTERS, Machine
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
+from cnc.boards.protocols import BoardTraits
+from cnc.machine.models import Machine
+from cnc.model.blocks import AXIS_LETTERS
 from cnc.model.units import per_minute
 
 AXES = AXIS_LETTERS[:3]
 NAP = 0.02
-"""Seconds that pass for the operator while the box waits for him, and no time passes in it."""
+"""Seconds that pass for the operator while the simulator waits for him, and no time passes in it."""
 
 
-class GrblSim(GrblBoard):
-    """A board with the axes of a machine file, at machine zero. ``box``: what it is made of."""
+class GrblSimulatorBoard(GrblBoard):
+    """A board with the axes of a machine file, at machine zero. ``simulator``: what it is made of."""
 
-    has_port = False
-    box: GrblBox
+    traits = BoardTraits(has_port=False, takes_lines=True)
+    simulator: GrblSimulator
 
     @classmethod
-    def from_machine(cls, machine: Machine, target: Path | None = None) -> GrblSim:
+    def from_machine(cls, machine: Machine, target: Path | None = None) -> GrblSimulatorBoard:
         """A fresh one, connected."""
         settings: dict[int, float] = {}
         for column, letter in enumerate(AXES):
@@ -39,14 +41,14 @@ class GrblSim(GrblBoard):
                 settings[ACCELERATIONS + column] = axis.max_acceleration
             if axis.travel is not None:
                 settings[TRAVELS + column] = axis.travel[1] - axis.travel[0]
-        box = GrblBox(settings=settings)
-        port = BoxPort(box)
-        board = cls(port, machine, port.clock, "the board in the box")
-        board.box = box
+        simulator = GrblSimulator(settings=settings)
+        port = GrblSimulatorPort(simulator)
+        board = cls(port, machine, port.clock, "the board in the simulator")
+        board.simulator = simulator
         board.connect()
         return board
 
     def _serve(self, timeout: float, *, fast: bool = False) -> None:
-        if self._wishes is not None and self._wishes.control.held:
+        if self._requests is not None and self._requests.control.held:
             time.sleep(NAP)
         super()._serve(timeout, fast=fast)

@@ -88,7 +88,7 @@ def _check_mode(core: Core) -> int:
 def _unlock(core: Core) -> int:
     """``$X``."""
     if core.state == "Alarm":
-        if core.world.door_open:
+        if core.environment.door_open:
             return 13
         core.say("[MSG:Caution: Unlocked]")
         core.state = "Idle"
@@ -99,7 +99,7 @@ def _home(core: Core) -> Answer:
     """``$H``, and the start-up lines after it."""
     if not core.setting[22]:
         return 5
-    if core.world.door_open:
+    if core.environment.door_open:
         return 13
     yield from home(core)
     yield from run_startup_lines(core)
@@ -129,13 +129,13 @@ def _set(core: Core, body: str) -> Answer:
         return 3
     if value is None:
         return 2
-    flavour = core.flavour
+    profile = core.profile
     try:
         written = core.eeprom.set(
             int(float(number.group())),
             float(value.group()),
-            flavour.max_step_rate_hz,
-            flavour.variable_spindle,
+            profile.max_step_rate_hz,
+            profile.variable_spindle,
         )
     except Refused as refused:
         return refused.code
@@ -188,7 +188,7 @@ def _jog(core: Core, body: str) -> Answer:
     if not body.startswith("="):
         return 3
     try:
-        found = sort(body[1:], core.flavour.mist)
+        found = sort(body[1:], core.profile.mist)
         if not set(found.values) & set(AXES) and not set(found.commands) - JOG_COMMANDS:
             return 26
         if not found.values.get("F"):

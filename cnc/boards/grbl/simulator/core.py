@@ -1,4 +1,4 @@
-"""What the parts of the box share: memory, rings, planner, steppers, the state of the machine, and
+"""What the parts of the simulator share: memory, rings, planner, steppers, the state of the machine, and
 the record of what it did.
 """
 
@@ -10,12 +10,12 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
 
 from cnc.boards.grbl.simulator.eeprom import ORIGIN, Eeprom
-from cnc.boards.grbl.simulator.firmware_profile import Flavour
+from cnc.boards.grbl.simulator.environment import Environment
+from cnc.boards.grbl.simulator.firmware_profile import FirmwareProfile
 from cnc.boards.grbl.simulator.modal import Modes, Place
 from cnc.boards.grbl.simulator.planner import Move, Planner, Point
 from cnc.boards.grbl.simulator.steppers import Steppers
 from cnc.boards.grbl.simulator.wire import Receiver, Transmitter
-from cnc.boards.grbl.simulator.workpiece import World
 
 NEW_LINE = "\r\n"
 CRITICAL = (1, 2)
@@ -85,14 +85,14 @@ class Event:
 class Core:
     """The board but for its program. Every attribute may be read by tests at any time."""
 
-    def __init__(self, flavour: Flavour, baud: float, world: World) -> None:
-        self.flavour = flavour
-        self.world = world
-        self.receiver = Receiver(baud, flavour.rx_capacity)
-        self.transmitter = Transmitter(baud, flavour.tx_capacity)
-        self.planner = Planner(flavour.planner_blocks)
+    def __init__(self, profile: FirmwareProfile, baud: float, environment: Environment) -> None:
+        self.profile = profile
+        self.environment = environment
+        self.receiver = Receiver(baud, profile.rx_capacity)
+        self.transmitter = Transmitter(baud, profile.tx_capacity)
+        self.planner = Planner(profile.planner_blocks)
         self.steppers = Steppers(self.planner, self._trip_at)
-        self.eeprom = Eeprom(flavour.settings)
+        self.eeprom = Eeprom(profile.settings)
         self.events: list[Event] = []
         self.now = 0.0
         self.cpu_free = 0.0
@@ -147,7 +147,7 @@ class Core:
             self.parsed,
             self.eeprom.systems | {"G92": self.shift},
             self.tool_length,
-            self.flavour.mist,
+            self.profile.mist,
         )
 
     @property
@@ -314,7 +314,7 @@ class Core:
 
     def _trip_at(self, move: Move) -> float | None:
         if move.kind == "probe":
-            return self.world.contact(move, self.probe_wanted is True)
+            return self.environment.contact(move, self.probe_wanted is True)
         if move.kind == "home" or self.setting[21]:
-            return self.world.switch(move)
+            return self.environment.switch(move)
         return None

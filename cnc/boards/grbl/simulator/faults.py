@@ -1,9 +1,9 @@
 """Faults on demand: what goes wrong, and when.
 
-box.inject(Drop(3), byte=200)        from the 200th byte that the host sends
-box.inject(Swallow(1), line=40)      the next reply once the 40th line has come
-box.inject(Unplug(), time=2.5)       2.5 s after the box was made
-box.inject(Alarm(3))                 now
+simulator.inject(Drop(3), byte=200)        from the 200th byte that the host sends
+simulator.inject(Swallow(1), line=40)      the next reply once the 40th line has come
+simulator.inject(Unplug(), time=2.5)       2.5 s after the simulator was made
+simulator.inject(Alarm(3))                 now
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ KINDS = (*COUNTED, "freeze", "unplug", "alarm", "error")
 
 @dataclass(frozen=True, slots=True)
 class Appointment:
-    """A fault and its moment, as :meth:`cnc.boards.grbl.simulator.box.GrblBox.inject` takes
+    """A fault and its moment, as :meth:`cnc.boards.grbl.simulator.grbl_simulator.GrblSimulator.inject` takes
     them.
     """
 
@@ -122,7 +122,7 @@ def parse_fault(text: str) -> Appointment:
     raise ValueError(f"a fault happens at a byte, a line or a time, not at {where!r}")
 
 
-class Garbler:
+class ByteFaults:
     """What happens to bytes on their way to the board."""
 
     def __init__(self) -> None:

@@ -65,7 +65,7 @@ class Firmware:
 
     def __init__(self, core: Core) -> None:
         self.core = core
-        self.buffer = LineBuffer(core.flavour.line_length, core.flavour.pairs_line_ends)
+        self.buffer = LineBuffer(core.profile.line_length, core.profile.pairs_line_ends)
         self.reading = False
         self.complete = False
         """Whether a byte that was fed while :attr:`reading` has ended a line."""
@@ -98,17 +98,17 @@ class Firmware:
         self.buffer.clear()
         core.outputs_off()
         core.say("")
-        core.say(core.flavour.banner)
+        core.say(core.profile.banner)
         core.note("start")
         yield BUSY
-        if core.setting[21] and core.world.tripped(core.position):
+        if core.setting[21] and core.environment.tripped(core.position):
             core.say("[MSG:Check Limits]")
         if core.state in ("Alarm", "Sleep"):
             core.say("[MSG:'$H'|'$X' to unlock]")
             core.state = "Alarm"
             return
         core.state = "Idle"
-        if core.world.door_open:
+        if core.environment.door_open:
             core.flags.door = True
             yield Wait()
         yield from run_startup_lines(core)
@@ -169,6 +169,6 @@ class Firmware:
             return (yield from system_command(core, text))
         if core.state in ("Alarm", "Jog"):
             return 9
-        if core.flavour.repeats_error and core.last_error:
+        if core.profile.repeats_error and core.last_error:
             return core.last_error
         return (yield from run_line(core, text))

@@ -1,4 +1,4 @@
-"""The two firmwares that the box can be, and what differs between them."""
+"""The two firmwares that the simulator can be, and what differs between them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ wired.
 
 
 @dataclass(frozen=True, slots=True)
-class Flavour:
+class FirmwareProfile:
     """What one firmware is made of.
 
     rx_capacity: bytes that the receive ring holds. rx_reported: the figure of ``$I``. tx_capacity:
@@ -53,7 +53,7 @@ class Flavour:
     settings: dict[int, float] = field(default_factory=lambda: dict(GRBL_SETTINGS))
 
 
-GRBL = Flavour(
+GRBL = FirmwareProfile(
     name="grbl",
     banner="Grbl 1.1h ['$' for help]",
     version="1.1h.20190830",
@@ -73,7 +73,7 @@ GRBL = Flavour(
 one of them its end.
 """
 
-GRBLHAL = Flavour(
+GRBLHAL = FirmwareProfile(
     name="grblhal",
     banner="GrblHAL 1.1f ['$' or '$HELP' for help]",
     version="1.1f.20240125",
@@ -92,4 +92,4 @@ GRBLHAL = Flavour(
 )
 """grblHAL as its core is shipped: a ring of 1024 has room for one byte less."""
 
-FLAVOURS = {flavour.name: flavour for flavour in (GRBL, GRBLHAL)}
+FIRMWARES = {profile.name: profile for profile in (GRBL, GRBLHAL)}

@@ -1,9 +1,10 @@
-"""The box as a machine file describes it: a board that has been set up for that machine."""
+"""The simulator as a machine file describes it: a board that has been set up for that machine."""
 
 from __future__ import annotations
 
 from cnc.boards.grbl.simulator.firmware_profile import GRBL_SETTINGS
-from cnc.machine.models import AxisLetter, Machine
+from cnc.machine.models import Machine
+from cnc.model.blocks import AxisLetter
 
 AXES: tuple[AxisLetter, ...] = ("x", "y", "z")
 STEPS, RATE, ACCELERATION, TRAVEL = 100, 110, 120, 130

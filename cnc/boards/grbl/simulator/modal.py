@@ -39,7 +39,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 """The modal groups (commands.md, ``$G``), and the words that hold for one line."""
 GROUP_OF = {word: group for group, members in GROUPS.items() for word in members}
 STORES = ("G28.1", "G30.1", "G92.1")
-"""Commands beside which axis words are a motion, by the mode in force: seen on GRBL 1.1h, and
+"""CommandLines beside which axis words are a motion, by the mode in force: seen on GRBL 1.1h, and
 easily overlooked.
 """
 SUBCOMMANDS = (28, 30, 38, 43, 61, 90, 91, 92)
@@ -61,7 +61,7 @@ WITH_AXES = (
     "G38.5",
     "G43.1",
 )
-"""Commands that use axis words; two of them in a line are one too many (error 24)."""
+"""CommandLines that use axis words; two of them in a line are one too many (error 24)."""
 VALUES = "FIJKLNPRSTXYZ"
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
 
@@ -177,7 +177,7 @@ def words(text: str) -> list[tuple[str, float]]:
 
 
 def sort(text: str, mist: bool) -> Found:
-    """Commands and values of a line. Errors 4, 20, 21, 23 to 25, 27, 29, 38."""
+    """CommandLines and values of a line. Errors 4, 20, 21, 23 to 25, 27, 29, 38."""
     line = Found()
     user_of_axes = ""
     for letter, value in words(text):

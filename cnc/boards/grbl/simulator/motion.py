@@ -206,7 +206,7 @@ def _probe(core: Core, line: Line) -> Program:
         core.parsed = line.target
         return
     core.probe_succeeded = False
-    if core.world.touches(core.position) == towards:
+    if core.environment.touches(core.position) == towards:
         core.alarm(4)
         yield Wait()
         return
@@ -263,7 +263,7 @@ def write_eeprom(core: Core, write: Callable[[], int]) -> Program:
     """Write, with all motion at rest; what arrives meanwhile may be lost."""
     yield from synchronize(core)
     written = write()
-    if written and core.flavour.eeprom_blinds:
+    if written and core.profile.eeprom_blinds:
         core.note("eeprom", str(written))
         core.cpu_free = core.receiver.blind(written, core.now)
         yield BUSY
@@ -287,14 +287,14 @@ def home(core: Core) -> Program:
             yield Wait(lambda: False, until=core.now + core.setting[26] / 1000.0)
             yield from _stroke(core, axis, -sign * off, core.setting[25], line, "home")
             yield Wait(lambda: False, until=core.now + core.setting[26] / 1000.0)
-            if "XYZ"[axis] in core.world.tripped(core.position):
+            if "XYZ"[axis] in core.environment.tripped(core.position):
                 yield from _homing_failed(core, 8)
         here = list(core.position)
         there = -off if sign > 0.0 else off - core.setting[130 + axis]
-        shift = list(core.world.offset)
+        shift = list(core.environment.offset)
         shift[axis] += here[axis] - there
         here[axis] = there
-        core.world.offset = (shift[0], shift[1], shift[2])
+        core.environment.offset = (shift[0], shift[1], shift[2])
         core.steppers.position = (here[0], here[1], here[2])
         core.sync_position()
     core.state = "Idle"
@@ -313,7 +313,7 @@ def _until_switch(
 ) -> Generator[Wait, None, bool]:
     """One axis towards its switch; whether it was found."""
     yield from _stroke(core, axis, way, feed, line, "home")
-    return "XYZ"[axis] in core.world.tripped(core.position)
+    return "XYZ"[axis] in core.environment.tripped(core.position)
 
 
 def _stroke(core: Core, axis: int, way: float, feed: float, line: Line, kind: str) -> Program:

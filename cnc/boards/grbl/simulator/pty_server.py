@@ -1,6 +1,6 @@
-"""The box behind a pseudo-terminal, so that any sender can open it as a serial port (Unix only).
+"""The simulator behind a pseudo-terminal, so that any sender can open it as a serial port (Unix only).
 
-A thread of its own takes the box along with the wall's clock. A pseudo-terminal has no modem lines,
+A thread of its own takes the simulator along with the wall's clock. A pseudo-terminal has no modem lines,
 so DTR is modelled. While nobody has the terminal open, the system reports a hang-up on our side.
 The end of that is the opening, which raises DTR: a reset, unless it was up. Closing drops DTR if
 the terminal's HUPCL is set, as it is at first: a serial port's is. A cable that is pulled is the
@@ -14,7 +14,7 @@ import os
 import select
 import threading
 
-from cnc.boards.grbl.simulator.box import GrblBox
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import LONGEST_NAP, ScaledTime
 
 READ_SIZE = 4096
@@ -26,15 +26,15 @@ UNREAD = 65536
 
 class PtyServer:
     """A terminal called ``name``; ``with`` closes it. ``factor``: how much faster than the wall the
-    box's clock runs.
+    simulator's clock runs.
     """
 
-    def __init__(self, box: GrblBox, factor: float = 1.0) -> None:
+    def __init__(self, simulator: GrblSimulator, factor: float = 1.0) -> None:
         import termios
         import tty
 
-        self.box = box
-        self._clock = ScaledTime(box, factor)
+        self.simulator = simulator
+        self._clock = ScaledTime(simulator, factor)
         self._ours, theirs = os.openpty()
         tty.setraw(theirs)
         settings = termios.tcgetattr(theirs)
@@ -46,7 +46,7 @@ class PtyServer:
         os.set_blocking(self._ours, False)
         self._unread = b""
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name="grbl-box", daemon=True)
+        self._thread = threading.Thread(target=self._serve, name="grbl-simulator", daemon=True)
         self._thread.start()
 
     def __enter__(self) -> PtyServer:
@@ -75,14 +75,14 @@ class PtyServer:
                 was_open, is_open = is_open, not events & select.POLLHUP
                 self._clock.catch_up()
                 if is_open and not was_open:
-                    self.box.raise_dtr()
+                    self.simulator.raise_dtr()
                     self._unread = b""
                 elif was_open and not is_open and self._hangs_up():
-                    self.box.drop_dtr()
+                    self.simulator.drop_dtr()
                 if events & select.POLLIN:
-                    self.box.write(self._receive())
+                    self.simulator.write(self._receive())
                 self._send(is_open)
-                if not self.box.plugged:
+                if not self.simulator.plugged:
                     break
         finally:
             os.close(self._ours)
@@ -102,7 +102,7 @@ class PtyServer:
         return b""
 
     def _send(self, is_open: bool) -> None:
-        self._unread = (self._unread + self.box.read())[-UNREAD:] if is_open else b""
+        self._unread = (self._unread + self.simulator.read())[-UNREAD:] if is_open else b""
         if self._unread:
             with contextlib.suppress(BlockingIOError):
                 self._unread = self._unread[os.write(self._ours, self._unread) :]

@@ -44,7 +44,7 @@ def receive(core: Core, byte: int) -> None:
     name = (
         TYPED.get(byte)
         or EXTENDED.get(byte)
-        or (HAL.get(byte) if core.flavour.name == "grblhal" else None)
+        or (HAL.get(byte) if core.profile.name == "grblhal" else None)
     )
     if name is not None:
         setattr(flags, name, True)
@@ -73,8 +73,8 @@ def serve(core: Core) -> None:
         core.state = "Alarm"
         core.note("alarm", str(code))
         core.say(f"ALARM:{code}")
-        core.locking = code in CRITICAL or code == core.flavour.estop_alarm
-        core.work(core.flavour.alarm_s)
+        core.locking = code in CRITICAL or code == core.profile.estop_alarm
+        core.work(core.profile.alarm_s)
         if core.now < core.cpu_free:
             return
     if core.locking:
@@ -178,7 +178,7 @@ def _serve_start(core: Core) -> None:
         core.state == "Door"
         and core.hold_complete
         and not core.resuming
-        and not core.world.door_open
+        and not core.environment.door_open
     ):
         core.spindle_stopped = False
         modes = core.modes
@@ -216,7 +216,7 @@ def _override(core: Core, byte: int) -> None:
     elif byte == SPINDLE_STOP and core.state == "Hold" and core.modes.spindle != "M5":
         core.spindle_stopped = not core.spindle_stopped
         core.set_spindle("M5" if core.spindle_stopped else core.modes.spindle, core.modes.speed)
-    elif (byte == FLOOD or (byte == MIST and core.flavour.mist)) and core.state in (
+    elif (byte == FLOOD or (byte == MIST and core.profile.mist)) and core.state in (
         "Idle",
         "Run",
         "Hold",

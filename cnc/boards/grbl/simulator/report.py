@@ -27,14 +27,14 @@ def status_report(core: Core) -> str:
         fields = [_state(core), f"WPos:{_lengths(core, _minus(position, offset))}"]
     if wanted & 2:
         fields.append(
-            f"Bf:{core.planner.room},{core.flavour.rx_capacity - len(core.receiver.ring)}"
+            f"Bf:{core.planner.room},{core.profile.rx_capacity - len(core.receiver.ring)}"
         )
     blocks = core.planner.blocks
-    if core.flavour.line_numbers and blocks and blocks[0].number and blocks[0].kind != "jog":
+    if core.profile.line_numbers and blocks and blocks[0].number and blocks[0].kind != "jog":
         fields.append(f"Ln:{blocks[0].number}")
     rate = speed * 60.0 / (MM_PER_INCH if core.setting[13] else 1.0)
     feed = f"{rate:.1f}" if core.setting[13] else f"{rate:.0f}"
-    fields.append(f"FS:{feed},{core.rpm:.0f}" if core.flavour.variable_spindle else f"F:{feed}")
+    fields.append(f"FS:{feed},{core.rpm:.0f}" if core.profile.variable_spindle else f"F:{feed}")
     pins = _pins(core, position)
     if pins:
         fields.append(f"Pn:{pins}")
@@ -67,7 +67,7 @@ def _state(core: Core) -> str:
             return "Door:3"
         if not core.hold_complete:
             return "Door:2"
-        return "Door:1" if core.world.door_open else "Door:0"
+        return "Door:1" if core.environment.door_open else "Door:0"
     return core.state
 
 
@@ -75,8 +75,8 @@ def _pins(core: Core, position: Point) -> str:
     """Inputs that are triggered. Limit switches are wired where hard limits or homing are switched
     on.
     """
-    limits = core.world.tripped(position) if core.setting[21] or core.setting[22] else ""
-    return limits + "P" * core.world.touches(position) + "D" * core.world.door_open
+    limits = core.environment.tripped(position) if core.setting[21] or core.setting[22] else ""
+    return limits + "P" * core.environment.touches(position) + "D" * core.environment.door_open
 
 
 def _accessories(core: Core) -> str:
@@ -123,12 +123,12 @@ def startup_lines(core: Core) -> list[str]:
 
 def build_info(core: Core) -> list[str]:
     """The answer to ``$I``: version, options with the sizes of both buffers."""
-    flavour = core.flavour
-    sizes = f"{flavour.planner_blocks},{flavour.rx_reported}"
+    profile = core.profile
+    sizes = f"{profile.planner_blocks},{profile.rx_reported}"
     return [
-        f"[VER:{flavour.version}:{core.eeprom.build_info}]",
-        f"[OPT:{flavour.options},{sizes}{',3,0' if flavour.name == 'grblhal' else ''}]",
-        *flavour.build_lines,
+        f"[VER:{profile.version}:{core.eeprom.build_info}]",
+        f"[OPT:{profile.options},{sizes}{',3,0' if profile.name == 'grblhal' else ''}]",
+        *profile.build_lines,
     ]
 
 

@@ -1,4 +1,4 @@
-"""The box against the tables of GRBL's interface documentation: errors, alarms, real-time commands,
+"""The simulator against the tables of GRBL's interface documentation: errors, alarms, real-time commands,
 reports, ``$`` commands.
 
 Codes and causes: ``doc/csv/error_codes_en_US.csv``, ``alarm_codes_en_US.csv`` and ``doc/markdown``
@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import pytest
 
+from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL
-from cnc.boards.grbl.simulator.workpiece import World
-from tests.support.boards.grblbox_bench import Bench
+from tests.support.boards.simulator_bench import Bench
 
 HOMING = {
     20: 1.0,
@@ -64,12 +64,12 @@ EACH = [(GRBL, *error) for error in ERRORS + ON_GRBL_ALONE] + [
 ]
 
 
-@pytest.mark.parametrize(("flavour", "code", "line"), EACH)
-def test_each_error_has_its_documented_cause(flavour, code, line):
-    bench = Bench(flavour)
-    before = bench.box.position
+@pytest.mark.parametrize(("profile", "code", "line"), EACH)
+def test_each_error_has_its_documented_cause(profile, code, line):
+    bench = Bench(profile)
+    before = bench.simulator.position
     assert bench.reply(line) == f"error:{code}"
-    assert bench.box.position == before and not bench.box.moves
+    assert bench.simulator.position == before and not bench.simulator.moves
 
 
 LEGAL = [
@@ -81,17 +81,17 @@ LEGAL = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("flavour", [GRBL, GRBLHAL])
+@pytest.mark.parametrize("profile", [GRBL, GRBLHAL])
 @pytest.mark.parametrize("line", LEGAL)
-def test_legal_lines_are_ok(line, flavour):
-    assert Bench(flavour).reply(line, 5.0) == "ok"
+def test_legal_lines_are_ok(line, profile):
+    assert Bench(profile).reply(line, 5.0) == "ok"
 
 
 def test_error_7_damaged_memory_is_told_at_power_up_and_set_back():
     bench = Bench()
     bench.reply("$110=777")
-    bench.box.core.eeprom.damaged.add("settings")
-    bench.box.power_up()
+    bench.simulator.core.eeprom.damaged.add("settings")
+    bench.simulator.power_up()
     heard = bench.hear(2.0)
     assert heard[0] == "error:7" and "$110=500.000" in heard and heard[-1].startswith("Grbl")
 
@@ -122,7 +122,7 @@ def test_error_12_is_a_compile_option():
 
 
 def test_error_13_door_open():
-    bench = Bench(settings={22: 1.0}, world=World(door_open=True))
+    bench = Bench(settings={22: 1.0}, environment=Environment(door_open=True))
     assert bench.reply("$X") == "error:13"
     assert bench.reply("$H") == "error:13"
 
@@ -184,7 +184,7 @@ def test_alarm_1_hard_limit():
     bench = Bench(settings={21: 1.0})
     heard = bench.send("G1X120F500\n", 30.0)
     assert heard == ["ok", "ALARM:1", "[MSG:Reset to continue]"]
-    assert bench.box.position[0] == pytest.approx(100.0)
+    assert bench.simulator.position[0] == pytest.approx(100.0)
     assert locked(bench)
     heard = bench.send(b"\x18")
     assert heard == ["Grbl 1.1h ['$' for help]", "[MSG:Check Limits]", "[MSG:'$H'|'$X' to unlock]"]
@@ -196,12 +196,12 @@ def test_alarm_2_soft_limit_without_a_reply_and_the_position_kept():
     bench.send("$X\nG1X-50F500\n", 2.0)
     heard = bench.send("G1X-70\nX1\nX-3\n", 10.0)
     assert heard == ["ok", "ALARM:2", "[MSG:Reset to continue]"]
-    stood = bench.box.position
-    assert -50.0 < stood[0] < 0.0 and bench.box.moves[0].phases[-1].a == pytest.approx(-500.0)
+    stood = bench.simulator.position
+    assert -50.0 < stood[0] < 0.0 and bench.simulator.moves[0].phases[-1].a == pytest.approx(-500.0)
     assert locked(bench)
     # The line that asked for it is answered late, before the welcome; it must not be counted.
     assert bench.send(b"\x18") == ["ok", "Grbl 1.1h ['$' for help]", "[MSG:'$H'|'$X' to unlock]"]
-    assert bench.box.position == pytest.approx(stood, abs=0.004)
+    assert bench.simulator.position == pytest.approx(stood, abs=0.004)
     assert bench.status()["state"] == "Alarm"
 
 
@@ -227,11 +227,11 @@ def test_a_reset_at_rest_or_after_a_hold_is_no_alarm():
     assert bench.send(b"\x18") == ["Grbl 1.1h ['$' for help]"]
     bench.send("G1X10F300\n", 1.0)
     bench.send("!", 2.0)
-    stood = bench.box.position
+    stood = bench.simulator.position
     assert bench.status()["state"] == "Hold:0"
     assert bench.send(b"\x18") == ["Grbl 1.1h ['$' for help]"]
     assert bench.status()["state"] == "Idle"
-    assert bench.box.position == pytest.approx(stood, abs=0.004)
+    assert bench.simulator.position == pytest.approx(stood, abs=0.004)
 
 
 def test_a_reset_during_the_braking_is():
@@ -246,17 +246,17 @@ SURFACE = ((0.0, 0.0, 1.0), -5.0)
 
 
 def test_probe_touches():
-    bench = Bench(world=World(surface=SURFACE))
+    bench = Bench(environment=Environment(surface=SURFACE))
     heard = bench.send("G38.2Z-10F100\n", 10.0)
     assert heard == ["[PRB:0.000,0.000,-5.000:1]", "ok"]
-    assert -5.3 < bench.box.position[2] < -5.0
+    assert -5.3 < bench.simulator.position[2] < -5.0
     assert bench.status()["Pn"] == "P"
     assert "[PRB:0.000,0.000,-5.000:1]" in bench.send("$#\n")
     assert bench.send("G38.4Z0F50\n", 10.0)[0] == "[PRB:0.000,0.000,-5.000:1]"
 
 
 def test_alarm_4_probe_touches_already():
-    bench = Bench(world=World(surface=((0.0, 0.0, 1.0), 0.0)))
+    bench = Bench(environment=Environment(surface=((0.0, 0.0, 1.0), 0.0)))
     assert bench.send("G38.2Z-10F100\n", 3.0) == ["ALARM:4", "ok"]
     assert bench.reply("G0X1") == "error:9"
     assert Bench().send("G38.4Z-10F100\n", 3.0) == ["ALARM:4", "ok"]
@@ -295,9 +295,9 @@ def test_axis_words_beside_a_stored_place_are_a_motion(line, place):
 def test_homing():
     bench = Bench(settings=HOMING)
     assert bench.send("$H\n", 40.0) == ["ok"]
-    assert bench.box.position == (-1.0, -1.0, -1.0)
-    # The switches are at 0 of the world.
-    assert bench.box.core.world.offset == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert bench.simulator.position == (-1.0, -1.0, -1.0)
+    # The switches are at 0 of the environment.
+    assert bench.simulator.core.environment.offset == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
     assert bench.status()["state"] == "Idle"
 
 
@@ -305,7 +305,7 @@ def test_homing_to_the_other_side_runs_the_start_up_lines():
     bench = Bench(settings=HOMING | {23: 3.0})
     bench.send("$X\n$N0=G20\n", 1.0)
     assert bench.send("$H\n", 40.0) == [">G20:ok", "ok"]
-    assert bench.box.position == (-199.0, -199.0, -1.0)
+    assert bench.simulator.position == (-199.0, -199.0, -1.0)
 
 
 def test_alarm_6_reset_amid_homing():
@@ -331,9 +331,11 @@ def test_alarm_7_door_amid_homing():
     ]
 
 
-@pytest.mark.parametrize(("world", "code"), [(World(stuck={"Z"}), 8), (World(broken={"Z"}), 9)])
-def test_alarms_8_and_9_the_switch_stays_or_is_not_found(world, code):
-    bench = Bench(settings=HOMING, world=world)
+@pytest.mark.parametrize(
+    ("environment", "code"), [(Environment(stuck={"Z"}), 8), (Environment(broken={"Z"}), 9)]
+)
+def test_alarms_8_and_9_the_switch_stays_or_is_not_found(environment, code):
+    bench = Bench(settings=HOMING, environment=environment)
     assert bench.send("$H\n", 60.0)[:2] == [f"ALARM:{code}", "ok"]
     assert bench.status()["state"] == "Alarm"
 
@@ -388,7 +390,7 @@ def test_feed_overrides(sent, percent):
     bench.send("G1X50F200\n", 1.0)
     bench.send(sent, 2.0)
     assert float(bench.status()["FS"].split(",")[0]) == pytest.approx(2 * percent, abs=1)
-    assert bench.box.core.planner.feed_override == percent
+    assert bench.simulator.core.planner.feed_override == percent
 
 
 @pytest.mark.parametrize(("sent", "percent"), [(b"\x96", 50), (b"\x97", 25), (b"\x96\x95", 100)])
@@ -436,9 +438,9 @@ def test_spindle_stop_only_in_a_hold_and_back_on_resuming():
     bench.send("!", 1.0)
     bench.send(b"\x9e")
     assert bench.status()["FS"] == "0,0"
-    start = bench.box.position
+    start = bench.simulator.position
     bench.send("~", 3.5)
-    assert bench.status()["FS"] == "0,500" and bench.box.position == start
+    assert bench.status()["FS"] == "0,500" and bench.simulator.position == start
     bench.hear(1.0)
     assert bench.status()["state"] == "Run"
 
@@ -461,22 +463,22 @@ def test_hold_and_resume():
     assert bench.status()["state"] == "Hold:1"
     bench.send("~", 1.0)  # too early: not heard
     assert bench.status()["state"] == "Hold:0"
-    stood = bench.box.position
-    assert bench.send("G1X5\n", 1.0) == [] and bench.box.position == stood
+    stood = bench.simulator.position
+    assert bench.send("G1X5\n", 1.0) == [] and bench.simulator.position == stood
     assert bench.status()["FS"] == "0,500"
     assert bench.send("~", 10.0) == ["ok"]
     bench.finish()
-    assert bench.box.position == (5.0, 0.0, 0.0)
+    assert bench.simulator.position == (5.0, 0.0, 0.0)
 
 
 def test_hold_before_the_first_motion_has_begun():
     bench = Bench()
     bench.send("G1X1F300\n!X2\n", 0.5)
     assert bench.status()["state"] == "Hold:0"
-    assert bench.box.position == (0.0, 0.0, 0.0) and not bench.box.moves
+    assert bench.simulator.position == (0.0, 0.0, 0.0) and not bench.simulator.moves
     bench.send("~", 5.0)
-    assert bench.box.position == (2.0, 0.0, 0.0)
-    assert [move.end[0] for move in bench.box.moves] == [1.0, 2.0]
+    assert bench.simulator.position == (2.0, 0.0, 0.0)
+    assert [move.end[0] for move in bench.simulator.moves] == [1.0, 2.0]
 
 
 def test_hold_at_rest_is_complete_at_once():
@@ -493,17 +495,17 @@ def test_door_puts_the_outputs_off_and_waits_for_them_on_the_way_back():
     assert bench.send(b"\x84", 0.05) == ["[MSG:Check Door]"]
     assert bench.status()["state"] == "Door:2"
     bench.hear(2.0)
-    bench.box.core.world.door_open = True
+    bench.simulator.core.environment.door_open = True
     assert bench.status()["state"] == "Door:1"
     bench.send("~", 1.0)
-    bench.box.core.world.door_open = False
-    assert (bench.status()["state"], bench.box.core.rpm) == ("Door:0", 0.0)
+    bench.simulator.core.environment.door_open = False
+    assert (bench.status()["state"], bench.simulator.core.rpm) == ("Door:0", 0.0)
     bench.send("~", 4.5)
-    assert (bench.status()["state"], bench.box.core.rpm) == ("Door:3", 500.0)
+    assert (bench.status()["state"], bench.simulator.core.rpm) == ("Door:3", 500.0)
     bench.hear(1.0)
     assert bench.status()["state"] == "Run"
     bench.finish()
-    assert bench.box.position == (10.0, 0.0, 0.0)
+    assert bench.simulator.position == (10.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("stop", [b"!", b"\x85"])
@@ -513,12 +515,12 @@ def test_jog_cancel_drops_the_queue(stop):
     assert bench.status()["state"] == "Jog"
     bench.send(stop, 1.0)
     assert bench.status()["state"] == "Idle"
-    x, y, _ = bench.box.position
+    x, y, _ = bench.simulator.position
     assert 0.0 < x < 10.0 and y == 0.0
     assert bench.send("$G\n")[0].startswith("[GC:G0 G54 G17 G21 G90")
     # The parser goes on from where the machine stands.
     bench.send("G91G1Y1F500\n", 2.0)
-    assert bench.box.position == (x, 1.0, 0.0)
+    assert bench.simulator.position == (x, 1.0, 0.0)
 
 
 def test_jog_cancel_is_nothing_else():
@@ -526,7 +528,7 @@ def test_jog_cancel_is_nothing_else():
     bench.send("G1X1F300\n", 0.1)
     bench.send(b"\x85")
     bench.finish()
-    assert bench.box.position == (1.0, 0.0, 0.0)
+    assert bench.simulator.position == (1.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("byte", [b for b in range(0x80, 0x100) if b not in (0x84, 0xA0)])
@@ -572,12 +574,12 @@ def test_m30_sets_the_modes_back():
 
 def test_dwell_is_reported_idle_and_answered_at_its_end():
     bench = Bench()
-    start = bench.box.now
+    start = bench.simulator.now
     bench.port.write(b"G4P2.5\n")
     bench.hear(1.0)
     assert bench.status()["state"] == "Idle"
     assert bench.port.read(5.0)
-    assert bench.box.now - start == pytest.approx(2.5, abs=0.01)
+    assert bench.simulator.now - start == pytest.approx(2.5, abs=0.01)
 
 
 def test_check_mode_moves_nothing_and_ends_with_a_reset():
@@ -586,8 +588,8 @@ def test_check_mode_moves_nothing_and_ends_with_a_reset():
     assert bench.status()["state"] == "Check"
     assert bench.send("G1X5F100\nG4P100\nG1X\nM3S500\n") == ["ok", "ok", "error:2", "ok"]
     assert bench.send("$C\n") == ["[MSG:Disabled]", "ok", "Grbl 1.1h ['$' for help]"]
-    assert bench.box.position == (0.0, 0.0, 0.0) and not bench.box.moves
-    assert not any(event.kind == "spindle" for event in bench.box.events)
+    assert bench.simulator.position == (0.0, 0.0, 0.0) and not bench.simulator.moves
+    assert not any(event.kind == "spindle" for event in bench.simulator.events)
 
 
 def test_sleep_ends_in_an_alarm():
@@ -628,7 +630,7 @@ def test_memory_survives_a_power_cycle_and_position_does_not():
     bench.reply("$110=777")
     bench.reply("G10L2P2Y5")
     bench.send("G92X3\nG0X10\n", 5.0)
-    bench.box.power_up()
+    bench.simulator.power_up()
     bench.hear(2.0)
     assert "$110=777.000" in bench.send("$$\n")
     parameters = bench.send("$#\n")
@@ -644,10 +646,10 @@ def test_offsets_add_up():
     assert bench.status()["WCO"] == "-1.000,20.000,32.000"
     bench.send("G1X0Y0Z0F500\n", 10.0)
     bench.finish()
-    assert bench.box.position == (-1.0, 20.0, 32.0)
+    assert bench.simulator.position == (-1.0, 20.0, 32.0)
     bench.reply("G10L20P1X0Y0Z0")
     bench.status()
-    assert bench.box.core.offset == pytest.approx(bench.box.position)
+    assert bench.simulator.core.offset == pytest.approx(bench.simulator.position)
 
 
 def test_offsets_change_when_the_motion_before_them_has_ended():
@@ -656,7 +658,7 @@ def test_offsets_change_when_the_motion_before_them_has_ended():
     bench.send("G1X1F60\n", 0.2)
     bench.send("G10L2P1X5\n", 0.2)
     assert bench.status()["state"] == "Run"
-    assert bench.box.core.offset == (0.0, 0.0, 0.0)
+    assert bench.simulator.core.offset == (0.0, 0.0, 0.0)
     assert bench.hear(2.0) == ["ok"]
     assert bench.status()["WCO"] == "5.000,0.000,0.000"
 
@@ -665,11 +667,11 @@ def test_stored_places():
     bench = Bench()
     bench.send("G0X5Y5Z5\nG28.1\nG0X0Y0Z0\nG91G28Z1\n", 20.0)
     bench.finish()
-    assert bench.box.position == (0.0, 0.0, 5.0)
+    assert bench.simulator.position == (0.0, 0.0, 5.0)
     bench.send("G28\n", 5.0)
     bench.finish()
-    assert bench.box.position == (5.0, 5.0, 5.0)
-    assert [move.end for move in bench.box.moves[2:4]] == [(0.0, 0.0, 1.0), (0.0, 0.0, 5.0)]
+    assert bench.simulator.position == (5.0, 5.0, 5.0)
+    assert [move.end for move in bench.simulator.moves[2:4]] == [(0.0, 0.0, 1.0), (0.0, 0.0, 5.0)]
 
 
 def test_build_info():

@@ -1,4 +1,4 @@
-"""The box when things go wrong: faults at their moment, the same run twice, any bytes at all, and a
+"""The simulator when things go wrong: faults at their moment, the same run twice, any bytes at all, and a
 real terminal.
 """
 
@@ -14,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import cnc.boards.grbl.simulator
-from cnc.boards.grbl.simulator.box import GrblBox
 from cnc.boards.grbl.simulator.faults import (
     Alarm,
     Appointment,
@@ -29,19 +28,20 @@ from cnc.boards.grbl.simulator.faults import (
 )
 from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL
 from cnc.boards.grbl.simulator.from_machine import settings_of
-from cnc.boards.grbl.simulator.ports import BoxPort, ScaledTime
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort, ScaledTime
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 from cnc.boards.port import PortLost
 from cnc.boards.serial_port import open_port
 from cnc.machine.load import load_machine
-from tests.support.boards.grblbox_bench import Bench
+from tests.support.boards.simulator_bench import Bench
 from tests.support.soak import share
 
 PROGRAM = "G21G90\nG1X10Y5F900\nG2X0Y0I-4J-3F600\nM3S500\nG4P0.2\nG91\nG0Z-1\nM5\n"
 
 
 def received(bench):
-    return [event.value for event in bench.box.events if event.kind == "line"]
+    return [event.value for event in bench.simulator.events if event.kind == "line"]
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def received(bench):
 )
 def test_bytes_on_their_way(fault, lines):
     bench = Bench()
-    bench.box.inject(fault, byte=5)
+    bench.simulator.inject(fault, byte=5)
     bench.send("G21\nG90\nG94\n")
     expected = {Drop(1): ["G21", "90", "G94"], Drop(3): ["G21", "", "G94"]}.get(fault, lines)
     assert received(bench) == expected
@@ -64,30 +64,30 @@ def test_bytes_on_their_way(fault, lines):
 
 def test_a_swallowed_reply_at_a_line():
     bench = Bench()
-    bench.box.inject(Swallow(), line=2)
+    bench.simulator.inject(Swallow(), line=2)
     assert bench.send("G21\nG1X\nG90\n") == ["ok", "ok"]
     assert received(bench) == ["G21", "G1X", "G90"]
 
 
 def test_a_forced_error_at_a_line_is_not_carried_out():
     bench = Bench()
-    bench.box.inject(Error(22), line=2)
+    bench.simulator.inject(Error(22), line=2)
     assert bench.send("G91\nG0X1\nG0Y1\n") == ["ok", "error:22", "ok"]
     bench.finish()
-    assert bench.box.position == (0.0, 1.0, 0.0)
+    assert bench.simulator.position == (0.0, 1.0, 0.0)
 
 
 def test_frozen_nothing_answers_but_the_motion_runs_out():
     bench = Bench()
     bench.send("G1X3F300\n", 0.2)
-    bench.box.inject(Freeze())
+    bench.simulator.inject(Freeze())
     assert bench.send("?\nG1X5\n", 5.0) == []
-    assert bench.box.position == (3.0, 0.0, 0.0)
+    assert bench.simulator.position == (3.0, 0.0, 0.0)
 
 
 def test_frozen_for_a_while():
     bench = Bench()
-    bench.box.inject(Freeze(2.0), time=bench.box.now + 0.5)
+    bench.simulator.inject(Freeze(2.0), time=bench.simulator.now + 0.5)
     assert bench.send("", 1.0) == []
     assert bench.send("?", 1.0) == []
     assert len(bench.hear(1.0)) == 1
@@ -96,41 +96,41 @@ def test_frozen_for_a_while():
 def test_unplugged():
     bench = Bench()
     bench.send("G1X3F300\n", 0.2)
-    bench.box.inject(Unplug(), time=bench.box.now + 0.3)
-    start = bench.box.now
+    bench.simulator.inject(Unplug(), time=bench.simulator.now + 0.3)
+    start = bench.simulator.now
     with pytest.raises(PortLost) as lost:
         bench.hear(9.0)
-    assert bench.box.now - start < 0.5
+    assert bench.simulator.now - start < 0.5
     assert lost.value.diagnostic.code == "port-lost"
     with pytest.raises(PortLost):
         bench.port.write(b"?")
     # The board goes on by itself.
-    bench.box.advance(bench.box.now + 5.0)
-    assert bench.box.position == (3.0, 0.0, 0.0)
-    assert BoxPort(bench.box).read(3.0)
+    bench.simulator.advance(bench.simulator.now + 5.0)
+    assert bench.simulator.position == (3.0, 0.0, 0.0)
+    assert GrblSimulatorPort(bench.simulator).read(3.0)
 
 
-@pytest.mark.parametrize("flavour", [GRBL, GRBLHAL])
+@pytest.mark.parametrize("profile", [GRBL, GRBLHAL])
 @pytest.mark.parametrize("code", range(1, 11))
 @pytest.mark.parametrize("moment", [0.05, 0.9, 2.1])
-def test_every_alarm_at_any_moment_stops_everything(code, moment, flavour):
-    bench = Bench(flavour)
-    bench.box.inject(Alarm(code), time=bench.box.now + moment)
+def test_every_alarm_at_any_moment_stops_everything(code, moment, profile):
+    bench = Bench(profile)
+    bench.simulator.inject(Alarm(code), time=bench.simulator.now + moment)
     heard = bench.send(PROGRAM, 8.0)
     assert f"ALARM:{code}" in heard
-    alarm = next(event.time for event in bench.box.events if event.kind == "alarm")
-    assert bench.box.moves == [] or bench.box.moves[-1].end_time <= alarm + 1e-9
-    assert bench.box.core.spindle_text == "M5 0"
-    if code in (1, 2) or (flavour is GRBLHAL and code == 10):
+    alarm = next(event.time for event in bench.simulator.events if event.kind == "alarm")
+    assert bench.simulator.moves == [] or bench.simulator.moves[-1].end_time <= alarm + 1e-9
+    assert bench.simulator.core.spindle_text == "M5 0"
+    if code in (1, 2) or (profile is GRBLHAL and code == 10):
         assert heard[-1] == "[MSG:Reset to continue]"
         assert bench.send("?\n") == []
     else:
         assert bench.status()["state"] == "Alarm"
     bench.send(b"\x18")
     assert bench.send("$X\n") == ["[MSG:Caution: Unlocked]", "ok"]
-    stood = bench.box.position
+    stood = bench.simulator.position
     bench.hear(5.0)
-    assert bench.box.position == stood
+    assert bench.simulator.position == stood
 
 
 FAULTS = [
@@ -168,7 +168,11 @@ def record(seed_text, pauses):
     for line, pause in zip(seed_text.splitlines(keepends=True), pauses, strict=False):
         heard += bench.send(line, pause)
     heard += bench.hear(5.0)
-    return heard, [(move.end, move.phases) for move in bench.box.moves], bench.box.events
+    return (
+        heard,
+        [(move.end, move.phases) for move in bench.simulator.moves],
+        bench.simulator.events,
+    )
 
 
 @given(st.lists(st.floats(0.0, 0.7), min_size=8, max_size=8))
@@ -184,12 +188,12 @@ def test_how_time_is_cut_makes_no_difference(steps):
     for bench in (whole, cut):
         bench.port.write(PROGRAM.encode())
     for step in steps:
-        cut.box.advance(cut.box.now + step)
-    whole.box.advance(30.0)
-    cut.box.advance(30.0)
-    assert whole.box.read() == cut.box.read()
-    assert [(move.end, move.phases) for move in whole.box.moves] == [
-        (move.end, move.phases) for move in cut.box.moves
+        cut.simulator.advance(cut.simulator.now + step)
+    whole.simulator.advance(30.0)
+    cut.simulator.advance(30.0)
+    assert whole.simulator.read() == cut.simulator.read()
+    assert [(move.end, move.phases) for move in whole.simulator.moves] == [
+        (move.end, move.phases) for move in cut.simulator.moves
     ]
 
 
@@ -223,17 +227,17 @@ PIECES = st.one_of(
     st.sampled_from([GRBL, GRBLHAL]), st.lists(st.tuples(PIECES, st.floats(0.0, 0.5)), max_size=30)
 )
 @settings(max_examples=share(3000, 120))
-def test_any_bytes_at_all(flavour, pieces):
+def test_any_bytes_at_all(profile, pieces):
     """No exception, no time that stands still, and the numbers stay numbers; after a reset and an
     unlock it works again.
     """
-    bench = Bench(flavour, settings={22: 1.0, 21: 1.0, 110: 3000.0, 111: 3000.0, 112: 3000.0})
+    bench = Bench(profile, settings={22: 1.0, 21: 1.0, 110: 3000.0, 111: 3000.0, 112: 3000.0})
     for data, pause in pieces:
         bench.send(data, pause)
-        assert all(abs(value) < 1e12 for value in bench.box.position)
-        assert all(move.begin_time <= move.end_time for move in bench.box.moves)
-        assert len(bench.box.trail()) == max(2 * len(bench.box.moves), 1)
-    bench.box.advance(bench.box.now + 3.0)
+        assert all(abs(value) < 1e12 for value in bench.simulator.position)
+        assert all(move.begin_time <= move.end_time for move in bench.simulator.moves)
+        assert len(bench.simulator.toolpath()) == max(2 * len(bench.simulator.moves), 1)
+    bench.simulator.advance(bench.simulator.now + 3.0)
     bench.port.read(0.0)
     bench.send(b"\x18\x18\n\n", 2.0)
     bench.send(b"\x18", 1.0)
@@ -246,8 +250,8 @@ def test_any_bytes_at_all(flavour, pieces):
 
 
 def test_against_the_wall_faster():
-    box = GrblBox()
-    port = BoxPort(box, ScaledTime(box, 50.0), boot_time=0.5)
+    simulator = GrblSimulator()
+    port = GrblSimulatorPort(simulator, ScaledTime(simulator, 50.0), boot_time=0.5)
     begun = time.monotonic()
     heard = b""
     while b"help" not in heard:
@@ -256,7 +260,7 @@ def test_against_the_wall_faster():
     while heard.count(b"ok") < 2:
         heard += port.read(1.0)
     port.close()
-    assert box.position == (5.0, 0.0, 0.0)
+    assert simulator.position == (5.0, 0.0, 0.0)
     assert 0.02 < time.monotonic() - begun < 5.0
     with pytest.raises(PortLost):
         port.read(0.0)
@@ -276,7 +280,7 @@ def exchange(file, data, until, seconds=20.0):
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no pseudo-terminals here")
 def test_behind_a_terminal():
-    with PtyServer(GrblBox(), 20.0) as server:
+    with PtyServer(GrblSimulator(), 20.0) as server:
         file = os.open(server.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             assert b"Grbl 1.1h" in exchange(file, b"", b"help]\r\n")
@@ -289,7 +293,7 @@ def test_behind_a_terminal():
         try:
             # Opened again: reset again.
             assert b"Grbl 1.1h" in exchange(file, b"", b"help]\r\n")
-            server.box.inject(Unplug())
+            server.simulator.inject(Unplug())
             assert server.wait(5.0)
         finally:
             os.close(file)
@@ -297,7 +301,7 @@ def test_behind_a_terminal():
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="there are no pseudo-terminals here")
 def test_behind_a_terminal_opened_as_a_serial_port():
-    with PtyServer(GrblBox(), 20.0) as server:
+    with PtyServer(GrblSimulator(), 20.0) as server:
         link = open_port(server.name, 115200)
         heard, end = b"", time.monotonic() + 20.0
         while b"help]\r\n" not in heard and time.monotonic() < end:
@@ -306,7 +310,7 @@ def test_behind_a_terminal_opened_as_a_serial_port():
         while not heard.endswith(b"ok\r\n") and time.monotonic() < end:
             heard += link.read(0.1)
         assert b"[OPT:VN,15,128]" in heard
-        server.box.inject(Unplug())
+        server.simulator.inject(Unplug())
         with pytest.raises(PortLost):
             link.read(20.0)
         link.close()
@@ -373,4 +377,4 @@ def test_set_up_as_a_machine_file_says():
     }  # fmt: skip
     bench = Bench(settings=settings_of(machine) | {21: 1.0})
     bench.send("G0X200\n", 30.0)
-    assert bench.box.position[0] == pytest.approx(152.5)
+    assert bench.simulator.position[0] == pytest.approx(152.5)

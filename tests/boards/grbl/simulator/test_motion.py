@@ -1,4 +1,4 @@
-"""The box's motion against the textbook: trapezoids in closed form, corners by the junction
+"""The simulator's motion against the textbook: trapezoids in closed form, corners by the junction
 deviation, paths as programmed.
 """
 
@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.boards.grbl.simulator.planner import junction_speed_sq
-from tests.support.boards.grblbox_bench import Bench
+from tests.support.boards.simulator_bench import Bench
 from tests.support.soak import share
 
 FAST = {100 + axis: 1000.0 for axis in range(3)} | {
@@ -32,7 +32,7 @@ def trapezoid(length: float, speed: float, acceleration: float) -> float:
 
 
 def duration(bench):
-    return bench.box.moves[-1].end_time - bench.box.moves[0].begin_time
+    return bench.simulator.moves[-1].end_time - bench.simulator.moves[0].begin_time
 
 
 @given(
@@ -51,7 +51,7 @@ def test_one_line_takes_the_time_of_its_trapezoid(length, feed, acceleration):
         assert duration(bench) == pytest.approx(
             trapezoid(way, round(feed, 2) / 60.0, acceleration), rel=1e-9
         )
-        assert bench.box.position == (way, 0.0, 0.0)
+        assert bench.simulator.position == (way, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_a_corner_is_taken_at_the_speed_of_its_circle(turn, deviation):
     bench = Bench(settings=FAST | {11: deviation})
     bench.send(f"G1X40F3000\nG91X{40 * after[0]:.6f}Y{40 * after[1]:.6f}\n")
     bench.finish()
-    first, second = bench.box.moves
+    first, second = bench.simulator.moves
     assert second.phases[0].v == pytest.approx(
         min(math.sqrt(acceleration * radius), 50.0), rel=1e-3
     )
@@ -125,7 +125,7 @@ def test_arcs_stay_within_their_tolerance(line, center, radius):
     points = np.array(
         [
             move.point(share * move.length)[:2]
-            for move in bench.box.moves
+            for move in bench.simulator.moves
             for share in np.linspace(0, 1, 9)
         ]
     )
@@ -155,7 +155,7 @@ def test_fifteen_blocks_wait_and_the_next_ok_waits_for_room():
     assert heard.count("ok") < 14
     bench.finish()
     assert bench.status()["Bf"] == "15,128"
-    assert len(bench.box.moves) == 19
+    assert len(bench.simulator.moves) == 19
 
 
 def test_speed_never_jumps_and_position_follows_it():
@@ -167,7 +167,7 @@ def test_speed_never_jumps_and_position_follows_it():
     bench.send(b"\x92\x92\x92\x92", 0.1)
     bench.send("G0X0Y0\n")
     bench.finish()
-    for move in bench.box.moves:
+    for move in bench.simulator.moves:
         s = move.phases[0].s
         assert s == 0.0
         for phase in move.phases:
@@ -175,7 +175,7 @@ def test_speed_never_jumps_and_position_follows_it():
             s = phase.at(phase.time + phase.duration)[0]
             assert abs(phase.a) <= move.acceleration * (1 + 1e-9)
         assert s == pytest.approx(move.length, abs=1e-9)
-    phases = [phase for move in bench.box.moves for phase in move.phases]
+    phases = [phase for move in bench.simulator.moves for phase in move.phases]
     for one, other in itertools.pairwise(phases):
         assert other.time >= one.time + one.duration - 1e-9
         assert other.v == pytest.approx(one.at(one.time + one.duration)[1], abs=1e-6)
@@ -203,12 +203,12 @@ def test_no_run_of_lines_breaks_a_limit(corners, nudges):
         bench.port.write(budget[:100] + nudge)
         budget = budget[100:]
         bench.hear(0.4)
-    while budget or bench.box.core.planner.blocks or bench.box.core.receiver.ring:
+    while budget or bench.simulator.core.planner.blocks or bench.simulator.core.receiver.ring:
         bench.port.write(b"~" + budget[:100])
         budget = budget[100:]
         bench.hear(3.0)
     rates, accelerations = (6000.0 / 60, 6000.0 / 60, 3000.0 / 60), (500.0, 500.0, 200.0)
-    moves = bench.box.moves
+    moves = bench.simulator.moves
     for before, move in itertools.pairwise(moves):
         assert move.start == before.end
         limit = junction_speed_sq(before.unit, move.unit, accelerations, 0.01)
@@ -223,7 +223,7 @@ def test_no_run_of_lines_breaks_a_limit(corners, nudges):
     if moves:
         last = moves[-1].phases[-1]
         assert last.at(last.time + last.duration)[1] <= 1e-4
-        assert bench.box.position == moves[-1].end
+        assert bench.simulator.position == moves[-1].end
 
 
 def time_by_small_steps(moves, accelerations, deviation, pieces=400):
@@ -261,7 +261,7 @@ def test_a_run_that_fits_the_planner_is_as_fast_as_it_can_be(corners):
     bench = Bench(settings=FAST | {120: 50.0, 121: 50.0})
     bench.send("".join(f"G1X{x:.2f}Y{y:.2f}F{feed:.0f}\n" for x, y, feed in corners))
     bench.finish()
-    moves = bench.box.moves
+    moves = bench.simulator.moves
     # Lines come faster than the first of them can be braked for, if it is long enough.
     if moves and min(move.length for move in moves) > 1.0:
         assert duration(bench) == pytest.approx(

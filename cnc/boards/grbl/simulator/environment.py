@@ -1,7 +1,7 @@
 """What is around the board: switches at the ends of the axes, a workpiece for the probe, a door.
 
-The board counts its steps from wherever it was switched on; the world knows where that was.
-``offset`` is world position minus machine position. The switches are ``travel`` apart; homing finds
+The board counts its steps from wherever it was switched on; the environment knows where that was.
+``offset`` is environment position minus machine position. The switches are ``travel`` apart; homing finds
 them at ``high`` (or ``low``, where ``$23`` says so).
 """
 
@@ -15,8 +15,8 @@ AXES = "XYZ"
 
 
 @dataclass(slots=True)
-class World:
-    """low, high: world positions of the switches, mm. broken: axes whose switch never trips. stuck:
+class Environment:
+    """low, high: environment positions of the switches, mm. broken: axes whose switch never trips. stuck:
     axes whose switch never lets go.
 
     surface: (normal, distance): the probe touches where normal . machine position <= distance;
@@ -32,7 +32,7 @@ class World:
     door_open: bool = False
 
     @classmethod
-    def of_travels(cls, x: float, y: float, z: float) -> World:
+    def of_travels(cls, x: float, y: float, z: float) -> Environment:
         """Switches as far apart as the board thinks, the machine between them."""
         return cls(low=(-x, -y, -z), offset=(-x / 2.0, -y / 2.0, -z / 2.0))
 

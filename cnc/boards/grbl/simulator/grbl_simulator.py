@@ -1,6 +1,6 @@
 """The board: its parts, and the one clock that moves them.
 
-Nothing happens by itself: :meth:`GrblBox.advance` goes from event to event in the order of time,
+Nothing happens by itself: :meth:`GrblSimulator.advance` goes from event to event in the order of time,
 each the earliest of
 
     a byte is off the wire | the processor is free | a wait is over | a block ends | a timer | a
@@ -19,22 +19,22 @@ from numpy.typing import NDArray
 
 from cnc.boards.grbl.simulator import realtime
 from cnc.boards.grbl.simulator.core import BUSY, CRITICAL, Abandon, Abort, Core, Event, Wait
+from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import (
     Alarm,
+    ByteFaults,
     Corrupt,
     Drop,
     Duplicate,
     Error,
     Fault,
     Freeze,
-    Garbler,
     Swallow,
     Unplug,
 )
 from cnc.boards.grbl.simulator.firmware import Firmware
-from cnc.boards.grbl.simulator.firmware_profile import GRBL, Flavour
+from cnc.boards.grbl.simulator.firmware_profile import GRBL, FirmwareProfile
 from cnc.boards.grbl.simulator.planner import Move, Point
-from cnc.boards.grbl.simulator.workpiece import World
 
 BAUD = 115200
 BOOT_TIME = 1.5
@@ -58,22 +58,24 @@ class Due:
     time: float
 
 
-class GrblBox:
+class GrblSimulator:
     """A GRBL board, not yet switched on. ``settings``: ``$`` settings that differ from a fresh
-    board's. ``world``: what is around it.
+    board's. ``environment``: what is around it.
     """
 
     def __init__(
         self,
-        flavour: Flavour = GRBL,
+        profile: FirmwareProfile = GRBL,
         *,
         baud: float = BAUD,
         settings: dict[int, float] | None = None,
-        world: World | None = None,
+        environment: Environment | None = None,
     ) -> None:
-        memory = flavour.settings | (settings or {})
+        memory = profile.settings | (settings or {})
         self.core = Core(
-            flavour, baud, world or World.of_travels(memory[130], memory[131], memory[132])
+            profile,
+            baud,
+            environment or Environment.of_travels(memory[130], memory[131], memory[132]),
         )
         self.core.eeprom.settings.update(memory)
         self.firmware = Firmware(self.core)
@@ -82,14 +84,14 @@ class GrblBox:
         """Whether the host's DTR line is up. Its rise resets the processor, through a capacitor, as
         on every Arduino.
         """
-        self._garbler = Garbler()
+        self._byte_faults = ByteFaults()
         self._due: list[Due] = []
         self._program = self.firmware.run()
         self._wait: Wait = BUSY
 
     @property
     def now(self) -> float:
-        """The box's clock, s."""
+        """The simulator's clock, s."""
         return self.core.now
 
     @property
@@ -112,7 +114,7 @@ class GrblBox:
         """Everything else that was done, in order."""
         return self.core.events
 
-    def trail(self) -> NDArray[np.float64]:
+    def toolpath(self) -> NDArray[np.float64]:
         """Every corner of the way that was moved, (n, 3) mm: what lies between two rows is
         straight.
         """
@@ -156,8 +158,8 @@ class GrblBox:
         core.receiver.ring.clear()
         core.receiver.unplug()
         core.transmitter.unplug()
-        (a, b, c), (x, y, z) = core.world.offset, core.position
-        core.world.offset = (a + x, b + y, c + z)
+        (a, b, c), (x, y, z) = core.environment.offset, core.position
+        core.environment.offset = (a + x, b + y, c + z)
         core.steppers.position = (0.0, 0.0, 0.0)
         core.state = "Idle"
         core.force_reset()
@@ -184,7 +186,7 @@ class GrblBox:
         line: int | None = None,
         time: float | None = None,
     ) -> None:
-        """Let something go wrong: now, or at the byte or line that is the box's number ``byte`` or
+        """Let something go wrong: now, or at the byte or line that is the simulator's number ``byte`` or
         ``line`` (from 1), or at a time.
         """
         when = (
@@ -239,7 +241,7 @@ class GrblBox:
         core, receiver, firmware = self.core, self.core.receiver, self.firmware
         while receiver.arrival <= until:
             core.now = max(core.now, receiver.arrival)
-            for byte in self._garbler.pass_on(receiver.take()):
+            for byte in self._byte_faults.pass_on(receiver.take()):
                 if not receiver.seen(core.now):
                     continue
                 if realtime.is_realtime(byte):
@@ -303,11 +305,11 @@ class GrblBox:
         core = self.core
         match fault:
             case Drop(count):
-                self._garbler.drop += count
+                self._byte_faults.drop += count
             case Duplicate(count):
-                self._garbler.duplicate += count
+                self._byte_faults.duplicate += count
             case Corrupt(count):
-                self._garbler.corrupt += count
+                self._byte_faults.corrupt += count
             case Swallow(count):
                 core.swallow += count
             case Freeze(seconds):
@@ -324,6 +326,6 @@ class GrblBox:
                 core.abandoned = core.answering and code in PROBE_ALARMS
                 core.flags.reset = core.flags.reset or code not in (
                     *WITHOUT_RESET,
-                    core.flavour.estop_alarm,
+                    core.profile.estop_alarm,
                 )
                 core.alarm(code)

@@ -1,9 +1,9 @@
-"""A bench for the board in the box: send, let time pass, see what came."""
+"""A bench for the board in the simulator: send, let time pass, see what came."""
 
-from cnc.boards.grbl.simulator.box import GrblBox
-from cnc.boards.grbl.simulator.firmware_profile import GRBL, Flavour
-from cnc.boards.grbl.simulator.ports import BoxPort
-from cnc.boards.grbl.simulator.workpiece import World
+from cnc.boards.grbl.simulator.environment import Environment
+from cnc.boards.grbl.simulator.firmware_profile import GRBL, FirmwareProfile
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 
 BYTE = 10 / 115200
 """Seconds of a byte on the wire."""
@@ -14,19 +14,19 @@ class Bench:
 
     def __init__(
         self,
-        flavour: Flavour = GRBL,
+        profile: FirmwareProfile = GRBL,
         settings: dict[int, float] | None = None,
-        world: World | None = None,
+        environment: Environment | None = None,
     ) -> None:
-        self.box = GrblBox(flavour, settings=settings, world=world)
-        self.port = BoxPort(self.box)
+        self.simulator = GrblSimulator(profile, settings=settings, environment=environment)
+        self.port = GrblSimulatorPort(self.simulator)
         self.welcome = self.hear(2.0)
 
     def hear(self, seconds: float) -> list[str]:
         """Lines that come within that time."""
-        end, heard = self.box.now + seconds, b""
-        while self.box.now < end:
-            heard += self.port.read(end - self.box.now)
+        end, heard = self.simulator.now + seconds, b""
+        while self.simulator.now < end:
+            heard += self.port.read(end - self.simulator.now)
         return [line for line in heard.decode("latin-1").split("\r\n") if line]
 
     def send(self, text: str | bytes, seconds: float = 1.0) -> list[str]:
@@ -51,5 +51,5 @@ class Bench:
 
     def finish(self) -> None:
         """Until the motion has ended."""
-        while self.box.core.planner.blocks or self.box.core.state == "Run":
+        while self.simulator.core.planner.blocks or self.simulator.core.state == "Run":
             self.hear(0.25)

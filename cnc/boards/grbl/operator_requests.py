@@ -1,4 +1,4 @@
-"""The operator's wishes as GRBL's real-time commands. No I/O: it is shown what the board reports,
+"""The operator's requests as GRBL's real-time commands. No I/O: it is shown what the board reports,
 and says what to write.
 
 A byte may get lost (while the board writes to its EEPROM it hears nothing), so what was wished for
@@ -15,12 +15,12 @@ from cnc.model.operator_control import Control
 
 WISH = 0.5
 """Seconds that a real-time command may take to show in the status."""
-LEAST_OVERRIDE = 10
+MIN_OVERRIDE = 10
 """Per cent; GRBL's feed overrides go from 10 to 200."""
 TEN = 10
 
 
-class Wishes:
+class OperatorRequests:
     """Follows a control."""
 
     def __init__(self, control: Control) -> None:
@@ -33,7 +33,7 @@ class Wishes:
     @property
     def override(self) -> int:
         """Per cent that the board should have."""
-        return max(round(self.control.feed_override), LEAST_OVERRIDE)
+        return max(round(self.control.feed_override), MIN_OVERRIDE)
 
     def commands(self, status: Status, status_at: float, now: float) -> bytes:
         """What to write: nothing, most of the time. ``status_at``: when the status was reported."""

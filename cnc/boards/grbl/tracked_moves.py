@@ -1,0 +1,165 @@
+"""Moves that a GRBL board has been sent, and the nearest place on them to a reported position."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+SHARP_TURN = 0.9
+"""Cosine of the turn between two moves below which the board nearly stops between them."""
+FULL_TURN = 5e-7
+"""rad. GRBL takes an arc that turns by less for a full circle (config.h,
+ARC_ANGULAR_TRAVEL_EPSILON).
+"""
+
+Point = tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class AxisLimits:
+    """Limits of the board's axes; infinite where they are not known.
+
+    Attributes:
+        rates: mm/s.
+        accelerations: mm/s^2.
+    """
+
+    rates: Sequence[float] = ()
+    accelerations: Sequence[float] = ()
+
+    def time(
+        self,
+        length: float,
+        direction: Sequence[float],
+        feed: float,
+        before: Sequence[float] | None,
+    ) -> float:
+        """Return the seconds of a straight move, with the stop before it at a sharp turn.
+
+        Args:
+            length: mm.
+            direction: Unit vector.
+            feed: mm/s; infinite for a traverse.
+            before: Unit vector of the move before; None where the board rests before this one.
+        """
+        speed, acceleration = feed, math.inf
+        for part, rate, most in zip(direction, self.rates, self.accelerations, strict=False):
+            if part:
+                speed = min(speed, rate / abs(part))
+                acceleration = min(acceleration, most / abs(part))
+        if not 0.0 < speed < math.inf:
+            return 0.0
+        if (
+            before is not None
+            and sum(a * b for a, b in zip(before, direction, strict=True)) > SHARP_TURN
+        ):
+            return length / speed
+        return (
+            length / speed + speed / acceleration
+            if length * acceleration > speed * speed
+            else 2.0 * math.sqrt(length / acceleration)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class StraightMove:
+    """A straight move.
+
+    Attributes:
+        line: Source line.
+        start: Machine position, mm.
+        end: Machine position, mm.
+        length: mm.
+        seconds: Approximate time.
+    """
+
+    line: int
+    start: Point
+    end: Point
+    length: float
+    seconds: float
+
+    def nearest(self, point: Point, after: float, tolerance: float) -> tuple[float, float]:
+        """Return the place on the move that is nearest to a point.
+
+        Args:
+            point: Machine position, mm.
+            after: The part of the move, 0 to 1, that has been passed.
+            tolerance: mm; not used by a straight move.
+
+        Returns:
+            The part of the move, and the distance there in mm.
+        """
+        along = sum(
+            (b - a) * (p - a) for a, b, p in zip(self.start, self.end, point, strict=True)
+        ) / (self.length * self.length)
+        part = min(max(along, after), 1.0)
+        return part, math.dist(
+            point, [a + part * (b - a) for a, b in zip(self.start, self.end, strict=True)]
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ArcMove:
+    """An arc or helix.
+
+    Attributes:
+        line: Source line.
+        start: Machine position, mm.
+        end: Machine position, mm.
+        seconds: Approximate time.
+        plane: Columns of the two axes of its plane.
+        center: Centre along these axes, mm.
+        radius: mm.
+        first: Angle of the start, rad.
+        turn: Signed angle from start to end, rad, positive for counter-clockwise.
+    """
+
+    line: int
+    start: Point
+    end: Point
+    seconds: float
+    plane: tuple[int, int]
+    center: tuple[float, float]
+    radius: float
+    first: float
+    turn: float
+
+    def nearest(self, point: Point, after: float, tolerance: float) -> tuple[float, float]:
+        """Return the place on the move that is nearest to a point; see StraightMove.
+
+        Just before its beginning the board seems to be at the end of a full circle. Within the
+        tolerance of its last place it counts as being there.
+        """
+        stays = math.dist(point, self._at(after))
+        if stays <= tolerance:
+            return after, stays
+        i, j = self.plane
+        angle = math.atan2(point[j] - self.center[1], point[i] - self.center[0]) - self.first
+        turned, whole = (angle if self.turn > 0.0 else -angle) % math.tau, abs(self.turn)
+        # A point beside the arc that is nearer to its start lies before it.
+        along = (turned - math.tau if turned - whole > math.tau - turned else turned) / whole
+        # On a helix the height says more about the place the steeper it is.
+        rises = [
+            0.0 if column in self.plane else b - a
+            for column, (a, b) in enumerate(zip(self.start, self.end, strict=True))
+        ]
+        level = (self.radius * self.turn) ** 2
+        risen = sum(rise * (p - a) for rise, p, a in zip(rises, point, self.start, strict=True))
+        part = min(
+            max((level * along + risen) / (level + sum(rise * rise for rise in rises)), after),
+            1.0,
+        )
+        distance = math.dist(point, self._at(part))
+        return (part, distance) if distance < stays else (after, stays)
+
+    def _at(self, part: float) -> list[float]:
+        place = [a + part * (b - a) for a, b in zip(self.start, self.end, strict=True)]
+        angle = self.first + part * self.turn
+        place[self.plane[0]] = self.center[0] + self.radius * math.cos(angle)
+        place[self.plane[1]] = self.center[1] + self.radius * math.sin(angle)
+        return place
+
+
+Move = StraightMove | ArcMove

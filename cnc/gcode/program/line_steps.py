@@ -1,0 +1,204 @@
+"""Steps of lines: a run of straight moves, a simple move, a control line, or ``%``.
+
+All other lines are executed as statements and have no step class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from cnc.gcode import dialects
+from cnc.gcode.codes.prepared_lines import QuickMove, kinds_of_letters, move_of
+from cnc.gcode.program import block_matching, control_flow, numbered_programs, subprograms
+from cnc.gcode.program.call_stack import NOTHING, Flow, Page, Step
+from cnc.gcode.program.line_index import Place
+from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, StraightLane
+from cnc.gcode.syntax.source_text import Window
+from cnc.gcode.syntax.statement import Control, Statement
+
+_JUMPS = ("goto", "if-goto")
+_MAKERS: dict[str, Callable[[Flow, int, Control], Step]] = (
+    block_matching.MAKERS | subprograms.MAKERS
+)
+
+
+class StepMaker:
+    """Makes the steps of lines when they are reached for the first time."""
+
+    def __init__(self, flow: Flow, dialect: dialects.Dialect) -> None:
+        self._flow = flow
+        self._dialect = dialect
+        self._macro = dialect.flavour == "macro-b"
+        self._kinds = kinds_of_letters(dialect, flow.interpreter.motion.column)
+        self._lane = StraightLane(flow.interpreter)
+
+    def step(self, page: Page, index: int) -> Step | Statement:
+        """Return the step of a line, and keep it if the line is likely to be executed again.
+
+        Raises:
+            GcodeError: The line is faulty, or the block that it opens.
+        """
+        listing, line = self._flow.listing, page.first + index
+        step = self._make(page.window, line, index)
+        # Few lines of a long program are executed again. If their statements were kept, the garbage
+        # collector would take much time.
+        if line <= listing.last_executed or step.__class__ not in (_Move, Statement):
+            page.steps[index] = step
+        if line > listing.last_executed:
+            listing.last_executed = line
+            self._flow.new += 1
+        return step
+
+    def end_of_file(self, line: int) -> None:
+        """End the program at the end of the text, which is before ``line``.
+
+        Raises:
+            GcodeError: The program is not complete.
+        """
+        flow = self._flow
+        if flow.frame.kind != "main":
+            raise control_flow.not_ended(flow, "before the end of the file")
+        flow.interpreter.end_of_file()
+        if self._dialect.program_end:
+            source = flow.listing.source
+            numbers = (number for number in range(line - 1, 0, -1) if source(number).strip())
+            last = next(numbers, 1)
+            text = source(last)
+            at = Place(last, 1 if text else 0, max(len(text), 1))
+            message = (
+                "the program begins with % and has no second one"
+                if flow.percent
+                else "the program ends without M2 or M30"
+            )
+            hint = "end it with M2 or M30, or put it between two lines of %"
+            raise flow.listing.fault(at, "program-end-missing", message, hint)
+
+    def _make(self, window: Window, line: int, index: int) -> Step | Statement:
+        flow = self._flow
+        if window.straight[index] >= SHORTEST:
+            return _Run(self._lane, window)
+        if window.plain[index] and not (
+            flow.interpreter.points_wanted and window.find(WITHOUT_POINT, index, index + 1) == index
+        ):
+            letters, numbers = window.scan.line_words(index)
+            if not letters:
+                return NOTHING
+            if move := move_of(letters, numbers, self._kinds):
+                return _Move(move, window)
+        statement = flow.listing.statement(window, index)
+        if statement is None:
+            return NOTHING
+        if statement.control is None:
+            return self._of_words(line, statement)
+        step = self._of_control(line, statement.control)
+        return _Announced(statement, step) if statement.remarks else step
+
+    def _of_control(self, line: int, control: Control) -> Step:
+        flow = self._flow
+        step = flow.listing.steps.get(line)
+        if step is None:
+            if control.keyword == "if-then":
+                assert control.then is not None
+                step = control_flow.Conditional(flow.parameters, control.values[0], control.then)
+            else:
+                step = _MAKERS[control.keyword](flow, line, control)
+            # A jump knows its loop, so it must be kept. Calls are not kept: a program may have a
+            # million of them.
+            if control.keyword in _JUMPS:
+                flow.listing.steps[line] = step
+        return step
+
+    def _of_words(self, line: int, statement: Statement) -> Step | Statement:
+        if statement.percent:
+            return _PERCENT
+        for word in statement.words:
+            if (word.letter, word.number) in numbered_programs.CODES:
+                if word.letter == "M":
+                    self._dialect.check_m(word)
+                else:
+                    self._dialect.check_g(word)
+                return numbered_programs.call_or_return(line, statement, word, macro=self._macro)
+        if statement.words or statement.assignments or statement.remarks or statement.board:
+            return statement
+        return NOTHING
+
+
+class _Run:
+    """The first line of a run of straight moves."""
+
+    __slots__ = ("_lane", "_window")
+
+    def __init__(self, lane: StraightLane, window: Window) -> None:
+        self._lane = lane
+        self._window = window
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Execute the run on arrays, or else its first line as a statement."""
+        window, listing = self._window, flow.listing
+        count = self._lane.run(window, line - window.first)
+        if not count:
+            return _execute_statement(flow, window, line)
+        last = line + count - 1
+        flow.executed += count - 1
+        flow.new += max(0, last - listing.last_executed)
+        listing.last_executed = max(last, listing.last_executed)
+        return last + 1
+
+
+class _Move:
+    """A line with nothing but a move."""
+
+    __slots__ = ("_move", "_window")
+
+    def __init__(self, move: QuickMove, window: Window) -> None:
+        self._move = move
+        self._window = window
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Execute the move, or else the line as a statement."""
+        return (
+            line + 1
+            if flow.interpreter.execute_move(self._move, line)
+            else _execute_statement(flow, self._window, line)
+        )
+
+
+def _execute_statement(flow: Flow, window: Window, line: int) -> int:
+    """Execute a plain line as a statement; return the line to continue at."""
+    statement = flow.listing.statement(window, line - window.first)
+    assert statement is not None
+    flow.interpreter.execute(statement, line)
+    return line + 1
+
+
+class _Announced:
+    """A control line with a message in a comment."""
+
+    def __init__(self, statement: Statement, step: Step) -> None:
+        self._remarks = Statement(remarks=statement.remarks)
+        self._step = step
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Give the message, then run the control line."""
+        flow.interpreter.execute(self._remarks, line)
+        return self._step.run(flow, line)
+
+
+class _Percent:
+    """``%``. The first one, before any word, begins the program; any other ends it."""
+
+    def run(self, flow: Flow, line: int) -> int:
+        """Begin or end the program."""
+        interpreter, frame = flow.interpreter, flow.frame
+        if frame.kind != "main":
+            if line == frame.first and not frame.scope:  # of a file without an O line
+                return line + 1
+            raise control_flow.not_ended(flow, f"before the % in line {line}")
+        if interpreter.begun or flow.percent:
+            interpreter.end_of_file()
+            interpreter.ended = True
+        flow.percent = True
+        return line + 1
+
+
+_PERCENT = _Percent()

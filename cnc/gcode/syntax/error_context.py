@@ -1,0 +1,126 @@
+"""The place in a line at which the grammar stopped, for the functions that describe the error."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from cnc.gcode.syntax.arithmetic import FUNCTIONS, MACRO_FUNCTIONS, MACRO_OPERATORS, OPERATORS
+from cnc.gcode.syntax.words import fault
+from cnc.model.diagnostics import GcodeError
+
+if TYPE_CHECKING:
+    from lark.exceptions import UnexpectedInput
+
+O_KEYWORDS = (
+    "SUB",
+    "ENDSUB",
+    "CALL",
+    "RETURN",
+    "IF",
+    "ELSEIF",
+    "ELSE",
+    "ENDIF",
+    "WHILE",
+    "ENDWHILE",
+    "DO",
+    "REPEAT",
+    "ENDREPEAT",
+    "BREAK",
+    "CONTINUE",
+)
+MACRO_KEYWORDS = ("GOTO", "IF", "THEN", "WHILE", "DO", "END")
+DIGITS = "0123456789."
+LETTERS = re.compile(r"[A-Z]+")
+
+_TOKEN = re.compile(r"\([^()]*\)|(?:SD|PL|PW)=|[A-Z]+|[0-9.]+|\*\*|<[^<>]*>|.")
+
+
+class ErrorContext:
+    """The place in a line at which the grammar stopped.
+
+    Attributes:
+        text: The line without blanks.
+        columns: Position in the line, from 0, of each character of ``text`` and of its end.
+        macro: Whether the language is FANUC's macro B.
+        at: Position in ``text`` at which the grammar stopped.
+        char: The character there; empty at the end of the line.
+        wanted: Names of the tokens that the grammar would have accepted.
+        before: Begin and end of each token before the place, comments left out.
+        functions: Names of functions.
+        operators: Names of operators.
+        open: Positions of the brackets that are open at the place.
+    """
+
+    def __init__(
+        self, text: str, columns: Sequence[int], error: UnexpectedInput, *, macro: bool
+    ) -> None:
+        token = getattr(error, "token", None)
+        ended = token is not None and token.type == "$END"
+        self.text, self.columns, self.macro = text, columns, macro
+        self.at = len(text) if ended else error.pos_in_stream or 0
+        self.char = text[self.at : self.at + 1]
+        self.wanted = {
+            str(name)
+            for name in getattr(error, "allowed", None) or getattr(error, "expected", None) or ()
+        }
+        self.before = [
+            found.span()
+            for found in _TOKEN.finditer(text[: self.at])
+            if not found[0].startswith("(")
+        ]
+        self.functions = {
+            *(MACRO_FUNCTIONS if macro else FUNCTIONS),
+            "ATAN",
+            *(() if macro else ("EXISTS",)),
+        }
+        self.operators = {*(MACRO_OPERATORS if macro else OPERATORS)}
+        self.open: list[int] = []
+        for begin, _ in self.before:
+            if text[begin] == "[":
+                self.open.append(begin)
+            elif text[begin] == "]" and self.open:
+                self.open.pop()
+
+    def fault(
+        self, code: str, message: str, begin: int | None = None, end: int = 0, hint: str = ""
+    ) -> GcodeError:
+        """Return an error.
+
+        Args:
+            code: Error code.
+            message: Message.
+            begin: Position of the faulty part; by default the place at which the grammar stopped.
+            end: End of the faulty part; by default it is one character long.
+            hint: Hint.
+        """
+        begin = min(self.at, len(self.text) - 1) if begin is None else begin
+        first = self.columns[begin]
+        length = self.columns[end - 1] + 1 - first if end > begin else 1
+        return fault(code, message, column=first + 1, length=length, hint=hint)
+
+    def last(self, back: int = 1) -> str:
+        """Return a token before the place, the last by default; empty if there is none."""
+        return self.text[slice(*self.before[-back])] if len(self.before) >= back else ""
+
+    def letters_around(self) -> tuple[int, int]:
+        """Return begin and end of the letters around the place."""
+        begin = self.at
+        while begin > 0 and LETTERS.fullmatch(self.text[begin - 1]):
+            begin -= 1
+        found = LETTERS.match(self.text, begin)
+        return (begin, found.end()) if found else (self.at, self.at)
+
+    def unknown_character(self) -> GcodeError:
+        """Return the error for a character that the language does not have."""
+        char = self.char
+        shown = f"{char!r}" if char.isprintable() else f"U+{ord(char):04X}"
+        return self.fault("character-unknown", f"the character {shown} has no meaning here")
+
+
+def near_hint(name: str, known: Iterable[str]) -> str:
+    """Return a hint at a known name of similar spelling; empty if there is none."""
+    near = difflib.get_close_matches(name, sorted(known), 1)
+    return f"did you mean {near[0]}?" if near else ""

@@ -1,0 +1,142 @@
+"""The summary of a check or a run as a data model: its keys in order, their meaning and units.
+
+The JSON file and its JSON Schema are made from these classes. The values come from
+:class:`cnc.report.result.Report` and are not validated again.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, SkipValidation, TypeAdapter
+
+from cnc.machine.models import AxisLetter
+from cnc.model.diagnostics import Severity
+
+Count = Annotated[int, Field(ge=0)]
+Amount = Annotated[float, Field(ge=0)]
+Span = Annotated[list[float], Field(min_length=2, max_length=2)]
+Text = Annotated[str, SkipValidation]
+"""Text that may hold lone surrogates, such as the name of a file that is not UTF-8."""
+
+
+def _without_default(schema: dict[str, Any]) -> None:
+    """Remove the default from the schema of a key that may be absent, but is never null."""
+    del schema["default"]
+
+
+def _optional(description: str) -> Any:
+    return Field(default=None, description=description, json_schema_extra=_without_default)
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class AxisDynamics(_Part):
+    """Values of one axis; null where nothing was measured or nothing limits."""
+
+    velocity: Amount | None = Field(description="mm/s (degrees/s for rotary axes)")
+    acceleration: Amount | None = Field(description="mm/s²")
+    jerk: Amount | None = Field(description="mm/s³")
+
+
+class PathDynamics(_Part):
+    """Values along the path and of each axis; null where nothing was measured or limits."""
+
+    feed: Amount | None = Field(description="Feed along the path, mm/s")
+    accel: Amount | None = Field(description="Tangential acceleration, mm/s²")
+    jerk: Amount | None = Field(description="Tangential jerk, mm/s³")
+    normal_accel: Amount | None = Field(description="Normal acceleration, mm/s²")
+    chord_error: Amount | None = Field(description="Chord error of the samples, mm")
+    step_deviation: Amount | None = Field(
+        description="Relative difference between a sampled step and the commanded step"
+    )
+    axes: dict[AxisLetter, AxisDynamics] = Field(description="The values of each axis")
+
+
+class Finding(_Part):
+    """An error, a warning or a note."""
+
+    code: str = Field(
+        description="Code of the finding, see the reference of findings",
+        pattern="^[a-z]+(-[a-z0-9]+)*$",
+    )
+    message: Text = Field(description="The cause")
+    file: Text = Field(description="Source file; empty if the finding has none")
+    line: Count = Field(description="Source line from 1; 0 if the finding has none")
+    column: Count = _optional("Column from 1; 0 if the finding has none")
+    severity: Severity = Field(description="An error ends the program; the others do not")
+    hint: Text = _optional("The remedy; empty if there is none")
+
+
+class Timing(_Part):
+    """Computing time."""
+
+    parse_s: Amount = Field(description="Reading the program, s")
+    plan_s: Amount = Field(description="Planning, s")
+    interpolate_s: Amount = Field(description="Interpolation, s")
+    total_s: Amount = Field(description="Everything, with checks and output, s")
+
+
+class Changes(_Part):
+    """Differences to the baseline; pairs are [then, now]."""
+
+    known: bool = Field(description="Whether the baseline has the program")
+    new: list[Finding] = Field(description="Findings that the baseline lacks")
+    gone: list[Finding] = Field(description="Findings of the baseline that have disappeared")
+    duration_s: Span = _optional("Machine time then and now, s; absent if unchanged")
+    path_length_mm: Span = _optional("Path length then and now, mm; absent if unchanged")
+    bounding_box: dict[
+        AxisLetter, Annotated[list[Span | None], Field(min_length=2, max_length=2)]
+    ] = Field(
+        description="Extents of axes then and now, mm; unchanged axes are absent, "
+        "null where the axis did not move"
+    )
+
+
+class Summary(BaseModel):
+    """Summary of one program."""
+
+    model_config = ConfigDict(frozen=True)
+
+    program: Text = Field(description="Name of the program")
+    machine: Text = Field(description="Name of the machine")
+    ok: bool = Field(description="Whether there is no error")
+    lines: Count = Field(description="Source lines that were read")
+    blocks: Count = Field(description="Canonical blocks; each straight move counts")
+    errors: list[Finding] = Field(description="Errors, then warnings and notes")
+    duration_s: Amount = Field(description="Machine time with dwells, s")
+    path_length_mm: Amount = Field(description="Length of the path, mm")
+    bounding_box: dict[AxisLetter, Span] = Field(
+        description="[smallest, largest] position of each axis, mm"
+    )
+    end_position: dict[AxisLetter, float] = Field(description="Last position of each axis, mm")
+    max: PathDynamics = Field(description="Largest values that occurred")
+    limits: PathDynamics = Field(description="Limits of the machine file")
+    violations: dict[str, Count] = Field(description="Number of samples beyond each limit")
+    steps: dict[AxisLetter, Count] = Field(description="Steps of each axis in both directions")
+    pulse_error_blu: Amount | None = Field(
+        description="Largest distance of a grid point from the path, in steps (BLU)"
+    )
+    stopped_at_line: Count | None = Field(
+        description="Source line at which the operator stopped the run"
+    )
+    timing: Timing = Field(description="Computing time")
+    lines_per_s: Amount = Field(description="Source lines for each second of computing")
+    steps_per_s: Amount = Field(description="Steps for each second of computing")
+    changes: Changes = _optional("Differences to the baseline; absent without one")
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the keys in their order. Optional keys that were not set are absent."""
+        return self.model_dump(exclude_unset=True, warnings=False)
+
+
+def summary_schema() -> dict[str, Any]:
+    """Return the JSON Schema of the JSON file: one summary, or a list of summaries."""
+    schema = TypeAdapter(Summary | list[Summary]).json_schema()
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Summary of a check or a run by cncrun: of one program, or a list of many",
+        **schema,
+    }

@@ -1,0 +1,94 @@
+"""The wheel and the source distribution hold all data files, and find them wherever they stand."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.support.paths import ROOT
+
+USE = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import cnc
+assert cnc.__file__.startswith(sys.argv[1]), cnc.__file__
+from cnc.gcode.syntax.parser import parse_line
+from cnc.machine.load import load_machine, shipped_machines
+assert parse_line("G1 X[1 + 2]").words[1].letter == "X"
+assert {"default", "grbl-uno"} <= set(shipped_machines())
+print(load_machine("grbl-uno").axis_names)
+"""
+"""A program that reads a line by the grammar, and a shipped machine file."""
+
+
+def _built(target: str, folder: Path) -> Path:
+    """Build a distribution and return its file."""
+    command = [sys.executable, "-m", "hatchling", "build", "-d", str(folder), "-t", target]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=300)
+    (file,) = folder.iterdir()
+    return file
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return _built("wheel", tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The unpacked source distribution."""
+    import tarfile
+
+    folder = tmp_path_factory.mktemp("source")
+    file = _built("sdist", folder / "dist")
+    with tarfile.open(file) as archive:
+        archive.extractall(folder, filter="data")
+    return folder / file.name.removesuffix(".tar.gz")
+
+
+def _used_from(place: Path, cache: Path) -> str:
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", USE, str(place)],
+        cwd=cache,
+        env=os.environ | {"PYTHONPATH": "", "XDG_CACHE_HOME": str(cache)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_checkout_finds_grammars_and_machines(tmp_path: Path) -> None:
+    assert "x" in _used_from(ROOT, tmp_path)
+
+
+def test_an_installed_wheel_finds_grammars_and_machines(wheel: Path, tmp_path: Path) -> None:
+    place = tmp_path / "site"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(place)
+    assert "x" in _used_from(place, tmp_path)
+
+
+def test_a_wheel_on_the_path_finds_grammars_and_machines(wheel: Path, tmp_path: Path) -> None:
+    assert "x" in _used_from(wheel, tmp_path)
+
+
+def test_an_unpacked_source_distribution_finds_grammars_and_machines(
+    source: Path, tmp_path: Path
+) -> None:
+    assert "x" in _used_from(source, tmp_path)
+
+
+def test_the_wheel_holds_what_the_repository_holds(wheel: Path) -> None:
+    names = set(zipfile.ZipFile(wheel).namelist())
+    for folder in ("grammars", "config"):
+        for file in (ROOT / folder).iterdir():
+            assert f"cnc/{folder}/{file.name}" in names
+    for file in (ROOT / "cnc").rglob("*"):
+        if file.suffix in {".py", ".toml", ".js", ".css", ".html"}:
+            assert file.relative_to(ROOT).as_posix() in names
