@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cnc.kernels.planner.cells import can_gain
 from cnc.kernels.planner.cell_motion import cell_phases
+from cnc.kernels.planner.cells import can_gain
 from cnc.kernels.planner.intervals import LEVELS, Intervals, SumLimits, interval_at
 from cnc.kernels.planner.phases import PHASE
 from cnc.machine.models import Axis, Machine, PathLimits

@@ -1,6 +1,4 @@
-"""The window: how long it is hardly shows in the time, its memory is bounded, and each stretch of
-path is planned about twice.
-"""
+"""Length of the window: a longer one saves little time, and memory and cost are bounded."""
 
 import tracemalloc
 
@@ -114,7 +112,7 @@ def test_memory_does_not_grow_with_the_path():
     assert peak(30) <= 1.2 * peak(10)
 
 
-def test_slices_are_short_when_somebody_may_want_to_change_the_motion():
+def test_slices_are_short_with_an_operator():
     blocks = [lines([(300, 0, 0)], 50.0), arc((300, 0, 0), (300, 50), 1.0, 50.0)]
     plain = list(LookAhead(machine()).plan(path_of(blocks)))
     sliced = list(LookAhead(machine(), Control()).plan(path_of(blocks)))
