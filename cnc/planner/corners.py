@@ -25,8 +25,18 @@ from cnc.kernels.path.curve import LINE
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.corners import round_corners
 from cnc.kernels.planner.legs import REST, record_end
-from cnc.kernels.planner.overlap_stops import PIECES_OF_CORNER, overlap_size, overlap_stops
-from cnc.kernels.planner.overshoot import PHASES_OF_MOVE, overshoot
+from cnc.kernels.planner.overlap_stops import (
+    PIECES_OF_CORNER,
+    find_cuts,
+    overlap_size,
+    overlap_stops,
+)
+from cnc.kernels.planner.overshoot import (
+    PHASES_OF_MOVE,
+    choose_overshoots,
+    find_moves,
+    write_overshoots,
+)
 from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.blocks import Block, Message
@@ -150,19 +160,19 @@ class Overlaps:
         path, limits = path_arrays(plan.path), self._limits
         pieces, axes = len(plan.path), len(plan.path.axes)
         changed, past = self._with_overshoots(plan, path)
-        most = (1 + PIECES_OF_CORNER) * pieces + 1
-        phases = len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1 + most
-        out = _empty_path(most, len(plan.path.data) + (pieces + 1) * overlap_size(axes))
-        out_plan = _empty_plan(most, phases)
-        while True:
-            count, spans, numbers = overlap_stops(path, changed, past, limits.arrays, out, out_plan)
-            if count >= 0:
-                break
+        found, cuts = find_cuts(path, changed, past, limits.arrays)
+        if found < 0:
             # Neighbours can make an overshoot impossible. That is rare; then there is none.
             changed = plan.arrays
             past[:] = 0.0
+            found, cuts = find_cuts(path, changed, past, limits.arrays)
         cut = self._moved(plan)
-        if count:
+        if found:
+            most = (1 + PIECES_OF_CORNER) * pieces + 1
+            phases = len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1 + most
+            out = _empty_path(most, len(plan.path.data) + (pieces + 1) * overlap_size(axes))
+            out_plan = _empty_plan(most, phases)
+            count, spans, numbers = overlap_stops(path, changed, past, cuts, out, out_plan)
             cut = PlanChunk(
                 path=_chunk(plan.path, out, count, numbers),
                 piece_s=out_plan.piece_s[: count + 1],
@@ -182,10 +192,13 @@ class Overlaps:
         """Return the phases with overshoots, and the time of the overshoot behind each piece, s."""
         limits, pieces = self._limits, len(plan.path)
         past = np.zeros(pieces)
-        out = _empty_plan(pieces, len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1)
-        count = overshoot(path, plan.arrays, limits.feeds(plan.path), limits.arrays, past, out)
-        if not count:
+        if limits.along_path:
             return plan.arrays, past
+        moves = find_moves(path, plan.arrays, limits.feeds(plan.path), limits.arrays)
+        if not choose_overshoots(path, plan.arrays, moves, limits.arrays, past):
+            return plan.arrays, past
+        out = _empty_plan(pieces, len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1)
+        count = write_overshoots(plan.arrays, moves, past, out)
         here = slice(count + 1)
         changed = PlanArrays(
             plan.piece_s, out.t[here], out.s[here], out.v[here], out.a[here], out.j[:count]

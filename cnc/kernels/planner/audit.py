@@ -4,7 +4,8 @@ They come from two sources; neither shares a formula with the planner:
 
 - velocity, acceleration and jerk of each axis by the chain rule, from the curve and the phase, at
   points throughout every phase;
-- differences of successive positions at the sampling period T, which show jumps at junctions too.
+- differences of successive positions at the sampling period, which show jumps at junctions too
+  (:mod:`cnc.kernels.planner.audit_samples`).
 
 The hull of a piece's control points (:mod:`cnc.kernels.planner.hull`) bounds its derivatives. Where
 these bounds cannot raise any maximum, the inside of the piece is skipped; the maxima are the same.
@@ -20,14 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import (
-    AXES,
-    LINE,
-    METRIC,
-    METRICS,
-    curve_eval_s,
-    curve_inv_arclen,
-)
+from cnc.kernels.path.curve import AXES, LINE, METRIC, METRICS, curve_eval_s, curve_inv_arclen
 from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.hull import BOUNDS, derivative_bounds
 from cnc.kernels.planner.phases import phase_at
@@ -125,30 +119,27 @@ def cannot_raise(
 def raise_maxima(
     pieces: Pieces,
     piece: int,
-    local: float,
+    q: Floats,
     v: float,
     a: float,
     j: float,
     feed: float,
     largest: Largest,
-    q: Floats,
 ) -> None:
     """Raise the maxima to the values at one point of a piece.
 
     Args:
         pieces: the path.
         piece: the index of the piece.
-        local: arc length in it, mm.
+        q: (4, axes): its derivatives there.
         v: speed along it, mm/s.
         a: acceleration along it.
         j: jerk along it.
         feed: its largest feed, mm/s.
         largest: the maxima.
-        q: (4, axes): scratch.
     """
     kind, data, at = pieces.kind[piece], pieces.data, pieces.at[piece]
     along = largest.along
-    curve_eval_s(kind, data, at, curve_inv_arclen(kind, data, at, local), q)
     if is_timed(kind, data, at):
         speed, tangential, change, normal = timed_motion(data, at, q, v)
     else:
@@ -223,57 +214,30 @@ def audit_phases(
             elif skip and m < points:
                 continue
             local = min(max(s - piece_s[piece], 0.0), piece_s[piece + 1] - piece_s[piece])
-            raise_maxima(pieces, piece, local, v, a, j, feed[piece], largest, q)
+            here, where = kind[piece], pieces.at[piece]
+            curve_eval_s(here, data, where, curve_inv_arclen(here, data, where, local), q)
+            raise_maxima(pieces, piece, q, v, a, j, feed[piece], largest)
             # A line at constant speed has the same values everywhere.
             skip = skip or (kind[piece] == LINE and steady)
 
 
 @njit
-def timed_gaps(
-    pieces: Pieces,
-    piece: int,
-    after: int,
-    s: float,
-    piece_s: Floats,
-    ends: Floats,
-    gap: Floats,
-) -> None:
-    """Compute the gaps of position, speed and acceleration at the end of a timed piece.
+def along_axes(v: float, a: float, q: Floats) -> None:
+    """Replace derivatives by arc length ``q`` (4, axes) by velocity and acceleration of the axes.
 
-    The plan's coordinate changes its meaning there: its rate may jump where the motion does not. So
-    position, velocity and acceleration are compared in every axis.
-
-    Args:
-        pieces: the path.
-        piece: the piece before that place.
-        after: the piece behind it.
-        s: arc length there, mm.
-        piece_s: arc lengths at the ends of the pieces, mm.
-        ends: (2, 2): speed and acceleration along the path, before and after.
-        gap: (GAPS,): receives the gaps.
+    They are written to rows 1 and 2. v, a: the motion along the path.
     """
-    n = int(pieces.data[pieces.at[0] + AXES])
-    q = np.zeros((2, 4, n))
-    gap[SPEED_GAP] = 0.0
-    gap[ACCEL_GAP] = 0.0
-    for side in range(2):
-        here = piece if side == 0 else after
-        kind, data, at = pieces.kind[here], pieces.data, pieces.at[here]
-        v = ends[side, 0]
-        a = ends[side, 1]
-        local = min(max(s - piece_s[here], 0.0), piece_s[here + 1] - piece_s[here])
-        curve_eval_s(kind, data, at, curve_inv_arclen(kind, data, at, local), q[side])
-        for i in range(n):
-            q[side, 2, i] = q[side, 2, i] * v * v + q[side, 1, i] * a
-            q[side, 1, i] *= v
-    for order in range(3):
-        for i in range(n):
-            gap[order] = max(gap[order], abs(q[1, order, i] - q[0, order, i]))
+    for i in range(q.shape[1]):
+        q[2, i] = q[2, i] * v * v + q[1, i] * a
+        q[1, i] *= v
 
 
 @njit
 def continuity(pieces: Pieces, plan: PlanArrays, gaps: Floats) -> None:
     """Integrate each phase and compare its end with the start of the next.
+
+    The plan's coordinate changes its meaning at the ends of timed pieces: its rate may jump where
+    the motion does not. There position, velocity and acceleration are compared in every axis.
 
     Args:
         pieces: the path of the motion.
@@ -283,7 +247,8 @@ def continuity(pieces: Pieces, plan: PlanArrays, gaps: Floats) -> None:
     """
     kind, data, at, piece_s = pieces.kind, pieces.data, pieces.at, plan.piece_s
     gap = np.zeros(GAPS)
-    ends = np.zeros((2, 2))
+    n = int(data[at[0] + AXES])
+    q = np.zeros((2, 4, n))
     last = len(plan.j)
     piece = 0
     for k in range(last + 1):
@@ -303,11 +268,17 @@ def continuity(pieces: Pieces, plan: PlanArrays, gaps: Floats) -> None:
             if k < last and (
                 is_timed(kind[piece], data, at[piece]) or is_timed(kind[after], data, at[after])
             ):
-                ends[0, 0] = v_end
-                ends[0, 1] = a_end
-                ends[1, 0] = v
-                ends[1, 1] = a
-                timed_gaps(pieces, piece, after, s, piece_s, ends, gap)
+                gap[SPEED_GAP] = 0.0
+                gap[ACCEL_GAP] = 0.0
+                for side in range(2):
+                    m = piece if side == 0 else after
+                    local = min(max(s - piece_s[m], 0.0), piece_s[m + 1] - piece_s[m])
+                    u = curve_inv_arclen(kind[m], data, at[m], local)
+                    curve_eval_s(kind[m], data, at[m], u, q[side])
+                    along_axes(v_end if side == 0 else v, a_end if side == 0 else a, q[side])
+                for order in range(3):
+                    for i in range(n):
+                        gap[order] = max(gap[order], abs(q[1, order, i] - q[0, order, i]))
         for m in range(GAPS):
             if gaps[m] == gaps[m] and not gap[m] <= gaps[m]:
                 gaps[m] = gap[m]

@@ -146,50 +146,23 @@ def raise_by_differences(last: Floats, known: int, period: float, largest: Large
 
 
 @njit
-def raise_by_step(
-    pieces: Pieces,
-    piece_s: Floats,
-    first: int,
-    piece: int,
-    s_before: float,
-    s: float,
-    bent: float,
-    last: Floats,
-    largest: Largest,
-    q: Floats,
-) -> None:
-    """Raise step deviation and chord error to those of one step.
+def chord_of(pieces: Pieces, piece: int, last: Floats) -> float:
+    """Return the distance of rows 0 and 4 of ``last`` along the axes that measure a piece, mm."""
+    data, at = pieces.data, pieces.at[piece]
+    squared = 0.0
+    for m in range(int(data[at + METRICS])):
+        c = int(data[at + METRIC + m])
+        squared += (last[4, c] - last[0, c]) * (last[4, c] - last[0, c])
+    return math.sqrt(squared)
 
-    Args:
-        pieces: the path.
-        piece_s: arc lengths at the ends of the pieces, mm.
-        first: the piece in which the step starts.
-        piece: the piece in which it ends.
-        s_before: arc length at its start, mm.
-        s: arc length at its end, mm.
-        bent: an eighth of the largest curvature of ``piece``, 1/mm.
-        last: (5, axes): the positions there in rows 0 and 4; row 3 is scratch.
-        largest: the maxima.
-        q: (4, axes): scratch.
-    """
-    along = largest.along
-    step = s - s_before
-    if piece == first and step * step * bent <= along[CHORD_ERROR]:
-        # The chord alone: the curve is nearer to it than the chord error so far.
-        data, at = pieces.data, pieces.at[piece]
-        chord = 0.0
-        for m in range(int(data[at + METRICS])):
-            c = int(data[at + METRIC + m])
-            chord += (last[4, c] - last[0, c]) * (last[4, c] - last[0, c])
-        along[STEP_DEVIATION] = max(along[STEP_DEVIATION], abs(math.sqrt(chord) - step) / step)
-    else:
-        chord, apart = _step_and_sagitta(pieces, piece_s, first, piece, s_before, s, last, q)
-        corner = False
-        for k in range(first, piece + 1):
-            corner = corner or is_timed(pieces.kind[k], pieces.data, pieces.at[k])
-        if not corner:
-            along[STEP_DEVIATION] = max(along[STEP_DEVIATION], abs(chord - step) / step)
-        along[CHORD_ERROR] = max(along[CHORD_ERROR], apart)
+
+@njit
+def some_timed(pieces: Pieces, first: int, last: int) -> bool:
+    """Return whether one of the pieces first .. last is timed."""
+    found = False
+    for k in range(first, last + 1):
+        found = found or is_timed(pieces.kind[k], pieces.data, pieces.at[k])
+    return found
 
 
 @njit
@@ -227,7 +200,7 @@ def audit_samples(
         The next index and the new ``known``.
     """
     kind, data, piece_s = pieces.kind, pieces.data, plan.piece_s
-    n = len(largest.axis_v)
+    along, n = largest.along, len(largest.axis_v)
     q = np.zeros((4, n))
     bounds = np.zeros((n + 1, BOUNDS))
     bent = math.inf
@@ -262,7 +235,18 @@ def audit_samples(
                 bounded = piece
                 derivative_bounds(here, data, where, bounds)
                 bent = bounds[n, 1] / 8.0
-            raise_by_step(pieces, piece_s, piece_before, piece, s_before, s, bent, last, largest, q)
+            step = s - s_before
+            if piece == piece_before and step * step * bent <= along[CHORD_ERROR]:
+                # The chord alone: the curve is nearer to it than the chord error so far.
+                chord = chord_of(pieces, piece, last)
+                along[STEP_DEVIATION] = max(along[STEP_DEVIATION], abs(chord - step) / step)
+            else:
+                chord, apart = _step_and_sagitta(
+                    pieces, piece_s, piece_before, piece, s_before, s, last, q
+                )
+                if not some_timed(pieces, piece_before, piece):
+                    along[STEP_DEVIATION] = max(along[STEP_DEVIATION], abs(chord - step) / step)
+                along[CHORD_ERROR] = max(along[CHORD_ERROR], apart)
         for i in range(n):
             last[2, i] = last[1, i]
             last[1, i] = last[0, i]

@@ -37,10 +37,7 @@ from numpy.typing import NDArray
 from cnc.kernels.jit import njit
 from cnc.kernels.planner.intervals import Intervals
 from cnc.kernels.planner.phases import Phases, write_phase
-from cnc.kernels.planner.scurve import (
-    reachable_speed,
-    write_profile,
-)
+from cnc.kernels.planner.scurve import reachable_speed, write_profile
 from cnc.kernels.planner.spans import best_cut, best_profile, lowest_violation, span_bounds
 
 Floats = NDArray[np.float64]
@@ -69,11 +66,14 @@ class Chain(NamedTuple):
     Attributes:
         first: the bound at which a node begins: bound k is the start of interval k.
         last: the bound at which it ends.
-        following, preceding: the neighbours; -1 for none.
+        following: the next node; -1 for none.
+        preceding: the node before; -1 for none.
         kind: UNUSED, FIXED, FORCED or FOUND.
         v: speed at the node, mm/s.
         cap: largest speed in the span behind the node, mm/s.
-        peak, accel, jerk: the profile of the span behind the node.
+        peak: largest speed in the profile of that span, mm/s.
+        accel: its acceleration.
+        jerk: its jerk.
         stack: spans to be examined, by their node.
         queued: whether a span is on the stack.
     """

@@ -42,10 +42,7 @@ import numpy as np
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
-from cnc.kernels.planner.legs import (
-    SHARPEST,
-    Turn,
-)
+from cnc.kernels.planner.legs import SHARPEST, Turn
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.overshoot import PHASE_SHARE
 

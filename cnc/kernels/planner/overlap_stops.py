@@ -24,7 +24,6 @@ from cnc.kernels.planner.timed import TIMED_SIZE, TIMED_SIZE_PER_AXIS, write_tim
 PIECES_OF_CORNER = 3
 """Largest number of timed pieces of a corner."""
 
-
 S, V, A, J = range(4)
 """Entries of a state of motion: arc length, speed, acceleration and jerk."""
 
@@ -45,12 +44,29 @@ class Cuts(NamedTuple):
     rest: Ints
 
 
-class Progress(NamedTuple):
-    """State of the construction of a new path and plan, one entry each, so that kernels change it.
+class Corner(NamedTuple):
+    """Scratch for one overlap.
 
     Attributes:
-        counts: (3,): numbers of pieces, of phases and of numbers in records written.
-        places: (3,): arc length reached, mm; time saved, s; shift of the arc lengths, mm.
+        u: (2, axes): directions of the legs.
+        place: (axes,): the corner.
+        ends: (4, axes): start, inner control points (measured from the start) and end of a part.
+        state: (2, 4): S, V, A and J of both ramps.
+    """
+
+    u: Floats
+    place: Floats
+    ends: Floats
+    state: Floats
+
+
+class Progress(NamedTuple):
+    """State of the construction of a new path and plan, in arrays so that kernels can change it.
+
+    Attributes:
+        counts: (3,): PIECES, PHASES and NUMBERS (of the records) written so far.
+        places: (3,): arc length REACHED, mm; time by which later phases are EARLIER, s; SHIFT of
+            their arc lengths, mm.
     """
 
     counts: Ints
@@ -58,10 +74,10 @@ class Progress(NamedTuple):
 
 
 PIECES, PHASES, NUMBERS = range(3)
-
+"""Entries of ``Progress.counts``."""
 
 REACHED, EARLIER, SHIFT = range(3)
-"""Entries of the arrays of :class:`Progress`."""
+"""Entries of ``Progress.places``."""
 
 
 @njit
@@ -130,15 +146,24 @@ def phases_of_ramp(past: float) -> int:
 
 @njit
 def find_cuts(
-    path: PathArrays, plan: PlanArrays, past: Floats, limits: LimitArrays, cuts: Cuts
-) -> int:
+    path: PathArrays, plan: PlanArrays, past: Floats, limits: LimitArrays
+) -> tuple[int, Cuts]:
     """Find the overlaps of a plan.
 
+    Args:
+        path: of the motion.
+        plan: its phases.
+        past: (pieces,): times of the overshoots at the ends of the pieces, s, from
+            :func:`cnc.kernels.planner.overshoot.choose_overshoots`.
+        limits: of the machine.
+
     Returns:
-        1 if there are some, 0 if there are none, -1 if an overshoot is not possible.
+        1 if there are some, 0 if there are none, -1 if an overshoot is not possible; and the
+        overlaps.
     """
     kind, piece_s, length = path.pieces.kind, plan.piece_s, path.length
     pieces = len(kind)
+    cuts = Cuts(np.zeros(pieces), np.zeros(pieces), np.zeros(pieces), np.zeros(pieces, np.int64))
     u = np.zeros((2, len(limits.axis_jerk)))
     begins = np.zeros(4)
     ends = np.zeros(4)
@@ -170,15 +195,15 @@ def find_cuts(
             cuts.before[b + 1] = ends[S] - plan.s[k]
         most = max(cuts.after[b] / length[b], cuts.before[b + 1] / length[b + 1])
         if past[b] > 0.0 and (common <= 2.0 * BACK * past[b] or most > LEGS_SHARE):
-            return -1
+            return -1, cuts
         if common > 0.0:
             found = 1
             cuts.common[b] = common
             cuts.rest[b] = k
     for b in range(pieces):
         if past[b] > 0.0 and cuts.common[b] == 0.0:
-            return -1
-    return found
+            return -1, cuts
+    return found, cuts
 
 
 @njit
@@ -240,12 +265,94 @@ def copy_piece(
 
 
 @njit
-def describe_overlap(path: PathArrays, b: int, out: PathArrays, count: int) -> None:
-    """Write feed, line, stop and tolerance of piece ``count``, in the overlap behind piece ``b``.
+def begin_overlap(path: PathArrays, b: int, out: PathArrays, count: int, corner: Corner) -> None:
+    """Prepare ``corner`` for the overlap behind piece ``b``, written as piece ``count`` - 1."""
+    data, at = path.pieces.data, path.pieces.at
+    n = len(corner.place)
+    left = out.pieces.at[count - 1] + START + n
+    directions(data, at[b], data, at[b + 1], corner.u)
+    for i in range(n):
+        corner.place[i] = data[at[b + 1] + START + i]
+        corner.ends[3, i] = out.pieces.data[left + i]
+
+
+@njit
+def control_points(
+    plan: PlanArrays,
+    cuts: Cuts,
+    b: int,
+    first: int,
+    second: int,
+    t: float,
+    until: float,
+    corner: Corner,
+) -> None:
+    """Compute the Bezier curve of the next part of an overlap.
+
+    Args:
+        plan: the phases.
+        cuts: the overlaps.
+        b: the piece before the overlap.
+        first: the phase of the ramp to rest.
+        second: the phase of the ramp from rest.
+        t: start of the part, from the start of the overlap, s.
+        until: its end, s.
+        corner: receives the result in ``ends``, and the states at the end.
+    """
+    u, ends, one, two = corner.u, corner.ends, corner.state[0], corner.state[1]
+    common, r = cuts.common[b], cuts.rest[b]
+    rest_t, rest_s = plan.t[r], plan.s[r]
+    begin = rest_t - common
+    dt = until - t
+    ends[0] = ends[3]
+    at_time(begin + t, first, plan, one)
+    at_time(rest_t + t, second, plan, two)
+    for i in range(u.shape[1]):
+        v = one[V] * u[0, i] + two[V] * u[1, i]
+        acc = one[A] * u[0, i] + two[A] * u[1, i]
+        ends[1, i] = v * dt / 3.0
+        ends[2, i] = 2.0 * v * dt / 3.0 + acc * dt * dt / 6.0
+    at_time(begin + until, first, plan, one)
+    at_time(rest_t + until, second, plan, two)
+    for i in range(u.shape[1]):
+        place = corner.place[i]
+        ends[3, i] = place + (one[S] - rest_s) * u[0, i] + (two[S] - rest_s) * u[1, i]
+        if until == common:
+            ends[3, i] = place + cuts.before[b + 1] * u[1, i]
+
+
+@njit
+def write_part(
+    path: PathArrays,
+    b: int,
+    at: int,
+    t: float,
+    dt: float,
+    out: PathArrays,
+    out_plan: PlanArrays,
+    progress: Progress,
+) -> None:
+    """Append a timed piece of the overlap behind piece ``b``, and its phase.
 
     The line is that of the faster move, so that the speed of a traverse is not assigned to a feed
     move.
+
+    Args:
+        path: the path.
+        b: the piece before the overlap.
+        at: index of the record.
+        t: time at its start, in the plan so far, s.
+        dt: its duration, s.
+        out: the new path.
+        out_plan: its phases.
+        progress: state of the construction.
     """
+    counts, places = progress.counts, progress.places
+    count, written = counts[PIECES], counts[PHASES]
+    length = out.pieces.data[at + LENGTH]
+    out.pieces.kind[count] = SPAN
+    out.pieces.at[count] = at
+    out.length[count] = length
     feed1, feed2 = path.feed[b], path.feed[b + 1]
     both = feed1 == feed1 and feed2 == feed2
     out.feed[count] = max(feed1, feed2) if both else math.nan
@@ -253,106 +360,49 @@ def describe_overlap(path: PathArrays, b: int, out: PathArrays, count: int) -> N
     out.line[count] = path.line[b + 1] if faster else path.line[b]
     out.stop_after[count] = False
     out.tolerance[count] = 0.0
+    out_plan.piece_s[count] = places[REACHED]
+    out_plan.t[written] = t - places[EARLIER]
+    out_plan.s[written] = places[REACHED]
+    out_plan.v[written] = length / dt
+    out_plan.a[written] = 0.0
+    out_plan.j[written] = 0.0
+    counts[PIECES] += 1
+    counts[PHASES] += 1
+    places[REACHED] += length
 
 
 @njit
-def write_overlap(
-    path: PathArrays,
+def end_overlap(
     plan: PlanArrays,
+    cuts: Cuts,
     b: int,
     m: int,
-    cuts: Cuts,
-    out: PathArrays,
+    corner: Corner,
     out_plan: PlanArrays,
     progress: Progress,
 ) -> None:
-    """Append the timed pieces of the overlap behind piece ``b``, and their phases.
-
-    Both motions go on with constant jerks up to the next end of a phase of either: there a timed
-    piece ends.
+    """Append the rest of the phase of the second ramp, and shift the phases behind it.
 
     Args:
-        path: of the motion.
-        plan: its phases.
-        b: the piece before the corner, the last one written.
-        m: number of phases on either side that reach into the overlap.
+        plan: the phases.
         cuts: the overlaps.
-        out: the new path.
-        out_plan: its phases.
+        b: the piece before the overlap.
+        m: number of phases on either side that reach into it.
+        corner: the state at the end of the overlap.
+        out_plan: the new phases.
         progress: state of the construction.
     """
-    data, at = path.pieces.data, path.pieces.at
-    records = out.pieces.data
-    n = int(data[at[b]])
-    u = np.zeros((2, n))
-    q = np.zeros((4, n))
-    ends = np.zeros((4, n))
-    one = np.zeros(4)
-    two = np.zeros(4)
-    counts, places = progress.counts, progress.places
+    places, two = progress.places, corner.state[1]
     common, r = cuts.common[b], cuts.rest[b]
-    rest_t, rest_s = plan.t[r], plan.s[r]
-    begin = rest_t - common
-    directions(data, at[b], data, at[b + 1], u)
-    left = out.pieces.at[counts[PIECES] - 1]
-    corner = at[b + 1] + START
-    for i in range(n):
-        ends[0, i] = records[left + START + n + i]
-    ka = r - m
-    kb = r
-    t = 0.0
-    while t < common:
-        until = min(common, plan.t[ka + 1] - begin, plan.t[kb + 1] - rest_t)
-        if ka + 1 == r and kb + 1 == r + m:
-            until = common
-        dt = until - t
-        at_time(begin + t, ka, plan, one)
-        at_time(rest_t + t, kb, plan, two)
-        for i in range(n):
-            v = one[V] * u[0, i] + two[V] * u[1, i]
-            acc = one[A] * u[0, i] + two[A] * u[1, i]
-            ends[1, i] = v * dt / 3.0
-            ends[2, i] = 2.0 * v * dt / 3.0 + acc * dt * dt / 6.0
-        at_time(begin + until, ka, plan, one)
-        at_time(rest_t + until, kb, plan, two)
-        for i in range(n):
-            ends[3, i] = (
-                data[corner + i] + (one[S] - rest_s) * u[0, i] + (two[S] - rest_s) * u[1, i]
-            )
-            if until == common:
-                ends[3, i] = data[corner + i] + cuts.before[b + 1] * u[1, i]
-        count, written, used = counts[PIECES], counts[PHASES], counts[NUMBERS]
-        out.pieces.kind[count] = SPAN
-        out.pieces.at[count] = used
-        counts[NUMBERS] = write_timed(records, used, left, ends[0], ends[1], ends[2], ends[3], q)
-        length = records[used + LENGTH]
-        out.length[count] = length
-        describe_overlap(path, b, out, count)
-        out_plan.piece_s[count] = places[REACHED]
-        out_plan.t[written] = begin + t - places[EARLIER]
-        out_plan.s[written] = places[REACHED]
-        out_plan.v[written] = length / dt
-        out_plan.a[written] = 0.0
-        out_plan.j[written] = 0.0
-        counts[PIECES] += 1
-        counts[PHASES] += 1
-        places[REACHED] += length
-        ends[0] = ends[3]
-        t = until
-        if plan.t[ka + 1] - begin <= t and ka + 1 < r:
-            ka += 1
-        if plan.t[kb + 1] - rest_t <= t and kb + 1 < r + m:
-            kb += 1
-    # The rest of the phase of the second ramp.
-    written = counts[PHASES]
+    written = progress.counts[PHASES]
     places[EARLIER] += common
-    out_plan.t[written] = begin + common - (places[EARLIER] - common)
+    out_plan.t[written] = (plan.t[r] - common) + common - (places[EARLIER] - common)
     out_plan.s[written] = places[REACHED]
     out_plan.v[written] = two[V]
     out_plan.a[written] = two[A]
     out_plan.j[written] = plan.j[r + m - 1]
-    counts[PHASES] += 1
-    places[SHIFT] = places[REACHED] - (rest_s + cuts.before[b + 1])
+    progress.counts[PHASES] += 1
+    places[SHIFT] = places[REACHED] - (plan.s[r] + cuts.before[b + 1])
 
 
 @njit
@@ -360,31 +410,29 @@ def overlap_stops(
     path: PathArrays,
     plan: PlanArrays,
     past: Floats,
-    limits: LimitArrays,
+    cuts: Cuts,
     out: PathArrays,
     out_plan: PlanArrays,
 ) -> tuple[int, int, int]:
     """Let the ramps at the stops on corners of a plan overlap.
 
+    Both motions of an overlap go on with constant jerks up to the next end of a phase of either:
+    there a timed piece ends.
+
     Args:
         path: of the motion.
         plan: its phases.
         past: (pieces,): times of the overshoots at the ends of the pieces, s, from
-            :func:`cnc.kernels.planner.overshoot.overshoot`.
-        limits: of the machine.
+            :func:`cnc.kernels.planner.overshoot.choose_overshoots`.
+        cuts: the overlaps, from :func:`find_cuts`.
         out: space for the new path: four times the pieces and one more. The data needs the size of
             all records, and :func:`overlap_size` for each piece.
         out_plan: space for its phases: four more for each piece.
 
     Returns:
-        The numbers of pieces, of phases and of numbers in records of the new motion; (0, 0, 0) if
-        nothing changes, (-1, 0, 0) if an overshoot is not possible.
+        The numbers of pieces, of phases and of numbers in records of the new motion.
     """
     pieces = len(path.length)
-    cuts = Cuts(np.zeros(pieces), np.zeros(pieces), np.zeros(pieces), np.zeros(pieces, np.int64))
-    found = find_cuts(path, plan, past, limits, cuts)
-    if found != 1:
-        return found, 0, 0
     # The old records come first, those of changed pieces behind them.
     lowest = path.pieces.at[0]
     used = 0
@@ -396,15 +444,42 @@ def overlap_stops(
     progress = Progress(np.zeros(3, np.int64), np.zeros(3))
     counts, places = progress.counts, progress.places
     counts[NUMBERS] = used
+    n = int(path.pieces.data[path.pieces.at[0]])
+    q = np.zeros((4, n))
+    corner = Corner(np.zeros((2, n)), np.zeros(n), np.zeros((4, n)), np.zeros((2, 4)))
+    ends = corner.ends
     k = 0
     for b in range(pieces):
         copy_piece(path, b, lowest, cuts, out, out_plan.piece_s, progress)
-        if cuts.common[b] > 0.0:
-            m = phases_of_ramp(past[b])
-            # The phases up to the start of the second ramp.
-            copy_phases(plan, k, cuts.rest[b] - m + 1, out_plan, progress)
-            write_overlap(path, plan, b, m, cuts, out, out_plan, progress)
-            k = cuts.rest[b] + m
+        common, r = cuts.common[b], cuts.rest[b]
+        if common == 0.0:
+            continue
+        m = phases_of_ramp(past[b])
+        # The phases up to the start of the second ramp.
+        copy_phases(plan, k, r - m + 1, out_plan, progress)
+        begin_overlap(path, b, out, counts[PIECES], corner)
+        left = out.pieces.at[counts[PIECES] - 1]
+        begin = plan.t[r] - common
+        first = r - m
+        second = r
+        t = 0.0
+        while t < common:
+            until = min(common, plan.t[first + 1] - begin, plan.t[second + 1] - plan.t[r])
+            if first + 1 == r and second + 1 == r + m:
+                until = common
+            control_points(plan, cuts, b, first, second, t, until, corner)
+            used = counts[NUMBERS]
+            counts[NUMBERS] = write_timed(
+                out.pieces.data, used, left, ends[0], ends[1], ends[2], ends[3], q
+            )
+            write_part(path, b, used, begin + t, until - t, out, out_plan, progress)
+            t = until
+            if plan.t[first + 1] - begin <= t and first + 1 < r:
+                first += 1
+            if plan.t[second + 1] - plan.t[r] <= t and second + 1 < r + m:
+                second += 1
+        end_overlap(plan, cuts, b, m, corner, out_plan, progress)
+        k = r + m
     out_plan.piece_s[counts[PIECES]] = places[REACHED]
     copy_phases(plan, k, len(plan.j), out_plan, progress)
     last, end = counts[PHASES], len(plan.j)

@@ -288,34 +288,19 @@ def choose_overshoots(
 
 
 @njit
-def overshoot(
-    path: PathArrays,
-    plan: PlanArrays,
-    bound: Floats,
-    limits: LimitArrays,
-    past: Floats,
-    out: PlanArrays,
-) -> int:
-    """Let straight moves between two rests overshoot their corners where that saves time.
+def write_overshoots(plan: PlanArrays, moves: RestToRest, past: Floats, out: PlanArrays) -> int:
+    """Write a plan whose moves overshoot their corners.
 
     Args:
-        path: of the motion.
-        plan: its phases.
-        bound: largest feed of each piece, mm/s.
-        limits: of the machine.
-        past: (pieces,): receives the time of the overshoot at the end of each, s, or 0.
+        plan: the phases.
+        moves: its moves from rest to rest.
+        past: (pieces,): the time of the overshoot at the end of each piece, s, or 0.
         out: space for the new phases, PHASES_OF_MOVE more for each piece.
 
     Returns:
-        The number of phases; 0 if nothing changes.
+        The number of phases.
     """
-    most = min(limits.tangential_acceleration, limits.tangential_jerk, limits.normal_acceleration)
-    if most < math.inf:
-        return 0
-    moves = find_moves(path, plan, bound, limits)
-    if not choose_overshoots(path, plan, moves, limits, past):
-        return 0
-    pieces = len(path.length)
+    pieces = len(past)
     piece_s = plan.piece_s
     written = 0
     later = 0.0

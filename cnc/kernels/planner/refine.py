@@ -222,19 +222,6 @@ def duration_of(cells: Cells, x: Floats, dx: Floats) -> float:
 
 
 @njit
-def refine_cells(cells: Cells, known: Intervals, limits: SumLimits) -> bool:
-    """Refine all cells, a window at a time; return whether the motion is legal."""
-    count = len(cells.length)
-    done = 0
-    while done < count:
-        until = min(done + WINDOW, count)
-        if not descend(done, until, cells, known, limits):
-            return False
-        done = until if until == count else done + WINDOW // 2
-    return True
-
-
-@njit
 def refine(
     phases: Phases, known: Intervals, machine: LimitArrays, rough: bool
 ) -> tuple[bool, Phases]:
@@ -279,7 +266,13 @@ def refine(
             cells.s[number] = rows[last]["s"] if last < total else finish
             cells.v[number] = rows[last]["v"] if last < total else 0.0
             describe(cells, known)
-            refined = refine_cells(cells, known, limits)
+            # A window at a time.
+            refined = True
+            done = 0
+            while refined and done < number:
+                until = min(done + WINDOW, number)
+                refined = descend(done, until, cells, known, limits)
+                done = until if until == number else done + WINDOW // 2
             if refined:
                 before = 0.0
                 for r in range(first, last):

@@ -17,18 +17,15 @@ from cnc.kernels.planner.limits import TURNING_SHARE
 
 Floats = NDArray[np.float64]
 
-
 VARIATION = 0.02
 """Largest variation of the bounds between neighbouring samples of an interval, relative to the
 limits.
 """
 
-
 BRIEF_VARIATION = 0.1
 """Largest variation of the speed bound along the path in an interval that takes less than a period,
 where no time can be lost.
 """
-
 
 TURN = 0.1
 """Largest turn of the direction within an interval, rad."""
@@ -41,7 +38,9 @@ class Sampling(NamedTuple):
         q: (SAMPLES, 4, axes): derivatives of the path by arc length, of order 0 to 3.
         speed: (SAMPLES,): speed bounds that leave acceleration for any direction, mm/s.
         top: (SAMPLES,): speeds that no motion exceeds, mm/s.
-        first, second, third: (axes,): bounds of |q'|, |q''|, |q'''| over the interval.
+        first: (axes,): bounds of |q'| over the interval.
+        second: (axes,): bounds of |q''|.
+        third: (axes,): bounds of |q'''|.
     """
 
     q: Floats

@@ -1,4 +1,4 @@
-"""Profiles over a span of intervals: the fastest one, the best cut, and the bound it exceeds most."""
+"""Profiles over a span of intervals: the fastest one, its violations, and the best cut."""
 
 from __future__ import annotations
 
@@ -20,10 +20,8 @@ from cnc.kernels.planner.scurve import (
 
 Floats = NDArray[np.float64]
 
-
 WORTHWHILE = 0.005
 """A cut has to save this part of the time of the span."""
-
 
 SLACK = 1e-12
 """Relative; a distance or a speed may exceed its bound by this rounding error."""

@@ -127,115 +127,47 @@ def attainable_speed(
 
 
 @njit
-def fit_interval(
-    pieces: Pieces,
-    k: int,
-    start: float,
-    end: float,
-    fastest: float,
-    limits: LimitArrays,
-    sampling: Sampling,
-) -> tuple[float, float, float]:
-    """Halve the interval [start, end] of a piece until its bounds are about constant.
-
-    Returns:
-        The end that is left, mm, and the two speed bounds, mm/s. ``sampling`` holds the samples.
-    """
-    data, at = pieces.data, pieces.at[k]
-    line = pieces.kind[k] == LINE
-    while True:
-        sample(pieces, k, start, end, sampling.q)
-        for m in range(SAMPLES):
-            sampling.speed[m], sampling.top[m] = speed_bounds(
-                data, at, sampling.q[m], MARGIN_OF_FEED * fastest, limits
-            )
-        bound_derivatives(sampling)
-        v = min(fastest, lowest_between(sampling.speed))
-        top = min(fastest, lowest_between(sampling.top))
-        if line or end - start <= SHORTEST:
-            break
-        spacing = (end - start) / (SAMPLES - 1)
-        if not bounds_vary(sampling, min(top, REFINED * v), spacing, limits):
-            break
-        end = start + 0.5 * (end - start)
-    return end, v, top
+def empty_sampling(axes: int) -> Sampling:
+    """Return arrays for samples."""
+    return Sampling(
+        np.zeros((SAMPLES, 4, axes)),
+        np.zeros(SAMPLES),
+        np.zeros(SAMPLES),
+        np.zeros(axes),
+        np.zeros(axes),
+        np.zeros(axes),
+    )
 
 
 @njit
-def piece_intervals(
-    pieces: Pieces,
-    k: int,
-    length: float,
-    feed: float,
-    before: Junction,
-    after: Junction,
-    limits: LimitArrays,
-    sampling: Sampling,
-    out: Intervals,
-    count: int,
-) -> int:
-    """Append the intervals of piece ``k`` to ``out``: the arguments of :func:`chunk_intervals`.
+def bound_speeds(
+    sampling: Sampling, data: Floats, at: int, fastest: float, limits: LimitArrays
+) -> tuple[float, float]:
+    """Compute the speed bounds at the samples, and the bounds of the derivatives.
+
+    Args:
+        sampling: the samples.
+        data: the records.
+        at: index of the record of the piece.
+        fastest: largest speed, mm/s.
+        limits: of the machine.
 
     Returns:
-        The new count, or -1 if ``out`` has no space for them.
+        The two speed bounds of the interval, mm/s.
     """
-    data, at = pieces.data, pieces.at[k]
-    q = sampling.q
-    base = out.end[count - 1] if count > 0 else 0.0
-    flat_from = FLAT_PERIODS * limits.period * before.speed if before.flat else 0.0
-    flat_to = length - (FLAT_PERIODS * limits.period * after.speed if after.flat else 0.0)
-    fastest = feed
-    if pieces.kind[k] != LINE:
-        fastest = attainable_speed(pieces, k, length, fastest, limits, q)
-    start = 0.0
-    step = length
-    while start < length:
-        if count + 2 > len(out.end):
-            return -1
-        # Stretches of constant speed are cut like the others; those that touch have one speed.
-        flat = start < flat_from or start >= flat_to
-        limit = flat_from if start < flat_from else flat_to if start < flat_to else length
-        end = min(start + step, limit)
-        if limit - end < 1e-9 * length:
-            end = limit
-        end, v, top = fit_interval(pieces, k, start, end, fastest, limits, sampling)
-        share = 1.0
-        if end - start <= SHORTEST:
-            sharp = (
-                before.speed == 0.0
-                and start == 0.0
-                and curvature_of(data, at, q[0]) * SHORTEST > 1.0
-            )
-            sharp = sharp or (
-                after.speed == 0.0
-                and end == length
-                and curvature_of(data, at, q[SAMPLES - 1]) * SHORTEST > 1.0
-            )
-            if sharp:
-                # The share accounts for the bend.
-                q[:, 2:] = 0.0
-                share = BENT_SHARE
-                bound_derivatives(sampling)
-                a, j = tangential_bounds(sampling, 0.0, limits)
-                v = top = min(fastest, reachable_speed(0.0, end - start, share * a, share * j))
-        if flat:
-            v = min(v, before.speed if start < flat_from else after.speed)
-        step = 2.0 * (end - start)
-        count = write_interval(
-            base + start, base + end, v, top, flat, share, sampling, limits, out, count
+    for m in range(SAMPLES):
+        sampling.speed[m], sampling.top[m] = speed_bounds(
+            data, at, sampling.q[m], MARGIN_OF_FEED * fastest, limits
         )
-        start = end
-    if after.flat and after.speed == 0.0:
-        if count + 1 > len(out.end):
-            return -1
-        # The path at the stop is the path at the end of the interval before.
-        for m in range(SAMPLES - 1):
-            q[m] = q[SAMPLES - 1]
-        sampling.second[:] = 0.0
-        sampling.third[:] = 0.0
-        stop = base + length
-        count = write_interval(stop, stop, 0.0, 0.0, True, 1.0, sampling, limits, out, count)
-    return count
+    bound_derivatives(sampling)
+    v = min(fastest, lowest_between(sampling.speed))
+    return v, min(fastest, lowest_between(sampling.top))
+
+
+@njit
+def is_sharp(data: Floats, at: int, q: Floats) -> bool:
+    """Return whether the radius of the bend is less than SHORTEST, from its derivatives ``q``."""
+    return curvature_of(data, at, q) * SHORTEST > 1.0
 
 
 @njit
@@ -264,30 +196,74 @@ def chunk_intervals(
     Returns:
         The number of intervals, or -1 if ``out`` has no space for them.
     """
-    axes = len(limits.axis_velocity)
-    sampling = Sampling(
-        np.zeros((SAMPLES, 4, axes)),
-        np.zeros(SAMPLES),
-        np.zeros(SAMPLES),
-        np.zeros(axes),
-        np.zeros(axes),
-        np.zeros(axes),
-    )
+    data = pieces.data
+    sampling = empty_sampling(len(limits.axis_velocity))
+    q = sampling.q
     count = 0
+    base = 0.0
     entry = before
     for k in range(len(length)):
         leave = after
         if k + 1 < len(length):
             shorter = min(length[k], length[k + 1])
             leave = piece_junction(
-                pieces, k, feed[k], pieces, k + 1, feed[k + 1], shorter, limits, sampling.q
+                pieces, k, feed[k], pieces, k + 1, feed[k + 1], shorter, limits, q
             )
         if stop_after[k]:
             leave = Junction(0.0, True)
-        count = piece_intervals(
-            pieces, k, length[k], feed[k], entry, leave, limits, sampling, out, count
-        )
-        if count < 0:
-            return -1
+        line, at, whole = pieces.kind[k] == LINE, pieces.at[k], length[k]
+        flat_from = FLAT_PERIODS * limits.period * entry.speed if entry.flat else 0.0
+        flat_to = whole - (FLAT_PERIODS * limits.period * leave.speed if leave.flat else 0.0)
+        fastest = feed[k]
+        if not line:
+            fastest = attainable_speed(pieces, k, whole, fastest, limits, q)
+        start = 0.0
+        step = whole
+        while start < whole:
+            if count + 2 > len(out.end):
+                return -1
+            # Stretches of constant speed are cut like the others; those that touch have one speed.
+            flat = start < flat_from or start >= flat_to
+            limit = flat_from if start < flat_from else flat_to if start < flat_to else whole
+            end = min(start + step, limit)
+            if limit - end < 1e-9 * whole:
+                end = limit
+            while True:
+                sample(pieces, k, start, end, q)
+                v, top = bound_speeds(sampling, data, at, fastest, limits)
+                if line or end - start <= SHORTEST:
+                    break
+                spacing = (end - start) / (SAMPLES - 1)
+                if not bounds_vary(sampling, min(top, REFINED * v), spacing, limits):
+                    break
+                end = start + 0.5 * (end - start)
+            share = 1.0
+            if end - start <= SHORTEST and (
+                (entry.speed == 0.0 and start == 0.0 and is_sharp(data, at, q[0]))
+                or (leave.speed == 0.0 and end == whole and is_sharp(data, at, q[SAMPLES - 1]))
+            ):
+                # The share accounts for the bend.
+                q[:, 2:] = 0.0
+                share = BENT_SHARE
+                bound_derivatives(sampling)
+                a, j = tangential_bounds(sampling, 0.0, limits)
+                v = top = min(fastest, reachable_speed(0.0, end - start, share * a, share * j))
+            if flat:
+                v = min(v, entry.speed if start < flat_from else leave.speed)
+            step = 2.0 * (end - start)
+            count = write_interval(
+                base + start, base + end, v, top, flat, share, sampling, limits, out, count
+            )
+            start = end
+        base += whole
+        if leave.flat and leave.speed == 0.0:
+            if count + 1 > len(out.end):
+                return -1
+            # The path at the stop is the path at the end of the interval before.
+            for m in range(SAMPLES - 1):
+                q[m] = q[SAMPLES - 1]
+            sampling.second[:] = 0.0
+            sampling.third[:] = 0.0
+            count = write_interval(base, base, 0.0, 0.0, True, 1.0, sampling, limits, out, count)
         entry = leave
     return count
