@@ -195,8 +195,7 @@ class Overlaps:
         if limits.along_path:
             return plan.arrays, past
         moves = find_moves(path, plan.arrays, limits.feeds(plan.path), limits.arrays)
-        if not choose_overshoots(path, plan.arrays, moves, limits.arrays, past):
-            return plan.arrays, past
+        choose_overshoots(path, plan.arrays, moves, limits.arrays, past)
         out = _empty_plan(pieces, len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1)
         count = write_overshoots(plan.arrays, moves, past, out)
         here = slice(count + 1)
