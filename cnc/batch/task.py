@@ -1,4 +1,4 @@
-"""What goes to a worker and what comes back, both of them pickled."""
+"""Messages between the calling process and its workers; they are pickled."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from cnc.session.source import InlineProgram, display_name
 
 
 class Prepare:
-    """Asks a worker to compile the kernels if need be. The answer: :class:`Compiling` if that takes
-    time, and None when it is done.
+    """Request to compile the kernels.
+
+    The worker answers :class:`Compiling` if it must compile, and None at the end.
     """
 
 
 class Compiling:
-    """The worker compiles the kernels; it will take a while."""
+    """Answer: the worker compiles the kernels, which takes about a minute."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +31,10 @@ class Task:
     options: RunOptions
 
     def perform(self) -> Report | CncError:
-        """Check the program here; a CncError is for the caller, who named a machine or an option
-        that can't be used with any program.
+        """Check the program in this process.
+
+        Returns:
+            The report, or the fault of a machine or an option that is wrong for every program.
         """
         from cnc.session.session import Session
 
@@ -48,13 +51,13 @@ class Task:
             )
 
     def failed(self, code: str, message: str, hint: str) -> Report:
-        """The report of a program that nothing can be said about, for no fault of its own."""
+        """Return the report of a program that could not be checked."""
         return self.with_fault(
             CncError(Diagnostic(code, message, display_name(self.program), hint=hint))
         )
 
     def with_fault(self, fault: CncError) -> Report:
-        """The report of a program of which nothing is known but what is wrong."""
+        """Return a report with one fault and no other result."""
         return Report(
             display_name(self.program),
             self.machine,

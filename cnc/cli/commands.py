@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
@@ -310,6 +310,25 @@ def papers(
     written = page.write(done, folder)
     if not quiet:
         print(written)
+    return 0
+
+
+@app.command
+def schema(
+    document: Annotated[
+        Literal["machine", "summary"],
+        Parameter(help="machine: the machine file. summary: the summary that --json writes."),
+    ],
+    /,
+) -> int:
+    """Print the JSON Schema of a file format."""
+    import json
+
+    from cnc.machine.schema import machine_schema
+    from cnc.report.models import summary_schema
+
+    found = machine_schema() if document == "machine" else summary_schema()
+    print(json.dumps(found, indent=2, ensure_ascii=False))
     return 0
 
 

@@ -10,12 +10,16 @@ Nothing is printed by default.
 from __future__ import annotations
 
 import logging
+import platform
 import sys
 
+from cnc import __version__
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 FORMAT = "%(asctime)s.%(msecs)03d %(levelname)-7s %(name)s: %(message)s"
 TIME_FORMAT = "%Y-%m-%d %H:%M:%S"
+
+log = logging.getLogger(__name__)
 
 _root = logging.getLogger("cnc")
 _handlers: list[logging.Handler] = []
@@ -49,6 +53,7 @@ def open_log(file: str | None, *, verbose: bool) -> None:
         _add(handler, logging.DEBUG)
     if verbose:
         _add(_StandardError(), logging.INFO)
+    log.info("cncrun %s, Python %s, %s", __version__, platform.python_version(), sys.platform)
 
 
 def close_log() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -14,6 +15,8 @@ from cnc.model.operator_control import Control
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
 from cnc.session.checkpoint import CheckpointWriter
+
+log = logging.getLogger(__name__)
 
 Stage = Literal["checking", "running"]
 
@@ -68,6 +71,8 @@ class Observer:
         self.checkpoint: CheckpointWriter | None = None
         self._selection = selection
         self._report = report
+        self._requests = (control.held, control.feed_override, control.stopped)
+        self._held = False
         self._reported: set[tuple[str, str, int, int]] = set()
 
     def checking(self, lines_done: int) -> None:
@@ -80,6 +85,7 @@ class Observer:
         self._stop_or_report("running", line, self.last_line)
 
     def _stop_or_report(self, stage: Stage, line: int, total: int | None) -> None:
+        self.log_requests()
         if self.control.stopped:
             raise StoppedBeforeMotion
         if self.callbacks.on_progress is not None:
@@ -87,12 +93,35 @@ class Observer:
 
     def sent(self, progress: Progress) -> None:
         """Report the progress of the board."""
+        self.log_requests()
+        if progress.held != self._held:
+            self._held = progress.held
+            if progress.held:
+                reason = progress.hold_reason or "hold request"
+                log.info("line %d: the motion is held: %s", progress.line, reason)
+            else:
+                log.info("line %d: the motion continues", progress.line)
         if self.checkpoint is not None:
             self.checkpoint.note(progress)
         if self.callbacks.on_progress is not None:
             self.callbacks.on_progress("running", progress.line, self.last_line)
         if self.callbacks.on_sent is not None:
             self.callbacks.on_sent(progress)
+
+    def log_requests(self) -> None:
+        """Log the operator's requests since the last call.
+
+        The requests are not logged where they are made, because that may be a signal handler.
+        """
+        control = self.control
+        held, override, stopped = self._requests
+        self._requests = (control.held, control.feed_override, control.stopped)
+        if control.held != held:
+            log.info("operator: %s", "hold" if control.held else "resume")
+        if control.feed_override != override:
+            log.info("operator: feed override %g %%", control.feed_override)
+        if control.stopped and not stopped:
+            log.info("operator: stop")
 
     def warn(self, finding: Diagnostic) -> None:
         """Report a warning or note, once for each place in the program."""
@@ -104,6 +133,7 @@ class Observer:
             report.hidden_warnings += 1
             return
         self._reported.add(place)
+        log.info("%s: %s", finding.severity, finding.render())
         report.warnings.append(finding)
         if self.callbacks.on_warning is not None:
             self.callbacks.on_warning(finding)

@@ -10,7 +10,6 @@ from time import perf_counter
 
 import numpy as np
 
-from cnc import __version__
 from cnc.boards.protocols import LineSink, PulseSink, RemembersPosition
 from cnc.checks.hints import step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
@@ -321,19 +320,21 @@ class Session:
 
     def _log_begin(self) -> None:
         reader, options = self._context.reader, self._context.options
-        log.info("cncrun %s: program %s", __version__, self.report.program)
+        log.info("program %s", self.report.program)
         log.info(
             "machine %s, board %s, dialect %s",
             reader.machine.name,
             self.report.board or "none",
             reader.dialect,
         )
-        log.debug("options: %s", options)
+        log.debug("%s", options)
+        log.debug("%r", reader.machine)
 
     def _log_end(self) -> None:
         report = self.report
+        self._context.observer.log_requests()
         for fault in report.faults:
-            log.error("%s: %s", fault.diagnostic.code, fault.diagnostic.render())
+            log.error("%s", fault.diagnostic.render())
         if report.stopped_at_line is not None:
             log.info("stopped at line %d; position %s", report.stopped_at_line, report.end_position)
         log.info(

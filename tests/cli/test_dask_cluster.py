@@ -122,7 +122,7 @@ def test_a_worker_of_another_version_is_told():
 
 def test_nobody_answers(monkeypatch, tmp_path, capfd):
     (tmp_path / "a.nc").write_text(GOOD)
-    monkeypatch.setattr(dask_cluster, "PATIENCE", 0.5)
+    monkeypatch.setattr(dask_cluster, "TIMEOUT", 0.5)
     for address in "tcp://127.0.0.1:9", "nonsense://x", "no address":
         assert cli.exit_code(["check", str(tmp_path), "--scheduler", address]) == 2
         assert f"farm-unreachable: no scheduler answers at {address}: " in capfd.readouterr().err

@@ -1,5 +1,6 @@
-"""Every code with blocks worked out by hand. Default machine: x y z; feeds in the expected rows are
-mm/min.
+"""Codes with expected blocks, which were worked out by hand.
+
+The default machine has the axes x y z. Feeds in the expected rows are in mm/min.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from cnc.model.blocks import Polyline
-from tests.support.gcode.gcode_cases import end_of, means, run
+from tests.support.gcode.gcode_cases import assert_blocks, end_of, run
 
 INCH = 25.4
 XYZA = ("x", "y", "z", "a")
@@ -182,9 +183,9 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_program_means_its_blocks(name: str) -> None:
+def test_programs_have_the_expected_blocks(name: str) -> None:
     source, expected = CASES[name]
-    means(source, *expected)
+    assert_blocks(source, *expected)
 
 
 def test_blocks_name_their_lines() -> None:
@@ -196,24 +197,24 @@ def test_blocks_name_their_lines() -> None:
 
 
 def test_rotary_axes_turn_in_degrees_whatever_the_units() -> None:
-    means("G20 G0 X1 A90", ("rapid", INCH, 0.0, 0.0, 90.0), axes=XYZA)
+    assert_blocks("G20 G0 X1 A90", ("rapid", INCH, 0.0, 0.0, 90.0), axes=XYZA)
 
 
-def test_feed_counts_degrees_only_where_no_linear_axis_moves() -> None:
+def test_feed_is_in_degrees_only_if_no_linear_axis_moves() -> None:
     source = "G20\nG1 A90 F10\nX1 A0\nX2"
     expected = [
         ("line", 0, 0, 0, 90, 10),
         ("line", INCH, 0, 0, 0, 254),
         ("line", 2 * INCH, 0, 0, 0, 254),
     ]
-    means(source, *expected, axes=XYZA)
+    assert_blocks(source, *expected, axes=XYZA)
 
 
 @pytest.mark.parametrize(
     ("words", "length"),
     [("X3 Y4 A90", 5.0), ("A90", 90.0), ("U6 V8 B10", 10.0), ("U1 Z2", 2.0)],
 )
-def test_inverse_time_measures_the_leading_axes(words: str, length: float) -> None:
+def test_inverse_time_uses_the_length_of_the_first_moving_group(words: str, length: float) -> None:
     block = run(f"G93 G1 {words} F60", axes=("x", "y", "z", "a", "b", "c", "u", "v", "w"))[0]
     assert isinstance(block, Polyline)
     assert block.feeds[0] == pytest.approx(length, rel=1e-14)
@@ -221,25 +222,25 @@ def test_inverse_time_measures_the_leading_axes(words: str, length: float) -> No
 
 def test_other_axes_move_along_with_an_arc() -> None:
     axes = ("x", "y", "z", "a", "u")
-    means(
+    assert_blocks(
         "G2 X10 I5 A90 U3 F60",
         ("arc", "XY", 5.0, 0.0, 10.0, 0.0, 0.0, 90.0, 3.0, 5.0, -0.5, 60.0),
         axes=axes,
     )
 
 
-def test_u_v_w_are_axes_and_k_an_offset_outside_a_nurbs() -> None:
-    means("G1 U1 V2 W3 F60\nG18 G2 Z10 K5", ("line", 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 60.0),
+def test_u_v_w_are_axes_and_k_is_an_offset_outside_a_nurbs() -> None:
+    assert_blocks("G1 U1 V2 W3 F60\nG18 G2 Z10 K5", ("line", 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 60.0),
           ("arc", "ZX", 5.0, 0.0, 0.0, 0.0, 10.0, 1.0, 2.0, 3.0, 5.0, -0.5, 60.0),
               axes=("x", "y", "z", "u", "v", "w"))  # fmt: skip
 
 
-def test_axes_come_in_the_order_of_the_machine() -> None:
+def test_positions_have_the_axis_order_of_the_machine() -> None:
     assert end_of("G0 X1 Y2 Z3", axes=("z", "x", "y")) == [3.0, 1.0, 2.0]
 
 
-def test_the_start_position_is_the_machines() -> None:
-    means(
+def test_the_program_starts_at_the_machine_position() -> None:
+    assert_blocks(
         "G91 G0 X1\nG90 Y0",
         ("rapid", 11.0, 20.0, 30.0),
         ("rapid", 11.0, 0.0, 30.0),
@@ -247,8 +248,8 @@ def test_the_start_position_is_the_machines() -> None:
     )
 
 
-def test_block_delete_skips_the_line_unread() -> None:
-    means(
+def test_block_delete_skips_a_faulty_line() -> None:
+    assert_blocks(
         "G0 X1\n /G0 X2 [\nY1",
         ("rapid", 1.0, 0.0, 0.0),
         ("rapid", 1.0, 1.0, 0.0),
@@ -256,24 +257,22 @@ def test_block_delete_skips_the_line_unread() -> None:
     )
 
 
-def test_numbers_are_those_of_float() -> None:
+def test_numbers_equal_float() -> None:
     digits = "0.1234567890123456789012345"
     assert end_of(f"G0 X{digits}")[0] == float(digits)
 
 
-def test_a_whole_circle_by_rounding() -> None:
-    """Ten steps of 0.1 do not make 1.0 exactly: the arc back to 'the same point' is a circle all
-    the same.
-    """
+def test_rounding_errors_do_not_prevent_a_full_circle() -> None:
+    """Ten steps of 0.1 are not exactly 1.0, but an arc back to 1.0 is a full circle."""
     blocks = run("G91 G0 X.1\n" + "X.1\n" * 9 + "G90 G2 X1 I5 F60")
     assert blocks[1].turns == -1.0  # type: ignore[attr-defined]
 
 
-def test_where_linuxcnc_is_the_dialect_f_is_read_before_the_units_change() -> None:
+def test_linuxcnc_reads_f_before_the_units_change() -> None:
     assert run("%\nG20 G1 X1 F60\n%", dialect="linuxcnc")[0].feeds.tolist() == [1.0]  # type: ignore[attr-defined]
 
 
-def test_odd_but_legal_lines_are_warned_about() -> None:
+def test_legal_but_unusual_lines_are_warned_about() -> None:
     warned: list[tuple[str, int, int, str]] = []
     run(
         "M3\nG20 F10\nG1 X1\nM2",
@@ -290,7 +289,7 @@ def test_odd_but_legal_lines_are_warned_about() -> None:
     "comment",
     ["(LOG, a)", "(logopen, a.txt)", "(LOGCLOSE)", "(probeopen a.txt)", "(PROBECLOSE)", "(py, a)"],
 )
-def test_comments_that_would_do_something_elsewhere_are_warned_about(comment: str) -> None:
+def test_comment_commands_of_other_controls_are_warned_about(comment: str) -> None:
     warned: list[tuple[str, int, int]] = []
     run(
         f"G0 X1\nG0 X2 {comment}\n(logarithm)\nM2",
@@ -300,7 +299,7 @@ def test_comments_that_would_do_something_elsewhere_are_warned_about(comment: st
 
 
 @pytest.mark.parametrize("dialect", ["grbl", "fanuc"])
-def test_an_abort_is_a_comment_where_the_control_has_none(dialect: str) -> None:
+def test_an_abort_is_a_comment_in_dialects_without_it(dialect: str) -> None:
     warned: list[tuple[str, int, int, str]] = []
     run(
         "G0 X1.\nX2. (Abort, a)\nM30",
@@ -313,26 +312,26 @@ def test_an_abort_is_a_comment_where_the_control_has_none(dialect: str) -> None:
 @pytest.mark.parametrize(
     ("line", "warned"), [("G4 P500", True), ("G4 P500.", False), ("G4 P99", False)]
 )
-def test_a_dwell_that_may_be_meant_in_milliseconds_is_warned_about(line: str, warned: bool) -> None:
+def test_a_dwell_that_looks_like_milliseconds_is_warned_about(line: str, warned: bool) -> None:
     found: list[tuple[str, int, int]] = []
     run(f"G0 X1\n{line}\nM2", warn=lambda d: found.append((d.code, d.line, d.column)))
     assert found == ([("dwell-long", 2, 4)] if warned else [])
 
 
-def test_milliseconds_of_fanuc_are_no_long_dwell() -> None:
+def test_fanuc_milliseconds_are_not_a_long_dwell() -> None:
     run("G4 P500\nG4 P900000\nM30", dialect="fanuc", warn=lambda d: pytest.fail(d.render()))
 
 
-def test_nothing_is_warned_about_in_a_tidy_program() -> None:
+def test_a_clean_program_has_no_warnings() -> None:
     run("G21 F100\nG1 X2\nG20\nG20 F10\nS1 M3\nG1 X1", warn=lambda d: pytest.fail(d.render()))
 
 
-def test_runs_of_moves_are_cut_for_streaming() -> None:
+def test_long_runs_of_moves_are_split() -> None:
     blocks = run("G1 F60\n" + "\n".join(f"X{n}" for n in range(10_000)))
     assert [len(block.points) for block in blocks] == [4096, 4096, 1808]  # type: ignore[attr-defined]
 
 
-def test_blocks_come_as_lines_are_read() -> None:
+def test_blocks_are_yielded_while_lines_are_read() -> None:
     from cnc.gcode.program.program import interpret
     from cnc.gcode.syntax.source_text import Text
 

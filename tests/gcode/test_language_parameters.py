@@ -1,5 +1,6 @@
-"""Parameters, expressions and comments in whole programs: blocks worked out by hand, and the errors
-that only running shows.
+"""Parameters, expressions and comments in whole programs.
+
+Expected blocks were worked out by hand; errors are those at run time.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import math
 import pytest
 
 from cnc.gcode.syntax.parameters import Parameters
-from tests.support.gcode.gcode_cases import rows, run, said, stands
+from tests.support.gcode.gcode_cases import assert_error_at, block_summaries, rows, run
 
 PROGRAMS: dict[str, tuple[str, list[str]]] = {
     "a value after a letter": ("#1=2.5\nG0 X#1 Y-#1 Z[#1*2]", ["rapid 2.5 -2.5 5"]),
@@ -118,15 +119,15 @@ MACROS: dict[str, tuple[str, list[str]]] = {
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_programs(name: str) -> None:
+def test_programs_with_parameters(name: str) -> None:
     source, wanted = PROGRAMS[name]
-    assert said(source) == wanted
+    assert block_summaries(source) == wanted
 
 
 @pytest.mark.parametrize("name", MACROS)
-def test_macros(name: str) -> None:
+def test_macros_with_variables(name: str) -> None:
     source, wanted = MACROS[name]
-    assert said(source, dialect="fanuc") == wanted
+    assert block_summaries(source, dialect="fanuc") == wanted
 
 
 ERRORS: dict[str, tuple[str, str]] = {
@@ -153,8 +154,8 @@ ERRORS: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize("name", ERRORS)
-def test_errors(name: str) -> None:
-    stands(*ERRORS[name])
+def test_errors_at_run_time(name: str) -> None:
+    assert_error_at(*ERRORS[name])
 
 
 @pytest.mark.parametrize(
@@ -165,8 +166,8 @@ def test_errors(name: str) -> None:
         ("syntax-not-in-dialect", "¦o1 sub"),
     ],
 )
-def test_grbl_has_none_of_it(code: str, source: str) -> None:
-    assert "grbl" in stands(code, source, dialect="grbl").message
+def test_grbl_has_no_parameters(code: str, source: str) -> None:
+    assert "grbl" in assert_error_at(code, source, dialect="grbl").message
 
 
 NAMES = """
@@ -177,18 +178,18 @@ spindle_cw mist flood speed_override feed_override adaptive_feed feed_hold feed 
 w current_tool current_pocket selected_tool selected_pocket value value_returned task call_level
 remap_level
 """
-"""The predefined names of LinuxCNC's manual."""
+"""Predefined names in LinuxCNC's manual."""
 
 
-def test_what_linuxcnc_names() -> None:
+def test_predefined_names_of_linuxcnc() -> None:
     names = NAMES.split()
-    said = [
+    block_summaries = [
         value.text
         for value in run(
             "\n".join(f"(print,{name}=#<_{name}>)" for name in names), axes=tuple("xyzabcuvw")
         )
     ]  # type: ignore[attr-defined]
-    assert [value for value in said if "######" in value] == []
+    assert [value for value in block_summaries if "######" in value] == []
 
 
 def test_parameters_outlast_the_program() -> None:
@@ -202,8 +203,8 @@ def test_parameters_outlast_the_program() -> None:
     assert list(rows(run("G0 X0", parameters=Parameters(stored)))) == [("rapid", 5.0, 0.0, 0.0)]
 
 
-def test_a_long_loop_keeps_its_sums() -> None:
-    """A polygon of 1000 corners: each by its own expression."""
+def test_a_long_loop_computes_correct_values() -> None:
+    """A polygon of 1000 corners, each computed by expressions."""
     move = "G1 X[COS[#1*.36]*10] Y[SIN[#1*.36]*10] F600"
     source = f"#1=0\no1 while [#1 LT 1000]\n{move}\n#1=[#1+1]\no1 endwhile"
     found = list(rows(run(source)))

@@ -1,5 +1,6 @@
-"""Control flow of RS274/NGC: what programs of O-words mean. The moves that a program must make are
-worked out by hand.
+"""Control flow of RS274/NGC: programs of O-words.
+
+The expected moves were worked out by hand.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
-from tests.support.gcode.gcode_cases import refused, rows, run
+from tests.support.gcode.gcode_cases import error_of, rows, run
 
 COUNTED = "#1 = [#1 + 1]\n"
 
@@ -252,7 +253,7 @@ CASES: dict[str, tuple[str, list[float]]] = {
 
 
 def xs(source: str, **options: object) -> list[float]:
-    """Where the moves of a program lead in X."""
+    """The X positions of a program's moves."""
     blocks = run(source, axes=("x",), **options)
     return [
         float(point)
@@ -263,17 +264,17 @@ def xs(source: str, **options: object) -> list[float]:
 
 
 @pytest.mark.parametrize(("source", "moves"), CASES.values(), ids=CASES)
-def test_a_program_makes_its_moves(source: str, moves: list[float]) -> None:
+def test_programs_make_the_expected_moves(source: str, moves: list[float]) -> None:
     assert xs(source) == moves
 
 
-def test_blocks_name_their_lines_however_often_they_are_executed() -> None:
+def test_blocks_of_repeated_lines_have_line_numbers() -> None:
     (block,) = run("o1 repeat [2]\nG0 X1\nG0 X2\no1 endrepeat\nG0 X3")
     assert isinstance(block, Polyline)
     assert block.lines.tolist() == [2, 3, 2, 3, 5]
 
 
-def test_a_message_beside_a_control_word_is_said_when_its_line_is_executed() -> None:
+def test_a_message_in_a_control_line_is_given_when_it_is_executed() -> None:
     found = rows(
         run(
             "o1 if [0] (msg, one)\n(msg, two)\no1 else\no1 endif\no2 repeat [2] (msg, three)\n"
@@ -284,24 +285,24 @@ def test_a_message_beside_a_control_word_is_said_when_its_line_is_executed() -> 
 
 
 @pytest.mark.parametrize(("on", "moves"), [(False, [1, 1, 2]), (True, [2])])
-def test_block_delete_takes_control_lines_too(on: bool, moves: list[float]) -> None:
+def test_block_delete_applies_to_control_lines(on: bool, moves: list[float]) -> None:
     assert xs("/ o1 repeat [2]\n/G0 X1\n / o1 endrepeat\nG0 X2", block_delete=on) == moves
 
 
-def test_block_delete_hides_subs_and_what_can_not_be_read() -> None:
+def test_block_delete_hides_subroutines_and_faulty_lines() -> None:
     assert xs(
         "/o1 sub\n/G0 X1\n/o1 endsub\n/ ???\no1 call\nM2\no1 sub\nG0 X2\no1 endsub",
         block_delete=True,
     ) == [2]
 
 
-def test_linuxcnc_wants_an_end() -> None:
+def test_linuxcnc_accepts_both_forms_of_end() -> None:
     assert xs("G0 X1\nM2", dialect="linuxcnc") == [1]
     assert xs("%\nG0 X1\n%", dialect="linuxcnc") == [1]
     assert xs("G0 X1\nM30\n", dialect="linuxcnc") == [1]
 
 
-def test_progress_is_told_in_executed_lines() -> None:
+def test_progress_is_reported_in_executed_lines() -> None:
     told: list[int] = []
     xs("o1 repeat [5000]\nG0 X1\no1 endrepeat", on_line=told.append)
     assert told[-1] == 10_001
@@ -309,7 +310,7 @@ def test_progress_is_told_in_executed_lines() -> None:
     assert told == sorted(told)
 
 
-def test_blocks_are_handed_on_as_they_are_made() -> None:
+def test_blocks_of_an_endless_program_are_yielded() -> None:
     blocks = interpret(
         Text.of_lines(["o1 while [1]", "G0 X1", "M0", "o1 endwhile"], "endless.nc"), axes=("x",)
     )
@@ -317,7 +318,7 @@ def test_blocks_are_handed_on_as_they_are_made() -> None:
     assert [type(block).__name__ for block in first] == ["Polyline", "Stop"] * 50
 
 
-def test_the_body_of_a_loop_is_read_twice_and_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_body_of_a_loop_is_parsed_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[int] = []
     whole = Listing.statement
 
@@ -331,7 +332,7 @@ def test_the_body_of_a_loop_is_read_twice_and_kept(monkeypatch: pytest.MonkeyPat
     assert len(read) <= 8
 
 
-def test_a_loop_longer_than_any_window() -> None:
+def test_a_loop_longer_than_a_window() -> None:
     lines = 40_000
     source = "\n".join(
         [
@@ -349,7 +350,7 @@ def test_a_loop_longer_than_any_window() -> None:
 
 
 @pytest.mark.parametrize("moves", [2, 3, 10, 500])
-def test_lines_within_the_limit_are_no_endless_loop(moves: int) -> None:
+def test_lines_within_the_limit_are_accepted(moves: int) -> None:
     """In the second round the moves and the end of the loop are executed again."""
     source = "\n".join(
         [
@@ -360,7 +361,7 @@ def test_lines_within_the_limit_are_no_endless_loop(moves: int) -> None:
         ]
     )
     assert len(xs(source, limits=Limits(repeated_lines=moves + 1))) == 2 * moves + 5
-    assert refused(source, limits=Limits(repeated_lines=moves)).code == "loop-endless"
+    assert error_of(source, limits=Limits(repeated_lines=moves)).code == "loop-endless"
 
 
 def test_a_jump_into_a_run_of_moves() -> None:
@@ -372,7 +373,7 @@ def test_a_jump_into_a_run_of_moves() -> None:
     assert xs(source, dialect="fanuc") == [3, 4, 5, 6, 7, 8, 9, 8, 9]
 
 
-def test_calls_as_deep_as_allowed() -> None:
+def test_calls_up_to_the_depth_limit() -> None:
     source = (
         "o1 sub\no2 if [#1 GT 1]\no1 call [#1 - 1]\no2 endif\nG0 X#1\no1 endsub\no1 call [{}]\nM2"
     )
@@ -388,9 +389,7 @@ def test_calls_as_deep_as_allowed() -> None:
         ("fanuc", "#1=5\nM98 P1\nM2\nO1\nG65 P2 A7\nM99\nO2\nM30"),
     ],
 )
-def test_a_program_that_ends_in_a_call_leaves_the_parameters_of_the_main_program(
-    dialect: str, source: str
-) -> None:
+def test_an_end_in_a_call_restores_the_main_programs_parameters(dialect: str, source: str) -> None:
     parameters = Parameters(macro=dialect == "fanuc")
     xs(source, dialect=dialect, parameters=parameters)
     assert parameters.locals == {1: 5}
@@ -418,7 +417,7 @@ def test_subs_in_files(tmp_path: Path) -> None:
     assert xs(source, folders=[tmp_path]) == [5, 6, 9, 12, 77, 77, 78, 0]
 
 
-def test_folders_are_searched_in_their_order_and_behind_the_program_itself(tmp_path: Path) -> None:
+def test_folders_are_searched_in_order_after_the_program(tmp_path: Path) -> None:
     first, second = tmp_path / "a", tmp_path / "b"
     for folder, x in ((first, 1), (second, 2)):
         folder.mkdir()
@@ -440,7 +439,7 @@ def test_blocks_name_the_file_of_their_line(tmp_path: Path) -> None:
 
 
 def test_calls_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A program may be a million of them; of the subroutine one line knows where it ends."""
+    """A program may have a million calls. Only the line of the definition has a kept step."""
     made: list[Listing] = []
 
     class Watched(Listing):

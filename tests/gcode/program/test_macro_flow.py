@@ -1,5 +1,6 @@
-"""Control flow of FANUC's custom macro B, and calls with arguments. The moves that a program must
-make are worked out by hand.
+"""Control flow of FANUC's custom macro B, and calls with arguments.
+
+The expected moves were worked out by hand.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import pytest
 from tests.gcode.program.test_flow import xs
 
 LETTERS = "A1 B2 C3 D7 E8 F9 H11 I4 J5 K6 M13 Q17 R18 S19 T20 U21 V22 W23 X24 Y25 Z26"
-"""The first argument list: each letter with the number of its variable."""
+"""Argument list I: the variable of each letter."""
 THREES = [letter for _ in range(10) for letter in "IJK"]
 
 CASES: dict[str, tuple[str, list[float]]] = {
@@ -127,11 +128,11 @@ CASES: dict[str, tuple[str, list[float]]] = {
 
 
 @pytest.mark.parametrize(("source", "moves"), CASES.values(), ids=CASES)
-def test_a_macro_makes_its_moves(source: str, moves: list[float]) -> None:
+def test_macro_programs_make_the_expected_moves(source: str, moves: list[float]) -> None:
     assert xs(source, dialect="fanuc") == moves
 
 
-def test_m99_goes_on_where_a_deleted_block_let_it() -> None:
+def test_m99_continues_after_a_deleted_block() -> None:
     source = "G0 X1\n/M99 P9\nG0 X2\nN9 G0 X3"
     assert xs(source, dialect="fanuc") == [1, 3]
     assert xs(source, dialect="fanuc", block_delete=True) == [1, 2, 3]

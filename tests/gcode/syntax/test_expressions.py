@@ -1,4 +1,4 @@
-"""Expressions: values against a second opinion and against tables, and what has no value."""
+"""Expressions: values against an oracle and tables, and undefined values."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ def bits(number: float) -> bytes:
 
 
 @pytest.mark.parametrize("macro", [False, True])
-def test_random_expressions_are_worth_what_a_second_opinion_says(macro: bool) -> None:
-    """To the last bit, with any brackets to spare, blanks and case; or both refuse."""
+def test_random_expressions_have_the_values_of_the_oracle(macro: bool) -> None:
+    """Equal to the last bit, with spare brackets, blanks and any case; or both refuse."""
     rng = Random(5)
     syntax, known = MACRO if macro else NGC, parameters(macro=macro)
-    amount, refused = share(60_000, 2_500), 0
+    amount, refused = share(60_000, 1_500), 0
     for _ in range(amount):
         tree = grow(rng, rng.randint(1, 5), macro=macro)
         plain = spell(tree, macro=macro)
@@ -64,7 +64,7 @@ def test_random_expressions_are_worth_what_a_second_opinion_says(macro: bool) ->
 
 
 def full(tree: Tree) -> str:
-    """The tree with every bracket that there can be."""
+    """The tree with all possible brackets."""
     inner = [full(part) for part in tree.parts]
     match tree.kind:
         case "number":
@@ -83,9 +83,7 @@ def full(tree: Tree) -> str:
 
 
 @given(st.integers(0, 2**32), st.integers(1, 4))
-def test_a_tree_printed_without_spare_brackets_is_read_as_the_same_tree(
-    seed: int, depth: int
-) -> None:
+def test_minimal_brackets_parse_to_the_same_tree(seed: int, depth: int) -> None:
     tree = grow(Random(seed), depth)
 
     def outcome(text: str) -> object:
@@ -169,7 +167,7 @@ def test_values(text: str, wanted: float) -> None:
 
 
 @pytest.mark.parametrize(("text", "wanted"), MACRO_TABLE.items())
-def test_values_in_a_macro(text: str, wanted: float) -> None:
+def test_values_in_macro_b(text: str, wanted: float) -> None:
     assert value("X" + text, MACRO) == pytest.approx(wanted, rel=1e-15, abs=0)
 
 
@@ -178,7 +176,7 @@ def test_a_vacant_word_is_nan(text: str) -> None:
     assert math.isnan(value(text, MACRO))
 
 
-def test_an_assignment_hands_a_vacant_value_on() -> None:
+def test_an_assignment_keeps_a_vacant_value() -> None:
     known = parameters(macro=True)
     (assignment,) = parse_line("#6=#5", MACRO).assignments
     assert math.isnan(assignment.value(known))
@@ -186,7 +184,7 @@ def test_an_assignment_hands_a_vacant_value_on() -> None:
     assert assignment.value(known) == 0
 
 
-def test_round_goes_to_the_least_input_increment_in_a_word_only() -> None:
+def test_round_uses_the_least_input_increment_in_words_only() -> None:
     """FANUC: #1=1.2345; X[ROUND[#1]] moves to 1.235 (0.001 mm), #2=ROUND[#1] is 1."""
     known = parameters(macro=True)
     known.set_number(1, 1.2345, 1)
@@ -235,8 +233,8 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("code", "marked", "syntax"), FAULTS)
-def test_what_has_no_value(code: str, marked: str, syntax: Syntax) -> None:
-    """The line is parsed; the fault comes when the value is asked for, every time."""
+def test_undefined_values_are_errors(code: str, marked: str, syntax: Syntax) -> None:
+    """The line is parsed; the error is raised whenever the value is computed."""
     text = marked.replace("¦", "")
     ((_, compute),) = parse_line(text, syntax).computed
     known = parameters(macro=syntax is MACRO)
@@ -247,7 +245,7 @@ def test_what_has_no_value(code: str, marked: str, syntax: Syntax) -> None:
         assert (found.code, found.column) == (code, marked.index("¦") + 1), found
 
 
-def test_a_name_that_was_never_set_has_a_hint() -> None:
+def test_the_error_of_an_unset_name_has_a_hint() -> None:
     with pytest.raises(GcodeError) as caught:
         value("X#<aa>")
     assert "did you mean #<a>?" in caught.value.diagnostic.hint
@@ -258,8 +256,8 @@ def test_constants_are_computed_once() -> None:
     assert compute.__code__.co_freevars == ("number",)  # type: ignore[attr-defined]
 
 
-def test_a_loop_line_is_quick() -> None:
-    """An order of magnitude over what it takes, so that only a mistake fails it."""
+def test_computing_a_line_is_fast() -> None:
+    """The limit is ten times the usual time, so that only a mistake exceeds it."""
     import timeit
 
     computes = [compute for _, compute in parse_line("G1 X[#1*0.5+2] Y[SIN[#2]*10]", NGC).computed]
