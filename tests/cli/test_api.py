@@ -215,7 +215,7 @@ def test_compiled_code_belongs_to_the_text_of_a_file_and_of_its_imports(tmp_path
         for name, text in {**texts, **changed}.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(text)
-        monkeypatch.setattr(jit, "__file__", str(folder / "jit.py"))
+        monkeypatch.setattr(jit, "_SOURCES", folder)
         return [jit._folder_of(folder / name) for name in texts]
 
     caller, callee, other = folders({})
