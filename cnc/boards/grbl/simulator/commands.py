@@ -1,5 +1,6 @@
-"""``$`` commands (commands.md): settings, reports, jogs, homing, check mode, sleep. Each returns an
-error code, 0 for ok.
+"""``$`` commands (commands.md): settings, reports, jogs, homing, check mode, sleep.
+
+Each handler returns an error code, 0 for ok.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ JOG_COMMANDS = {"distance", "units", "other"}
 
 
 def system_command(core: Core, text: str) -> Answer:
-    """A line that begins with ``$``, upper case, without spaces."""
+    """Carry out a line that begins with ``$``, in upper case without spaces."""
     body = text[1:]
     if body == "":
         core.say(report.HELP)
@@ -65,7 +66,7 @@ def system_command(core: Core, text: str) -> Answer:
 
 
 def _print(core: Core, lines: list[str]) -> Answer:
-    """Line by line, each as soon as the ring has room."""
+    """Print line by line, each as soon as the ring has space."""
     for line in lines:
         core.say(line)
         yield BUSY
@@ -144,7 +145,7 @@ def _set(core: Core, body: str) -> Answer:
 
 
 def _startup_line(core: Core, body: str) -> Answer:
-    """``$Nx=line``: run it to see whether it is right, then keep it."""
+    """``$Nx=line``: run the line to check it, then store it."""
     index, _, text = body.partition("=")
     if not index.isdecimal() or not index.isascii() or int(index) >= STARTUP_LINES:
         return 3
@@ -159,7 +160,7 @@ def _startup_line(core: Core, body: str) -> Answer:
 
 
 def run_line(core: Core, text: str) -> Answer:
-    """A line of the program: check it, carry it out."""
+    """Check a line of the program, and carry it out."""
     try:
         line = check(text, core.modes, core.place)
     except Refused as refused:
@@ -169,7 +170,7 @@ def run_line(core: Core, text: str) -> Answer:
 
 
 def run_startup_lines(core: Core) -> Answer:
-    """What ``$N`` keeps, echoed with its answer on the same line."""
+    """Run the stored start-up lines; each is echoed with its answer."""
     for text in core.eeprom.startup:
         if text:
             core.print(f">{text}:")
@@ -180,9 +181,7 @@ def run_startup_lines(core: Core) -> Answer:
 
 
 def _jog(core: Core, body: str) -> Answer:
-    """``$J=``: a motion that leaves the parser's modes alone (jogging.md). Errors 8, 15, 16, 22 and
-    those of its words.
-    """
+    """``$J=``: a motion that keeps the parser's modes (jogging.md). Errors 8, 15, 16, 22 and those of words."""
     if core.state not in ("Idle", "Jog"):
         return 8
     if not body.startswith("="):
