@@ -66,9 +66,10 @@ def main(arguments: list[str] | None = None) -> int:
         simulator.inject(each.fault, byte=each.byte, line=each.line, time=each.time)
     with PtyServer(simulator, chosen.factor) as server:
         changed = ", ".join(setting_text(number, value) for number, value in chosen.setting)
+        settings = f" with {changed}" if changed else ""
         sys.stdout.write(f"{server.name}\n")
         sys.stderr.write(
-            f"a simulated {chosen.flavour} board at {server.name}{f' with {changed}' if changed else ''}; stop it with Ctrl-C\n"
+            f"a simulated {chosen.flavour} board at {server.name}{settings}; stop it with Ctrl-C\n"
         )
         sys.stdout.flush()
         try:

@@ -1,6 +1,7 @@
 """Arcs as chords whose middle is at most ``$12`` from the circle (settings.md, ``$12``).
 
-sagitta e of a chord over the angle 2b on radius r:   e = r (1 - cos b)   =>   chord^2 = 4 (2 r e - e^2)
+Sagitta e of a chord over the angle 2b on radius r: e = r (1 - cos b), so that
+chord^2 = 4 (2 r e - e^2).
 """
 
 from __future__ import annotations

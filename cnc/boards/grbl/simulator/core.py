@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, replace
 
 from cnc.boards.grbl.simulator.eeprom import ORIGIN, Eeprom
 from cnc.boards.grbl.simulator.environment import Environment
-from cnc.boards.grbl.simulator.firmware_profile import FirmwareProfile
-from cnc.boards.grbl.simulator.modal import Modes, Place
+from cnc.boards.grbl.simulator.firmware_profile import STEPS, FirmwareProfile
+from cnc.boards.grbl.simulator.line_check import ParserPosition
+from cnc.boards.grbl.simulator.modal import Modes
 from cnc.boards.grbl.simulator.planner import Move, Planner, Point
 from cnc.boards.grbl.simulator.steppers import Steppers
 from cnc.boards.grbl.simulator.wire import Receiver, Transmitter
@@ -141,9 +142,9 @@ class Core:
         return self.steppers.state(self.now)[0]
 
     @property
-    def place(self) -> Place:
+    def place(self) -> ParserPosition:
         """Where the parser stands."""
-        return Place(
+        return ParserPosition(
             self.parsed,
             self.eeprom.systems | {"G92": self.shift},
             self.tool_length,
@@ -206,7 +207,7 @@ class Core:
         """Return the nearest point that whole steps reach."""
         x, y, z = (
             math.floor(value * steps + 0.5) / steps
-            for value, steps in zip(point, self.per_axis(100), strict=True)
+            for value, steps in zip(point, self.per_axis(STEPS), strict=True)
         )
         return (x, y, z)
 

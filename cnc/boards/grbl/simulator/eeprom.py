@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 
+from cnc.boards.grbl.simulator.firmware_profile import RATES, STEPS
 from cnc.boards.grbl.simulator.modal import Refused
 from cnc.boards.grbl.simulator.planner import Point
 
@@ -26,7 +27,7 @@ ORIGIN: Point = (0.0, 0.0, 0.0)
 
 
 class Eeprom:
-    """The memory. ``damaged``: names of records with a wrong checksum (error 7 when they are read)."""
+    """The memory. ``damaged``: names of records with a wrong checksum (error 7)."""
 
     def __init__(self, defaults: dict[int, float]) -> None:
         self._defaults = dict(defaults)
@@ -56,7 +57,7 @@ class Eeprom:
         if number == 32 and value and not variable_spindle:
             raise Refused(17)
         settings[number] = value
-        fastest = max(settings[100 + axis] * settings[110 + axis] for axis in range(3)) / 60.0
+        fastest = max(settings[STEPS + axis] * settings[RATES + axis] for axis in range(3)) / 60.0
         if max_step_rate_hz is not None and number >= 100 and fastest > max_step_rate_hz:
             raise Refused(12)
         if number == 22 and not value:
@@ -80,7 +81,7 @@ class Eeprom:
         return _changed(_text(before), _text(text))
 
     def restore(self, what: str) -> int:
-        """Carry out ``$RST=``: ``$`` settings, ``#`` coordinates, ``*`` all; return the bytes written."""
+        """Restore ``$`` settings, ``#`` coordinates or ``*`` all; return the bytes written."""
         written = 0
         if what in "$*":
             before, self.settings = self.settings, dict(self._defaults)

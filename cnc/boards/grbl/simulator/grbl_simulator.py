@@ -38,7 +38,7 @@ from cnc.boards.grbl.simulator.planner import Move, Point
 
 BAUD = 115200
 BOOT_TIME = 1.5
-"""Seconds from a reset by DTR to the welcome: the boot loader of the Arduino waits for a new program."""
+"""Seconds of the Arduino's boot loader, from a reset by DTR to the welcome."""
 PROBE_ALARMS = (4, 5)
 WITHOUT_RESET = (*CRITICAL, *PROBE_ALARMS)
 """Alarms without a reset of the firmware: those that wait for one, and those of the probe."""
@@ -65,8 +65,8 @@ class GrblSimulator:
 
     Attributes:
         plugged: Whether the cable is connected.
-        dtr: Whether the host's DTR line is up. Its rise resets the processor through a capacitor, as
-            on every Arduino.
+        dtr: Whether the host's DTR line is up. Its rise resets the processor through a capacitor,
+            as on every Arduino.
     """
 
     def __init__(
@@ -145,8 +145,8 @@ class GrblSimulator:
     def power_up(self, delay: float = BOOT_TIME) -> None:
         """Reset the board.
 
-        Motion stops at once. Position, offset (G92) and state are lost; the memory is kept. Bytes that
-        arrive within ``delay`` s are lost.
+        Motion stops at once. Position, offset (G92) and state are lost; the memory is kept.
+        Bytes that arrive within ``delay`` s are lost.
         """
         core = self.core
         if core.steppers.running:

@@ -94,7 +94,7 @@ class PtyServer:
             self._ended.set()
 
     def _hangs_up(self) -> bool:
-        """Return whether closing the terminal drops DTR, by its settings, which outlive the closing."""
+        """Return whether closing drops DTR, by the settings of the terminal, which remain."""
         import termios
 
         return bool(termios.tcgetattr(self._ours)[CFLAG] & termios.HUPCL)
