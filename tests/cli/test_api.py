@@ -1,12 +1,13 @@
 """The library's front door, and what a terminal shows meanwhile."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from cnc.api import Control, Outputs, Watch, check, load_machine, parse, plan, run
+from cnc.api import Callbacks, Control, Outputs, check, load_machine, parse, plan, run
 from cnc.boards.loopback import Loopback
 from cnc.cli import progress
 from cnc.kernels import jit
@@ -16,6 +17,7 @@ from cnc.planner import phases
 from cnc.planner.plan import PlanChunk
 from cnc.session import kernel_cache
 from tests.support.paths import ROOT
+from tests.support.session.runs import check_with
 
 TEXT = "G21 G90 G94\nG1 X10 F600\nG4 P0.5\nG2 X20 Y0 I5 J0\nG4 P0.25\nM2\n"
 
@@ -84,16 +86,16 @@ def test_faults_are_in_the_report(program):
 
 def test_the_caller_s_own_mistakes_are_raised(program):
     with pytest.raises(UsageError, match="output-format"):
-        check(program, outputs=Outputs(trace="t.txt"))
+        check_with(program, outputs=Outputs(trace="t.txt"))
     with pytest.raises(UsageError, match="unknown-board"):
         run(program, board="nowhere")
 
 
 def test_a_program_too_long_to_keep_is_read_again(program, monkeypatch):
-    kept = check(program, interpolator="sampled")
+    kept = check_with(program, interpolator="sampled")
     monkeypatch.setattr("cnc.session.check_pass.KEPT_NUMBERS", 0)
     monkeypatch.setattr("cnc.session.source.COPIED_BYTES", 0)
-    again = check(program, interpolator="sampled")
+    again = check_with(program, interpolator="sampled")
     for report in (kept, again):
         assert report.ok
     assert again.duration_s == kept.duration_s
@@ -105,7 +107,7 @@ def test_a_program_too_long_to_keep_is_read_again(program, monkeypatch):
 def test_progress_tells_both_passes(program, monkeypatch):
     monkeypatch.setattr("cnc.gcode.program.program.REPORT_INTERVAL", 1)
     seen = []
-    run(program, watch=Watch(on_progress=lambda *what: seen.append(what)))
+    run(program, callbacks=Callbacks(on_progress=lambda *what: seen.append(what)))
     stages = [stage for stage, _, _ in seen]
     assert stages == sorted(stages)
     assert ("checking", 6, None) in seen
@@ -121,7 +123,9 @@ def test_a_stop_ends_both_passes(program, monkeypatch, stage):
         control = Control()
         return {
             "control": control,
-            "watch": Watch(on_progress=lambda now, *_: control.stop() if now == stage else None),
+            "callbacks": Callbacks(
+                on_progress=lambda now, *_: control.stop() if now == stage else None
+            ),
         }
 
     report = check(program, **stopping())
@@ -133,28 +137,28 @@ def test_a_stop_ends_both_passes(program, monkeypatch, stage):
 
 
 def test_the_bar_appears_for_long_programs_alone(capsys, monkeypatch):
-    bar = progress._Bar()
+    bar = progress._ProgressBar()
     bar.update("checking", 10, None)
     bar.close()
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(progress._Bar, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress._ProgressBar, "DELAY", 0.0)
     monkeypatch.setenv("FORCE_COLOR", "1")
-    bar = progress._Bar()
+    bar = progress._ProgressBar()
     bar.update("checking", 10, None)
     bar.update("running", 20, 40)
     bar.close()
-    assert "10 lines" in capsys.readouterr().err
+    assert re.search("[12]0 lines", capsys.readouterr().err)
 
 
 def test_warnings_are_shown_unless_quiet(capsys):
     warning = Diagnostic("odd-word", "odd", "p.nc", 3, severity="warning")
-    with progress.Screen(Control(), quiet=False) as shown:
-        on_warning = shown.watch().on_warning
+    with progress.ProgressDisplay(Control(), quiet=False) as shown:
+        on_warning = shown.callbacks().on_warning
         assert on_warning is not None
         on_warning(warning)
     assert capsys.readouterr().err == "warning: p.nc:3: odd-word: odd\n"
-    with progress.Screen(Control(), quiet=True) as shown:
-        assert shown.watch().on_warning is None
+    with progress.ProgressDisplay(Control(), quiet=True) as shown:
+        assert shown.callbacks().on_warning is None
 
 
 def test_the_first_run_compiles_and_says_so_once(tmp_path, monkeypatch):
@@ -183,19 +187,19 @@ def test_what_cuts_a_plan_in_slices_is_compiled_with_the_rest(monkeypatch):
     monkeypatch.setattr(
         phases, "phase_time", lambda *values: called.append(values) or phase_time(*values)
     )
-    kernel_cache.use_planner()
+    kernel_cache.compile_planner()
     assert called
 
 
 def test_compiling_is_announced_unless_quiet(capsys):
-    with progress.Screen(Control(), quiet=False) as shown:
-        shown.watch().on_compiling()
+    with progress.ProgressDisplay(Control(), quiet=False) as shown:
+        shown.callbacks().on_compiling()
     assert (
         capsys.readouterr().err
         == "compiling the kernels; this happens once and takes up to a minute\n"
     )
-    with progress.Screen(Control(), quiet=True) as shown:
-        assert shown.watch().on_compiling is None
+    with progress.ProgressDisplay(Control(), quiet=True) as shown:
+        assert shown.callbacks().on_compiling is None
 
 
 def test_compiled_code_belongs_to_the_text_of_a_file_and_of_its_imports(tmp_path, monkeypatch):

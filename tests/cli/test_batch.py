@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from cnc import cli
-from cnc.api import Control, check, check_many
+from cnc.api import Control, RunOptions, check, check_many
 from cnc.batch import pool
 from cnc.cli import progress
 from cnc.model.diagnostics import GcodeError, MachineFileError, UsageError
@@ -218,14 +218,15 @@ def test_what_is_wrong_with_every_program_is_raised_once(tmp_path, cncrun):
 def test_options_reach_the_workers(tmp_path):
     (tmp_path / "a.nc").write_bytes(b"G21 G90\nG1 X50 F600\nM2\n")
     (found,) = check_many(
-        [tmp_path / "a.nc"], "paper-nurbs", dialect="grbl", feed_override=50, interpolator="sampled"
+        [tmp_path / "a.nc"],
+        "paper-nurbs",
+        RunOptions(dialect="grbl", feed_override=50, interpolator="sampled"),
     )
     alone = check(
         tmp_path / "a.nc",
         "paper-nurbs",
-        dialect="grbl",
+        RunOptions(dialect="grbl", interpolator="sampled"),
         control=Control(50),
-        interpolator="sampled",
     )
     assert lasting(json.dumps([found.as_json()])) == lasting(json.dumps([alone.as_json()]))
     assert found.duration_s == pytest.approx(10.0, rel=0.05)
@@ -350,10 +351,10 @@ def test_a_bar_counts_programs_on_a_terminal_only(monkeypatch):
             return True
 
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(progress._Bar, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress._ProgressBar, "DELAY", 0.0)
     for quiet, stream in (False, Terminal()), (True, Terminal()), (False, io.StringIO()):
         monkeypatch.setattr(sys, "stderr", stream)
-        with progress.Screen(Control(), quiet=quiet) as shown:
+        with progress.ProgressDisplay(Control(), quiet=quiet) as shown:
             time.sleep(0.11)
             shown.count(3, 7)
         assert ("3 of 7 programs" in stream.getvalue()) == (stream.isatty() and not quiet)
@@ -368,7 +369,10 @@ def test_the_algorithm_reaches_every_worker(tmp_path: Path) -> None:
         programs.append(str(tmp_path / f"{number}.nc"))
         Path(programs[-1]).write_text("G21 G90 G1 X1 Y0.5 F600\nM2\n")
     rows = {
-        each: [report.pulse_rows for report in check_many(programs, algorithm=each, jobs=1)]
+        each: [
+            report.pulse_rows
+            for report in check_many(programs, None, RunOptions(algorithm=each), jobs=1)
+        ]
         for each in ("half-step", "point-by-point")
     }
     assert rows == {"half-step": [200, 200], "point-by-point": [300, 300]}

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -14,9 +13,7 @@ import pytest
 from cnc import api, cli
 from cnc.boards.loopback import Loopback
 from cnc.cli.exit_status import EXIT_PIPE
-from cnc.cli.options import Dialect
 from cnc.machine.load import shipped_machines
-from cnc.machine.models import DialectName
 from tests.support.paths import ROOT
 
 GOOD = "G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
@@ -445,10 +442,6 @@ def test_help_says_what_there_is(cncrun):
         "--json",
     ):
         assert word in out
-
-
-def test_the_command_line_knows_the_dialects_of_the_machine_file():
-    assert get_args(Dialect) == get_args(DialectName)
 
 
 @pytest.mark.parametrize("name", sorted(shipped_machines()))

@@ -13,7 +13,7 @@ import zlib
 import pytest
 
 from cnc import cli
-from cnc.api import check_many
+from cnc.api import RunOptions, check_many
 from cnc.batch import dask_cluster
 from cnc.model.diagnostics import UsageError
 from tests.support.paths import ROOT
@@ -106,7 +106,11 @@ def test_one_program_and_what_is_wrong_with_every_one(cluster, tmp_path, capfd):
     assert "path length" in capfd.readouterr().out
     assert json.loads((tmp_path / "a.json").read_text())["ok"]
     with pytest.raises(UsageError, match="unknown-dialect"):
-        list(check_many([tmp_path / "a.nc"], portable=("fanuk",), scheduler=address))
+        list(
+            check_many(
+                [tmp_path / "a.nc"], None, RunOptions(portable=("fanuk",)), scheduler=address
+            )
+        )
     assert cli.exit_code(["check", str(tmp_path), "--scheduler", address, "--jobs", "2"]) == 2
 
 
@@ -118,7 +122,7 @@ def test_a_worker_of_another_version_is_told():
 
 def test_nobody_answers(monkeypatch, tmp_path, capfd):
     (tmp_path / "a.nc").write_text(GOOD)
-    monkeypatch.setattr(dask_cluster, "PATIENCE", 0.5)
+    monkeypatch.setattr(dask_cluster, "TIMEOUT", 0.5)
     for address in "tcp://127.0.0.1:9", "nonsense://x", "no address":
         assert cli.exit_code(["check", str(tmp_path), "--scheduler", address]) == 2
         assert f"farm-unreachable: no scheduler answers at {address}: " in capfd.readouterr().err

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Outputs, check, parse, start_position
+from cnc.api import Outputs, parse, start_position
 from cnc.cli import exit_code
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine, Program
@@ -15,6 +15,7 @@ from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from tests.support.deviation import deviation, path_points
 from tests.support.paths import PROGRAMS
+from tests.support.session.runs import check_with
 
 MILL = load_machine(None)
 
@@ -32,7 +33,7 @@ def points(program: Path, machine: Machine, dialect: str = "auto") -> np.ndarray
 
 def translated(program: Path, machine: Machine, folder: Path) -> Path:
     lines = folder / "lines.nc"
-    report = check(program, machine, outputs=Outputs(lines=str(lines)))
+    report = check_with(program, machine, outputs=Outputs(lines=str(lines)))
     assert report.ok, report.faults
     return lines
 
@@ -42,7 +43,7 @@ def translated(program: Path, machine: Machine, folder: Path) -> Path:
 )
 def test_shipped_programs_are_the_same_motion_when_check_reads_their_lines(file, tmp_path):
     lines = translated(PROGRAMS / file, MILL, tmp_path)
-    assert check(lines, MILL, dialect="grbl").ok
+    assert check_with(lines, MILL, dialect="grbl").ok
     assert (
         deviation(points(PROGRAMS / file, MILL), points(lines, MILL, "grbl")) <= MILL.path.tolerance
     )
@@ -91,7 +92,7 @@ def test_a_program_that_grbl_can_not_do_ends_at_its_line(tmp_path, capsys):
 def test_a_check_for_a_grbl_machine_says_so_too(tmp_path):
     program = tmp_path / "output.nc"
     program.write_text("G21 G90\nG1 X1 F100\nM62 P1\nG1 X2\nM2\n")
-    report = check(program, load_machine("grbl-uno"), dialect="linuxcnc")
+    report = check_with(program, load_machine("grbl-uno"), dialect="linuxcnc")
     assert [(fault.diagnostic.code, fault.diagnostic.line) for fault in report.faults] == [
         ("not-on-board", 3)
     ]
@@ -107,7 +108,7 @@ def test_standard_output_is_the_program_alone(tmp_path, capsys):
 @pytest.mark.parametrize("name", ["lines.txt", "lines"])
 def test_other_suffixes_are_refused(name, tmp_path):
     with pytest.raises(UsageError, match="output-format"):
-        check(PROGRAMS / "trident.nc", MILL, outputs=Outputs(lines=str(tmp_path / name)))
+        check_with(PROGRAMS / "trident.nc", MILL, outputs=Outputs(lines=str(tmp_path / name)))
 
 
 def test_the_program_itself_is_not_overwritten(tmp_path, capsys):

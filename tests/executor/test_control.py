@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Control, Report, Watch, check, run
+from cnc.api import Callbacks, Control, Report, check, run
 from cnc.boards.loopback import Loopback
 from cnc.executor.run import Progress
 from cnc.machine.models import Axis, Machine, PathLimits
@@ -79,7 +79,7 @@ def scripted(
             left.pop(0)[1](control)
 
     return (
-        run(program, mill(), board=board, control=control, watch=Watch(on_sent=on_sent)),
+        run(program, mill(), board=board, control=control, callbacks=Callbacks(on_sent=on_sent)),
         board,
         told,
     )
@@ -127,7 +127,9 @@ def test_a_stop_during_a_hold_is_an_operator_stop(program):
         elif sent.time > 0.5:
             control.hold()
 
-    report = run(program, mill(), board=board, control=control, watch=Watch(on_sent=on_sent))
+    report = run(
+        program, mill(), board=board, control=control, callbacks=Callbacks(on_sent=on_sent)
+    )
     assert report.stopped_at_line is not None
     assert report.ok
     assert board.state == "stopped"
@@ -149,7 +151,7 @@ def test_whoever_holds_waits_without_turning_in_circles(program):
 
     worker = threading.Thread(
         target=lambda: run(
-            program, mill(), board=board, control=control, watch=Watch(on_sent=on_sent)
+            program, mill(), board=board, control=control, callbacks=Callbacks(on_sent=on_sent)
         )
     )
     worker.start()

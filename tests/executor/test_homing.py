@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Control, HomingStopped, Report, Watch, home, run
+from cnc.api import Callbacks, Control, HomingStopped, Report, home
 from cnc.boards.loopback import Loopback
 from cnc.boards.stepper.driver import Stepper
 from cnc.cli import exit_code
@@ -23,6 +23,7 @@ from tests.support.boards.stepper_simulator import (
     Simulator,
     SimulatorPort,
 )
+from tests.support.session.runs import run_with
 from tests.support.soak import share
 
 SWITCH_PINS = {"x": 9, "y": 10, "z": 12}
@@ -252,7 +253,7 @@ def test_the_operator_stops_it(bench: Bench) -> None:
             control.stop()
 
     with pytest.raises(HomingStopped):
-        bench.home(small(), control=control, watch=Watch(on_sent=on_sent))
+        bench.home(small(), control=control, callbacks=Callbacks(on_sent=on_sent))
     assert bench.standing(small()) == (None, None, 100)
     assert -700 < bench.place[0] < -50
 
@@ -317,7 +318,7 @@ def ran(bench: Bench, machine: Machine, folder: Path, **more: object) -> Report:
     (folder / "p.ngc").write_text(PROGRAM)
     board = bench.driver(machine)
     try:
-        return run(folder / "p.ngc", machine, board=board, **more)  # type: ignore[arg-type]
+        return run_with(folder / "p.ngc", machine, board=board, **more)
     finally:
         board.close()
 
@@ -342,7 +343,7 @@ def test_a_machine_that_homes_runs_nothing_before(bench: Bench, tmp_path: Path) 
 def test_a_faulty_program_is_not_homed_for(bench: Bench, tmp_path: Path) -> None:
     (tmp_path / "bad.ngc").write_text("G21 G90\nG1 X2000 F600\nM2\n")
     board = bench.driver(small())
-    report = run(tmp_path / "bad.ngc", small(), board=board, home=True)
+    report = run_with(tmp_path / "bad.ngc", small(), board=board, home=True)
     board.close()
     assert [fault.diagnostic.code for fault in report.faults] == ["soft-limit"]
     assert not len(rows(bench))

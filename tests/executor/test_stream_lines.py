@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Control, Outputs, Report, Watch, run
+from cnc.api import Callbacks, Control, Outputs, Report, run
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Drop, Unplug
@@ -19,6 +19,7 @@ from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import UsageError
+from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")
 
@@ -34,7 +35,7 @@ def ran(box: GrblSimulator, tmp_path: Path, text: str, **arguments: object) -> R
     port = GrblSimulatorPort(box)
     board = GrblBoard(port, MACHINE, port.clock, "the box")
     board.connect()
-    report = run(program, MACHINE, board=board, **arguments)  # type: ignore[arg-type]
+    report = run_with(program, MACHINE, board=board, **arguments)
     board.close()
     return report
 
@@ -131,7 +132,7 @@ def test_a_stop_is_reported_with_the_position(box: GrblSimulator, tmp_path: Path
         tmp_path,
         "G1 X20 F600\n" + "Y0.1\nY0\n" * 30,
         control=control,
-        watch=Watch(on_sent=watch),
+        callbacks=Callbacks(on_sent=watch),
     )
     assert report.ok
     assert report.stopped_at_line is not None
@@ -151,7 +152,12 @@ def test_pauses_wait_for_the_operator_or_are_refused_or_left_out(tmp_path: Path)
 
     waited, refused, left_out = GrblSimulator(), GrblSimulator(), GrblSimulator()
     assert ran(
-        waited, tmp_path, text, control=control, watch=Watch(on_sent=go_on), dialect="linuxcnc"
+        waited,
+        tmp_path,
+        text,
+        control=control,
+        callbacks=Callbacks(on_sent=go_on),
+        dialect="linuxcnc",
     ).ok
     assert len(holds) == 2
     report = ran(refused, tmp_path, text, pauses="refuse", dialect="linuxcnc")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Control, Report, Watch, run
+from cnc.api import Callbacks, Control, Report, run
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
@@ -22,7 +22,7 @@ from cnc.cli import exit_code
 from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.session import checkpoint
-from cnc.session.checkpoint import Checkpoint, Recorder
+from cnc.session.checkpoint import Checkpoint, CheckpointWriter
 from tests.support.boards.stepper_rig import machine
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
 from tests.support.soak import share
@@ -32,6 +32,8 @@ PROGRAM = (
     + "".join(f"G1 X{k} Y{k % 3} F1200\n" for k in range(1, 9))
     + "G0 Z5\nM2\n"
 )
+from tests.support.session.runs import run_with
+
 """Line k + 4 leads to X k."""
 
 
@@ -56,7 +58,7 @@ def on_board(simulator: Simulator, program: Path, **more: object) -> Report:
     port = SimulatorPort(simulator)
     board = Stepper(port, machine(), "the simulator", clock=port)
     try:
-        return run(program, machine(), board=board, **more)  # type: ignore[arg-type]
+        return run_with(program, machine(), board=board, **more)
     finally:
         board.close()
 
@@ -91,12 +93,12 @@ def test_a_run_goes_on_where_it_was_broken_off(
 ) -> None:
     control = Control()
     send, received = simulator.send, simulator.received
-    watch = Watch(on_sent=trouble(simulator, kind, control))
+    watch = Callbacks(on_sent=trouble(simulator, kind, control))
     if kind == "died":
         with pytest.raises(Died):
-            on_board(simulator, program, control=control, watch=watch)
+            on_board(simulator, program, control=control, callbacks=watch)
     else:
-        first = on_board(simulator, program, control=control, watch=watch)
+        first = on_board(simulator, program, control=control, callbacks=watch)
         assert first.exit_code == (0 if kind == "stopped" else 3)
         hint = f"--from-line {first.resume_line}"
         assert kind == "stopped" or hint in first.faults[0].diagnostic.hint
@@ -130,7 +132,9 @@ def test_a_run_goes_on_where_it_was_broken_off(
         told.extend(story)
         return True
 
-    second = on_board(simulator, program, from_line=found["line"], watch=Watch(on_beginning=agree))
+    second = on_board(
+        simulator, program, from_line=found["line"], callbacks=Callbacks(on_beginning=agree)
+    )
     assert second.ok, second.faults
     made = simulator.moves()[1]
     assert (made.sum(axis=0, dtype=np.int64) / 400).tolist() == [8.0, 2.0, 5.0]
@@ -147,7 +151,7 @@ def test_what_does_not_fit_the_record_is_told(simulator: Simulator, program: Pat
         simulator,
         program,
         control=control,
-        watch=Watch(on_sent=trouble(simulator, "stopped", control)),
+        callbacks=Callbacks(on_sent=trouble(simulator, "stopped", control)),
     )
     line = record(program)["line"]
 
@@ -155,7 +159,7 @@ def test_what_does_not_fit_the_record_is_told(simulator: Simulator, program: Pat
         return [
             found.code
             for found in on_board(
-                simulator, program, watch=Watch(on_beginning=lambda _: False), **more
+                simulator, program, callbacks=Callbacks(on_beginning=lambda _: False), **more
             ).warnings
         ]
 
@@ -176,7 +180,7 @@ def test_the_board_in_the_box_keeps_one_too(
     assert report.faults[0].diagnostic.line >= (report.resume_line or 0) > 0
     monkeypatch.setattr("cnc.api.open_board", lambda *_, **__: Loopback(3, fail_after=2_000))
     assert exit_code([str(program)]) == 3
-    assert f"go on with --from-line {report.resume_line}" in capsys.readouterr().err
+    assert f"continue with --from-line {report.resume_line}" in capsys.readouterr().err
     monkeypatch.setattr("cnc.api.open_board", lambda *_, **__: Loopback(3))
     assert exit_code([str(program), "--from-line", str(report.resume_line), "--yes"]) == 0
     assert not Path(f"{program}.checkpoint").exists()
@@ -204,13 +208,13 @@ def test_a_grbl_board_says_the_line_that_it_moves_along(program: Path) -> None:
         if sent.position is not None and sent.position[0] > 4.0:
             control.stop()
 
-    report = run(
+    report = run_with(
         program,
         load_machine("grbl-uno"),
         board=board,
         dialect="linuxcnc",
         control=control,
-        watch=Watch(on_sent=on_sent),
+        callbacks=Callbacks(on_sent=on_sent),
     )
     board.close()
     assert report.resume_line is not None
@@ -220,9 +224,9 @@ def test_a_grbl_board_says_the_line_that_it_moves_along(program: Path) -> None:
 
 def test_a_whole_record_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whenever it is looked at, from the first writing on."""
-    monkeypatch.setattr(checkpoint, "EVERY_S", 0.001)
+    monkeypatch.setattr(checkpoint, "WRITE_INTERVAL", 0.001)
     name = str(tmp_path / "p.ngc")
-    recorder = Recorder(Checkpoint(name, "0" * 64, "m", "b"), ("x", "y"))
+    recorder = CheckpointWriter(Checkpoint(name, "0" * 64, "m", "b"), ("x", "y"))
     seen: set[int] = set()
     for line in range(1, 300):
         recorder.note(Progress(0.0, line, 0, position=(line, 0.0), at=line))
@@ -242,7 +246,9 @@ def test_a_whole_record_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_folder_that_can_not_be_written_to_stops_nothing(tmp_path: Path) -> None:
-    recorder = Recorder(Checkpoint(str(tmp_path / "no" / "p.ngc"), "0" * 64, "m", "b"), ("x",))
+    recorder = CheckpointWriter(
+        Checkpoint(str(tmp_path / "no" / "p.ngc"), "0" * 64, "m", "b"), ("x",)
+    )
     recorder.note(Progress(0.0, 5, 0, at=5))
     assert recorder.end("stopped", 7, {"x": 1.0}, int) == 7
     recorder.done()

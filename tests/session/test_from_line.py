@@ -12,14 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.api import Report, Watch, run, start_position
+from cnc.api import Callbacks, Report, start_position
 from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
 from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.machine.load import load_machine
 from cnc.model.blocks import ArcFeed, Block, Coolant, Dwell, Polyline, Spindle, Tool
 from cnc.model.diagnostics import CncError
-from cnc.session.resume import Beginning
+from cnc.session.resume import RestartPoint
+from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")
 AXES = MACHINE.axis_names
@@ -41,10 +42,10 @@ def read(text: str, start: np.ndarray, *, mark_calls: bool = False) -> Iterator[
     )
 
 
-def from_line(text: str, line: int, start: np.ndarray = START) -> tuple[list[Block], Beginning]:
-    beginning = Beginning(line, "p.nc", AXES, 15.0)
-    beginning.check(lambda where: read(text, where, mark_calls=True), start)
-    return list(beginning.passed(read(text, start, mark_calls=True), start)), beginning
+def from_line(text: str, line: int, start: np.ndarray = START) -> tuple[list[Block], RestartPoint]:
+    restart = RestartPoint(line, "p.nc", AXES, 15.0)
+    restart.check(lambda where: read(text, where, mark_calls=True), start)
+    return list(restart.passed(read(text, start, mark_calls=True), start)), restart
 
 
 def moves(program: list[Block]) -> list[tuple[int, tuple[float, ...]]]:
@@ -116,7 +117,7 @@ def test_the_rest_is_what_it_would_have_been(
 
 def test_spindle_coolant_feed_and_offsets_are_restored_before_the_tool_goes_down() -> None:
     text = HEAD + "G10 L2 P2 X30\nG55\nX1 F1200\nY7\nX3\nG0 Z5\nM2\n"
-    begun, beginning = from_line(text, 11)
+    begun, restart = from_line(text, 11)
     kinds = [type(block) for block in begun]
     assert kinds[:5] == [Polyline, Polyline, Spindle, Dwell, Coolant]
     spindle, coolant, down, rest = begun[2], begun[4], begun[5], begun[6]
@@ -130,7 +131,7 @@ def test_spindle_coolant_feed_and_offsets_are_restored_before_the_tool_goes_down
     assert isinstance(rest, Polyline)
     assert rest.points[0].tolist() == [33.0, 7.0, -1.0]
     assert rest.feeds[0] == 20.0
-    story = "\n".join(beginning.story)
+    story = "\n".join(restart.steps)
     for told in (
         "lift Z to 5.000",
         "go to X31.000 Y7.000 Z5.000",
@@ -233,14 +234,14 @@ def test_a_line_of_a_subprogram_is_no_place_to_begin(text: str, line: int) -> No
 
 
 def test_where_nothing_has_moved_before_nothing_leads_there() -> None:
-    begun, beginning = from_line("G21 G90\nG1 Z-1 F100\nX5\nM2\n", 2)
+    begun, restart = from_line("G21 G90\nG1 Z-1 F100\nX5\nM2\n", 2)
     assert [number for number, _ in moves(begun)] == [2, 3]
-    assert not any("lift" in told or "go to" in told for told in beginning.story)
+    assert not any("lift" in told or "go to" in told for told in restart.steps)
 
 
 def test_there_is_no_line_0() -> None:
     with pytest.raises(CncError):
-        Beginning(0, "p.nc", AXES, None)
+        RestartPoint(0, "p.nc", AXES, None)
 
 
 @pytest.mark.parametrize("board", ["loopback", "grbl-sim"])
@@ -259,7 +260,9 @@ def test_every_board_begins_there_and_ends_where_the_program_does(
             return answer
 
         opened = GrblSimulatorBoard.from_machine(MACHINE) if board == "grbl-sim" else board
-        return run(program, MACHINE, board=opened, from_line=6, watch=Watch(on_beginning=ask))
+        return run_with(
+            program, MACHINE, board=opened, from_line=6, callbacks=Callbacks(on_beginning=ask)
+        )
 
     done = ran(True)
     assert done.ok, done.faults

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from cnc.api import Control, Report, Watch, check, run
+from cnc.api import Callbacks, Control, Report, check, run
 from cnc.boards.loopback import Loopback
 from cnc.boards.protocols import Capabilities
 from cnc.boards.stepper.outputs import actions
 from cnc.cli import exit_code
 from cnc.machine.load import load_machine
 from cnc.machine.models import Axis
+from tests.support.session.runs import run_with
 
 MACHINE = load_machine("stepper-uno")
 
@@ -47,7 +48,7 @@ def ran(
 ) -> tuple[Report, Loopback]:
     (folder / "p.ngc").write_text(f"G21 G90\n{text}\nG1 X1 F600\nM2\n")
     made = board(3)
-    return run(folder / "p.ngc", MACHINE, board=made, **more), made  # type: ignore[arg-type]
+    return run_with(folder / "p.ngc", MACHINE, board=made, **more), made
 
 
 @pytest.mark.parametrize(
@@ -125,7 +126,7 @@ def test_a_pause_waits_for_the_operator_or_is_refused_or_left_out(
             told.append((sent.line, sent.hold_reason))
             control.resume()
 
-    assert ran(tmp_path, words, control=control, watch=Watch(on_sent=on_sent))[0].ok
+    assert ran(tmp_path, words, control=control, callbacks=Callbacks(on_sent=on_sent))[0].ok
     assert told == [(2, why)]
     assert ran(tmp_path, words, pauses="skip", control=Control())[0].ok
 

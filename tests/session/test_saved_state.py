@@ -14,6 +14,7 @@ from cnc.boards.loopback import Loopback
 from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.syntax.parameters import read_parameters
 from cnc.model.diagnostics import MachineFileError, UsageError
+from tests.support.session.runs import check_with
 
 AXIS = "steps_per_mm = 100\nmax_velocity = 50\nmax_acceleration = 500\nmax_jerk = 9000\n"
 MACHINE = "".join(f"[axes.{axis}]\n{AXIS}" for axis in "xyz")
@@ -77,7 +78,7 @@ def test_tools_outlive_a_run(machine: Path) -> None:
     first, second = table.tool(1), table.tool(2)
     assert first is not None
     assert second is not None
-    assert (first.pocket, first.offsets, first.diameter, first.remark) == (
+    assert (first.pocket, first.offsets, first.diameter, first.comment) == (
         3,
         {"Z": 40.25},
         6.0,
@@ -193,11 +194,11 @@ def test_a_board_that_senses_nothing_refuses_what_needs_sensing(machine: Path, l
 
 def test_lines_for_a_grbl_board(machine: Path) -> None:
     file = program(machine, "G21", "$H", "G0 X1")
-    (fault,) = check(file, machine, dialect="grbl").faults
+    (fault,) = check_with(file, machine, dialect="grbl").faults
     assert (fault.diagnostic.code, fault.diagnostic.line, fault.diagnostic.text) == (
         "board-command",
         2,
         "$H",
     )
     machine.write_text(MACHINE + '[board]\nkind = "grbl"\n' + FILES)
-    assert check(file, machine, dialect="grbl").ok
+    assert check_with(file, machine, dialect="grbl").ok

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from cnc.api import Control, Watch, run
+from cnc.api import Callbacks, Control
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.protocol import RealTime
 from cnc.boards.grbl.simulator.from_machine import settings_of
@@ -20,6 +20,7 @@ from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
+from tests.support.session.runs import run_with
 from tests.support.soak import share
 
 ROUTER = load_machine("grbl-uno")
@@ -78,12 +79,12 @@ class Operated:
             else:
                 board.real_time(RealTime[wish])
 
-        report = run(
+        report = run_with(
             program,
             ROUTER,
             board=board,
             control=control,
-            watch=Watch(on_sent=see),
+            callbacks=Callbacks(on_sent=see),
             dialect="linuxcnc",
         )
         board.close()
@@ -154,7 +155,10 @@ def test_what_is_told_to_be_left_is_left(seed, wishes, feed, arcs, tmp_path_fact
     program.write_text(jobs(seed))
     operated = Operated(wishes, feed, settings={11: 0.02, 12: arcs, 120: 180.0, 110: 1500.0})
     operated.run(program)
-    assert operated.worst(max(operated.disturbed, default=0.0)) <= 0.05
+    last = max(operated.disturbed, default=0.0)
+    # A motion that ends before the estimate has settled leaves nothing to compare.
+    assume(operated.end - last > SETTLING + 1.0)
+    assert operated.worst(last) <= 0.05
 
 
 @pytest.mark.parametrize("rapid", ["RAPID_25", "RAPID_50"])

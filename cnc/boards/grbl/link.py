@@ -9,6 +9,7 @@ position. So every connection begins with a welcome.
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Callable
 
 from cnc.boards.grbl import faults
@@ -27,8 +28,11 @@ from cnc.boards.grbl.protocol import GrblProtocol, RealTime, State
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import Clock, Port
+from cnc.boards.port_log import LoggedPort
 from cnc.boards.protocols import board_error
 from cnc.model.diagnostics import BoardError
+
+log = logging.getLogger(__name__)
 
 POLL = 0.2
 """Seconds between two ``?``: GRBL's interface allows at most 5 Hz."""
@@ -88,7 +92,7 @@ class GrblLink:
         self.status_at = -1.0
         self.alarm: int | None = None
         self.greeted_unasked = False
-        self._port = port
+        self._port = LoggedPort(port, name, log, text=True)
         self._next_poll = 0.0
         self._unanswered_since: float | None = None
         self._alarms: list[int] = []
@@ -227,6 +231,7 @@ class GrblLink:
                 hint=hint,
             )
         self.info = BoardInfo(welcome.version, welcome.hal)
+        log.info("%s: %s", self.name, self.info.firmware)
         # An empty line ends an error that grblHAL repeats, and shows that the board answers.
         self.ask("")
         self.info.take([*self.ask("$I"), *self.ask("$$")])
@@ -295,9 +300,11 @@ class GrblLink:
                 # The board is alive; it does not listen while it homes.
                 self._unanswered_since = self.clock.now()
             elif isinstance(event, Alarmed):
+                log.warning("%s: alarm %d", self.name, event.code)
                 self.alarm = event.code
                 self._alarms.append(event.code)
             elif isinstance(event, Started):
+                log.info("%s: the board has started", self.name)
                 self.alarm = None
                 self._unanswered_since = None
         return events

@@ -4,14 +4,18 @@ it can drive the machine.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Iterator
 
 from cnc.boards.port import Clock, Port
+from cnc.boards.port_log import LoggedPort
 from cnc.boards.protocols import board_error
 from cnc.boards.stepper.protocol import VERSION, Alarm, Kind, State, Status, StepperLink, Welcome
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import BoardError, Diagnostic
+
+log = logging.getLogger(__name__)
 
 BAUD = 1_000_000
 """The firmware's speed unless the machine file names another."""
@@ -64,7 +68,7 @@ class Connection:
     """A port, and the protocol's state."""
 
     def __init__(self, port: Port, clock: Clock, name: str) -> None:
-        self.port = port
+        self.port = LoggedPort(port, name, log, text=False)
         self.clock = clock
         self.name = name
         self.link = StepperLink()
@@ -87,6 +91,8 @@ class Connection:
         data = self.port.read(seconds)
         now = self.clock.now()
         said = [event for event in link.receive(data, now) if isinstance(event, Status)]
+        for status in said:
+            log.debug("%s: %s", self.name, status)
         if said:
             self.status = said[-1]
         self._heard_at = max(self._heard_at, link.heard_at or 0.0)
@@ -138,6 +144,7 @@ class Connection:
             if clock.now() - began > patience:
                 raise _no_stepper(self.name, link.murmur)
         self._heard_at = clock.now()
+        log.info("%s: %s", self.name, link.welcome)
         return link.welcome
 
 

@@ -12,12 +12,12 @@ compensation".
 from __future__ import annotations
 
 from cnc.gcode.codes.motion import Motion
-from cnc.gcode.codes.tool_codes import ToolSettings
+from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry.compensation import Side
-from cnc.gcode.state.block_buffer import Output
-from cnc.gcode.state.modal_groups import PLANES, Code, Codes, Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.state.modal_groups import PLANES, Code, Codes, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import MAX_TOOL, ORIENTATIONS
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
@@ -32,17 +32,17 @@ orientation.
 """
 
 
-class Sides:
+class CompensationCodes:
     """Carries out the codes above for an interpreter."""
 
     def __init__(
         self,
         dialect: Dialect,
-        here: Here,
-        state: Modal,
+        here: SourceLocation,
+        state: ModalState,
         motion: Motion,
-        tools: ToolSettings,
-        out: Output,
+        tools: ToolCodes,
+        out: BlockBuffer,
     ) -> None:
         self._dialect = dialect
         self._here = here
@@ -78,7 +78,7 @@ class Sides:
         )
         if radius == 0.0:
             message = f"{at.written} with a radius of 0: the path stays as it is written"
-            self._here.caution(
+            self._here.report_warning(
                 "compensation-radius-zero",
                 message,
                 at,
@@ -94,13 +94,13 @@ class Sides:
             side, radius, self._state.plane, columns, self._motion.position, at, shift=shift
         )
         self._state.compensation = code.g
-        self._out.hold = compensation.add
+        self._out.defer = compensation.add
 
     def off(self) -> None:
         """The move that is held back ends where it would end by itself."""
         self._motion.compensation.stop()
         self._state.compensation = G.G40
-        self._out.hold = None
+        self._out.defer = None
 
     def _given(self, words: LineWords, at: Word) -> tuple[float, int]:
         """Radius and orientation of G41.1 and G42.1."""

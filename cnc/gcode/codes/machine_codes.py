@@ -6,16 +6,15 @@ Source: LinuxCNC, "M-codes" and "Other codes"; G4, G64, G96 and G97 in "G-codes"
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
 from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.block_buffer import Output
-from cnc.gcode.state.modal_groups import Code, Codes, Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.state.modal_groups import Code, Codes, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import MAX_TOOL
-from cnc.gcode.state.unused_words import Waiting
+from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
@@ -60,7 +59,7 @@ _SAVED = (
 """What M70 and M73 save of the modal state; they save the coordinate system in use, too."""
 
 
-class Functions:
+class MachineCodes:
     """Carries out the codes that do not move. The methods are called in the standard order of
     execution.
     """
@@ -68,18 +67,18 @@ class Functions:
     def __init__(
         self,
         dialect: Dialect,
-        here: Here,
-        state: Modal,
-        out: Output,
+        here: SourceLocation,
+        state: ModalState,
+        out: BlockBuffer,
         parameters: Parameters,
-        waiting: Waiting,
+        unused_words: UnusedWords,
     ) -> None:
         self._dialect = dialect
         self._here = here
         self._state = state
         self._out = out
         self._parameters = parameters
-        self._waiting = waiting
+        self._unused_words = unused_words
 
     # Speed, tool, spindle
 
@@ -91,11 +90,11 @@ class Functions:
             if state.spindle != "off" and "spindle" not in codes and "tool-change" not in codes:
                 self._spindle()
             elif word.number:
-                self._waiting.give(word)
+                self._unused_words.note(word)
         if word := words.take("T", "T"):
             state.tool = whole(word, "the tool number", 0, MAX_TOOL)
             if M.M6 in self._dialect.m:
-                self._waiting.give(word)
+                self._unused_words.note(word)
 
     def _speed(self, word: Word) -> float:
         """The number of an S word as the spindle mode has it: rpm, or mm/s from metres or feet a
@@ -131,7 +130,7 @@ class Functions:
                 code.word,
                 "give T and the tool's number",
             )
-        self._waiting.used("T")
+        self._unused_words.mark_used("T")
         self._spindle_off()
         state.loaded = state.tool
         self._out.add(Tool(here.file, here.line, state.tool))
@@ -153,8 +152,8 @@ class Functions:
         else:
             if state.speed is None:
                 message = f"{code.word.written} without a speed ever given: the spindle stands"
-                self._here.caution("spindle-speed-missing", message, code.word, "give S")
-            self._waiting.used("S")
+                self._here.report_warning("spindle-speed-missing", message, code.word, "give S")
+            self._unused_words.mark_used("S")
             state.spindle = "cw" if code.number == M.M3 else "ccw"
             self._spindle()
 
@@ -361,7 +360,7 @@ class Functions:
             )
         if seconds >= LONG_DWELL and letters[letter] == 1.0 and "." not in time.written:
             message = f"{time.written} is {seconds:g} s here; controls that count milliseconds take {seconds / 1000.0:g} s"
-            self._here.caution(
+            self._here.report_warning(
                 "dwell-long", message, time, f"write {time.written}. if seconds are meant"
             )
         self._out.add(Dwell(self._here.file, self._here.line, seconds))
@@ -391,11 +390,11 @@ class Functions:
 
     # State, stop
 
-    def save(self) -> Modal:
+    def save(self) -> ModalState:
         """The modal state, for :meth:`restore`."""
         return replace(self._state)
 
-    def restore(self, saved: Modal) -> None:
+    def restore(self, saved: ModalState) -> None:
         """Back to a saved state (M72): what differs outside the interpreter is said in blocks."""
         state = self._state
         before = replace(state)
@@ -429,11 +428,3 @@ class Functions:
             self._coolant()
         self._out.add(End(here.file, here.line))
         return True
-
-
-def surface_rpm(speed: float, most_rpm: float, radius: float) -> float:
-    """Turns a minute at a surface speed (mm/s) and a radius (mm): at most ``most_rpm`` where that
-    is not 0; infinite on the axis.
-    """
-    rpm = speed * 60.0 / (math.tau * radius) if radius > 0.0 else math.inf
-    return min(rpm, most_rpm) if most_rpm else rpm

@@ -10,10 +10,10 @@ from collections.abc import Callable
 from functools import partial
 
 from cnc.gcode.codes.system_parameters import feed_word
-from cnc.gcode.state.block_buffer import Output
+from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.coordinates import SYSTEM_CODES, Coordinates
-from cnc.gcode.state.modal_groups import FEED_MODES, PLANES, Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.modal_groups import FEED_MODES, PLANES, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.model import parameter_numbers as numbers
@@ -27,10 +27,10 @@ _FEED_CODES = {mode: code.code for code, mode in FEED_MODES.items()}
 
 def bind(
     parameters: Parameters,
-    state: Modal,
-    here: Here,
+    state: ModalState,
+    here: SourceLocation,
     coordinates: Coordinates,
-    out: Output,
+    out: BlockBuffer,
     position: Callable[[], list[float]],
 ) -> None:
     """Show the state, and take what a program does by setting a variable.

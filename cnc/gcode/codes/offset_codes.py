@@ -8,10 +8,10 @@ and "Local coordinate system". G53 has told the move already; here it is only ch
 from __future__ import annotations
 
 from cnc.gcode.codes.motion import Motion
-from cnc.gcode.codes.tool_codes import ToolSettings
+from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.coordinates import EXTERNAL, SYSTEM_CODES, Coordinates
-from cnc.gcode.state.modal_groups import Code, Modal
+from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, whole
 
@@ -20,12 +20,14 @@ _HOME = {G.G28: G.G28, G.G28_1: G.G28, G.G30: G.G30, G.G30_1: G.G30}
 _ORIGINS = (2, 20)
 
 
-class Settings:
+class OffsetCodes:
     """Carries out the codes above for an interpreter. Under cutter compensation most are
     refused.
     """
 
-    def __init__(self, dialect: Dialect, state: Modal, motion: Motion, tools: ToolSettings) -> None:
+    def __init__(
+        self, dialect: Dialect, state: ModalState, motion: Motion, tools: ToolCodes
+    ) -> None:
         self._dialect = dialect
         self._state = state
         self._motion = motion
@@ -67,11 +69,11 @@ class Settings:
         elif number in (G.G28_1, G.G30_1):
             coordinates.set_home(_HOME[number], self._motion.position)
         elif number == G.G52:
-            coordinates.local(self._values(words, "G52", code.word))
+            coordinates.set_local(self._values(words, "G52", code.word))
         elif number == G.G53:
             self._check_machine_move(code.word)
         elif number == G.G92:
-            coordinates.shift_here(self._values(words, "G92", code.word), self._motion.position)
+            coordinates.set_shift_here(self._values(words, "G92", code.word), self._motion.position)
         elif number == G.G92_1:
             coordinates.clear_shift()
         elif number == G.G92_2:
@@ -219,7 +221,7 @@ class Settings:
         if not self._dialect.rotation:
             message = f"R of G10, rotation of the coordinate system, is not in the {self._dialect.name} dialect"
             raise fault("word-not-in-dialect", message, word)
-        if not self._coordinates.turns:
+        if not self._coordinates.can_rotate:
             raise fault(
                 "axis-missing", f"{word.written} turns X and Y, and the machine has not both", word
             )

@@ -43,7 +43,7 @@ class QuickMove(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Prepared:
+class PreparedLine:
     """A statement, and its words sorted, the ``computed`` ones still without a number.
 
     ``codes`` is None where they have to be computed; ``quick`` is the quick way to make its move,
@@ -92,7 +92,7 @@ def _code(word: Word, number: float) -> Word:
     return Word(word.letter, code, f"{word.letter}{code:g}", word.column, word.length)
 
 
-def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> Prepared:
+def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> PreparedLine:
     """Sort the words and look for the quick way; ``column`` tells the column of an axis letter.
     Raises what is wrong with the words.
     """
@@ -100,7 +100,7 @@ def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> P
     computed = {index for index, _ in statement.computed}
     constant = all(statement.words[index].letter not in "GM" for index in computed)
     codes = codes_of(words.g, words.m, dialect) if constant else None
-    return Prepared(statement, words, codes, _quick(statement, words, codes, dialect, column))
+    return PreparedLine(statement, words, codes, _quick(statement, words, codes, dialect, column))
 
 
 def kinds_of_letters(dialect: Dialect, column: dict[str, int]) -> list[int]:

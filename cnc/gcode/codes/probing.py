@@ -11,9 +11,9 @@ import numpy as np
 
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.cycles.cycle_runner import refuse_axes, refuse_modes
-from cnc.gcode.state.block_buffer import Output
-from cnc.gcode.state.modal_groups import Code, Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.state.modal_groups import Code, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.words import LineWords, fault
@@ -30,7 +30,13 @@ PROBES = {
 LINEAR = "XYZUVW"
 
 
-def register(motion: Motion, state: Modal, here: Here, out: Output, parameters: Parameters) -> None:
+def register(
+    motion: Motion,
+    state: ModalState,
+    here: SourceLocation,
+    out: BlockBuffer,
+    parameters: Parameters,
+) -> None:
     """Let ``motion`` make G38.2 to G38.5."""
     made = Probing(motion, state, here, out, parameters)
     motion.handlers |= dict.fromkeys(PROBES, made.probe)
@@ -40,7 +46,12 @@ class Probing:
     """Makes the lines of G38.2 to G38.5."""
 
     def __init__(
-        self, motion: Motion, state: Modal, here: Here, out: Output, parameters: Parameters
+        self,
+        motion: Motion,
+        state: ModalState,
+        here: SourceLocation,
+        out: BlockBuffer,
+        parameters: Parameters,
     ) -> None:
         self._motion = motion
         self._state = state

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from cnc.gcode.state.modal_groups import PLANES, Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.modal_groups import PLANES, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.model.units import per_minute
@@ -20,7 +20,7 @@ VERSION = (2.9, 0.0)
 _PLANE_CODES = {plane: float(code) for code, plane in PLANES.items()}
 
 
-def bind(parameters: Parameters, state: Modal, here: Here) -> None:
+def bind(parameters: Parameters, state: ModalState, here: SourceLocation) -> None:
     """Show the modal state."""
     readers: dict[str, Callable[[], float]] = {
         "_vmajor": lambda: VERSION[0],
@@ -66,7 +66,7 @@ def _as_float(read: Callable[[], float]) -> Callable[[], float]:
     return lambda: float(read())
 
 
-def feed_word(state: Modal) -> float:
+def feed_word(state: ModalState) -> float:
     """The F word in effect, as it was written."""
     if state.feed is None:
         return 0.0

@@ -11,16 +11,18 @@ from dataclasses import replace
 
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.modal_groups import Code, Modal
+from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.state.tool_table import MAX_TOOL, ORIENTATIONS, ToolEntry, ToolTable
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 
 
-class ToolSettings:
+class ToolCodes:
     """Carries out the codes above for an interpreter."""
 
-    def __init__(self, dialect: Dialect, state: Modal, motion: Motion, table: ToolTable) -> None:
+    def __init__(
+        self, dialect: Dialect, state: ModalState, motion: Motion, table: ToolTable
+    ) -> None:
         self._dialect = dialect
         self._state = state
         self._motion = motion

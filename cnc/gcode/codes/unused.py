@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cnc.gcode.state.modal_groups import Modal
+from cnc.gcode.state.modal_groups import ModalState
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, fault
 from cnc.model.diagnostics import GcodeError
@@ -26,7 +26,7 @@ _HINTS = {
 }
 
 
-def unused(words: LineWords, state: Modal) -> GcodeError:
+def unused(words: LineWords, state: ModalState) -> GcodeError:
     """The error for the leftmost word that is left."""
     word = words.first()
     if state.motion == G.G6_2 and word.letter in "KURPW":

@@ -10,20 +10,20 @@ from collections.abc import Iterable
 
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.cycles.steps import (
-    Allow,
     Cut,
-    Operator,
+    OperatorStop,
+    OrientSpindle,
     Pause,
     Point,
-    PointSpindle,
     Rapid,
+    SetOverrides,
     Step,
     Synchronise,
-    Turn,
+    TurnSpindle,
 )
-from cnc.gcode.state.block_buffer import Output
-from cnc.gcode.state.modal_groups import Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.state.modal_groups import ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
 from cnc.model.blocks import (
     PLANE_AXES,
@@ -38,7 +38,7 @@ from cnc.model.blocks import (
 
 
 def refuse_modes(
-    motion: Motion, state: Modal, name: str, at: Word, *, inverse_time: bool = True
+    motion: Motion, state: ModalState, name: str, at: Word, *, inverse_time: bool = True
 ) -> None:
     """GcodeError where ``name`` can't be made: under cutter compensation, and under G93 if that is
     refused.
@@ -63,7 +63,7 @@ def refuse_axes(words: LineWords, name: str, allowed: str) -> None:
             )
 
 
-class Stage:
+class CyclePlane:
     """The plane in effect, as a line with a cycle finds it.
 
     ``columns`` are those of the plane's two axes and of the axis across it, None for one that the
@@ -71,7 +71,7 @@ class Stage:
     system in use.
     """
 
-    def __init__(self, motion: Motion, state: Modal) -> None:
+    def __init__(self, motion: Motion, state: ModalState) -> None:
         first, second = PLANE_AXES[state.plane]
         (across,) = {"x", "y", "z"} - {first, second}
         self.across = across.upper()
@@ -131,16 +131,18 @@ class Stage:
         ]
 
 
-class Performer:
+class CycleRunner:
     """Carries steps out: moves through ``motion``, everything else straight to ``out``."""
 
-    def __init__(self, motion: Motion, state: Modal, here: Here, out: Output) -> None:
+    def __init__(
+        self, motion: Motion, state: ModalState, here: SourceLocation, out: BlockBuffer
+    ) -> None:
         self._motion = motion
         self._state = state
         self._here = here
         self._out = out
 
-    def perform(self, steps: Iterable[Step], stage: Stage) -> None:
+    def perform(self, steps: Iterable[Step], stage: CyclePlane) -> None:
         """The blocks of the steps, in order; the position is where they end."""
         motion, out, file, line = self._motion, self._out, self._here.file, self._here.line
         blending = self._state.path == "blend"
@@ -154,20 +156,20 @@ class Performer:
                     motion.feed_to(stage.place(to), feed)
                 case Pause(seconds):
                     out.add(Dwell(file, line, seconds))
-                case Turn():
+                case TurnSpindle():
                     out.add(self._spindle(step))
-                case PointSpindle():
+                case OrientSpindle():
                     out.add(Orient(file, line, 0.0))
-                case Operator():
+                case OperatorStop():
                     out.add(Stop(file, line))
-                case Allow():
+                case SetOverrides():
                     out.add(self._overrides(step))
                 case Synchronise(pitch):
                     out.add(SpindleSync(file, line, pitch))
         if blending:
             out.add(PathMode(file, line, "blend", self._state.tolerance))
 
-    def _spindle(self, turn: Turn) -> Spindle:
+    def _spindle(self, turn: TurnSpindle) -> Spindle:
         """A turn of the spindle at the speed in effect; what the program has said of the spindle
         stays as it is.
         """
@@ -179,7 +181,7 @@ class Performer:
             return Spindle(file, line, turn.state, state.most_rpm, speed)
         return Spindle(file, line, turn.state, speed * turn.times)
 
-    def _overrides(self, step: Allow) -> Overrides:
+    def _overrides(self, step: SetOverrides) -> Overrides:
         """The operator's overrides as the program has set them, less what the step takes away."""
         state = self._state
         feed, spindle = state.feed_override, state.speed_override

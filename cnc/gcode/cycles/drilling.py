@@ -19,11 +19,11 @@ from dataclasses import dataclass, field, replace
 
 from cnc.gcode.codes.machine_codes import MAX_DWELL
 from cnc.gcode.codes.motion import Motion
-from cnc.gcode.cycles.cycle_runner import Performer, Stage, refuse_axes, refuse_modes
-from cnc.gcode.cycles.drilling_steps import Hole, Manner, steps
+from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
+from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, steps
 from cnc.gcode.cycles.steps import Turning
 from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.modal_groups import Code, Modal
+from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
 from cnc.model.blocks import Plane
@@ -54,19 +54,19 @@ class _Series:
     words: dict[str, Word] = field(default_factory=dict)
 
 
-def register(motion: Motion, dialect: Dialect, state: Modal, performer: Performer) -> None:
+def register(motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner) -> None:
     """Let ``motion`` make the canned cycles of the dialect."""
-    made = Cycles(motion, dialect, state, performer)
+    made = DrillingCycles(motion, dialect, state, performer)
     motion.handlers |= dict.fromkeys(made.cycles, made.make)
     if dialect.cycles.words_stay:
-        motion.again |= dict.fromkeys(made.cycles, frozenset("R"))
+        motion.repeat_words |= dict.fromkeys(made.cycles, frozenset("R"))
 
 
-class Cycles:
+class DrillingCycles:
     """Makes the lines of canned cycles. ``cycles`` are those of the dialect."""
 
     def __init__(
-        self, motion: Motion, dialect: Dialect, state: Modal, performer: Performer
+        self, motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner
     ) -> None:
         self.cycles = frozenset(DRILLING) | (
             {FINE_BORING} if dialect.cycles.fine_boring else frozenset()
@@ -94,12 +94,12 @@ class Cycles:
                 "give the place of the hole, such as X10 Y20",
             )
         refuse_axes(words, name, "XYZ")
-        stage = Stage(motion, state)
+        stage = CyclePlane(motion, state)
         stage.needs("XYZ" if cycle == FINE_BORING else stage.across, name, at)
         series = self._series_of(cycle)
         depth = self._word(words, series, stage.across, name, at)
         retract = self._word(words, series, "R", name, at)
-        how = self._manner(words, series, cycle, name, at)
+        settings = self._settings(words, series, cycle, name, at)
         repeats = self._repeats(words, name)
         given = motion.axis_values(words, name)
         heights = self._heights(stage, series, depth, retract)
@@ -112,18 +112,18 @@ class Cycles:
                 _of_line(words, "R", at),
                 f"{name} goes from R down to {stage.across}",
             )
-        if how.peck and repeats * (top - bottom) > MOST_BITES * how.peck:
+        if settings.peck and repeats * (top - bottom) > MOST_BITES * settings.peck:
             message = f"this line comes to more than {MOST_BITES} bites"
             raise fault("cycle-too-long", message, _of_line(words, "Q", at), "give a larger Q")
         holes = self._holes(stage, given, heights, repeats)
         end = stage.place((*stage.start[:2], bottom))
-        how = replace(how, feed=motion.feed(words, end, 0.0, at))
+        settings = replace(settings, feed=motion.feed(words, end, 0.0, at))
         self._series = series
-        self._performer.perform(steps(cycle, stage.start, holes, how), stage)
+        self._performer.perform(steps(cycle, stage.start, holes, settings), stage)
 
     def _series_of(self, cycle: G) -> _Series:
         """The series that this line goes on with, or a new one."""
-        state, series, before = self._state, self._series, self._motion.before
+        state, series, before = self._state, self._series, self._motion.motion_before
         if series is None or before not in self.cycles or series.plane != state.plane:
             return _Series(cycle, state.plane, self._motion.position)
         words = series.words if cycle == series.cycle or self._rules.words_stay else {}
@@ -147,7 +147,9 @@ class Cycles:
             series.words[letter] = word
         return word
 
-    def _manner(self, words: LineWords, series: _Series, cycle: G, name: str, at: Word) -> Manner:
+    def _settings(
+        self, words: LineWords, series: _Series, cycle: G, name: str, at: Word
+    ) -> HoleSettings:
         """What Q, P and the spindle say; the feed is still missing."""
         state, rules = self._state, self._rules
         dwell = peck = 0.0
@@ -170,7 +172,7 @@ class Cycles:
         if cycle in NEEDS_SPINDLE:
             self._check_spindle(cycle, name, at)
         turning: Turning = "ccw" if state.spindle == "ccw" else "cw"
-        return Manner(
+        return HoleSettings(
             feed=0.0,
             dwell=dwell,
             peck=peck if cycle in PECKING else 0.0,
@@ -221,7 +223,7 @@ class Cycles:
         return whole(found[0], "the repeats", 1, MOST_REPEATS) if found else 1
 
     def _heights(
-        self, stage: Stage, series: _Series, depth: Word, retract: Word
+        self, stage: CyclePlane, series: _Series, depth: Word, retract: Word
     ) -> tuple[float, float, float]:
         """R, the bottom, and where the cycle ends."""
         state, motion = self._state, self._motion
@@ -233,7 +235,7 @@ class Cycles:
 
     def _holes(
         self,
-        stage: Stage,
+        stage: CyclePlane,
         given: dict[int, float],
         heights: tuple[float, float, float],
         repeats: int,

@@ -42,7 +42,7 @@ class Pause:
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
+class TurnSpindle:
     """The spindle turns so at ``times`` the speed programmed, or stands."""
 
     state: Turning | Literal["off"]
@@ -50,17 +50,17 @@ class Turn:
 
 
 @dataclass(frozen=True, slots=True)
-class PointSpindle:
+class OrientSpindle:
     """The spindle is held at its angle of orientation."""
 
 
 @dataclass(frozen=True, slots=True)
-class Operator:
+class OperatorStop:
     """The program waits for the operator."""
 
 
 @dataclass(frozen=True, slots=True)
-class Allow:
+class SetOverrides:
     """Whether the operator may override feed and spindle speed; ``spindle`` False leaves that of
     the spindle alone.
     """
@@ -76,7 +76,7 @@ class Synchronise:
     pitch: float
 
 
-Step = Rapid | Cut | Pause | Turn | PointSpindle | Operator | Allow | Synchronise
+Step = Rapid | Cut | Pause | TurnSpindle | OrientSpindle | OperatorStop | SetOverrides | Synchronise
 
 
 def opposite(turning: Turning) -> Turning:

@@ -8,11 +8,11 @@ LinuxCNC 2.9, "G-codes", G33, G33.1, G76.
 from __future__ import annotations
 
 from cnc.gcode.codes.motion import Motion
-from cnc.gcode.cycles.cycle_runner import Performer, Stage, refuse_axes, refuse_modes
+from cnc.gcode.cycles.cycle_runner import CyclePlane, CycleRunner, refuse_axes, refuse_modes
 from cnc.gcode.cycles.steps import Turning
 from cnc.gcode.cycles.threading_steps import MOST_PASSES, Thread, cut, follow, passes, tap_rigidly
 from cnc.gcode.dialects import Dialect
-from cnc.gcode.state.modal_groups import Code, Modal
+from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
 
@@ -24,18 +24,18 @@ FASTEST = 100.0
 """Times the speed that G33.1 may come back at."""
 
 
-def register(motion: Motion, dialect: Dialect, state: Modal, performer: Performer) -> None:
+def register(motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner) -> None:
     """Let ``motion`` make G33, G33.1 and, where the dialect has no other meaning for it, G76."""
-    made = Threading(motion, state, performer)
+    made = ThreadingCycles(motion, state, performer)
     motion.handlers[FOLLOW] = motion.handlers[TAP] = made.move
     if not dialect.cycles.fine_boring:
         motion.handlers[THREAD] = made.thread
 
 
-class Threading:
+class ThreadingCycles:
     """Makes the lines of G33, G33.1 and G76."""
 
-    def __init__(self, motion: Motion, state: Modal, performer: Performer) -> None:
+    def __init__(self, motion: Motion, state: ModalState, performer: CycleRunner) -> None:
         self._motion = motion
         self._state = state
         self._performer = performer
@@ -57,7 +57,7 @@ class Threading:
         refuse_axes(words, name, "XYZ")
         pitch = self._pitch(words, "K", name, at)
         faster = self._faster(words) if rigid else 1.0
-        stage = Stage(motion, state)
+        stage = CyclePlane(motion, state)
         turns, turning = self._turns_per_second(name, at)
         end = stage.seen(motion.coordinates.to_program(motion.target(words, name, motion.position)))
         steps = (
@@ -114,7 +114,7 @@ class Threading:
         refuse_axes(words, "G76", "Z")
         if "Z" not in words.rest:
             raise fault("axis-words-missing", "G76 needs Z", at, "give Z and the end of the thread")
-        stage = Stage(motion, state)
+        stage = CyclePlane(motion, state)
         stage.needs("XZ", "G76", at)
         turns, _ = self._turns_per_second("G76", at)
         end_word = words.rest["Z"]

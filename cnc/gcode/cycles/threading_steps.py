@@ -23,14 +23,14 @@ from math import ceil, copysign, hypot, log, radians, tan
 
 from cnc.gcode.cycles.steps import (
     ROUNDING,
-    Allow,
     Cut,
     Point,
     Rapid,
+    SetOverrides,
     Step,
     Synchronise,
-    Turn,
     Turning,
+    TurnSpindle,
     opposite,
     without_standing,
 )
@@ -126,10 +126,10 @@ def cut(thread: Thread, turns_per_second: float) -> Iterator[Step]:
         yield Rapid(at(end, away))
 
     def whole() -> Iterator[Step]:
-        yield Allow(overrides=False, spindle=False)
+        yield SetOverrides(overrides=False, spindle=False)
         for depth in depths(thread):
             yield from passing(depth)
-        yield Allow(overrides=True, spindle=False)
+        yield SetOverrides(overrides=True, spindle=False)
         yield Rapid(at(thread.end, thread.drive))
 
     yield from without_standing(at(thread.start, thread.drive), whole())
@@ -152,7 +152,7 @@ def tap_rigidly(
     if end != start:
         yield Synchronise(pitch)
         yield Cut(end, pitch * turns_per_second)
-        yield Turn(opposite(turning), faster)
+        yield TurnSpindle(opposite(turning), faster)
         yield Cut(start, pitch * turns_per_second * faster)
-        yield Turn(turning)
+        yield TurnSpindle(turning)
         yield Synchronise(0.0)

@@ -22,7 +22,7 @@ import cmath
 import math
 from collections.abc import Iterator
 
-from cnc.gcode.geometry.offset_curves import Curve, Round, Straight, meet
+from cnc.gcode.geometry.offset_curves import Curve, OffsetArc, OffsetLine, meet
 
 
 def clearance(path: Curve, start: float, stop: float, move: Curve) -> float:
@@ -32,8 +32,8 @@ def clearance(path: Curve, start: float, stop: float, move: Curve) -> float:
     stop = max(start, stop)
     least = min(distance(place(path, start), move), distance(place(path, stop), move))
     for point in _least(path, move):
-        along = path.ahead(point)
-        if isinstance(path, Round):
+        along = path.distance_along(point)
+        if isinstance(path, OffsetArc):
             along = start + (along - start) % math.tau
         if start < along < stop:
             least = min(least, distance(point, move))
@@ -42,17 +42,17 @@ def clearance(path: Curve, start: float, stop: float, move: Curve) -> float:
 
 def place(curve: Curve, along: float) -> complex:
     """The point so many of its units after a curve's start."""
-    if isinstance(curve, Straight):
+    if isinstance(curve, OffsetLine):
         return curve.first + along * curve.heading
     return curve.center + (curve.first - curve.center) * cmath.rect(1.0, curve.spin * along)
 
 
 def distance(point: complex, move: Curve) -> float:
     """A point's distance from a move, mm."""
-    if isinstance(move, Straight):
-        along = min(max(move.ahead(point), 0.0), move.length)
+    if isinstance(move, OffsetLine):
+        along = min(max(move.distance_along(point), 0.0), move.length)
         return abs(point - move.first - along * move.heading)
-    if move.ahead(point) % math.tau <= move.length:
+    if move.distance_along(point) % math.tau <= move.length:
         return abs(abs(point - move.center) - move.radius)
     return min(abs(point - move.first), abs(point - move.last))
 
@@ -62,14 +62,16 @@ def _least(path: Curve, move: Curve) -> Iterator[complex]:
     the move.
     """
     centers = (
-        (move.first, move.last, move.center) if isinstance(move, Round) else (move.first, move.last)
+        (move.first, move.last, move.center)
+        if isinstance(move, OffsetArc)
+        else (move.first, move.last)
     )
-    if isinstance(path, Straight):
+    if isinstance(path, OffsetLine):
         for center in centers:
-            yield place(path, path.ahead(center))
+            yield place(path, path.distance_along(center))
     else:
         across = [center - path.center for center in centers]
-        if isinstance(move, Straight):
+        if isinstance(move, OffsetLine):
             across.append(1j * move.heading)
         for direction in across:
             if direction != 0.0:

@@ -30,19 +30,19 @@ from cnc.gcode.geometry.clearance import clearance
 from cnc.gcode.geometry.offset_curves import (
     SLACK,
     Curve,
-    Round,
-    Straight,
+    OffsetArc,
+    OffsetLine,
     TrueArc,
     angle,
-    closes,
+    is_nearly_closed,
     join,
-    leading_in,
+    lead_in_arc,
     programmed,
     round_offset,
     straight_offset,
     true_arcs,
 )
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import Word, fault
 from cnc.model.blocks import ArcFeed, Block, Plane
@@ -56,7 +56,7 @@ _MOTIONS = tuple(code.code for code in (G.G0, G.G1, G.G2, G.G3))
 _STRAIGHT_OUT = "the first move after G40 must be a straight one", "lead out with G0 or G1"
 
 
-class Emit(Protocol):
+class MoveSink(Protocol):
     """Where the moves of the tool's centre go."""
 
     def place(self, end: list[float], feed: float, line: int, file: str) -> None:
@@ -67,7 +67,7 @@ class Emit(Protocol):
 
 
 @dataclass(slots=True)
-class _Place:
+class _SourceLine:
     """A line that an error may have to point at when it has gone by."""
 
     file: str
@@ -84,7 +84,7 @@ class _Place:
 
 
 @dataclass(slots=True)
-class _Straight:
+class _WaitingMove:
     """A straight move that waits behind the one that is held: its plane axes follow from where that
     ends.
     """
@@ -96,7 +96,7 @@ class _Straight:
 
 
 @dataclass(slots=True)
-class _Held:
+class _HeldMove:
     """A move whose end is not yet known.
 
     ``template`` is the arc as it was programmed. ``around`` is the way around the outside corner
@@ -108,7 +108,7 @@ class _Held:
     curve: Curve
     end: list[float]
     feed: float
-    place: _Place
+    place: _SourceLine
     template: ArcFeed | None = None
     around: tuple[Curve, ...] = ()
     entry: bool = False
@@ -125,7 +125,7 @@ class Compensation:
     too. ``here`` tells in which file the lines stand.
     """
 
-    def __init__(self, emit: Emit, here: Here) -> None:
+    def __init__(self, emit: MoveSink, here: SourceLocation) -> None:
         self.on = False
         self._emit = emit
         self._text = here
@@ -139,8 +139,8 @@ class Compensation:
         self._last: list[float] = []
         self._first = False
         self._leaving = False
-        self._held: _Held | None = None
-        self._waiting: list[_Straight | Block] = []
+        self._held: _HeldMove | None = None
+        self._waiting: list[_WaitingMove | Block] = []
 
     @property
     def active(self) -> bool:
@@ -212,10 +212,10 @@ class Compensation:
             return
         point = self._point(end)
         if abs(point - self._programmed) <= SLACK:
-            self._wait(_Straight(end, feed, line, self._text.file))
+            self._wait(_WaitingMove(end, feed, line, self._text.file))
             return
         curve = straight_offset(self._programmed, point, self._side, self._radius)
-        held = _Held(curve, end, feed, self._place(line))
+        held = _HeldMove(curve, end, feed, self._place(line))
         if self._first and curve.length <= self._radius:
             message = f"the first compensated move is {curve.length:.6g} mm long, which must be more than the tool radius, {self._radius:.6g} mm"
             raise held.place.fault(
@@ -241,9 +241,9 @@ class Compensation:
         start = self._programmed
         first = np.asarray(self._last if self._held is None else self._held.end)
         for waiting in self._waiting:
-            first = np.asarray(waiting.end) if isinstance(waiting, _Straight) else first
+            first = np.asarray(waiting.end) if isinstance(waiting, _WaitingMove) else first
         last, center = self._point(block.end.tolist()), complex(*block.center)
-        circle = abs(block.turns) >= 1.0 or closes(start, last, center, block.turns)
+        circle = abs(block.turns) >= 1.0 or is_nearly_closed(start, last, center, block.turns)
         for arc in true_arcs(start, last, center, block.turns):
             end = block.end if arc.share == 1.0 else first + arc.share * (block.end - first)
             held = self._held_arc(start, arc, block, end.tolist())
@@ -266,7 +266,9 @@ class Compensation:
         """
         self._wait(block)
 
-    def _held_arc(self, start: complex, arc: TrueArc, block: ArcFeed, end: list[float]) -> _Held:
+    def _held_arc(
+        self, start: complex, arc: TrueArc, block: ArcFeed, end: list[float]
+    ) -> _HeldMove:
         curve, place = round_offset(start, arc, self._side, self._radius), self._place(block.line)
         if curve is None:
             message = f"an arc of radius {block.radius:.6g} mm, cut on its inside by a tool of radius {self._radius:.6g} mm"
@@ -274,23 +276,23 @@ class Compensation:
                 "compensation-arc-radius", message, "the radius must be more than the tool's"
             )
         if self._first:
-            curve = leading_in(self._here, curve)
+            curve = lead_in_arc(self._here, curve)
             if curve is None or curve.radius <= self._radius:
                 message = "no arc larger than the tool leads from here tangentially to the end of this one"
                 raise place.fault("compensation-entry", message, "lead in with a straight move")
         end = end.copy()
         end[self._columns[0]], end[self._columns[1]] = arc.end.real, arc.end.imag
-        return _Held(curve, end, block.feed, place, block)
+        return _HeldMove(curve, end, block.feed, place, block)
 
     # Holding back
 
-    def _next(self, new: _Held) -> None:
+    def _next(self, new: _HeldMove) -> None:
         """A move in the plane: now the end of the one before is known."""
         old = self._held
         if old is not None:
             corner = join(old.curve, new.curve, self._side, self._radius, entry=old.entry)
             if corner is not None:
-                self._check_room(old, corner.cut)
+                self._check_length(old, corner.cut)
             if corner is None or (corner.begin - new.curve.length) * new.curve.scale > SLACK:
                 raise self._gouge(new, "the move before it")
             if corner.around:
@@ -305,7 +307,7 @@ class Compensation:
         self._held = new
         self._programmed = new.curve.corner
 
-    def _wait(self, item: _Straight | Block) -> None:
+    def _wait(self, item: _WaitingMove | Block) -> None:
         if self._held is None:
             self._pass(item)
             return
@@ -314,9 +316,9 @@ class Compensation:
             raise self._held.place.fault("compensation-look-ahead", message, "give G40 before them")
         self._waiting.append(item)
 
-    def _pass(self, item: _Straight | Block) -> None:
+    def _pass(self, item: _WaitingMove | Block) -> None:
         """What leaves the plane's axes where they are."""
-        if not isinstance(item, _Straight):
+        if not isinstance(item, _WaitingMove):
             self._emit.put(item)
             return
         if self._first:
@@ -325,7 +327,7 @@ class Compensation:
         self._emit.place(end, item.feed, item.line, item.file)
         self._last = end
 
-    def _finish(self, held: _Held, leave: complex, cut: float) -> None:
+    def _finish(self, held: _HeldMove, leave: complex, cut: float) -> None:
         """Sends a move, which ends at ``leave``, ``cut`` units of its curve before its natural end;
         then what waited for it.
         """
@@ -335,7 +337,7 @@ class Compensation:
             self._go_around(path, held)
         end = self._placed(held.end, leave)
         block = held.template
-        if isinstance(curve, Round) and block is not None and part * curve.scale > SLACK:
+        if isinstance(curve, OffsetArc) and block is not None and part * curve.scale > SLACK:
             center = curve.center + self._shift
             turns = curve.spin * part / math.tau
             around, radius = (center.real, center.imag), abs(self._here - curve.center)
@@ -349,13 +351,13 @@ class Compensation:
             self._pass(item)
         self._waiting.clear()
 
-    def _check_room(self, held: _Held, cut: float) -> None:
+    def _check_length(self, held: _HeldMove, cut: float) -> None:
         """Refuses a move of which the corners at its ends take more than there is."""
         curve = held.curve
         if (curve.length - curve.begin - cut) * curve.scale < -SLACK:
             raise self._gouge(held, "the moves before and after it")
 
-    def _check_clearance(self, held: _Held, cut: float, after: _Held | None = None) -> None:
+    def _check_clearance(self, held: _HeldMove, cut: float, after: _HeldMove | None = None) -> None:
         """Refuses a move that ends where it meets the one ``after`` it, or a way around their
         corner, where the tool cuts into either.
 
@@ -383,7 +385,7 @@ class Compensation:
         That is so of straight moves that have a corner: the offset of one does not come back to the
         other.
         """
-        if isinstance(path, Straight) and isinstance(offset, Straight):
+        if isinstance(path, OffsetLine) and isinstance(offset, OffsetLine):
             return True
         return clearance(path, start, stop, programmed(offset)) >= self._radius - SLACK
 
@@ -396,7 +398,9 @@ class Compensation:
         ray = leave - corner
         turned = abs(angle((enter - corner) * ray.conjugate()))
         if not rapid:
-            return (Round(corner, leave, enter, corner, self._radius, -self._side, turned, 0.0),)
+            return (
+                OffsetArc(corner, leave, enter, corner, self._radius, -self._side, turned, 0.0),
+            )
         steps = math.ceil(turned / (math.pi / 4))
         far = 1.0 / math.cos(turned / steps / 2)
         ends = [
@@ -409,10 +413,10 @@ class Compensation:
             for start, end in zip(starts, [*ends, enter], strict=True)
         )
 
-    def _go_around(self, path: Curve, held: _Held) -> None:
+    def _go_around(self, path: Curve, held: _HeldMove) -> None:
         """A part of the way around an outside corner, as part of the move after it."""
         end, place = self._placed(self._last, path.last), held.place
-        if isinstance(path, Straight):
+        if isinstance(path, OffsetLine):
             self._emit.place(end, held.feed, place.line, place.file)
         else:
             center, turns = path.center + self._shift, path.spin * path.length / math.tau
@@ -431,15 +435,15 @@ class Compensation:
             )
         self._here, self._last = path.last, end
 
-    def _gouge(self, held: _Held, what: str) -> CncError:
+    def _gouge(self, held: _HeldMove, what: str) -> CncError:
         message = f"a tool of radius {self._radius:.6g} mm can't make this move without cutting into the contour of {what}"
         return held.place.fault(
             "compensation-gouge", message, "take a smaller tool, or give its corners larger radii"
         )
 
-    def _place(self, line: int) -> _Place:
+    def _place(self, line: int) -> _SourceLine:
         text = self._text
-        return _Place(text.file, line, text.text_of, text.words_of)
+        return _SourceLine(text.file, line, text.text_of, text.words_of)
 
     # Points of the plane
 

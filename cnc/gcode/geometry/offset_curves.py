@@ -36,7 +36,7 @@ and the path has no stub of an arc.
 
 
 @dataclass(slots=True)
-class Straight:
+class OffsetLine:
     """The offset of a line that ends at ``corner``: from ``first`` to ``last``, with ``begin`` mm
     cut off its start.
     """
@@ -48,26 +48,26 @@ class Straight:
     length: float
     begin: float = 0.0
 
-    bend = 0.0
+    curvature = 0.0
     scale = 1.0
     """mm a unit of ``length`` and ``begin``."""
 
     @property
-    def leaving(self) -> complex:
+    def end_heading(self) -> complex:
         """Direction at the end, of length 1; ``heading`` is that at the start."""
         return self.heading
 
-    def ahead(self, point: complex) -> float:
+    def distance_along(self, point: complex) -> float:
         """How far along a point of the curve lies, from ``first``."""
         return _dot(point - self.first, self.heading)
 
-    def back(self, point: complex) -> float:
+    def distance_to_end(self, point: complex) -> float:
         """How far before ``last``."""
         return _dot(self.last - point, self.heading)
 
 
 @dataclass(slots=True)
-class Round:
+class OffsetArc:
     """The offset of an arc that ends at ``corner``: ``spin`` is 1 counter-clockwise, ``length`` and
     ``begin`` are angles in rad.
 
@@ -81,7 +81,7 @@ class Round:
     radius: float
     spin: int
     length: float
-    bend: float
+    curvature: float
     begin: float = 0.0
 
     @property
@@ -95,28 +95,28 @@ class Round:
         return 1j * self.spin * (self.first - self.center) / self.radius
 
     @property
-    def leaving(self) -> complex:
+    def end_heading(self) -> complex:
         """Direction at the end, of length 1."""
         return 1j * self.spin * (self.last - self.center) / self.radius
 
-    def ahead(self, point: complex) -> float:
+    def distance_along(self, point: complex) -> float:
         """The angle from ``first`` to a point, from -pi to pi."""
         return self.spin * angle((point - self.center) * (self.first - self.center).conjugate())
 
-    def back(self, point: complex) -> float:
+    def distance_to_end(self, point: complex) -> float:
         """The angle from a point to ``last``, from -pi to pi."""
         return self.spin * angle((self.last - self.center) * (point - self.center).conjugate())
 
 
-Curve = Straight | Round
+Curve = OffsetLine | OffsetArc
 
 
-def straight_offset(start: complex, end: complex, side: int, radius: float) -> Straight:
+def straight_offset(start: complex, end: complex, side: int, radius: float) -> OffsetLine:
     """The offset of a line of some length."""
     length = abs(end - start)
     heading = (end - start) / length
     beside = 1j * side * radius * heading
-    return Straight(end, start + beside, end + beside, heading, length)
+    return OffsetLine(end, start + beside, end + beside, heading, length)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +145,7 @@ def true_arcs(start: complex, end: complex, center: complex, turns: float) -> It
     if abs(grown) <= SLACK:
         yield TrueArc(end, center, turns, 1.0)
         return
-    pieces = math.ceil(2 * abs(turns)) if closes(start, end, center, turns) else 1
+    pieces = math.ceil(2 * abs(turns)) if is_nearly_closed(start, end, center, turns) else 1
     here = start
     for piece in range(1, pieces + 1):
         share = piece / pieces
@@ -162,12 +162,12 @@ def true_arcs(start: complex, end: complex, center: complex, turns: float) -> It
         here = there
 
 
-def closes(start: complex, end: complex, center: complex, turns: float) -> bool:
+def is_nearly_closed(start: complex, end: complex, center: complex, turns: float) -> bool:
     """Whether an arc ends close to where it began, going around."""
     return abs(turns) > 0.5 and abs(end - start) < abs(start - center) / 2
 
 
-def round_offset(start: complex, arc: TrueArc, side: int, radius: float) -> Round | None:
+def round_offset(start: complex, arc: TrueArc, side: int, radius: float) -> OffsetArc | None:
     """The offset of an arc; None if the tool does not fit into it."""
     spin = 1 if arc.turns > 0 else -1
     out, end_out = start - arc.center, arc.end - arc.center
@@ -176,7 +176,7 @@ def round_offset(start: complex, arc: TrueArc, side: int, radius: float) -> Roun
     if offset <= SLACK:
         return None
     first, last = arc.center + out / reach * offset, arc.center + end_out / abs(end_out) * offset
-    return Round(
+    return OffsetArc(
         arc.end,
         first,
         last,
@@ -188,7 +188,7 @@ def round_offset(start: complex, arc: TrueArc, side: int, radius: float) -> Roun
     )
 
 
-def leading_in(start: complex, arc: Round) -> Round | None:
+def lead_in_arc(start: complex, arc: OffsetArc) -> OffsetArc | None:
     """The arc that leads from an uncompensated point tangentially onto the end of an offset arc, as
     in LinuxCNC; None if none does.
     """
@@ -200,7 +200,7 @@ def leading_in(start: complex, arc: Round) -> Round | None:
     radius = _dot(back, back) / (2.0 * across)
     center = arc.last + radius * inwards
     sweep = arc.spin * angle((arc.last - center) * (start - center).conjugate()) % math.tau
-    return Round(arc.corner, start, arc.last, center, radius, arc.spin, sweep, arc.bend)
+    return OffsetArc(arc.corner, start, arc.last, center, radius, arc.spin, sweep, arc.curvature)
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,13 +225,13 @@ def join(a: Curve, b: Curve, side: int, radius: float, *, entry: bool = False) -
 
     With ``entry`` a leads in, and may do so from anywhere.
     """
-    turn = side * angle(b.heading * a.leaving.conjugate())
+    turn = side * angle(b.heading * a.end_heading.conjugate())
     if (math.pi - abs(turn)) * min(a.length * a.scale, b.length * b.scale) <= SLACK:
         # The path turns right back: around its end, or into the cusp where the way back bends to
         # the tool's side of the way there.
-        turn = math.pi if a.bend + b.bend < -SLACK * abs(a.bend) else -math.pi
+        turn = math.pi if a.curvature + b.curvature < -SLACK * abs(a.curvature) else -math.pi
     elif radius * turn * turn * max(1.0, _stretch(a), _stretch(b)) <= 2.0 * TANGENT:
-        return Join(a.last, a.last, 0.0, b.ahead(a.last))
+        return Join(a.last, a.last, 0.0, b.distance_along(a.last))
     elif not entry and _loop(a, b, -1 if side * turn > 0 else 1):
         # A cusp where rounding has let the moves cross just before they turn back is one all the
         # same.
@@ -253,7 +253,7 @@ def _runs_on(curve: Curve, distance: float, far: float) -> bool:
     arc needs not turn much to get there.
     """
     return abs(distance) * curve.scale <= far and (
-        isinstance(curve, Straight) or abs(distance) <= MITRE
+        isinstance(curve, OffsetLine) or abs(distance) <= MITRE
     )
 
 
@@ -261,22 +261,25 @@ def _loop(a: Curve, b: Curve, left: int) -> bool:
     """Whether a move crosses the one before it again after their corner, to its ``left`` (1) or
     right (-1): the tool has cut there then.
     """
-    if isinstance(a, Straight) and isinstance(b, Straight):
+    if isinstance(a, OffsetLine) and isinstance(b, OffsetLine):
         return False
     a, b = programmed(a), programmed(b)
     point = meet(a, b, left)
     if point is None:
         return False
-    cut, begin = _onwards(a, a.back(point)) * a.scale, _onwards(b, b.ahead(point)) * b.scale
+    cut, begin = (
+        _onwards(a, a.distance_to_end(point)) * a.scale,
+        _onwards(b, b.distance_along(point)) * b.scale,
+    )
     return NEAR < cut < a.length * a.scale - NEAR and NEAR < begin < b.length * b.scale - NEAR
 
 
 def programmed(curve: Curve) -> Curve:
     """The move that a curve is the offset of; not for one that leads in."""
-    if isinstance(curve, Straight):
+    if isinstance(curve, OffsetLine):
         back = curve.corner - curve.last
         return replace(curve, first=curve.first + back, last=curve.corner)
-    reach = 1.0 / abs(curve.bend)
+    reach = 1.0 / abs(curve.curvature)
     out = curve.center + (curve.first - curve.center) * (reach / curve.radius)
     return replace(curve, first=out, last=curve.corner, radius=reach)
 
@@ -292,7 +295,7 @@ def _crossing(a: Curve, b: Curve, left: int, *, inside: bool) -> Join | None:
     point = meet(a, b, left)
     if point is None:
         return None
-    cut, begin = a.back(point), b.ahead(point)
+    cut, begin = a.distance_to_end(point), b.distance_along(point)
     if inside:
         cut, begin = _onwards(a, cut), _onwards(b, begin)
     return Join(point, point, cut, begin)
@@ -302,8 +305,8 @@ def meet(a: Curve, b: Curve, left: int) -> complex | None:
     """Where two curves cross if neither had ends, b to the ``left`` of a (1) or to its right (-1);
     None where they don't.
     """
-    if isinstance(a, Straight):
-        if isinstance(b, Straight):
+    if isinstance(a, OffsetLine):
+        if isinstance(b, OffsetLine):
             across = _cross(a.heading, b.heading)
             return (
                 None
@@ -311,7 +314,7 @@ def meet(a: Curve, b: Curve, left: int) -> complex | None:
                 else a.last + a.heading * (_cross(b.first - a.last, b.heading) / across)
             )
         return _line_and_circle(a.last, a.heading, b, left * b.spin)
-    if isinstance(b, Straight):
+    if isinstance(b, OffsetLine):
         return _line_and_circle(b.first, b.heading, a, -left * a.spin)
     if a.radius > b.radius:
         # Seen from the greater circle, a last digit of its radius would be many of the other's.
@@ -327,7 +330,9 @@ def meet(a: Curve, b: Curve, left: int) -> complex | None:
     return a.center + complex(along, left * a.spin * b.spin * math.sqrt(square)) * apart / distance
 
 
-def _line_and_circle(point: complex, heading: complex, circle: Round, sign: int) -> complex | None:
+def _line_and_circle(
+    point: complex, heading: complex, circle: OffsetArc, sign: int
+) -> complex | None:
     """The crossing where the line leads out of the circle (``sign`` 1) or into it (-1)."""
     foot = point + heading * _dot(circle.center - point, heading)
     distance = abs(_cross(heading, circle.center - point))
@@ -339,14 +344,14 @@ def _onwards(curve: Curve, distance: float) -> float:
     """An inside corner cuts off a part of an arc, however large: its angle counts from 0 to a full
     turn.
     """
-    if isinstance(curve, Round) and distance < -1e-6:
+    if isinstance(curve, OffsetArc) and distance < -1e-6:
         return distance + math.tau
     return distance
 
 
 def _stretch(curve: Curve) -> float:
     """How many times the programmed radius is the offset's."""
-    return 1.0 / abs(curve.bend * curve.radius) if isinstance(curve, Round) else 1.0
+    return 1.0 / abs(curve.curvature * curve.radius) if isinstance(curve, OffsetArc) else 1.0
 
 
 def angle(direction: complex) -> float:

@@ -21,8 +21,8 @@ from cnc.gcode.codes.arc_words import CENTER_WORDS
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.splines import knots as curves
 from cnc.gcode.splines.collecting import check_mode
-from cnc.gcode.state.modal_groups import Code, Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.modal_groups import Code, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
 from cnc.model.blocks import PLANE_AXES, NurbsFeed, Plane
@@ -32,7 +32,7 @@ CUBIC, QUADRATIC = G.G5, G.G5_1
 Vector = list[float]
 
 
-def register(motion: Motion, state: Modal, here: Here) -> None:
+def register(motion: Motion, state: ModalState, here: SourceLocation) -> None:
     """Let ``motion`` make G5 and G5.1."""
     splines = _Splines(motion, state, here)
     motion.handlers[CUBIC] = splines.cubic
@@ -42,7 +42,7 @@ def register(motion: Motion, state: Modal, here: Here) -> None:
 class _Splines:
     """Makes the moves. What a G5 ended with is kept for the next one."""
 
-    def __init__(self, motion: Motion, state: Modal, here: Here) -> None:
+    def __init__(self, motion: Motion, state: ModalState, here: SourceLocation) -> None:
         self._motion = motion
         self._state = state
         self._here = here
@@ -151,7 +151,7 @@ class _Splines:
                 raise fault("axis-missing", message, word)
             if word and index is not None:
                 offset[index] = word.number * state.scale
-        return motion.coordinates.turned(offset)
+        return motion.coordinates.rotated(offset)
 
     def _make(self, user: str, words: LineWords, control: Sequence[Vector], at: Word) -> None:
         points, weights = np.array(control), np.ones(len(control))

@@ -23,16 +23,23 @@ from __future__ import annotations
 
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.splines import knots
-from cnc.gcode.splines.collecting import Gathering, Place, ReadFeed, check_mode, leaving, weight_of
-from cnc.gcode.state.modal_groups import Code, Codes, Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.splines.collecting import (
+    PointCollector,
+    ReadFeed,
+    WordLocation,
+    check_mode,
+    leaving,
+    weight_of,
+)
+from cnc.gcode.state.modal_groups import Code, Codes, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
 
 DEFAULT_DEGREE = 3
 
 
-def register(motion: Motion, state: Modal, here: Here, read_feed: ReadFeed) -> None:
+def register(motion: Motion, state: ModalState, here: SourceLocation, read_feed: ReadFeed) -> None:
     """Let ``motion`` make BSPLINE."""
 
     def begin(words: LineWords, code: Code | None) -> None:
@@ -45,15 +52,17 @@ def register(motion: Motion, state: Modal, here: Here, read_feed: ReadFeed) -> N
     motion.handlers[G.BSPLINE] = begin
 
 
-class ControlPolygon(Gathering):
+class ControlPolygon(PointCollector):
     """A curve in the making. ``first`` takes the BSPLINE line and ``line`` each one after it."""
 
-    def __init__(self, start: Word, motion: Motion, here: Here, read_feed: ReadFeed) -> None:
+    def __init__(
+        self, start: Word, motion: Motion, here: SourceLocation, read_feed: ReadFeed
+    ) -> None:
         super().__init__("BSPLINE", "X, Y, Z, PL= and PW=", start, motion, here)
         self._read_feed = read_feed
         self._degree = DEFAULT_DEGREE
         self._feed = 0.0
-        self._intervals: list[Place | None] = []
+        self._intervals: list[WordLocation | None] = []
 
     def first(self, words: LineWords) -> None:
         """The words of the BSPLINE line itself; words of no use here stay for the caller to
@@ -97,7 +106,7 @@ class ControlPolygon(Gathering):
                 not_negative(interval, "the interval")
             self.points.append(self.motion.target(words, "BSPLINE", self.points[-1]))
             self.weights.append(weight_of(weight) if weight else 1.0)
-            self._intervals.append(Place.of(interval, self.here) if interval else None)
+            self._intervals.append(WordLocation.of(interval, self.here) if interval else None)
         elif word := interval or weight:
             what = "an interval" if interval else "a weight"
             raise fault(

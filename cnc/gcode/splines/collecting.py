@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.codes.motion import Motion
-from cnc.gcode.state.modal_groups import GROUP_OF_G, Code, Codes, Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.modal_groups import GROUP_OF_G, Code, Codes, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
 from cnc.model.blocks import NurbsFeed
@@ -31,7 +31,7 @@ _ENDS = (M.M2, M.M30)
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class WordLocation:
     """A word in a line that has gone by: an error may have to point back at it."""
 
     word: Word
@@ -40,7 +40,7 @@ class Place:
     text_of: Callable[[int], str]
 
     @classmethod
-    def of(cls, word: Word, here: Here) -> Place:
+    def of(cls, word: Word, here: SourceLocation) -> WordLocation:
         """A word of the line that is being executed."""
         return cls(word, here.file, here.line, here.text_of)
 
@@ -55,7 +55,7 @@ class Place:
         )
 
 
-class Gathering:
+class PointCollector:
     """Control points in machine coordinates and their weights, the first point being the position
     where the curve begins.
 
@@ -63,10 +63,12 @@ class Gathering:
     name them.
     """
 
-    def __init__(self, name: str, holds: str, start: Word, motion: Motion, here: Here) -> None:
+    def __init__(
+        self, name: str, holds: str, start: Word, motion: Motion, here: SourceLocation
+    ) -> None:
         self.name = name
         self.holds = holds
-        self.start = Place.of(start, here)
+        self.start = WordLocation.of(start, here)
         self.motion = motion
         self.here = here
         self.points = [motion.position]
@@ -158,7 +160,9 @@ def leaving(codes: Codes) -> Code | None:
     return code if code and code.number in _ENDS else None
 
 
-def check_mode(state: Modal, word: Word, code: str = "", *, inverse_time: bool = False) -> None:
+def check_mode(
+    state: ModalState, word: Word, code: str = "", *, inverse_time: bool = False
+) -> None:
     """Refuse a spline under cutter compensation, and, unless ``inverse_time`` goes, under G93;
     ``code`` is that of both errors.
     """

@@ -18,18 +18,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from cnc.gcode.codes.motion import MIN_FEED, Motion
+from cnc.gcode.codes.axis_words import MIN_FEED
+from cnc.gcode.codes.motion import Motion
 from cnc.gcode.splines import knots as curves
 from cnc.gcode.splines.collecting import (
     MAX_ORDER,
-    Gathering,
+    PointCollector,
     ReadFeed,
     check_mode,
     leaving,
     weight_of,
 )
-from cnc.gcode.state.modal_groups import Code, Codes, Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.modal_groups import Code, Codes, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 
@@ -37,7 +38,7 @@ OPEN, CLOSE = G.G5_2, G.G5_3
 DEFAULT_ORDER = 3
 
 
-def register(motion: Motion, state: Modal, here: Here, read_feed: ReadFeed) -> None:
+def register(motion: Motion, state: ModalState, here: SourceLocation, read_feed: ReadFeed) -> None:
     """Let ``motion`` make the curves between G5.2 and G5.3."""
 
     def begin(words: LineWords, code: Code | None) -> None:
@@ -60,11 +61,16 @@ def register(motion: Motion, state: Modal, here: Here, read_feed: ReadFeed) -> N
     motion.handlers[CLOSE] = close
 
 
-class NurbsBlock(Gathering):
+class NurbsBlock(PointCollector):
     """A curve in the making. ``first`` takes the G5.2 line and ``line`` each one after it."""
 
     def __init__(
-        self, start: Word, motion: Motion, state: Modal, here: Here, read_feed: ReadFeed
+        self,
+        start: Word,
+        motion: Motion,
+        state: ModalState,
+        here: SourceLocation,
+        read_feed: ReadFeed,
     ) -> None:
         super().__init__("G5.2", "X, Y, Z, P and F", start, motion, here)
         self._state = state

@@ -22,9 +22,16 @@ import numpy as np
 
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.dialects import Dialect
-from cnc.gcode.splines.collecting import MAX_ORDER, Gathering, Place, check_mode, leaving, weight_of
-from cnc.gcode.state.modal_groups import Code, Codes, Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.splines.collecting import (
+    MAX_ORDER,
+    PointCollector,
+    WordLocation,
+    check_mode,
+    leaving,
+    weight_of,
+)
+from cnc.gcode.state.modal_groups import Code, Codes, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 from cnc.model.diagnostics import GcodeError
@@ -101,7 +108,7 @@ def form_of(words: LineWords, allowed: tuple[str, ...]) -> tuple[Form, bool]:
     return PAPER if paper else FANUC, bool(paper or fanuc)
 
 
-def register(motion: Motion, dialect: Dialect, state: Modal, here: Here) -> None:
+def register(motion: Motion, dialect: Dialect, state: ModalState, here: SourceLocation) -> None:
     """Let ``motion`` make G6.2."""
 
     def begin(words: LineWords, code: Code | None) -> None:
@@ -112,20 +119,20 @@ def register(motion: Motion, dialect: Dialect, state: Modal, here: Here) -> None
         form, told = form_of(words, dialect.nurbs)
         check_mode(state, code.word, form.wrong_mode)
         feed = motion.feed(words, motion.position, 0.0, code.word)
-        curve = Collector(form, told, code.word, motion, here, feed)
+        curve = NurbsCollector(form, told, code.word, motion, here, feed)
         curve.first(words)
         motion.collector = curve
 
     motion.handlers[G.G6_2] = begin
 
 
-class Collector(Gathering):
+class NurbsCollector(PointCollector):
     """A NURBS in the making. ``first`` takes the G6.2 line and ``line`` each one after it; ``told``
     is whether the form is beyond doubt.
     """
 
     def __init__(
-        self, form: Form, told: bool, start: Word, motion: Motion, here: Here, feed: float
+        self, form: Form, told: bool, start: Word, motion: Motion, here: SourceLocation, feed: float
     ) -> None:
         super().__init__("G6.2", f"{form.knot}, X, Y, Z and {form.weight}", start, motion, here)
         self.form = form
@@ -134,7 +141,7 @@ class Collector(Gathering):
         self._order = 4
         self._named: frozenset[str] | None = None
         self._knots: list[float] = []
-        self._places: list[Place] = []
+        self._places: list[WordLocation] = []
         self._knot_lines = 0
         self._borrow_knot = False
 
@@ -280,7 +287,7 @@ class Collector(Gathering):
                 "knots must not decrease",
             )
         self._knots.append(knot.number)
-        self._places.append(Place.of(knot, self.here))
+        self._places.append(WordLocation.of(knot, self.here))
 
     def _check_multiplicities(self) -> None:
         """Both ends of multiplicity order, less inside: anything else leaves an end hanging or

@@ -10,16 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Control, Outputs, Report, Watch, run
+from cnc.api import Callbacks, Control, Outputs, Report, run
 from cnc.api import check as plan_only
 from cnc.boards.stepper.driver import Stepper
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
-from cnc.pulses.reference_pulse import ALGORITHMS, Algorithm
+from cnc.model.choices import Algorithm
+from cnc.pulses.reference_pulse import ALGORITHMS
 from tests.support.boards.board_conformance import AXES, PulseBoardConformance
 from tests.support.boards.stepper_rig import CLOSE_US, machine, off_plan_us
 from tests.support.boards.stepper_simulator import FREQUENCY, Simulator, SimulatorPort
 from tests.support.paths import PROGRAMS
+from tests.support.session.runs import run_with
 from tests.support.soak import share
 
 REAL_PORT = os.environ.get("CNC_STEPPER_PORT", "")
@@ -55,7 +57,7 @@ def played(
     simulator = Simulator()
     port = SimulatorPort(simulator)
     board = Stepper(port, known, "the simulator", clock=port)
-    report = run(
+    report = run_with(
         program,
         known,
         board=board,
@@ -206,7 +208,11 @@ def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(
             control.resume()
 
     assert run(
-        tmp_path / "p.ngc", machine(), board=board, control=control, watch=Watch(on_sent=on_sent)
+        tmp_path / "p.ngc",
+        machine(),
+        board=board,
+        control=control,
+        callbacks=Callbacks(on_sent=on_sent),
     ).ok
     board.close()
     assert (rest[0] - asked[0]) / FREQUENCY <= HORIZON + braking
@@ -240,7 +246,9 @@ def test_held_and_resumed(small: Path, tmp_path: Path, moment: float) -> None:
             rests.append(int(simulator.moves()[0][-1]))
             control.resume()
 
-    report = run(small, machine(), board=board, control=control, watch=Watch(on_sent=on_sent))
+    report = run(
+        small, machine(), board=board, control=control, callbacks=Callbacks(on_sent=on_sent)
+    )
     board.close()
     assert report.ok
     plain, reference = played(small, without, machine())
@@ -382,7 +390,7 @@ def test_a_tool_change_waits_for_the_operator(tmp_path: Path) -> None:
         machine(),
         board=board,
         control=control,
-        watch=Watch(on_sent=on_sent),
+        callbacks=Callbacks(on_sent=on_sent),
     ).ok
     board.close()
     assert rests == [400]

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import check, run
 from cnc.boards.stepper.driver import Stepper
 from cnc.boards.stepper.feasibility import LATE_NS, FeasibilityCheck
 from cnc.cli import exit_code
@@ -18,6 +17,7 @@ from cnc.model.diagnostics import CncError
 from cnc.model.streams import PulseChunk
 from tests.support.boards.stepper_rig import chunks, line, machine, wander
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
+from tests.support.session.runs import check_with, run_with
 
 LEAST_NS = 18_000
 
@@ -96,11 +96,11 @@ def test_the_board_is_spared_what_the_check_refuses(
     tmp_path: Path, algorithm, codes: list[str]
 ) -> None:
     (tmp_path / "p.ngc").write_text(PROGRAM)
-    checked = check(tmp_path / "p.ngc", dense(), algorithm=algorithm)
+    checked = check_with(tmp_path / "p.ngc", dense(), algorithm=algorithm)
     simulator = Simulator()
     port = SimulatorPort(simulator)
     board = Stepper(port, dense(), "the simulator", clock=port)
-    ran = run(tmp_path / "p.ngc", dense(), board=board, algorithm=algorithm)
+    ran = run_with(tmp_path / "p.ngc", dense(), board=board, algorithm=algorithm)
     board.close()
     for report in (checked, ran):
         assert [fault.diagnostic.code for fault in report.faults] == codes

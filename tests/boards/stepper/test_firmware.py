@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cnc.api import Outputs, Watch, run
+from cnc.api import Callbacks, Outputs, run
 from cnc.boards.stepper.driver import Stepper
 from cnc.boards.stepper.protocol import Kind, frame
 from cnc.machine.models import Machine
@@ -55,6 +55,7 @@ from tests.support.boards.stepper_simulator import (
     SimulatorPort,
     built,
 )
+from tests.support.session.runs import run_with
 from tests.support.soak import share
 
 STACK = 256
@@ -176,7 +177,7 @@ def test_a_program_of_four_axes(tmp_path: Path) -> None:
     port = SimulatorPort(simulator)
     known = with_axes(4)
     driver = Stepper(port, known, "the simulator", clock=port)
-    report = run(
+    report = run_with(
         tmp_path / "four.ngc",
         known,
         board=driver,
@@ -498,7 +499,11 @@ def test_the_hold_button_holds_and_the_resume_button_goes_on(
             assert not control.held
 
     report = run(
-        tmp_path / "p.ngc", machine(), board=driver, control=control, watch=Watch(on_sent=on_sent)
+        tmp_path / "p.ngc",
+        machine(),
+        board=driver,
+        control=control,
+        callbacks=Callbacks(on_sent=on_sent),
     )
     driver.close()
     assert report.ok, report.faults
@@ -559,7 +564,11 @@ def test_a_fault_while_the_program_is_held_ends_the_run(
                     simulator.set_pin(pin, 0)
 
     report = run(
-        tmp_path / "p.ngc", machine(), board=driver, control=control, watch=Watch(on_sent=on_sent)
+        tmp_path / "p.ngc",
+        machine(),
+        board=driver,
+        control=control,
+        callbacks=Callbacks(on_sent=on_sent),
     )
     driver.close()
     assert [fault.diagnostic.code for fault in report.faults] == [code]

@@ -28,7 +28,7 @@ def encoded(time_ns, step, *, tolerance_ns=2000, spacing_ns=0, cuts=(), flushes=
         if i in flushes:
             parts.append(encoder.flush())
     parts.append(encoder.flush(end=True))
-    return b"".join(parts), encoder.put_off_ns
+    return b"".join(parts), encoder.delay_ns
 
 
 def played(data, axes):
@@ -264,7 +264,7 @@ def test_memory_does_not_grow():
     for _ in range(share(200, 8)):
         data = encoder.push(chunk(origin + time_ns, step))
         origin += int(time_ns[-1])
-        assert encoder.waiting <= segment_encoder.AHEAD
+        assert encoder.waiting <= segment_encoder.LOOK_AHEAD
         for time, _ in decoder.play(data):
             assert len(time) <= ROWS
             rows += len(time)

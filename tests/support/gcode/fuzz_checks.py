@@ -57,7 +57,8 @@ TOOLS = tuple(
 )
 FOLDERS = (Path(__file__).parent / "subroutines",)
 PLAIN = re.compile(
-    r"\b(?:Token|None|True|False|nan|inf|[A-Z]+_[A-Z_]+|__\w+|lark|python|object at|self)\b|Error\b|\\x|\bdict\b|<class"
+    r"\b(?:Token|None|True|False|nan|inf|[A-Z]+_[A-Z_]+|__\w+|lark|python|object "
+    r"at|self)\b|Error\b|\\x|\bdict\b|<class"
 )
 """What no message may say: names from inside."""
 IDLE = frozenset("NO")

@@ -104,7 +104,7 @@ def rows(blocks: list[Block]) -> Iterator[Row]:
                 raise AssertionError(block)
 
 
-def said(source: str, **options: Any) -> list[str]:
+def block_summaries(source: str, **options: Any) -> list[str]:
     """The blocks of a program in short: ``rapid 4 5 -1``, ``line 4 5 -1 F600``; numbers to six
     digits behind the point.
     """
@@ -130,7 +130,7 @@ def flat(row: Row) -> list[Any]:
     return out
 
 
-def same(found: list[Row], expected: list[Row], *, abs: float = 1e-12) -> None:
+def assert_rows_equal(found: list[Row], expected: list[Row], *, abs: float = 1e-12) -> None:
     """Equal rows, numbers to rounding."""
     assert [row[0] for row in found] == [row[0] for row in expected]
     for got, want in zip(found, expected, strict=True):
@@ -139,19 +139,21 @@ def same(found: list[Row], expected: list[Row], *, abs: float = 1e-12) -> None:
             assert a == (b if exact else pytest.approx(b, rel=1e-12, abs=abs)), (got, want)
 
 
-def means(source: str, *expected: Row, **options: Any) -> None:
+def assert_blocks(source: str, *expected: Row, **options: Any) -> None:
     """The program has exactly these blocks."""
-    same(list(rows(run(source, **options))), list(expected))
+    assert_rows_equal(list(rows(run(source, **options))), list(expected))
 
 
-def refused(source: str, **options: Any) -> Diagnostic:
+def error_of(source: str, **options: Any) -> Diagnostic:
     """The diagnostic of a program that must be refused."""
     with pytest.raises(GcodeError) as caught:
         run(source, **options)
     return caught.value.diagnostic
 
 
-def placed(found: Diagnostic, code: str, marked: str, *, file: str = "test.nc") -> None:
+def assert_diagnostic_at(
+    found: Diagnostic, code: str, marked: str, *, file: str = "test.nc"
+) -> None:
     """The diagnostic has the code, and stands in the text of ``file`` where the mark ¦ is."""
     before = marked[: marked.index("¦")]
     place = before.count("\n") + 1, len(before) - before.rfind("\n")
@@ -164,10 +166,10 @@ def placed(found: Diagnostic, code: str, marked: str, *, file: str = "test.nc") 
     assert found.message
 
 
-def stands(code: str, marked: str, **options: Any) -> Diagnostic:
+def assert_error_at(code: str, marked: str, **options: Any) -> Diagnostic:
     """The diagnostic of a program that must be refused where the mark ¦ is."""
-    found = refused(marked.replace("¦", ""), **options)
-    placed(found, code, marked)
+    found = error_of(marked.replace("¦", ""), **options)
+    assert_diagnostic_at(found, code, marked)
     return found
 
 

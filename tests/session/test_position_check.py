@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cnc.api import Control, HomingStopped, Report, Watch, home, run
+from cnc.api import Callbacks, Control, HomingStopped, Report, home, run
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.simulator.faults import Error, Unplug
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
@@ -22,6 +22,7 @@ from cnc.machine.load import load_machine
 from cnc.model.diagnostics import BoardError, UsageError
 from cnc.session import last_position
 from cnc.session.last_position import LastPosition
+from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")
 FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
@@ -58,7 +59,7 @@ def ran(box: GrblSimulator, program: Path, **arguments: object) -> Report:
     board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
     board.connect()
     try:
-        return run(program, MACHINE, board=board, **arguments)  # type: ignore[arg-type]
+        return run_with(program, MACHINE, board=board, **arguments)
     finally:
         board.close()
 
@@ -71,12 +72,12 @@ def refused(report: Report) -> str:
     return f"{fault.diagnostic.message}\n{fault.diagnostic.hint}"
 
 
-def stopping(control: Control, at_x: float) -> Watch:
+def stopping(control: Control, at_x: float) -> Callbacks:
     def on_sent(sent: Progress) -> None:
         if sent.position is not None and sent.position[0] > at_x:
             control.stop()
 
-    return Watch(on_sent=on_sent)
+    return Callbacks(on_sent=on_sent)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
@@ -107,7 +108,7 @@ def test_a_stopped_run_is_gone_on_with_where_it_was(
             board="grbl",
             port=server.name,
             control=control,
-            watch=stopping(control, 6.5),
+            callbacks=stopping(control, 6.5),
         )
         assert first.resume_line is not None
         assert tool(server.simulator)[0] > 6.0
@@ -138,7 +139,7 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
             board="grbl",
             port=server.name,
             control=control,
-            watch=stopping(control, 6.5),
+            callbacks=stopping(control, 6.5),
         )
         stands = tool(server.simulator)
         server.simulator.drop_dtr()
@@ -244,7 +245,7 @@ def test_homing_finds_the_position_again(program: Path, tmp_path: Path) -> None:
         board = GrblBoard(port, machine, port.clock, "the box", identity="the box")
         board.connect()
         try:
-            return run(name, machine, board=board, dialect="grbl", **arguments)  # type: ignore[arg-type]
+            return run_with(name, machine, board=board, dialect="grbl", **arguments)
         finally:
             board.close()
 
@@ -333,7 +334,7 @@ def test_a_run_that_ends_blind_leaves_a_lost_position(program: Path, code: str) 
             else:
                 box.power_up()
 
-    report = ran(box, program, watch=Watch(on_sent=on_sent))
+    report = ran(box, program, callbacks=Callbacks(on_sent=on_sent))
     assert [fault.diagnostic.code for fault in report.faults] == [code]
     kept = LastPosition.read("the box")
     assert kept is not None and kept.lost and kept.ended == code
@@ -355,7 +356,7 @@ def test_after_a_fault_that_leaves_the_position_known_the_next_run_begins(progra
 def test_the_checkpoint_counts_where_no_run_has_an_end(program: Path) -> None:
     """The record of the board was lost, or its computer died."""
     box, control = GrblSimulator(settings=FAST), Control()
-    first = ran(box, program, control=control, watch=stopping(control, 10.0))
+    first = ran(box, program, control=control, callbacks=stopping(control, 10.0))
     assert first.resume_line == 5
     kept = LastPosition.read("the box")
     assert kept is not None and kept.ended == "stopped"
