@@ -107,8 +107,7 @@ class ArcPrinter:
         """Return the coordinates of a line for a point in machine coordinates."""
         digits = self.digits
         x, y, z = (
-            number(value - offset, digits)
-            for value, offset in zip(point, self.offset, strict=True)
+            number(value - offset, digits) for value, offset in zip(point, self.offset, strict=True)
         )
         return Printed((float(x), float(y), float(z)), (x, y, z))
 
