@@ -218,7 +218,7 @@ class _Worker:
                     self._process.stdin.close()
 
     def wait(self) -> None:
-        """Return when the process is gone."""
+        """Wait until the process has ended, or kill it."""
         process = self._process
         if process is not None:
             with suppress(subprocess.TimeoutExpired):

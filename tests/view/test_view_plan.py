@@ -5,6 +5,7 @@ import functools
 import numpy as np
 import pytest
 
+from cnc.view import collect
 from cnc.view.collect import Sizes
 from tests.support.paths import ROOT
 from tests.support.soak import share
@@ -34,14 +35,20 @@ def case(name: str, sizes: Sizes) -> Drawn:
     return drawn(ROOT / "programs" / name, PROGRAMS[name], sizes)
 
 
+def farthest(made: Drawn) -> float:
+    """Return the largest distance in mm of the drawn tool from the samples of the plan."""
+    strokes = made.picture.strokes
+    shown = np.stack([np.interp(made.t, strokes.t, axis) for axis in strokes.position.T], axis=1)
+    return float(np.linalg.norm(shown - made.position, axis=1).max())
+
+
 @pytest.mark.parametrize(("name", "sizes"), CASES)
 def test_the_tool_is_drawn_within_the_tolerance_at_any_time(name, sizes):
     made = case(name, sizes)
     strokes = made.picture.strokes
     assert len(strokes.t) <= sizes.strokes
     assert (np.diff(strokes.t) > 0.0).all()
-    shown = np.stack([np.interp(made.t, strokes.t, axis) for axis in strokes.position.T], axis=1)
-    assert np.linalg.norm(shown - made.position, axis=1).max() <= strokes.tolerance + NEAR
+    assert farthest(made) <= strokes.tolerance + NEAR
 
 
 def test_a_small_picture_is_not_coarser_than_necessary():
@@ -121,3 +128,10 @@ def test_lines_of_a_spline_over_short_moves_are_a_range(tmp_path):
     ]
     assert covered == list(range(3, 63))
     assert len(origins.t) < 40
+
+
+@pytest.mark.parametrize("name", ["thread-mill.nc", "compensation.nc"])
+def test_few_points_at_a_time_keep_the_tolerance(name, monkeypatch):
+    monkeypatch.setattr(collect, "ROWS", 5)
+    made = drawn(ROOT / "programs" / name, PROGRAMS[name])
+    assert farthest(made) <= made.picture.strokes.tolerance + NEAR

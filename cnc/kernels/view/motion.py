@@ -227,6 +227,35 @@ def _follow_stretch(
 
 
 @njit
+def _stretch_end(
+    plan: PlanArrays, place: tuple[int, int, int], t: float
+) -> tuple[float, float, bool, bool]:
+    """Find the end of a stretch: that of the piece or of the phase, whichever comes first.
+
+    Args:
+        plan: phases of the chunk.
+        place: piece, phase, and the last piece of the chunk.
+        t: time in the chunk at the start of the stretch, s.
+
+    Returns:
+        Times in the phase at the start and the end of the stretch (s), and whether the stretch
+        ends the piece and the phase.
+    """
+    piece, phase, last_piece = place
+    began = plan.t[phase]
+    duration = plan.t[phase + 1] - began
+    done = min(max(t - began, 0.0), duration)
+    left = plan.piece_s[piece + 1] - plan.s[phase]
+    phase_length = plan.s[phase + 1] - plan.s[phase]
+    ends_piece = piece < last_piece and left <= phase_length + SAME
+    ends_phase = not ends_piece or left >= phase_length - SAME
+    if ends_phase:
+        return done, duration, ends_piece, ends_phase
+    crossing = phase_time(plan.v[phase], plan.a[phase], plan.j[phase], duration, left)
+    return done, max(crossing, done), ends_piece, ends_phase
+
+
+@njit
 def follow(
     route: Route, plan: PlanArrays, origin: Origin, progress: NDArray[np.void], out: Followed
 ) -> int:
@@ -262,18 +291,8 @@ def follow(
         state["piece"] = piece
         mark = PHASE | ENTERED
     while count < len(out.speed):
+        done, until, ends_piece, ends_phase = _stretch_end(plan, (piece, phase, last_piece), t)
         began = plan.t[phase]
-        duration = plan.t[phase + 1] - began
-        done = min(max(t - began, 0.0), duration)
-        # The stretch ends with the piece or with the phase, whichever comes first.
-        left = plan.piece_s[piece + 1] - plan.s[phase]
-        phase_length = plan.s[phase + 1] - plan.s[phase]
-        ends_piece = piece < last_piece and left <= phase_length + SAME
-        ends_phase = not ends_piece or left >= phase_length - SAME
-        until = duration
-        if not ends_phase:
-            crossing = phase_time(plan.v[phase], plan.a[phase], plan.j[phase], duration, left)
-            until = max(crossing, done)
         count, t = _follow_stretch(
             route, plan, origin, (piece, phase, mark), done, until, work, count, out
         )
