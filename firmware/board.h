@@ -4,14 +4,13 @@
    serial ──► frames ──► stream store ──► player ──► queue of events ──► Timer1: step and direction pins
               link.c      928 bytes        player.c   64 x 4 bytes       play.S
 
-   The stream holds segments (docs/explanation/segments.md) and commands between them; the player turns them into events, each a time and what to write
-   to the port that has all step and direction pins. The interrupt only writes what was prepared, so that edges come within a microsecond
-   of their time whatever else goes on.
+   The stream has segments (docs/explanation/segments.md) and commands between them. The player decodes them into events: a time and a
+   byte for the port with all step and direction pins. The interrupt writes only prepared bytes, so edges are always within a
+   microsecond of their time.
 
    Step pins D2 D3 D4 (and D12 for a fourth axis), direction pins D5 D6 D7 (D13), enable D8 (low: on). Limits D9 D10 D12, with four axes
    D9 D10 A4. Spindle PWM D11, its direction D13 (three axes). Flood A3, mist A4 (three axes). E-stop A0, hold A1, resume A2, probe A5.
-   Inputs have pull-ups and are active when they are low, until the host says otherwise: then a switch that opens, or whose wire breaks,
-   is active. */
+   Inputs have pull-ups and are active when low. The host can invert them: then an open switch, or a broken wire, is active. */
 
 #ifndef BOARD_H
 #define BOARD_H
@@ -29,11 +28,11 @@
 /* Ticks of 0.5 us: Timer0 and Timer1 count clock/8. */
 #define TICK_NS 500
 #define TICKS_A_MS 2000
-/* The host keeps events at least so far apart; the sustained rate was measured with it. */
+/* Least time between events from the host, for which the sustained rate was measured. */
 #define LEAST_INTERVAL 36
 
-/* A byte for port D as it is written by the interrupt: steps in bits 2-4, directions in bits 5-7. Bits 0 and 1 are the serial port's and
-   stay as they are whatever is written there: bit 0 is a pull-up only. With four axes they carry step and direction of the fourth. */
+/* The byte for port D that the interrupt writes: steps in bits 2-4, directions in bits 5-7. Bits 0 and 1 belong to the
+   serial port, and writing them has no effect but a pull-up at bit 0. With four axes they have step and direction of the fourth axis. */
 #if AXES == 4
 #define PORT_AXES 0xFF
 #define PORT_DIRECTIONS 0xE2
@@ -46,11 +45,11 @@
 #define PORT_ALWAYS 0x01
 #endif
 
-/* UCSR0B: receive with an interrupt, send; and with an interrupt for what is to be sent. */
+/* UCSR0B: receive with an interrupt and send; the second also with an interrupt for sending. */
 #define UART_LISTENS 0x98
 #define UART_TALKS 0xB8
 
-/* Registers that no C code uses (-ffixed): the interrupts' own. */
+/* Registers of the interrupts, which C code does not use (-ffixed). */
 #define rSREG r2
 #define rTEMP r3
 #define rZ r4
@@ -74,7 +73,7 @@
 enum { IDLE, RUNNING, RAMPING, ALARM, TOUCHED };
 enum { NO_ALARM, UNDERRUN, SILENCE, EMERGENCY_STOP, LIMIT, STOPPED_BY_HOST, BAD_STREAM };
 
-/* Inputs, a bit each, 1 where active. A fourth axis has no pin left for a limit. */
+/* Inputs, one bit each, 1 if active. The fourth axis has no limit switch. */
 #define INPUT_LIMITS 0x07
 #define INPUT_PROBE 0x10
 #define INPUT_EMERGENCY_STOP 0x20
@@ -82,33 +81,33 @@ enum { NO_ALARM, UNDERRUN, SILENCE, EMERGENCY_STOP, LIMIT, STOPPED_BY_HOST, BAD_
 #define INPUT_RESUME 0x80
 
 struct config {
-    uint8_t pulse;      /* ticks that a step pin stays high, at least */
-    uint8_t rest;       /* ticks that it stays low after that, at least, and from a direction to the step */
-    uint8_t ramp_ms;    /* how long an emergency ramp takes */
-    uint8_t limits;     /* which limit inputs stop the motion */
+    uint8_t pulse;      /* least time that a step pin stays high, ticks */
+    uint8_t rest;       /* least time that it stays low after that, and from a direction to the step, ticks */
+    uint8_t ramp_ms;    /* duration of an emergency ramp */
+    uint8_t limits;     /* limit inputs that stop the motion */
     uint8_t inverted;   /* inputs that are active when high */
-    uint8_t drivers;    /* bit 0: they are on when their pin is high */
+    uint8_t drivers;    /* bit 0: on when their pin is high */
 };
 
-/* A pulse begins somewhere in a tick. */
+/* A pulse begins at any point of a tick. */
 #define WIDTH(pulse) ((pulse) + 1)
 
 extern struct config config;
 extern uint8_t state, alarm;
-extern volatile uint8_t halted;         /* reason + 1 of a stop that an interrupt made; 0: none */
-extern volatile uint8_t parked;         /* the interrupt has no event to wait for */
+extern volatile uint8_t halted;         /* reason + 1 of a stop by an interrupt, 0 without one */
+extern volatile uint8_t parked;         /* the interrupt has no event */
 extern uint8_t queue[256];
 extern uint8_t received[128];
 extern volatile uint8_t received_head;
-extern uint8_t sending[37];             /* the frame that goes out; the longest is a status */
+extern uint8_t sending[37];             /* the outgoing frame; the longest is a status */
 extern volatile uint8_t send_at, send_length;
-extern int32_t position[4];             /* of the segments that were decoded to their end */
+extern int32_t position[4];             /* after all completely decoded segments */
 extern bool known_position;
 extern uint8_t holds, resumes;          /* presses of the buttons */
 extern uint16_t now_ms;
 
 /* player.c */
-extern uint32_t taken;                  /* bytes of the stream that were decoded, since the start of the board */
+extern uint32_t taken;                  /* bytes of the stream decoded since the start of the board */
 void decode(void);
 bool run(void);
 void flush(void);
@@ -122,10 +121,10 @@ void set_polarity(uint8_t drivers);
 
 /* link.c */
 #define STORE 928
-#define ROOM_KEPT 4                     /* a frame's CRC is written behind its payload, and full is not empty */
+#define ROOM_KEPT 4                     /* for the CRC after the payload, and because a full store must differ from an empty one */
 extern uint8_t store[STORE];
 extern uint16_t store_head, store_tail;
-extern uint16_t promised_ms;            /* when the stream that was taken in ends, 15 bits; bit 15: it ends there */
+extern uint16_t promised_ms;            /* end time of the received stream, 15 bits; bit 15: the stream ends there */
 extern uint16_t heard_ms, started_ms;
 extern bool want_status;
 void begin_frame(void);
@@ -134,7 +133,7 @@ void transmit(void);
 uint16_t store_used(void);
 int16_t time_left(void);
 
-/* So many bytes, at most STORE, behind a place in the store. */
+/* The position a number of bytes, at most STORE, after a position in the store. */
 static inline uint16_t behind(uint16_t at, uint16_t count)
 {
     at += count;

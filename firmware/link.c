@@ -1,7 +1,7 @@
-/* The serial link: frames in and out. PROTOCOL.md says what they are.
+/* The serial link: frames in and out, in the format of PROTOCOL.md.
 
-   A frame is decoded byte by byte as it comes. What belongs to the stream is written to the store at once, behind what was committed, and
-   counts only when the frame turns out to be whole, in order and free of errors. */
+   A frame is decoded byte by byte on arrival. Stream bytes are written to the store at once, after the committed bytes. They are committed
+   when the frame is complete, in order and without errors. */
 
 #include "board.h"
 #include <util/crc16.h>
@@ -20,8 +20,8 @@ uint8_t received[128];
 volatile uint8_t received_head;
 static uint8_t received_tail;
 static uint8_t frame[LONGEST_CONTROL + 2];
-static uint8_t length;                  /* of the frame that comes in: bytes so far, */
-static uint16_t crc, spare;             /* their CRC, where its next stream byte goes */
+static uint8_t length;                  /* of the incoming frame: bytes so far, */
+static uint16_t crc, spare;             /* their CRC, position of its next stream byte */
 static uint8_t block, block_left;       /* COBS */
 static bool broken;
 static uint8_t expected, token;
@@ -44,7 +44,7 @@ static uint16_t store_room(void)
     return STORE - ROOM_KEPT - store_used();
 }
 
-/* ms of the stream that are still to be played. */
+/* ms of the stream that are not played yet. */
 int16_t time_left(void)
 {
     return (int16_t)((uint16_t)(promised_ms - (state == RUNNING ? now_ms - started_ms : 0)) << 1) >> 1;
@@ -83,7 +83,7 @@ static void data_came(void)
     }
 }
 
-/* What can't be kept is refused: pulse and rest go into a byte together, and a timer of 8 bits has to end the pulse. */
+/* Invalid values are refused: pulse and rest share a byte, and an 8-bit timer ends the pulse. */
 #define LONGEST_PULSE 120
 
 static bool configure(const uint8_t *payload)
@@ -165,7 +165,7 @@ static void end_frame(void)
     }
 }
 
-/* Take what has come in, but not so much at once that the player starves; quick rather than short. */
+/* Decode received bytes, but not so many at once that the player starves. Optimised for speed. */
 __attribute__((optimize("O2"))) void receive(void)
 {
     uint8_t tail = received_tail, left = (received_head - tail) & 127;
@@ -280,7 +280,7 @@ static void say_room(void)
 
 void transmit(void)
 {
-    (void)UCSR0A;       /* simulators take this look for the word that they may send on */
+    (void)UCSR0A;       /* simulators need this access to continue sending */
     if (send_at != send_length)
         return;
     if (want_welcome) {
@@ -302,7 +302,7 @@ void transmit(void)
         say_room();
     } else if (want_status) {
         int32_t at[4];
-        want_status = want_ack = false;     /* it acknowledges, too */
+        want_status = want_ack = false;     /* a status is also an acknowledgement */
         where(at);
         begin_saying(STATUS, token);
         say(expected);

@@ -2,9 +2,9 @@
 
 #include "board.h"
 
-#define MARGIN_MS 8             /* from the moment a ramp is wanted to the first event that it changes, and a little */
+#define MARGIN_MS 8             /* from the request of a ramp to the first event that it changes, with a margin */
 #define SILENCE_MS 250
-#define STALE (STORE / 2)       /* a store fuller than this is no sign of a host that has gone, however soon it will be played */
+#define STALE (STORE / 2)       /* a store fuller than this shows that the host is alive, however short its playing time */
 
 #ifndef BAUD
 #define BAUD 1000000UL
@@ -22,7 +22,7 @@ uint16_t now_ms, started_ms;
 uint8_t holds, resumes;
 
 static uint8_t armed, armed_level;
-static uint8_t seen, down;      /* buttons: pressed a millisecond ago, and for good */
+static uint8_t seen, down;      /* buttons: pressed a millisecond ago, and debounced */
 static uint16_t counted;
 
 /* ------------------------------------------------------------------------------------------------------------------ inputs */
@@ -57,7 +57,7 @@ bool limits_hit(void)
     return inputs() & config.limits & ~armed;
 }
 
-/* What an input asks for: a halt's reason + 1, TOUCHED's own, or 0. */
+/* The reaction to the inputs: reason + 1 of a halt, that of TOUCHED, or 0. */
 #define HALT_TOUCHED 0xFF
 
 static uint8_t wish(void)
@@ -73,10 +73,10 @@ static uint8_t wish(void)
     return 0;
 }
 
-/* Either port's inputs have changed. */
+/* The inputs of either port have changed. */
 #define WATCHED (1 << PCIE0 | 1 << PCIE1)
 
-/* What an input asks for must hold for some microseconds: a spike asks for nothing. While PCICR is 0. */
+/* A level must last some microseconds, so that a spike has no effect. Called while PCICR is 0. */
 static void look(void)
 {
     uint8_t wanted = wish();
@@ -111,7 +111,7 @@ static void look_now(void)
     PCICR = WATCHED;
 }
 
-/* From here on these inputs end the motion, as soon as one of them differs from its level. */
+/* Arm inputs: the motion ends as soon as one of them differs from its level. */
 void arm(uint8_t which, uint8_t level)
 {
     PCICR = 0;
@@ -146,7 +146,7 @@ static void look_for_halt(void)
     halted = 0;
 }
 
-/* A button counts when it is pressed for a millisecond or two, and again when it was let go for as long. */
+/* A button counts when it is pressed for one to two milliseconds, and again after a release of that length. */
 static void look_at_buttons(void)
 {
     uint8_t now = inputs() & (INPUT_HOLD | INPUT_RESUME), before = down;
@@ -161,7 +161,7 @@ static void look_at_buttons(void)
         want_status = true;
 }
 
-/* Once a millisecond. */
+/* Called once per millisecond. */
 static void tick(void)
 {
     bool silent = (uint16_t)(now_ms - heard_ms) > SILENCE_MS;
@@ -196,11 +196,11 @@ static void watch_time(void)
 
 int main(void)
 {
-    /* nothing has an initial value: the queue is to begin a page of the memory */
+    /* no variable has an initial value, so that the queue starts at a page of the memory */
     config.pulse = config.rest = 10;
     config.ramp_ms = 100;
     config.limits = INPUT_LIMITS;
-    EICRA = 0x05;                       /* edges: a simulator looks at INT0 and INT1 in level mode all the time */
+    EICRA = 0x05;                       /* edges: in level mode, a simulator polls INT0 and INT1 all the time */
     PORTB = 0x01 | 0x02 | 0x04;         /* drivers off, pull-ups */
     DDRB = 0x01 | 0x08 | 0x20;
 #if AXES == 4
@@ -224,7 +224,7 @@ int main(void)
     TCCR2A = 0x03;                      /* fast PWM, 976 Hz */
     TCCR2B = 1 << CS22;
 
-    UCSR0A = 1 << U2X0;                 /* before the divider: simulators work out the speed when that is written */
+    UCSR0A = 1 << U2X0;                 /* before the divider: simulators compute the speed when the divider is written */
     UBRR0 = UBRR_VALUE;
     UCSR0C = 3 << UCSZ00;
     UCSR0B = UART_LISTENS;

@@ -1,14 +1,14 @@
-/* The interrupts that have to be quick. Each uses registers of its own (board.h), so that it need not save any.
+/* The fast interrupts. Each has its own registers (board.h), so that it need not save any.
 
-   Timer1 compare A, an event is due: write what was prepared for it to the port, then prepare the next one. 47 cycles.
+   Timer1 compare A, an event is due: write its prepared byte to the port, then prepare the next event. 47 cycles.
 
        event k      port D: directions and steps of k, at once
                     Timer0 compare A is set to the end of the pulse
                     event k+1 is taken from the queue: its time to Timer1's compare register, its port byte to rPORT, its directions to rIDLE
-       pulse end    port D: directions of k+1, no steps: they have the time from here to event k+1 to settle
+       pulse end    port D: directions of k+1, no steps: they can settle until event k+1
 
-   Timer0 runs free; where no pulse is under way its compare interrupt writes what is there anyway. Where another interrupt has kept both
-   waiting, the chip would take Timer1's first, and two pulses would become one: the event then ends the pulse and waits for the rest. */
+   Timer0 runs freely. Without a pulse, its compare interrupt writes the present byte again. If another interrupt delays both, the chip takes
+   Timer1's first, and two pulses would become one. In this case the event ends the pulse and waits for the rest. */
 
 #define __SFR_OFFSET 0
 #include <avr/io.h>

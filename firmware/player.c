@@ -1,7 +1,7 @@
-/* The player: the stream's segments to events for the interrupt (docs/explanation/segments.md says what a segment means).
+/* The player: decodes segments of the stream (docs/explanation/segments.md) into events for the interrupt.
 
-   It works ahead of time, but no more than AHEAD, so that a ramp can begin soon. A ramp stretches time: each event comes later by a factor
-   that grows from 1 along an S until nothing moves any more, so that the machine comes to rest on its path.
+   It works at most AHEAD ahead of time, so that a ramp can begin soon. A ramp stretches the time between events by a factor that grows from
+   1 along an S-curve until the motion ends. So the machine comes to rest on its path.
 
        position       of the segments that are done
        + segment      what was decoded of the one under way
@@ -10,13 +10,13 @@
 #include "board.h"
 #include <stddef.h>
 
-#define LATE 100                /* ticks that an event may come too late and be made up for */
+#define LATE 100                /* ticks by which an event may be late and caught up */
 #define AHEAD 6000              /* ticks */
-#define SHORT 0x3FFF            /* ticks: what is longer is waited for in pieces */
+#define SHORT 0x3FFF            /* ticks; longer times are divided into pieces */
 #define PIECE 8192
-#define LEAD 4000               /* ticks from the word to run to the time 0 of the stream: the queue fills */
-#define ROOMY 63                /* events that an empty queue takes */
-#define BURST 12                /* slots between two looks at the serial port */
+#define LEAD 4000               /* ticks from RUN to time 0 of the stream, while the queue fills */
+#define ROOMY 63                /* capacity of the queue, events */
+#define BURST 12                /* slots between two polls of the serial port */
 
 enum { EVEN, PLACED, PACKED, TIMED };
 #define FORM 3
@@ -33,18 +33,18 @@ struct phase {
     uint8_t steps;
 };
 
-/* slots.S knows the places of what stands before `count`. */
+/* slots.S has the offsets of the fields before `count`. */
 struct segment {
     uint8_t left, form, always, directions, fraction, made;
     __uint24 interval;
     __int24 add;
     struct phase one, two;
-    int16_t budget;             /* even: ticks that may still be planned ahead */
-    uint16_t long_ticks;        /* even: a slot that the queue does not take as it is, and its port */
+    int16_t budget;             /* even: ticks that may still be planned */
+    uint16_t long_ticks;        /* even: a slot too long for the queue, and its port byte */
     uint8_t long_port, is_long;
     uint16_t factor;            /* of a ramp, 1/256 */
     uint8_t count[4];           /* packed and timed: steps of each axis */
-    uint8_t pair;               /* packed: the byte of which the second mask is still to come */
+    uint8_t pair;               /* packed: the byte whose second mask is not played yet */
 };
 _Static_assert(offsetof(struct segment, one) == 12 && offsetof(struct segment, two) == 23 && offsetof(struct segment, budget) == 34
                && offsetof(struct segment, factor) == 40, "slots.S");
@@ -54,13 +54,13 @@ uint8_t even_slots(uint8_t most, int16_t budget, uint8_t ramping);
 
 static struct { uint16_t ticks; uint8_t port; } waiting[3];
 static uint8_t waiting_at, waiting_count;
-static uint32_t wait;           /* ticks to the first of them; it was stretched already if it is the one under way */
+static uint32_t wait;           /* ticks to the first of them; already stretched if it is the current one */
 static bool wait_known;
 
-static uint16_t planned;        /* when the last event in the queue is due */
+static uint16_t planned;        /* due time of the last event in the queue */
 static bool end_seen;
-static bool starved;            /* the stream has too few bytes for what comes next */
-static bool behind_command;     /* the next event stands behind a command: all before was played, which takes its time */
+static bool starved;            /* the stream has too few bytes for the next item */
+static bool behind_command;     /* the next event follows a command, before which everything was played */
 static uint8_t spindle;
 
 volatile uint8_t parked;
@@ -73,7 +73,7 @@ static const uint8_t axis_direction[4] PROGMEM = { 0x20, 0x40, 0x80, 0x02 };
 
 /* ------------------------------------------------------------------------------------------------------------------- ramp */
 
-/* How much longer time is, in 1/256, at 1/64, 3/64 .. of a ramp: 1 / (1 - x^2 (3 - 2 x)). Behind the last one nothing moves. */
+/* Stretch factors in 1/256 at 1/64, 3/64 .. of a ramp: 1 / (1 - x^2 (3 - 2 x)). After the last one nothing moves. */
 static const uint16_t stretched[30] PROGMEM = {
     256, 258, 261, 265, 271, 278, 287, 297, 310, 325, 342, 363, 387, 415, 449,
     489, 537, 595, 667, 756, 869, 1014, 1207, 1470, 1841, 2392, 3262, 4762, 7694, 14749,
@@ -96,7 +96,7 @@ void ramp(uint8_t reason, uint8_t ms)
     segment.factor = 256;
 }
 
-/* Come to rest on the path if anything moves; an alarm either way, but none in place of another. */
+/* Come to rest on the path if there is motion. An alarm follows in any case, but does not replace another one. */
 void rest_or_stop(uint8_t reason)
 {
     if (state == RUNNING)
@@ -105,7 +105,7 @@ void rest_or_stop(uint8_t reason)
         raise_alarm(reason);
 }
 
-/* So many ticks of the ramp are planned. */
+/* Advance the ramp by the ticks planned. */
 static void go_down(uint16_t ticks)
 {
     while (ticks && ramp_step < RAMP_STEPS) {
@@ -120,7 +120,7 @@ static void go_down(uint16_t ticks)
     }
 }
 
-/* What a time becomes; what would come behind the end of the ramp ends it. */
+/* Stretch a time; an event after the end of the ramp ends the ramp. */
 static uint32_t stretch(uint16_t ticks)
 {
     uint32_t longer = (uint32_t)ticks * segment.factor >> 8;
@@ -136,13 +136,13 @@ static inline uint8_t room(void)
     return (uint8_t)(tail_get() - head_get() - 4) >> 2;
 }
 
-/* The interrupt has nothing to wait for: give it the first event of the queue. */
+/* Give the idle interrupt the first event of the queue. */
 static void unpark(void)
 {
     uint8_t *event = queue + tail_get();
     uint16_t due = due_get() + (event[0] | (uint16_t)event[1] << 8);
     while (PORTD & PORT_STEPS)
-        ;                       /* the pulse of the event before is ended by Timer0, soon */
+        ;                       /* Timer0 will soon end the pulse of the event before */
     cli();
     if (!halted) {
         due_set(due);
@@ -160,7 +160,7 @@ static void unpark(void)
         if (late > 0)
             due = least;
         if (late > LATE && !behind_command) {
-            /* to make up for it would be a burst of steps: come to rest from here */
+            /* catching up would be a burst of steps: come to rest from here */
             due_set(least);
             planned += late;
             ramp(UNDERRUN, config.ramp_ms);
@@ -191,7 +191,7 @@ static inline bool early(uint16_t now)
     return (int16_t)(planned - now) < AHEAD;
 }
 
-/* Events that are long, or under a ramp, or several in a slot. */
+/* Plan waiting events: long ones, those under a ramp, or several in a slot. */
 static void put_waiting(void)
 {
     uint16_t now = timer();
@@ -232,7 +232,7 @@ static void wait_for(uint16_t ticks, uint8_t port)
     waiting_at = 0;
 }
 
-/* An event, of up to three that are made at once: at once into the queue if that takes it as it is. */
+/* Plan an event, one of up to three at a time; short ones go to the queue directly. */
 static void event(uint16_t ticks, uint8_t port)
 {
     if (ticks > SHORT || waiting_count || state != RUNNING)
@@ -269,7 +269,7 @@ static uint8_t due(struct phase *axis)
     return port;
 }
 
-/* Where in a slot of so many ticks a step belongs. */
+/* Position of a step in a slot, ticks. */
 static inline uint16_t place(uint16_t phase, uint16_t ticks)
 {
     return ((uint32_t)phase * ticks + 0x8000) >> 16;
@@ -287,7 +287,7 @@ static void placed_slot(void)
     if ((uint8_t)(segment.two.phase >> 16) == 0)
         there = place(segment.two.phase, ticks);
     uint8_t one = due(&segment.one), two = due(&segment.two), last = segment.always;
-    /* no nearer to the end than two ticks, or at the end */
+    /* at least two ticks before the end, or at the end */
     if (one && ticks - here < 2)
         last |= one, one = 0;
     if (two && ticks - there < 2)
@@ -328,7 +328,7 @@ static void placed_slots(void)
         placed_slot();
 }
 
-/* A nibble of axes as a port's steps. */
+/* Convert a mask of axes to the step bits of the port. */
 static inline uint8_t steps_of(uint8_t mask)
 {
 #if AXES == 4
@@ -342,7 +342,7 @@ static inline uint8_t steps_of(uint8_t mask)
     if (mask & bit) \
         segment.count[axis]++
 
-/* Packed and timed: what they say of each slot stands in the stream. */
+/* Packed and timed segments: each slot has its own data in the stream. */
 static void listed_slots(uint8_t most)
 {
     const bool timed = segment.form == TIMED, plain = state == RUNNING;
@@ -432,7 +432,7 @@ static void forget_steps(void)
         segment.count[axis] = 0;
 }
 
-/* The segment has been decoded: its steps are the position's from here on. */
+/* Add the steps of a completely decoded segment to the position. */
 static void settle(void)
 {
     for (uint8_t axis = 0; axis < AXES; axis++) {
@@ -461,7 +461,7 @@ static inline void take_back(int8_t back[4], uint8_t port)
 #endif
 }
 
-/* Where the pins have brought the machine by now. */
+/* Position according to the steps made at the pins. */
 void where(int32_t at[4])
 {
     int8_t back[4] = { 0, 0, 0, 0 };
@@ -490,13 +490,13 @@ void where(int32_t at[4])
 
 static void set_outputs(uint8_t bits, uint8_t duty)
 {
-    /* bit by bit, which is one instruction: an interrupt may write the others in between */
+    /* single bits, with one instruction each: an interrupt may write the others in between */
     if ((bits ^ config.drivers) & ENABLED)
         PORTB &= ~0x01;
     else
         PORTB |= 0x01;
     OCR2A = duty;
-    /* a duty of 0 would still be a pulse a round */
+    /* a duty of 0 would still give one pulse per period */
     TCCR2A = bits & SPINDLE && duty ? 0x83 : 0x03;
     spindle = bits & (SPINDLE | FLOOD | MIST);
     uint8_t port = PORTC & ~0x18;

@@ -1,10 +1,10 @@
-/* The slots of an even segment, which is what long lines are made of: 46 cycles each, and 52 for each phase that is due.
+/* The slots of an even segment, the form of long lines: 46 cycles each, and 52 for each phase that is due.
 
    uint8_t even_slots(uint8_t most, int16_t budget, uint8_t ramping)
 
-   Puts up to `most` slots into the queue while the budget, the ticks that may be planned ahead, is not used up; returns their number. A slot
-   longer than 0x3FFF ticks is not put there but left in long_ticks and long_port, and is the last (is_long). In a ramp each is longer by a
-   factor; what becomes too long by that is left as it was before. */
+   Adds up to `most` slots to the queue within the budget of ticks that may be planned ahead, and returns their number. A slot longer than
+   0x3FFF ticks is the last one (is_long). It is stored in long_ticks and long_port instead. In a ramp each slot is stretched by a factor; a
+   slot that is too long after that is stored without it. */
 
 #define __SFR_OFFSET 0
 #include <avr/io.h>

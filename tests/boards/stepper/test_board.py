@@ -99,7 +99,7 @@ def test_pins_make_the_planned_moves(small: Path, tmp_path: Path) -> None:
     simulator.close()
 
 
-@pytest.mark.parametrize("program", [None, PROGRAMS / "trident.nc"], ids=["small", "trident"])
+@pytest.mark.parametrize("program", share([None, PROGRAMS / "trident.nc"], [None]))
 def test_pins_take_the_estimated_time(program: Path | None, small: Path, tmp_path: Path) -> None:
     """Both end on the grid: the last edge is the end of the motion."""
     known = machine()

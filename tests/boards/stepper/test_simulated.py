@@ -343,7 +343,7 @@ class LooseCable(SimulatorPort):
             super().write(data)
 
 
-@pytest.mark.parametrize("seed", range(share(50, 4)))
+@pytest.mark.parametrize("seed", range(share(50, 2)))
 def test_reconnected_cable(simulator: Simulator, seed: int) -> None:
     """For 10 ms to 5 s: nothing has happened, or the error comes within a second, with the last
     line, and nothing moves after that.
