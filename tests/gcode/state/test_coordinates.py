@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cnc.gcode.state.coordinates import EXTERNAL, Coordinates
+from cnc.gcode.state.position_parameters import bind_position
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 
@@ -223,7 +224,7 @@ def test_home_positions() -> None:
 def test_live_parameters() -> None:
     place = fresh(axes=("x", "z", "a"))
     place.set_origin(0, {0: 25.4, 2: 90.0})
-    place.bind(lambda: [50.8, 25.4, 100.0], lambda: 25.4)
+    bind_position(place, lambda: [50.8, 25.4, 100.0], lambda: 25.4)
     parameters = place.parameters
     assert [parameters.number(5420 + n, 1) for n in range(9)] == [
         1.0,
