@@ -40,6 +40,7 @@ app = App(
     name="cncrun",
     help="Run G-code: read it, plan jerk-limited motion over its true curves, and send the pulses "
     "to a board.",
+    help_format="plaintext",  # Markdown would double the time of --help.
     version=__version__,
     result_action="return_value",
     suppress_keyboard_interrupt=False,
@@ -55,7 +56,7 @@ def run(
     program: ProgramOption,
     /,
     *,
-    dry_run: Annotated[bool, option("Only check, as `cncrun check` does.")] = False,
+    dry_run: Annotated[bool, option("Only check, as cncrun check does.")] = False,
     on_board: BoardOptions = BOARD,
     common: CommonOptions = COMMON,
 ) -> int:
