@@ -6,6 +6,7 @@
 is G92's and stays when another system is selected. ``tool`` is the length offset. ``local`` is G52
 in dialects where it is an offset of its own; elsewhere G52 sets the shift. FANUC adds an external
 offset to every origin.
+
 The values are stored in the parameters 5161 to 5390. They take effect as in LinuxCNC: a coordinate
 system when another one is selected or when G10 sets the one in use, the shift with G92.3.
 
