@@ -216,7 +216,7 @@ def test_compiled_code_depends_on_the_file_and_its_imports(tmp_path, monkeypatch
         for name, text in {**texts, **changed}.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(text)
-        monkeypatch.setattr(jit, "__file__", str(folder / "jit.py"))
+        monkeypatch.setattr(jit, "_SOURCES", folder)
         return [jit._folder_of(folder / name) for name in texts]
 
     caller, callee, other = folders({})
