@@ -54,7 +54,7 @@ simulator:
 	$(MAKE) -C firmware simulator
 	build/firmware/simulator build/firmware/stepper.elf
 
-# The picture and the summary in the README.
+# The pictures of README and documentation.
 picture: $(VENV)/installed-view
 	$(BIN)/python -m docs.make_picture
 

@@ -1,5 +1,4 @@
-"""Many programs at once: how much faster a check is on two cores than on one, the start of its
-processes included.
+"""Benchmark of a check of many programs: one process against several, start-up included.
 
 python -m benchmarks.checking [--files N] [--lines N] [--jobs N] [--repeat N]
 """
@@ -19,14 +18,15 @@ from typing import Any
 
 from cnc.session.kernel_cache import ensure_compiled
 
-CLOCKS = ("timing", "lines_per_s", "steps_per_s")
+TIME_KEYS = ("timing", "lines_per_s", "steps_per_s")
 
 
 def write(folder: Path, files: int, lines: int) -> None:
-    """Finishing passes of short moves, each program with another wave."""
+    """Write finishing passes of short moves, each program with another wave."""
     for number in range(files):
         moves = (
-            f"X{100.0 * k / lines:.3f} Y{20.0 + 10.0 * math.sin(0.01 * k + number):.3f} Z{-2.0 + math.cos(0.013 * k):.3f}"
+            f"X{100.0 * k / lines:.3f} Y{20.0 + 10.0 * math.sin(0.01 * k + number):.3f} "
+            f"Z{-2.0 + math.cos(0.013 * k):.3f}"
             for k in range(lines)
         )
         (folder / f"{number:04d}.nc").write_text(
@@ -35,32 +35,22 @@ def write(folder: Path, files: int, lines: int) -> None:
 
 
 def checked(folder: Path, jobs: int) -> tuple[float, list[dict[str, Any]]]:
-    """Seconds of a check in ``jobs`` processes, and what it found."""
-    command = [
-        sys.executable,
-        "-m",
-        "cnc.cli",
-        "check",
-        str(folder),
-        "--jobs",
-        str(jobs),
-        "--format",
-        "json",
-        "--quiet",
-    ]
+    """Return the seconds of a check in ``jobs`` processes, and its summaries."""
+    command = [sys.executable, "-m", "cnc.cli", "check", str(folder), "--quiet"]
+    options = ["--jobs", str(jobs), "--format", "json"]
     began = time.perf_counter()
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
     seconds = time.perf_counter() - began
     if done.returncode:
         raise SystemExit(done.stderr)
     return seconds, [
-        {key: value for key, value in each.items() if key not in CLOCKS}
+        {key: value for key, value in each.items() if key not in TIME_KEYS}
         for each in json.loads(done.stdout)
     ]
 
 
 def main() -> None:
-    """Print the times, and how they compare."""
+    """Print the times and their ratio."""
     options = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -70,7 +60,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write(folder, wanted.files, wanted.lines)
-        # the first ever compiles the kernels
+        # The kernels are compiled before the measurement.
         ensure_compiled(None)
         for _ in range(wanted.repeat):
             load = os.getloadavg()[0]
@@ -78,8 +68,9 @@ def main() -> None:
             together, same = checked(folder, wanted.jobs)
             assert same == found
             print(
-                f"{wanted.files} files of {wanted.lines} lines: 1 process {alone:.2f} s, {wanted.jobs} processes {together:.2f} s, "
-                f"{alone / together:.2f} times as fast (load before: {load:.1f})",
+                f"{wanted.files} files of {wanted.lines} lines: 1 process {alone:.2f} s, "
+                f"{wanted.jobs} processes {together:.2f} s, {alone / together:.2f} times as fast "
+                f"(load before: {load:.1f})",
                 flush=True,
             )
 

@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 from cnc.kernels.jit import njit
 from cnc.machine.load import load_machine
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline
+from cnc.model.choices import Algorithm
 from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from cnc.pulses.reference_pulse import Algorithm, ReferencePulse
+from cnc.pulses.reference_pulse import ReferencePulse
 from cnc.session.kernel_cache import ensure_compiled
 
 Floats = NDArray[np.float64]

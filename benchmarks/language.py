@@ -1,8 +1,8 @@
-"""Speed of reading: text to canonical blocks, after compilation, a CPU second, in one process.
+"""Speed of the interpreter: lines of text to canonical blocks in a CPU second.
 
-The baseline is LinuxCNC's own interpreter on the same programs in the same run, its start included,
-its output thrown away; where `rs274` is not installed, this interpreter with every line read by the
-grammar.
+The measurement is made after compilation, in one process. The baseline is LinuxCNC's own
+interpreter on the same programs in the same run, its start included and its output discarded. If
+`rs274` is not installed, the baseline is this interpreter with every line read by the grammar.
 
 python -m benchmarks.language [--lines N] [--long N] [--repeat N]
 """
@@ -28,11 +28,11 @@ from cnc.gcode.syntax import source_text
 from cnc.gcode.syntax.scanner import Scan, scan
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
-from cnc.session.kernel_cache import use_language
+from cnc.session.kernel_cache import compile_language
 
 PLAIN_LINES, MIXED_LINES, LONG_LINES = 1_000_000, 200_000, 10_000_000
 FEWER = 20
-"""The share of a program's lines that the grammar is asked to read, where it is the baseline."""
+"""The baseline with the grammar reads this fraction of a program's lines."""
 BODY = """\
   #1 = [#<count> MOD 360]
   #2 = [10 * COS[#1]]
@@ -53,47 +53,54 @@ BODY = """\
   #<count> = [#<count> + 1]
 """
 TRIES = 3
-"""Runs of rs274 that may fail: two at once don't always get on with each other."""
+"""Attempts to run rs274. It sometimes fails if two run at once."""
 EXECUTED = 15
-"""Lines that are executed of BODY each time, and the one that begins the loop."""
+"""Lines of BODY that are executed in each round."""
 
 
 @dataclass(frozen=True)
 class Speed:
-    """Executed lines a CPU second, and a word on how they were read."""
+    """Executed lines in a CPU second, and the name of the interpreter."""
 
     name: str
     lines_per_s: float
 
 
 def write_plain(path: Path, lines: int) -> int:
-    """A finishing program: short moves over a wavy surface, 26 bytes a line. The number of its
-    lines.
+    """Write a finishing program: short moves over a wavy surface, 26 bytes a line.
+
+    Returns:
+        The number of its lines.
     """
     rng = random.Random(1)
     with path.open("w", newline="") as file:
         file.write("G21 G90 G1 F1200\n")
         for n in range(lines - 2):
-            line = f"X{0.05 * (n % 2000):.3f} Y{0.1 * (n // 2000):.3f} Z{3 * math.sin(0.01 * n) + 0.01 * rng.random():.4f}"
+            x, y = 0.05 * (n % 2000), 0.1 * (n // 2000)
+            z = 3 * math.sin(0.01 * n) + 0.01 * rng.random()
+            line = f"X{x:.3f} Y{y:.3f} Z{z:.4f}"
             file.write(f"{line:25.25}\n")
         file.write("M2\n")
     return lines
 
 
 def write_mixed(path: Path, lines: int) -> int:
-    """Parameters, expressions, arcs, comments and control flow in a loop. The number of lines that
-    are executed.
+    """Write a loop of parameters, expressions, arcs, comments and control flow.
+
+    Returns:
+        The number of lines that are executed.
     """
     turns = lines // (EXECUTED + 1)
     path.write_text(
-        f"G21 G90 G17 G64\n#<count> = 0\no100 while [#<count> LT {turns}]\n{BODY}o100 endwhile\nM2\n",
+        f"G21 G90 G17 G64\n#<count> = 0\no100 while [#<count> LT {turns}]\n"
+        f"{BODY}o100 endwhile\nM2\n",
         newline="",
     )
     return turns * (EXECUTED + 1) + 5
 
 
 def moves_of(path: Path) -> int:
-    """Read a program and throw its blocks away; the number of moves."""
+    """Read a program; return the number of its moves."""
     moves = 0
     for block in interpret(Text.of_file(path)):
         moves += len(block.points) if isinstance(block, Polyline) else 1
@@ -101,7 +108,7 @@ def moves_of(path: Path) -> int:
 
 
 def seconds(work: Callable[[], object], who: int = resource.RUSAGE_SELF) -> float:
-    """CPU seconds of some work, this process's or its children's."""
+    """Return the CPU seconds of some work, in this process or its children."""
     before = resource.getrusage(who)
     work()
     after = resource.getrusage(who)
@@ -109,12 +116,12 @@ def seconds(work: Callable[[], object], who: int = resource.RUSAGE_SELF) -> floa
 
 
 def measured(path: Path, lines: int, repeat: int) -> Speed:
-    """The interpreter of this house, the quickest of some runs."""
+    """Measure this interpreter; return the fastest of some runs."""
     return Speed("cnc", lines / min(seconds(lambda: moves_of(path)) for _ in range(repeat)))
 
 
 def baseline(path: Path, lines: int) -> Speed:
-    """LinuxCNC's interpreter, or else this one with the grammar for every line."""
+    """Measure LinuxCNC's interpreter, or this one with the grammar for every line."""
     if rs274 := shutil.which("rs274"):
         command = [rs274, "-g", str(path)]
 
@@ -132,12 +139,12 @@ def baseline(path: Path, lines: int) -> Speed:
                 return Speed("rs274", lines / seconds(run, resource.RUSAGE_CHILDREN))
     few = path.with_name("few.ngc")
     fewer = (write_mixed if "mixed" in path.name else write_plain)(few, lines // FEWER)
-    with patch.object(source_text, "scan", nothing_is_plain):
+    with patch.object(source_text, "scan", scan_without_plain_lines):
         return Speed("grammar", fewer / seconds(lambda: moves_of(few)))
 
 
-def nothing_is_plain(data: bytes, *, whole: bool) -> Scan:
-    """A scan that leaves every line to the grammar."""
+def scan_without_plain_lines(data: bytes, *, whole: bool) -> Scan:
+    """Scan a text and mark every line for the grammar."""
     found = scan(data, whole=whole)
     found.lines.plain[: found.count] = 0
     found.lines.straight[: found.count] = 0
@@ -145,13 +152,13 @@ def nothing_is_plain(data: bytes, *, whole: bool) -> Scan:
 
 
 def peak_mb(path: Path) -> float:
-    """Largest memory, in MB, of a process that reads a program."""
+    """Return the peak memory, in MB, of a process that reads a program."""
     command = [sys.executable, "-m", "benchmarks.language", "--read", str(path)]
     return float(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
 
 
 def largest_memory_mb() -> float:
-    """Of this process, so far."""
+    """Return the peak memory of this process so far."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
         1e6 if sys.platform == "darwin" else 1e3
     )
@@ -159,24 +166,26 @@ def largest_memory_mb() -> float:
 
 def main() -> None:
     """Print a table."""
-    parser = argparse.ArgumentParser(description="Speed and memory of reading, beside a baseline.")
+    parser = argparse.ArgumentParser(
+        description="Speed and memory of the interpreter, with a baseline."
+    )
     parser.add_argument("--lines", type=int, default=PLAIN_LINES, help="lines of the plain program")
     parser.add_argument(
         "--long",
         type=int,
         default=LONG_LINES,
-        help="lines of the program whose memory is measured; 0 for none",
+        help="lines of the program for the peak memory; 0 for none",
     )
     parser.add_argument("--repeat", type=int, default=5)
     parser.add_argument(
-        "--read", type=Path, help="only read this program, and print the memory that it took"
+        "--read", type=Path, help="only read this program, and print the peak memory"
     )
     arguments = parser.parse_args()
     if arguments.read:
         moves_of(arguments.read)
         print(largest_memory_mb())
         return
-    use_language()
+    compile_language()
     with tempfile.TemporaryDirectory(prefix="cnc-") as folder:
         plain, mixed = Path(folder) / "plain.ngc", Path(folder) / "mixed.ngc"
         programs = [
@@ -184,16 +193,21 @@ def main() -> None:
             (mixed, write_mixed(mixed, MIXED_LINES)),
         ]
         print(
-            f"{'program':10} {'lines':>10} {'lines/s':>12} {'baseline':>10} {'lines/s':>12} {'ratio':>8}"
+            f"{'program':10} {'lines':>10} {'lines/s':>12} {'baseline':>10} {'lines/s':>12} "
+            f"{'ratio':>8}"
         )
         for path, lines in programs:
             own, other = measured(path, lines, arguments.repeat), baseline(path, lines)
-            row = f"{path.stem:10} {lines:10d} {own.lines_per_s:12.0f} {other.name:>10} {other.lines_per_s:12.0f}"
-            print(row, f"{own.lines_per_s / other.lines_per_s:8.1f}")
+            ratio = own.lines_per_s / other.lines_per_s
+            print(
+                f"{path.stem:10} {lines:10d} {own.lines_per_s:12.0f} "
+                f"{other.name:>10} {other.lines_per_s:12.0f} {ratio:8.1f}"
+            )
         if arguments.long:
             lines = write_plain(plain, arguments.long)
+            size = plain.stat().st_size / 1e6
             print(
-                f"largest memory, {lines} plain lines ({plain.stat().st_size / 1e6:.0f} MB of text): {peak_mb(plain):.0f} MB"
+                f"peak memory, {lines} plain lines ({size:.0f} MB of text): {peak_mb(plain):.0f} MB"
             )
 
 

@@ -1,5 +1,6 @@
-"""Speed on the shipped programs, after compilation: reading, planning, pulses, all in one process
-on one core.
+"""Speed on the shipped programs: reading, planning and pulses, in one process on one core.
+
+The measurement is made after compilation.
 
 make bench
 python -m benchmarks.programs [--repeat N] [PROGRAM...]
@@ -28,7 +29,7 @@ TITLES = (
 
 
 def best(program: Path, repeat: int) -> Report:
-    """The quickest of some checks."""
+    """Return the fastest of some checks."""
     machine = load_machine()
     reports = [check(program, machine) for _ in range(repeat)]
     for report in reports:
@@ -48,10 +49,12 @@ def main() -> None:
         report = best(program, arguments.repeat)
         timing, steps = report.timing, sum(report.steps.values())
         print(
-            f"{program.name:24} {report.lines:8d} {steps:10d} {report.duration_s:10.3f} {timing.parse_s:8.4f} {timing.plan_s:8.4f} "
-            f"{timing.interpolate_s:8.4f} {report.lines / timing.total_s:10.0f} {steps / timing.total_s:12.0f}"
+            f"{program.name:24} {report.lines:8d} {steps:10d} {report.duration_s:10.3f} "
+            f"{timing.parse_s:8.4f} {timing.plan_s:8.4f} "
+            f"{timing.interpolate_s:8.4f} {report.lines / timing.total_s:10.0f} "
+            f"{steps / timing.total_s:12.0f}"
         )
-    print(f"largest memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
+    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,8 @@
-"""The page of a finishing pass: how long it takes to make, how much memory, how large it is, how
-soon it opens and how it turns.
+"""Benchmark of the page of a finishing pass: time, memory, size, opening and rotation.
 
 python -m benchmarks.view [--moves N] [--exact]
 
-``--exact``: every move to its end (G61), which needs the most strokes. In Debian's chromium, by the
-processor alone.
+``--exact`` uses G61, which needs the most strokes. The browser is Chromium with software rendering.
 """
 
 from __future__ import annotations
@@ -42,13 +40,13 @@ TURN = """opened.then(async m => {
 
 
 def main() -> None:
-    """Make it, open it, turn it."""
+    """Make the page, open it, rotate it, and print the figures."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--moves", type=int, default=1_000_000)
     parser.add_argument("--exact", action="store_true")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     if FOUND is None:
         sys.exit(f"chromium is not installed: {INSTALL}")
     with tempfile.TemporaryDirectory() as folder:
@@ -57,36 +55,23 @@ def main() -> None:
         )
         machine.write_text(MACHINE)
         with program.open("w") as file:
-            for line in finishing.lines(asked.moves):
-                file.write(("G61" if asked.exact and line.startswith("G64") else line) + "\n")
+            for line in finishing.lines(options.moves):
+                file.write(("G61" if options.exact and line.startswith("G64") else line) + "\n")
         began = time.perf_counter()
-        command = [
-            sys.executable,
-            "-m",
-            "cnc.cli",
-            "view",
-            str(program),
-            "--machine",
-            str(machine),
-            "-o",
-            str(page),
-            "--quiet",
-        ]
-        subprocess.run(command, check=True)
+        command = [sys.executable, "-m", "cnc.cli", "view", str(program), "--quiet"]
+        subprocess.run([*command, "--machine", str(machine), "-o", str(page)], check=True)
         took = time.perf_counter() - began
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
         cpu = used.ru_utime + used.ru_stime
-        print(f"{asked.moves} moves, program {program.stat().st_size / 1e6:.1f} MB")
-        print(
-            f"made in {took:.1f} s ({cpu:.1f} s of a processor), {used.ru_maxrss / 1e3:.0f} MB of memory"
-        )
+        print(f"{options.moves} moves, program {program.stat().st_size / 1e6:.1f} MB")
+        print(f"made in {took:.1f} s ({cpu:.1f} CPU s), {used.ru_maxrss / 1e3:.0f} MB of memory")
         print(f"page {page.stat().st_size / 1e6:.1f} MB")
         with Browser(1400, 860) as browser:
             opened = [int(browser.open(page)) for _ in range(OPENINGS)]
             print(f"opened in {', '.join(map(str, opened))} ms")
             print(browser.evaluate("document.getElementById('accuracy').textContent"))
             frames = browser.evaluate(TURN)
-            print(f"turned: first frame {frames[0]:.0f} ms, then {sorted(frames[10:])[5]:.0f} ms")
+            print(f"rotated: first frame {frames[0]:.0f} ms, then {sorted(frames[10:])[5]:.0f} ms")
 
 
 if __name__ == "__main__":

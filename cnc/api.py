@@ -1,24 +1,24 @@
-"""The front door of the library: parse, plan, check, run.
+"""Public functions of the library: parse, plan, check, check many, run, home.
 
-    from cnc.api import check
+    from cnc import check
+
     report = check("part.nc", "config/grbl-uno.toml")
     print(report.ok, report.duration_s)
 
-A program goes by twice. The first pass reads it to the end and compares its path with the travel of
-the axes, so that nothing moves in a program that is wrong anywhere. The second plans it, makes
-pulses (and samples, if asked for) and sends them. Both passes stream: memory does not grow with the
-program. A path that is small enough is kept from the first pass to the second.
+A program is processed in two passes. The check pass reads it to its end and compares its path with
+the travel of the axes, so that nothing moves if any part of the program is wrong. The run pass
+plans the path, makes pulses (and samples, if requested) and sends them. Both passes work in chunks:
+memory does not grow with the program. A path that is small enough is kept between the passes.
 
-:func:`check` and :func:`run` give a :class:`~cnc.report.result.Report`; what is wrong with the
-program or the board is in its ``faults``. They raise only what the caller has to mend: UsageError
-and MachineFileError.
+:func:`check` and :func:`run` return a :class:`~cnc.report.result.Report`. Faults of the program or
+the board are in ``report.faults``. The functions raise only faults that the caller has to correct:
+UsageError and MachineFileError.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Literal
 
 from cnc.batch import pool
 from cnc.boards.protocols import LineSink, PulseSink
@@ -27,26 +27,34 @@ from cnc.checks.selection import Selection
 from cnc.executor import homing
 from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
-from cnc.machine.models import DialectName, Machine
+from cnc.machine.models import Machine
 from cnc.model.blocks import Block
+from cnc.model.choices import DialectName
 from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control, HomingStopped
 from cnc.path.build import build
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
-from cnc.pulses.reference_pulse import Algorithm
 from cnc.report.result import Report
-from cnc.session import Job, Outputs, Pauses, Watch, start_position
 from cnc.session.kernel_cache import ensure_compiled
-from cnc.session.standing import home_by_board
+from cnc.session.observer import Callbacks
+from cnc.session.options import Outputs, RunOptions
+from cnc.session.position_check import home_by_board
+from cnc.session.program_reader import start_position
+from cnc.session.session import Session
 
 __all__ = [
+    "Block",
+    "Callbacks",
     "Control",
     "HomingStopped",
+    "Machine",
     "Outputs",
+    "PlanChunk",
+    "Progress",
     "Report",
+    "RunOptions",
     "Selection",
-    "Watch",
     "check",
     "check_many",
     "home",
@@ -57,209 +65,200 @@ __all__ = [
     "start_position",
 ]
 
-Interpolator = Literal["reference-pulse", "sampled"]
+MachineChoice = Machine | Path | str | None
+"""A machine, its file, the name of a shipped machine file, or None for the default machine."""
+Board = PulseSink | LineSink
 
 
 def parse(
-    program: Path | str,
-    machine: Machine | Path | str | None = None,
-    *,
-    dialect: DialectName | None = None,
+    program: Path | str, machine: MachineChoice = None, *, dialect: DialectName | None = None
 ) -> Iterator[Block]:
-    """Yield the canonical blocks of a program file, as it is read. GcodeError at the first fault,
-    UsageError if there is no such file.
+    """Read a program file and yield its canonical blocks as they are read.
+
+    Args:
+        program: The file; ``-`` for standard input.
+        machine: The machine, whose file also names the tool table and the parameters.
+        dialect: How to read the program; None for the machine file's choice.
+
+    Raises:
+        GcodeError: At the first fault of the program.
+        UsageError: If the file cannot be read.
+        MachineFileError: If the machine file is wrong.
     """
-    yield from Job(program, _machine(machine), dialect, False, Outputs(), Watch()).blocks()
+    yield from Session(program, _loaded(machine), RunOptions(dialect=dialect)).blocks()
 
 
 def plan(
-    program: Path | str,
-    machine: Machine | Path | str | None = None,
-    *,
-    dialect: DialectName | None = None,
+    program: Path | str, machine: MachineChoice = None, *, dialect: DialectName | None = None
 ) -> Iterator[PlanChunk | Block]:
-    """Yield the jerk-limited plan of a program file and the blocks between the moves, in order;
-    MotionLimitError, and as :func:`parse`.
+    """Yield the jerk-limited plan of a program file, with the blocks between the moves, in order.
+
+    The arguments are those of :func:`parse`.
+
+    Raises:
+        MotionLimitError: Where the motion breaks a limit of the machine.
+        GcodeError, UsageError, MachineFileError: As :func:`parse`.
     """
-    known = _machine(machine)
-    blocks = parse(program, known, dialect=dialect)
-    yield from LookAhead(known).plan(
-        build(
-            blocks,
-            axes=known.axis_names,
-            start=start_position(known),
-            tolerance=known.path.tolerance,
-        )
+    known = _loaded(machine)
+    path = build(
+        parse(program, known, dialect=dialect),
+        axes=known.axis_names,
+        start=start_position(known),
+        tolerance=known.path.tolerance,
     )
+    yield from LookAhead(known).plan(path)
 
 
 def check(
     program: Path | str,
-    machine: Machine | Path | str | None = None,
+    machine: MachineChoice = None,
+    options: RunOptions | None = None,
     *,
-    dialect: DialectName | None = None,
-    interpolator: Interpolator = "reference-pulse",
-    algorithm: Algorithm | None = None,
-    outputs: Outputs | None = None,
-    watch: Watch | None = None,
+    callbacks: Callbacks | None = None,
     control: Control | None = None,
-    selection: Selection | None = None,
-    portable: Sequence[str] = (),
 ) -> Report:
-    """Verify a program without a board: language, travel, the plan against every limit, and its
-    pulses.
+    """Verify a program without a board: language, travel, the limits of the plan, and pulses.
 
-    program: its file, ``-`` for standard input. machine: itself, its file or shipped name, None for
-    the default. dialect: None for the machine's. interpolator: ``sampled`` samples the motion at
-    the machine's period, too; a trace does so in any case. algorithm: how grid moves are made; None
-    for half steps on lines and arcs, enclosing lines on other curves. control: its feed override
-    scales the feeds, its stop ends the check. selection: which findings besides errors to report.
-    portable: dialects that have to understand the program in the same way.
+    Args:
+        program: The file; ``-`` for standard input.
+        machine: The machine.
+        options: Options of the check; None for the defaults.
+        callbacks: Functions that follow the check.
+        control: Its feed override scales the feeds. Its stop request ends the check.
+
+    Returns:
+        The report, with the faults of the program.
+
+    Raises:
+        UsageError: If an option is wrong.
+        MachineFileError: If the machine file is wrong.
     """
-    known, sampled = _machine(machine), interpolator == "sampled"
-    return Job(
-        program,
-        known,
-        dialect,
-        sampled,
-        outputs or Outputs(),
-        watch or Watch(),
-        control,
-        algorithm,
-        selection,
-        portable,
-    ).carry_out()
+    session = Session(program, _loaded(machine), options, callbacks=callbacks, control=control)
+    return session.run()
 
 
 def check_many(
     programs: Sequence[Path | str],
-    machine: Machine | Path | str | None = None,
+    machine: MachineChoice = None,
+    options: RunOptions | None = None,
     *,
-    dialect: DialectName | None = None,
-    interpolator: Interpolator = "reference-pulse",
-    algorithm: Algorithm | None = None,
-    feed_override: float = 100.0,
-    selection: Selection | None = None,
-    portable: Sequence[str] = (),
     jobs: int | None = None,
     scheduler: str | None = None,
 ) -> Iterator[Report]:
-    """Verify many programs in ``jobs`` processes (None: one a core) and yield their reports in
-    their order.
+    """Verify many programs in parallel and yield their reports in the order of the programs.
 
-    scheduler: the address of a Dask cluster's scheduler, whose workers check them instead.
+    A program has the fault ``worker-died`` if its worker process dies twice, and ``internal-error``
+    if this library fails. The other programs are checked nevertheless.
 
-    The other arguments are those of :func:`check`. A program at which a process dies twice has the
-    fault ``worker-died``, one at which this library fails ``internal-error``; the rest are checked
-    all the same.
+    Args:
+        programs: The files.
+        machine: The machine.
+        options: Options of each check; None for the defaults.
+        jobs: Number of processes; None for one for each core.
+        scheduler: Address of a Dask scheduler, whose workers check the programs instead.
+
+    Raises:
+        UsageError: If an option is wrong.
+        MachineFileError: If the machine file is wrong.
     """
     names = [str(program) for program in programs]
-    return pool.check_many(
-        names,
-        _machine(machine),
-        dialect=dialect,
-        sampled=interpolator == "sampled",
-        algorithm=algorithm,
-        feed_override=feed_override,
-        selection=selection,
-        portable=portable,
-        jobs=jobs,
-        scheduler=scheduler,
-    )
+    return pool.check_many(names, _loaded(machine), options, jobs=jobs, scheduler=scheduler)
 
 
 def run(
     program: Path | str,
-    machine: Machine | Path | str | None = None,
+    machine: MachineChoice = None,
+    options: RunOptions | None = None,
     *,
-    board: PulseSink | LineSink | str | None = None,
+    board: Board | str | None = None,
     port: str | None = None,
-    dialect: DialectName | None = None,
-    interpolator: Interpolator = "reference-pulse",
-    algorithm: Algorithm | None = None,
-    outputs: Outputs | None = None,
-    watch: Watch | None = None,
+    callbacks: Callbacks | None = None,
     control: Control | None = None,
-    check_on_board: bool = False,
-    pauses: Pauses = "wait",
-    from_line: int | None = None,
-    home: bool = False,
-    trust_position: bool = False,
 ) -> Report:
-    """Check a program, then run it on a board; the other arguments are those of :func:`check`.
+    """Check a program, then run it on a board.
 
-    board: itself, its name, None for the one of the machine file. port: where the board is; for the
-    file board, the file to write. control: hold, resume, override and stop, from any thread or from
-    ``watch.on_sent``; each takes effect at the end of what has been sent, on a board that plans for
-    itself at once. check_on_board: let such a board read the lines without moving. pauses: whether
-    such a board waits for ``control`` at M0 and M6, the program is refused for them, or goes on.
-    from_line: the source line to begin at, with the state of the lines before restored at a safe
-    height; ``watch.on_beginning`` is told how, and asked. home: the machine finds out where it
-    stands first, as :func:`home` lets it, once the program has been read. trust_position: the
-    position that a GRBL board reports is right, though it has restarted or the last run ended
-    elsewhere, which is refused otherwise (``position-lost``).
+    Args:
+        program: The file; ``-`` for standard input.
+        machine: The machine.
+        options: Options of the run; None for the defaults.
+        board: The board, or its name; None for the board of the machine file.
+        port: Port of the board; for the file board, the file to write.
+        callbacks: Functions that follow the run.
+        control: Hold, resume, override and stop requests, from any thread or from
+            ``callbacks.on_sent``. A request takes effect at the end of the motion that was sent; on
+            a board that plans for itself it takes effect at once.
+
+    Returns:
+        The report, with the faults of the program and of the board.
+
+    Raises:
+        UsageError: If an option is wrong.
+        MachineFileError: If the machine file is wrong.
     """
-    known = _machine(machine)
-    asked = outputs or Outputs(), watch or Watch(), control, algorithm
-    job = Job(
-        program,
-        known,
-        dialect,
-        interpolator == "sampled",
-        *asked,
-        pauses=pauses,
-        from_line=from_line,
-        home=home,
-        trust_position=trust_position,
-    )
+    known, options = _loaded(machine), options or RunOptions()
+    session = Session(program, known, options, callbacks=callbacks, control=control)
     if board is not None and not isinstance(board, str):
-        return job.carry_out(board, type(board).__name__)
+        return session.run(board, type(board).__name__)
     name = board or known.board.kind
     try:
         opened = open_board(known, kind=name, port=port)
     except BoardError as error:
-        job.report.board = name
-        job.report.faults.append(error)
-        return job.report
+        session.report.board = name
+        session.report.faults.append(error)
+        return session.report
     try:
-        if check_on_board:
-            if not isinstance(opened, LineSink):
-                hint = "leave --check-on-board out; cncrun check looks at the program"
-                raise UsageError(
-                    Diagnostic(
-                        "no-check-on-board", f"the board {name!r} can't check lines", hint=hint
-                    )
-                )
-            opened.check_only = True
-        return job.carry_out(opened, name)
+        if options.check_on_board:
+            _switch_to_check(opened, name)
+        return session.run(opened, name)
     finally:
         opened.close()
 
 
+def _switch_to_check(board: Board, name: str) -> None:
+    if not isinstance(board, LineSink):
+        message = f"the board {name!r} cannot check lines"
+        hint = "leave --check-on-board out; cncrun check verifies the program without a board"
+        raise UsageError(Diagnostic("no-check-on-board", message, hint=hint))
+    board.check_only = True
+
+
 def home(
-    machine: Machine | Path | str | None = None,
+    machine: MachineChoice = None,
     axes: Sequence[str] = (),
     *,
-    board: PulseSink | LineSink | str | None = None,
+    board: Board | str | None = None,
     port: str | None = None,
-    watch: Watch | None = None,
+    callbacks: Callbacks | None = None,
     control: Control | None = None,
     on_axis: Callable[[homing.AxisHoming], None] | None = None,
 ) -> dict[str, float | None]:
-    """Let the machine find out where it stands by the limit switches of its axes; where each axis
-    then stands, mm, None where nobody knows.
+    """Home the machine on the limit switches of its axes.
 
-    axes: which, all that have a switch if none is named; the machine file says in what order, where
-    the switches are, and how fast. The board remembers until it is reset. on_axis is told of every
-    axis before it goes. A GRBL board homes all axes by its own cycle, as its settings say. Raises
-    UsageError, BoardError; HomingStopped when ``control`` stops the machine on its way.
+    The machine file defines the order of the axes, the switches and the speeds. The board keeps the
+    position until it is reset. A GRBL board homes all axes in its own cycle, by its settings.
+
+    Args:
+        machine: The machine.
+        axes: Letters of the axes to home; empty for all axes that have a switch.
+        board: The board, or its name; None for the board of the machine file.
+        port: Port of the board.
+        callbacks: Functions that follow the motion.
+        control: The operator's requests.
+        on_axis: Called before each axis moves.
+
+    Returns:
+        Position of each axis, mm (degrees for rotary axes); None where it is unknown.
+
+    Raises:
+        UsageError: If an option is wrong.
+        BoardError: If the board or its link fails.
+        HomingStopped: If ``control`` stops the machine.
     """
-    known, seen = _machine(machine), watch or Watch()
-    opened = (
-        open_board(known, kind=board, port=port)
-        if board is None or isinstance(board, str)
-        else board
-    )
+    known, seen = _loaded(machine), callbacks or Callbacks()
+    if board is None or isinstance(board, str):
+        opened, owned = open_board(known, kind=board, port=port), True
+    else:
+        opened, owned = board, False
 
     def on_progress(progress: Progress) -> None:
         if seen.on_progress is not None:
@@ -271,7 +270,7 @@ def home(
         if isinstance(opened, LineSink):
             return dict(home_by_board(opened, known, axes, control or Control()))
         ensure_compiled(seen.on_compiling)
-        stands = homing.home(
+        positions = homing.home(
             opened,
             known,
             axes,
@@ -281,14 +280,14 @@ def home(
             on_axis=on_axis,
         )
     finally:
-        if opened is not board:
+        if owned:
             opened.close()
-    each = zip(known.axes.items(), stands, strict=True)
+    each = zip(known.axes.items(), positions, strict=True)
     return {
         letter: None if steps is None else steps / axis.steps_per_mm
         for (letter, axis), steps in each
     }
 
 
-def _machine(machine: Machine | Path | str | None) -> Machine:
+def _loaded(machine: MachineChoice) -> Machine:
     return machine if isinstance(machine, Machine) else load_machine(machine)

@@ -1,10 +1,10 @@
-"""Many programs at once: each worker process checks one at a time, and reports come in the order of
-the programs.
+"""Checks of many programs at once, in worker processes or on a cluster.
 
-    check_many ──► a thread a worker ──tasks──► python -m cnc.batch.worker ──► cnc.session
+Each worker process checks one program at a time. Reports come in the order of the programs.
+
+    check_many ──► thread per worker ──tasks──► python -m cnc.batch.worker ──► cnc.session
         ▲                  │ ◄─────────────── reports ─────────┘
         └── by number ◄────┘
 
-This side imports neither numba nor the language: while the workers load them, it has nothing to do
-but wait.
+The calling process imports neither numba nor the language: the workers load them.
 """

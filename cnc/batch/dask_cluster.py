@@ -1,13 +1,11 @@
-"""Hands the programs to a Dask cluster: each goes to a worker with its text, its report comes back,
-in whatever order.
+"""Checks on a Dask cluster: each program goes to a worker with its text, and its report comes back.
 
         here                       scheduler              workers (each with this version of cncrun)
       read, pack ── task + text ──►  keeps it  ──────────►  check
       unpack     ◄── report ───────  till it is done  ◄───  report
 
-When a worker dies the scheduler gives its task to another; a program at which workers die again and
-again is ``worker-died``. Every task has one future, which has one outcome: nothing is lost, and
-nothing is told twice.
+If a worker dies, the scheduler gives its task to another. A program at which several workers die is
+``worker-died``. Each task has one future with one outcome, so that every program is reported once.
 """
 
 from __future__ import annotations
@@ -27,19 +25,25 @@ from cnc import __version__
 from cnc.batch.task import Task
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.report.result import Report
-from cnc.session.source import Shipped, readable, shown_name
+from cnc.session.source import InlineProgram, display_name, readable_file
 
-PATIENCE = 10.0
-"""Seconds in which a scheduler has to answer."""
-AHEAD = 2
-"""Tasks under way for each thread of the cluster: the texts of the others stay here."""
-LEAST_AHEAD = 8
+TIMEOUT = 10.0
+"""Seconds within which a scheduler must answer."""
+TASKS_PER_THREAD = 2
+"""Tasks submitted for each thread of the cluster. The texts of the others stay here."""
+MIN_TASKS = 8
+"""Tasks that are submitted to any cluster."""
 
 
 def perform(packed: bytes, version: str) -> bytes:
-    """On a worker: check a packed task; what came of it, packed."""
+    """Check a packed task on a worker and return its packed outcome.
+
+    Args:
+        packed: the task, pickled and compressed.
+        version: version of cncrun that submitted it.
+    """
     if version != __version__:
-        message = f"a worker has version {__version__} of cncrun, this is {version}"
+        message = f"a worker has cncrun {__version__}, this computer has {version}"
         fault = UsageError(
             Diagnostic("farm-version", message, hint="install the same version everywhere")
         )
@@ -49,10 +53,12 @@ def perform(packed: bytes, version: str) -> bytes:
 
 
 def check_on(address: str, tasks: Sequence[Task]) -> Generator[tuple[int, Report | CncError]]:
-    """Yield number and outcome of each task, as they come.
+    """Yield the index and the outcome of each task, in the order in which they finish.
 
-    UsageError ``farm-missing``, ``farm-unreachable``, ``farm-version``, ``farm-without-cncrun``;
-    BoardError ``farm-lost`` when the link to the scheduler breaks.
+    Raises:
+        UsageError: ``farm-missing``, ``farm-unreachable``, ``farm-version``,
+            ``farm-without-cncrun``.
+        BoardError: ``farm-lost`` when the connection to the scheduler breaks.
     """
     distributed, client = _connected(address)
     numbers: dict[Any, int] = {}
@@ -61,8 +67,8 @@ def check_on(address: str, tasks: Sequence[Task]) -> Generator[tuple[int, Report
     try:
         pending = distributed.as_completed(loop=client.loop)
         while True:
-            room = max(LEAST_AHEAD, AHEAD * sum(client.nthreads().values())) - len(numbers)
-            while room > 0 and (following := next(waiting, None)) is not None:
+            free = max(MIN_TASKS, TASKS_PER_THREAD * sum(client.nthreads().values())) - len(numbers)
+            while free > 0 and (following := next(waiting, None)) is not None:
                 number, task = following
                 try:
                     packed = _packed(task)
@@ -72,22 +78,21 @@ def check_on(address: str, tasks: Sequence[Task]) -> Generator[tuple[int, Report
                 future = _submitted(client, packed, f"cncrun-{run}-{number}")
                 numbers[future] = number
                 pending.add(future)
-                room -= 1
+                free -= 1
             if not numbers:
                 return
             future = next(pending)
             number = numbers.pop(future)
             yield number, _outcome(distributed, future, tasks[number])
     except (OSError, TimeoutError) as error:
-        message = f"the link to the scheduler {address} broke: {error}"
-        raise BoardError(
-            Diagnostic("farm-lost", message, hint="see whether it still runs, and begin anew")
-        ) from error
+        message = f"the connection to the scheduler {address} broke: {error}"
+        hint = "make sure that the scheduler runs, and start the check again"
+        raise BoardError(Diagnostic("farm-lost", message, hint=hint)) from error
     finally:
         with suppress(Exception):
             client.cancel(list(numbers), force=True)
         with suppress(Exception):
-            client.close(timeout=PATIENCE)
+            client.close(timeout=TIMEOUT)
 
 
 def _connected(address: str) -> tuple[Any, Any]:
@@ -101,11 +106,10 @@ def _connected(address: str) -> tuple[Any, Any]:
                 hint="pip install 'cncrun[farm]'",
             )
         ) from error
-    # what it logs about workers that come and go is not for standard error: what matters becomes a
-    # finding
+    # Its log about workers that come and go is not for standard error; faults become findings.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
-        return distributed, distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+        return distributed, distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         hint = "give the address that `dask scheduler` shows, such as tcp://host:8786"
@@ -117,37 +121,36 @@ def _connected(address: str) -> tuple[Any, Any]:
 
 
 def _packed(task: Task) -> bytes:
-    """A task with the text of its program; CncError if that can't be read."""
-    with readable(task.program) as path:
+    """Return a packed task with the text of its program. Raises CncError if it is unreadable."""
+    with readable_file(task.program) as path:
         text = path.read_bytes()
     return zlib.compress(
-        pickle.dumps(replace(task, program=Shipped(shown_name(task.program), text))), 1
+        pickle.dumps(replace(task, program=InlineProgram(display_name(task.program), text))), 1
     )
 
 
 def _submitted(client: Any, packed: bytes, key: str) -> Any:
     with warnings.catch_warnings():
-        # A text is large for what Dask takes for an argument; where else should it be kept, but
-        # with its task?
+        # Dask warns of large arguments, but the text of a program belongs to its task.
         warnings.filterwarnings("ignore", message=".*[Ll]arge", category=UserWarning)
         return client.submit(perform, packed, __version__, key=key, pure=False)
 
 
 def _outcome(distributed: Any, future: Any, task: Task) -> Report | CncError:
     try:
-        answer: bytes = future.result(timeout=PATIENCE)
+        answer: bytes = future.result(timeout=TIMEOUT)
     except distributed.KilledWorker:
-        hint = "check this program alone, and with more memory; report it if that does not help"
-        return task.failed("worker-died", "the workers that checked it died, again and again", hint)
+        hint = "check this program alone, with more memory; report it if that does not help"
+        return task.failed("worker-died", "the workers that checked it died repeatedly", hint)
     except ModuleNotFoundError as error:
         hint = f"install cncrun {__version__} where the workers run"
         return UsageError(
-            Diagnostic("farm-without-cncrun", f"a worker can't check programs: {error}", hint=hint)
+            Diagnostic("farm-without-cncrun", f"a worker cannot check programs: {error}", hint=hint)
         )
     except (OSError, TimeoutError):
         raise
     except Exception as error:
-        message = f"the farm failed at it: {type(error).__name__}: {error}"
+        message = f"the cluster failed to check it: {type(error).__name__}: {error}"
         return task.failed(
             "internal-error",
             message,

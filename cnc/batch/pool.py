@@ -1,6 +1,4 @@
-"""Checks many programs in several processes, so that neither a fault nor the death of one stops the
-rest.
-"""
+"""Checks of many programs in several processes. The death of one does not stop the others."""
 
 from __future__ import annotations
 
@@ -14,69 +12,72 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cnc.batch.task import Prepare, Task
-from cnc.checks.selection import Selection
-from cnc.machine.models import DialectName, Machine
+from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic, UsageError
 from cnc.report.result import Report
+from cnc.session.options import RunOptions
 from cnc.session.source import STANDARD_INPUT
 
-if TYPE_CHECKING:
-    from cnc.pulses.reference_pulse import Algorithm
-
 ATTEMPTS = 2
-"""A program whose worker dies is tried again: it may have been another's memory that was wanted."""
-PATIENCE = 2.0
-"""Seconds in which a worker that is no longer needed may tidy up."""
+"""Attempts for a program whose worker dies: another program may have used the memory."""
+END_TIMEOUT = 2.0
+"""Seconds that a worker has to end by itself."""
 
-START = f"import sys; sys.path.append({str(Path(__file__).parents[2])!r}); from cnc.batch.worker import main; main()"
-"""Modules that lie in the working directory, beside the programs, are not imported (python -P)."""
+START = (
+    f"import sys; sys.path.append({str(Path(__file__).parents[2])!r}); "
+    "from cnc.batch.worker import main; main()"
+)
+"""Code of a worker. It runs with ``python -P``, which ignores modules beside the programs."""
 
 
 def cores() -> int:
-    """How many processes can run at once."""
+    """Return the number of processes that can run at once."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def check_many(
     programs: Sequence[str],
     machine: Machine,
+    options: RunOptions | None = None,
     *,
-    dialect: DialectName | None = None,
-    sampled: bool = False,
-    algorithm: Algorithm | None = None,
-    feed_override: float = 100.0,
-    selection: Selection | None = None,
-    portable: Sequence[str] = (),
     jobs: int | None = None,
     scheduler: str | None = None,
     on_done: Callable[[int], None] | None = None,
     on_compiling: Callable[[], None] | None = None,
 ) -> Iterator[Report]:
-    """Yield a report of each program, in their order, as :func:`cnc.api.check` gives it.
+    """Check programs and yield their reports in the same order.
 
-    jobs: how many processes, None for one a core. scheduler: the address of a Dask cluster's, whose
-    workers take their place. on_done: told how many programs have been checked, in whatever order.
-    A program whose process dies, again and again, has the fault ``worker-died``; one that cncrun
-    fails at, ``internal-error``. Raises what is wrong with no single program: UsageError,
-    MachineFileError.
+    A program whose process dies repeatedly has the fault ``worker-died``. A fault of cncrun itself
+    is ``internal-error``.
+
+    Args:
+        programs: the programs.
+        machine: the machine.
+        options: options of the checks; None for the defaults.
+        jobs: number of processes; None for one on each core.
+        scheduler: address of a Dask scheduler, whose workers replace the processes.
+        on_done: called with the number of programs checked so far.
+        on_compiling: called when a worker compiles the kernels.
+
+    Raises:
+        UsageError: the options are wrong for every program.
+        MachineFileError: the machine file is wrong.
+        BoardError: ``farm-lost``.
     """
     if jobs is not None and jobs < 1:
         raise UsageError(
             Diagnostic(
-                "job-count", f"{jobs} processes can't check anything", hint="give --jobs 1 or more"
+                "job-count", f"{jobs} processes cannot check programs", hint="use --jobs 1 or more"
             )
         )
-    tasks = [
-        Task(
-            program, machine, dialect, sampled, feed_override, algorithm, selection, tuple(portable)
-        )
-        for program in programs
-    ]
+    tasks = [Task(program, machine, options or RunOptions()) for program in programs]
     if scheduler is None:
-        outcomes = _at_home(tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None))
+        outcomes = _check_locally(
+            tasks, min(jobs or cores(), len(tasks)), on_compiling or (lambda: None)
+        )
     else:
         from cnc.batch.dask_cluster import check_on
 
@@ -97,31 +98,29 @@ def check_many(
             yield found
 
 
-def _at_home(
-    tasks: Sequence[Task], hands: int, on_compiling: Callable[[], None]
+def _check_locally(
+    tasks: Sequence[Task], jobs: int, on_compiling: Callable[[], None]
 ) -> Generator[tuple[int, Report | CncError]]:
-    """Number and outcome of each task, as they come, from processes of this computer."""
-    crew = _Crew(tasks, hands, on_compiling)
+    """Yield the index and the outcome of each task from processes of this computer."""
+    pool = _Pool(tasks, jobs, on_compiling)
     try:
         while True:
-            yield crew.done.get()
+            yield pool.done.get()
     finally:
-        crew.dismiss()
+        pool.dismiss()
 
 
-class _Crew:
-    """Threads, each with a worker process of its own, that take tasks by number and put outcomes
-    into ``done``.
-    """
+class _Pool:
+    """Threads with one worker process each. They put (index, outcome) of tasks into ``done``."""
 
-    def __init__(self, tasks: Sequence[Task], hands: int, on_compiling: Callable[[], None]) -> None:
+    def __init__(self, tasks: Sequence[Task], jobs: int, on_compiling: Callable[[], None]) -> None:
         self.done: SimpleQueue[tuple[int, Report | CncError]] = SimpleQueue()
         self._todo: SimpleQueue[tuple[int, Task]] = SimpleQueue()
         for numbered in enumerate(tasks):
             self._todo.put(numbered)
         self._on_compiling = on_compiling
         self._preparing = threading.Lock()
-        self._workers = [_Worker(self._prepare) for _ in range(hands)]
+        self._workers = [_Worker(self._prepare) for _ in range(jobs)]
         for worker in self._workers:
             threading.Thread(target=self._work, args=(worker,), daemon=True).start()
 
@@ -139,14 +138,14 @@ class _Crew:
                 )
 
     def _prepare(self, process: subprocess.Popen[bytes]) -> None:
-        """Let one worker compile the kernels; the others find what it made."""
+        """Let one worker compile the kernels; the others load the result."""
         with self._preparing:
             _ask(process, Prepare())
             while _answer(process) is not None:
                 self._on_compiling()
 
     def _from_standard_input(self, task: Task) -> Report | CncError:
-        """A worker has no standard input but its tasks."""
+        """Check standard input here: that of a worker transfers its tasks."""
         from cnc.session.kernel_cache import ensure_compiled
 
         with self._preparing:
@@ -154,9 +153,7 @@ class _Crew:
         return task.perform()
 
     def dismiss(self) -> None:
-        """End what is under way; workers that are in the middle of something have a moment to tidy
-        up.
-        """
+        """End all work. Workers have a moment to end by themselves."""
         with suppress(Empty):
             while True:
                 self._todo.get_nowait()
@@ -167,11 +164,11 @@ class _Crew:
 
 
 class _Dismissed(Exception):
-    """Nobody wants to know any more."""
+    """The outcome is no longer needed."""
 
 
 class _Worker:
-    """A process for one task at a time, started when there is one, and anew when it has died."""
+    """A process for one task at a time. It is started when needed, and again after its death."""
 
     def __init__(self, prepare: Callable[[subprocess.Popen[bytes]], None]) -> None:
         self._prepare = prepare
@@ -180,7 +177,7 @@ class _Worker:
         self._changing = threading.Lock()
 
     def check(self, task: Task) -> Report | CncError:
-        """The outcome of a task, whatever happens to the process."""
+        """Return the outcome of a task, also if the process dies."""
         end = ""
         for _ in range(ATTEMPTS):
             known = self._process
@@ -192,14 +189,14 @@ class _Worker:
                 outcome: Report | CncError = _answer(process)
                 return outcome
             except (EOFError, OSError, ValueError, pickle.UnpicklingError):
-                # ValueError: its streams were closed, for nobody needs it any more
+                # ValueError: the streams were closed by dismiss().
                 end = _end_of(process)
                 self._process = None
         message = f"the process that checked it {end}, {ATTEMPTS} times"
         return task.failed(
             "worker-died",
             message,
-            "check this program alone, and with more memory; report it if that does not help",
+            "check this program alone, with more memory; report it if that does not help",
         )
 
     def _start(self) -> subprocess.Popen[bytes]:
@@ -213,7 +210,7 @@ class _Worker:
             return self._process
 
     def dismiss(self) -> None:
-        """Tell the process that it is not needed any more."""
+        """Close the input of the process, so that it ends."""
         with self._changing:
             self._dismissed = True
             if self._process is not None and self._process.stdin is not None:
@@ -221,11 +218,11 @@ class _Worker:
                     self._process.stdin.close()
 
     def wait(self) -> None:
-        """Return when the process is gone."""
+        """Wait until the process has ended, or kill it."""
         process = self._process
         if process is not None:
             with suppress(subprocess.TimeoutExpired):
-                process.wait(PATIENCE)
+                process.wait(END_TIMEOUT)
             _end_of(process)
 
 
@@ -236,13 +233,13 @@ def _ask(process: subprocess.Popen[bytes], question: Prepare | Task) -> None:
 
 
 def _answer(process: subprocess.Popen[bytes]) -> Any:
-    """What a worker of ours says; EOFError if it is gone."""
+    """Return the next answer of a worker. Raises EOFError if it has ended."""
     assert process.stdout
     return pickle.load(process.stdout)
 
 
 def _end_of(process: subprocess.Popen[bytes]) -> str:
-    """How a process that does not answer ended, or ends now."""
+    """Kill a process that does not answer, and return how it ended."""
     process.kill()
     code = process.wait()
     for stream in (process.stdin, process.stdout):

@@ -1,64 +1,45 @@
-"""What goes to a worker and what comes back, both of them pickled."""
+"""Messages between the calling process and its workers; they are pickled."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from cnc.checks.selection import Selection
-from cnc.machine.models import DialectName, Machine
+from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError, Diagnostic
-from cnc.model.operator_control import Control
 from cnc.report.result import Extremes, Report
-from cnc.session.source import Shipped, shown_name
-
-if TYPE_CHECKING:
-    from cnc.pulses.reference_pulse import Algorithm
+from cnc.session.options import RunOptions
+from cnc.session.source import InlineProgram, display_name
 
 
 class Prepare:
-    """Asks a worker to compile the kernels if need be. The answer: :class:`Compiling` if that takes
-    time, and None when it is done.
+    """Request to compile the kernels.
+
+    The worker answers :class:`Compiling` if it must compile, and None at the end.
     """
 
 
 class Compiling:
-    """The worker compiles the kernels; it will take a while."""
+    """Answer: the worker compiles the kernels, which takes about a minute."""
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
     """A program to check; see :func:`cnc.api.check`."""
 
-    program: str | Shipped
+    program: str | InlineProgram
     machine: Machine
-    dialect: DialectName | None = None
-    sampled: bool = False
-    feed_override: float = 100.0
-    algorithm: Algorithm | None = None
-    selection: Selection | None = None
-    portable: tuple[str, ...] = ()
+    options: RunOptions
 
     def perform(self) -> Report | CncError:
-        """Check the program here; a CncError is for the caller, who named a machine or an option
-        that can't be used with any program.
+        """Check the program in this process.
+
+        Returns:
+            The report, or the fault of a machine or an option that is wrong for every program.
         """
-        from cnc.session import Job, Outputs, Watch
+        from cnc.session.session import Session
 
         try:
-            control = Control(self.feed_override)
-            return Job(
-                self.program,
-                self.machine,
-                self.dialect,
-                self.sampled,
-                Outputs(),
-                Watch(),
-                control,
-                self.algorithm,
-                self.selection,
-                self.portable,
-            ).carry_out()
+            return Session(self.program, self.machine, self.options).run()
         except CncError as error:
             return error
         except Exception as error:
@@ -70,15 +51,15 @@ class Task:
             )
 
     def failed(self, code: str, message: str, hint: str) -> Report:
-        """The report of a program that nothing can be said about, for no fault of its own."""
+        """Return the report of a program that could not be checked."""
         return self.with_fault(
-            CncError(Diagnostic(code, message, shown_name(self.program), hint=hint))
+            CncError(Diagnostic(code, message, display_name(self.program), hint=hint))
         )
 
     def with_fault(self, fault: CncError) -> Report:
-        """The report of a program of which nothing is known but what is wrong."""
+        """Return a report with one fault and no other result."""
         return Report(
-            shown_name(self.program),
+            display_name(self.program),
             self.machine,
             faults=[fault],
             limits=Extremes.limits(self.machine),

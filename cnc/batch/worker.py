@@ -1,6 +1,4 @@
-"""A process that checks one program after another: tasks come in by standard input, reports go out
-by standard output.
-"""
+"""Worker process: it reads tasks from standard input and writes reports to standard output."""
 
 from __future__ import annotations
 
@@ -19,8 +17,8 @@ Tasks = SimpleQueue[Prepare | Task | None]
 
 
 def main() -> None:
-    """Answer until nobody asks any more."""
-    # Both streams are ours alone: a library that prints must not garble the answers.
+    """Answer requests until standard input ends."""
+    # A library that prints must not write between the answers.
     source, target = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     with open(os.devnull, "r+b") as nothing:
         os.dup2(nothing.fileno(), 0)
@@ -37,9 +35,7 @@ def main() -> None:
 
 
 def _listen(source: IO[bytes], tasks: Tasks) -> None:
-    """Pass on what comes. When the asking process is gone, in whatever way, nobody waits for what
-    is under way.
-    """
+    """Pass requests on. When the calling process has ended, interrupt the check under way."""
     with suppress(EOFError, OSError, pickle.UnpicklingError):
         while True:
             tasks.put(pickle.load(source))

@@ -1,4 +1,4 @@
-"""The commands, and the program ``cncrun``."""
+"""The commands of the program ``cncrun``."""
 
 from __future__ import annotations
 
@@ -8,97 +8,89 @@ from collections.abc import Sequence
 from dataclasses import replace
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
-from cyclopts import App, CycloptsError, Parameter, validators
+from cyclopts import App, CycloptsError, Parameter
 
 from cnc import __version__
-from cnc.checks.baseline import Baseline, change_lines
-from cnc.checks.selection import Selection
-from cnc.cli.checking import Look, check_listed, check_one, codes, find_programs
+from cnc.cli.checking import check_listed, check_one, find_programs
 from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
-from cnc.cli.keyboard import Keys
-from cnc.cli.options import COMMON, HYPHEN, CheckFormat, Common, Dialect, library, option, output
-from cnc.cli.progress import Screen
+from cnc.cli.keyboard import Keyboard
+from cnc.cli.log_output import close_log
+from cnc.cli.options import (
+    HYPHEN,
+    BoardOption,
+    BoardOptions,
+    CheckFormat,
+    CheckOptions,
+    CommonOptions,
+    MachineOption,
+    TerminalOptions,
+    check_files,
+    library,
+    option,
+    output,
+)
+from cnc.cli.progress import ProgressDisplay
+from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
 from cnc.model.operator_control import Control, HomingStopped
 
 app = App(
     name="cncrun",
-    help="Run G-code: read it, plan jerk-limited motion over its true curves, and send the pulses to a board.",
+    help="Run G-code: read it, plan jerk-limited motion over its true curves, and send the pulses "
+    "to a board.",
+    help_format="plaintext",  # Markdown would double the time of --help.
     version=__version__,
     result_action="return_value",
     suppress_keyboard_interrupt=False,
 )
 
+ProgramOption = Annotated[str, output("The program (- is standard input).")]
+COMMON, BOARD, CHECK = CommonOptions(), BoardOptions(), CheckOptions()
+TERMINAL = TerminalOptions()
+
 
 @app.default
 def run(
-    program: Annotated[str, output("The program (- is standard input).")],
+    program: ProgramOption,
     /,
     *,
-    board: Annotated[
-        str | None,
-        option(
-            "loopback, stepper, grbl, grbl-sim, file, or an installed driver; the machine file's board if left out."
-        ),
-    ] = None,
-    port: Annotated[
-        str | None,
-        option("Where the board is (/dev/ttyUSB0); for --board file, the .npz file to write."),
-    ] = None,
-    dry_run: Annotated[bool, option("Only check, as `cncrun check` does.")] = False,
-    check_on_board: Annotated[
-        bool, option("Let the board read the program without moving (a GRBL board's $C).")
-    ] = False,
-    from_line: Annotated[
-        int | None,
-        option("Begin at this source line: says how it gets there at a safe height, and asks."),
-    ] = None,
-    yes: Annotated[
-        bool,
-        option("Ask nothing; where there is no terminal, do not pause for the operator (M0, M6)."),
-    ] = False,
-    home: Annotated[
-        bool, option("Let the axes find their limit switches first, as `cncrun home` does.")
-    ] = False,
-    trust_position: Annotated[
-        bool,
-        option(
-            "The position that the GRBL board reports is right, though the last run ended elsewhere; --yes does not say so."
-        ),
-    ] = False,
-    common: Common = COMMON,
+    dry_run: Annotated[bool, option("Only check, as cncrun check does.")] = False,
+    on_board: BoardOptions = BOARD,
+    common: CommonOptions = COMMON,
 ) -> int:
     """Run a program."""
     if dry_run:
         return check(program, common=common)
+    common.prepare(program, on_board.port)
     api = library()
     control = Control(common.feed_override)
-    common.check_outputs(program, port)
-    with Screen(control, quiet=common.quiet) as screen, Keys(control) as keys:
-        machine = api.load_machine(common.machine)
+    quiet = common.terminal.quiet
+    with ProgressDisplay(control, quiet=quiet) as display, Keyboard(control) as keys:
+        pauses: Pauses = "wait" if keys.available else "skip" if on_board.yes else "refuse"
         report = api.run(
             program,
-            machine,
-            board=board,
-            port=port,
-            dialect=common.dialect,
-            interpolator=common.interpolator,
-            algorithm=common.algorithm,
-            outputs=common.outputs(),
-            watch=replace(screen.watch(), on_beginning=lambda story: keys.agreed(story, yes=yes)),
+            api.load_machine(common.machine),
+            common.run_options(
+                pauses=pauses,
+                from_line=on_board.from_line,
+                home=on_board.home,
+                trust_position=on_board.trust_position,
+                check_on_board=on_board.check_on_board,
+            ),
+            board=on_board.board,
+            port=on_board.port,
+            callbacks=replace(
+                display.callbacks(),
+                on_beginning=lambda steps: keys.confirm(steps, yes=on_board.yes),
+            ),
             control=control,
-            check_on_board=check_on_board,
-            pauses="wait" if keys.available else "skip" if yes else "refuse",
-            from_line=from_line,
-            home=home,
-            trust_position=trust_position,
         )
     if common.json is not None:
         write_summary(common.json, report)
     show(report, common, common.summary_file)
-    return end([report], quiet=common.quiet)
+    return end([report], quiet=quiet)
 
 
 @app.command
@@ -108,66 +100,35 @@ def check(
     ],
     format: Annotated[
         CheckFormat,
-        option("What to print: a summary for people, JSON, or findings as other tools read them."),
+        option("Output: a summary for people, JSON, or findings in the format of other tools."),
     ] = "text",
-    jobs: Annotated[
-        int | None,
-        Parameter(
-            help="How many programs to check at once; one a core if left out.",
-            validator=validators.Number(gte=1),
-        ),
-    ] = None,
-    select: Annotated[
-        tuple[str, ...], option("Of the warnings and notes show those of these codes alone.")
-    ] = (),
-    ignore: Annotated[
-        tuple[str, ...], option("Don't show warnings and notes of these codes.")
-    ] = (),
     fail_on: Annotated[
         Severity, option("The least severe finding that makes the exit code 1.")
     ] = "error",
-    stock: Annotated[
-        str | None,
-        option(
-            "The raw part, such as X0:100,Y0:60,Z-12:0 (mm, machine coordinates): no G0 into it."
-        ),
-    ] = None,
-    portable: Annotated[
-        tuple[str, ...],
-        option("Dialects that have to read the program in the same way, such as grbl,linuxcnc."),
-    ] = (),
-    scheduler: Annotated[
-        str | None,
-        option("Check on a Dask cluster: its scheduler's address, such as tcp://host:8786."),
-    ] = None,
     baseline: Annotated[
         str | None,
         option(
-            "A summary that --json wrote before: what changed since, and new findings alone decide the exit code."
+            "A summary that --json wrote earlier: report the changes; only new findings decide the "
+            "exit code."
         ),
     ] = None,
-    common: Common = COMMON,
+    options: CheckOptions = CHECK,
+    common: CommonOptions = COMMON,
 ) -> int:
-    """Verify programs without a board: language, travel, the limits of the plan, the pulses."""
+    """Verify programs without a board: language, travel, limits of the plan, and pulses."""
+    from cnc.checks.baseline import Baseline, change_lines
+
     names = [name.replace(HYPHEN, "-") for name in programs]
-    common.check_outputs(
-        *names, baseline, printing=format != "text" and (format, common.json) != ("json", "-")
-    )
+    prints_results = format != "text" and (format, common.json) != ("json", "-")
+    common.prepare(*names, baseline, to_standard_output=prints_results)
     files = find_programs(names)
     listed = len(files) != 1 or names != files
-    shown = common.summary_file if format == "text" else sys.stderr
+    stream = common.summary_file if format == "text" else sys.stderr
     before = None if baseline is None else Baseline(baseline)
-    look = Look(
-        stock,
-        Selection(frozenset(codes(select)), frozenset(codes(ignore))),
-        tuple(codes(portable)),
-        jobs,
-        scheduler,
-    )
     reports = (
-        check_listed(files, common, look, shown)
-        if listed or scheduler
-        else [check_one(files[0], common, look)]
+        check_listed(files, common, options, stream)
+        if listed or options.scheduler
+        else [check_one(files[0], common, options)]
     )
     if before is not None:
         for report in reports:
@@ -180,81 +141,78 @@ def check(
 
         write_findings(format, reports)
     if not listed:
-        show(reports[0], common, shown)
-    if before is not None and not common.quiet:
-        print(*change_lines(reports, before.missing(reports)), sep="\n", file=shown)
-    return end(reports, quiet=common.quiet, fail_on=fail_on)
+        show(reports[0], common, stream)
+    quiet = common.terminal.quiet
+    if before is not None and not quiet:
+        print(*change_lines(reports, before.missing(reports)), sep="\n", file=stream)
+    return end(reports, quiet=quiet, fail_on=fail_on)
 
 
 @app.command
 def diff(
-    first: Annotated[str, output("A program (- is standard input).")],
-    second: Annotated[str, output("The one to compare with it.")],
+    first: ProgramOption,
+    second: Annotated[str, output("The program to compare with it.")],
     /,
     *,
-    machine: Annotated[
-        str | None, option("Machine file (TOML), or the name of a shipped one.")
-    ] = None,
+    machine: MachineOption = None,
     dialect: Annotated[
-        Dialect | None, option("How to read the programs; the machine file's choice if left out.")
+        DialectName | None,
+        option("How to read the programs; by default as the machine file specifies."),
     ] = None,
     json: Annotated[
-        str | None, output("Write what is found to FILE.json (- is standard output).")
+        str | None, output("Write the result to FILE.json (- is standard output).")
     ] = None,
-    quiet: Annotated[bool, option("Say nothing but errors.")] = False,
+    terminal: TerminalOptions = TERMINAL,
 ) -> int:
-    """Compare the motion of two programs, not their text: how far apart, where, how long."""
+    """Compare the motion of two programs: distance, place, and duration."""
     if first == second == "-":
-        raise UsageError(
-            Diagnostic(
-                "usage", "standard input holds one program", hint="name a file for the other one"
-            )
-        )
+        message, hint = "standard input holds one program", "name a file for the other program"
+        raise UsageError(Diagnostic("usage", message, hint=hint))
+    check_files((json, terminal.log), (machine, first, second))
+    terminal.open_log(machine, first, second)
     library()
     from cnc.compare.programs import compare
     from cnc.machine.load import load_machine
     from cnc.outputs.summary_json import write_object
 
-    Common(machine=machine, json=json).check_outputs(first, second)
-    with Screen(Control(), quiet=quiet) as screen:
-        found = compare(first, second, load_machine(machine), dialect, screen.watch())
+    with ProgressDisplay(Control(), quiet=terminal.quiet) as display:
+        found = compare(first, second, load_machine(machine), dialect, display.callbacks())
     if all(report.ok and report.stopped_at_line is None for report in found.reports):
         if json is not None:
             write_object(json, found.as_json())
-        if not quiet:
+        if not terminal.quiet:
             print(*found.lines(), sep="\n", file=sys.stderr if json == "-" else sys.stdout)
-    return end(found.reports, quiet=quiet)
+    return end(found.reports, quiet=terminal.quiet)
 
 
 @app.command
 def view(
-    program: Annotated[str, output("The program (- is standard input).")],
+    program: ProgramOption,
     /,
     *,
     output: Annotated[
         str,
         Parameter(
             name=["--output", "-o"],
-            help="The picture: a page to turn and play (.html), or a .png or .svg.",
+            help="The picture: an interactive page (.html), or a .png or .svg.",
         ),
     ],
     stock: Annotated[
         str | None,
         option("The raw part to draw, such as X0:100,Y0:60,Z-12:0 (mm, machine coordinates)."),
     ] = None,
-    common: Common = COMMON,
+    common: CommonOptions = COMMON,
 ) -> int:
-    """Draw a program: its path in space, its feed, acceleration and jerk over time, its text beside
-    them.
-    """
-    common.check_outputs(program, picture=output)
-    report = check_one(program, common, Look(stock), output)
+    """Draw a program: path, feed, acceleration and jerk over time, and its text."""
+    common.prepare(program, picture=output)
+    report = check_one(program, common, CheckOptions(stock=stock), output)
     if common.json is not None:
         write_summary(common.json, report)
     show(report, common, common.summary_file)
-    if report.ok and report.stopped_at_line is None and not common.quiet:
+    quiet = common.terminal.quiet
+    if report.ok and report.stopped_at_line is None and not quiet:
         print(f"picture      {output}", file=common.summary_file)
-    return end([report], quiet=common.quiet)
+    return end([report], quiet=quiet)
 
 
 @app.command
@@ -262,22 +220,23 @@ def boards(
     *ports: Annotated[
         str,
         Parameter(
-            help="Ports to look at, pyserial URLs too; all serial ports of this computer if left out."
+            help="Ports to examine, also pyserial URLs; by default all serial ports of this "
+            "computer."
         ),
     ],
     baud: Annotated[
         int,
-        option(
-            "Bits a second of the links; stepper boards are asked at 1000000 if this is too slow for them."
-        ),
+        option("Baud rate. Stepper boards are tried at 1000000 if they do not answer at this one."),
     ] = 115200,
+    terminal: TerminalOptions = TERMINAL,
 ) -> int:
-    """List the serial ports and what answers on each.
+    """List the serial ports and the board at each.
 
-    A GRBL board with its settings and the machine file that they make (redirect it into a file), a
-    stepper board with its version, axes, tick and room, something else, or nothing. The first
-    opening of a port resets most boards; nothing moves.
+    For a GRBL board its settings and a machine file made from them are printed (redirect the output
+    into a file), for a stepper board its version, axes, tick and buffer. Opening a port resets most
+    boards; nothing moves.
     """
+    terminal.open_log()
     from cnc.boards.discovery import port_report, probe_ports
 
     found = probe_ports(ports, baud)
@@ -290,43 +249,38 @@ def boards(
 
 @app.command
 def home(
-    *axes: Annotated[str, Parameter(help="Axes to home; all that have a switch if left out.")],
-    machine: Annotated[
-        str | None, option("Machine file (TOML), or the name of a shipped one.")
-    ] = None,
-    board: Annotated[str | None, option("The board; the machine file's if left out.")] = None,
+    *axes: Annotated[str, Parameter(help="Axes to home; by default all that have a switch.")],
+    machine: MachineOption = None,
+    board: BoardOption = None,
     port: Annotated[
-        str | None, option("Where the board is (/dev/ttyUSB0); the machine file's if left out.")
+        str | None, option("Port of the board (/dev/ttyUSB0); by default the machine file's.")
     ] = None,
-    quiet: Annotated[bool, option("Say nothing but errors.")] = False,
+    terminal: TerminalOptions = TERMINAL,
 ) -> int:
-    """Let the machine find out where it stands by its limit switches.
+    """Home the machine on its limit switches.
 
-    With a stepper board each axis goes to its switch, twice, and off it. A GRBL board homes all
-    axes by its own cycle ($H).
+    With a stepper board each axis moves to its switch twice, then off it. A GRBL board homes all
+    axes in its own cycle ($H).
     """
+    terminal.open_log(machine)
     api = library()
     control = Control()
-    with Screen(control, quiet=quiet) as screen, Keys(control):
-        stands = api.home(
+    with ProgressDisplay(control, quiet=terminal.quiet) as display, Keyboard(control):
+        positions = api.home(
             machine,
             axes,
             board=board,
             port=port,
-            watch=screen.watch(),
+            callbacks=display.callbacks(),
             control=control,
-            on_axis=None if quiet else lambda axis: print(axis.description, flush=True),
+            on_axis=None if terminal.quiet else lambda axis: print(axis.description, flush=True),
         )
-    if not quiet:
+    if not terminal.quiet:
         from cnc.report.summary import position
 
-        places = [
-            f"{axis.upper()}{position(value)}"
-            for axis, value in stands.items()
-            if value is not None
-        ]
-        print("the machine stands at", *places)
-        lost = [axis.upper() for axis, value in stands.items() if value is None]
+        known = {axis.upper(): value for axis, value in positions.items() if value is not None}
+        print("the machine stands at", *(f"{axis}{position(at)}" for axis, at in known.items()))
+        lost = [axis.upper() for axis, value in positions.items() if value is None]
         if lost:
             print("not known:", *lost)
     return 0
@@ -334,21 +288,21 @@ def home(
 
 @app.command
 def papers(
-    folder: Annotated[Path, Parameter(help="Where the page and its figures go.")] = Path("papers"),
+    folder: Annotated[Path, Parameter(help="Folder for the page and its figures.")] = Path(
+        "papers"
+    ),
     /,
     *,
     quiet: Annotated[bool, option("Do not print the tables.")] = False,
 ) -> int:
-    """Run the experiments of the papers that the interpolators come from: tables and figures,
-    published beside ours.
-    """
-    from cnc.cli.progress import tell_compiling
+    """Repeat the experiments of the papers behind the interpolators, as tables and figures."""
+    from cnc.cli.progress import print_compiling
     from cnc.papers import page
     from cnc.papers.contents import sections
     from cnc.session.kernel_cache import ensure_compiled
 
     page.prepared(folder)
-    ensure_compiled(None if quiet else tell_compiling)
+    ensure_compiled(None if quiet else print_compiling)
     done = []
     for section in sections():
         if not quiet:
@@ -360,18 +314,38 @@ def papers(
     return 0
 
 
+@app.command
+def schema(
+    document: Annotated[
+        Literal["machine", "summary"],
+        Parameter(help="machine: the machine file. summary: the summary that --json writes."),
+    ],
+    /,
+) -> int:
+    """Print the JSON Schema of a file format."""
+    import json
+
+    from cnc.machine.schema import machine_schema
+    from cnc.report.models import summary_schema
+
+    found = machine_schema() if document == "machine" else summary_schema()
+    print(json.dumps(found, indent=2, ensure_ascii=False))
+    return 0
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    """The program ``cncrun``: carry out and exit. Codes: 0 well, 1 program, 2 usage, 3 board, 130
-    stopped; 1 for an internal error, too.
+    """Carry out the command line, and exit.
+
+    Exit codes: 0 success, 1 program rejected or internal error, 2 usage, 3 board, 130 stopped.
     """
-    # A file's name need not be text; it must not end the run, as little as its contents.
+    # A file name may contain bytes that are not text; printing it must not fail.
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
     sys.exit(exit_code(sys.argv[1:] if arguments is None else arguments))
 
 
 def exit_code(arguments: Sequence[str]) -> int:
-    """Carry out a command line; whatever is raised becomes a message and a code."""
+    """Carry out a command line; return its exit code. Errors are printed as messages."""
     try:
         result = app(
             [HYPHEN if each == "-" else each for each in arguments],
@@ -382,13 +356,8 @@ def exit_code(arguments: Sequence[str]) -> int:
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except CycloptsError as error:
-        return fail(
-            UsageError(
-                Diagnostic(
-                    "usage", usage(error), hint="cncrun --help lists the commands and options"
-                )
-            )
-        )
+        hint = "cncrun --help lists the commands and options"
+        return fail(UsageError(Diagnostic("usage", usage(error), hint=hint)))
     except CncError as error:
         return fail(error)
     except HomingStopped as stop:
@@ -398,8 +367,10 @@ def exit_code(arguments: Sequence[str]) -> int:
         print(str(stop) or "stopped by the operator; nothing has moved", file=sys.stderr)
         return EXIT_STOPPED
     except BrokenPipeError:
-        # Python flushes standard output once more at its end: give it something to flush to.
+        # Python flushes standard output again at its exit, which must not fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_PIPE
     except Exception as error:
-        return internal_error(error, "--verbose" in arguments)
+        return internal_error(error, not {"--verbose", "-v"}.isdisjoint(arguments))
+    finally:
+        close_log()

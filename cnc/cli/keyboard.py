@@ -1,59 +1,68 @@
-"""The operator's keys while a program runs: space holds and goes on, + and - change the feed, q
-stops.
+"""The operator's keys during a run: hold and resume, feed override, stop.
 
-They work where standard input is a terminal of a system that lets single keys be read; elsewhere
-there are none, which is no error. What a key asks for is carried out by
-:class:`cnc.model.operator_control.Control`, on every board alike.
+Keys are read if standard input is a terminal. Without a terminal there are no keys, which is not an
+error. :class:`cnc.model.operator_control.Control` carries out the requests on every board.
+
+The standard library is used directly, because the key readers on the package index block until a
+key is pressed. At the end of a run they would leave the terminal in a changed mode.
 """
 
 from __future__ import annotations
 
-import contextlib
+import logging
 import os
-import select
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from queue import SimpleQueue
-from typing import Any
 
 from cnc.model.diagnostics import Diagnostic, UsageError
 from cnc.model.operator_control import MAX_FEED_OVERRIDE, Control
 
-STEP = 10.0
-"""Per cent of the programmed feeds for one key."""
-LEAST = 10.0
-"""Per cent; GRBL goes no lower."""
-HELP = "space holds and goes on, + and - change the feed, q stops"
+log = logging.getLogger(__name__)
+
+OVERRIDE_STEP = 10.0
+"""Change of the feed override for each key, per cent of the programmed feeds."""
+MIN_OVERRIDE = 10.0
+"""Lowest feed override by keys, per cent: the lowest of GRBL."""
+POLL = 0.05
+"""Longest wait for a key before the reader checks for the end of the run, s."""
+HELP = "space holds and resumes, + and - change the feed, q stops"
 
 
-class Keys:
-    """Reads keys as long as the context lasts. ``available``: whether there are any."""
+class Keyboard:
+    """Reads keys while its context lasts.
+
+    Attributes:
+        available: Whether there is a terminal.
+    """
 
     def __init__(self, control: Control) -> None:
         self.available = False
         self._control = control
-        self._before: list[Any] = []
-        self._file = -1
-        self._wake: tuple[int, int] | None = None
-        self._thread: threading.Thread | None = None
         self._answers: SimpleQueue[str] | None = None
+        self._context = ExitStack()
 
-    def agreed(self, story: Sequence[str], *, yes: bool) -> bool:
-        """Tell what will be done and ask whether it shall; ``yes``: do not ask. UsageError
-        ``needs-yes`` where nobody can be asked.
+    def confirm(self, steps: Sequence[str], *, yes: bool) -> bool:
+        """Print the steps to the start line, and ask whether to begin.
+
+        Args:
+            steps: The steps in words.
+            yes: Whether to begin without a question.
+
+        Raises:
+            UsageError: ``needs-yes`` without a terminal.
         """
-        print(*story, sep="\n  ", file=sys.stderr, flush=True)
+        print(*steps, sep="\n  ", file=sys.stderr, flush=True)
         if yes:
             return True
         if not self.available:
+            message = "there is no terminal to ask whether to begin like this"
             hint = "run it in a terminal, or with --yes"
-            raise UsageError(
-                Diagnostic(
-                    "needs-yes", "there is no terminal to ask whether to begin like this", hint=hint
-                )
-            )
-        print("press y to go on, any other key to end: ", end="", file=sys.stderr, flush=True)
+            raise UsageError(Diagnostic("needs-yes", message, hint=hint))
+        print("press y to begin, any other key to end: ", end="", file=sys.stderr, flush=True)
         self._answers = SimpleQueue()
         answer = self._answers.get()
         self._answers = None
@@ -61,74 +70,98 @@ class Keys:
         return answer in ("y", "Y")
 
     def press(self, key: str) -> None:
-        """What a key asks for; others ask for nothing. If there is a question, it is the answer."""
+        """Carry out the request of a key, or take it as the answer to a question."""
         control = self._control
+        log.debug("key %r", key)
         if self._answers is not None:
             self._answers.put(key)
-            return
-        if key == " ":
+        elif key == " ":
             if control.held:
                 control.resume()
             else:
                 control.hold()
         elif key == "+":
-            control.override(min(control.feed_override + STEP, MAX_FEED_OVERRIDE))
+            control.override(min(control.feed_override + OVERRIDE_STEP, MAX_FEED_OVERRIDE))
         elif key == "-":
-            control.override(max(control.feed_override - STEP, min(LEAST, control.feed_override)))
+            lowest = min(MIN_OVERRIDE, control.feed_override)
+            control.override(max(control.feed_override - OVERRIDE_STEP, lowest))
         elif key in ("q", "Q"):
             control.stop()
 
-    def __enter__(self) -> Keys:
-        with contextlib.suppress(ImportError, OSError, ValueError, AttributeError):
-            self._listen()
+    def __enter__(self) -> Keyboard:
+        read_keys = self._context.enter_context(_terminal())
+        if read_keys is not None:
+            self.available = True
+            ended = threading.Event()
+            thread = threading.Thread(target=self._listen, args=(read_keys, ended), daemon=True)
+            thread.start()
+            self._context.callback(thread.join)
+            self._context.callback(ended.set)
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._wake is None or self._thread is None:
-            return
-        import termios
+        self._context.close()
 
-        os.write(self._wake[1], b"x")
-        self._thread.join()
-        for end in self._wake:
-            os.close(end)
-        self._wake = None
-        with contextlib.suppress(termios.error):
-            termios.tcsetattr(self._file, termios.TCSADRAIN, self._before)
+    def _listen(self, read_keys: Callable[[], str], ended: threading.Event) -> None:
+        try:
+            while not ended.is_set():
+                for key in read_keys():
+                    self.press(key)
+        except OSError:
+            log.info("the terminal is gone")
 
-    def _listen(self) -> None:
-        """OSError, ValueError where standard input is no terminal; ImportError where the system has
-        none of this kind.
-        """
+
+@contextmanager
+def _terminal() -> Iterator[Callable[[], str] | None]:
+    """Provide a function that returns the keys pressed within POLL; None without a terminal."""
+    if not _is_terminal():
+        yield None
+    elif sys.platform == "win32":
+        yield _read_console
+    else:
         import termios
         import tty
 
-        if not sys.stdin.isatty():
-            return
-        self._file = sys.stdin.fileno()
+        file = sys.stdin.fileno()
+        before = termios.tcgetattr(file)
+        # Each key is read at once and not printed; Ctrl-C still raises a signal.
+        tty.setcbreak(file)
         try:
-            self._before = termios.tcgetattr(self._file)
-            # Keys come one by one and unseen; Ctrl-C stays what it is.
-            tty.setcbreak(self._file)
-        except termios.error:
-            return
-        self._wake = os.pipe()
-        self._thread = threading.Thread(
-            target=self._read, args=(self._file, self._wake[0]), daemon=True
-        )
-        self._thread.start()
-        self.available = True
+            yield partial(_read_file, file)
+        finally:
+            # A terminal that is gone needs no reset.
+            with suppress(termios.error):
+                termios.tcsetattr(file, termios.TCSADRAIN, before)
 
-    def _read(self, file: int, wake: int) -> None:
-        while True:
-            ready, _, _ = select.select([file, wake], [], [])
-            if wake in ready:
-                return
-            try:
-                keys = os.read(file, 64)
-            except OSError:
-                return
-            if not keys:
-                return
-            for key in keys.decode("latin-1"):
-                self.press(key)
+
+def _is_terminal() -> bool:
+    try:
+        return sys.stdin.isatty()
+    except (AttributeError, ValueError):
+        # There is no standard input, or it is closed.
+        return False
+
+
+def _read_file(file: int) -> str:
+    """Return the keys of a POSIX terminal. Raises OSError if it is gone."""
+    import select
+
+    if not select.select([file], [], [], POLL)[0]:
+        return ""
+    keys = os.read(file, 64)
+    if not keys:
+        raise OSError("end of file")
+    return keys.decode("latin-1")
+
+
+def _read_console() -> str:
+    """Return the keys of a Windows console."""
+    import time
+
+    if sys.platform == "win32":
+        import msvcrt
+
+        if msvcrt.kbhit():
+            return msvcrt.getwch()
+    time.sleep(POLL)
+    return ""

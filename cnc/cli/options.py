@@ -1,4 +1,4 @@
-"""What the commands take alike."""
+"""Options of the commands, and the records that cyclopts fills with them."""
 
 from __future__ import annotations
 
@@ -6,66 +6,104 @@ import gc
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
-from cyclopts import Parameter
+from cyclopts import Parameter, validators
 
+from cnc.cli.log_output import open_log
+from cnc.model.choices import Algorithm, DialectName, Interpolator
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 if TYPE_CHECKING:
     from cyclopts import Token
 
-    from cnc.api import Outputs
+    from cnc.machine.models import Machine
+    from cnc.session.options import RunOptions
 
 HYPHEN = "\0-"
-"""Stands for a lone ``-`` while cyclopts parses, which would take it for an option; no argument can
-contain it.
+"""Replaces a lone ``-`` while cyclopts parses, which would take it for an option.
+
+No argument of a program can contain it.
 """
 
-Dialect = Literal["auto", "linuxcnc", "grbl", "fanuc", "paper"]
-Interpolator = Literal["reference-pulse", "sampled"]
 CheckFormat = Literal["text", "json", "sarif", "junit", "github"]
-Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis", "crossings"]
 
 
 def option(text: str) -> Parameter:
-    """An option that is given or not, without a --no- of its own."""
+    """Return an option without the negative form ``--no-...``."""
     return Parameter(help=text, negative="")
 
 
 def output(text: str) -> Parameter:
-    """An option that takes a file, or ``-``."""
+    """Return an option that takes a file, or ``-``."""
     return Parameter(help=text, converter=_file_or_hyphen)
 
 
 def _file_or_hyphen(_: object, tokens: Sequence[Token]) -> str:
-    """The name of a file, or the ``-`` that HYPHEN stands for."""
+    """Return the name of a file, with ``-`` in place of HYPHEN."""
     return tokens[0].value.replace(HYPHEN, "-")
+
+
+MachineOption = Annotated[
+    str | None, option("Machine file (TOML), or the name of a shipped one such as paper-nurbs.")
+]
+BoardOption = Annotated[
+    str | None,
+    option(
+        "loopback, stepper, grbl, grbl-sim, file, or an installed driver; by default the board "
+        "of the machine file."
+    ),
+]
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class Common:
-    """Options of run and check alike."""
+class TerminalOptions:
+    """Options for messages, of every command that works with a program or a board."""
 
-    machine: Annotated[
-        str | None, option("Machine file (TOML), or the name of a shipped one such as paper-nurbs.")
+    quiet: Annotated[bool, option("Print nothing but errors.")] = False
+    verbose: Annotated[
+        bool,
+        Parameter(
+            name=["--verbose", "-v"],
+            help="Print more: the stages of the run with their times, the dynamics of each axis, "
+            "details of an internal error.",
+            negative="",
+        ),
+    ] = False
+    log: Annotated[
+        str | None,
+        option("Write a log to FILE: stages, operator requests, and each line of the link."),
     ] = None
+
+    def open_log(self, *inputs: str | None) -> None:
+        """Begin to log. UsageError if the log would overwrite one of ``inputs``."""
+        if self.log is not None:
+            check_files((self.log,), inputs)
+        open_log(self.log, verbose=self.verbose)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class CommonOptions:
+    """Options of run, check and view."""
+
+    machine: MachineOption = None
     dialect: Annotated[
-        Dialect | None, option("How to read the program; the machine file's choice if left out.")
+        DialectName | None,
+        option("How to read the program; by default as the machine file specifies."),
     ] = None
     interpolator: Annotated[
         Interpolator,
-        option(
-            "reference-pulse: grid moves alone. sampled: also positions at the machine's period."
-        ),
+        option("reference-pulse: grid moves only. sampled: also positions at a fixed period."),
     ] = "reference-pulse"
     algorithm: Annotated[
         Algorithm | None,
         option(
-            "How grid moves are made; if left out: half steps on lines and arcs, enclosing lines on other curves."
+            "How grid moves follow a curve; by default half steps on lines and arcs, and enclosing "
+            "lines on other curves."
         ),
     ] = None
     feed_override: Annotated[
@@ -77,83 +115,189 @@ class Common:
     ] = None
     trace: Annotated[
         str | None,
-        output("Write position, feed, acceleration and jerk a period to FILE.npz or FILE.csv."),
+        output(
+            "Write position, feed, acceleration and jerk of each period to FILE.npz or FILE.csv."
+        ),
     ] = None
     pulses: Annotated[
         str | None, output("Write the grid moves to FILE.npz, or to FILE.vcd for a logic analyser.")
     ] = None
     lines: Annotated[
         str | None,
-        output(
-            "Write the program as lines for a GRBL board, by our plan, to FILE.nc or FILE.gcode."
-        ),
+        output("Write the planned motion as lines for a GRBL board to FILE.nc or FILE.gcode."),
     ] = None
     json: Annotated[str | None, output("Write the summary to FILE.json.")] = None
-    quiet: Annotated[bool, option("Say nothing but errors.")] = False
-    verbose: Annotated[
-        bool,
-        option("Say more: each axis's dynamics, computing times, details of an internal error."),
-    ] = False
+    terminal: TerminalOptions = field(default_factory=TerminalOptions)
 
-    def check_outputs(
-        self, *inputs: str | None, printing: bool = False, picture: str | None = None
+    def prepare(
+        self, *inputs: str | None, to_standard_output: bool = False, picture: str | None = None
     ) -> None:
-        """UsageError if two outputs are the same file (``printing``: standard output), or one is
-        the machine file or one of ``inputs``.
+        """Check the names of files, and begin to log.
+
+        Args:
+            *inputs: Files that are read, beside the machine file.
+            to_standard_output: Whether the command prints results to standard output.
+            picture: A further output.
+
+        Raises:
+            UsageError: If two outputs are the same file, or an output is also an input.
         """
-        read = {
-            os.path.realpath(name): name
-            for name in (self.machine, *inputs)
-            if name is not None and name != "-"
-        }
-        taken = {"-"} if printing else set()
-        for name in (self.blocks, self.trace, self.pulses, self.lines, self.json, picture):
-            if name is None:
-                continue
-            file = name if name == "-" else os.path.realpath(name)
-            if file in taken:
-                what = "standard output" if name == "-" else name
-                raise UsageError(
-                    Diagnostic(
-                        "output-twice",
-                        f"two outputs go to {what}",
-                        hint="give each output a file of its own",
-                    )
-                )
-            if file in read:
-                raise UsageError(
-                    Diagnostic(
-                        "output-over-input",
-                        f"an output would overwrite {read[file]}",
-                        hint="give it another name",
-                    )
-                )
-            taken.add(file)
+        inputs = (self.machine, *inputs)
+        outputs = (*self._outputs, self.json, picture, self.terminal.log)
+        check_files(outputs, inputs, standard_output_taken=to_standard_output)
+        self.terminal.open_log(*inputs)
 
-    def outputs(self) -> Outputs:
-        """The files to write along the way."""
-        from cnc.api import Outputs
+    def run_options(self, **others: object) -> RunOptions:
+        """Return the options of a run; ``others``: further fields of RunOptions."""
+        from cnc.session.options import Outputs, RunOptions
 
-        return Outputs(blocks=self.blocks, trace=self.trace, pulses=self.pulses, lines=self.lines)
+        picture = others.pop("picture", None)
+        return RunOptions(
+            dialect=self.dialect,
+            interpolator=self.interpolator,
+            algorithm=self.algorithm,
+            feed_override=self.feed_override,
+            outputs=Outputs(*self._outputs, picture=picture),  # type: ignore[arg-type]
+            **others,  # type: ignore[arg-type]
+        )
+
+    @property
+    def _outputs(self) -> tuple[str | None, str | None, str | None, str | None]:
+        return self.blocks, self.trace, self.pulses, self.lines
+
+    @property
+    def has_program_outputs(self) -> bool:
+        """Whether a file is to be written that describes one program."""
+        return any(self._outputs)
 
     @property
     def summary_file(self) -> TextIO:
-        """Where the summary for people goes: standard error if an output has taken standard
-        output.
-        """
-        return (
-            sys.stderr
-            if "-" in (self.blocks, self.trace, self.pulses, self.lines, self.json)
-            else sys.stdout
+        """The stream for the summary: standard error if an output uses standard output."""
+        return sys.stderr if "-" in (*self._outputs, self.json) else sys.stdout
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class BoardOptions:
+    """Options of a run on a board."""
+
+    board: BoardOption = None
+    port: Annotated[
+        str | None,
+        option("Port of the board (/dev/ttyUSB0); for --board file, the .npz file to write."),
+    ] = None
+    check_on_board: Annotated[
+        bool, option("Let the board read the program without moving (GRBL's $C).")
+    ] = False
+    from_line: Annotated[
+        int | None,
+        option("Begin at this source line: show the moves to it at a safe height, and ask."),
+    ] = None
+    yes: Annotated[
+        bool,
+        option("Do not ask; without a terminal, skip the pauses for the operator (M0, M6)."),
+    ] = False
+    home: Annotated[bool, option("Home the machine before the program, as cncrun home does.")] = (
+        False
+    )
+    trust_position: Annotated[
+        bool,
+        option(
+            "Confirm the position that the GRBL board reports, although the last run ended "
+            "elsewhere; --yes does not confirm it."
+        ),
+    ] = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class CheckOptions:
+    """Options that select what a check examines and reports."""
+
+    jobs: Annotated[
+        int | None,
+        Parameter(
+            help="Number of programs to check at once; by default one for each core.",
+            validator=validators.Number(gte=1),
+        ),
+    ] = None
+    select: Annotated[
+        tuple[str, ...], option("Of the warnings and notes, report only these codes.")
+    ] = ()
+    ignore: Annotated[
+        tuple[str, ...], option("Do not report warnings and notes of these codes.")
+    ] = ()
+    stock: Annotated[
+        str | None,
+        option(
+            "The raw part, such as X0:100,Y0:60,Z-12:0 (mm, machine coordinates); a G0 into it is "
+            "reported."
+        ),
+    ] = None
+    portable: Annotated[
+        tuple[str, ...],
+        option("Dialects that must read the program in the same way, such as grbl,linuxcnc."),
+    ] = ()
+    scheduler: Annotated[
+        str | None,
+        option("Check on a Dask cluster: address of its scheduler, such as tcp://host:8786."),
+    ] = None
+
+    def machine(self, name: str | None) -> Machine:
+        """Return the machine of a file, with the raw part."""
+        from cnc.machine.load import load_machine
+        from cnc.machine.stock import with_stock
+
+        machine = load_machine(name)
+        return machine if self.stock is None else with_stock(machine, self.stock)
+
+    def run_options(self, common: CommonOptions, *, picture: str | None = None) -> RunOptions:
+        """Return the options of a check."""
+        from cnc.checks.selection import Selection
+
+        return common.run_options(
+            selection=Selection(frozenset(_split(self.select)), frozenset(_split(self.ignore))),
+            portable=tuple(_split(self.portable)),
+            picture=picture,
         )
 
 
-COMMON = Common()
+def _split(listed: Sequence[str]) -> list[str]:
+    """Return the items of lists that are separated by commas."""
+    return [item for each in listed for item in each.split(",") if item]
+
+
+def check_files(
+    outputs: Sequence[str | None],
+    inputs: Sequence[str | None],
+    *,
+    standard_output_taken: bool = False,
+) -> None:
+    """Check that no output overwrites an input or another output.
+
+    Raises:
+        UsageError: ``output-twice``, ``output-over-input``.
+    """
+    read = {os.path.realpath(name): name for name in inputs if name is not None and name != "-"}
+    taken = {"-"} if standard_output_taken else set()
+    for name in outputs:
+        if name is None:
+            continue
+        file = name if name == "-" else os.path.realpath(name)
+        if file in taken:
+            target = "standard output" if name == "-" else name
+            message, hint = f"two outputs go to {target}", "give each output a file of its own"
+            raise UsageError(Diagnostic("output-twice", message, hint=hint))
+        if file in read:
+            message = f"an output would overwrite {read[file]}"
+            raise UsageError(Diagnostic("output-over-input", message, hint="give it another name"))
+        taken.add(file)
 
 
 def library() -> ModuleType:
-    """:mod:`cnc.api`. All that it brings along lives as long as the process: the garbage collector
-    need not look at it time and again.
+    """Return :mod:`cnc.api`, with its objects excluded from garbage collection.
+
+    They live as long as the process, and the collector would visit them again and again.
     """
     from cnc import api
 

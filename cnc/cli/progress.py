@@ -1,4 +1,4 @@
-"""What a terminal shows while a program is under way, and what Ctrl-C does."""
+"""Progress of a program on the terminal, and the treatment of Ctrl-C."""
 
 from __future__ import annotations
 
@@ -15,55 +15,53 @@ from cnc.model.operator_control import Control
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from cnc.api import Watch
     from cnc.executor.run import Progress as Sent
-    from cnc.session import Stage
+    from cnc.session.observer import Callbacks, Stage
 
 
-class Screen:
-    """What is shown while a program is under way, and the operator's Ctrl-C (or a termination from
-    outside).
+class ProgressDisplay:
+    """Shows the progress of a program, and handles Ctrl-C and termination signals.
 
-    As long as nothing moves it ends the program. In motion the first asks for a stop, the second
-    ends at once.
+    Before any motion, a signal ends the program. During motion, the first signal requests a stop,
+    and the second ends the program at once.
     """
 
     def __init__(self, control: Control, *, quiet: bool) -> None:
         self._quiet = quiet
         self._control = control
-        self._bar: _Bar | None = None
+        self._bar: _ProgressBar | None = None
         self._moving = self._held = False
         self._before: dict[signal.Signals, Any] = {}
 
-    def watch(self) -> Watch:
-        """For the library to call back."""
-        from cnc.api import Watch
+    def callbacks(self) -> Callbacks:
+        """Return the callbacks that keep the display up to date."""
+        from cnc.session.observer import Callbacks
 
-        return Watch(
+        return Callbacks(
             on_progress=self._on_progress,
             on_warning=None if self._quiet else self.warn,
-            on_compiling=None if self._quiet else tell_compiling,
+            on_compiling=None if self._quiet else print_compiling,
             on_sent=self._on_sent,
         )
 
     def count(self, done: int, total: int) -> None:
-        """Programs that have been checked."""
+        """Show the number of programs that have been checked."""
         if self._bar is not None:
             self._bar.update("checking", done, total, "programs")
 
     def warn(self, diagnostic: Diagnostic) -> None:
-        """Show a finding that ends nothing."""
+        """Print a warning or note."""
         if not self._quiet:
             print(f"{diagnostic.severity}: {diagnostic.render()}", file=sys.stderr)
 
-    def __enter__(self) -> Screen:
+    def __enter__(self) -> ProgressDisplay:
         if threading.current_thread() is threading.main_thread():
             self._before = {
                 each: signal.signal(each, self._on_signal)
                 for each in (signal.SIGINT, signal.SIGTERM)
             }
         if not self._quiet and sys.stderr.isatty():
-            self._bar = _Bar()
+            self._bar = _ProgressBar()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -79,17 +77,14 @@ class Screen:
 
     def _on_sent(self, sent: Sent) -> None:
         if self._bar is not None:
-            self._bar.note = self._words(sent)
+            self._bar.note = self._status(sent)
         if sent.held and not self._held and not self._quiet:
-            print(
-                f"held at line {sent.line}{f' ({sent.hold_reason})' if sent.hold_reason else ''}; {HELP}",
-                file=sys.stderr,
-                flush=True,
-            )
+            reason = f" ({sent.hold_reason})" if sent.hold_reason else ""
+            print(f"held at line {sent.line}{reason}; {HELP}", file=sys.stderr, flush=True)
         self._held = sent.held
 
-    def _words(self, sent: Sent) -> str:
-        """Where the board is and what it still has, as far as it tells; the operator's doing."""
+    def _status(self, sent: Sent) -> str:
+        """Return the position, the time left, the backlog and the operator's requests."""
         words = (
             [] if sent.position is None else [" ".join(f"{value:.3f}" for value in sent.position)]
         )
@@ -109,13 +104,13 @@ class Screen:
             raise KeyboardInterrupt("stopped by the operator; nothing has moved")
         if self._control.stopped:
             raise KeyboardInterrupt(
-                "stopped by the operator at once; where the axes stand has to be found again (home them)"
+                "stopped by the operator at once; the position is lost, so home the machine"
             )
         self._control.stop()
 
 
-def tell_compiling() -> None:
-    """Say why the first run ever takes longer."""
+def print_compiling() -> None:
+    """Print why the first run takes longer."""
     print(
         "compiling the kernels; this happens once and takes up to a minute",
         file=sys.stderr,
@@ -123,10 +118,10 @@ def tell_compiling() -> None:
     )
 
 
-class _Bar:
-    """A progress bar on standard error, for what takes longer than a moment."""
+class _ProgressBar:
+    """A progress bar on standard error. It appears after a delay, s."""
 
-    PATIENCE = 1.0
+    DELAY = 1.0
 
     def __init__(self) -> None:
         self._began = monotonic()
@@ -135,9 +130,9 @@ class _Bar:
         self.note = ""
 
     def update(self, stage: Stage, done: int, total: int | None, unit: str = "lines") -> None:
-        """How much is done of ``total`` (None: not known yet)."""
+        """Show how much is done of ``total`` (None: not known yet)."""
         now = monotonic()
-        if now - self._began < self.PATIENCE or now - self._drawn < 0.1:
+        if now - self._began < self.DELAY or now - self._drawn < 0.1:
             return
         self._drawn = now
         if self._progress is None:
@@ -156,7 +151,7 @@ class _Bar:
                 TimeElapsedColumn(),
                 TextColumn("{task.fields[note]}"),
             )
-            # What is printed meanwhile goes above the bar, unless it goes to a file.
+            # Other output appears above the bar, unless it goes to a file.
             bar = Progress(
                 *columns,
                 console=Console(stderr=True),
@@ -171,6 +166,6 @@ class _Bar:
         )
 
     def close(self) -> None:
-        """Take the bar off the screen."""
+        """Remove the bar."""
         if self._progress is not None:
             self._progress.stop()

@@ -1,1 +1,1 @@
-"""Two programs side by side: where their motion differs most."""
+"""Comparison of two programs: the largest distance of their toolpaths, lengths and times."""

@@ -1,15 +1,14 @@
-"""How far apart two tracks are, gone in step: the largest distance from a point of one to the way
-of the other about the same place.
+"""Distance of two tracks that are followed in step.
 
-Between two points that both pass (:mod:`cnc.compare.match`) the tracks are sampled roughly and
-aligned by dynamic time warping, the cheapest pairing of samples that never goes back on either.
-Then every point of one is measured against the stretch of the other that its neighbours are paired
-with, so that a way gone the other way round is not the same. Long stretches are cut at paired
-points and measured in parts.
+Between two points that both pass (:mod:`cnc.compare.match`) the tracks are sampled coarsely and
+aligned by dynamic time warping: the pairing of samples with the least sum of distances that never
+goes backwards on either track. Then each point of one track is measured against the stretch of the
+other that its neighbours are paired with. So a contour in the opposite direction is not the same.
+Long stretches are cut at paired points and measured in parts.
 
-     a  ──o────o────o────o──         A stretch is at most half of its length away from one of its two ends, which both pass: the
-          |    |   /    /            longest are measured first, and those that can't be farther apart than what was found are left.
-     b  ──o────o──o────o────
+     a  ──o────o────o────o──     Each point of a stretch is within half of its length of an end, and
+          |    |   /    /        both tracks pass the ends. So the longest stretches are measured
+     b  ──o────o──o────o────     first, and those that cannot exceed the distance found are skipped.
 """
 
 from __future__ import annotations
@@ -22,18 +21,18 @@ from numpy.typing import NDArray
 from cnc.compare.match import hunks
 from cnc.compare.track import Track
 
-FEW, MOST_PAIRED = 4, 64
-"""Samples of a stretch that are aligned: as many as it has points, within these."""
+MIN_SAMPLES, MAX_SAMPLES = 4, 64
+"""Limits of the number of aligned samples, which is that of the points of a stretch."""
 LARGE = 600
-"""Points of a stretch that is measured in one go."""
-DEEPEST = 12
-"""Cuts within cuts."""
-BETWEEN = 256
-"""Parts of a stretch between which its long moves are measured, too."""
+"""Largest number of points of a stretch that is measured as a whole."""
+MAX_DEPTH = 12
+"""Largest depth of cuts within cuts."""
+EXTRA_POINTS = 256
+"""Points at equal distances along a stretch that are measured besides its vertices."""
 ROUNDING = 1e-9
-"""Relative, of squares of distances."""
+"""Relative error of squared distances."""
 AT_ONCE = 200_000
-"""Distances that are computed together."""
+"""Distances that are computed at a time."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -41,20 +40,29 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Apart:
-    """Where two tracks are farthest apart: mm, the place on the one (axes,), index of the points
-    that the moves end at.
+    """The largest distance of two tracks.
+
+    Attributes:
+        distance: the distance, mm.
+        position: (axes,) the point of the first track, mm.
+        first: index of the vertex at the end of the move there, on the first track.
+        second: the same on the second track.
     """
 
     distance: float
-    place: Floats
-    a: int
-    b: int
+    position: Floats
+    first: int
+    second: int
 
 
 @dataclass(frozen=True, slots=True)
-class _Way:
-    """A stretch of track: points (n, axes), the index of each in the whole, and the way (n,) in mm
-    from the first.
+class _Stretch:
+    """A stretch of a track.
+
+    Attributes:
+        points: (n, axes) vertices, mm.
+        index: (n,) their indices in the whole track.
+        s: (n,) path length from the first vertex, mm.
     """
 
     points: Floats
@@ -62,9 +70,9 @@ class _Way:
     s: Floats
 
     @classmethod
-    def of(cls, points: Floats, index: Ints) -> _Way:
+    def of(cls, points: Floats, index: Ints) -> _Stretch:
         if len(points) == 1:
-            # a way of no length is one, too
+            # A stretch without length gets two vertices.
             points, index = np.repeat(points, 2, axis=0), np.repeat(index, 2)
         return cls(
             points,
@@ -77,10 +85,10 @@ class _Way:
         return float(self.s[-1])
 
     def at(self, s: Floats) -> Floats:
-        """Points (k, axes) after s (k,) mm."""
+        """Return the points (k, axes) at path lengths s (k,) mm."""
         return np.stack([np.interp(s, self.s, column) for column in self.points.T], axis=1)
 
-    def part(self, begin: float, end: float) -> _Way:
+    def part(self, begin: float, end: float) -> _Stretch:
         inside = np.flatnonzero((self.s > begin) & (self.s < end))
         points = np.concatenate(
             (self.at(np.array([begin])), self.points[inside], self.at(np.array([end])))
@@ -88,40 +96,40 @@ class _Way:
         last = int(np.searchsorted(self.s, end))
         first = int(np.searchsorted(self.s, begin, side="right"))
         ends = self.index[np.minimum([first, last], len(self.index) - 1)]
-        return _Way.of(points, np.concatenate((ends[:1], self.index[inside], ends[1:])))
+        return _Stretch.of(points, np.concatenate((ends[:1], self.index[inside], ends[1:])))
 
 
 def farthest(a: Track, b: Track) -> Apart:
-    """Where two tracks that begin at the same point are farthest apart."""
+    """Return the largest distance of two tracks that begin at the same point."""
     best = Apart(0.0, a.points[0], 0, 0)
-    ways = []
+    stretches = []
     for hunk in hunks(a.points, b.points):
         one, other = _stretch(a, hunk.a0, hunk.a1), _stretch(b, hunk.b0, hunk.b1)
         bound = max(one.length, other.length) / (2.0 if hunk.closed else 1.0)
-        ways.append((bound, one, other))
-    for bound, one, other in sorted(ways, key=lambda way: -way[0]):
+        stretches.append((bound, one, other))
+    for bound, one, other in sorted(stretches, key=lambda each: -each[0]):
         if bound <= best.distance:
             break
         best = _measured(one, other, best, 0)
     return best
 
 
-def _stretch(track: Track, first: int, last: int) -> _Way:
+def _stretch(track: Track, first: int, last: int) -> _Stretch:
     index = np.arange(first, last + 1)
-    return _Way.of(track.points[index], index)
+    return _Stretch.of(track.points[index], index)
 
 
-def _measured(one: _Way, other: _Way, best: Apart, depth: int) -> Apart:
-    """The farther one of what was found before and what these stretches are apart."""
+def _measured(one: _Stretch, other: _Stretch, best: Apart, depth: int) -> Apart:
+    """Return the larger one of ``best`` and the distance of two stretches."""
     sizes = len(one.points), len(other.points)
     if min(one.length, other.length) == 0.0:
-        # one stays where it is
-        anywhere = np.array([[0.0, np.inf]])
-        return _farther(best, one, other, anywhere, anywhere)
-    count = min(max(*sizes, FEW), MOST_PAIRED)
+        # One of them does not move.
+        everything = np.array([[0.0, np.inf]])
+        return _farther(best, one, other, everything, everything)
+    count = min(max(*sizes, MIN_SAMPLES), MAX_SAMPLES)
     s, t = np.linspace(0.0, one.length, count + 1), np.linspace(0.0, other.length, count + 1)
     pairs = _aligned(one.at(s), other.at(t))
-    if max(sizes) > LARGE and depth < DEEPEST:
+    if max(sizes) > LARGE and depth < MAX_DEPTH:
         begin = (0.0, 0.0)
         for i, j in [*pairs[count // 8 : -1 : count // 8], pairs[-1]]:
             end = (
@@ -140,15 +148,16 @@ def _measured(one: _Way, other: _Way, best: Apart, depth: int) -> Apart:
     )
 
 
-def _nearest(way: _Way, point: Floats, t: Floats, j: int) -> float:
-    """How far along the way, within a sample of t[j], it is nearest to a point."""
+def _nearest(stretch: _Stretch, point: Floats, t: Floats, j: int) -> float:
+    """Return the path length, within a sample of t[j], nearest to a point."""
     fine = np.linspace(t[max(j - 1, 0)], t[min(j + 1, len(t) - 1)], 65)
-    return float(fine[np.argmin(np.linalg.norm(way.at(fine) - point, axis=1))])
+    return float(fine[np.argmin(np.linalg.norm(stretch.at(fine) - point, axis=1))])
 
 
 def _aligned(a: Floats, b: Floats) -> list[tuple[int, int]]:
-    """Dynamic time warping: pairs of indices from (0, 0) to the last ones, the sum of whose
-    distances is least.
+    """Return index pairs from (0, 0) to the last points, by dynamic time warping.
+
+    The sum of the distances of the pairs is the least possible.
     """
     apart = np.linalg.norm(a[:, None] - b[None], axis=2).tolist()
     n, m = len(a), len(b)
@@ -165,18 +174,25 @@ def _aligned(a: Floats, b: Floats) -> list[tuple[int, int]]:
     pairs = [(n - 1, m - 1)]
     while pairs[-1] != (0, 0):
         i, j = pairs[-1]
-        ways = [
+        steps = [
             (table[p][q], (p, q))
             for p, q in ((i - 1, j - 1), (i - 1, j), (i, j - 1))
             if p >= 0 and q >= 0
         ]
-        pairs.append(min(ways, key=lambda way: way[0])[1])
+        pairs.append(min(steps, key=lambda step: step[0])[1])
     return pairs[::-1]
 
 
 def _windows(pairs: list[tuple[int, int]], s: Floats, t: Floats) -> Floats:
-    """For each part between samples s (n,) of one way, (n - 1, 2): from where to where on the other
-    its points are looked for.
+    """Return the search ranges on the other stretch for the parts of one stretch.
+
+    Args:
+        pairs: aligned samples.
+        s: (n,) path lengths of the samples of the one stretch, mm.
+        t: (m,) path lengths of the samples of the other stretch, mm.
+
+    Returns:
+        (n - 1, 2) least and greatest path length on the other stretch, mm.
     """
     low, high = np.full(len(s), len(t)), np.zeros(len(s), np.int64)
     for i, j in pairs:
@@ -185,8 +201,18 @@ def _windows(pairs: list[tuple[int, int]], s: Floats, t: Floats) -> Floats:
     return np.stack((t[np.maximum(low[:-1] - 1, 0)], t[np.minimum(high[1:] + 1, last)]), axis=1)
 
 
-def _farther(best: Apart, one: _Way, other: _Way, of_one: Floats, of_other: Floats) -> Apart:
-    """Each measured against the other; of_one and of_other are the windows of their parts."""
+def _farther(
+    best: Apart, one: _Stretch, other: _Stretch, of_one: Floats, of_other: Floats
+) -> Apart:
+    """Return the larger one of ``best`` and the distances of each stretch from the other.
+
+    Args:
+        best: the largest distance so far.
+        one: a stretch of the first track.
+        other: a stretch of the second track.
+        of_one: search ranges for the parts of ``one``.
+        of_other: search ranges for the parts of ``other``.
+    """
     distance, point, _, p, q = _directed(one, other, of_one)
     if distance > best.distance:
         best = Apart(distance, point, int(one.index[p]), int(other.index[q]))
@@ -196,14 +222,19 @@ def _farther(best: Apart, one: _Way, other: _Way, of_one: Floats, of_other: Floa
     return best
 
 
-def _directed(way: _Way, other: _Way, windows: Floats) -> tuple[float, Floats, Floats, int, int]:
-    """The farthest point of a way: its distance, itself, the nearest point on the other way, and
-    the points where the moves there end.
+def _directed(
+    stretch: _Stretch, other: _Stretch, windows: Floats
+) -> tuple[float, Floats, Floats, int, int]:
+    """Find the point of a stretch that is farthest from the other stretch.
+
+    Returns:
+        The distance, the point, the nearest point of the other stretch, and the vertices at the
+        ends of the moves there, on the stretch and on the other.
     """
-    s = np.sort(np.concatenate((way.s, np.linspace(0.0, way.length, BETWEEN))))
-    points = way.at(s)
+    s = np.sort(np.concatenate((stretch.s, np.linspace(0.0, stretch.length, EXTRA_POINTS))))
+    points = stretch.at(s)
     part = np.minimum(
-        (s * len(windows) / max(way.length, 1e-300)).astype(np.int64), len(windows) - 1
+        (s * len(windows) / max(stretch.length, 1e-300)).astype(np.int64), len(windows) - 1
     )
     low, high = windows[part].T
     starts, steps = other.points[:-1], np.diff(other.points, axis=0)
@@ -218,10 +249,10 @@ def _directed(way: _Way, other: _Way, windows: Floats) -> tuple[float, Floats, F
         away[(other.s[1:] < low[some, None]) | (other.s[:-1] > high[some, None])] = np.inf
         nearest = away.argmin(axis=1)
         least = away[np.arange(len(nearest)), nearest]
-        # the first of those that are as far but for rounding
+        # The first of the points at the same distance, apart from rounding.
         k = int(np.argmax(least >= least.max() * (1.0 - ROUNDING)))
         if least[k] > worst[0] * (1.0 + ROUNDING):
             q = int(nearest[k])
             worst = float(least[k]), first + k, q, starts[q] + share[k, q] * steps[q]
     square, k, q, foot = worst
-    return float(np.sqrt(square)), points[k], foot, int(np.searchsorted(way.s, s[k])), q + 1
+    return float(np.sqrt(square)), points[k], foot, int(np.searchsorted(stretch.s, s[k])), q + 1

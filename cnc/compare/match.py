@@ -1,10 +1,10 @@
-"""Which points two tracks have in common, in order: between them the tracks are compared, and where
-nothing lies between they are the same.
+"""Matching of two tracks: the points that both pass in the same order.
 
-Beginning and end are matched as far as they agree; of what is between, the points that each track
-passes once only, as many as can be in the order of both (the longest increasing subsequence). That
-is how a text is compared that people read ("patience diff"), with points in the place of lines. O(n
-log n).
+The tracks are compared between matched points. Where nothing lies between them, they are the same.
+
+The beginnings and ends are matched as far as they agree. Of the points between, those are matched
+that each track passes exactly once, as many as occur in the same order in both (the longest
+increasing subsequence). Text comparison does the same with lines ("patience diff"). O(n log n).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SAME = 1e-6
-"""mm. Points are the same if they fall into the same cube of this size."""
+"""mm. Points in the same cube of this size are equal."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -24,10 +24,14 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Hunk:
-    """Where the ways part: points ``a0`` to ``a1`` of the one and ``b0`` to ``b1`` of the other,
-    both ends included.
+    """Stretches of two tracks that differ. They begin at the same point.
 
-    They begin at the same point, and end at the same if ``closed``.
+    Attributes:
+        a0: first point of the stretch of the first track.
+        a1: its last point, included.
+        b0: first point of the stretch of the second track.
+        b1: its last point, included.
+        closed: whether the stretches also end at the same point.
     """
 
     a0: int
@@ -38,7 +42,10 @@ class Hunk:
 
 
 def hunks(a: Floats, b: Floats) -> list[Hunk]:
-    """Where the tracks a (n, axes) and b (m, axes), which begin at the same point, differ."""
+    """Return the stretches in which tracks a (n, axes) and b (m, axes) differ.
+
+    Both tracks must begin at the same point.
+    """
     _, both = np.unique(
         np.round(np.concatenate((a, b)) / SAME).astype(np.int64), axis=0, return_inverse=True
     )
@@ -50,26 +57,26 @@ def hunks(a: Floats, b: Floats) -> list[Hunk]:
     pairs = _in_order(ids_a[begin : len(a) - end], ids_b[begin : len(b) - end])
     i = np.concatenate(([max(begin - 1, 0)], pairs[:, 0] + begin, [len(a) - max(end, 1)]))
     j = np.concatenate(([max(begin - 1, 0)], pairs[:, 1] + begin, [len(b) - max(end, 1)]))
-    parted: Ints = np.flatnonzero((np.diff(i) != 1) | (np.diff(j) != 1))
+    differing: Ints = np.flatnonzero((np.diff(i) != 1) | (np.diff(j) != 1))
     last = len(i) - 2
     found = [
         Hunk(int(i[k]), int(i[k + 1]), int(j[k]), int(j[k + 1]), k < last or end > 0)
-        for k in parted
+        for k in differing
     ]
-    if not end and last not in parted:
-        # one move each, to different places
+    if not end and last not in differing:
+        # One move each, to different positions.
         found.append(Hunk(int(i[last]), int(i[-1]), int(j[last]), int(j[-1]), False))
     return [hunk for hunk in found if hunk.a1 > hunk.a0 or hunk.b1 > hunk.b0]
 
 
 def _agreeing(a: Ints, b: Ints) -> int:
-    """How many are the same from the beginning on."""
+    """Return the number of equal elements from the beginning."""
     different = a != b
     return int(np.argmax(different)) if different.any() else len(a)
 
 
 def _in_order(a: Ints, b: Ints) -> Ints:
-    """Pairs (k, 2) of places in a and b of what occurs once in each, rising in both."""
+    """Return index pairs (k, 2) of elements that occur once in each, increasing in both."""
     once_a, once_b = _once(a), _once(b)
     common, of_a, of_b = np.intersect1d(
         a[once_a], b[once_b], assume_unique=True, return_indices=True
@@ -98,6 +105,6 @@ def _in_order(a: Ints, b: Ints) -> Ints:
 
 
 def _once(ids: Ints) -> Ints:
-    """Places of what occurs once."""
+    """Return the indices of elements that occur once."""
     _, first, count = np.unique(ids, return_index=True, return_counts=True)
     return np.sort(first[count == 1])

@@ -1,4 +1,4 @@
-"""Two programs on one machine: how far apart they move, where, and how long they take."""
+"""Comparison of two programs on one machine: distance of their toolpaths, and machine times."""
 
 from __future__ import annotations
 
@@ -10,16 +10,19 @@ from typing import Any
 from cnc.compare.distance import farthest
 from cnc.compare.match import SAME
 from cnc.compare.track import Recorder, Track
-from cnc.machine.models import DialectName, Machine
-from cnc.model.operator_control import Control
+from cnc.machine.models import Machine
+from cnc.model.choices import DialectName
 from cnc.report.result import Report
 from cnc.report.summary import clock, number, position
-from cnc.session import Job, Outputs, Watch, start_position
+from cnc.session.observer import Callbacks
+from cnc.session.options import RunOptions
+from cnc.session.program_reader import start_position
+from cnc.session.session import Session
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A place in a program: source file and line; line 0 where nothing has moved yet."""
+    """A source line; line 0 stands for the start, before any motion."""
 
     file: str
     line: int
@@ -27,12 +30,15 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """What came of a comparison.
+    """The result of a comparison.
 
-    reports: of both programs, or of one with faults; then nothing else is known. distance: the
-    largest between the ways, mm (a degree of a rotary axis counts as a millimetre); at: where, mm
-    by axis, on the way of the first; places: the moves there, of the first program and of the
-    second.
+    Attributes:
+        reports: results of both programs; or of the first ones up to a program with faults, and
+            then nothing else is known.
+        distance: largest distance between the toolpaths, mm (a degree of a rotary axis counts as
+            a millimetre).
+        at: position on the first toolpath with that distance, mm by axis.
+        places: source lines of the moves there, of the first program and of the second.
     """
 
     reports: tuple[Report, ...]
@@ -41,12 +47,12 @@ class Difference:
     places: tuple[Place, Place] | None = None
 
     @property
-    def same_way(self) -> bool:
-        """Whether both go the same way, to a millionth of a millimetre."""
+    def same_path(self) -> bool:
+        """Whether the toolpaths are the same to a millionth of a millimetre."""
         return self.distance <= SAME
 
     def as_json(self) -> dict[str, Any]:
-        """For other programs; pairs are of the first program and the second."""
+        """Return the result for other programs. Pairs are [first program, second program]."""
         first, second = self.reports
         return {
             "programs": [first.program, second.program],
@@ -59,14 +65,14 @@ class Difference:
         }
 
     def lines(self) -> Iterator[str]:
-        """For people."""
+        """Yield the result as lines of text."""
         first, second = self.reports
-        if self.same_way or self.places is None or self.at is None:
-            yield "way     the same"
+        if self.same_path or self.places is None or self.at is None:
+            yield "path    the same"
         else:
             where = " ".join(f"{axis.upper()}{position(value)}" for axis, value in self.at.items())
             one, other = (f"{place.file}:{place.line}" for place in self.places)
-            yield f"way     at most {number(self.distance)} mm apart, at {where}: {one}, {other}"
+            yield f"path    at most {number(self.distance)} mm apart, at {where}: {one}, {other}"
         yield f"length  {number(first.path_length_mm)} -> {number(second.path_length_mm)} mm"
         change = 100.0 * (second.duration_s / first.duration_s - 1.0) if first.duration_s else 0.0
         yield f"time    {clock(first.duration_s)} -> {clock(second.duration_s)} ({change:+.1f} %)"
@@ -77,31 +83,47 @@ def compare(
     second: Path | str,
     machine: Machine,
     dialect: DialectName | None,
-    watch: Watch | None = None,
+    callbacks: Callbacks | None = None,
 ) -> Difference:
-    """Plan both programs and compare their motion; see :class:`Difference`."""
-    one, track = _planned(first, machine, dialect, watch or Watch())
-    if not one.ok:
-        return Difference((one,))
-    other, beside = _planned(second, machine, dialect, watch or Watch())
-    if not other.ok:
-        return Difference((one, other))
-    apart = farthest(track, beside)
-    places = _place(track, apart.a, one), _place(beside, apart.b, other)
+    """Plan both programs and compare their motion.
+
+    Args:
+        first: the first program.
+        second: the second program.
+        machine: the machine.
+        dialect: dialect of the programs; None for that of the machine.
+        callbacks: called during the planning; None for none.
+    """
+    first_report, first_track = _planned(first, machine, dialect, callbacks)
+    if not first_report.ok:
+        return Difference((first_report,))
+    second_report, second_track = _planned(second, machine, dialect, callbacks)
+    if not second_report.ok:
+        return Difference((first_report, second_report))
+    apart = farthest(first_track, second_track)
     return Difference(
-        (one, other),
+        (first_report, second_report),
         apart.distance,
-        dict(zip(machine.axes, apart.place.tolist(), strict=True)),
-        places,
+        dict(zip(machine.axes, apart.position.tolist(), strict=True)),
+        (
+            _place(first_track, apart.first, first_report),
+            _place(second_track, apart.second, second_report),
+        ),
     )
 
 
 def _planned(
-    program: Path | str, machine: Machine, dialect: DialectName | None, watch: Watch
+    program: Path | str, machine: Machine, dialect: DialectName | None, callbacks: Callbacks | None
 ) -> tuple[Report, Track]:
     recorder = Recorder(start_position(machine))
-    job = Job(program, machine, dialect, False, Outputs(), watch, Control(), on_plan=recorder.add)
-    return job.carry_out(), recorder.track()
+    session = Session(
+        program,
+        machine,
+        RunOptions(dialect=dialect),
+        callbacks=callbacks,
+        on_plan=recorder.add,
+    )
+    return session.run(), recorder.track()
 
 
 def _place(track: Track, index: int, report: Report) -> Place:

@@ -1,6 +1,4 @@
-"""The way that a planned motion goes, as points: what corners were cut to, not what the program
-says.
-"""
+"""The toolpath of a planned motion as points, corner blends included."""
 
 from __future__ import annotations
 
@@ -14,9 +12,9 @@ from cnc.path.sample import points_along
 from cnc.planner.plan import PlanChunk
 
 CHORD = 1e-4
-"""mm. How far a chord between two points may lie from the arc that they are on."""
-OF_SPAN, MOST_OF_SPAN = 0.05, 2000
-"""mm between points on a spline, and the most points on one span of it."""
+"""mm. Largest distance of a chord from its arc."""
+SPAN_SPACING, MAX_SPAN_POINTS = 0.05, 2000
+"""mm between points on a span of a spline, and the largest number of points on it."""
 ROUNDING = 1e-9
 """mm of path length."""
 
@@ -26,8 +24,13 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """points (n, axes): vertices; straight between them. line (n,): source line of the way to each
-    point, in ``files[file]``.
+    """A toolpath as a polygon.
+
+    Attributes:
+        points: (n, axes) vertices, mm.
+        line: (n,) source line of the move to each vertex.
+        file: (n,) index of its file.
+        files: the files; empty for the program itself.
     """
 
     points: Floats
@@ -37,7 +40,7 @@ class Track:
 
 
 class Recorder:
-    """Takes plans in their order; ``start`` (axes,) is where the first begins."""
+    """Collects the toolpath of plans in order; ``start`` (axes,) is its first point, mm."""
 
     def __init__(self, start: Floats) -> None:
         self._points = [start[None]]
@@ -47,8 +50,9 @@ class Recorder:
         self._done = 0.0
 
     def add(self, plan: PlanChunk) -> None:
-        """The pieces that the motion has gone to the end of; one that it stops in comes again with
-        the next plan.
+        """Add the pieces that the motion has completed.
+
+        A piece that a plan ends in comes again with the next plan.
         """
         path = plan.path
         ends = plan.s0 + plan.piece_s[1:]
@@ -61,7 +65,7 @@ class Recorder:
         body = at + START + 2 * len(path.axes)
         arc = path.kind[pieces] == ARC
         spacing = np.where(
-            path.kind[pieces] == LINE, np.inf, np.maximum(OF_SPAN, length / MOST_OF_SPAN)
+            path.kind[pieces] == LINE, np.inf, np.maximum(SPAN_SPACING, length / MAX_SPAN_POINTS)
         )
         radius, sweep = path.data[body[arc] + 2], np.abs(path.data[body[arc] + 4])
         # sagitta = r (1 - cos(angle / 2)), about r angle^2 / 8
@@ -74,7 +78,7 @@ class Recorder:
         self._file.append(np.full(len(points), self._files.index(path.file)))
 
     def track(self) -> Track:
-        """All of it."""
+        """Return the whole toolpath."""
         return Track(
             np.concatenate(self._points),
             np.concatenate(self._lines),

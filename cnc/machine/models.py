@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
 
 from cnc.model.blocks import AxisLetter
-
-DialectName = Literal["auto", "linuxcnc", "grbl", "fanuc", "paper"]
+from cnc.model.choices import DialectName
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]

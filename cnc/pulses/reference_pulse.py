@@ -1,24 +1,27 @@
-"""Plan to pulses: every grid move of a whole path, in any number of axes, with its time. The kernel
-of the same name tells how.
+"""Reference pulses of a plan: every grid move of a path, in any number of axes, with its time.
+
+:mod:`cnc.kernels.pulses.reference_pulse` explains the algorithms.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cnc.kernels.path.curve import curve_eval, curve_inv_arclen, curve_range
 from cnc.kernels.pulses import reference_pulse as kernel
+from cnc.kernels.pulses.grid_moves import Grid, Moves
+from cnc.kernels.pulses.spacing import Buffers
+from cnc.model.choices import Algorithm
 from cnc.model.streams import PulseChunk
 from cnc.planner.plan import PlanChunk
-from cnc.pulses.arrays import kernel_arrays
+from cnc.pulses.arrays import pieces_of, plan_arrays, source_lines
 
 ROWS = 65536
 """Most rows in a chunk of pulses."""
-Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis", "crossings"]
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 CODES: dict[Algorithm | None, int] = {
     None: kernel.BY_PIECE,
@@ -33,13 +36,17 @@ CODES: dict[Algorithm | None, int] = {
 class ReferencePulse:
     """Turns a plan, chunk by chunk, into grid moves.
 
-    steps_per_mm (axes,): each axis's own, its inverse is the BLU. start (axes,) mm: where the path
-    begins, on the grid or not. Each grid point is one nearest to the path where its move is due; of
-    two equally near ones, the one that the axis came from while the path goes on, the even one
-    where it ends (:meth:`settle`). min_pulse_ns: the board's least time between two moves; an axis
-    that turns back sooner after a step makes neither. algorithm: None for half steps on lines and
-    arcs and enclosing lines on all other curves; half steps, if named, are the same (see the
-    kernel).
+    Each grid point is one nearest to the path where its move is due. Of two equally near ones, it is
+    the one from which the axis came while the path goes on, and the even one where the path ends
+    (:meth:`settle`).
+
+    Args:
+        steps_per_mm: (axes,): scale of each axis; its inverse is the BLU.
+        start: (axes,) mm: start of the path, on the grid or not.
+        min_pulse_ns: least time between two moves that the board allows. An axis that turns back
+            sooner after a step makes neither step.
+        algorithm: None, or half steps, for half steps on lines and arcs and enclosing lines on all
+            other curves.
     """
 
     def __init__(
@@ -62,11 +69,13 @@ class ReferencePulse:
         self._latest: PlanChunk | None = None
         self._error = 0.0
         self._filled = 0
-        self._recent = np.full(len(self._grid), -1, dtype=np.int64)
-        self._time_ns = np.empty(ROWS, dtype=np.int64)
-        self._step = np.empty((ROWS, len(self._grid)), dtype=np.int8)
-        self._line = np.empty(ROWS, dtype=np.int32)
-        self._reach = np.empty(ROWS)
+        axes = len(self._grid)
+        self._buffers = Buffers(
+            Moves(np.empty((ROWS, axes), dtype=np.int8), np.empty(ROWS)),
+            np.empty(ROWS, dtype=np.int64),
+            np.empty(ROWS, dtype=np.int32),
+            np.full(axes, -1, dtype=np.int64),
+        )
 
     @property
     def origin_steps(self) -> NDArray[np.int64]:
@@ -80,69 +89,78 @@ class ReferencePulse:
 
     @property
     def error_blu(self) -> float:
-        """Largest distance, in any axis and at the place of any grid move, of the grid point from
-        the path: at most 0.5 + 1e-9 BLU.
+        """Largest distance in any axis of a grid point from the path, at the place of its move.
+
+        It is at most 0.5 + 1e-9 BLU.
         """
         return self._error
 
     def pulses(self, chunk: PlanChunk) -> Iterator[PulseChunk]:
-        """The grid moves of a stretch of the plan, at most ROWS at a time; stretches must come in
-        order.
+        """Yield the grid moves of a chunk of the plan, at most ROWS at a time.
 
-        Moves that a later one could still take back wait for the next stretch, unless this one ends
-        at rest.
+        Chunks must come in order. Moves that a later one could still take back wait for the next
+        chunk, unless this one ends at rest.
         """
-        arrays = kernel_arrays(chunk)
+        pieces, plan, lines = pieces_of(chunk.path), plan_arrays(chunk), source_lines(chunk.path)
+        grid = Grid(self.steps_per_mm, self._grid)
+        buffers = self._buffers
         self._latest = chunk
+        state = np.zeros(1, dtype=kernel.STATE)
         whole = int(np.floor(chunk.t0))
-        integers = np.zeros(kernel.INTEGERS, dtype=np.int64)
-        integers[kernel.LAST_NS] = self._last_ns
-        integers[kernel.RELEASED_NS] = self._released_ns
-        floats = np.zeros(kernel.FLOATS)
-        floats[kernel.ERROR] = self._error
-        while integers[kernel.PIECE] < len(chunk.path):
+        state["whole_ns"], state["seconds"] = whole * 1_000_000_000, chunk.t0 - whole
+        state["last_ns"], state["released_ns"] = self._last_ns, self._released_ns
+        state["error"] = self._error
+        while state["piece"][0] < len(chunk.path):
             rows = kernel.pulses(
-                *arrays, whole * 1_000_000_000, chunk.t0 - whole, self._algorithm, self.steps_per_mm, self._grid, integers, floats,
-                self._time_ns, self._step, self._line, self._reach, self._filled, self._recent, self.min_pulse_ns,
-            )  # fmt: skip
-            self._last_ns = int(integers[kernel.LAST_NS])
-            self._error = float(floats[kernel.ERROR])
-            at_rest = integers[kernel.PIECE] == len(chunk.path) and chunk.phase_v[-1] <= kernel.REST
-            ready = (
-                rows
-                if at_rest
-                else int(
-                    np.searchsorted(
-                        self._time_ns[:rows], self._last_ns - self.min_pulse_ns, side="right"
-                    )
-                )
+                pieces,
+                plan,
+                lines,
+                self._algorithm,
+                grid,
+                state,
+                buffers,
+                self._filled,
+                self.min_pulse_ns,
             )
-            if ready == 0 and rows == ROWS:
-                ready = rows
+            self._last_ns = int(state["last_ns"][0])
+            self._error = float(state["error"][0])
+            done = state["piece"][0] == len(chunk.path)
+            ready = self._released(rows, at_rest=done and chunk.phase_v[-1] <= kernel.REST)
             self._filled = rows - ready
-            self._recent = np.maximum(self._recent - ready, -1)
+            buffers.recent[:] = np.maximum(buffers.recent - ready, -1)
             if ready:
-                self._released_ns = integers[kernel.RELEASED_NS] = int(self._time_ns[ready - 1])
+                self._released_ns = int(buffers.time_ns[ready - 1])
+                state["released_ns"] = self._released_ns
                 yield PulseChunk(
-                    self._time_ns[:ready].copy(),
-                    self._step[:ready].copy(),
-                    self._line[:ready].copy(),
+                    buffers.time_ns[:ready].copy(),
+                    buffers.moves.step[:ready].copy(),
+                    buffers.line[:ready].copy(),
                 )
-                for buffer in (self._time_ns, self._step, self._line):
+                for buffer in (buffers.time_ns, buffers.moves.step, buffers.line):
                     buffer[: self._filled] = buffer[ready:rows].copy()
 
-    def stand_at(self, grid: NDArray[np.int64]) -> None:
-        """The machine stands at a grid point (axes,) that was not planned: the next stretch begins
-        within half a BLU of it.
+    def _released(self, rows: int, *, at_rest: bool) -> int:
+        """Return how many of the rows no later move can take back; all of them at rest."""
+        if at_rest:
+            return rows
+        safe_ns = self._last_ns - self.min_pulse_ns
+        ready = int(np.searchsorted(self._buffers.time_ns[:rows], safe_ns, side="right"))
+        return rows if ready == 0 and rows == ROWS else ready
 
-        The rest of the path that led here is not to be made up for.
+    def stand_at(self, grid: NDArray[np.int64]) -> None:
+        """Set the grid point (axes,) where the machine stands, which was not planned.
+
+        The next chunk begins within half a BLU of it. The rest of the path that led here is not
+        made up for.
         """
         self._grid[:] = grid
         self._latest = None
 
     def settle(self) -> Iterator[PulseChunk]:
-        """The path is over: the last move, of axes that stand on the odd one of two equally near
-        grid points, or were stopped halfway.
+        """Yield the last move, after the end of the path.
+
+        It is for axes that stand on the odd one of two equally near grid points, or were stopped
+        halfway.
         """
         chunk = self._latest
         if chunk is None:

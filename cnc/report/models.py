@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, SkipValidation, TypeAdapter
 
-from cnc.machine.models import AxisLetter
+from cnc.model.blocks import AxisLetter
 from cnc.model.diagnostics import Severity
 
 Count = Annotated[int, Field(ge=0)]

@@ -1,14 +1,7 @@
-"""One program on its way through both passes.
+"""One program, from its file to the board.
 
-program ──► reading ──► first pass ──► second pass ──► board, or nobody
-              ▲   `──── blocks again ────▲   │
-              │         if need be           ├──► outputs
-           memory                            `──► watch
+program ──► reader ──► check pass ──► run pass ──► board, or none
+              ▲   `── blocks again ────▲   │
+              │       if necessary         ├──► output files
+        saved state                        `──► callbacks
 """
-
-from cnc.session.observer import Pauses, Stage, Watch
-from cnc.session.outputs import Outputs
-from cnc.session.program_reader import start_position
-from cnc.session.session import Job
-
-__all__ = ["Job", "Outputs", "Pauses", "Stage", "Watch", "start_position"]

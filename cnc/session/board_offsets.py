@@ -1,6 +1,4 @@
-"""Programs for boards that plan for themselves: such a board knows its own offsets and travel, and
-the program is read with those.
-"""
+"""Offsets of a board that plans for itself: the program is read with them, and writes them back."""
 
 from __future__ import annotations
 
@@ -18,37 +16,45 @@ from cnc.model.diagnostics import Diagnostic, GcodeError
 from cnc.model.streams import GcodeLine
 
 SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
-FIRST = {
+FIRST_PARAMETERS = {
     "G28": numbers.G28_POSITION,
     "G30": numbers.G30_POSITION,
     "G92": numbers.SHIFT,
     **{name: numbers.origin(system) for system, name in enumerate(SYSTEMS)},
 }
-"""Number of the parameter that holds the X of each place."""
+"""Number of the parameter with the X of each offset."""
 CHANGED = 0.0005
-"""mm: an offset that differs by less is the one that the board told."""
+"""Smallest change of an offset that is written to the board, mm: its reports have 3 decimals."""
 
 
-def adopted(board: LineSink, machine: Machine) -> dict[int, float]:
-    """Parameters of the places that the board remembers: with these a program means what it meant
-    if the board read it itself.
+def board_parameters(board: LineSink, machine: Machine) -> dict[int, float]:
+    """Return the parameters of the offsets that the board keeps.
+
+    With them a program has the same meaning as if the board read it.
     """
     values = {numbers.CURRENT_SYSTEM: 1.0, numbers.SHIFT_IN_EFFECT: 1.0}
     for name, place in board.stored_offsets.items():
         for letter, value in zip(machine.axes, place, strict=True):
-            values[FIRST[name] + AXIS_LETTERS.index(letter)] = value
+            values[FIRST_PARAMETERS[name] + AXIS_LETTERS.index(letter)] = value
     return values
 
 
-def to_remember(
+def offset_lines(
     board: LineSink, machine: Machine, values: Mapping[int, float]
 ) -> Iterator[GcodeLine]:
-    """Lines by which a board keeps the coordinate systems that a program has set (G10)."""
+    """Yield the lines that write changed coordinate systems (G10) to the board.
+
+    Args:
+        board: The board.
+        machine: The machine.
+        values: Parameters at the end of the program, by number.
+    """
     letters = [letter for letter in machine.axes if letter in "xyz"]
     for number, name in enumerate(SYSTEMS, start=1):
         place = dict(zip(machine.axes, board.stored_offsets.get(name, ()), strict=False))
         new = {
-            letter: values.get(FIRST[name] + AXIS_LETTERS.index(letter), 0.0) for letter in letters
+            letter: values.get(FIRST_PARAMETERS[name] + AXIS_LETTERS.index(letter), 0.0)
+            for letter in letters
         }
         changed = [
             letter
@@ -67,14 +73,16 @@ def to_remember(
             )
 
 
-def translator(board: LineSink, machine: Machine) -> Translator:
-    """What makes lines for this board. BoardError ``board-axes`` where it has not the axes that
-    lines need.
+def line_translator(board: LineSink, machine: Machine) -> Translator:
+    """Return the translator that makes lines for this board.
+
+    Raises:
+        BoardError: ``board-axes`` if the board does not report its offsets.
     """
     offsets = dict(zip(machine.axes, board.work_offset, strict=True))
     if not offsets:
         raise board_error(
-            "board-axes", "the board tells no offsets", hint="is it GRBL 1.1 or grblHAL?"
+            "board-axes", "the board reports no offsets", hint="is it GRBL 1.1 or grblHAL?"
         )
     work_offset = [offsets.get(letter, 0.0) for letter in ("x", "y", "z")]
     settings = board.settings
@@ -87,17 +95,18 @@ def translator(board: LineSink, machine: Machine) -> Translator:
     )
 
 
-def clock(board: LineSink, machine: Machine) -> BoardTime:
-    """What adds up how long this board takes for lines that begin where it stands."""
+def board_timing(board: LineSink, machine: Machine) -> BoardTime:
+    """Return the timing of lines on this board, from its present position."""
     offsets = dict(zip(machine.axes, board.work_offset, strict=False))
     places = dict(zip(machine.axes, board.position, strict=False))
     x, y, z = (places.get(letter, 0.0) - offsets.get(letter, 0.0) for letter in ("x", "y", "z"))
     return BoardTime(BoardLimits.of_board(machine, board.settings), (x, y, z))
 
 
-def waits(block: Block) -> str:
-    """Why a machine waits at a block until the operator goes on; empty where it does not. As in
-    GRBL, M1 is no stop.
+def pause_reason(block: Block) -> str:
+    """Return why the machine waits for the operator at a block; empty if it does not wait.
+
+    As in GRBL, M1 does not stop the machine.
     """
     if isinstance(block, Tool) and block.change:
         return f"put in tool {block.number}"
@@ -107,9 +116,7 @@ def waits(block: Block) -> str:
 
 
 def needs_operator(block: Block) -> GcodeError:
-    """The fault of a block that waits, where there is nobody."""
-    hint = (
-        "run it in a terminal, where the space bar goes on, or with --yes, which goes on by itself"
-    )
-    message = f"{waits(block)}, and there is no terminal to go on from"
+    """Return the fault of a block that waits, if there is no operator."""
+    hint = "run it in a terminal and continue with the space bar, or use --yes to skip the pause"
+    message = f"{pause_reason(block)}, and there is no terminal to continue from"
     return GcodeError(Diagnostic("needs-operator", message, block.file, block.line, hint=hint))

@@ -1,6 +1,4 @@
-"""The first pass: the program is read to its end and its path compared with the machine's travel;
-nothing moves.
-"""
+"""The check pass: the whole program is read, and its path compared with the travel of the axes."""
 
 from __future__ import annotations
 
@@ -9,73 +7,72 @@ from collections.abc import Iterable, Iterator
 from cnc.checks.hints import Hints
 from cnc.checks.travel import TravelCheck
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline, Probe, WaitInput
+from cnc.model.diagnostics import CncError
 from cnc.outputs.blocks import BlockWriter
 from cnc.path.chunk import PathChunk
-from cnc.report.result import Report
-from cnc.session.observer import Lookout
-from cnc.session.program_reader import Reading
-from cnc.session.required_capabilities import Abilities
+from cnc.session.context import SessionContext
+from cnc.session.required_capabilities import CapabilityCheck
 from cnc.session.stopwatch import Stopwatch
 
 MOST_FAULTS = 20
-"""Soft-limit faults that are kept; the rest are counted."""
+"""Limit on reported soft-limit faults. Further ones are counted."""
 KEPT_NUMBERS = 8_000_000
-"""Numbers of path data (64 MB) that are kept between the passes: a finishing program of a million
-lines. A longer one is read twice.
+"""Limit on the numbers of path data (64 MB) that are kept between the passes.
+
+It holds a finishing program of a million lines. A longer program is read twice.
 """
 
 
-class FirstPass:
-    """Fills the report: lines, blocks, faults, length, box, end.
+class CheckPass:
+    """Fills the report: lines, blocks, faults, path length, bounding box, end position.
 
-    hints: the findings that end nothing, None if nobody wants them. asks: whether what a board
-    answers decides how the program goes on.
+    Attributes:
+        reading_time: Time spent in the reader, s.
+        path_time: Time spent in the reader and in path building, s.
+        hints: Collects warnings and notes; None during a run on a board.
+        depends_on_answers: Whether a probe or an input decides how the program continues.
     """
 
-    def __init__(
-        self, reading: Reading, report: Report, lookout: Lookout, abilities: Abilities
-    ) -> None:
-        self.watch_reading, self.watch_path = Stopwatch(), Stopwatch()
-        self.hints = Hints(reading.machine, reading.start) if report.board is None else None
-        self.asks = False
-        self._reading, self._report, self._lookout, self._abilities = (
-            reading,
-            report,
-            lookout,
-            abilities,
-        )
+    def __init__(self, context: SessionContext, capabilities: CapabilityCheck) -> None:
+        reader, report = context.reader, context.report
+        self.reading_time, self.path_time = Stopwatch(), Stopwatch()
+        self.hints = Hints(reader.machine, reader.start) if report.board is None else None
+        self.depends_on_answers = False
+        self._reader, self._report, self._observer = reader, report, context.observer
+        self._capabilities = capabilities
 
-    def carry_out(self, shown: BlockWriter | None, *, keep: bool) -> list[PathChunk | Block] | None:
-        """Read, and write the blocks to ``shown``.
+    def run(self, target: BlockWriter | None, *, keep: bool) -> list[PathChunk | Block] | None:
+        """Check the whole program.
 
-        The path if it is to be kept, is not too long, and the next reading can't differ; None where
-        it has to be read again.
+        Args:
+            target: Where the blocks are written, or None.
+            keep: Whether the path is of use to the run pass.
+
+        Returns:
+            The path. None if it is not to be kept, is too long, or may differ at the next reading.
         """
-        reading, report, hints = self._reading, self._report, self.hints
-        survey, room = TravelCheck(reading.machine), KEPT_NUMBERS if keep else -1
+        reader, report, hints = self._reader, self._report, self.hints
+        survey, capacity = TravelCheck(reader.machine), KEPT_NUMBERS if keep else -1
         kept: list[PathChunk | Block] | None = []
-        blocks = self.watch_reading.inside(reading.blocks(self._lookout.warn, self._at_line))
-        if shown is not None:
-            blocks = shown.passed(blocks)
+        blocks = self.reading_time.inside(reader.blocks(self._observer.warn, self._at_line))
+        if target is not None:
+            blocks = target.passed(blocks)
         if hints is not None:
             blocks = hints.passed(blocks)
-        for item in self.watch_path.inside(reading.route(self._counted(blocks))):
+        for item in self.path_time.inside(reader.path_of(self._counted(blocks))):
             if isinstance(item, PathChunk):
-                room -= len(item.data) + 8 * len(item)
+                capacity -= len(item.data) + 8 * len(item)
                 if hints is not None:
                     hints.add_path(item)
-                for fault in survey.add(item):
-                    if len(report.faults) < MOST_FAULTS:
-                        report.faults.append(fault)
-                    else:
-                        report.hidden_faults += 1
+                self._add_faults(survey.add(item))
             else:
-                self._abilities.check(item)
+                self._capabilities.check(item)
                 survey.between(item)
-                self.asks = self.asks or isinstance(item, Probe | WaitInput)
-                # What asks has to be read again.
-                room = -1 if self.asks else room - 16
-            if room < 0:
+                if isinstance(item, Probe | WaitInput):
+                    self.depends_on_answers = True
+                # The next reading may differ if it depends on answers.
+                capacity = -1 if self.depends_on_answers else capacity - 16
+            if capacity < 0:
                 kept = None
             if kept is not None:
                 kept.append(item)
@@ -83,20 +80,26 @@ class FirstPass:
         report.bounding_box = survey.box()
         return kept
 
-    def _at_line(self, executed: int) -> None:
-        self._report.lines = executed
-        self._lookout.checking(executed)
+    def _add_faults(self, faults: Iterable[CncError]) -> None:
+        report = self._report
+        for fault in faults:
+            if len(report.faults) < MOST_FAULTS:
+                report.faults.append(fault)
+            else:
+                report.hidden_faults += 1
+
+    def _at_line(self, lines_done: int) -> None:
+        self._report.lines = lines_done
+        self._observer.checking(lines_done)
 
     def _counted(self, blocks: Iterable[Block]) -> Iterator[Block]:
-        """Count blocks, each straight move as one, and note where the motion ends."""
-        report, lookout, end = self._report, self._lookout, self._reading.start
+        """Yield the blocks; count them, each straight move as one, and note the end position."""
+        report, observer, end = self._report, self._observer, self._reader.start
         for block in blocks:
             report.blocks += 1
             if block.file == report.program:
-                lookout.last_line = max(
-                    lookout.last_line,
-                    int(block.lines[-1]) if isinstance(block, Polyline) else block.line,
-                )
+                line = int(block.lines[-1]) if isinstance(block, Polyline) else block.line
+                observer.last_line = max(observer.last_line, line)
             if isinstance(block, Polyline):
                 report.blocks += len(block.points) - 1
                 end = block.points[-1]
@@ -105,4 +108,4 @@ class FirstPass:
             elif isinstance(block, NurbsFeed):
                 end = block.control_points[-1]
             yield block
-        report.end_position = dict(zip(self._reading.machine.axes, end.tolist(), strict=True))
+        report.end_position = dict(zip(self._reader.machine.axes, end.tolist(), strict=True))

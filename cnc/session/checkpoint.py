@@ -1,14 +1,15 @@
-"""How far a run has come, kept on disk beside the program while it runs: after a fault the next one
-goes on there (``--from-line``).
+"""Checkpoint file of a run: the line that the run has reached, kept on disk beside the program.
+
+After a fault the next run can continue there (``--from-line``).
 
     PROGRAM.checkpoint, JSON: `program`, `sha256` of its text, `line`, `position` {axis: mm},
-    `machine`, `board`; `ended`: "" while the run is under way (or its computer has died), else the
+    `machine`, `board`; `ended`: "" during the run (and after a crash of the computer), else the
     code of the fault, "stopped" by the operator, or "broken off"
 
-The line is one that the motion has come to: what lies before it has been done. It is enough: units,
-plane, offsets, feed, tool, spindle and coolant there are found by reading the program again, whose
-text is known by its hash (:mod:`cnc.session.resume`). Writing is left to a thread, for a slow disk
-must not keep moves from the board; a draft that replaces the file is never seen half written.
+The motion has reached the line, so all lines before it are done. No more is stored: units, plane,
+offsets, feed, tool, spindle and coolant are found by reading the program again
+(:mod:`cnc.session.resume`). The hash shows whether its text has changed. A thread writes the file,
+because a slow disk must not delay the moves. A complete new file replaces the old one.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ from pathlib import Path
 from cnc.executor.run import Progress
 
 SUFFIX = ".checkpoint"
-EVERY_S = 0.5
-"""So often, at most."""
+WRITE_INTERVAL = 0.5
+"""Shortest time between two writes, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """What is written; see above."""
+    """Content of the file. ``position`` is in machine coordinates, mm (degrees)."""
 
     program: str
     sha256: str
@@ -43,9 +44,7 @@ class Checkpoint:
 
     @classmethod
     def read(cls, program: str) -> Checkpoint | None:
-        """That of the last run of a program that did not come to its end; None if there is none, or
-        none that can be understood.
-        """
+        """Return the checkpoint of an unfinished run; None if there is none that can be read."""
         try:
             found = json.loads(Path(program + SUFFIX).read_text(encoding="utf-8"))
             known = cls(**found)
@@ -54,36 +53,41 @@ class Checkpoint:
         return known if isinstance(known.line, int) and isinstance(known.sha256, str) else None
 
 
-def digest(text: Path) -> str:
-    """The hash of a program's text."""
-    with text.open("rb") as file:
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal."""
+    with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-class Recorder:
-    """Keeps the checkpoint of one run. ``first``: what is known of it from the beginning; axes:
-    names of the position's numbers.
+class CheckpointWriter:
+    """Keeps the checkpoint of one run up to date.
+
+    Args:
+        first: The checkpoint at the beginning of the run.
+        axes: Letters of the axes, in the order of ``Progress.position``.
     """
 
     def __init__(self, first: Checkpoint, axes: tuple[str, ...]) -> None:
         self.latest = first
         self._axes = axes
-        self._inside = True
+        self._in_main_file = True
         self._file = Path(first.program + SUFFIX)
         self._written = first
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._keep, daemon=True, name="checkpoint")
+        self._closed = threading.Event()
+        self._thread = threading.Thread(
+            target=self._write_regularly, daemon=True, name="checkpoint"
+        )
         self._thread.start()
 
     def note(self, progress: Progress) -> None:
-        """How far the run is. A line of another file than the program's is not one to begin at."""
+        """Note the progress of the run. A run cannot begin at a line of another file."""
         position = (
             self.latest.position
             if progress.position is None
             else dict(zip(self._axes, progress.position, strict=False))
         )
-        self._inside = progress.file in ("", self.latest.program)
-        line = progress.at if progress.at > 0 and self._inside else self.latest.line
+        self._in_main_file = progress.file in ("", self.latest.program)
+        line = progress.at if progress.at > 0 and self._in_main_file else self.latest.line
         self.latest = replace(self.latest, line=line, position=position)
 
     def end(
@@ -91,16 +95,22 @@ class Recorder:
         ended: str,
         line: int | None,
         position: Mapping[str, float],
-        place_to_begin: Callable[[int], int],
+        main_program_line: Callable[[int], int],
     ) -> int:
-        """The run did not come to its end: the line to go on at, 0 if it never came to one.
+        """Close the checkpoint of a run that did not reach its end.
 
-        line: that it has come to, where that is known better. place_to_begin: the line of the main
-        program that stands for one.
+        Args:
+            ended: The reason, as in the file.
+            line: The line that the run has reached, if it is known exactly.
+            position: The final position; empty to keep the last one.
+            main_program_line: Returns the line of the main program for a line of a subprogram.
+
+        Returns:
+            The line to continue at, 0 if the run reached none.
         """
         self._close()
-        line = line if line and self._inside else self.latest.line
-        line = place_to_begin(line) if line else 0
+        line = line if line and self._in_main_file else self.latest.line
+        line = main_program_line(line) if line else 0
         self.latest = replace(
             self.latest, ended=ended, line=line, position=dict(position) or self.latest.position
         )
@@ -109,35 +119,41 @@ class Recorder:
         return self.latest.line
 
     def done(self) -> None:
-        """The run came to its end: there is nothing to go on with."""
+        """Remove the file after a run that reached its end."""
         self._close()
         with contextlib.suppress(OSError):
             self._file.unlink(missing_ok=True)
 
     def _close(self) -> None:
-        self._over.set()
+        self._closed.set()
         self._thread.join()
 
-    def _keep(self) -> None:
-        while not self._over.wait(EVERY_S):
+    def _write_regularly(self) -> None:
+        while not self._closed.wait(WRITE_INTERVAL):
             if self.latest != self._written and self.latest.line:
                 self._write()
 
     def _write(self, *, lasting: bool = False) -> None:
         latest = self.latest
-        if write_whole(self._file, asdict(latest), lasting=lasting):
+        if replace_json(self._file, asdict(latest), lasting=lasting):
             self._written = latest
 
 
-def write_whole(target: Path, found: Mapping[str, object], *, lasting: bool) -> bool:
-    """Replace a JSON file at once, so that nobody reads half of it; whether that went well.
+def replace_json(target: Path, content: Mapping[str, object], *, lasting: bool) -> bool:
+    """Replace a JSON file in one step. A failure does not stop the machine.
 
-    What can't be written is no reason to stop a machine. lasting: return when it is on the disk.
+    Args:
+        target: The file.
+        content: Its new content.
+        lasting: Wait until the data are on the disk.
+
+    Returns:
+        Whether the file was written.
     """
     draft = target.with_name(f".{target.name}.{os.getpid()}")
     with contextlib.suppress(OSError):
         with draft.open("w", encoding="utf-8") as file:
-            json.dump(found, file)
+            json.dump(content, file)
             if lasting:
                 file.flush()
                 os.fsync(file.fileno())

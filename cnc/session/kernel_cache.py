@@ -1,10 +1,9 @@
-"""The first run ever: the kernels are compiled, in two processes at once, before the program is
-looked at.
+"""Compilation of the kernels before the first run, in two processes in parallel.
 
-What each half needs is found by using it: one reads text, builds curves, makes pulses, samples and
-lines of them and audits, the other plans. Compiled code is kept on disk (:mod:`cnc.kernels.jit`),
-where the one process finds what the other made; a file beside it says that this was done for these
-kernels.
+Each process compiles kernels by calling them. One reads text, builds curves, makes pulses, samples
+and lines, and audits a plan; the other plans. Compiled code is kept on disk
+(:mod:`cnc.kernels.jit`), so each process finds the code of the other. A marker file beside it
+records that these kernels are compiled.
 """
 
 from __future__ import annotations
@@ -42,15 +41,13 @@ from cnc.pulses.sampled import Sampled
 AXES: tuple[AxisLetter, ...] = ("x", "y", "z")
 
 
-def ensure_compiled(tell: Callable[[], None] | None) -> None:
-    """Compile the kernels if that has not been done on this machine; ``tell`` is called first if
-    so.
-    """
+def ensure_compiled(on_compiling: Callable[[], None] | None) -> None:
+    """Compile the kernels unless this computer has them; ``on_compiling`` is called before."""
     mark = compiled_mark()
     if mark is None or mark.exists():
         return
-    if tell is not None:
-        tell()
+    if on_compiling is not None:
+        on_compiling()
     other = subprocess.Popen(
         [sys.executable, "-m", "cnc.session.kernel_cache"],
         stdin=subprocess.PIPE,
@@ -58,19 +55,19 @@ def ensure_compiled(tell: Callable[[], None] | None) -> None:
         stderr=subprocess.DEVNULL,
     )
     try:
-        use_language()
-        use_curves()
+        compile_language()
+        compile_curves()
         if other.wait() == 0:
             with suppress(OSError):
                 mark.touch()
     finally:
-        # A child that is left over, as after Ctrl-C, has nobody to compile for.
+        # After Ctrl-C the child has no use.
         other.kill()
         other.communicate()
 
 
-def use_language() -> None:
-    """Read a straight move."""
+def compile_language() -> None:
+    """Compile the kernels of the reader: read a straight move."""
     window = Text.of_lines(["G0 X1"], "").window(1)
     assert window is not None
     StraightLane(
@@ -78,9 +75,10 @@ def use_language() -> None:
     ).run(window, 0)
 
 
-def use_curves() -> None:
-    """Build one curve of each kind and a fitted one, and make pulses, samples and lines along each;
-    audit that motion.
+def compile_curves() -> None:
+    """Compile the kernels of curves, pulses, samples, lines and the audit.
+
+    One curve of each kind and a fitted one are built, then pulses, samples and lines along each.
     """
     corner, end = np.array([[1.0, 0.0, 0.0]]), np.array([1.0, 2.0, 0.0])
     points = np.array([[1.0, 2.0, 0.0], [2.0, 3.0, 0.0], [3.0, 1.0, 0.0], [4.0, 2.0, 0.0]])
@@ -116,14 +114,12 @@ def use_curves() -> None:
         for _ in Translator(_machine()).lines(plan):
             pass
         with suppress(MotionLimitError):
-            # a motion that begins at speed
+            # The audit rejects this motion, because it begins at speed.
             Audit(Limits.of(_machine())).check(plan)
 
 
-def use_planner() -> None:
-    """Plan two traverses, with which nothing is fitted, and cut the corner between them, in slices
-    as for an operator.
-    """
+def compile_planner() -> None:
+    """Compile the kernels of the planner: plan two traverses and a corner blend, in slices."""
     ends = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
     lines = Polyline("", 1, ends, np.full(2, np.nan), np.array([1, 2], np.int32))
     chunks = build([PathMode("", 1, "blend", 0.01), lines], axes=AXES, start=np.zeros(3))
@@ -136,16 +132,16 @@ def _machine() -> Machine:
     return Machine(axes=dict.fromkeys(AXES, axis), path=PathLimits(max_feed=10.0))
 
 
-def end_with_parent() -> None:
-    """End this process as soon as the one that started it is gone, in whatever way: then nobody
-    holds the other end of its input.
+def exit_with_parent() -> None:
+    """End this process when its parent has ended, which closes the standard input.
+
+    The file descriptor is read, because the lock of ``sys.stdin`` would block the exit.
     """
-    # not by sys.stdin, whose lock the other thread would wait for at its end
     while os.read(0, 1):
         pass
     os._exit(1)
 
 
 if __name__ == "__main__":
-    threading.Thread(target=end_with_parent, daemon=True).start()
-    use_planner()
+    threading.Thread(target=exit_with_parent, daemon=True).start()
+    compile_planner()

@@ -1,14 +1,13 @@
-"""The machine position at which the last run on a board ended, kept on disk from one run to the
-next.
+"""Machine position at the end of the last run on a board, kept on disk between the runs.
 
-A GRBL board counts its steps from wherever it was when it started, and says nothing of a restart in
-its reports. So what it reports is compared with where the last run left it.
+A GRBL board counts its steps from its position at power-up, and its reports do not show a restart.
+Therefore the reported position is compared with the position at the end of the last run.
 
     STATE/positions/BOARD.json: `board`, `position` {axis: mm}, `ended`, `lost`
 
 STATE is ``XDG_STATE_HOME/cnc`` (``~/.local/state/cnc``), on Windows ``LOCALAPPDATA/cnc``. `ended`
-is "" while a run is under way (or its computer has died), then "end", "stopped", or the code of a
-fault. `lost`: whether the position can't be relied on.
+is "" during a run (and after a crash of the computer), then "end", "stopped", or the code of a
+fault. `lost`: whether the position is unreliable.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from cnc.session.checkpoint import write_whole
+from cnc.session.checkpoint import replace_json
 
 
 def folder() -> Path:
-    """Where this user's positions are kept."""
+    """Return the folder of the files, for the present user."""
     if named := os.environ.get("XDG_STATE_HOME"):
         return Path(named) / "cnc" / "positions"
     if sys.platform == "win32" and (local := os.environ.get("LOCALAPPDATA")):
@@ -36,7 +35,7 @@ def folder() -> Path:
 
 @dataclass(frozen=True, slots=True)
 class LastPosition:
-    """What is written; see above. position: machine coordinates, mm (degrees) by axis letter."""
+    """Content of the file. ``position`` is in machine coordinates, mm (degrees), by axis."""
 
     board: str
     position: Mapping[str, float]
@@ -45,9 +44,7 @@ class LastPosition:
 
     @classmethod
     def read(cls, board: str) -> LastPosition | None:
-        """That of a board by its identity; None if there is none, or none that can be
-        understood.
-        """
+        """Return the last position of a board by its identity; None if none can be read."""
         try:
             known = cls(**json.loads(_file(board).read_text(encoding="utf-8")))
             numbers = [float(value) for value in known.position.values()]
@@ -56,13 +53,11 @@ class LastPosition:
         return known if numbers else None
 
     def write(self) -> None:
-        """Replace what was kept of this board. A folder that can't be written to is no reason to
-        stop a machine.
-        """
+        """Replace the file of this board. A failure does not stop the machine."""
         file = _file(self.board)
         with contextlib.suppress(OSError):
             file.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(file, asdict(self), lasting=True)
+        replace_json(file, asdict(self), lasting=True)
 
 
 def _file(board: str) -> Path:

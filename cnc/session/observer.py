@@ -1,9 +1,8 @@
-"""Who looks on while a program is under way: told how far it is and what was found, and able to
-stop it.
-"""
+"""Callbacks that follow a session, and the observer that calls them."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -15,26 +14,31 @@ from cnc.model.diagnostics import Diagnostic
 from cnc.model.operator_control import Control
 from cnc.planner.plan import PlanChunk
 from cnc.report.result import Report
-from cnc.session.checkpoint import Recorder
+from cnc.session.checkpoint import CheckpointWriter
+
+log = logging.getLogger(__name__)
 
 Stage = Literal["checking", "running"]
-Pauses = Literal["wait", "refuse", "skip"]
-"""What becomes of M0 and M6: the operator is waited for, or the program is refused, or goes on."""
 
 MOST_WARNINGS = 100
-"""Warnings and notes of one code that are told and kept; the rest are counted, so that many of one
-hide none of another.
+"""Limit on reported warnings and notes of one code, so that one code cannot hide the others.
+
+Further ones are counted.
 """
 
 
 @dataclass(frozen=True, slots=True)
-class Watch:
-    """Who is told what while it happens.
+class Callbacks:
+    """Functions that a session calls as it proceeds. Each may be None.
 
-    on_progress(stage, done, total): lines of the program; total is None in the first pass.
-    on_warning: findings that end nothing. on_compiling: before the first run ever, which takes
-    longer. on_sent: how far the board is. on_beginning: what will be done to begin in the middle of
-    a program; False ends the run before anything has moved.
+    Attributes:
+        on_progress: Called with the stage, the lines done, and the lines in total (None during the
+            check pass).
+        on_warning: Called with each warning and note.
+        on_compiling: Called before the kernels are compiled, on the first run on a computer.
+        on_sent: Called with the progress of the board.
+        on_beginning: Called with the steps that lead to ``from_line``. If it returns False, the run
+            ends before anything moves.
     """
 
     on_progress: Callable[[Stage, int, int | None], None] | None = None
@@ -44,67 +48,92 @@ class Watch:
     on_beginning: Callable[[Sequence[str]], bool] | None = None
 
 
-class Stopped(Exception):
-    """The operator wants to stop, and nothing has moved yet."""
+class StoppedBeforeMotion(Exception):
+    """The operator stopped the session before anything moved."""
 
 
-class Lookout:
-    """Stands between a job and those who watch it.
+class Observer:
+    """Reports progress and findings to the callbacks, and checks for a stop request.
 
-    last_line: the last line of the program that does anything, once it is known. recorder: what
-    keeps how far a run has come.
+    Attributes:
+        callbacks: The functions to call.
+        control: The operator's requests.
+        last_line: The last source line with an effect, once the check pass has found it.
+        checkpoint: The writer of the checkpoint file during a run on a machine.
     """
 
     def __init__(
-        self, watch: Watch, control: Control, selection: Selection, report: Report
+        self, callbacks: Callbacks, control: Control, selection: Selection, report: Report
     ) -> None:
-        self.watch = watch
+        self.callbacks = callbacks
         self.control = control
         self.last_line = 0
-        self.recorder: Recorder | None = None
+        self.checkpoint: CheckpointWriter | None = None
         self._selection = selection
         self._report = report
-        self._warned: set[tuple[str, str, int, int]] = set()
+        self._requests = (control.held, control.feed_override, control.stopped)
+        self._held = False
+        self._reported: set[tuple[str, str, int, int]] = set()
 
-    def checking(self, executed: int) -> None:
-        """So many lines are read. Raises Stopped."""
-        self._look_up("checking", executed, None)
+    def checking(self, lines_done: int) -> None:
+        """Report progress of the check pass. Raises StoppedBeforeMotion."""
+        self._stop_or_report("checking", lines_done, None)
 
     def running(self, item: PlanChunk | Block) -> None:
-        """The second pass has come to an item. Raises Stopped."""
-        self._look_up(
-            "running",
-            int(item.path.line[-1]) if isinstance(item, PlanChunk) else item.line,
-            self.last_line,
-        )
+        """Report that the run pass has reached an item. Raises StoppedBeforeMotion."""
+        line = int(item.path.line[-1]) if isinstance(item, PlanChunk) else item.line
+        self._stop_or_report("running", line, self.last_line)
 
-    def _look_up(self, stage: Stage, line: int, total: int | None) -> None:
+    def _stop_or_report(self, stage: Stage, line: int, total: int | None) -> None:
+        self.log_requests()
         if self.control.stopped:
-            raise Stopped
-        if self.watch.on_progress is not None:
-            self.watch.on_progress(stage, line, total)
+            raise StoppedBeforeMotion
+        if self.callbacks.on_progress is not None:
+            self.callbacks.on_progress(stage, line, total)
 
-    def tell(self, progress: Progress) -> None:
-        """How far the board is."""
-        if self.recorder is not None:
-            self.recorder.note(progress)
-        if self.watch.on_progress is not None:
-            self.watch.on_progress("running", progress.line, self.last_line)
-        if self.watch.on_sent is not None:
-            self.watch.on_sent(progress)
+    def sent(self, progress: Progress) -> None:
+        """Report the progress of the board."""
+        self.log_requests()
+        if progress.held != self._held:
+            self._held = progress.held
+            if progress.held:
+                reason = progress.hold_reason or "hold request"
+                log.info("line %d: the motion is held: %s", progress.line, reason)
+            else:
+                log.info("line %d: the motion continues", progress.line)
+        if self.checkpoint is not None:
+            self.checkpoint.note(progress)
+        if self.callbacks.on_progress is not None:
+            self.callbacks.on_progress("running", progress.line, self.last_line)
+        if self.callbacks.on_sent is not None:
+            self.callbacks.on_sent(progress)
 
-    def warn(self, diagnostic: Diagnostic) -> None:
-        """Tell and keep a warning once for its place, however often a loop comes by."""
-        report, place = (
-            self._report,
-            (diagnostic.code, diagnostic.file, diagnostic.line, diagnostic.column),
-        )
-        if place in self._warned or not self._selection.wants(diagnostic):
+    def log_requests(self) -> None:
+        """Log the operator's requests since the last call.
+
+        The requests are not logged where they are made, because that may be a signal handler.
+        """
+        control = self.control
+        held, override, stopped = self._requests
+        self._requests = (control.held, control.feed_override, control.stopped)
+        if control.held != held:
+            log.info("operator: %s", "hold" if control.held else "resume")
+        if control.feed_override != override:
+            log.info("operator: feed override %g %%", control.feed_override)
+        if control.stopped and not stopped:
+            log.info("operator: stop")
+
+    def warn(self, finding: Diagnostic) -> None:
+        """Report a warning or note, once for each place in the program."""
+        report = self._report
+        place = (finding.code, finding.file, finding.line, finding.column)
+        if place in self._reported or not self._selection.wants(finding):
             return
-        if sum(each.code == diagnostic.code for each in report.warnings) >= MOST_WARNINGS:
+        if sum(each.code == finding.code for each in report.warnings) >= MOST_WARNINGS:
             report.hidden_warnings += 1
             return
-        self._warned.add(place)
-        report.warnings.append(diagnostic)
-        if self.watch.on_warning is not None:
-            self.watch.on_warning(diagnostic)
+        self._reported.add(place)
+        log.info("%s: %s", finding.severity, finding.render())
+        report.warnings.append(finding)
+        if self.callbacks.on_warning is not None:
+            self.callbacks.on_warning(finding)

@@ -1,53 +1,40 @@
-"""The files that a job writes: whole, or not at all."""
+"""Output files of a session: each is complete, or it is not there."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TypeVar
 
 from cnc.outputs.targets import Output, check_suffixes
+from cnc.session.options import Outputs
 from cnc.view.writer import check_picture
-
-
-@dataclass(frozen=True, slots=True)
-class Outputs:
-    """Files to write, ``-`` for standard output, None for none. Formats: see
-    :mod:`cnc.outputs`, :mod:`cnc.view.writer`.
-    """
-
-    blocks: str | None = None
-    trace: str | None = None
-    pulses: str | None = None
-    lines: str | None = None
-    picture: str | None = None
-
-    def check(self) -> None:
-        """UsageError ``output-format`` for an unknown suffix."""
-        check_suffixes(self.trace, self.pulses, self.lines)
-        if self.picture is not None:
-            check_picture(self.picture)
-
 
 OutputKind = TypeVar("OutputKind", bound=Output)
 
 
+def check_outputs(outputs: Outputs) -> None:
+    """Raise UsageError ``output-format`` for an unknown suffix."""
+    check_suffixes(outputs.trace, outputs.pulses, outputs.lines)
+    if outputs.picture is not None:
+        check_picture(outputs.picture)
+
+
 class OpenOutputs:
-    """The outputs that are being written."""
+    """The output files that are being written."""
 
     def __init__(self) -> None:
         self._open: list[Output] = []
 
     def opened(self, output: OutputKind) -> OutputKind:
-        """The same, to be closed with the others."""
+        """Register an output, so that it is closed with the others, and return it."""
         self._open.append(output)
         return output
 
     def close(self) -> None:
-        """All is well: the files are complete."""
+        """Complete all files."""
         for output in self._open:
             output.close()
 
     def discard(self) -> None:
-        """Take back what is not complete."""
+        """Remove the files that are not complete."""
         for output in self._open:
             output.discard()

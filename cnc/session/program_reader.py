@@ -1,6 +1,4 @@
-"""Reading a program, as often as need be: text to canonical blocks, with what the machine
-remembers.
-"""
+"""Reading of a program, any number of times: text to canonical blocks, with the saved state."""
 
 from __future__ import annotations
 
@@ -17,22 +15,24 @@ from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
-from cnc.machine.models import DialectName, Machine
+from cnc.machine.models import Machine
 from cnc.model.blocks import Block
+from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.session.resume import Beginning, line_of_call
-from cnc.session.saved_state import Memory, folders
+from cnc.session.resume import RestartPoint, line_of_call
+from cnc.session.saved_state import SavedState, subroutine_folders
 from cnc.session.source import STANDARD_INPUT_NAME
 
 Floats = NDArray[np.float64]
-State = tuple[Parameters, ToolTable]
+InterpreterState = tuple[Parameters, ToolTable]
 
 
 def start_position(machine: Machine) -> Floats:
-    """Where a program is taken to begin, (axes,) mm: machine zero, or the nearest point of the
-    travel to it.
+    """Return the assumed position before a program, (axes,) mm.
+
+    It is machine zero, or the nearest point of the travel.
     """
     return np.array(
         [
@@ -43,13 +43,19 @@ def start_position(machine: Machine) -> Floats:
 
 
 @dataclass(slots=True)
-class Reading:
-    """A program and all that its meaning depends on.
+class ProgramReader:
+    """A program and all data that determine its meaning.
 
-    name: as it is shown. path: where the text is. start (axes,): where the machine stands, mm.
-    on_line: called with the number of lines carried out, by every reading. beginning: where to
-    begin, None for the first line. state: what the latest reading has made of the parameters and
-    tools.
+    Attributes:
+        name: Name of the program in messages.
+        path: File with the text.
+        machine: The machine.
+        dialect: How to read the program.
+        start: Position of the machine before the program (axes,), mm.
+        saved: Parameters and tools before the program.
+        on_line: Called with the number of lines executed so far, in each reading.
+        restart: Where to begin; None for the first line.
+        state: Parameters and tools as the latest reading leaves them.
     """
 
     name: str
@@ -57,35 +63,39 @@ class Reading:
     machine: Machine
     dialect: DialectName
     start: Floats
-    memory: Memory
+    saved: SavedState
     on_line: Callable[[int], None]
-    beginning: Beginning | None = None
-    state: State | None = None
+    restart: RestartPoint | None = None
+    state: InterpreterState | None = None
 
     def blocks(
         self,
         warn: Callable[[Diagnostic], None] | None = None,
         on_line: Callable[[int], None] | None = None,
     ) -> Iterator[Block]:
-        """The canonical blocks; ``on_line`` in place of the usual one."""
-        self.state = self._remembered(self.dialect)
-        marked = self.beginning is not None
+        """Yield the canonical blocks from the start line on.
+
+        Args:
+            warn: Called with each warning and note.
+            on_line: Called in place of the attribute of this name.
+        """
+        self.state = self._saved_state(self.dialect)
         blocks = self._interpreted(
             self.dialect,
             Text.of_file(self.path, self.name),
             self.state,
             warn,
             on_line,
-            mark_calls=marked,
+            mark_calls=self.restart is not None,
         )
-        return blocks if self.beginning is None else self.beginning.passed(blocks, self.start)
+        return blocks if self.restart is None else self.restart.passed(blocks, self.start)
 
-    def under(self, dialect: str, text: Text) -> Iterator[Block]:
-        """The canonical blocks of a text under another dialect, which nothing remembers."""
-        return self._interpreted(dialect, text, self._remembered(dialect))
+    def blocks_in_dialect(self, dialect: str, text: Text) -> Iterator[Block]:
+        """Yield the canonical blocks of a text in another dialect, without a change of state."""
+        return self._interpreted(dialect, text, self._saved_state(dialect))
 
-    def route(self, blocks: Iterable[Block]) -> Iterator[PathChunk | Block]:
-        """The path of these blocks."""
+    def path_of(self, blocks: Iterable[Block]) -> Iterator[PathChunk | Block]:
+        """Yield the path of blocks, and the blocks that do not move."""
         return build(
             blocks,
             axes=self.machine.axis_names,
@@ -94,42 +104,41 @@ class Reading:
         )
 
     def begin_at(self, line: int | None) -> None:
-        """Where to begin, if not at the first line. UsageError, GcodeError where that can't be."""
+        """Begin at a source line, or at the first for None.
+
+        Raises:
+            UsageError, GcodeError: If the program cannot begin there.
+        """
         if line is None:
             return
         z = self.machine.axes.get("z")
         top = None if z is None or z.travel is None else z.travel[1]
-        beginning = Beginning(line, self.name, self.machine.axis_names, top)
+        restart = RestartPoint(line, self.name, self.machine.axis_names, top)
+        restart.check(self._marked_blocks, self.start)
+        self.restart = restart
 
-        def read(start: Floats) -> Iterator[Block]:
-            text = Text.of_file(self.path, self.name)
-            return self._interpreted(
-                self.dialect, text, self._remembered(self.dialect), start=start, mark_calls=True
-            )
+    def main_program_line(self, line: int) -> int:
+        """Return the line of the main program at which a run that reached ``line`` can continue.
 
-        beginning.check(read, self.start)
-        self.beginning = beginning
-
-    def place_to_begin(self, line: int) -> int:
-        """The line of the main program for a line to go on at: where it calls the subprogram that
-        this lies in, or the line itself.
+        It is the call of the subprogram that the line lies in, or the line itself.
         """
-        text = Text.of_file(self.path, self.name)
-        blocks = self._interpreted(
-            self.dialect, text, self._remembered(self.dialect), mark_calls=True
-        )
-        return line_of_call(blocks, self.name, line) or line
+        return line_of_call(self._marked_blocks(self.start), self.name, line) or line
 
-    def _remembered(self, dialect: str) -> State:
-        return self.memory.parameters(
-            macro=dialects.load(dialect).flavour == "macro-b"
-        ), self.memory.tools()
+    def _marked_blocks(self, start: Floats) -> Iterator[Block]:
+        """Yield the blocks from a start position, with marks at subprogram calls."""
+        text = Text.of_file(self.path, self.name)
+        state = self._saved_state(self.dialect)
+        return self._interpreted(self.dialect, text, state, start=start, mark_calls=True)
+
+    def _saved_state(self, dialect: str) -> InterpreterState:
+        macro = dialects.load(dialect).flavour == "macro-b"
+        return self.saved.parameters(macro=macro), self.saved.tools()
 
     def _interpreted(
         self,
         dialect: str,
         text: Text,
-        state: State,
+        state: InterpreterState,
         warn: Callable[[Diagnostic], None] | None = None,
         on_line: Callable[[int], None] | None = None,
         start: Floats | None = None,
@@ -137,7 +146,7 @@ class Reading:
         mark_calls: bool = False,
     ) -> Iterator[Block]:
         program = self.machine.program
-        place = None if self.name == STANDARD_INPUT_NAME else Path(self.name)
+        file = None if self.name == STANDARD_INPUT_NAME else Path(self.name)
         return interpret(
             text,
             axes=self.machine.axis_names,
@@ -147,7 +156,7 @@ class Reading:
             parameters=state[0],
             tools=state[1],
             options=ProgramOptions(
-                folders=folders(place, self.machine),
+                folders=subroutine_folders(file, self.machine),
                 limits=Limits(program.max_repeated_lines, program.max_call_depth),
                 on_line=on_line or self.on_line,
                 mark_calls=mark_calls,

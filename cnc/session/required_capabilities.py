@@ -1,6 +1,4 @@
-"""What a board can do for a program, and the faults of blocks that ask for more: one table for all
-boards.
-"""
+"""Capabilities that a program requires of a board: one table for all boards."""
 
 from __future__ import annotations
 
@@ -23,21 +21,21 @@ from cnc.model.blocks import (
     WaitInput,
 )
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
-from cnc.session.board_offsets import needs_operator, waits
+from cnc.session.board_offsets import needs_operator, pause_reason
 
-WORDS: dict[Action, str] = {
+ACTION_NAMES: dict[Action, str] = {
     "spindle": "spindle (M3)",
-    "spindle backward": "spindle that turns backward (M4)",
+    "spindle backward": "reversible spindle (M4)",
     "surface speed": "constant surface speed (G96)",
-    "orient": "spindle that can be oriented (M19)",
+    "orient": "spindle orientation (M19)",
     "flood": "flood (M8)",
     "mist": "mist (M7)",
-    "outputs": "outputs to switch or set (M62 to M68)",
+    "outputs": "outputs (M62 to M68)",
 }
 
 
-def wanted(block: Block) -> Iterator[Action]:
-    """What a board has to be able to do for a block."""
+def required_actions(block: Block) -> Iterator[Action]:
+    """Yield the actions that a block requires of a board."""
     match block:
         case Spindle(state="cw" | "ccw" as state, surface_speed=speed):
             yield "spindle" if state == "cw" else "spindle backward"
@@ -55,12 +53,18 @@ def wanted(block: Block) -> Iterator[Action]:
 
 
 @dataclass(frozen=True, slots=True)
-class Abilities:
-    """Of the board of a job, or without one of the board that the machine file names.
+class CapabilityCheck:
+    """Checks blocks against the capabilities of the board, or of the board in the machine file.
 
-    board: its name. real: there is one. senses: probes, inputs and the turning spindle; probes:
-    those at least. lines: it takes lines. actions: what it can do between moves. moves: a machine
-    moves by it. attended: whether somebody is there to go on after M0 and M6.
+    Attributes:
+        board: Name of the board.
+        real: Whether the session has a board.
+        senses: Whether the board reads probes, inputs and the spindle position.
+        probes: Whether it reads probes.
+        lines: Whether it accepts lines.
+        actions: Actions that it can carry out between moves.
+        moves: Whether it moves a machine.
+        attended: Whether an operator can continue the program after M0 and M6.
     """
 
     board: str
@@ -75,8 +79,8 @@ class Abilities:
     @classmethod
     def of(
         cls, board: PulseSink | LineSink | None, name: str | None, machine: Machine, attended: bool
-    ) -> Abilities:
-        """Of a board, or of none."""
+    ) -> CapabilityCheck:
+        """Return the check for a board, or for none."""
         known = machine.board.kind if name is None else name
         can = _expected_capabilities(machine) if board is None else board.capabilities
         if can is None:
@@ -93,42 +97,38 @@ class Abilities:
         )
 
     def check(self, block: Block) -> None:
-        """GcodeError for a block that this board can't carry out."""
+        """Raise GcodeError for a block that the board cannot carry out."""
         if isinstance(block, BoardCommand):
             if not self.lines:
                 message, hint = (
                     f"{block.text} is for a GRBL board",
-                    "take it out, or name a machine file whose board.kind is grbl",
+                    "remove it, or use a machine file whose board.kind is grbl",
                 )
                 raise GcodeError(
                     Diagnostic("board-command", message, block.file, block.line, hint=hint)
                 )
         elif isinstance(block, Probe | WaitInput | SpindleSync):
             if not self.senses and not (self.probes and isinstance(block, Probe)):
-                what = (
-                    "the spindle's turning"
-                    if isinstance(block, SpindleSync)
-                    else "a probe"
-                    if isinstance(block, Probe)
-                    else "an input"
+                kind = {SpindleSync: "the spindle position", Probe: "a probe"}.get(
+                    type(block), "an input"
                 )
-                message = f"the board {self.board!r} does not feel {what}"
+                message = f"the board {self.board!r} cannot read {kind}"
                 raise GcodeError(
                     Diagnostic(
                         "board-senseless",
                         message,
                         block.file,
                         block.line,
-                        hint="run it on a board that does",
+                        hint="run the program on a board that can",
                     )
                 )
-        elif self.real and self.moves and not self.attended and waits(block):
+        elif self.real and self.moves and not self.attended and pause_reason(block):
             raise needs_operator(block)
         else:
-            for action in wanted(block):
+            for action in required_actions(block):
                 if action not in self.actions:
-                    message = f"the board {self.board!r} has no {WORDS[action]}"
-                    hint = "take it out, or run it on a board that has"
+                    message = f"the board {self.board!r} has no {ACTION_NAMES[action]}"
+                    hint = "remove it, or run the program on a board that has it"
                     raise GcodeError(
                         Diagnostic("not-on-board", message, block.file, block.line, hint=hint)
                     )
@@ -143,9 +143,7 @@ def _takes_lines(kind: str) -> bool:
 
 
 def _expected_capabilities(machine: Machine) -> Capabilities | None:
-    """What the board of the machine file will be able to do, as far as its driver knows without
-    one.
-    """
+    """Return the capabilities of the board in the machine file; None if its driver cannot tell."""
     try:
         factory = board_factory(machine.board.kind)
     except UsageError:

@@ -1,20 +1,19 @@
-"""Beginning in the middle of a program (``--from-line``): its state is restored first, at a safe
-height.
+"""Start in the middle of a program (``--from-line N``), with its state restored at a safe height.
 
 The program is read from its first line, so units, plane, distance mode, offsets, feed and
-parameters are what they would be; what moves before line N is left out. What is carried out
-instead:
+parameters are correct. Motion before line N is skipped. These moves replace it:
 
-        2 ─────────────► 3         1  up from where the machine stands
-        │                │         2  across, at the height
-        1                4         3  tool, path control, outputs, spindle, coolant as they were, and a pause for the spindle
-        o                x ──► N   4  down at the feed of the last way down, then on with line N
+        2 ─────────────► 3         1  lift from the present position
+        │                │         2  traverse at the safe height
+        1                4         3  restore tool, path control, outputs, spindle and coolant;
+        │                │            wait for the spindle
+        o                x ──► N   4  plunge at the last plunge feed, then continue with line N
 
-The height is the highest that the program itself comes to, or the machine stands at.
+The safe height is the highest position of the skipped motion, or the present one if it is higher.
 
-Line N is one of the main program, reached for the first time: of a loop the first time round, and a
-call is part of the line that it stands at. A line of a subprogram is no place to begin: which of
-its calls is meant nobody knows.
+Line N belongs to the main program, and its first execution counts, as in a loop. A call belongs to
+the line that it is written on. A run cannot begin at a line of a subprogram, because it would be
+unclear which of its calls is meant.
 """
 
 from __future__ import annotations
@@ -51,20 +50,28 @@ from cnc.model.units import per_minute
 Floats = NDArray[np.float64]
 
 SPIN_UP = 4.0
-"""Seconds for a spindle to reach its speed before the tool goes down."""
+"""Time for the spindle to reach its speed before the plunge, s."""
 SHIFT = 1.0
-"""mm by which the start is moved to see whether the program's meaning depends on it."""
+"""Shift of the start position, mm, that shows whether the program depends on it."""
 SAME = 1e-6
-"""mm: positions that differ by less are the same."""
+"""Positions that differ by less are equal, mm."""
 
 
 @dataclass(slots=True)
-class State:
-    """What the lines before have left.
+class SkippedState:
+    """State after the lines that are skipped.
 
-    position (axes,); touched: whether each axis was moved; highest: the highest position of each;
-    z: column of the Z axis, None without one; feed: mm/s; plunge: mm/s of the last feed move that
-    went down; tool; settings: what else is in effect.
+    Attributes:
+        position: End position (axes,), mm.
+        touched: Whether each axis has moved (axes,).
+        highest: Highest position of each axis (axes,), mm.
+        z: Column of the Z axis, None without one.
+        plunge: Feed of the last feed move that went down, mm/s; NaN for none.
+        feed: The last feed, mm/s; NaN for none.
+        tool: Number of the tool.
+        spindle: The last spindle block.
+        coolant: The last coolant block.
+        settings: Other blocks in effect, by kind and number.
     """
 
     position: Floats
@@ -79,8 +86,10 @@ class State:
     settings: dict[tuple[str, int], Block] = field(default_factory=dict)
 
     def note(self, block: Block) -> None:
-        """A block that is left out. GcodeError ``from-line-unknown`` for one whose outcome nobody
-        knows.
+        """Update the state by a skipped block.
+
+        Raises:
+            GcodeError: ``from-line-unknown`` if its outcome depends on a board.
         """
         if isinstance(block, Polyline):
             self._fed(block)
@@ -102,12 +111,9 @@ class State:
         elif isinstance(block, SpindleSync):
             self.settings["SpindleSync", 0] = block
         elif isinstance(block, Probe | WaitInput):
-            what = "a probe" if isinstance(block, Probe) else "an input"
-            raise _refused(
-                block,
-                f"what follows depends on {what} here, whose answer is not known",
-                "begin at or before this line",
-            )
+            kind = "a probe" if isinstance(block, Probe) else "an input"
+            message = f"the lines after this one depend on {kind} here, whose answer is not known"
+            raise _refused(block, message, "begin at or before this line")
 
     def _moved(self, end: Floats, points: Floats) -> None:
         self.touched |= (np.abs(points - self.position) > SAME).any(axis=0)
@@ -115,8 +121,8 @@ class State:
         self.position = end
 
     @classmethod
-    def at(cls, start: Floats, z: int | None) -> State:
-        """Before the first line."""
+    def at(cls, start: Floats, z: int | None) -> SkippedState:
+        """Return the state before the first line."""
         return cls(start, np.zeros(len(start), np.bool_), start, z)
 
     def _fed(self, block: Polyline) -> None:
@@ -135,10 +141,15 @@ def _refused(block: Block, message: str, hint: str) -> GcodeError:
 
 
 def line_of_call(blocks: Iterable[Block], file: str, line: int) -> int:
-    """Where a program calls the subprogram that a line lies in for the first time; 0 for a line of
-    the main program.
+    """Return the line that first calls the subprogram which a line lies in.
 
-    blocks: of the program, with its calls.
+    Args:
+        blocks: Blocks of the program, with marks at its calls.
+        file: The program.
+        line: The line.
+
+    Returns:
+        The line of the call, 0 for a line of the main program.
     """
     call, low, high, found = 0, 0, 0, 0
     for block in blocks:
@@ -155,12 +166,17 @@ def line_of_call(blocks: Iterable[Block], file: str, line: int) -> int:
     return found
 
 
-class Beginning:
-    """Where to begin, and how to get there.
+class RestartPoint:
+    """The line to begin at, and the moves that lead to it.
 
-    line: the source line, from 1. file: the program. axes: names of the columns. top: highest
-    machine coordinate of the Z axis, None without travel. ``story`` says what will be done, once
-    the program has been read that far.
+    Args:
+        line: The source line, from 1.
+        file: The program.
+        axes: Letters of the axes, in the order of the columns.
+        top: Highest machine coordinate of the Z axis, mm; None without travel.
+
+    Attributes:
+        steps: The steps to the line, in words, after the program has been read that far.
     """
 
     def __init__(self, line: int, file: str, axes: tuple[str, ...], top: float | None) -> None:
@@ -170,16 +186,21 @@ class Beginning:
             )
         self.line = line
         self.file = file
-        self.story: tuple[str, ...] = ()
+        self.steps: tuple[str, ...] = ()
         self._letters = tuple(axis.upper() for axis in axes)
         self._z = axes.index("z") if "z" in axes else None
         self._top = math.inf if top is None else top
 
     def check(self, read: Callable[[Floats], Iterable[Block]], start: Floats) -> None:
-        """UsageError, GcodeError where it can't be told what line N means: it is not there, or
-        depends on where the machine stood.
+        """Check that the program can begin at line N.
 
-        read: the blocks of the program for a machine that stands somewhere.
+        Args:
+            read: Returns the blocks of the program from a start position.
+            start: The present position (axes,), mm.
+
+        Raises:
+            UsageError: If nothing is done at or after the line.
+            GcodeError: If its meaning depends on the start position, or it lies in a subprogram.
         """
         self._refuse_subprogram(read(start))
         first = self._before(read(start), start)
@@ -187,7 +208,7 @@ class Beginning:
         try:
             second = self._before(read(moved), moved).position
         except CncError:
-            # such as an arc from where the machine stands
+            # For example, an arc from the present position is not possible there.
             second = moved
         differ = np.abs(first.position - second) > SAME
         unknown = [
@@ -196,45 +217,32 @@ class Beginning:
             if differs and touched
         ]
         if unknown:
-            message = f"where {unknown[0]} is at line {self.line} depends on where the machine stood when the program began"
-            hint = (
-                "begin at the first line, or let the program say absolute positions before this one"
+            message = (
+                f"the position of {unknown[0]} at line {self.line} depends on the position before "
+                "the program"
             )
-            raise GcodeError(
-                Diagnostic("from-line-unknown", message, self.file, self.line, hint=hint)
-            )
+            hint = "begin at the first line, or program absolute positions before this line"
+            raise self._unknown(message, hint)
 
     def _refuse_subprogram(self, blocks: Iterable[Block]) -> None:
-        """GcodeError if line N lies between the lines of a subprogram's motion, and is none of the
-        main program's.
-        """
+        """Raise GcodeError if line N lies within the motion of a subprogram only."""
         found = line_of_call(blocks, self.file, self.line)
         if found:
-            message = f"line {self.line} is one of a subprogram, called at line {found}"
-            hint = f"begin at line {found}, or at another of its calls"
-            raise GcodeError(
-                Diagnostic("from-line-unknown", message, self.file, self.line, hint=hint)
-            )
+            message = f"line {self.line} belongs to a subprogram, which line {found} calls"
+            raise self._unknown(message, f"begin at line {found}, or at another of its calls")
 
-    def _before(self, blocks: Iterable[Block], start: Floats) -> State:
-        """The state before line N."""
-        state = State.at(start, self._z)
+    def _before(self, blocks: Iterable[Block], start: Floats) -> SkippedState:
+        """Return the state before line N."""
+        state = SkippedState.at(start, self._z)
         if next(self._rest(blocks, state), None) is None:
-            hint = "name a line of the program that moves, or one before it"
-            raise UsageError(
-                Diagnostic(
-                    "from-line",
-                    f"nothing is done at or after line {self.line}",
-                    self.file,
-                    self.line,
-                    hint=hint,
-                )
-            )
+            message = f"nothing is done at or after line {self.line}"
+            hint = "begin at a line that moves, or before it"
+            raise UsageError(Diagnostic("from-line", message, self.file, self.line, hint=hint))
         return state
 
     def passed(self, blocks: Iterable[Block], start: Floats) -> Iterator[Block]:
-        """The blocks to carry out: the way to line N, then the program from there."""
-        state = State.at(start, self._z)
+        """Yield the blocks to carry out: the moves to line N, then the program from there."""
+        state = SkippedState.at(start, self._z)
         rest = self._rest(blocks, state)
         first = next(rest, None)
         if first is None:
@@ -246,8 +254,8 @@ class Beginning:
         yield first
         yield from rest
 
-    def _rest(self, blocks: Iterable[Block], state: State) -> Iterator[Block]:
-        """What is left of a program from line N on; ``state`` is that before it."""
+    def _rest(self, blocks: Iterable[Block], state: SkippedState) -> Iterator[Block]:
+        """Yield the blocks from line N on; ``state`` becomes the state before them."""
         begun, call = False, 0
         for block in blocks:
             if isinstance(block, CallBoundary):
@@ -256,21 +264,18 @@ class Beginning:
             if begun:
                 yield block
                 continue
-            here, later = (
-                self._split(block)
-                if not call
-                else (block, None)
-                if call < self.line
-                else (None, block)
-            )
-            if here is not None:
-                state.note(here)
-            if later is not None and not isinstance(later, End):
+            if call:
+                before, after = (block, None) if call < self.line else (None, block)
+            else:
+                before, after = self._split(block)
+            if before is not None:
+                state.note(before)
+            if after is not None and not isinstance(after, End):
                 begun = True
-                yield later
+                yield after
 
     def _split(self, block: Block) -> tuple[Block | None, Block | None]:
-        """The part of a block that lies before line N, and the one from there on."""
+        """Return the part of a block before line N, and the part from there on."""
         if block.file != self.file:
             return block, None
         if not isinstance(block, Polyline):
@@ -291,81 +296,75 @@ class Beginning:
         )
         return head, tail
 
-    def _approach(self, state: State, start: Floats, feed: float, line: int) -> Iterator[Block]:
-        """From where the machine stands to where line N begins."""
-        file, target, z = self.file, state.position, self._z
-        away = bool(state.touched.any())
+    def _approach(
+        self, state: SkippedState, start: Floats, feed: float, line: int
+    ) -> Iterator[Block]:
+        """Yield the blocks from the present position to the begin of line N; see the drawing."""
+        target, z, top = state.position, self._z, self._top
+        steps = [f"from line {self.line}:"]
+        moved = bool(state.touched.any())
         sync = state.settings.pop(("SpindleSync", 0), None)
         if isinstance(sync, SpindleSync) and sync.pitch:
             message = f"at line {self.line} the motion follows the spindle"
-            raise GcodeError(
-                Diagnostic("from-line-unknown", message, file, line, hint="begin before the thread")
-            )
-        story = [f"from line {self.line}:"]
+            hint = "begin before the thread"
+            raise GcodeError(Diagnostic("from-line-unknown", message, self.file, line, hint=hint))
         across = target.copy()
-        if z is not None and away:
-            height = max(min(float(state.highest[z]), self._top), float(start[z]), float(target[z]))
-            if height <= target[z] + SAME and self._top < math.inf:
-                height = max(height, self._top)
+        if z is not None and moved:
+            height = max(min(float(state.highest[z]), top), float(start[z]), float(target[z]))
+            if height <= target[z] + SAME and top < math.inf:
+                height = max(height, top)
             up = start.copy()
             up[z] = across[z] = height
             if height > start[z] + SAME:
                 yield self._traverse(up, line)
-                story.append(f"lift Z to {height:.3f}")
-        if away:
+                steps.append(f"lift Z to {height:.3f}")
+        if moved:
             yield self._traverse(across, line)
-            story.append(
-                "go to "
-                + " ".join(
-                    f"{letter}{value:.3f}"
-                    for letter, value in zip(self._letters, across, strict=True)
-                )
-            )
-        yield from state.settings.values()
-        if state.tool is not None:
-            story.append(f"tool {state.tool} is taken to be in the spindle")
-        if state.spindle is not None and state.spindle.state != "off":
-            yield replace(state.spindle, line=line)
-            yield Dwell(file, line, SPIN_UP)
-            story.append(
-                f"start the spindle {state.spindle.state} with {state.spindle.rpm:g} rpm and wait {SPIN_UP:g} s"
-            )
-        if state.coolant is not None and (state.coolant.mist or state.coolant.flood):
-            yield replace(state.coolant, line=line)
-            story.append(
-                " and ".join(
-                    name
-                    for name, on in (("mist", state.coolant.mist), ("flood", state.coolant.flood))
-                    if on
-                )
-                + " on"
-            )
+            places = zip(self._letters, across, strict=True)
+            steps.append("go to " + " ".join(f"{letter}{value:.3f}" for letter, value in places))
+        yield from self._restore(state, line, steps)
         if z is not None and across[z] > target[z] + SAME:
             if math.isnan(feed):
-                message = f"no feed is known at line {self.line} to go down with"
+                message = f"no feed for the plunge is known at line {self.line}"
+                hint = "begin at an earlier line that has F"
                 raise GcodeError(
-                    Diagnostic(
-                        "from-line-unknown",
-                        message,
-                        file,
-                        line,
-                        hint="begin at a line before that has F",
-                    )
+                    Diagnostic("from-line-unknown", message, self.file, line, hint=hint)
                 )
-            yield Polyline(
-                file, line, target[None, :].copy(), np.array([feed]), np.array([line], np.int32)
+            yield self._straight(target, feed, line)
+            steps.append(f"go down to Z{target[z]:.3f} with F{per_minute(feed):g}")
+        self.steps = (*steps, f"continue with line {line}")
+
+    def _restore(self, state: SkippedState, line: int, steps: list[str]) -> Iterator[Block]:
+        """Yield the blocks that restore settings, spindle and coolant; add them to ``steps``."""
+        yield from state.settings.values()
+        if state.tool is not None:
+            steps.append(f"tool {state.tool} must be in the spindle")
+        spindle, coolant = state.spindle, state.coolant
+        if spindle is not None and spindle.state != "off":
+            yield replace(spindle, line=line)
+            yield Dwell(self.file, line, SPIN_UP)
+            steps.append(
+                f"start the spindle {spindle.state} with {spindle.rpm:g} rpm and wait {SPIN_UP:g} s"
             )
-            story.append(f"go down to Z{target[z]:.3f} with F{per_minute(feed):g}")
-        self.story = (*story, f"go on with line {line}")
+        if coolant is not None and (coolant.mist or coolant.flood):
+            yield replace(coolant, line=line)
+            names = [name for name in ("mist", "flood") if getattr(coolant, name)]
+            steps.append(" and ".join(names) + " on")
+
+    def _unknown(self, message: str, hint: str) -> GcodeError:
+        return GcodeError(Diagnostic("from-line-unknown", message, self.file, self.line, hint=hint))
 
     def _traverse(self, end: Floats, line: int) -> Polyline:
+        return self._straight(end, math.nan, line)
+
+    def _straight(self, end: Floats, feed: float, line: int) -> Polyline:
         return Polyline(
-            self.file, line, end[None, :].copy(), np.array([math.nan]), np.array([line], np.int32)
+            self.file, line, end[None, :].copy(), np.array([feed]), np.array([line], np.int32)
         )
 
 
 def _feed_of(block: Block) -> float:
-    """The first feed of a block, NaN if it has none."""
+    """Return the first feed of a block, mm/s; NaN if it has none."""
     if isinstance(block, ArcFeed | NurbsFeed):
         return block.feed
     if isinstance(block, Polyline):

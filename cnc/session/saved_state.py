@@ -1,6 +1,4 @@
-"""What a machine remembers from one program to the next: the parameters and the tool table of its
-machine file.
-"""
+"""State that a machine keeps between programs: the parameters and the tool table."""
 
 from __future__ import annotations
 
@@ -12,43 +10,47 @@ from cnc.gcode.syntax.parameters import Parameters, read_parameters, write_param
 from cnc.machine.models import Machine
 
 
-class Memory:
-    """Parameters and tools as they are before a program, for as many readings of it as need be.
+class SavedState:
+    """Parameters and tools before a program, for each reading of it.
 
-    Raises MachineFileError or UsageError for files that can't be read. A parameter file that does
-    not exist yet is an empty one.
+    A parameter file that does not exist yet is read as an empty one.
+
+    Raises:
+        MachineFileError, UsageError: If a file cannot be read.
     """
 
     def __init__(self, machine: Machine) -> None:
         program = machine.program
         self._parameter_file, self._tool_file = program.parameters, program.tool_table
-        kept = self._parameter_file
-        self._values = read_parameters(kept) if kept is not None and kept.exists() else {}
+        file = self._parameter_file
+        self._values = read_parameters(file) if file is not None and file.exists() else {}
         self._tools = ToolTable() if self._tool_file is None else ToolTable.load(self._tool_file)
 
     def adopt(self, values: Mapping[int, float]) -> None:
-        """What a board remembers itself counts for more than what the file says."""
+        """Replace parameters by the values that a board keeps itself."""
         self._values = {**self._values, **values}
 
     def parameters(self, *, macro: bool) -> Parameters:
-        """The parameters for one reading; ``macro``: with FANUC's ranges."""
+        """Return the parameters for one reading; ``macro``: with the ranges of FANUC's macros."""
         return Parameters(self._values, macro=macro)
 
     def tools(self) -> ToolTable:
-        """The tools for one reading."""
+        """Return the tools for one reading."""
         return ToolTable(self._tools, file=self._tools.file)
 
-    def keep(self, parameters: Parameters, tools: ToolTable) -> None:
-        """Write back what a program that ran to its end has left. UsageError ``can-not-write``."""
+    def save(self, parameters: Parameters, tools: ToolTable) -> None:
+        """Write the state after a program that ran to its end. UsageError ``can-not-write``."""
         if self._parameter_file is not None:
             write_parameters(self._parameter_file, parameters.stored())
         if self._tool_file is not None and tools.changed:
             tools.save(self._tool_file)
 
 
-def folders(program: Path | None, machine: Machine) -> Sequence[Path]:
-    """Where subroutines in files are looked for: beside the program (None: it has no place), then
-    where the machine file says.
+def subroutine_folders(program: Path | None, machine: Machine) -> Sequence[Path]:
+    """Return the folders in which subroutine files are searched for, in order.
+
+    The folder of the program comes first (``program`` None: it has no folder), then those of the
+    machine file.
     """
     own = [] if program is None else [program.absolute().parent]
     return [*own, *machine.program.subroutines]

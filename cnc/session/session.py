@@ -1,407 +1,345 @@
-"""A job: a program, a machine, and what is wanted of them."""
+"""A session: one program on one machine, checked and, with a board, run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import logging
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
-from cnc.boards.loopback import Loopback
-from cnc.boards.protocols import HasLimitSwitches, LineSink, PulseSink, RemembersPosition
+from cnc.boards.protocols import LineSink, PulseSink, RemembersPosition
 from cnc.checks.hints import step_rate
 from cnc.checks.portable import ProgramText, dialects_of, portability
-from cnc.checks.selection import Selection, unknown_codes
-from cnc.executor.homing import home, homed_steps, homing_sequence
+from cnc.checks.selection import unknown_codes
+from cnc.executor.homing import home
 from cnc.grbl_lines.grbl_timing import BoardTime
 from cnc.grbl_lines.line_program import LineProgram
-from cnc.machine.models import DialectName, Machine
+from cnc.machine.models import Machine
 from cnc.model.blocks import Block
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, GcodeError, UsageError
 from cnc.model.operator_control import Control
 from cnc.outputs.blocks import BlockWriter
 from cnc.outputs.targets import TextTarget
 from cnc.planner.plan import PlanChunk
-from cnc.pulses.reference_pulse import Algorithm
 from cnc.report.result import Extremes, Report
-from cnc.session.board_offsets import adopted
-from cnc.session.check_pass import FirstPass
-from cnc.session.checkpoint import Checkpoint, Recorder, digest
+from cnc.session.board_offsets import board_parameters
+from cnc.session.check_pass import CheckPass
+from cnc.session.context import SessionContext
 from cnc.session.kernel_cache import ensure_compiled
-from cnc.session.observer import Lookout, Pauses, Stopped, Watch
-from cnc.session.outputs import OpenOutputs, Outputs
-from cnc.session.program_reader import Reading, start_position
-from cnc.session.required_capabilities import Abilities
-from cnc.session.run_pass import SecondPass
-from cnc.session.saved_state import Memory
-from cnc.session.source import STANDARD_INPUT_NAME, Source, readable, shown_name, with_texts
-from cnc.session.standing import Standing
+from cnc.session.known_position import locate
+from cnc.session.line_pass import LinePass
+from cnc.session.observer import Callbacks, Observer, StoppedBeforeMotion
+from cnc.session.options import RunOptions
+from cnc.session.outputs import OpenOutputs, check_outputs
+from cnc.session.planned_motion import PathItems, PlannedMotion
+from cnc.session.program_reader import ProgramReader, start_position
+from cnc.session.pulse_pass import PulsePass
+from cnc.session.required_capabilities import CapabilityCheck
+from cnc.session.run_record import RunRecord
+from cnc.session.saved_state import SavedState
+from cnc.session.source import Source, display_name, readable_file, with_source_lines
+
+log = logging.getLogger(__name__)
+
+Board = PulseSink | LineSink
 
 
-class Job:
-    """Fills ``report`` as it goes; see :func:`cnc.api.run` for the arguments. UsageError
-    ``output-format`` for an unknown suffix.
+class Session:
+    """Checks or runs one program.
+
+    Args:
+        program: The program.
+        machine: The machine.
+        options: Options of the check or run; None for the defaults.
+        callbacks: Functions that follow the session.
+        control: The operator's requests; None if there is no operator.
+        on_plan: Called with each chunk of the plan that the report describes.
+
+    Attributes:
+        report: Filled as the session proceeds.
+
+    Raises:
+        UsageError: ``output-format`` for an unknown suffix, or if another option is wrong.
     """
 
     def __init__(
         self,
         program: Source,
         machine: Machine,
-        dialect: DialectName | None,
-        sampled: bool,
-        outputs: Outputs,
-        watch: Watch,
+        options: RunOptions | None = None,
+        *,
+        callbacks: Callbacks | None = None,
         control: Control | None = None,
-        algorithm: Algorithm | None = None,
-        selection: Selection | None = None,
-        portable: Sequence[str] = (),
         on_plan: Callable[[PlanChunk], None] | None = None,
-        pauses: Pauses = "wait",
-        from_line: int | None = None,
-        home: bool = False,
-        trust_position: bool = False,
     ) -> None:
-        outputs.check()
-        name = shown_name(program)
+        options = options or RunOptions()
+        check_outputs(options.outputs)
+        name = display_name(program)
         self.report = Report(name, machine, limits=Extremes.limits(machine))
         self._program = program
-        self._outputs, self._files = outputs, OpenOutputs()
-        self._lookout = Lookout(watch, control or Control(), selection or Selection(), self.report)
-        self._reading = Reading(
+        self._portable = dialects_of(options.portable)
+        observer = Observer(
+            callbacks or Callbacks(),
+            control or Control(options.feed_override),
+            options.selection,
+            self.report,
+        )
+        reader = ProgramReader(
             name,
             Path(name),
             machine,
-            dialect or machine.program.dialect,
+            options.dialect or machine.program.dialect,
             start_position(machine),
-            Memory(machine),
-            self._lookout.checking,
+            SavedState(machine),
+            observer.checking,
         )
-        self._sampled = sampled or outputs.trace is not None
-        self._operated = control is not None
-        self._algorithm = algorithm
-        self._portable = dialects_of(portable)
-        self._on_plan = on_plan
-        self._pauses: Pauses = pauses
-        self._from_line = from_line
-        self._hash = ""
-        self._home = home
-        self._trust_position = trust_position
-        self._last_run: Checkpoint | None = None
-        self._standing: Standing | None = None
+        self._context = SessionContext(
+            reader, self.report, observer, options, OpenOutputs(), control is not None, on_plan
+        )
 
     def blocks(self) -> Iterator[Block]:
-        """The canonical blocks of the program, read as in the first pass."""
-        return self._reading.blocks()
+        """Yield the canonical blocks of the program, read as in the check pass."""
+        return self._context.reader.blocks()
 
-    def carry_out(
-        self, board: PulseSink | LineSink | None = None, board_name: str | None = None
-    ) -> Report:
-        """Both passes, the second on ``board`` or on none; what goes wrong with program or board
-        ends up in the report.
+    def run(self, board: Board | None = None, board_name: str | None = None) -> Report:
+        """Check the program, then plan it and send it to the board, if there is one.
+
+        Returns:
+            The report, with the faults of program and board.
+
+        Raises:
+            UsageError: ``no-pulses`` if the board takes lines and pulses are to be written.
         """
-        ensure_compiled(self._lookout.watch.on_compiling)
-        report, reading, began = self.report, self._reading, perf_counter()
+        context, report, began = self._context, self.report, perf_counter()
+        reader = context.reader
+        ensure_compiled(context.observer.callbacks.on_compiling)
         report.board = board_name
+        self._log_begin()
         if isinstance(board, LineSink):
-            self._adopt(board)
+            self._adopt_board(board)
         try:
             with ExitStack() as stack:
-                reading.path = stack.enter_context(readable(self._program))
-                stack.callback(self._files.discard)
+                reader.path = stack.enter_context(readable_file(self._program))
+                stack.callback(context.files.discard)
                 try:
-                    self._carry_out(board)
+                    self._process(board)
                 except CncError as error:
                     report.faults.append(error)
                 if self._portable and report.stopped_at_line is None:
                     report.faults += portability(
-                        ProgramText(reading.path, report.program, reading.under),
-                        reading.dialect,
+                        ProgramText(reader.path, report.program, reader.blocks_in_dialect),
+                        reader.dialect,
                         self._portable,
                         report.faults,
                     )
-                report.faults = with_texts(report.faults, {report.program: reading.path})
-        except Stopped:
+                report.faults = with_source_lines(report.faults, {report.program: reader.path})
+        except StoppedBeforeMotion:
             report.stopped_at_line = 0
         except CncError as error:
             report.faults.append(error)
         report.timing.total_s = perf_counter() - began
+        self._log_end()
         return report
 
-    def _adopt(self, board: LineSink) -> None:
-        """The board's own travel, offsets and position: the program is read with them."""
-        if self._outputs.pulses is not None:
+    def _adopt_board(self, board: LineSink) -> None:
+        """Read the program with the travel, offsets and position of the board."""
+        if self._context.options.outputs.pulses is not None:
+            message = "a board that plans for itself takes lines, not pulses"
             hint = "leave --pulses out, or check the program without the board"
-            raise UsageError(
-                Diagnostic(
-                    "no-pulses",
-                    "a board that plans for itself is sent lines, not pulses",
-                    hint=hint,
-                )
-            )
-        reading = self._reading
-        reading.machine = board.limited_to_board(reading.machine)
-        reading.start = np.array(board.position)
-        reading.memory.adopt(adopted(board, reading.machine))
+            raise UsageError(Diagnostic("no-pulses", message, hint=hint))
+        reader = self._context.reader
+        reader.machine = board.limited_to_board(reader.machine)
+        reader.start = np.array(board.position)
+        reader.saved.adopt(board_parameters(board, reader.machine))
 
-    def _locate(self, board: RemembersPosition) -> None:
-        """Where the program begins: where the board knows that it stands, or will when it has come
-        home.
-        """
-        reading, machine = self._reading, self._reading.machine
-        standing = board.known_steps
-        ways = (
-            homing_sequence(machine, (), len(board.switches))
-            if self._home and isinstance(board, HasLimitSwitches)
-            else ()
+    def _process(self, board: Board | None) -> None:
+        """Carry out both passes; raise the first fault that ends them."""
+        context, report, reader = self._context, self.report, self._context.reader
+        capabilities = CapabilityCheck.of(
+            board, report.board, reader.machine, self._is_attended(board)
         )
-        steps = homed_steps(machine, ways, standing, reading.start)
-        reading.start = steps / machine.steps_per_mm
-        coming = {way.letter for way in ways}
-        lost = [
-            letter
-            for letter, known in zip(machine.axes, standing, strict=True)
-            if known is None and letter not in coming
-        ]
-        if lost and not ways:
-            names = " ".join(letter.upper() for letter in lost)
-            what = (
-                f"the board does not know where {names} {'stands' if len(lost) == 1 else 'stand'}"
-            )
-            if machine.can_home:
-                why = "it was reset or switched off, or a limit switch or the e-stop has stopped it at once"
-                hint = (
-                    "let it find out first: --home does that before the program, cncrun home alone"
-                )
-                raise BoardError(Diagnostic("not-homed", f"{what}: {why}", hint=hint))
-            places = " ".join(
-                f"{letter.upper()}{place:g}"
-                for letter, place in zip(machine.axes, reading.start.tolist(), strict=True)
-            )
-            message = f"{what}; the program begins as if the machine stood at {places}"
-            hint = "on a machine with limit switches --home finds out, or cncrun home"
-            self._lookout.warn(
-                Diagnostic("position-assumed", message, hint=hint, severity="warning")
-            )
-
-    def _compare_position(self, board: LineSink) -> None:
-        """BoardError ``position-lost`` where the machine does not stand where the last run left
-        it.
-        """
-        self._standing = Standing(
-            board, self._reading.machine, self._last_run, trusted=self._trust_position
-        )
-        # What is left out by --from-line homes nothing.
-        self._standing.check(() if self._from_line is not None else self._reading.blocks())
-
-    def _carry_out(self, board: PulseSink | LineSink | None) -> None:
-        report, reading, lookout = self.report, self._reading, self._lookout
-        abilities = Abilities.of(board, report.board, reading.machine, self._attended(board))
-        self._recall(abilities)
+        record = RunRecord(context, capabilities)
+        record.read_checkpoint()
         if isinstance(board, RemembersPosition):
-            self._locate(board)
+            locate(context, board)
         if isinstance(board, LineSink):
-            self._compare_position(board)
-        reading.begin_at(self._from_line)
-        first = FirstPass(reading, report, lookout, abilities)
-        shown = None
-        if self._outputs.blocks is not None:
-            shown = self._files.opened(
-                BlockWriter(self._outputs.blocks, reading.machine.axis_names, report.program)
-            )
-        try:
-            # Lines come from a path of their own, which is not the one that is surveyed.
-            kept = first.carry_out(shown, keep=not isinstance(board, LineSink))
-        finally:
-            report.timing.parse_s = first.watch_reading.seconds
-            # The path is drawn through the reader, so its watch ran meanwhile.
-            report.timing.plan_s = first.watch_path.seconds - first.watch_reading.seconds
-        if first.hints is not None:
-            self._hint([*first.hints.findings(), *unknown_codes(reading.path, report.program)])
-        lookout.checking(report.lines)
+            record.check_position(board)
+        reader.begin_at(context.options.from_line)
+        check, kept = self._check_pass(capabilities, keep=not isinstance(board, LineSink))
+        context.observer.checking(report.lines)
         if not report.ok:
             return
-        self._confirm_beginning()
-        board_time = self._translate(board, abilities)
-        second = SecondPass(
-            reading,
-            report,
-            lookout,
-            self._outputs,
-            self._files,
-            algorithm=self._algorithm,
-            sampled=self._sampled,
-            pauses=self._pauses,
-            operated=self._operated,
-            asks=first.asks,
-            on_plan=self._on_plan,
-        )
-        try:
-            second.carry_out(board, kept, lambda: self._begin(board, abilities))
-        except BoardError as error:
-            self._over(error.diagnostic.code, report.end_position)
-            raise self._resumable(error) from error
-        except BaseException as error:
-            self._over(error.diagnostic.code if isinstance(error, CncError) else "broken off", {})
-            raise
-        finally:
-            report.timing.plan_s += max(
-                0.0, second.watch_planning.seconds - second.watch_reading.seconds
-            )
-            report.timing.interpolate_s = second.watch_interpolating.seconds
+        self._confirm_restart()
+        timing = self._write_lines(board, capabilities)
+        timing = self._run_pass(board, record, kept, check.depends_on_answers) or timing
         exact = report.stopped_at_line if isinstance(board, PulseSink) else None
-        self._over("" if report.stopped_at_line is None else "stopped", report.end_position, exact)
-        board_time = second.board_time or board_time
-        if board_time is not None and abilities.lines and report.stopped_at_line is None:
-            report.duration_s = board_time.seconds
+        stopped = report.stopped_at_line is not None
+        record.end("stopped" if stopped else "", report.end_position, exact)
+        if timing is not None and capabilities.lines and not stopped:
+            report.duration_s = timing.seconds
         if board is None:
-            self._hint(step_rate(report))
-        if report.ok and report.stopped_at_line is None:
-            self._files.close()
-            if board is not None and reading.state is not None:
-                reading.memory.keep(*reading.state)
+            self._warn(step_rate(report))
+        if report.ok and not stopped:
+            context.files.close()
+            if board is not None and reader.state is not None:
+                reader.saved.save(*reader.state)
 
-    def _attended(self, board: PulseSink | LineSink | None) -> bool:
-        """Whether a pause does not end the program: a board that plans for itself waits, and
-        somebody has to tell it to go on.
-        """
-        return self._pauses == "skip" or (
-            self._pauses == "wait" and (self._operated or not isinstance(board, LineSink))
-        )
-
-    def _begin(self, board: PulseSink | LineSink | None, abilities: Abilities) -> None:
-        """The motion begins: the machine comes home, if it is to, and a record is kept from there.
-        Raises HomingStopped.
-        """
-        lookout, reading = self._lookout, self._reading
-        if board is None:
-            return
-        if self._home:
-            home(
-                board,
-                reading.machine,
-                (),
-                reading.start,
-                control=lookout.control,
-                on_progress=lookout.tell,
-            )
-        if self._standing is not None:
-            self._standing.begin()
-        if (
-            self._hash
-            and (abilities.moves or isinstance(board, Loopback))
-            and not (isinstance(board, LineSink) and board.check_only)
-        ):
-            first = Checkpoint(
-                self.report.program, self._hash, reading.machine.name, abilities.board
-            )
-            lookout.recorder = Recorder(first, reading.machine.axis_names)
-
-    def _recall(self, abilities: Abilities) -> None:
-        """What is known of a run of this program that did not come to its end."""
-        reading, report = self._reading, self.report
-        if not abilities.real or report.program == STANDARD_INPUT_NAME:
-            return
-        self._hash = digest(reading.path)
-        last = Checkpoint.read(report.program)
-        if last is None:
-            return
-        same, line = last.sha256 == self._hash, self._from_line
-        if (
-            line is not None
-            and same
-            and (last.machine, last.board) == (reading.machine.name, abilities.board)
-        ):
-            self._last_run = last
-        if line is not None and not same:
-            message = f"the program has changed since the run that came to its line {last.line}: line {line} may be another one now"
-            self._lookout.warn(
-                Diagnostic(
-                    "checkpoint-differs",
-                    message,
-                    hint="look up in the program where to begin",
-                    severity="warning",
+    def _check_pass(
+        self, capabilities: CapabilityCheck, *, keep: bool
+    ) -> tuple[CheckPass, PathItems | None]:
+        """Carry out the check pass. The path is of use to the run pass unless lines are made."""
+        context, report, reader = self._context, self.report, self._context.reader
+        check, target = CheckPass(context, capabilities), None
+        if context.options.outputs.blocks is not None:
+            target = context.files.opened(
+                BlockWriter(
+                    context.options.outputs.blocks, reader.machine.axis_names, report.program
                 )
             )
-        elif line is not None and line > last.line:
-            message = f"the last run came to line {last.line}: what lies between it and line {line} is left out"
-            hint = f"--from-line {last.line} leaves out nothing"
-            self._lookout.warn(
-                Diagnostic("checkpoint-before", message, hint=hint, severity="warning")
-            )
-        elif line is None and same:
-            message = f"the last run of this program came to line {last.line} and not to its end"
-            hint = f"--from-line {last.line} goes on there; this run begins anew"
-            self._lookout.warn(Diagnostic("run-unfinished", message, hint=hint, severity="note"))
-
-    def _over(self, ended: str, position: Mapping[str, float], line: int | None = None) -> None:
-        """The run is over; ``ended``: why, if that was not the end of the program."""
-        recorder, self._lookout.recorder = self._lookout.recorder, None
-        if self._standing is not None:
-            self._standing.end(
-                ended or "end", None if recorder is None else recorder.latest.position
-            )
-        if recorder is None:
-            return
-        if ended:
-            self.report.resume_line = (
-                recorder.end(ended, line, position, self._place_to_begin) or None
-            )
-        else:
-            recorder.done()
-
-    def _place_to_begin(self, line: int) -> int:
-        """Where a run that came to this line is gone on with."""
         try:
-            return self._reading.place_to_begin(line)
-        except (CncError, Stopped):
-            return line
-
-    def _resumable(self, error: BoardError) -> BoardError:
-        """The same, with how to go on behind it."""
-        found, line = error.diagnostic, self.report.resume_line
-        if line is None:
-            return error
-        hint = (
-            f"{found.hint}; then go on with --from-line {line}"
-            if found.hint
-            else f"go on with --from-line {line}"
+            kept = check.run(target, keep=keep)
+        finally:
+            report.timing.parse_s = check.reading_time.seconds
+            # Path building draws from the reader, so its time includes the reading time.
+            report.timing.plan_s = check.path_time.seconds - check.reading_time.seconds
+        log.info(
+            "check pass: %d lines, %d blocks, %d faults; reading %.3f s, path %.3f s",
+            report.lines,
+            report.blocks,
+            len(report.faults) + report.hidden_faults,
+            report.timing.parse_s,
+            report.timing.plan_s,
         )
-        return type(error)(replace(found, hint=hint))
+        if check.hints is not None:
+            self._warn([*check.hints.findings(), *unknown_codes(reader.path, report.program)])
+        return check, kept
 
-    def _confirm_beginning(self) -> None:
-        """Tell how the machine will get to the line to begin at, and ask."""
-        beginning, ask = self._reading.beginning, self._lookout.watch.on_beginning
-        if beginning is not None and ask is not None and not ask(beginning.story):
-            raise Stopped
-
-    def _translate(
-        self, board: PulseSink | LineSink | None, abilities: Abilities
+    def _run_pass(
+        self,
+        board: Board | None,
+        record: RunRecord,
+        kept: PathItems | None,
+        depends_on_answers: bool,
     ) -> BoardTime | None:
-        """The program as lines for any board, where they are asked for: how long a board takes for
-        them, if it takes lines.
+        """Carry out the run pass; return the timing of the lines, if the board takes lines."""
+        context, report, motion = self._context, self.report, PlannedMotion(self._context)
+        began, timing = perf_counter(), None
+
+        def before_motion() -> None:
+            if board is not None:
+                self._begin_motion(board, record)
+
+        try:
+            if isinstance(board, LineSink):
+                lines = LinePass(context, motion, board, depends_on_answers=depends_on_answers)
+                timing = lines.timing
+                lines.run(before_motion)
+            else:
+                PulsePass(context, motion, board).run(kept, before_motion)
+        except BoardError as error:
+            record.end(error.diagnostic.code, report.end_position)
+            raise record.with_resume_hint(error) from error
+        except BaseException as error:
+            record.end(error.diagnostic.code if isinstance(error, CncError) else "broken off", {})
+            raise
+        finally:
+            planning = motion.planning_time.seconds - motion.reading_time.seconds
+            report.timing.plan_s += max(0.0, planning)
+            report.timing.interpolate_s = motion.interpolating_time.seconds
+            log.info(
+                "run pass: %.3f s; planning %.3f s, interpolating %.3f s, motion %.3f s",
+                perf_counter() - began,
+                planning,
+                report.timing.interpolate_s,
+                report.duration_s,
+            )
+        return timing
+
+    def _is_attended(self, board: Board | None) -> bool:
+        """Whether a pause does not end the program.
+
+        A board that plans for itself waits at a pause, so an operator must continue the program.
         """
-        if self._outputs.lines is None and (board is not None or not abilities.lines):
-            return None
-        reading = self._reading
-        target = (
-            None
-            if self._outputs.lines is None
-            else self._files.opened(TextTarget(self._outputs.lines))
+        pauses, has_operator = self._context.options.pauses, self._context.has_operator
+        return pauses == "skip" or (
+            pauses == "wait" and (has_operator or not isinstance(board, LineSink))
         )
+
+    def _begin_motion(self, board: Board, record: RunRecord) -> None:
+        """Home the machine if requested, and begin the records. Raises HomingStopped."""
+        context = self._context
+        if context.options.home:
+            log.info("homing")
+            home(
+                board,
+                context.reader.machine,
+                (),
+                context.reader.start,
+                control=context.observer.control,
+                on_progress=context.observer.sent,
+            )
+        record.begin(board)
+        log.info("motion begins")
+
+    def _confirm_restart(self) -> None:
+        """Show the steps to the line to begin at, and ask for confirmation."""
+        restart, ask = self._context.reader.restart, self._context.observer.callbacks.on_beginning
+        if restart is None:
+            return
+        log.info("%s", "; ".join(restart.steps))
+        if ask is not None and not ask(restart.steps):
+            raise StoppedBeforeMotion
+
+    def _write_lines(self, board: Board | None, capabilities: CapabilityCheck) -> BoardTime | None:
+        """Write the program as lines for a GRBL board, if requested.
+
+        Returns:
+            The timing of the lines, if a board takes lines or lines are written.
+        """
+        target = self._context.options.outputs.lines
+        if target is None and (board is not None or not capabilities.lines):
+            return None
+        reader = self._context.reader
+        file = None if target is None else self._context.files.opened(TextTarget(target))
         program = LineProgram(
-            reading.machine,
-            reading.start,
-            reading.memory.parameters(macro=False).values,
+            reader.machine,
+            reader.start,
+            reader.saved.parameters(macro=False).values,
             self.report.bounding_box,
         )
-        return program.write(reading.blocks(), None if target is None else target.write)
+        return program.write(reader.blocks(), None if file is None else file.write)
 
-    def _hint(self, findings: Iterable[Diagnostic]) -> None:
-        """Tell findings that were made without the source line at hand."""
-        for found in with_texts(
-            [GcodeError(finding) for finding in findings], {self.report.program: self._reading.path}
-        ):
-            self._lookout.warn(found.diagnostic)
+    def _warn(self, findings: Iterable[Diagnostic]) -> None:
+        """Report findings that lack their source line."""
+        faults = [GcodeError(finding) for finding in findings]
+        for found in with_source_lines(faults, {self.report.program: self._context.reader.path}):
+            self._context.observer.warn(found.diagnostic)
+
+    def _log_begin(self) -> None:
+        reader, options = self._context.reader, self._context.options
+        log.info("program %s", self.report.program)
+        log.info(
+            "machine %s, board %s, dialect %s",
+            reader.machine.name,
+            self.report.board or "none",
+            reader.dialect,
+        )
+        log.debug("%s", options)
+        log.debug("%r", reader.machine)
+
+    def _log_end(self) -> None:
+        report = self.report
+        self._context.observer.log_requests()
+        for fault in report.faults:
+            log.error("%s", fault.diagnostic.render())
+        if report.stopped_at_line is not None:
+            log.info("stopped at line %d; position %s", report.stopped_at_line, report.end_position)
+        log.info(
+            "end: %d faults, %d warnings, total %.3f s",
+            len(report.faults) + report.hidden_faults,
+            len(report.warnings) + report.hidden_warnings,
+            report.timing.total_s,
+        )

@@ -1,5 +1,7 @@
-"""Where the time of a run goes: watches around the stages, each of which draws its input through
-the one before.
+"""Computing time of the stages of a session.
+
+Each stage draws its input through the stage before it, so a stopwatch around an iterator includes
+the stages that feed it.
 """
 
 from __future__ import annotations
@@ -19,13 +21,13 @@ Item = TypeVar("Item")
 
 
 class Stopwatch:
-    """Adds up the time that is spent inside an iterator."""
+    """Adds up the time spent inside iterators, s."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
 
     def inside(self, source: Iterable[Item]) -> Iterator[Item]:
-        """The same items."""
+        """Yield the items of ``source`` and time it."""
         iterator = iter(source)
         while True:
             began = perf_counter()
@@ -38,12 +40,12 @@ class Stopwatch:
             yield item
 
 
-class TimedPulses:
-    """An interpolator with a stopwatch: what the executor asks of one."""
+class TimedInterpolator:
+    """An interpolator with a stopwatch, with the methods that the executor calls."""
 
-    def __init__(self, interpolator: ReferencePulse, watch: Stopwatch) -> None:
+    def __init__(self, interpolator: ReferencePulse, stopwatch: Stopwatch) -> None:
         self._interpolator = interpolator
-        self._watch = watch
+        self._stopwatch = stopwatch
 
     @property
     def origin_steps(self) -> NDArray[np.int64]:
@@ -56,13 +58,13 @@ class TimedPulses:
         return self._interpolator.position_steps
 
     def pulses(self, chunk: PlanChunk) -> Iterator[PulseChunk]:
-        """The grid moves of a stretch of the plan."""
-        return self._watch.inside(self._interpolator.pulses(chunk))
+        """Yield the grid moves of a chunk of the plan."""
+        return self._stopwatch.inside(self._interpolator.pulses(chunk))
 
     def settle(self) -> Iterator[PulseChunk]:
-        """The last grid move at the end of the path."""
+        """Yield the last grid move at the end of the path."""
         return self._interpolator.settle()
 
     def stand_at(self, grid: NDArray[np.int64]) -> None:
-        """The machine stands at a grid point that was not planned."""
+        """Continue from a grid point (axes,) that was not planned, such as a probe contact."""
         self._interpolator.stand_at(grid)

@@ -1,3 +1,1 @@
-"""The picture of a program: its path, its feed, acceleration and jerk over time, and its text, as a
-page, PNG or SVG.
-"""
+"""Pictures of a program as an HTML page, PNG or SVG: path, feed, acceleration, jerk and text."""

@@ -1,4 +1,4 @@
-"""Takes a plan as it goes by and keeps what a picture needs of it, in bounded memory."""
+"""Collection of the data of a picture from a plan, in bounded memory."""
 
 from __future__ import annotations
 
@@ -8,37 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.curve import SPAN
-from cnc.kernels.view.thinning import (
-    AT_END,
-    ENTERED,
-    FOLLOWED,
-    MARK,
-    PHASE,
-    PIECE,
-    STAGE,
-    A,
-    J,
-    T,
-    V,
-    follow,
-)
+from cnc.kernels.view.motion import AT_END, PROGRESS, Origin, Route, follow
+from cnc.kernels.view.points import ENTERED, PHASE, new_followed
 from cnc.machine.models import Machine
 from cnc.model.blocks import Block, Dwell
 from cnc.planner.plan import PlanChunk
 from cnc.planner.run_clock import RunClock
-from cnc.pulses.arrays import kernel_arrays
+from cnc.pulses.arrays import pieces_of, plan_arrays, source_lines
 from cnc.view.tables import Curves, CurveTable, Origins, OriginTable, Strokes, StrokeTable
 
 ROWS = 1 << 15
-"""Points that are followed at a time."""
+"""Points that are computed at a time."""
 DRAWN_AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """How much of a motion is kept: strokes of the path, rows of the curves, rows of source
-    lines.
-    """
+    """Largest numbers of strokes, of rows of the curves, and of rows of source lines."""
 
     strokes: int
     curves: int
@@ -47,8 +33,15 @@ class Sizes:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """What there is to draw. ``moves``: so many changes of the source line, or fewer, share a row
-    of ``origins``.
+    """The data to draw.
+
+    Attributes:
+        strokes: the path.
+        curves: feed, acceleration and jerk over time.
+        origins: source lines over time.
+        files: files by index; the program is the first.
+        moves: largest number of changes of the source line in one row of ``origins``.
+        duration: machine time with dwells, s.
     """
 
     strokes: Strokes
@@ -60,13 +53,18 @@ class Picture:
 
 
 class Collector:
-    """``add`` what the planner yields, in order; then ``picture``."""
+    """Collects a plan: ``add`` its parts in order, then take the ``picture``."""
 
     def __init__(
         self, machine: Machine, sizes: Sizes, program: str, start: NDArray[np.float64]
     ) -> None:
-        """The program's name comes first of the files; ``start`` (axes,) is where it begins, in
-        mm.
+        """Prepare the tables.
+
+        Args:
+            machine: gives the names of the axes.
+            sizes: sizes of the tables.
+            program: name of the program, the first of the files.
+            start: (axes,) position at the start, mm.
         """
         names = machine.axis_names
         self._columns = np.array(
@@ -76,12 +74,12 @@ class Collector:
         self._strokes = StrokeTable(sizes.strokes)
         self._curves = CurveTable(sizes.curves)
         self._origins = OriginTable(sizes.origins, program)
-        self._out = np.empty((ROWS, FOLLOWED))
+        self._out = new_followed(ROWS)
         self._clock = RunClock()
         self._curves.add(np.zeros((1, 4)))
 
     def add(self, item: PlanChunk | Block) -> None:
-        """A stretch of the plan, or a block between the moves."""
+        """Add a part of the plan, or a block between the moves."""
         if isinstance(item, PlanChunk):
             self._follow(item)
         elif isinstance(item, Dwell):
@@ -91,43 +89,38 @@ class Collector:
         self._clock.add(item)
 
     def picture(self) -> Picture:
-        """All of it; nothing may be added after it."""
+        """Return the picture. Nothing may be added afterwards."""
         origins, files = self._origins.origins()
-        strokes, curves = (
+        return Picture(
             self._strokes.strokes(self._start),
             self._curves.curves(self._clock.seconds),
+            origins,
+            files,
+            self._origins.moves,
+            self._clock.seconds,
         )
-        return Picture(strokes, curves, origins, files, self._origins.moves, self._clock.seconds)
 
     def _follow(self, chunk: PlanChunk) -> None:
-        arrays = kernel_arrays(chunk)
-        kind, line = arrays[0], arrays[4]
+        pieces, plan, line = pieces_of(chunk.path), plan_arrays(chunk), source_lines(chunk.path)
         rapid = np.isnan(chunk.path.feed)
-        place, now = np.zeros(3, np.int64), np.zeros(1)
-        while place[STAGE] != AT_END:
-            count = follow(
-                *arrays[:4],
-                *arrays[5:],
-                chunk.t0,
-                chunk.s0,
-                rapid,
-                self._columns,
-                self._strokes.fine,
-                place,
-                now,
-                self._out,
-            )
-            points = self._out[:count]
+        progress = np.zeros(1, PROGRESS)
+        out = self._out
+        while progress[0]["stage"] != AT_END:
+            route = Route(pieces, rapid, self._columns, self._strokes.chord_tolerance)
+            count = follow(route, plan, Origin(chunk.t0, chunk.s0), progress, out)
+            points = out.points.part(0, count)
             self._strokes.add(points)
-            marks = points[:, MARK].astype(np.int64)
-            self._curves.add(points[(marks & PHASE) != 0][:, [T, V, A, J]])
-            entered = points[(marks & ENTERED) != 0]
-            pieces = entered[:, PIECE].astype(np.int64)
-            self._origins.add(entered[:, T], line[pieces], chunk.path.file, kind[pieces] == SPAN)
+            phases = out.mark[:count] & PHASE != 0
+            rows = np.stack((points.t, out.speed[:count], points.accel, points.jerk), axis=1)
+            self._curves.add(rows[phases])
+            entered = out.mark[:count] & ENTERED != 0
+            index = out.piece[:count][entered]
+            smooth = pieces.kind[index] == SPAN
+            self._origins.add(points.t[entered], line[index], chunk.path.file, smooth)
 
 
 def stock_box(machine: Machine) -> list[list[float]] | None:
-    """Least and greatest x, y and z of the raw part; None without one."""
+    """Return [least, greatest] x, y and z of the stock in mm; None without one."""
     return (
         None
         if machine.stock is None
@@ -136,7 +129,7 @@ def stock_box(machine: Machine) -> list[list[float]] | None:
 
 
 def travel_box(machine: Machine) -> list[list[float]] | None:
-    """Least and greatest position of x, y and z; None where one of them has no limits."""
+    """Return [least, greatest] x, y and z of the travel in mm; None if an axis has no travel."""
     axes: dict[str, tuple[float, float] | None] = {
         letter: axis.travel for letter, axis in machine.axes.items() if letter in DRAWN_AXES
     }

@@ -1,6 +1,6 @@
-"""The picture as PNG or SVG, drawn by matplotlib: what the page shows when it opens.
+"""The picture as PNG or SVG, drawn by matplotlib: the first view of the HTML page.
 
-matplotlib comes with the extra ``view`` and is imported when it is needed.
+matplotlib belongs to the extra ``view`` and is imported at the first use.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 SIZES = Sizes(strokes=1 << 15, curves=1 << 12, origins=4)
-"""What a picture that stands still can show."""
+"""Sizes of the tables of an image."""
 INCHES = (11.0, 8.0)
 DOTS_PER_INCH = 120
 YAW, PITCH = 0.6, 0.55
-"""rad: from where a path in space is seen; that in a plane is seen from above."""
+"""rad. View direction of a path in space; a flat path is seen from above."""
 LIGHT = (-0.48, 0.6, 0.64)
-"""Where the light comes from: right, up, towards the viewer."""
+"""Direction to the light: right, up, towards the viewer."""
 RAPID, TRAVEL, STOCK, INK = "#9aa3ab", "#b4bcc4", "#b08968", "#222a31"
 CURVES = (
     ("feed", "feed", "#1f7a8c"),
@@ -39,15 +39,15 @@ CURVES = (
     ("jerk", "jerk", "#7d5ba6"),
 )
 STRAIGHT = 0.9998
-"""Cosine of the angle between strokes that go straight on."""
+"""Cosine of the largest angle between strokes of one straight line."""
 FAR = 2.5
-"""Times the greatest value: a limit above that is not shown, it would only make the motion flat."""
+"""Ratio to the greatest value. A higher limit is not drawn, because it would flatten the curve."""
 BRIGHTEST = 0.78
-"""Of viridis; what is brighter can't be seen on white."""
+"""Part of viridis that is used; brighter colours are invisible on white."""
 
 
 def draw(picture: Picture, report: Report, kind: Literal["png", "svg"]) -> bytes:
-    """The file."""
+    """Return the contents of the image file."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
@@ -60,7 +60,7 @@ def draw(picture: Picture, report: Report, kind: Literal["png", "svg"]) -> bytes
         "text.color": INK,
     }
     with rc_context(look), warnings.catch_warnings():
-        # A name may have letters that the font lacks: they become boxes.
+        # The font may lack letters of the name.
         warnings.filterwarnings("ignore", message="Glyph")
         figure = Figure(figsize=INCHES, dpi=DOTS_PER_INCH, layout="constrained")
         name = "".join(letter if letter.isprintable() else "·" for letter in report.program)
@@ -68,33 +68,42 @@ def draw(picture: Picture, report: Report, kind: Literal["png", "svg"]) -> bytes
             f"{name} · {picture.duration:.6g} s · {report.machine.name}", parse_math=False
         )
         grid = figure.add_gridspec(4, 1, height_ratios=(4.2, 1, 1, 1))
-        place = figure.add_subplot(grid[0])
-        turn = _path(place, picture, report.machine)
+        space = figure.add_subplot(grid[0])
+        turn = _path(space, picture, report.machine)
         first: Axes | None = None
-        for row, (key, label, colour) in enumerate(CURVES):
+        for row in range(len(CURVES)):
             axes = figure.add_subplot(grid[row + 1], sharex=first)
             first = first or axes
-            _curve(axes, picture.curves, row, colour)
-            limit = getattr(report.limits, key)
-            near = limit is not None and limit <= FAR * np.abs(axes.get_ylim()).max()
-            for bound in () if not near else (limit,) if row == 0 else (limit, -limit):
-                axes.axhline(bound, color="0.5", linestyle=":", linewidth=1)
-            axes.set_ylabel(f"{label}\n{UNITS[key]}")
-            axes.tick_params(labelbottom=row == 2)
-            axes.set_xlim(0.0, picture.duration or 1.0)
-        accuracy = f"the tool at every moment within {tolerance_shown(picture.strokes.tolerance)} mm of the plan"
-        axes.set_xlabel(f"time, s   (dashed: traverses; dotted: the machine's limits; {accuracy})")
-        # The scale fits itself into what the layout leaves.
+            _strip(axes, picture, report, row)
+        accuracy = tolerance_shown(picture.strokes.tolerance)
+        axes.set_xlabel(
+            "time, s   (dashed: traverses; dotted: limits of the machine; "
+            f"the tool at every time within {accuracy} mm of the plan)"
+        )
+        # The scale fits into the space that the layout leaves.
         figure.draw_without_rendering()
-        if not place.axison:
-            _scale(place, turn)
+        if not space.axison:
+            _scale(space, turn)
         out = io.BytesIO()
         figure.savefig(out, format=kind, metadata={"Date": None} if kind == "svg" else None)
         return out.getvalue()
 
 
-def _turn(flat: bool) -> Floats:
-    """Rows: right, up and towards the viewer in the machine's axes."""
+def _strip(axes: Axes, picture: Picture, report: Report, row: int) -> None:
+    """Draw feed (row 0), acceleration (1) or jerk (2) over time, with its limits."""
+    key, label, colour = CURVES[row]
+    _curve(axes, picture.curves, row, colour)
+    limit = getattr(report.limits, key)
+    if limit is not None and limit <= FAR * np.abs(axes.get_ylim()).max():
+        for bound in (limit,) if row == 0 else (limit, -limit):
+            axes.axhline(bound, color="0.5", linestyle=":", linewidth=1)
+    axes.set_ylabel(f"{label}\n{UNITS[key]}")
+    axes.tick_params(labelbottom=row == len(CURVES) - 1)
+    axes.set_xlim(0.0, picture.duration or 1.0)
+
+
+def _view_matrix(flat: bool) -> Floats:
+    """Return a matrix with the rows right, up and towards the viewer, in machine axes."""
     if flat:
         return np.eye(3)
     c, s, cp, sp = math.cos(YAW), math.sin(YAW), math.cos(PITCH), math.sin(PITCH)
@@ -102,7 +111,7 @@ def _turn(flat: bool) -> Floats:
 
 
 def _path(axes: Axes, picture: Picture, machine: Machine) -> Floats:
-    """Draw the path; returns the matrix that it was seen by."""
+    """Draw the path and return the matrix of the view."""
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import LineCollection
@@ -111,15 +120,15 @@ def _path(axes: Axes, picture: Picture, machine: Machine) -> Floats:
     strokes = picture.strokes
     extent = np.ptp(strokes.position, axis=0)
     flat = bool(extent[2] < 0.01 * max(float(np.linalg.norm(extent)), 1e-9))
-    turn = _turn(flat)
+    turn = _view_matrix(flat)
     seen = strokes.position @ turn.T
     feeding = np.flatnonzero(~strokes.rapid[:-1])
     most = float(strokes.feed[feeding].max(initial=0.0)) or 1.0
     colours: Any = ListedColormap(colormaps["viridis"](np.linspace(0.0, BRIGHTEST, 256)))
-    # From back to front, and those across the light brighter.
+    # From back to front; strokes across the light are brighter.
     feeding = feeding[np.argsort(seen[feeding, 2] + seen[feeding + 1, 2], kind="stable")]
-    way = seen[feeding + 1] - seen[feeding]
-    towards = way @ np.array(LIGHT) / np.maximum(np.linalg.norm(way, axis=1), 1e-9)
+    along = seen[feeding + 1] - seen[feeding]
+    towards = along @ np.array(LIGHT) / np.maximum(np.linalg.norm(along, axis=1), 1e-9)
     shades = colours(strokes.feed[feeding] / most)
     shades[:, :3] *= (0.7 + 0.3 * np.sqrt(np.maximum(1.0 - towards * towards, 0.0)))[:, None]
     dashed = [(line @ turn.T)[:, :2] for line in traverses(strokes)]
@@ -133,8 +142,8 @@ def _path(axes: Axes, picture: Picture, machine: Machine) -> Floats:
     stock = [np.concatenate(_edges(box)) @ turn.T for box in [stock_box(machine)] if box]
     whole = np.concatenate((seen, *stock))
     low, high = whole[:, :2].min(axis=0), whole[:, :2].max(axis=0)
-    room = 0.06 * max(float((high - low).max()), 1e-3)
-    axes.update_datalim(np.stack((low - room, high + room)))
+    margin = 0.06 * max(float((high - low).max()), 1e-3)
+    axes.update_datalim(np.stack((low - margin, high + margin)))
     axes.margins(0.0)
     axes.set_aspect("equal", adjustable="datalim")
     for box, colour in ((travel_box(machine), TRAVEL), (stock_box(machine), STOCK)):
@@ -151,8 +160,9 @@ def _path(axes: Axes, picture: Picture, machine: Machine) -> Floats:
 
 
 def traverses(strokes: Strokes) -> list[Floats]:
-    """Straight traverses, (2, 3) each. Those over the same line are one: dashes over dashes would
-    fill the gaps.
+    """Return straight traverses as (2, 3) arrays.
+
+    Traverses over the same line are joined, because dashes over dashes would fill the gaps.
     """
     position = strokes.position
     step = np.diff(position, axis=0)
@@ -160,19 +170,19 @@ def traverses(strokes: Strokes) -> list[Floats]:
     number = np.flatnonzero(strokes.rapid[:-1] & (length > 0.0))
     if not len(number):
         return []
-    way = step[number] / length[number, None]
-    bends = (np.diff(number) > 1) | ((way[1:] * way[:-1]).sum(axis=1) < STRAIGHT)
+    direction = step[number] / length[number, None]
+    bends = (np.diff(number) > 1) | ((direction[1:] * direction[:-1]).sum(axis=1) < STRAIGHT)
     first, last = number[np.append(True, bends)], number[np.append(bends, True)] + 1
     spans: dict[tuple[int, ...], list[tuple[float, float]]] = {}
     lines: dict[tuple[int, ...], tuple[Floats, Floats]] = {}
     for start, end in zip(position[first], position[last], strict=True):
         size = float(np.linalg.norm(end - start))
         if size <= strokes.tolerance:
-            continue  # how a corner is drawn
+            continue  # the drawing of a corner
         along = (end - start) / size
         along *= np.sign(along[np.argmax(np.abs(along) > 0.5 * np.abs(along).max())])
         foot = start - (start @ along) * along
-        # Shifted, so that round values are not on the edge of a cell.
+        # The shift keeps round values away from the edges of cells.
         key = tuple(
             np.rint(np.concatenate((100.0 * along, 10.0 * foot)) + 0.137).astype(int).tolist()
         )
@@ -191,7 +201,7 @@ def traverses(strokes: Strokes) -> list[Floats]:
 
 
 def _edges(box: list[list[float]]) -> list[Floats]:
-    """The twelve edges of a box, (2, 3) each."""
+    """Return the twelve edges of a box as (2, 3) arrays."""
     corners = np.array(list(itertools.product(*box)))
     return [
         np.stack((a, b))
@@ -201,7 +211,7 @@ def _edges(box: list[list[float]]) -> list[Floats]:
 
 
 def _scale(axes: Axes, turn: Floats) -> None:
-    """In the lower left corner: the directions of the axes, and a length."""
+    """Draw the directions of the axes and a length in the lower left corner."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     size = 0.07 * min(right - left, top - bottom)
     x, y = left + 2.0 * size, bottom + 1.5 * size
@@ -221,7 +231,7 @@ def _scale(axes: Axes, turn: Floats) -> None:
 
 
 def _curve(axes: Axes, curves: Curves, row: int, colour: str) -> None:
-    """Feed, acceleration or jerk: as it is, or between its least and greatest values."""
+    """Draw feed, acceleration or jerk exactly, or between its least and greatest values."""
     if curves.within:
         axes.fill_between(
             curves.t,

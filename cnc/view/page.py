@@ -1,9 +1,9 @@
-"""The picture as one HTML page that needs nothing else: no network, no other file.
+"""The picture as one HTML page that needs no network and no other file.
 
-What comes from the program (its text, its name, its comments in findings) is deflated and written
-in base 64, the letters of which can't end an element or begin one; the page's script turns it into
-text nodes and numbers. The page's policy lets no script run but that one, by its hash, and nothing
-be fetched from anywhere.
+Everything that comes from the program (its text, its name, findings) is deflated and written in
+base 64. Its letters cannot end or begin an element, and the script of the page turns it into text
+nodes and numbers only. The content security policy of the page permits this script alone, by its
+hash, and forbids all network access.
 """
 
 from __future__ import annotations
@@ -28,26 +28,37 @@ from cnc.view.collect import DRAWN_AXES, Picture, Sizes, stock_box, travel_box
 from cnc.view.tables import FINEST, tolerance_shown
 
 SIZES = Sizes(strokes=1 << 19, curves=1 << 17, origins=1 << 20)
-"""What a page holds of a motion: some 20 MB, which browsers open in seconds and turn without a
-hitch.
-"""
+"""Sizes of the tables of a page. A full page has about 20 MB, which browsers open in seconds."""
 QUANTUM = FINEST / 4
-"""mm: positions are whole multiples of it, unless the path is too long for 32 bits."""
+"""mm. Positions are whole multiples of it, unless the path is too large for 32 bits."""
 TEXT_MOST = 1 << 28
-"""Bytes of a program that the page shows; what is behind them is not in it, and it says so."""
+"""Bytes of a program that the page contains. The page states if a program is longer."""
 LEVELS = 32767
-"""Steps of a colour scale."""
+"""Number of steps of feed, acceleration and jerk."""
 SCRIPTS = ("data.js", "levels.js", "scene.js", "graph.js", "source.js", "page.js", "pointer.js")
 PIECE = 3 << 18
-"""Bytes that are read and written at a time, a multiple of three."""
+"""Bytes that are read and written at a time; base 64 needs a multiple of three."""
 
 
 def write_page(
     target: TextTarget, picture: Picture, report: Report, texts: Iterable[tuple[str, Path]]
 ) -> None:
-    """The page; ``texts`` are the programs by name, in the order of ``picture.files``."""
+    """Write the page.
+
+    Args:
+        target: receives the page.
+        picture: the data to draw.
+        report: the result for the program.
+        texts: name and file of each program, in the order of ``picture.files``.
+
+    Raises:
+        UsageError: ``unreadable-file`` for a file of ``texts``.
+    """
     style, script = _asset("page.css"), "".join(_asset(name) for name in SCRIPTS)
-    policy = f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; base-uri 'none'; form-action 'none'; img-src 'none'"
+    policy = (
+        f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; "
+        "base-uri 'none'; form-action 'none'; img-src 'none'"
+    )
     page = _asset("page.html").replace("{{policy}}", policy).replace("{{style}}", style)
     before, _, after = page.partition("<!--data-->\n")
     target.write(before)
@@ -62,7 +73,7 @@ def write_page(
             _element(target, f"text-{index}", _pieces(path))
         except OSError as error:
             raise UsageError(
-                Diagnostic("unreadable-file", f"can't read {name}: {error.strerror}", file=name)
+                Diagnostic("unreadable-file", f"{name} cannot be read: {error.strerror}", file=name)
             ) from None
     about["note"] = ", ".join(notes)
     _element(target, "about", [json.dumps(about, allow_nan=False).encode()])
@@ -74,12 +85,12 @@ def _asset(name: str) -> str:
 
 
 def _hash(text: str) -> str:
-    """As a policy names an element by its content (CSP level 3, section 2.3.1)."""
+    """Return the hash of an element for the policy (CSP level 3, section 2.3.1)."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 def _element(target: TextTarget, name: str, pieces: Iterable[bytes]) -> None:
-    """An element of data that no browser looks into."""
+    """Write an element with data that browsers do not interpret."""
     target.write(f'<script type="application/octet-stream" id="{name}">')
     packer, rest = zlib.compressobj(6), b""
     for piece in pieces:
@@ -100,12 +111,19 @@ def _pieces(path: Path) -> Iterator[bytes]:
 
 
 def _about(picture: Picture, report: Report) -> dict[str, Any]:
-    """What the page's script has to know besides the columns; lengths in mm, times in s."""
+    """Return the data of the page besides the columns, lengths in mm and times in s."""
     strokes, limits = picture.strokes, report.limits
     low, high = strokes.position.min(axis=0), strokes.position.max(axis=0)
     return {
         "program": report.program,
-        "facts": f"{clock(picture.duration)} · {number(report.path_length_mm)} mm · {number(report.lines)} lines · {report.machine.name}",
+        "facts": " · ".join(
+            (
+                clock(picture.duration),
+                f"{number(report.path_length_mm)} mm",
+                f"{number(report.lines)} lines",
+                report.machine.name,
+            )
+        ),
         "accuracy": _accuracy(picture),
         "duration": picture.duration,
         "tick": max(picture.duration, 1e-9) / (2**32 - 1),
@@ -132,25 +150,27 @@ def _about(picture: Picture, report: Report) -> dict[str, Any]:
 
 
 def _accuracy(picture: Picture) -> str:
-    """How near the page is to the plan."""
+    """Return the accuracy of the page as text."""
     strokes, curves = picture.strokes, picture.curves
     parts = [
-        f"At every moment the tool is drawn within {tolerance_shown(strokes.tolerance)} mm of the plan ({max(len(strokes.t) - 1, 0):,} "
-        "strokes), and on the screen within half a pixel of that; coarser while it turns, where that would take too long."
+        f"At every time the tool is drawn within {tolerance_shown(strokes.tolerance)} mm of the "
+        f"plan ({max(len(strokes.t) - 1, 0):,} strokes), and on the screen within half a pixel of "
+        "that. While the view rotates, a large path is drawn coarser."
     ]
     if curves.within:
         parts.append(
-            f"The curves show the least and the greatest values within {tolerance_shown(1e3 * curves.within)} ms."
+            "The curves show the least and the greatest values within "
+            f"{tolerance_shown(1e3 * curves.within)} ms."
         )
     else:
-        parts.append("The curves are those of the plan, phase by phase.")
+        parts.append("The curves are exact.")
     if picture.moves > 1:
-        parts.append(f"Up to {picture.moves} moves share an entry of source lines.")
+        parts.append(f"Up to {picture.moves} moves share one range of source lines.")
     return " ".join(parts)
 
 
 def _columns(picture: Picture, about: dict[str, Any]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
-    """Each array as bytes, in the forms that ``data.js`` reads."""
+    """Yield name and bytes of each array, in the forms that ``data.js`` reads."""
     strokes, curves, origins, tick = picture.strokes, picture.curves, picture.origins, about["tick"]
     yield "t", _integers(np.rint(strokes.t / tick))
     for axis, values, middle in zip(DRAWN_AXES, strokes.position.T, about["middle"], strict=True):
@@ -167,7 +187,7 @@ def _columns(picture: Picture, about: dict[str, Any]) -> Iterator[tuple[str, NDA
             yield f"high-{name}", _floats(curves.high[row])
     yield "origin-t", _integers(np.rint(origins.t / tick))
     yield "origin-first", _integers(origins.first)
-    # As a rule there is nothing but zeros in these.
+    # These are usually all zeros.
     for name, values in (
         ("origin-more", origins.last - origins.first),
         ("origin-file", origins.file),
@@ -177,13 +197,15 @@ def _columns(picture: Picture, about: dict[str, Any]) -> Iterator[tuple[str, NDA
 
 
 def _step(values: NDArray[np.float64]) -> float:
-    """The smallest difference that is kept of such values."""
+    """Return the step to which values are rounded."""
     return (float(np.abs(values).max(initial=0.0)) or 1.0) / LEVELS
 
 
 def _integers(values: ArrayLike) -> NDArray[np.uint8]:
-    """Whole numbers of 32 bits: differences, zigzag (the sign last), the lowest bytes of all first.
-    They are small, so they pack well.
+    """Return whole numbers of 32 bits as bytes, in a form that compresses well.
+
+    The form has differences, zigzag encoding (the sign in the lowest bit), and the lowest bytes of
+    all numbers first.
     """
     whole = np.asarray(values).astype(np.int64)
     steps = np.diff(whole, prepend=0).astype(np.uint32).view(np.int32)
@@ -192,7 +214,7 @@ def _integers(values: ArrayLike) -> NDArray[np.uint8]:
 
 
 def _floats(values: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Floats of 32 bits, the lowest bytes of all first."""
+    """Return floats of 32 bits as bytes, the lowest bytes of all numbers first."""
     return np.ascontiguousarray(
         np.ascontiguousarray(values, dtype="<f4").view(np.uint8).reshape(-1, 4).T
     )

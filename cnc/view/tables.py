@@ -1,7 +1,6 @@
-"""Tables of bounded size over a motion of any length: when one is full its rows are made half as
-many, and coarser.
+"""Tables of bounded size for a motion of any length. A full table is made coarser.
 
-The picture of a short program is exact; that of a long one says how far it is not.
+The picture of a short program is exact. That of a long program states its tolerance.
 """
 
 from __future__ import annotations
@@ -13,23 +12,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.view.thinning import KEPT, RAPID, STATE, A, J, S, T, X, Z, thin, thin_end
+from cnc.kernels.view.points import Points, new_points
+from cnc.kernels.view.thinning import new_fan, thin, thin_end
 
 Floats = NDArray[np.float64]
 
 FINEST = 0.0005
-"""mm: the first tolerance of the path."""
+"""mm. First tolerance of the path."""
 OPEN = -1.0
 """Last line of a row until the next row is known."""
 
 
 @dataclass(frozen=True, slots=True)
 class Strokes:
-    """The path as straight strokes between points, each at a steady speed: at any time within
-    ``tolerance`` mm of the plan.
+    """The path as straight strokes at a steady speed.
 
-    t (n,) s; position (n, 3) mm, x y z. Of the stroke that begins at each point (the last has
-    none): feed mm/s, accel mm/s^2 and jerk mm/s^3, the greatest with its sign; rapid.
+    Attributes:
+        t: (n,) times of the points between the strokes, s.
+        position: (n, 3) x, y and z of the points, mm.
+        feed: (n,) feed of the stroke that begins at each point, mm/s; the last point has none.
+        accel: (n,) acceleration of largest magnitude in it, mm/s^2.
+        jerk: (n,) jerk of largest magnitude in it, mm/s^3.
+        rapid: (n,) whether it is a traverse.
+        tolerance: at every time the tool is drawn within this distance of the plan, mm.
     """
 
     t: Floats
@@ -42,84 +47,94 @@ class Strokes:
 
 
 class StrokeTable:
-    """Thins points as they come; with more than ``most`` of them it goes over all once more with
-    twice the tolerance.
+    """Thins points as they are added.
+
+    With more than ``most`` points it thins all of them again with twice the tolerance.
     """
 
     def __init__(self, most: int, finest: float = FINEST) -> None:
         self.most = max(most, 32)
         self.tolerance = finest
         self.error = 2.0 * finest
-        self._rows = np.empty((self.most + 2, KEPT))
+        self._points = new_points(self.most + 2)
         self._count = 0
-        self._state = np.zeros(STATE)
+        self._fan = new_fan()
 
     @property
-    def fine(self) -> float:
-        """mm: how near the chords between the points have to be that come."""
+    def chord_tolerance(self) -> float:
+        """Largest distance of a chord between two added points from the motion, mm."""
         return 0.5 * self.tolerance
 
-    def add(self, points: Floats) -> None:
-        """Points of the kind that :func:`~cnc.kernels.view.thinning.follow` makes."""
-        # Few at a time: what comes after the table was thinned has to be thinned by the same
-        # tolerance.
-        some = self.most // 8
-        for first in range(0, len(points), some):
-            room = self._rows[self._count :]
+    def add(self, points: Points) -> None:
+        """Add points in order of time, as :func:`~cnc.kernels.view.motion.follow` makes them."""
+        # Few at a time: points that come after a change of the tolerance must be thinned by it.
+        step = self.most // 8
+        for first in range(0, len(points.t), step):
             self._count += thin(
-                points[first : first + some], True, self.tolerance, self._state, room
+                points.part(first, first + step),
+                True,
+                self.tolerance,
+                self._fan,
+                self._points.part(self._count),
             )
-            self._make_room()
+            self._reduce()
 
     def strokes(self, start: Floats) -> Strokes:
-        """What was drawn; nothing may be added after it. Without any motion, the point ``start``
-        (3,).
+        """Return the strokes. Nothing may be added afterwards.
+
+        Args:
+            start: (3,) the only point of a program without motion, mm.
         """
-        self._count += thin_end(self._state, self._rows[self._count :])
-        self._make_room()
-        rows = self._rows[: self._count]
-        if not len(rows):
-            rows = np.zeros((1, KEPT))
-            rows[0, X : Z + 1] = start
-        step = np.diff(rows[:, T])
-        feed = np.append(np.diff(rows[:, S]) / np.where(step > 0.0, step, 1.0), 0.0)[: len(rows)]
+        self._count += thin_end(self._fan, self._points.part(self._count))
+        self._reduce()
+        points = self._points.part(0, self._count)
+        if not self._count:
+            none = np.zeros(1)
+            points = Points(none, start[None], none, none, none, np.zeros(1, np.bool_))
+        step = np.diff(points.t)
+        feed = np.append(np.diff(points.s) / np.where(step > 0.0, step, 1.0), 0.0)
         return Strokes(
-            rows[:, T],
-            rows[:, X : Z + 1],
+            points.t,
+            points.position,
             feed,
-            rows[:, A],
-            rows[:, J],
-            rows[:, RAPID] != 0.0,
+            points.accel,
+            points.jerk,
+            points.rapid,
             self.error,
         )
 
-    def _make_room(self) -> None:
+    def _reduce(self) -> None:
         while self._count > self.most - self.most // 8:
             self._coarsen()
 
     def _coarsen(self) -> None:
-        """Half as many points, or nearly: what was within the error is within that and the new
-        tolerance now.
-        """
+        """Thin all points with twice the tolerance, which adds to the error so far."""
         self.tolerance *= 2.0
         self.error += self.tolerance
-        state = np.zeros(STATE)
-        kept = np.empty((self._count + 2, KEPT))
-        count = thin(self._rows[: self._count], False, self.tolerance, state, kept)
-        count += thin_end(state, kept[count:])
-        self._rows[:count] = kept[:count]
-        # The last row stands for the stroke from there to what is still to come.
-        self._rows[count - 1] = self._rows[self._count - 1]
+        fan = new_fan()
+        kept = new_points(self._count + 2)
+        points = self._points.part(0, self._count)
+        count = thin(points, False, self.tolerance, fan, kept)
+        count += thin_end(fan, kept.part(count))
+        last = self._count - 1
+        for column, source in zip(self._points, kept, strict=True):
+            # The last point belongs to the stroke that is still to come.
+            end = column[last].copy()
+            column[:count] = source[:count]
+            column[count - 1] = end
         self._count = count
 
 
 @dataclass(frozen=True, slots=True)
 class Curves:
-    """Feed, acceleration and jerk over time. t (n + 1,): ends of the rows.
+    """Feed (mm/s), acceleration (mm/s^2) and jerk (mm/s^3) over time, in rows.
 
-    Exact where ``within`` is 0: ``start`` (3, n) are the values where each row begins (mm/s,
-    mm/s^2, mm/s^3), the jerk is constant within it. Else ``low`` and ``high`` (3, n) are the least
-    and the greatest values in each row: a phase, or some that take up to ``within`` s.
+    Attributes:
+        t: (n + 1,) ends of the rows, s.
+        within: 0 if the curves are exact; else the longest time of a row of several phases, s.
+        start: (3, n) values at the start of each row, with constant jerk within it; if exact.
+        low: (3, n) least values in each row; if not exact.
+        high: (3, n) greatest values in each row; if not exact.
     """
 
     t: Floats
@@ -130,8 +145,9 @@ class Curves:
 
 
 class CurveTable:
-    """Phases of constant jerk as they come; with more than ``most`` of them, least and greatest
-    values of short ones taken together.
+    """Collects phases of constant jerk.
+
+    With more than ``most`` of them it keeps the least and greatest values of several phases.
     """
 
     def __init__(self, most: int) -> None:
@@ -143,14 +159,14 @@ class CurveTable:
         self._ranges = np.empty((0, 7))
 
     def add(self, phases: Floats) -> None:
-        """Rows (n, 4): time at which a phase begins, and feed, acceleration and jerk there."""
+        """Add rows (n, 4): start of a phase (s), and feed, acceleration and jerk there."""
         self._new.append(phases)
         self._waiting += len(phases)
         if self._waiting > self.most:
             self._take_in()
 
     def curves(self, end: float) -> Curves:
-        """What was added, up to the time ``end``; nothing may be added after it."""
+        """Return the curves up to the time ``end`` (s). Nothing may be added afterwards."""
         self.add(np.array([[end, 0.0, 0.0, 0.0]]))
         self._take_in()
         none = np.empty((3, 0))
@@ -167,12 +183,13 @@ class CurveTable:
         return Curves(np.append(rows[:, 0], end), 0.0, rows[:, 1:].T, none, none)
 
     def _take_in(self) -> None:
-        """Move what waits into the table, but for the last phase of a table of ranges: it has no
-        end yet.
+        """Move new rows into the table.
+
+        In a table of ranges the last phase stays outside, because its end is not known yet.
         """
         rows = np.concatenate([self._rows, *self._new])
         self._new, self._waiting = [], 0
-        # Of rows at one time the last counts.
+        # Of several rows at one time the last counts.
         rows = rows[np.append(np.diff(rows[:, 0]) > 0.0, True)]
         self._rows = rows
         if self._width == 0.0 and len(rows) <= self.most:
@@ -189,13 +206,11 @@ class CurveTable:
 
 
 def _ranges(rows: Floats) -> Floats:
-    """Time, and least and greatest feed, acceleration and jerk of each phase but the last (n - 1,
-    7).
-    """
+    """Return (n - 1, 7): time, then least and greatest feed, acceleration and jerk of phases."""
     t, v, a, j = rows[:-1].T
     span = np.diff(rows[:, 0])
     v_end, a_end = v + span * (a + 0.5 * span * j), a + span * j
-    # Inside a phase the feed turns where the acceleration is zero.
+    # Inside a phase the feed is extreme where the acceleration is zero.
     with np.errstate(divide="ignore", invalid="ignore"):
         turn = np.where(a * a_end < 0.0, v - 0.5 * a * a / j, v)
     feeds, accels = np.stack((v, v_end, turn)), np.stack((a, a_end))
@@ -206,9 +221,7 @@ def _ranges(rows: Floats) -> Floats:
 
 
 def _together(ranges: Floats, width: float, end: float) -> Floats:
-    """Rows that begin in the same interval of ``width`` s as one, but for those that are longer: a
-    cruise keeps its own values.
-    """
+    """Join rows that begin in the same interval of ``width`` s, except longer ones."""
     t = ranges[:, 0]
     long = np.diff(t, append=end) > width
     interval = np.floor(t / width)
@@ -224,8 +237,13 @@ def _together(ranges: Floats, width: float, end: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Origins:
-    """Which source line is at work when. t (n,): from then on it is a line of ``file`` between
-    ``first`` and ``last``.
+    """Source lines over time.
+
+    Attributes:
+        t: (n,) start of each row, s.
+        first: (n,) first source line that is active in the row.
+        last: (n,) last source line.
+        file: (n,) index of the file.
     """
 
     t: Floats
@@ -235,8 +253,9 @@ class Origins:
 
 
 class OriginTable:
-    """Rows of time, line and file as they come; with more than ``most`` of them two become one,
-    unless they are of two files.
+    """Collects rows of time, line and file.
+
+    With more than ``most`` of them it joins pairs of rows of one file.
     """
 
     def __init__(self, most: int, program: str) -> None:
@@ -248,8 +267,13 @@ class OriginTable:
         self._files = [program]
 
     def add(self, t: Floats, line: NDArray[Any], file: str, smooth: NDArray[np.bool_]) -> None:
-        """From each of the times on, a line of ``file``; where ``smooth``, that one and those up to
-        the next that is added.
+        """Add rows of one file.
+
+        Args:
+            t: (n,) times at which lines become active, s.
+            line: (n,) the lines.
+            file: their file.
+            smooth: (n,) whether the row also stands for the lines up to the next row.
         """
         if file not in self._files:
             self._files.append(file)
@@ -260,7 +284,7 @@ class OriginTable:
             self._take_in()
 
     def origins(self) -> tuple[Origins, list[str]]:
-        """What was added, and the files by number."""
+        """Return the rows, and the files by index."""
         self._take_in()
         t, first, last, file = self._rows.T
         last = np.where(last == OPEN, first, last)
@@ -275,15 +299,15 @@ class OriginTable:
             rows = rows[np.append(np.diff(rows[:, 0]) > 0.0, True)]
             same = (np.diff(rows[:, 1:], axis=0) == 0.0).all(axis=1)
             rows = rows[np.append(True, ~same)]
-            # Short moves under G64 become one spline over many lines, each piece of which names its
-            # first.
+            # Short moves under G64 become one spline over many lines. Each of its pieces has only
+            # the first of its lines.
             following = np.where(rows[1:, 3] == rows[:-1, 3], rows[1:, 1] - 1.0, 0.0)
             rows[:-1, 2] = np.where(
                 rows[:-1, 2] == OPEN, np.maximum(rows[:-1, 1], following), rows[:-1, 2]
             )
         while len(rows) > self.most:
             self.moves *= 2
-            # A pair may be joined where its two are of one file.
+            # A pair can be joined if both rows are of one file.
             number = np.arange(len(rows))
             joined = np.append(False, rows[1:, 3] == rows[:-1, 3]) & (number % 2 == 1)
             if not joined.any():
@@ -298,7 +322,7 @@ class OriginTable:
 
 
 def tolerance_shown(tolerance: float) -> str:
-    """A tolerance in mm, rounded up to two digits."""
+    """Return a tolerance in mm as text, rounded up to two digits."""
     if tolerance <= 0.0:
         return "0"
     digit = 10.0 ** (math.floor(math.log10(tolerance)) - 1)

@@ -3,7 +3,7 @@
 import ast
 import re
 import tomllib
-from collections.abc import Iterator
+from functools import cache
 
 import pytest
 
@@ -11,27 +11,57 @@ from cnc.boards.stepper.connection import ALARMS
 from cnc.checks.catalogue import findings, groups, ignorable_codes, markdown
 from tests.support.paths import ROOT
 
-MAKERS = {
-    "fault",
-    "Diagnostic",
-    "board_error",
-    "error",
-    "wrong",
-    "caution",
-    "Undefined",
-    "file_error",
-    "failed",
-    "Form",
-}
-"""Functions and classes with a code among their arguments."""
 CODE = re.compile(r"[a-z]+(-[a-z0-9]+)+|usage")
 COMPUTED = {"probe-contact", "switch-contact"}
 """Codes that the source does not contain as a whole."""
 
 
-def calls() -> Iterator[ast.AST]:
-    for file in (ROOT / "cnc").rglob("*.py"):
-        yield from ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+@cache
+def nodes() -> list[ast.AST]:
+    """Return all syntax nodes of the source."""
+    files = (ROOT / "cnc").rglob("*.py")
+    trees = [ast.parse(file.read_text(encoding="utf-8")) for file in files]
+    return [node for tree in trees for node in ast.walk(tree)]
+
+
+def name_of(call: ast.Call) -> str:
+    return getattr(call.func, "attr", getattr(call.func, "id", "")).lstrip("_")
+
+
+def is_lesser(call: ast.Call) -> bool:
+    """Return whether a call creates a warning or a note."""
+    return any(
+        each.arg == "severity"
+        and isinstance(each.value, ast.Constant)
+        and each.value.value in ("warning", "note")
+        for each in call.keywords
+    )
+
+
+@cache
+def makers(*, lesser: bool) -> frozenset[str]:
+    """Return names of functions that pass a code on to a Diagnostic, through other functions.
+
+    Args:
+        lesser: only those that create warnings and notes.
+    """
+    functions = [node for node in nodes() if isinstance(node, ast.FunctionDef)]
+    found: set[str] = set()
+    while True:
+        more = {
+            function.name.lstrip("_")
+            for function in functions
+            for call in ast.walk(function)
+            if isinstance(call, ast.Call)
+            and any(isinstance(each, ast.Name) and "code" in each.id for each in call.args)
+            and (
+                name_of(call) in found
+                or (name_of(call) == "Diagnostic" and (is_lesser(call) or not lesser))
+            )
+        }
+        if more <= found:
+            return frozenset(found)
+        found |= more
 
 
 def strings(nodes: list[ast.expr]) -> set[str]:
@@ -49,10 +79,11 @@ def strings(nodes: list[ast.expr]) -> set[str]:
 def codes_in_source() -> set[str]:
     """Return the codes in arguments, in ``code = ...`` and in ``code, message = ...``."""
     found = {code for code, _, _ in ALARMS.values()} | COMPUTED
-    for node in calls():
+    # The table of forms of G6.2 has the codes of each form.
+    names = makers(lesser=False) | {"Diagnostic", "Form"}
+    for node in nodes():
         if isinstance(node, ast.Call):
-            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
-            if name.lstrip("_") in MAKERS:
+            if name_of(node) in names:
                 found |= strings(node.args)
         elif isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
@@ -94,18 +125,12 @@ def test_entries_are_sentences(part):
 
 
 def test_warnings_and_notes_can_be_ignored_and_errors_can_not():
-    """Compare with ``caution`` calls and with diagnostics that have a severity in the source."""
+    """Compare with the calls that create warnings and notes in the source."""
+    names = makers(lesser=True)
     found = set()
-    for node in calls():
-        if isinstance(node, ast.Call):
-            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
-            severities = [
-                each.value.value
-                for each in node.keywords
-                if each.arg == "severity" and isinstance(each.value, ast.Constant)
-            ]
-            if name in ("caution", "_tell") or severities in (["warning"], ["note"]):
-                found |= strings(node.args[:1])
+    for node in nodes():
+        if isinstance(node, ast.Call) and (is_lesser(node) or name_of(node) in names):
+            found |= strings(node.args[:1])
     assert found == set(ignorable_codes())
 
 

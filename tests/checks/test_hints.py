@@ -5,7 +5,7 @@ import json
 import pytest
 
 from cnc import cli
-from cnc.api import Report, Selection, check, load_machine, run
+from cnc.api import Report, RunOptions, Selection, check, load_machine, run
 from cnc.checks import selection
 from cnc.checks.hints import step_rate
 from cnc.checks.selection import ignored_in, unknown_codes
@@ -14,9 +14,15 @@ from cnc.report.result import Extremes
 from tests.support.paths import ROOT
 
 HINTS = {
-    "spindle-off", "feed-unreachable", "move-below-step", "step-rate", "arc-not-closed", "arc-radius-drift",
-    "word-shadowed", "word-without-effect",
-}  # fmt: skip
+    "spindle-off",
+    "feed-unreachable",
+    "move-below-step",
+    "step-rate",
+    "arc-not-closed",
+    "arc-radius-drift",
+    "word-shadowed",
+    "word-without-effect",
+}
 HEAD = "G21 G90 G94 G61\n"
 
 
@@ -27,7 +33,7 @@ def found(tmp_path):
     def look(text: str, machine=None, **options) -> list[tuple[str, int, str]]:
         file = tmp_path / "p.nc"
         file.write_text(HEAD + text)
-        report = check(file, machine, **options)
+        report = check(file, machine, RunOptions(**options))
         assert report.ok
         return [(each.code, each.line, each.severity) for each in report.warnings]
 
@@ -81,9 +87,9 @@ def test_a_finding_of_many_moves_is_reported_once(tmp_path):
     file = tmp_path / "p.nc"
     file.write_text(HEAD + "F12000\n" + "G1 X50\nG1 X0\n" * 30 + "M2\n")
     (finding,) = check(file).warnings
-    assert (
-        finding.message
-        == "a feed of 12000 mm/min is 2 times the highest speed of the machine; 60 moves are slower than programmed"
+    assert finding.message == (
+        "a feed of 12000 mm/min is 2 times the highest speed of the machine; "
+        "60 moves are slower than programmed"
     )
     assert (finding.line, finding.text) == (3, "G1 X50")
     file.write_text(HEAD + "G1 X5 F8000 Z0\nM2\n")

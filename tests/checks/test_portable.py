@@ -5,7 +5,7 @@ import json
 import pytest
 
 from cnc import cli
-from cnc.api import check, check_many
+from cnc.api import RunOptions, check, check_many
 from cnc.model.diagnostics import UsageError
 
 HEAD = "G21 G90 G94\nG0 X5 Y5\n"
@@ -19,7 +19,8 @@ def found(tmp_path):
         file = tmp_path / "p.nc"
         file.write_text(HEAD + text)
         faults = [
-            fault.diagnostic for fault in check(file, dialect=dialect, portable=others).faults
+            fault.diagnostic
+            for fault in check(file, None, RunOptions(dialect=dialect, portable=others)).faults
         ]
         assert {fault.severity for fault in faults} <= {"error"}
         return [(fault.code, fault.line, fault.message) for fault in faults]
@@ -105,9 +106,9 @@ def test_limit_faults_are_reported_too(found):
 
 def test_an_unknown_dialect_is_refused(tmp_path):
     with pytest.raises(UsageError, match="unknown-dialect"):
-        check(tmp_path / "p.nc", portable=("fanuk",))
+        check(tmp_path / "p.nc", None, RunOptions(portable=("fanuk",)))
     with pytest.raises(UsageError, match="unknown-dialect"):
-        list(check_many([tmp_path / "p.nc"], portable=("fanuk",), jobs=1))
+        list(check_many([tmp_path / "p.nc"], None, RunOptions(portable=("fanuk",)), jobs=1))
 
 
 def test_portability_on_the_command_line(tmp_path, capfd):

@@ -1,12 +1,13 @@
-"""The library's front door, and what a terminal shows meanwhile."""
+"""The public functions, the progress display, and the compilation on the first run."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from cnc.api import Control, Outputs, Watch, check, load_machine, parse, plan, run
+from cnc.api import Callbacks, Control, Outputs, check, load_machine, parse, plan, run
 from cnc.boards.loopback import Loopback
 from cnc.cli import progress
 from cnc.kernels import jit
@@ -16,6 +17,7 @@ from cnc.planner import phases
 from cnc.planner.plan import PlanChunk
 from cnc.session import kernel_cache
 from tests.support.paths import ROOT
+from tests.support.session.runs import check_with
 
 TEXT = "G21 G90 G94\nG1 X10 F600\nG4 P0.5\nG2 X20 Y0 I5 J0\nG4 P0.25\nM2\n"
 
@@ -27,14 +29,14 @@ def program(tmp_path) -> Path:
     return file
 
 
-def test_parse_gives_blocks_as_they_are_read(program):
+def test_parse_yields_blocks_as_they_are_read(program):
     assert [type(block) for block in parse(program)] == [Polyline, Dwell, ArcFeed, Dwell, End]
     program.write_text(TEXT.replace("I5", "I6"))
     with pytest.raises(GcodeError):
         list(parse(program))
 
 
-def test_plan_keeps_the_clock_of_the_report(program):
+def test_the_plan_ends_at_the_duration_of_the_report(program):
     items = list(plan(program))
     chunks = [item for item in items if isinstance(item, PlanChunk)]
     report = check(program)
@@ -54,7 +56,7 @@ def test_a_machine_can_be_given_in_three_ways(program):
         check(program, "no such machine")
 
 
-def test_run_on_a_board_of_one_s_own(program):
+def test_run_accepts_a_board_object(program):
     board = Loopback(3)
     report = run(program, board=board)
     assert report.ok
@@ -82,18 +84,18 @@ def test_faults_are_in_the_report(program):
     ]
 
 
-def test_the_caller_s_own_mistakes_are_raised(program):
+def test_usage_errors_are_raised(program):
     with pytest.raises(UsageError, match="output-format"):
-        check(program, outputs=Outputs(trace="t.txt"))
+        check_with(program, outputs=Outputs(trace="t.txt"))
     with pytest.raises(UsageError, match="unknown-board"):
         run(program, board="nowhere")
 
 
 def test_a_program_too_long_to_keep_is_read_again(program, monkeypatch):
-    kept = check(program, interpolator="sampled")
+    kept = check_with(program, interpolator="sampled")
     monkeypatch.setattr("cnc.session.check_pass.KEPT_NUMBERS", 0)
     monkeypatch.setattr("cnc.session.source.COPIED_BYTES", 0)
-    again = check(program, interpolator="sampled")
+    again = check_with(program, interpolator="sampled")
     for report in (kept, again):
         assert report.ok
     assert again.duration_s == kept.duration_s
@@ -102,10 +104,10 @@ def test_a_program_too_long_to_keep_is_read_again(program, monkeypatch):
     assert again.program == str(program)
 
 
-def test_progress_tells_both_passes(program, monkeypatch):
+def test_progress_is_reported_in_both_passes(program, monkeypatch):
     monkeypatch.setattr("cnc.gcode.program.program.REPORT_INTERVAL", 1)
     seen = []
-    run(program, watch=Watch(on_progress=lambda *what: seen.append(what)))
+    run(program, callbacks=Callbacks(on_progress=lambda *what: seen.append(what)))
     stages = [stage for stage, _, _ in seen]
     assert stages == sorted(stages)
     assert ("checking", 6, None) in seen
@@ -121,7 +123,9 @@ def test_a_stop_ends_both_passes(program, monkeypatch, stage):
         control = Control()
         return {
             "control": control,
-            "watch": Watch(on_progress=lambda now, *_: control.stop() if now == stage else None),
+            "callbacks": Callbacks(
+                on_progress=lambda now, *_: control.stop() if now == stage else None
+            ),
         }
 
     report = check(program, **stopping())
@@ -132,32 +136,32 @@ def test_a_stop_ends_both_passes(program, monkeypatch, stage):
     assert board.rows == 0
 
 
-def test_the_bar_appears_for_long_programs_alone(capsys, monkeypatch):
-    bar = progress._Bar()
+def test_the_bar_appears_only_after_a_delay(capsys, monkeypatch):
+    bar = progress._ProgressBar()
     bar.update("checking", 10, None)
     bar.close()
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(progress._Bar, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress._ProgressBar, "DELAY", 0.0)
     monkeypatch.setenv("FORCE_COLOR", "1")
-    bar = progress._Bar()
+    bar = progress._ProgressBar()
     bar.update("checking", 10, None)
     bar.update("running", 20, 40)
     bar.close()
-    assert "10 lines" in capsys.readouterr().err
+    assert re.search("[12]0 lines", capsys.readouterr().err)
 
 
 def test_warnings_are_shown_unless_quiet(capsys):
     warning = Diagnostic("odd-word", "odd", "p.nc", 3, severity="warning")
-    with progress.Screen(Control(), quiet=False) as shown:
-        on_warning = shown.watch().on_warning
+    with progress.ProgressDisplay(Control(), quiet=False) as shown:
+        on_warning = shown.callbacks().on_warning
         assert on_warning is not None
         on_warning(warning)
     assert capsys.readouterr().err == "warning: p.nc:3: odd-word: odd\n"
-    with progress.Screen(Control(), quiet=True) as shown:
-        assert shown.watch().on_warning is None
+    with progress.ProgressDisplay(Control(), quiet=True) as shown:
+        assert shown.callbacks().on_warning is None
 
 
-def test_the_first_run_compiles_and_says_so_once(tmp_path, monkeypatch):
+def test_the_first_run_compiles_and_reports_it_once(tmp_path, monkeypatch):
     mark, told = tmp_path / "compiled", []
     monkeypatch.setattr(kernel_cache, "compiled_mark", lambda: mark)
     for _ in range(2):
@@ -166,7 +170,7 @@ def test_the_first_run_compiles_and_says_so_once(tmp_path, monkeypatch):
     assert mark.exists()
 
 
-def test_nobody_goes_on_compiling_for_a_process_that_is_gone():
+def test_the_compiling_process_ends_with_its_parent():
     # Its input ends with the process that holds the other end of it.
     assert (
         subprocess.run(
@@ -178,27 +182,27 @@ def test_nobody_goes_on_compiling_for_a_process_that_is_gone():
     )
 
 
-def test_what_cuts_a_plan_in_slices_is_compiled_with_the_rest(monkeypatch):
+def test_planning_in_slices_is_compiled_too(monkeypatch):
     called, phase_time = [], phases.phase_time
     monkeypatch.setattr(
         phases, "phase_time", lambda *values: called.append(values) or phase_time(*values)
     )
-    kernel_cache.use_planner()
+    kernel_cache.compile_planner()
     assert called
 
 
 def test_compiling_is_announced_unless_quiet(capsys):
-    with progress.Screen(Control(), quiet=False) as shown:
-        shown.watch().on_compiling()
+    with progress.ProgressDisplay(Control(), quiet=False) as shown:
+        shown.callbacks().on_compiling()
     assert (
         capsys.readouterr().err
         == "compiling the kernels; this happens once and takes up to a minute\n"
     )
-    with progress.Screen(Control(), quiet=True) as shown:
-        assert shown.watch().on_compiling is None
+    with progress.ProgressDisplay(Control(), quiet=True) as shown:
+        assert shown.callbacks().on_compiling is None
 
 
-def test_compiled_code_belongs_to_the_text_of_a_file_and_of_its_imports(tmp_path, monkeypatch):
+def test_compiled_code_depends_on_the_file_and_its_imports(tmp_path, monkeypatch):
     # A called kernel may change without a change of the file of its caller.
     texts = {
         "caller.py": "from cnc.kernels.deep.callee import f",
@@ -224,14 +228,14 @@ def test_compiled_code_belongs_to_the_text_of_a_file_and_of_its_imports(tmp_path
 
 
 class Silent(Loopback):
-    """A board whose probe never makes contact."""
+    """A board whose probe makes no contact."""
 
     def execute(self, block, time_ns):
         expected = super().execute(block, time_ns)
         return expected and (0.0, *expected[1:])
 
 
-def test_what_the_board_answers_decides_how_the_program_goes_on(program):
+def test_an_answer_of_the_board_is_used_in_the_run_pass(program):
     program.write_text("G21 G90\nG38.3 Z-5 F600\no1 if [#5070 EQ 0]\nG0 X7\no1 endif\nG0 Z0\nM2\n")
     for board, steps in ((Loopback(3), 0), (Silent(3), 7)):
         report = run(program, board=board)

@@ -1,4 +1,4 @@
-"""The operator's keys: at a terminal each does what it says, elsewhere there are none."""
+"""Keys of the operator: each request at a terminal, and no keys without one."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import os
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 
-from cnc.cli.keyboard import Keys
+from cnc.cli.keyboard import Keyboard
 from cnc.model.diagnostics import UsageError
 from cnc.model.operator_control import Control
 
@@ -31,17 +32,17 @@ pty = pytest.importorskip("pty")
         ("xyz\x1b[A", False, 100, False),
     ],
 )
-def test_keys_become_wishes(keys: str, held: bool, override: float, stopped: bool) -> None:
+def test_each_key_makes_its_request(keys: str, held: bool, override: float, stopped: bool) -> None:
     control = Control()
-    reader = Keys(control)
+    reader = Keyboard(control)
     for key in keys:
         reader.press(key)
     assert (control.held, control.feed_override, control.stopped) == (held, override, stopped)
 
 
-def test_a_lower_override_than_the_keys_give_stays() -> None:
+def test_minus_does_not_raise_a_low_override() -> None:
     control = Control(4.0)
-    Keys(control).press("-")
+    Keyboard(control).press("-")
     assert control.feed_override == 4.0
 
 
@@ -49,59 +50,96 @@ def test_a_lower_override_than_the_keys_give_stays() -> None:
 def terminal(monkeypatch: pytest.MonkeyPatch):
     import termios
 
-    ours, theirs = pty.openpty()
-    stream = os.fdopen(theirs, "r")
+    master, slave = pty.openpty()
+    stream = os.fdopen(slave, "r")
     monkeypatch.setattr(sys, "stdin", stream)
-    before = termios.tcgetattr(theirs)
-    yield ours
-    assert termios.tcgetattr(theirs) == before
+    before = termios.tcgetattr(slave)
+    yield master
+    assert termios.tcgetattr(slave) == before
     stream.close()
-    os.close(ours)
+    os.close(master)
 
 
-def until(control: Control, what: str) -> None:
+def wait_for(control: Control, request: str) -> None:
     end = time.monotonic() + 5.0
-    while not getattr(control, what) and time.monotonic() < end:
+    while not getattr(control, request) and time.monotonic() < end:
         time.sleep(0.005)
-    assert getattr(control, what)
+    assert getattr(control, request)
 
 
-def test_keys_are_read_at_a_terminal_and_it_is_left_as_it_was(terminal: int) -> None:
+def test_keys_are_read_and_the_terminal_mode_is_restored(terminal: int) -> None:
     control = Control()
-    with Keys(control) as keys:
+    with Keyboard(control) as keys:
         assert keys.available
         os.write(terminal, b" ")
-        until(control, "held")
+        wait_for(control, "held")
         os.write(terminal, b"q")
-        until(control, "stopped")
+        wait_for(control, "stopped")
 
 
 @pytest.mark.parametrize(
-    ("key", "agreed"), [(b"y", True), (b"Y", True), (b"n", False), (b"q", False), (b" ", False)]
+    ("key", "confirmed"), [(b"y", True), (b"Y", True), (b"n", False), (b"q", False), (b" ", False)]
 )
-def test_a_question_is_answered_by_a_key(
-    terminal: int, capsys: pytest.CaptureFixture[str], key: bytes, agreed: bool
+def test_a_key_answers_the_question(
+    terminal: int, capsys: pytest.CaptureFixture[str], key: bytes, confirmed: bool
 ) -> None:
     control = Control()
-    with Keys(control) as keys:
+    with Keyboard(control) as keys:
         later = threading.Timer(0.1, os.write, (terminal, key))
         later.start()
-        assert keys.agreed(["from line 8:", "lift Z to 5"], yes=False) is agreed
+        assert keys.confirm(["from line 8:", "lift Z to 5"], yes=False) is confirmed
         later.join()
     assert "lift Z to 5" in capsys.readouterr().err
     assert not control.stopped
     assert not control.held
 
 
-def test_without_a_terminal_there_are_no_keys_and_nobody_to_ask(
+def test_without_a_terminal_there_are_no_keys(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO("q"))
     control = Control()
-    with Keys(control) as keys:
+    with Keyboard(control) as keys:
         assert not keys.available
-        assert keys.agreed(["from line 8:"], yes=True)
+        assert keys.confirm(["from line 8:"], yes=True)
         with pytest.raises(UsageError) as caught:
-            keys.agreed(["from line 8:"], yes=False)
+            keys.confirm(["from line 8:"], yes=False)
     assert caught.value.diagnostic.code == "needs-yes"
     assert not control.stopped
+
+
+def test_a_terminal_that_is_gone_ends_the_reading(monkeypatch: pytest.MonkeyPatch) -> None:
+    master, slave = pty.openpty()
+    control = Control()
+    with os.fdopen(slave, "r") as stream:
+        monkeypatch.setattr(sys, "stdin", stream)
+        with Keyboard(control) as keys:
+            assert keys.available
+            os.close(master)
+            time.sleep(0.1)
+    assert not control.stopped
+
+
+def test_keys_of_a_windows_console_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    pressed = list("+q")
+    console = SimpleNamespace(kbhit=lambda: bool(pressed), getwch=lambda: pressed.pop(0))
+    monkeypatch.setitem(sys.modules, "msvcrt", console)
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True))
+    control = Control()
+    with Keyboard(control) as keys:
+        assert keys.available
+        wait_for(control, "stopped")
+    assert control.feed_override == 110.0
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_without_standard_input_there_are_no_keys(
+    monkeypatch: pytest.MonkeyPatch, closed: bool
+) -> None:
+    stream = io.StringIO() if closed else None
+    if stream is not None:
+        stream.close()
+    monkeypatch.setattr(sys, "stdin", stream)
+    with Keyboard(Control()) as keys:
+        assert not keys.available

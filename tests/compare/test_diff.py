@@ -1,6 +1,4 @@
-"""Two programs side by side: the largest distance between their ways, where it is, and how long
-each takes.
-"""
+"""Comparison of two programs: the largest distance of their toolpaths, its place, and times."""
 
 import io
 import json
@@ -30,8 +28,8 @@ HEAD = "G21 G90 G94 G17 G61 F1200\n"
 
 
 @pytest.fixture
-def beside(tmp_path):
-    """The difference of two programs."""
+def difference(tmp_path):
+    """Return a function: the difference of two programs."""
 
     def look(one: str, other: str):
         for name, text in ("a.nc", one), ("b.nc", other):
@@ -55,15 +53,15 @@ SQUARE = "G1 X40\nG1 Y40\nG1 X0\nG1 Y0"
             "G1 X20\nG1 X40\nG1 Y10\nG1 Y40\nG1 X0\nG1 Y0",
             0.0,
             None,
-        ),  # points in between change nothing
+        ),  # further points on a straight line
         (SQUARE, SQUARE + "\nF100", 0.0, None),
         ("", "", 0.0, None),
         ("M3 S9", "G4 P1", 0.0, None),
-        (SQUARE, "G1 X40\nG1 Y40.5\nG1 X0\nG1 Y0", 0.5, (4, 4)),  # all along that edge
+        (SQUARE, "G1 X40\nG1 Y40.5\nG1 X0\nG1 Y0", 0.5, (4, 4)),  # along the whole edge
         (SQUARE, "G1 X40\nG1 Y40\nG1 X-3\nG1 X0\nG1 Y0", 3.0, (4, 4)),
         (SQUARE, "G1 X40\nG1 Y40\nG1 X0\nG1 Y0\nG1 Z-7", 7.0, (5, 6)),
         (SQUARE, "G1 X40\nG1 Y40\nG1 X0", 40.0, (5, 4)),
-        (SQUARE, "G1 Y40\nG1 X40\nG1 Y0\nG1 X0", 40.0, None),  # the other way round
+        (SQUARE, "G1 Y40\nG1 X40\nG1 Y0\nG1 X0", 40.0, None),  # in the opposite direction
         (SQUARE + "\nG0 Z5\n" + SQUARE, SQUARE + "\nG0 Z9\n" + SQUARE, 4.0, None),
         ("", "G0 X3 Y4", 5.0, (0, 2)),
         ("G2 X20 I10", "G2 X10 Y10 I10\nX20 Y0 J-10", 0.0, None),
@@ -74,44 +72,42 @@ SQUARE = "G1 X40\nG1 Y40\nG1 X0\nG1 Y0"
         ("G64 P1\nG1 X40\nG1 Y40", "G1 X40\nG1 Y40", 1.0, None),
     ],
 )
-def test_how_far_apart(beside, one, other, distance, lines):
-    found = beside(one, other)
+def test_distance_and_lines(difference, one, other, distance, lines):
+    found = difference(one, other)
     if distance is None:
-        # arcs over one chord c: their heights differ most
+        # The heights of two arcs over one chord have the largest distance.
         heights = [r - math.sqrt(r * r - 800.0) for r in (50.0, 51.0)]
         distance = heights[0] - heights[1]
     assert found.distance == pytest.approx(distance, abs=5e-4, rel=2e-3)
-    assert found.same_way == (distance == 0.0)
+    assert found.same_path == (distance == 0.0)
     if lines is not None:
         assert tuple(place.line for place in found.places) == lines
 
 
-def test_times_and_lengths(beside):
-    found = beside("G1 X40", "G1 X40 F600")
+def test_times_and_lengths(difference):
+    found = difference("G1 X40", "G1 X40 F600")
     one, other = found.reports
-    assert found.same_way
+    assert found.same_path
     assert (one.path_length_mm, other.path_length_mm) == (40.0, 40.0)
     assert other.duration_s == pytest.approx(4.0, rel=0.05)
     assert one.duration_s < 0.6 * other.duration_s
     shown = list(found.lines())
-    assert shown[0] == "way     the same"
+    assert shown[0] == "path    the same"
     assert shown[2].startswith("time    2.0")
 
 
-def test_a_pass_more_is_found_where_it_is(beside):
-    """The rest is the same, before and after, though every line has another number."""
+def test_an_additional_pass_has_the_largest_distance(difference):
+    """The rest is the same, although its line numbers differ."""
     passes = [f"G0 Y{y}\nG1 Z-1\nG1 X30\nG0 Z2\nG0 X0" for y in range(10)]
     more = [*passes[:4], "G0 Y3.5\nG1 Z-1\nG1 X30\nG1 X33\nG0 Z2\nG0 X0", *passes[4:]]
-    found = beside("\n".join(passes), "\n".join(more))
+    found = difference("\n".join(passes), "\n".join(more))
     assert found.places[1].line in range(22, 28)
     assert found.at["y"] in (3.0, 3.5, 4.0) or found.at["x"] > 29.0
 
 
 @given(st.integers(0, 30), st.floats(0.01, 3.0), st.integers(0, 2))
-def test_one_point_that_moved(tmp_path_factory, index, far, axis):
-    """Of a spiral of straight moves one point is somewhere else: that is the distance, and that is
-    the line.
-    """
+def test_one_moved_point(tmp_path_factory, index, far, axis):
+    """One point of a spiral of straight moves is displaced by the distance."""
     folder = tmp_path_factory.mktemp("moved")
     points = [[k + 10.0 + 5.0 * math.cos(k), 20.0 + 5.0 * math.sin(k), 0.1 * k] for k in range(31)]
     for name in "a.nc", "b.nc":
@@ -127,20 +123,18 @@ def test_one_point_that_moved(tmp_path_factory, index, far, axis):
     assert abs(found.places[1].line - (index + 2)) <= 1
 
 
-def way(points: np.ndarray) -> Track:
+def track_of(points: np.ndarray) -> Track:
     count = np.arange(len(points))
     return Track(points, count, 0 * count, ("",))
 
 
-WAYS = st.lists(st.tuples(*[st.integers(-5, 5).map(float)] * 2), min_size=1, max_size=12).map(
+POLYGONS = st.lists(st.tuples(*[st.integers(-5, 5).map(float)] * 2), min_size=1, max_size=12).map(
     lambda each: np.array([(0.0, 0.0), *each])
 )
 
 
 def hausdorff(a: np.ndarray, b: np.ndarray) -> float:
-    """Between points that lie densely on both, without order: the least that any distance of ways
-    can be.
-    """
+    """Return the Hausdorff distance, a lower bound of any distance of two tracks."""
     dense = [
         np.concatenate([np.linspace(p, q, 60) for p, q in pairwise(each)] or [each])
         for each in (a, b)
@@ -149,20 +143,18 @@ def hausdorff(a: np.ndarray, b: np.ndarray) -> float:
     return float(max(apart.min(axis=1).max(), apart.min(axis=0).max()))
 
 
-@given(WAYS, WAYS)
-def test_ways_without_order_are_no_farther_apart(a, b):
-    found, back = farthest(way(a), way(b)), farthest(way(b), way(a))
+@given(POLYGONS, POLYGONS)
+def test_the_distance_is_at_least_the_hausdorff_distance(a, b):
+    found, back = farthest(track_of(a), track_of(b)), farthest(track_of(b), track_of(a))
     assert found.distance >= hausdorff(a, b) - 0.25
     assert back.distance >= hausdorff(a, b) - 0.25
     assert found.distance <= np.abs(np.concatenate((a, b))).max() * 3.0
-    assert farthest(way(a), way(a)).distance == 0.0
+    assert farthest(track_of(a), track_of(a)).distance == 0.0
 
 
-@given(WAYS, WAYS)
-def test_what_is_not_in_a_hunk_is_common(a, b):
-    """The points outside of the hunks are the same ones, in order; each hunk begins where both
-    are.
-    """
+@given(POLYGONS, POLYGONS)
+def test_points_outside_of_hunks_are_common(a, b):
+    """Points outside of the hunks are equal and in order; each hunk begins at a common point."""
     i = j = 0
     for hunk in hunks(a, b):
         assert hunk.a0 - i == hunk.b0 - j >= 0
@@ -173,22 +165,22 @@ def test_what_is_not_in_a_hunk_is_common(a, b):
         assert a[i:].tolist() == b[j:].tolist()
 
 
-def test_large_ways_are_cut_and_measured_in_parts():
-    """No point in common but the first: another sampling of one curve, with a bulge in it."""
+def test_large_tracks_are_measured_in_parts():
+    """Two samplings of one curve have only the first point in common; one has a bulge."""
     t = np.linspace(0.0, 60.0, 5 * LARGE), np.linspace(0.0, 60.0, 4 * LARGE + 7)
     curves = [np.stack((each * np.cos(each), each * np.sin(each)), axis=1) for each in t]
     assert (
-        farthest(way(curves[0]), way(curves[1])).distance < 2e-2
+        farthest(track_of(curves[0]), track_of(curves[1])).distance < 2e-2
     )  # chords of 1.2 mm on the outermost turn, radius 60: about 3 um
     curves[1][2000] *= 1.01
-    found = farthest(way(curves[0]), way(curves[1]))
+    found = farthest(track_of(curves[0]), track_of(curves[1]))
     assert found.distance == pytest.approx(0.01 * t[1][2000], rel=0.1)
-    assert abs(found.b - 2000) <= 1
+    assert abs(found.second - 2000) <= 1
 
 
 @pytest.mark.parametrize("name", ["pocket", "engraving", "bezier", "trident"])
-def test_a_track_is_the_way_that_is_gone(name):
-    """Every sample of the motion lies on it."""
+def test_a_track_is_the_toolpath(name):
+    """Every sample of the motion lies on the track."""
     machine = load_machine("paper-nurbs" if name == "trident" else "default")
     recorder, sampler = Recorder(start_position(machine)), Sampled(0.01, start_position(machine))
     samples = []
@@ -212,14 +204,14 @@ def test_a_track_is_the_way_that_is_gone(name):
     )
 
 
-def test_the_command_line(tmp_path, capfd, monkeypatch):
+def test_diff_on_the_command_line(tmp_path, capfd, monkeypatch):
     one, other, bad = (str(tmp_path / name) for name in ("a.nc", "b.nc", "bad.nc"))
     Path(one).write_text(HEAD + SQUARE + "\nM2\n")
     Path(other).write_text(HEAD + SQUARE.replace("G1 Y40", "G1 Y41") + "\nM2\n")
     Path(bad).write_text("G1 X5\n")
     assert cli.exit_code(["diff", one, other]) == 0
     out = capfd.readouterr().out.splitlines()
-    assert out[0].startswith("way     at most 1 mm apart, at X")
+    assert out[0].startswith("path    at most 1 mm apart, at X")
     assert f"{one}:4, {other}:4" in out[0]
     assert cli.exit_code(["diff", one, other, "--json", "-"]) == 0
     found = json.loads(capfd.readouterr().out)

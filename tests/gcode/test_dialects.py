@@ -1,4 +1,4 @@
-"""What the dialects allow and what their words mean."""
+"""Dialects: legal codes and meanings of words."""
 
 from __future__ import annotations
 
@@ -11,15 +11,18 @@ from cnc.gcode import dialects
 from cnc.gcode.state.modal_groups import GROUP_OF_G, GROUP_OF_M
 from cnc.gcode.syntax.code_numbers import G
 from cnc.model.diagnostics import UsageError
-from tests.support.gcode.gcode_cases import means, refused, run
+from tests.support.gcode.gcode_cases import assert_blocks, error_of, run
 
 FULL = {
-    "linuxcnc": "0 1 2 3 4 5 5.1 5.2 5.3 7 8 10 17 18 19 20 21 28 28.1 30 30.1 40 41 41.1 42 42.1 43 43.1 43.2 49 52 53 54 55 56 57 58 59 "
+    "linuxcnc": "0 1 2 3 4 5 5.1 5.2 5.3 7 8 10 17 18 19 20 21 28 28.1 30 30.1 40 41 41.1 42 42.1 "
+    "43 43.1 43.2 49 52 53 54 55 56 57 58 59 "
     "59.1 59.2 59.3 33 33.1 38.2 38.3 38.4 38.5 73 74 76 81 82 83 84 85 86 88 89 98 99 "
     "61 61.1 64 80 90 90.1 91 91.1 92 92.1 92.2 92.3 93 94 95 96 97",
-    "grbl": "0 1 2 3 4 10 17 18 19 20 21 28 28.1 30 30.1 40 43.1 49 53 54 55 56 57 58 59 61 80 90 91 91.1 92 92.1 93 94 "
+    "grbl": "0 1 2 3 4 10 17 18 19 20 21 28 28.1 30 30.1 40 43.1 49 53 54 55 56 57 58 59 61 80 90 "
+    "91 91.1 92 92.1 93 94 "
     "38.2 38.3 38.4 38.5",
-    "fanuc": "0 1 2 3 4 6.2 10 15 17 18 19 20 21 28 30 40 41 42 43 44 49 52 53 54 54.1 55 56 57 58 59 61 64 65 67 69 80 "
+    "fanuc": "0 1 2 3 4 6.2 10 15 17 18 19 20 21 28 30 40 41 42 43 44 49 52 53 54 54.1 55 56 57 58 "
+    "59 61 64 65 67 69 80 "
     "90 91 92 93 94 95 96 97 73 74 76 81 82 83 84 85 86 88 89 98 99",
 }
 
@@ -32,7 +35,7 @@ def test_every_code_has_a_modal_group(name: str) -> None:
     assert dialect.motion is None or GROUP_OF_G[dialect.motion] == "motion"
 
 
-def test_what_is_refused_by_name_is_spoken_nowhere() -> None:
+def test_named_unsupported_codes_are_in_no_dialect() -> None:
     spoken = [dialects.load(name) for name in dialects.NAMES]
     known = tomllib.loads(files(dialects).joinpath("known.toml").read_text(encoding="utf-8"))
     for kind, unit in (("g", 10), ("m", 1)):
@@ -44,11 +47,11 @@ def test_what_is_refused_by_name_is_spoken_nowhere() -> None:
 
 
 @pytest.mark.parametrize("name", FULL)
-def test_the_codes(name: str) -> None:
+def test_codes_of_each_dialect(name: str) -> None:
     assert dialects.load(name).g == {round(float(code) * 10) for code in FULL[name].split()}
 
 
-def test_auto_and_paper_are_linuxcnc_with_nurbs() -> None:
+def test_auto_and_paper_extend_linuxcnc_with_nurbs() -> None:
     base = dialects.load("linuxcnc").g
     assert dialects.load("auto").g == dialects.load("paper").g == base | {G.G6_2}
     assert dialects.load("linuxcnc").nurbs == dialects.load("grbl").nurbs == ()
@@ -117,46 +120,48 @@ def test_an_unknown_dialect() -> None:
     ],
 )
 def test_a_code_is_refused_by_name(dialect: str, source: str, code: str, words: str) -> None:
-    found = refused(source, dialect=dialect)
+    found = error_of(source, dialect=dialect)
     assert found.code == code
     assert words in f"{found.message} {found.hint}"
 
 
-def test_grbl_moves_without_a_motion_code_are_traverses() -> None:
-    means("X1", ("rapid", 1.0, 0.0, 0.0), dialect="grbl")
-    assert refused("X1", dialect="linuxcnc").code == "motion-missing"
+def test_grbl_starts_with_traverses() -> None:
+    assert_blocks("X1", ("rapid", 1.0, 0.0, 0.0), dialect="grbl")
+    assert error_of("X1", dialect="linuxcnc").code == "motion-missing"
 
 
 def test_grbl_reads_the_feed_in_the_units_of_its_line() -> None:
-    means("G20 G1 X1 F1", ("line", 25.4, 0.0, 0.0, 25.4), dialect="grbl")
+    assert_blocks("G20 G1 X1 F1", ("line", 25.4, 0.0, 0.0, 25.4), dialect="grbl")
 
 
 def test_grbl_has_six_systems_and_three_axes_and_no_turns() -> None:
-    assert refused("G10 L2 P7 X1", dialect="grbl").code == "value-out-of-range"
-    assert refused("G0 A1", dialect="grbl", axes=("x", "a")).code == "axis-not-in-dialect"
-    assert refused("G2 I5 P2 F60", dialect="grbl").code == "word-not-in-dialect"
+    assert error_of("G10 L2 P7 X1", dialect="grbl").code == "value-out-of-range"
+    assert error_of("G0 A1", dialect="grbl", axes=("x", "a")).code == "axis-not-in-dialect"
+    assert error_of("G2 I5 P2 F60", dialect="grbl").code == "word-not-in-dialect"
 
 
 def test_fanuc_dwells_in_milliseconds_or_by_x() -> None:
-    means(
+    assert_blocks(
         "G4 P500\nG04 X1.5\nG1 F60\nG4 X2",
         ("dwell", 0.5),
         ("dwell", 1.5),
         ("dwell", 2.0),
         dialect="fanuc",
     )
-    assert refused("G4 X1 P1", dialect="fanuc").code == "word-wanted-twice"
-    assert refused("G4 X1 G1 F60", dialect="fanuc").code == "word-wanted-twice"
+    assert error_of("G4 X1 P1", dialect="fanuc").code == "word-wanted-twice"
+    assert error_of("G4 X1 G1 F60", dialect="fanuc").code == "word-wanted-twice"
 
 
 def test_fanuc_g61_stops_exactly() -> None:
-    means("G61", ("path", "exact-stop", 0.0), dialect="fanuc")
-    assert refused("G64 P1", dialect="fanuc").code == "word-unused"
+    assert_blocks("G61", ("path", "exact-stop", 0.0), dialect="fanuc")
+    assert error_of("G64 P1", dialect="fanuc").code == "word-unused"
 
 
 def test_fanuc_g10_adds_under_g91() -> None:
-    means("G10 L2 P1 X10\nG91 G10 L2 P1 X5\nG90 G0 X0", ("rapid", 15.0, 0.0, 0.0), dialect="fanuc")
-    means(
+    assert_blocks(
+        "G10 L2 P1 X10\nG91 G10 L2 P1 X5\nG90 G0 X0", ("rapid", 15.0, 0.0, 0.0), dialect="fanuc"
+    )
+    assert_blocks(
         "%\nG10 L2 P1 X10\nG91 G10 L2 P1 X5\nG90 G0 X0\n%",
         ("rapid", 5.0, 0.0, 0.0),
         dialect="linuxcnc",
@@ -166,4 +171,4 @@ def test_fanuc_g10_adds_under_g91() -> None:
 @pytest.mark.parametrize("dialect", ["linuxcnc", "fanuc"])
 def test_a_program_may_begin_with_its_number(dialect: str) -> None:
     assert run("O1000\nG0 X1\nM2", dialect=dialect)
-    refused("G0 X1\nO1000\nM2", dialect=dialect)
+    error_of("G0 X1\nO1000\nM2", dialect=dialect)

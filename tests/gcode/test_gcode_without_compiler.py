@@ -1,4 +1,4 @@
-"""The kernels behind reading, without the compiler."""
+"""The kernels of the language without the compiler."""
 
 from pathlib import Path
 
@@ -16,5 +16,5 @@ FILES = [
 LEFT_OUT = "not words_of_the_grammar and not fast_lane_gives"
 
 
-def test_the_same_without_the_compiler() -> None:
+def test_results_are_equal_without_the_compiler() -> None:
     check_without_compiler(*FILES, some=LEFT_OUT)

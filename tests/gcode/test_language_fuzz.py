@@ -1,4 +1,4 @@
-"""Random programs of the whole language: no traceback, no hang, no word that was not understood."""
+"""Random programs of the whole language: no traceback, no hang, no ignored word."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from tests.support.gcode.fuzz_checks import (
     check_seeds,
     every_word_matters,
     limited,
-    plainly_said,
+    check_message,
 )
 from tests.support.gcode.fuzzing import Author, Program
 from tests.support.soak import share, soaking
 
 XYZ = ("x", "y", "z")
 SHARE = 2_000
-"""Programs that a process takes at a time."""
+"""Programs of one task of a process."""
 
 
 def _share(number: int) -> Tally:
@@ -35,9 +35,7 @@ def _share(number: int) -> Tally:
 
 @pytest.mark.timeout(7200)
 def test_random_programs(capsys: pytest.CaptureFixture[str]) -> None:
-    """A million of them in the soak, over all processors; a process that raises names the seed of
-    its program.
-    """
+    """A million programs in the soak, on all processors. An error names the seed of its program."""
     tally = Tally()
     began = time.perf_counter()
     if soaking():
@@ -49,10 +47,11 @@ def test_random_programs(capsys: pytest.CaptureFixture[str]) -> None:
     rate = tally.programs / (time.perf_counter() - began)
     with capsys.disabled():
         sys.stdout.write(
-            f"\n{tally.programs} programs, {rate:.0f}/s; {tally.accepted} accepted, {tally.words} words changed; "
+            f"\n{tally.programs} programs, {rate:.0f}/s; {tally.accepted} accepted, {tally.words} "
+            f"words changed; "
         )
         sys.stdout.write(f"{len(tally.codes)} kinds of error\n")
-    assert tally.accepted > tally.programs * 0.05, "a fuzz that only meets errors tests little"
+    assert tally.accepted > tally.programs * 0.05, "too few programs are accepted for a useful test"
     assert tally.words > tally.programs * 0.02
 
 
@@ -66,7 +65,7 @@ def test_random_bytes() -> None:
         check(Program((text,), XYZ, rng.choice(["auto", "grbl", "fanuc"])))
 
 
-# The check of the checker
+# Tests of the checks
 
 
 def test_equal_seeds_write_equal_programs() -> None:
@@ -74,7 +73,7 @@ def test_equal_seeds_write_equal_programs() -> None:
     assert Author(5).program() != Author(6).program()
 
 
-def test_an_ignored_word_would_be_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_ignored_word_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = interpreter.Interpreter._in_order
 
     def careless(self: Any, words: Any, codes: Any) -> None:
@@ -87,7 +86,7 @@ def test_an_ignored_word_would_be_noticed(monkeypatch: pytest.MonkeyPatch) -> No
         every_word_matters(Program(("G0 X1 R5",), XYZ, "auto"))
 
 
-def test_a_hang_would_be_noticed() -> None:
+def test_a_hang_is_detected() -> None:
     def hang() -> None:
         with limited(0.05):
             while True:
@@ -108,8 +107,8 @@ def test_a_hang_would_be_noticed() -> None:
         "at 0x7f: object at",
     ],
 )
-def test_words_from_inside_would_be_noticed(message: str) -> None:
+def test_internal_names_in_messages_are_detected(message: str) -> None:
     found = Diagnostic("some-code", "a message in plain words", "test.nc", 1, 1, 1, "G0")
-    plainly_said(found, ("G0",))
+    check_message(found, ("G0",))
     with pytest.raises(AssertionError):
-        plainly_said(Diagnostic("some-code", message, "test.nc", 1, 1, 1, "G0"), ("G0",))
+        check_message(Diagnostic("some-code", message, "test.nc", 1, 1, 1, "G0"), ("G0",))

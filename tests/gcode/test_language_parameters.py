@@ -1,5 +1,6 @@
-"""Parameters, expressions and comments in whole programs: blocks worked out by hand, and the errors
-that only running shows.
+"""Parameters, expressions and comments in whole programs.
+
+Expected blocks were worked out by hand; errors are those at run time.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import math
 import pytest
 
 from cnc.gcode.syntax.parameters import Parameters
-from tests.support.gcode.gcode_cases import rows, run, said, stands
+from tests.support.gcode.gcode_cases import assert_error_at, block_summaries, rows, run
 
 PROGRAMS: dict[str, tuple[str, list[str]]] = {
     "a value after a letter": ("#1=2.5\nG0 X#1 Y-#1 Z[#1*2]", ["rapid 2.5 -2.5 5"]),
@@ -72,7 +73,8 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
         ["rapid 1 0 0"],
     ),
     "a name of a call": (
-        "o<f> sub\n#<a>=#1\nG0 X#<a> Y#<_g>\n#<_g>=9\no<f> endsub\n#<a>=1 #<_g>=2\no<f> call [5]\nX#<a> Y#<_g>",
+        "o<f> sub\n#<a>=#1\nG0 X#<a> Y#<_g>\n#<_g>=9\no<f> endsub\n#<a>=1 #<_g>=2\no<f> call [5]\n"
+        "X#<a> Y#<_g>",
         ["rapid 5 2 0", "rapid 1 9 0"],
     ),
 }
@@ -117,15 +119,15 @@ MACROS: dict[str, tuple[str, list[str]]] = {
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_programs(name: str) -> None:
+def test_programs_with_parameters(name: str) -> None:
     source, wanted = PROGRAMS[name]
-    assert said(source) == wanted
+    assert block_summaries(source) == wanted
 
 
 @pytest.mark.parametrize("name", MACROS)
-def test_macros(name: str) -> None:
+def test_macros_with_variables(name: str) -> None:
     source, wanted = MACROS[name]
-    assert said(source, dialect="fanuc") == wanted
+    assert block_summaries(source, dialect="fanuc") == wanted
 
 
 ERRORS: dict[str, tuple[str, str]] = {
@@ -152,8 +154,8 @@ ERRORS: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize("name", ERRORS)
-def test_errors(name: str) -> None:
-    stands(*ERRORS[name])
+def test_errors_at_run_time(name: str) -> None:
+    assert_error_at(*ERRORS[name])
 
 
 @pytest.mark.parametrize(
@@ -164,28 +166,30 @@ def test_errors(name: str) -> None:
         ("syntax-not-in-dialect", "¦o1 sub"),
     ],
 )
-def test_grbl_has_none_of_it(code: str, source: str) -> None:
-    assert "grbl" in stands(code, source, dialect="grbl").message
+def test_grbl_has_no_parameters(code: str, source: str) -> None:
+    assert "grbl" in assert_error_at(code, source, dialect="grbl").message
 
 
 NAMES = """
-vmajor vminor line motion_mode plane ccomp metric imperial absolute incremental inverse_time units_per_minute units_per_rev coord_system
-tool_offset retract_r_plane retract_old_z spindle_rpm_mode spindle_css_mode ijk_absolute_mode lathe_diameter_mode lathe_radius_mode
-spindle_on spindle_cw mist flood speed_override feed_override adaptive_feed feed_hold feed rpm x y z a b c u v w current_tool
-current_pocket selected_tool selected_pocket value value_returned task call_level remap_level
+vmajor vminor line motion_mode plane ccomp metric imperial absolute incremental inverse_time
+units_per_minute units_per_rev coord_system tool_offset retract_r_plane retract_old_z
+spindle_rpm_mode spindle_css_mode ijk_absolute_mode lathe_diameter_mode lathe_radius_mode spindle_on
+spindle_cw mist flood speed_override feed_override adaptive_feed feed_hold feed rpm x y z a b c u v
+w current_tool current_pocket selected_tool selected_pocket value value_returned task call_level
+remap_level
 """
-"""The predefined names of LinuxCNC's manual."""
+"""Predefined names in LinuxCNC's manual."""
 
 
-def test_what_linuxcnc_names() -> None:
+def test_predefined_names_of_linuxcnc() -> None:
     names = NAMES.split()
-    said = [
+    block_summaries = [
         value.text
         for value in run(
             "\n".join(f"(print,{name}=#<_{name}>)" for name in names), axes=tuple("xyzabcuvw")
         )
     ]  # type: ignore[attr-defined]
-    assert [value for value in said if "######" in value] == []
+    assert [value for value in block_summaries if "######" in value] == []
 
 
 def test_parameters_outlast_the_program() -> None:
@@ -199,9 +203,10 @@ def test_parameters_outlast_the_program() -> None:
     assert list(rows(run("G0 X0", parameters=Parameters(stored)))) == [("rapid", 5.0, 0.0, 0.0)]
 
 
-def test_a_long_loop_keeps_its_sums() -> None:
-    """A polygon of 1000 corners: each by its own expression."""
-    source = "#1=0\no1 while [#1 LT 1000]\nG1 X[COS[#1*.36]*10] Y[SIN[#1*.36]*10] F600\n#1=[#1+1]\no1 endwhile"
+def test_a_long_loop_computes_correct_values() -> None:
+    """A polygon of 1000 corners, each computed by expressions."""
+    move = "G1 X[COS[#1*.36]*10] Y[SIN[#1*.36]*10] F600"
+    source = f"#1=0\no1 while [#1 LT 1000]\n{move}\n#1=[#1+1]\no1 endwhile"
     found = list(rows(run(source)))
     assert len(found) == 1000
     for index, (kind, x, y, _, feed) in enumerate(found):

@@ -1,4 +1,4 @@
-"""Every code of every dialect in a program with its blocks: language.txt."""
+"""Every code of every dialect in a program with its expected blocks (language.txt)."""
 
 from __future__ import annotations
 
@@ -24,8 +24,10 @@ TOOLS = (
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A program of the file: line of its ``==``, codes or words that it is there for, dialects
-    (none: all that have its codes).
+    """A program of the file.
+
+    ``line`` is that of its heading. ``codes`` are the codes or words that it tests. It is run in
+    ``dialects``, or in all that have its codes.
     """
 
     line: int
@@ -41,7 +43,7 @@ class Case:
 
 
 def _codes(name: str) -> set[str]:
-    """The codes of a dialect as they are written, without leading zeros."""
+    """The codes of a dialect without leading zeros."""
     spoken = dialects.load(name)
     return {code.written for code in spoken.g} | {f"M{code}" for code in spoken.m}
 
@@ -49,7 +51,8 @@ def _codes(name: str) -> set[str]:
 def _cases() -> Iterator[Case]:
     text = (GCODE / "language.txt").read_text(encoding="utf-8")
     for found in re.finditer(
-        r"^== (?P<codes>[^\[\n]+)(\[(?P<dialects>.*)\])?\n(?P<source>(?s:.*?))\n--\n(?P<blocks>(?s:.*?))\n(\n|\Z)",
+        r"^== "
+        r"(?P<codes>[^\[\n]+)(\[(?P<dialects>.*)\])?\n(?P<source>(?s:.*?))\n--\n(?P<blocks>(?s:.*?))\n(\n|\Z)",
         text,
         re.M,
     ):
@@ -81,7 +84,7 @@ def _switch(on: bool) -> str:
 
 
 def written(block: canon.Block) -> list[str]:
-    """A block as the file writes it; of a Polyline one line a move. Feeds in mm/min."""
+    """A block in the form of the file, a Polyline as one line a move; feeds in mm/min."""
     match block:
         case canon.Polyline():
             ends = [
@@ -102,7 +105,8 @@ def written(block: canon.Block) -> list[str]:
             points = " ".join(_numbers(point, ",") for point in block.control_points.tolist())
             knots, weights = _numbers(block.knots.tolist()), _numbers(block.weights.tolist())
             return [
-                f"nurbs degree {block.degree} knots {knots} points {points} weights {weights} F{_number(block.feed * 60)}"
+                f"nurbs degree {block.degree} knots {knots} points {points} weights {weights} "
+                f"F{_number(block.feed * 60)}"
             ]
         case canon.PathMode():
             return [f"path {block.control} {_number(block.tolerance)}"]
@@ -142,7 +146,8 @@ def written(block: canon.Block) -> list[str]:
             ]
         case canon.WaitInput():
             return [
-                f"wait {'analog' if block.analog else 'digital'} {block.number} {block.mode} {_number(block.timeout)}"
+                f"wait {'analog' if block.analog else 'digital'} {block.number} {block.mode} "
+                f"{_number(block.timeout)}"
             ]
         case canon.Message():
             return [f"message {block.text}"]
@@ -160,20 +165,20 @@ def written(block: canon.Block) -> list[str]:
     RUNS,
     ids=[f"{case.line}-{'-'.join(case.codes)}-{name}" for case, name in RUNS],
 )
-def test_the_program_has_its_blocks(case: Case, dialect: str) -> None:
+def test_the_program_has_the_expected_blocks(case: Case, dialect: str) -> None:
     source = case.source if re.search(r"^(M2|M30)$", case.source, re.M) else f"%\n{case.source}\n%"
     blocks = run(source, dialect=dialect, tools=ToolTable(TOOLS), folders=[GCODE / "subroutines"])
     assert [line for block in blocks for line in written(block)] == list(case.blocks)
 
 
 @pytest.mark.parametrize("dialect", dialects.NAMES)
-def test_no_code_is_forgotten(dialect: str) -> None:
-    """Every legal code of a dialect stands in a program of the file that is run in that dialect."""
+def test_every_code_has_a_program(dialect: str) -> None:
+    """Every legal code of a dialect is in a program that is run in that dialect."""
     shown = {code for case, name in RUNS if name == dialect for code in case.codes}
     assert _codes(dialect) - shown == set()
 
 
-def test_the_programs_have_the_codes_that_they_are_there_for() -> None:
+def test_programs_contain_the_codes_of_their_heading() -> None:
     for case in CASES:
         found = {
             re.sub(r"^([GM])0+(?=\d)", r"\1", code)

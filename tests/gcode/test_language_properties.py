@@ -1,5 +1,6 @@
-"""What must not matter, doesn't: spacing, case, order of words, units, distance mode, and how a
-curve is written.
+"""Programs that differ in spacing, case, order of words, units or distance mode have equal blocks.
+
+So do two forms of the same curve.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from cnc.gcode.syntax.parser import parse_line
 from cnc.gcode.syntax.words import Word
-from tests.support.gcode.gcode_cases import rows, run, same
+from tests.support.gcode.gcode_cases import assert_rows_equal, rows, run
 
 DIGITS = st.decimals(-9999, 9999, places=4).map(lambda value: f"{value:f}")
 SMALL = st.decimals(-99, 99, places=3)
@@ -30,7 +31,8 @@ def test_spacing_and_case_do_not_matter(data: st.DataObject, letter: str, digits
     plain = f"N12G1{letter}{digits}X.5(c)Y-0.25"
     loose = data.draw(spaced(plain.replace("(c)", "")))
     assert read(loose) == read(plain) == [
-        ("N", 12.0, "N12"), ("G", 1.0, "G1"), (letter, float(digits), letter + digits), ("X", 0.5, "X.5"), ("Y", -0.25, "Y-0.25")
+        ("N", 12.0, "N12"), ("G", 1.0, "G1"), (letter, float(digits), letter + digits),
+            ("X", 0.5, "X.5"), ("Y", -0.25, "Y-0.25")
     ]  # fmt: skip
 
 
@@ -40,7 +42,7 @@ def test_spacing_and_case_do_not_matter(data: st.DataObject, letter: str, digits
     st.text("0123456789", max_size=25),
     st.sampled_from(["", "+", "-"]),
 )
-def test_a_number_is_what_float_makes_of_its_digits(
+def test_numbers_equal_float_of_their_digits(
     data: st.DataObject, whole: str, fraction: str, sign: str
 ) -> None:
     digits = sign + whole[-9:] + "." + fraction
@@ -49,7 +51,7 @@ def test_a_number_is_what_float_makes_of_its_digits(
 
 
 @given(st.data())
-def test_a_word_knows_its_column(data: st.DataObject) -> None:
+def test_words_have_columns(data: st.DataObject) -> None:
     parts = [data.draw(spaced(text)) for text in ("G1", "X12.5", "Y-3", "(note)", "F60")]
     text = "".join(parts)
     words: tuple[Word, ...] = parse_line(text).words
@@ -120,7 +122,8 @@ def program(path: list[tuple], *, inch: bool = False, incremental: bool = False)
         else:
             end = [here[0], here[1], x]
             lines.append(
-                f"{code} Z{number(x - here[2] if incremental else x)} I{number(third)} J{number(y)} P2"
+                f"{code} Z{number(x - here[2] if incremental else x)} I{number(third)} "
+                f"J{number(y)} P2"
             )
         here = end
     return "\n".join(lines)
@@ -128,19 +131,23 @@ def program(path: list[tuple], *, inch: bool = False, incremental: bool = False)
 
 @settings(max_examples=60)
 @given(moves)
-def test_inches_mean_the_same(path: list[tuple]) -> None:  # type: ignore[type-arg]
-    same(list(rows(run(program(path, inch=True)))), list(rows(run(program(path)))), abs=1e-9)
+def test_inches_give_equal_blocks(path: list[tuple]) -> None:  # type: ignore[type-arg]
+    assert_rows_equal(
+        list(rows(run(program(path, inch=True)))), list(rows(run(program(path)))), abs=1e-9
+    )
 
 
 @settings(max_examples=60)
 @given(moves)
-def test_increments_mean_the_same(path: list[tuple]) -> None:  # type: ignore[type-arg]
-    same(list(rows(run(program(path, incremental=True)))), list(rows(run(program(path)))), abs=1e-9)
+def test_increments_give_equal_blocks(path: list[tuple]) -> None:  # type: ignore[type-arg]
+    assert_rows_equal(
+        list(rows(run(program(path, incremental=True)))), list(rows(run(program(path)))), abs=1e-9
+    )
 
 
 @settings(max_examples=60)
 @given(moves, SMALL, SMALL)
-def test_an_offset_shifts_everything(path: list[tuple], x: object, y: object) -> None:  # type: ignore[type-arg]
+def test_an_offset_shifts_all_blocks(path: list[tuple], x: object, y: object) -> None:  # type: ignore[type-arg]
     """The moves in a system with an origin at (x, y) are those of the plain system from a start at
     (-x, -y), shifted.
     """
@@ -156,7 +163,7 @@ def test_an_offset_shifts_everything(path: list[tuple], x: object, y: object) ->
 
 @settings(max_examples=60)
 @given(st.integers(1, 9), st.data())
-def test_both_forms_of_a_nurbs_make_the_same_block(degree: int, data: st.DataObject) -> None:
+def test_both_forms_of_a_nurbs_give_the_same_block(degree: int, data: st.DataObject) -> None:
     count = data.draw(st.integers(degree + 1, degree + 6))
     points = [
         (0, 0),
@@ -186,5 +193,6 @@ def test_both_forms_of_a_nurbs_make_the_same_block(degree: int, data: st.DataObj
     fanuc = list(rows(run(write(f"G06.2 P{degree + 1}", "K", "R"))))
     assert paper == fanuc
     assert paper[0][1:5] == (
-        degree, [float(u) for u in knots], [[float(x), float(y), 0.0] for x, y in points], [float(w) for w in weights]
+        degree, [float(u) for u in knots], [[float(x), float(y), 0.0] for x, y in points],
+            [float(w) for w in weights]
     )  # fmt: skip

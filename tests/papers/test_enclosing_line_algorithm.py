@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from cnc.kernels.path.curve import curve_eval, curve_inv_arclen, curve_range
-from cnc.kernels.pulses.crossings import POLYNOMIAL, next_window
-from cnc.kernels.pulses.monotone import enclosing_line_rows, kiritsis_rows
+from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece
+from cnc.kernels.pulses.monotone import monotone_rows
+from cnc.kernels.pulses.windows import begin_window, following, new_window, next_window
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed
 from cnc.papers.algorithms.enclosing_line import Algorithm, as_printed, fitted, interpolate
 from cnc.path.chunk import PathChunk
@@ -26,7 +28,9 @@ from tests.support.soak import share
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Rows = Callable[..., tuple[int, float, float]]
+Rows = Callable[..., tuple[int, float, float, float]]
+enclosing_line_rows: Rows = partial(monotone_rows, False)
+kiritsis_rows: Rows = partial(monotone_rows, True)
 BOTH = pytest.mark.parametrize(
     "generator", [enclosing_line_rows, kiritsis_rows], ids=["enclosing-line", "kiritsis"]
 )
@@ -53,32 +57,31 @@ def walk(
     room: int = 4096,
     parts: int = 1,
 ) -> Walk:
-    """All rows of a path, with buffers of ``room`` rows, each piece gone in ``parts``."""
-    grid = np.rint(np.asarray(start) * scale).astype(np.int64)
-    first = grid.copy()
-    step = np.zeros((room, len(grid)), np.int8)
-    reach = np.zeros(room)
-    steps, places = [np.empty((0, len(grid)), np.int8)], [np.empty(0)]
+    """Return all rows of a path, with buffers of ``room`` rows, each piece in ``parts``."""
+    grid = Grid(scale, np.rint(np.asarray(start) * scale).astype(np.int64))
+    first = grid.point.copy()
+    moves = Moves(np.zeros((room, len(first)), np.int8), np.zeros(room))
+    steps, places = [np.empty((0, len(first)), np.int8)], [np.empty(0)]
     error = s0 = 0.0
     for kind, at, length in zip(
         path.kind.tolist(), path.at.tolist(), path.length.tolist(), strict=True
     ):
         u, u1 = curve_range(kind, path.data, at)
-        state = np.zeros(32)
+        width = 0.0
         for upto in np.linspace(u, u1, parts + 1)[1:]:
             while u < upto:
-                rows, u, off = generator(
-                    kind, path.data, at, u, float(upto), s0, scale, grid, state, 0, step, reach
+                rows, u, off, width = generator(
+                    Piece(kind, path.data, at, s0), u, float(upto), width, grid, 0, moves
                 )
                 error = max(error, off)
-                steps.append(step[:rows].copy())
-                places.append(reach[:rows].copy())
+                steps.append(moves.step[:rows].copy())
+                places.append(moves.s[:rows].copy())
         s0 += length
-    rows, off = at_rest(path, s0 - length, scale, grid, step, reach)
-    steps.append(step[:rows].copy())
-    places.append(reach[:rows].copy())
+    rows, off = at_rest(path, s0 - length, grid, moves)
+    steps.append(moves.step[:rows].copy())
+    places.append(moves.s[:rows].copy())
     whole = np.concatenate(steps)
-    np.testing.assert_array_equal(first + whole.sum(axis=0, dtype=np.int64), grid)
+    np.testing.assert_array_equal(first + whole.sum(axis=0, dtype=np.int64), grid.point)
     return Walk(
         whole,
         np.concatenate(places),
@@ -346,20 +349,16 @@ def test_windows_stay_wide_however_far_from_the_origin(radius: float) -> None:
     narrower windows would mend.
     """
     path = path_of([arc([radius, 0.0], (0.0, 0.0), 1.0)], [radius, 0.0])
-    kind, at, data = int(path.kind[0]), int(path.at[0]), path.data
-    u, u1 = curve_range(kind, data, at)
-    ra, rb, rc = np.empty((3, 4, 2))
-    lengths, poly = np.zeros((2, 4)), np.empty((3, POLYNOMIAL))
-    curve_eval(kind, data, at, u, ra)
+    piece = Piece(int(path.kind[0]), path.data, int(path.at[0]), 0.0)
+    u, u1 = curve_range(piece.kind, piece.data, piece.at)
+    window = new_window(2)
+    begin_window(piece, u, window)
     width = u1 - u
     windows = 0
     while u < u1:
-        u, width, by_table = next_window(
-            kind, data, at, u, u1, width, np.full(2, 1e4), ra, rb, rc, lengths, poly
-        )
+        u, width, by_table = next_window(piece, u, u1, width, np.full(2, 1e4), window)
         assert not by_table
-        ra, rb = rb, ra
-        lengths[0] = lengths[1]
+        window = following(window)
         windows += 1
         assert windows <= 80
 

@@ -15,8 +15,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
-from cnc.kernels.papers.comparison import circle_by_half_steps, circle_by_points, line_by_points
+from cnc.kernels.papers.half_step import circle_by_half_steps
+from cnc.kernels.papers.point_by_point import circle_by_points, line_by_points
 from cnc.kernels.path.curve import curve_range
+from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece
 from cnc.kernels.pulses.half_step import half_step_rows
 from cnc.kernels.pulses.point_by_point import point_by_point_rows
 from cnc.model.blocks import ArcFeed, Block, Polyline
@@ -64,41 +66,34 @@ def run(
     """
     path = path_of(blocks, start)
     scales = np.broadcast_to(np.asarray(scale, np.float64), (len(path.axes),)).copy()
-    grid = np.rint(np.asarray(start) * scales).astype(np.int64) if origin is None else origin.copy()
-    first = grid.copy()
-    step, reach = np.empty((room, len(grid)), np.int8), np.empty(room)
+    point = (
+        np.rint(np.asarray(start) * scales).astype(np.int64) if origin is None else origin.copy()
+    )
+    first = point.copy()
+    grid = Grid(scales, point)
+    moves = Moves(np.empty((room, len(point)), np.int8), np.empty(room))
     steps, reaches, error, s0 = [], [], 0.0, 0.0
     done = []
-    for kind, at, length in zip(path.kind, path.at, path.length, strict=True):
-        u0, u1 = curve_range(int(kind), path.data, int(at))
+    for kind, at, length in zip(
+        path.kind.tolist(), path.at.tolist(), path.length.tolist(), strict=True
+    ):
+        piece = Piece(kind, path.data, at, s0)
+        u0, u1 = curve_range(kind, path.data, at)
         u = u0
         for part in (*sorted(cuts), 1.0):
             upto = u1 if part == 1.0 else u0 + part * (u1 - u0)
             while u < upto:
-                rows, u, off = rows_of(
-                    int(kind),
-                    path.data,
-                    int(at),
-                    u,
-                    upto,
-                    s0,
-                    scales,
-                    grid,
-                    np.zeros(32),
-                    0,
-                    step,
-                    reach,
-                )
+                rows, u, off = rows_of(piece, u, upto, grid, 0, moves)
                 assert u == upto or rows == room
                 error = max(error, off)
-                steps.append(step[:rows].copy())
-                reaches.append(reach[:rows].copy())
-        s0 += float(length)
+                steps.append(moves.step[:rows].copy())
+                reaches.append(moves.s[:rows].copy())
+        s0 += length
         done.append(sum(map(len, steps)))
     # where the motion rests
-    rows, off = at_rest(path, s0 - float(length), scales, grid, step, reach)
-    steps.append(step[:rows].copy())
-    reaches.append(reach[:rows].copy())
+    rows, off = at_rest(path, s0 - length, grid, moves)
+    steps.append(moves.step[:rows].copy())
+    reaches.append(moves.s[:rows].copy())
     done[-1] += rows
     error = max(error, off)
     return Run(first, np.concatenate(steps), np.concatenate(reaches), error, done)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Control, Outputs, Report, Watch, run
+from cnc.api import Callbacks, Control, Outputs, Report, RunOptions, run
 from cnc.executor.run import Progress
 from cnc.machine.models import Machine
 from tests.support.planner.legality import Findings, judge
@@ -45,7 +45,11 @@ def scheduled(
         for name in ("blocks", "trace", "pulses")
     }
     report = run(
-        program, machine, control=control, outputs=Outputs(**files), watch=Watch(on_sent=on_sent)
+        program,
+        machine,
+        RunOptions(outputs=Outputs(**files)),
+        control=control,
+        callbacks=Callbacks(on_sent=on_sent),
     )
     report.raise_if_faulty()
     override = (np.array(since), np.array(factors))

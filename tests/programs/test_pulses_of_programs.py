@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Outputs, check, load_machine, plan, start_position
+from cnc.api import Outputs, RunOptions, check, load_machine, plan, start_position
 from cnc.kernels.path.curve import curve_eval, curve_inv_arclen
 from cnc.planner.plan import PlanChunk
 from tests.support.paths import ROOT
@@ -50,7 +50,7 @@ def place(chunk: PlanChunk, time: float) -> np.ndarray:
 
 def check_pulses(program: Path, tmp_path: Path, looked_at: int) -> None:
     target = tmp_path / "pulses.npz"
-    report = check(program, MACHINE, outputs=Outputs(pulses=str(target)))
+    report = check(program, MACHINE, RunOptions(outputs=Outputs(pulses=str(target))))
     report.raise_if_faulty()
     assert not any(report.violations.values())
     assert report.pulse_error_blu is not None

@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from cnc.model.blocks import Block, NurbsFeed
+from cnc.model.choices import Algorithm
 from cnc.model.streams import PulseChunk
 from cnc.planner.plan import PlanChunk
 from cnc.pulses import reference_pulse
-from cnc.pulses.reference_pulse import ALGORITHMS, Algorithm, ReferencePulse
+from cnc.pulses.reference_pulse import ALGORITHMS, ReferencePulse
 from tests.support.pulses.oracle import segments_of
 from tests.support.pulses.plans import (
     FILE,

@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.kernels.pulses.spacing import spaced
+from cnc.kernels.planner.plan_arrays import PlanArrays
+from cnc.kernels.pulses.grid_moves import Moves
+from cnc.kernels.pulses.spacing import Buffers, spaced
 from cnc.kernels.pulses.timing import phase_times
 from tests.support.soak import share
 
@@ -31,7 +33,15 @@ def bisected(v: float, a: float, j: float, span: float, ds: np.ndarray) -> np.nd
 def check_phase(v: float, a: float, j: float, span: float, ds: np.ndarray) -> None:
     reach = 17.0 + ds
     time_ns = np.zeros(len(ds), np.int64)
-    dt, last = phase_times(0.25, 17.0, v, a, j, span, 0.0, WHOLE, 0, 0, len(ds), reach, time_ns)
+    plan = PlanArrays(
+        np.zeros(2),
+        np.array([0.0, span]),
+        np.array([17.0, np.nan]),
+        np.array([v, np.nan]),
+        np.array([a, np.nan]),
+        np.array([j]),
+    )
+    dt, last = phase_times(plan, 0, WHOLE, 0.25, 0.0, 0, 0, len(ds), reach, time_ns)
     assert last == time_ns[-1]
     assert (np.diff(time_ns) >= 0).all()
     exact = bisected(v, a, j, span, reach - 17.0)
@@ -89,22 +99,27 @@ def test_ramps_to_and_from_rest(v: float, a: float, j: float, span: float) -> No
     check_phase(v, a, j, span, np.arange(0.0, length, 0.001))
 
 
-def buffers(
-    times: list[int], steps: list[list[int]]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def buffers_of(times: list[int], steps: list[list[int]]) -> Buffers:
+    """Return full buffers of rows at these times, one source line each."""
     step = np.array(steps, np.int8)
     recent = np.array(
         [np.flatnonzero(column)[-1] if column.any() else -1 for column in step.T], np.int64
     )
-    return np.array(times, np.int64), step, np.arange(len(times), dtype=np.int32), recent
+    return Buffers(
+        Moves(step, np.zeros(len(step))),
+        np.array(times, np.int64),
+        np.arange(len(times), dtype=np.int32),
+        recent,
+    )
 
 
 def test_rows_of_different_axes_that_are_too_near_become_one() -> None:
-    time_ns, step, line, recent = buffers(
+    buffers = buffers_of(
         [0, 100, 104, 200, 203, 207],
         [[1, 1, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 0]],
     )
-    assert spaced(6, -(2**62), time_ns, step, line, recent, 10.0) == 3
+    (step, _), time_ns, line, recent = buffers
+    assert spaced(6, -(2**62), buffers, 10.0) == 3
     assert time_ns[:3].tolist() == [0, 104, 207]
     assert step[:3].tolist() == [[1, 1, 0], [1, -1, 0], [1, 1, 1]]
     assert line[:3].tolist() == [0, 2, 5]
@@ -112,8 +127,9 @@ def test_rows_of_different_axes_that_are_too_near_become_one() -> None:
 
 
 def test_rows_of_one_axis_that_are_too_near_wait() -> None:
-    time_ns, step, line, recent = buffers([0, 6, 14, 40], [[1, 0], [1, 0], [1, 1], [1, 0]])
-    assert spaced(4, -5, time_ns, step, line, recent, 10.0) == 4
+    buffers = buffers_of([0, 6, 14, 40], [[1, 0], [1, 0], [1, 1], [1, 0]])
+    (step, _), time_ns, _, _ = buffers
+    assert spaced(4, -5, buffers, 10.0) == 4
     assert time_ns.tolist() == [5, 15, 25, 40]
     assert step.tolist() == [[1, 0], [1, 0], [1, 1], [1, 0]]
 
@@ -127,17 +143,16 @@ def test_spacing_keeps_all_steps_in_order(seed: int) -> None:
     steps = steps[steps.any(axis=1)]
     if not len(steps):
         return
-    time_ns, step, line, recent = buffers(
-        np.cumsum(rng.integers(0, 15, len(steps))).tolist(), steps.tolist()
-    )
+    buffers = buffers_of(np.cumsum(rng.integers(0, 15, len(steps))).tolist(), steps.tolist())
+    (step, _), time_ns, _, recent = buffers
     before = [column[column != 0].tolist() for column in step.T]
     early = time_ns.copy()
-    kept = spaced(len(steps), -100, time_ns, step, line, recent, 10.0)
+    kept = spaced(len(steps), -100, buffers, 10.0)
     assert [column[column != 0].tolist() for column in step[:kept].T] == before
     assert (np.diff(time_ns[:kept]) >= 10).all()
     assert step[:kept].any(axis=1).all()
     kept_times, kept_steps = time_ns[:kept].copy(), step[:kept].copy()
-    assert spaced(kept, -100, time_ns, step, line, recent, 10.0) == kept
+    assert spaced(kept, -100, buffers, 10.0) == kept
     np.testing.assert_array_equal(time_ns[:kept], kept_times)
     np.testing.assert_array_equal(step[:kept], kept_steps)
     for i in range(axes):

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.api import check
+from cnc.api import RunOptions, check
 from cnc.checks.baseline import Baseline
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
@@ -89,7 +89,7 @@ def test_sarif_and_summary_are_valid(tmp_path_factory, now, then, kind, beside):
 def test_reports_of_programs_are_valid(tmp_path, text):
     file = tmp_path / "p.nc"
     file.write_text(text)
-    report = check(file, portable=("grbl", "fanuc"))
+    report = check(file, None, RunOptions(portable=("grbl", "fanuc")))
     of_sarif().validate(json.loads(sarif([report])))
     of_summary().validate(report.as_json())
 

@@ -1,4 +1,4 @@
-"""The summary for people, and the JSON of a report."""
+"""The summary on the terminal, and the JSON of a report."""
 
 import io
 import json
@@ -62,7 +62,7 @@ def test_a_tiny_negative_coordinate_is_zero():
     assert position(-0.00049) == "-0.0005"
 
 
-def test_the_summary_has_what_a_machinist_asks_for():
+def test_the_summary_has_time_extent_steps_and_limits():
     axes = {axis: {"velocity": 10.0, "acceleration": 750.0, "jerk": 1.0} for axis in "xyz"}
     one = report(
         board="loopback",
@@ -98,17 +98,17 @@ def test_the_summary_has_what_a_machinist_asks_for():
     )
 
 
-def test_one_line_for_a_list():
+def test_a_report_in_one_line():
     assert one_line(report(duration_s=61, path_length_mm=5)) == "[p].nc: ok, 0:01:01, 5 mm"
     assert one_line(report(faults=[FAULT], hidden_faults=3)) == "[p].nc: 4 errors"
     assert one_line(report(faults=[FAULT])) == "[p].nc: 1 error"
 
 
-def test_json_has_every_key_and_no_number_that_json_lacks():
+def test_json_has_every_key_and_valid_numbers():
     found = json.loads(json.dumps(report().as_json(), allow_nan=False))
     keys = (
-        "program lines blocks errors duration_s path_length_mm bounding_box max limits violations steps pulse_error_blu timing "
-        "lines_per_s steps_per_s"
+        "program lines blocks errors duration_s path_length_mm bounding_box max limits violations "
+        "steps pulse_error_blu timing lines_per_s steps_per_s"
     )
     assert set(keys.split()) <= set(found)
     for part in ("max", "limits"):

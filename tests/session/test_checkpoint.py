@@ -1,6 +1,4 @@
-"""After a fault the record beside the program says where to go on, and going on there makes the
-part.
-"""
+"""The checkpoint of an interrupted run, and runs that continue there."""
 
 from __future__ import annotations
 
@@ -12,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Control, Report, Watch, run
+from cnc.api import Callbacks, Control, Report, run
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
@@ -22,9 +20,10 @@ from cnc.cli import exit_code
 from cnc.executor.run import Progress
 from cnc.machine.load import load_machine
 from cnc.session import checkpoint
-from cnc.session.checkpoint import Checkpoint, Recorder
+from cnc.session.checkpoint import Checkpoint, CheckpointWriter
 from tests.support.boards.stepper_rig import machine
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
+from tests.support.session.runs import run_with
 from tests.support.soak import share
 
 PROGRAM = (
@@ -32,7 +31,7 @@ PROGRAM = (
     + "".join(f"G1 X{k} Y{k % 3} F1200\n" for k in range(1, 9))
     + "G0 Z5\nM2\n"
 )
-"""Line k + 4 leads to X k."""
+"""Line k + 4 moves to X k."""
 
 
 @pytest.fixture
@@ -56,17 +55,17 @@ def on_board(simulator: Simulator, program: Path, **more: object) -> Report:
     port = SimulatorPort(simulator)
     board = Stepper(port, machine(), "the simulator", clock=port)
     try:
-        return run(program, machine(), board=board, **more)  # type: ignore[arg-type]
+        return run_with(program, machine(), board=board, **more)
     finally:
         board.close()
 
 
 class Died(BaseException):
-    """The program is gone."""
+    """Stands for the death of the process."""
 
 
 def trouble(simulator: Simulator, kind: str, control: Control):
-    """What happens when X has come to 4 mm."""
+    """Return the callback that causes a fault when X has reached 4 mm."""
     received = simulator.received
 
     def on_sent(sent: Progress) -> None:
@@ -86,17 +85,17 @@ def trouble(simulator: Simulator, kind: str, control: Control):
 
 
 @pytest.mark.parametrize("kind", share(["e-stop", "stopped", "cable", "died"], ["e-stop", "died"]))
-def test_a_run_goes_on_where_it_was_broken_off(
+def test_an_interrupted_run_continues_at_its_checkpoint(
     simulator: Simulator, program: Path, kind: str
 ) -> None:
     control = Control()
     send, received = simulator.send, simulator.received
-    watch = Watch(on_sent=trouble(simulator, kind, control))
+    watch = Callbacks(on_sent=trouble(simulator, kind, control))
     if kind == "died":
         with pytest.raises(Died):
-            on_board(simulator, program, control=control, watch=watch)
+            on_board(simulator, program, control=control, callbacks=watch)
     else:
-        first = on_board(simulator, program, control=control, watch=watch)
+        first = on_board(simulator, program, control=control, callbacks=watch)
         assert first.exit_code == (0 if kind == "stopped" else 3)
         hint = f"--from-line {first.resume_line}"
         assert kind == "stopped" or hint in first.faults[0].diagnostic.hint
@@ -130,7 +129,9 @@ def test_a_run_goes_on_where_it_was_broken_off(
         told.extend(story)
         return True
 
-    second = on_board(simulator, program, from_line=found["line"], watch=Watch(on_beginning=agree))
+    second = on_board(
+        simulator, program, from_line=found["line"], callbacks=Callbacks(on_beginning=agree)
+    )
     assert second.ok, second.faults
     made = simulator.moves()[1]
     assert (made.sum(axis=0, dtype=np.int64) / 400).tolist() == [8.0, 2.0, 5.0]
@@ -141,13 +142,15 @@ def test_a_run_goes_on_where_it_was_broken_off(
     assert not second.warnings
 
 
-def test_what_does_not_fit_the_record_is_told(simulator: Simulator, program: Path) -> None:
+def test_a_checkpoint_that_does_not_fit_gives_a_warning(
+    simulator: Simulator, program: Path
+) -> None:
     control = Control()
     on_board(
         simulator,
         program,
         control=control,
-        watch=Watch(on_sent=trouble(simulator, "stopped", control)),
+        callbacks=Callbacks(on_sent=trouble(simulator, "stopped", control)),
     )
     line = record(program)["line"]
 
@@ -155,7 +158,7 @@ def test_what_does_not_fit_the_record_is_told(simulator: Simulator, program: Pat
         return [
             found.code
             for found in on_board(
-                simulator, program, watch=Watch(on_beginning=lambda _: False), **more
+                simulator, program, callbacks=Callbacks(on_beginning=lambda _: False), **more
             ).warnings
         ]
 
@@ -167,7 +170,7 @@ def test_what_does_not_fit_the_record_is_told(simulator: Simulator, program: Pat
     assert "run-unfinished" in codes()
 
 
-def test_the_board_in_the_box_keeps_one_too(
+def test_the_loopback_board_has_a_checkpoint(
     program: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     report = run(program, board=Loopback(3, fail_after=2_000))
@@ -176,13 +179,13 @@ def test_the_board_in_the_box_keeps_one_too(
     assert report.faults[0].diagnostic.line >= (report.resume_line or 0) > 0
     monkeypatch.setattr("cnc.api.open_board", lambda *_, **__: Loopback(3, fail_after=2_000))
     assert exit_code([str(program)]) == 3
-    assert f"go on with --from-line {report.resume_line}" in capsys.readouterr().err
+    assert f"continue with --from-line {report.resume_line}" in capsys.readouterr().err
     monkeypatch.setattr("cnc.api.open_board", lambda *_, **__: Loopback(3))
     assert exit_code([str(program), "--from-line", str(report.resume_line), "--yes"]) == 0
     assert not Path(f"{program}.checkpoint").exists()
 
 
-def test_in_a_subprogram_the_call_is_where_to_go_on(tmp_path: Path) -> None:
+def test_a_run_that_ends_in_a_subprogram_continues_at_the_call(tmp_path: Path) -> None:
     program = tmp_path / "p.ngc"
     program.write_text(
         "G21 G90\nG1 X1 F600\no1 sub\nG1 Y2 F600\nG1 X9\no1 endsub\nG1 Z1\no1 call\nM2\n"
@@ -193,8 +196,8 @@ def test_in_a_subprogram_the_call_is_where_to_go_on(tmp_path: Path) -> None:
     assert report.resume_line == record(program)["line"] == 8
 
 
-def test_a_grbl_board_says_the_line_that_it_moves_along(program: Path) -> None:
-    """Not the last one that it has taken: that lies up to a planner's length ahead."""
+def test_the_checkpoint_of_a_grbl_board_is_the_line_in_motion(program: Path) -> None:
+    """The last line that the board has taken may be a planner buffer ahead."""
     box, control = GrblSimulator(), Control()
     port = GrblSimulatorPort(box)
     board = GrblBoard(port, load_machine("grbl-uno"), port.clock, "the box")
@@ -204,13 +207,13 @@ def test_a_grbl_board_says_the_line_that_it_moves_along(program: Path) -> None:
         if sent.position is not None and sent.position[0] > 4.0:
             control.stop()
 
-    report = run(
+    report = run_with(
         program,
         load_machine("grbl-uno"),
         board=board,
         dialect="linuxcnc",
         control=control,
-        watch=Watch(on_sent=on_sent),
+        callbacks=Callbacks(on_sent=on_sent),
     )
     board.close()
     assert report.resume_line is not None
@@ -218,11 +221,13 @@ def test_a_grbl_board_says_the_line_that_it_moves_along(program: Path) -> None:
     assert report.resume_line >= 7
 
 
-def test_a_whole_record_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whenever it is looked at, from the first writing on."""
-    monkeypatch.setattr(checkpoint, "EVERY_S", 0.001)
+def test_a_reader_never_sees_a_partial_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file is read again and again, from its first version on."""
+    monkeypatch.setattr(checkpoint, "WRITE_INTERVAL", 0.001)
     name = str(tmp_path / "p.ngc")
-    recorder = Recorder(Checkpoint(name, "0" * 64, "m", "b"), ("x", "y"))
+    recorder = CheckpointWriter(Checkpoint(name, "0" * 64, "m", "b"), ("x", "y"))
     seen: set[int] = set()
     for line in range(1, 300):
         recorder.note(Progress(0.0, line, 0, position=(line, 0.0), at=line))
@@ -241,8 +246,10 @@ def test_a_whole_record_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert Checkpoint.read(name) is None
 
 
-def test_a_folder_that_can_not_be_written_to_stops_nothing(tmp_path: Path) -> None:
-    recorder = Recorder(Checkpoint(str(tmp_path / "no" / "p.ngc"), "0" * 64, "m", "b"), ("x",))
+def test_a_checkpoint_that_cannot_be_written_does_not_stop_the_run(tmp_path: Path) -> None:
+    recorder = CheckpointWriter(
+        Checkpoint(str(tmp_path / "no" / "p.ngc"), "0" * 64, "m", "b"), ("x",)
+    )
     recorder.note(Progress(0.0, 5, 0, at=5))
     assert recorder.end("stopped", 7, {"x": 1.0}, int) == 7
     recorder.done()

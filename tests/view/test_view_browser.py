@@ -1,4 +1,4 @@
-"""The page in a browser: what it shows and does, and that nothing of a program runs in it."""
+"""The page in a browser: its contents and functions, and that it runs no text of a program."""
 
 import json
 import os
@@ -15,19 +15,22 @@ from tests.view.test_view_command import HOSTILE
 LINES = (
     "G21 G90 G94\nG0 X5 Y5\nG1 X60 F1500 (there)\nY45 ; up\nG2 X20 Y45 I-20 J0\nG1 Y5\nG0 Z5\nM2\n"
 )
+CORNER = "(box => [box.left + 60, box.top + 5])"
+"""A JavaScript function: a point near the upper left corner of a box."""
 PIXELS = """(() => {
-  const gl = m.scene.gl, pixels = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight), counts = {};
+  const gl = m.scene.gl, w = gl.drawingBufferWidth, h = gl.drawingBufferHeight, counts = {};
+  const pixels = new Uint8Array(4 * w * h);
   m.draw();
-  gl.readPixels(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+  gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
   for (let i = 0; i < pixels.length; i += 4) {
     const colour = pixels.subarray(i, i + 3).join();
     counts[colour] = (counts[colour] || 0) + 1;
   }
   return counts;
 })()"""
-"""How often each colour is on the screen."""
-PATIENCE = 60_000
-"""ms in which a page has to open, however busy the machine."""
+"""Counts the pixels of each colour on the screen."""
+OPENING_TIMEOUT = 60_000
+"""ms within which a page must open on a busy machine."""
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +52,7 @@ def browser():
 
 @pytest.fixture
 def show(browser, tmp_path):
-    """Draw a text as a page and open it."""
+    """Return a function: draw a program as a page and open it."""
 
     def carry_out(text: str, *options: str, name: str = "p.nc") -> None:
         program, page = tmp_path / name, tmp_path / "out.html"
@@ -57,7 +60,7 @@ def show(browser, tmp_path):
         assert cli.exit_code(["view", str(program), "-o", str(page), "--quiet", *options]) == 0
         opened = browser.open(page)
         assert opened.isdigit(), opened
-        assert int(opened) < PATIENCE
+        assert int(opened) < OPENING_TIMEOUT
         assert browser.complaints == []
 
     return carry_out
@@ -65,12 +68,12 @@ def show(browser, tmp_path):
 
 @pytest.fixture
 def ask(browser):
-    """The value of an expression over the page's model ``m``."""
+    """Return a function: the value of an expression with the model ``m`` of the page."""
     return lambda expression: browser.evaluate(f"opened.then(m => ({expression}))")
 
 
 def middle_of_line(text, line, tmp_path):
-    """Time in the middle of a source line's motion, by the plan."""
+    """Return the time in the middle of the motion of a source line."""
     program = tmp_path / "plan.nc"
     program.write_text(text)
     picture = drawn(program).picture
@@ -80,13 +83,14 @@ def middle_of_line(text, line, tmp_path):
 
 
 def screen_place(ask, t):
-    """Where the tool is on the screen at a time."""
+    """Return the place of the tool on the screen at a time."""
     return ask(
-        f"(([x, y], box) => [x + box.left, y + box.top])(m.scene.project(...m.place({t})), over.getBoundingClientRect())"
+        "(([x, y], box) => [x + box.left, y + box.top])"
+        f"(m.scene.project(...m.place({t})), over.getBoundingClientRect())"
     )
 
 
-def test_nothing_of_a_program_runs(browser, show, ask, tmp_path):
+def test_no_text_of_a_program_runs(browser, show, ask, tmp_path):
     show(HOSTILE, name="<img src=x onerror=hacked=1>.nc")
     assert browser.evaluate("typeof hacked") == "undefined"
     assert (
@@ -112,23 +116,22 @@ def test_nothing_of_a_program_runs(browser, show, ask, tmp_path):
     assert asked == [(tmp_path / "out.html").as_uri()]
 
 
-def test_the_policy_stops_what_would_get_in(browser, show):
-    """Even if something found a way into the page: it would not run."""
+def test_the_policy_blocks_injected_scripts(browser, show):
+    """A script that got into the page would not run."""
     show(LINES)
     browser.evaluate(
         "document.body.insertAdjacentHTML('beforeend', '<img src=\"x:\" onerror=\"hacked = 1\">')"
     )
     browser.evaluate(
-        "document.body.append(Object.assign(document.createElement('script'), {text: 'hacked = 1'}))"
+        "document.body.append("
+        "Object.assign(document.createElement('script'), {text: 'hacked = 1'}))"
     )
     browser.evaluate("new Promise(done => setTimeout(done, 100))")
     assert browser.evaluate("typeof hacked") == "undefined"
     assert any("Content Security Policy" in each for each in browser.complaints)
 
 
-def test_a_click_on_the_path_shows_the_line_and_a_click_on_the_line_the_path(
-    browser, show, ask, tmp_path
-):
+def test_a_click_on_the_path_selects_the_line_and_the_reverse(browser, show, ask, tmp_path):
     show(LINES)
     assert ask("m.scene.gl !== null")
     for line in (3, 5, 4):
@@ -142,22 +145,21 @@ def test_a_click_on_the_path_shows_the_line_and_a_click_on_the_line_the_path(
     begins = drawn(program).picture.origins
     for line, start in zip(begins.first.tolist(), begins.t.tolist(), strict=True):
         box = browser.evaluate(
-            f"(box => [box.left + 60, box.top + 5])(document.querySelector('.row[data-line=\"{line}\"]').getBoundingClientRect())"
+            CORNER
+            + f"(document.querySelector('.row[data-line=\"{line}\"]').getBoundingClientRect())"
         )
         browser.click(*box)
         assert ask("m.state.at") == pytest.approx(start, abs=1e-6)
         assert ask("m.scene.chosen.data.length") > 0
-    # A line that moves nothing is marked, and no stroke.
+    # A line without motion selects no stroke.
     browser.click(
-        *browser.evaluate(
-            "(box => [box.left + 60, box.top + 5])(document.querySelector('.row').getBoundingClientRect())"
-        )
+        *browser.evaluate(CORNER + "(document.querySelector('.row').getBoundingClientRect())")
     )
     assert browser.evaluate("document.querySelector('.row.chosen').dataset.line") == "1"
     assert ask("m.scene.chosen") is None
 
 
-def test_hovering_tells_line_and_time_in_the_path_and_in_the_curves(browser, show, ask, tmp_path):
+def test_hovering_shows_line_and_time_in_the_path_and_in_the_curves(browser, show, ask, tmp_path):
     show(LINES)
     t = middle_of_line(LINES, 4, tmp_path)
     browser.mouse("mouseMoved", *screen_place(ask, t))
@@ -172,7 +174,7 @@ def test_hovering_tells_line_and_time_in_the_path_and_in_the_curves(browser, sho
     assert "line 4" in browser.evaluate("document.getElementById('tip').textContent")
 
 
-def test_it_plays_stops_and_shows_the_whole_again(browser, show, ask):
+def test_playback_and_return_to_the_whole_path(browser, show, ask):
     show(LINES)
     browser.evaluate("document.getElementById('play').click()")
     first = browser.wait(lambda: ask("m.state.at"))
@@ -184,7 +186,7 @@ def test_it_plays_stops_and_shows_the_whole_again(browser, show, ask):
     assert ask("m.state.at") is None
 
 
-def test_the_path_is_on_the_screen_in_each_colour_by_day_and_by_night(browser, show, ask):
+def test_the_path_is_visible_in_each_colour_in_light_and_dark_mode(browser, show, ask):
     show(LINES, "--stock", "X0:70,Y0:60,Z-5:0")
     for dark in (False, True):
         browser.dark(dark)
@@ -201,26 +203,29 @@ def test_the_path_is_on_the_screen_in_each_colour_by_day_and_by_night(browser, s
         assert json.loads(ask("JSON.stringify(m.about.stock)")) == [[0, 70], [0, 60], [-5, 0]]
 
 
-def test_what_is_drawn_from_afar_is_within_half_a_pixel(browser, show, ask):
-    """Each level against the finest, at every time of that."""
+def test_levels_of_detail_are_within_half_a_pixel(browser, show, ask):
+    """Each level is compared with the finest at all times of its points."""
     show((ROOT / "programs" / "pocket.nc").read_text())
     off = ask(
-        "m.scene.levels.map(level => { const all = m.scene.levels[0].data, {data, n} = level; let i = 0, worst = 0;"
+        "m.scene.levels.map(level => {"
+        " const all = m.scene.levels[0].data, {data, n} = level; let i = 0, worst = 0;"
         " for (let k = 0; k < all.length; k += FLOATS) { const t = all[k + 3];"
         " while (i + 2 < n && data[FLOATS * (i + 1) + 3] < t) i++;"
-        " const [a, b] = [FLOATS * i, FLOATS * (i + 1)], span = data[b + 3] - data[a + 3], p = span > 0 ? (t - data[a + 3]) / span : 0;"
-        " worst = Math.max(worst, Math.hypot(...[0, 1, 2].map(j => data[a + j] + p * (data[b + j] - data[a + j]) - all[k + j]))); }"
+        " const [a, b] = [FLOATS * i, FLOATS * (i + 1)], span = data[b + 3] - data[a + 3];"
+        " const p = span > 0 ? (t - data[a + 3]) / span : 0;"
+        " const off = j => data[a + j] + p * (data[b + j] - data[a + j]) - all[k + j];"
+        " worst = Math.max(worst, Math.hypot(...[0, 1, 2].map(off))); }"
         " return [worst, level.tolerance, n]; })"
     )
     assert len(off) > 2
     for worst, tolerance, _ in off:
-        # 32 bits for the time of a point: what the tool does in its rounding.
+        # The times of points have 32 bits; the tool moves within their rounding.
         assert worst <= tolerance + 2e-3
     assert ask("m.scene.level().tolerance * m.scene.scale") < 0.5
     assert off[-1][2] < off[0][2] / 2
 
 
-def test_views_zooms_and_turns(browser, show, ask):
+def test_views_zoom_and_rotation(browser, show, ask):
     show(LINES)
     ask("m.press({view: '3d'})")
     before = ask("[m.scene.yaw, m.scene.scale]")
@@ -228,7 +233,7 @@ def test_views_zooms_and_turns(browser, show, ask):
     browser.mouse("mouseMoved", 380, 330, button="left", buttons=1)
     browser.mouse("mouseReleased", 380, 330, button="left", clickCount=1)
     assert ask("m.scene.yaw") != before[0]
-    # However slow it was: once it is still, all there is is drawn.
+    # After slow frames the finest level is drawn when the view is at rest.
     ask("m.scene.coarse = 64")
     browser.mouse("mouseWheel", 300, 300, deltaX=0, deltaY=0)
     assert browser.wait(lambda: ask("m.scene.coarse === 1"))
@@ -241,19 +246,20 @@ def test_views_zooms_and_turns(browser, show, ask):
     assert browser.complaints == []
 
 
-def test_without_webgl_the_curves_and_the_program_are_there(browser, tmp_path):
+def test_without_webgl_the_curves_and_the_program_are_shown(browser, tmp_path):
     program, page = tmp_path / "p.nc", tmp_path / "out.html"
     program.write_text(LINES)
     assert cli.exit_code(["view", str(program), "-o", str(page), "--quiet"]) == 0
     lost = "HTMLCanvasElement.prototype.getContext = (plain => function (kind, ...more) {"
-    lost += " return kind === 'webgl2' ? null : plain.call(this, kind, ...more); })(HTMLCanvasElement.prototype.getContext)"
+    lost += " return kind === 'webgl2' ? null : plain.call(this, kind, ...more); })"
+    lost += "(HTMLCanvasElement.prototype.getContext)"
     script = browser.call("Page.addScriptToEvaluateOnNewDocument", source=lost)["identifier"]
     try:
         assert browser.open(page).isdigit()
         assert "WebGL" in browser.evaluate("document.getElementById('trouble').textContent")
         browser.click(
             *browser.evaluate(
-                "(box => [box.left + 60, box.top + 5])(document.querySelectorAll('.row')[2].getBoundingClientRect())"
+                CORNER + "(document.querySelectorAll('.row')[2].getBoundingClientRect())"
             )
         )
         assert browser.evaluate("document.querySelector('.row.chosen').dataset.line") == "3"
@@ -268,9 +274,9 @@ def test_a_subroutine_of_another_file_is_shown_with_its_lines(browser, show, ask
         "o<square> sub\nG1 X20 F1500\nG1 Y20\no<square> endsub\nM2\n"
     )
     show("G21 G90\nG0 X10\no<square> call\nG0 X0\nM2\n", name="main.ngc")
-    assert browser.evaluate("[...document.getElementById('files').options].map(each => each.label)") == [
-        str(tmp_path / "main.ngc"), str(tmp_path / "square.ngc")
-    ]  # fmt: skip
+    files = "[...document.getElementById('files').options].map(each => each.label)"
+    expected = [str(tmp_path / "main.ngc"), str(tmp_path / "square.ngc")]
+    assert browser.evaluate(files) == expected
     middle = ask("(m.origins.t[2] + m.origins.t[3]) / 2")
     browser.click(*screen_place(ask, middle))
     assert ask("m.source.file") == 1
@@ -278,7 +284,7 @@ def test_a_subroutine_of_another_file_is_shown_with_its_lines(browser, show, ask
 
 
 def test_a_long_program_scrolls_to_its_end(browser, show, ask):
-    """More lines than a browser has pixels for."""
+    """The lines are taller than the tallest element that browsers permit."""
     lines = share(1_200_000, 600_000)
     show("G21 G90 G0 X1\n" + "\n" * (lines - 3) + "G0 X2\nM2\n")
     assert ask("m.source.count") == lines
@@ -288,6 +294,7 @@ def test_a_long_program_scrolls_to_its_end(browser, show, ask):
     )
     ask("m.chooseTime(m.about.duration)")
     box = browser.evaluate(
-        "(box => [box.top, box.bottom, innerHeight])(document.querySelector('.row.chosen').getBoundingClientRect())"
+        "(box => [box.top, box.bottom, innerHeight])"
+        "(document.querySelector('.row.chosen').getBoundingClientRect())"
     )
     assert 0 < box[0] < box[1] < box[2]

@@ -1,6 +1,4 @@
-"""`cncrun view`: the files that it writes and those that it does not, exit codes as those of
-`check`.
-"""
+"""`cncrun view`: its files, and the exit codes of `check`."""
 
 import base64
 import hashlib
@@ -34,7 +32,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 
 class Elements(HTMLParser):
-    """Elements of a page: tag, attributes, text."""
+    """Collects the elements of a page: tag, attributes, text."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -66,7 +64,7 @@ def unpacked(page: Path, name: str) -> bytes:
 
 
 def integers(page: Path, name: str) -> np.ndarray:
-    """A second reader of the form that data.js reads."""
+    """Return the numbers of a column, decoded independently of data.js."""
     planes = (
         np.frombuffer(unpacked(page, f"column-{name}"), np.uint8).reshape(4, -1).astype(np.int64)
     )
@@ -76,7 +74,7 @@ def integers(page: Path, name: str) -> np.ndarray:
 
 @pytest.fixture
 def view(tmp_path, capfd):
-    """Draw a program here; exit code, standard error."""
+    """Return a function: draw a program, and return exit code and standard error."""
 
     def carry_out(
         text: str | bytes, output: str, *options: str, name: str = "p.nc"
@@ -100,7 +98,7 @@ def test_a_picture_in_each_format(view, tmp_path, suffix, begins):
 
 @pytest.mark.parametrize("text", ["", "G4 P1\nM2\n", "G0 X10\nM2\n", "G1 Z10 F600\nM2"])
 @pytest.mark.parametrize("suffix", ["html", "png"])
-def test_small_programs_are_drawn_too(view, tmp_path, text, suffix):
+def test_programs_with_little_motion_are_drawn(view, tmp_path, text, suffix):
     assert view(text, f"out.{suffix}") == (0, "")
     assert (tmp_path / f"out.{suffix}").stat().st_size > 1000
 
@@ -117,17 +115,17 @@ def test_small_programs_are_drawn_too(view, tmp_path, text, suffix):
         "G38.2 X10\nM2\n",
     ],
 )
-def test_what_check_refuses_is_refused_alike_and_nothing_is_written(view, tmp_path, capfd, text):
+def test_a_rejected_program_is_reported_as_by_check_and_writes_nothing(view, tmp_path, capfd, text):
     (tmp_path / "out.html").write_text("as before")
-    code, said = view(text, "out.html")
+    code, messages = view(text, "out.html")
     checked = cli.exit_code(["check", str(tmp_path / "p.nc"), "--quiet"])
-    assert (code, said) == (checked, capfd.readouterr().err)
+    assert (code, messages) == (checked, capfd.readouterr().err)
     assert code == 1
     assert (tmp_path / "out.html").read_text() == "as before"
     assert sorted(each.name for each in tmp_path.iterdir()) == ["out.html", "p.nc"]
 
 
-def test_wrong_usage_is_2_and_says_what_to_do(view, tmp_path, capfd):
+def test_wrong_usage_has_exit_code_2_and_a_hint(view, tmp_path, capfd):
     for output, code in (
         ("out.jpg", "output-format"),
         ("out", "output-format"),
@@ -141,35 +139,32 @@ def test_wrong_usage_is_2_and_says_what_to_do(view, tmp_path, capfd):
     )
     assert cli.exit_code(["view", str(tmp_path), "-o", str(tmp_path / "out.html")]) == 2
     assert "Traceback" not in capfd.readouterr().err
-    over = f"output-over-input: an output would overwrite {tmp_path / 'p.html'}\n  help: give it another name\n"
+    message = f"output-over-input: an output would overwrite {tmp_path / 'p.html'}\n"
+    over = f"{message}  help: give it another name\n"
     assert view(GOOD, "p.html", name="p.html") == (2, over)
     assert (tmp_path / "p.html").read_text() == GOOD
 
 
-def test_without_matplotlib_the_page_is_drawn_and_the_others_say_what_to_install(
-    view, monkeypatch, tmp_path
-):
+def test_without_matplotlib_only_the_page_can_be_drawn(view, monkeypatch, tmp_path):
     for module in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    code, said = view(GOOD, "out.png")
+    code, messages = view(GOOD, "out.png")
     assert code == 2
-    assert said.startswith("drawing-missing: .png needs matplotlib")
-    assert "pip install 'cncrun[view]'" in said
+    assert messages.startswith("drawing-missing: .png needs matplotlib")
+    assert "pip install 'cncrun[view]'" in messages
     assert view(GOOD, "out.html") == (0, "")
 
 
-def test_standard_input_is_drawn_with_its_text(tmp_path):
+def test_the_page_of_standard_input_contains_its_text(tmp_path):
     page = tmp_path / "out.html"
     command = [sys.executable, "-m", "cnc.cli", "view", "-", "-o", str(page), "--quiet"]
     assert subprocess.run(command, input=GOOD.encode(), check=False).returncode == 0
     assert unpacked(page, "text-0") == GOOD.encode()
 
 
-def test_a_page_holds_nothing_of_the_program_but_data(view, tmp_path):
-    """Every element is the page's own whatever the program says; its bytes come out as they went
-    in.
-    """
+def test_a_page_contains_the_program_as_data_only(view, tmp_path):
+    """The elements do not depend on the text of the program, and its bytes are kept."""
     assert view(GOOD, "plain.html") == (0, "")
     for text in (
         HOSTILE.encode(),
@@ -186,7 +181,7 @@ def test_a_page_holds_nothing_of_the_program_but_data(view, tmp_path):
         assert b"hacked" not in page.read_bytes() and b"onerror" not in page.read_bytes()
 
 
-def test_the_policy_lets_one_script_run_and_nothing_be_fetched(view, tmp_path):
+def test_the_policy_permits_one_script_and_no_requests(view, tmp_path):
     view(HOSTILE, "out.html")
     found = elements(tmp_path / "out.html")
     policy = next(
@@ -211,7 +206,7 @@ def test_the_policy_lets_one_script_run_and_nothing_be_fetched(view, tmp_path):
     )
 
 
-def test_the_columns_are_the_picture(view, tmp_path):
+def test_the_columns_contain_the_picture(view, tmp_path):
     text = (ROOT / "programs" / "pocket.nc").read_text()
     assert view(text, "out.html", "--stock", "X-1:120,Y-2:80,Z-10:0") == (0, "")
     page, picture = tmp_path / "out.html", drawn(tmp_path / "p.nc").picture
@@ -238,7 +233,7 @@ def test_the_columns_are_the_picture(view, tmp_path):
 
 
 def test_traverses_over_the_same_line_are_drawn_once(tmp_path):
-    """Down and up, there and back, farther each time: their dashes would fill each other's gaps."""
+    """Dashes of traverses in both directions would fill each other's gaps."""
     program = tmp_path / "p.nc"
     program.write_text(
         "G21 G90 G61.1 G0 Z10\nX30 Y30\nZ5\nZ15\nZ2\nG1 Z0 F600\nG0 Z20\nX0 Y0\nM2\n"
@@ -254,10 +249,8 @@ def test_traverses_over_the_same_line_are_drawn_once(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])
-def test_names_are_no_formulas_and_no_markup(view, tmp_path, suffix):
-    """matplotlib takes what is between dollars for mathematics, and some letters are in no font or
-    no XML.
-    """
+def test_names_are_not_read_as_formulas_or_markup(view, tmp_path, suffix):
+    """matplotlib reads text between dollars as a formula; fonts and XML lack some letters."""
     assert view(GOOD, f"out.{suffix}", name="a $\\frac{1$ <b> & \x01 \u4e2d.nc") == (0, "")
     if suffix == "svg":
         text = (tmp_path / "out.svg").read_text()
@@ -268,7 +261,7 @@ def test_names_are_no_formulas_and_no_markup(view, tmp_path, suffix):
         assert again.read_text() == text
 
 
-def test_an_installed_wheel_has_what_the_page_is_made_of(tmp_path):
+def test_an_installed_wheel_can_make_a_page(tmp_path):
     build = "import sys; from hatchling.build import build_wheel; print(build_wheel(sys.argv[1]))"
     done = subprocess.run(
         [sys.executable, "-c", build, str(tmp_path)],
@@ -282,14 +275,22 @@ def test_an_installed_wheel_has_what_the_page_is_made_of(tmp_path):
         archive.extractall(installed)
     program = tmp_path / "p.nc"
     program.write_text(GOOD)
-    draw = (
-        "import sys; sys.path.insert(0, sys.argv[1]); from pathlib import Path; from cnc.machine.load import load_machine\n"
-        "from cnc.report.result import Report; from cnc.outputs.targets import TextTarget; from cnc.view import page\n"
-        "from cnc.view.collect import Collector; import numpy as np; machine = load_machine(None)\n"
-        "assert page.__file__.startswith(sys.argv[1]), page.__file__\n"
-        "picture = Collector(machine, page.SIZES, 'p.nc', np.zeros(3)).picture(); target = TextTarget(sys.argv[2])\n"
-        "page.write_page(target, picture, Report('p.nc', machine), [('p.nc', Path(sys.argv[3]))]); target.close()"
-    )
+    draw = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from pathlib import Path
+import numpy as np
+from cnc.machine.load import load_machine
+from cnc.outputs.targets import TextTarget
+from cnc.report.result import Report
+from cnc.view import page
+from cnc.view.collect import Collector
+assert page.__file__.startswith(sys.argv[1]), page.__file__
+machine, target = load_machine(None), TextTarget(sys.argv[2])
+picture = Collector(machine, page.SIZES, "p.nc", np.zeros(3)).picture()
+page.write_page(target, picture, Report("p.nc", machine), [("p.nc", Path(sys.argv[3]))])
+target.close()
+"""
     out = tmp_path / "out.html"
     environment = {"PATH": "/usr/bin:/bin", "NUMBA_DISABLE_JIT": "1", "HOME": str(tmp_path)}
     subprocess.run(

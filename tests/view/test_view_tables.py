@@ -1,19 +1,17 @@
-"""Tables of bounded size: whatever comes, they stay as small as they were made and hold what they
-were given.
-"""
+"""Tables of bounded size keep to their sizes and contain everything that was added."""
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cnc.kernels.view.thinning import FOLLOWED, S, T, X
+from cnc.kernels.view.points import Points, new_points
 from cnc.view.tables import CurveTable, OriginTable, StrokeTable, tolerance_shown
 
 seeds = st.integers(0, 2**32 - 1)
 
 
 @given(seeds, st.integers(1, 400), st.sampled_from([4, 16, 60]))
-def test_ranges_hold_every_phase(seed, count, most):
+def test_ranges_contain_every_phase(seed, count, most):
     random = np.random.default_rng(seed)
     spans = 10.0 ** random.uniform(-4, 1, count)
     t = np.concatenate(([0.0], np.cumsum(spans)))
@@ -29,7 +27,7 @@ def test_ranges_hold_every_phase(seed, count, most):
         assert curves.within == 0.0
         assert (curves.start == phases[:, 1:].T).all()
         return
-    # Only rows of one phase are longer than what the table says.
+    # Only rows of one phase are longer than the table states.
     spanned = np.diff(np.searchsorted(t[:-1], curves.t[:-1], side="left"), append=count)
     assert (np.diff(curves.t)[spanned > 1] <= curves.within * (1 + 1e-9)).all()
     for part in np.linspace(0.0, 1.0, 7):
@@ -42,7 +40,7 @@ def test_ranges_hold_every_phase(seed, count, most):
 
 
 @given(seeds, st.integers(1, 300), st.sampled_from([4, 8, 50]))
-def test_origins_hold_every_line_and_never_mix_files(seed, count, most):
+def test_origins_contain_every_line_and_never_mix_files(seed, count, most):
     random = np.random.default_rng(seed)
     t = np.cumsum(10.0 ** random.uniform(-3, 0, count))
     lines, files = random.integers(1, 50, count), np.sort(random.integers(0, 2, count))
@@ -57,23 +55,22 @@ def test_origins_hold_every_line_and_never_mix_files(seed, count, most):
 
 
 @given(seeds, st.integers(2, 500), st.sampled_from([32, 64]))
-def test_strokes_stay_within_what_they_say(seed, count, most):
-    """Points anywhere, as rough as can be: the tolerance grows until they fit."""
+def test_strokes_stay_within_their_tolerance(seed, count, most):
+    """The points are random, so that the tolerance grows until they fit into the table."""
     random = np.random.default_rng(seed)
-    points = np.zeros((count, FOLLOWED))
-    points[:, T] = np.cumsum(10.0 ** random.uniform(-3, 0, count))
-    points[:, X : X + 3] = np.cumsum(random.normal(size=(count, 3)), axis=0)
-    points[:, S] = points[:, T]
+    points = new_points(count)
+    points.t[:] = points.s[:] = np.cumsum(10.0 ** random.uniform(-3, 0, count))
+    points.position[:] = np.cumsum(random.normal(size=(count, 3)), axis=0)
+    for column in points.accel, points.jerk, points.rapid:
+        column[:] = 0
     table = StrokeTable(most)
-    for part in np.array_split(points, random.integers(1, 9)):
-        table.add(part)
+    for part in np.array_split(np.arange(count), random.integers(1, 9)):
+        table.add(Points(*(column[part] for column in points)))
     strokes = table.strokes(np.zeros(3))
     assert len(strokes.t) <= most
-    shown = np.stack(
-        [np.interp(points[:, T], strokes.t, axis) for axis in strokes.position.T], axis=1
-    )
-    assert np.linalg.norm(shown - points[:, X : X + 3], axis=1).max() <= strokes.tolerance
-    assert (strokes.position[[0, -1]] == points[[0, -1], X : X + 3]).all()
+    shown = np.stack([np.interp(points.t, strokes.t, axis) for axis in strokes.position.T], axis=1)
+    assert np.linalg.norm(shown - points.position, axis=1).max() <= strokes.tolerance
+    assert (strokes.position[[0, -1]] == points.position[[0, -1]]).all()
 
 
 def test_tolerances_are_rounded_up():

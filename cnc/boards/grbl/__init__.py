@@ -1,1 +1,1 @@
-"""GRBL boards: driver, link, protocol."""
+"""Driver for GRBL boards: link, protocol, monitoring of faults."""

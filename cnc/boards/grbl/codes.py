@@ -1,8 +1,8 @@
-"""GRBL's numbers in words: what an error or an alarm means, and what to do about it.
+"""The error and alarm codes of GRBL: their meanings, and advice.
 
 Sources: "Grbl v1.1 Interface" (tables of error and alarm codes, csv files), grblHAL's list (its
-``$EE`` and ``$EA``). grblHAL shares errors up to 37 and alarms up to 9; from there on its numbers
-have meanings of their own.
+``$EE`` and ``$EA``). grblHAL shares errors up to 37 and alarms up to 9. Its higher codes have other
+meanings.
 """
 
 from __future__ import annotations
@@ -11,34 +11,38 @@ from typing import NamedTuple
 
 
 class Meaning(NamedTuple):
-    """What is wrong, and what to do."""
+    """The meaning of a code, and advice."""
 
-    what: str
+    fault: str
     advice: str
 
 
-_OURS = "the translation made a line that the board does not take; please report the program and this message"
-_LINK = (
-    "bytes may have been lost on the way: a shorter USB cable, away from the spindle's, and no hub"
+_OURS = (
+    "the translator wrote a line that the board does not accept; please report the program and this "
+    "message"
 )
-_SET = "mend the board's setting: cncrun boards shows them"
+_LINK = (
+    "bytes may have been lost: use a shorter USB cable without a hub, away from the spindle cable"
+)
+_SET = "correct the board's setting: cncrun boards lists the settings"
 
 ERRORS: dict[int, Meaning] = {
     1: Meaning("a word does not begin with a letter", _LINK),
     2: Meaning("a number is missing or not a number", _LINK),
     3: Meaning(
-        "the board does not know this $ command", "take it out, or update the board's firmware"
+        "the board does not know this $ command", "remove it, or update the board's firmware"
     ),
-    4: Meaning("a value is negative where it must not be", "mend the value in the program"),
+    4: Meaning("a value must not be negative", "correct the value in the program"),
     5: Meaning(
-        "homing is switched off", "set $22=1 if the machine has homing switches, else take $H out"
+        "homing is switched off",
+        "set $22=1 if the machine has homing switches; otherwise remove $H",
     ),
     6: Meaning("the step pulse is too short", "set $0 to 3 us or more"),
     7: Meaning(
-        "the board's memory could not be read: its settings are the defaults now",
+        "the board could not read its memory; its settings are the defaults now",
         "restore the settings before anything moves",
     ),
-    8: Meaning("this $ command is for a board at rest", "wait for the end of the motion"),
+    8: Meaning("this $ command needs a board at rest", "wait for the end of the motion"),
     9: Meaning(
         "the board is locked by an alarm",
         "home the machine ($H), or unlock it ($X) if its position is known to be right",
@@ -46,172 +50,167 @@ ERRORS: dict[int, Meaning] = {
     10: Meaning("soft limits need homing", "set $22=1 first, or leave $20=0"),
     11: Meaning("the line is too long for the board", _OURS),
     12: Meaning(
-        "a setting asks for more steps a second than the board can make",
+        "a setting needs a higher step rate than the board can make",
         "lower $100 to $102 or $110 to $112",
     ),
-    13: Meaning("the safety door is open", "close it and start anew"),
+    13: Meaning("the safety door is open", "close it and start again"),
     14: Meaning("the text is too long for the board's memory", "shorten it"),
-    15: Meaning("a jog goes outside the travel", "jog less far"),
+    15: Meaning("a jog leaves the travel", "jog a shorter distance"),
     16: Meaning("a jog command is malformed", _LINK),
     17: Meaning("laser mode needs a spindle output with PWM", "set $32=0"),
     20: Meaning("the board does not know a command of this line", _OURS),
     21: Meaning("two commands of this line exclude each other", _LINK),
     22: Meaning("no feed has been given", _OURS),
-    23: Meaning("a number must be whole", _LINK),
-    24: Meaning("two commands of this line both want the axis words", _LINK),
-    25: Meaning("a word stands twice in a line", _LINK),
+    23: Meaning("a number must be an integer", _LINK),
+    24: Meaning("two commands of this line both need the axis words", _LINK),
+    25: Meaning("a word occurs twice in a line", _LINK),
     26: Meaning("a command needs axis words and has none", _LINK),
     27: Meaning("a line number is out of range", "line numbers are 1 to 9999999"),
     28: Meaning("a command lacks a P or L word", _LINK),
     29: Meaning("the board has the coordinate systems G54 to G59 only", "use one of those"),
-    30: Meaning("G53 goes with G0 and G1 only", _OURS),
-    31: Meaning("axis words stand in a line that makes no use of them", _LINK),
+    30: Meaning("G53 is valid with G0 and G1 only", _OURS),
+    31: Meaning("a line has axis words that no command uses", _LINK),
     32: Meaning("an arc has no axis word of its plane", _LINK),
     33: Meaning(
-        "the target is not possible: an arc whose radii differ, or a probe that is there already",
+        "the target is invalid: the radii of an arc differ, or a probe is at its target already",
         _OURS,
     ),
-    34: Meaning("the radius of an arc can't be right", _OURS),
+    34: Meaning("the radius of an arc is too small", _OURS),
     35: Meaning("an arc has no centre", _LINK),
-    36: Meaning("words are left over that nothing uses", _LINK),
-    37: Meaning("the tool length goes with the Z axis only", "set the offset along Z"),
+    36: Meaning("a line has words that no command uses", _LINK),
+    37: Meaning("a tool length offset is valid for the Z axis only", "set the offset along Z"),
     38: Meaning("the tool number is too large for the board", "use a smaller T number"),
 }
-"""Errors 1 to 38: of GRBL 1.1, most of them of grblHAL, too."""
+"""Errors 1 to 38 of GRBL 1.1; most of them are also those of grblHAL."""
 
 ERRORS_HAL: dict[int, Meaning] = {
     6: Meaning("the step pulse is too short", "set $0 to 2 us or more"),
     18: Meaning("the reset input is active", "release the reset button"),
-    19: Meaning("a value must be larger than 0", "mend the value"),
-    38: Meaning("the tool is not in the board's table", "use a tool that it knows"),
-    39: Meaning("a value is out of range", "mend the value in the program"),
-    40: Meaning("the board waits for a tool change to end", "finish it, then start anew"),
-    41: Meaning("the spindle must turn for this move", "start it before"),
+    19: Meaning("a value must be greater than 0", "correct the value"),
+    38: Meaning("the tool is not in the board's table", "use a tool of the table"),
+    39: Meaning("a value is out of range", "correct the value in the program"),
+    40: Meaning("the board waits for the end of a tool change", "finish it, then start again"),
+    41: Meaning("the spindle must turn for this move", "start it first"),
     42: Meaning("threading needs the plane G18", "select it"),
-    43: Meaning("the feed is higher than the board allows", "lower it, or raise $110 to $112"),
-    44: Meaning("the spindle can't turn at this speed", "mend S, or $30 and $31"),
+    43: Meaning(
+        "the feed is higher than the board allows", "lower the feed, or raise $110 to $112"
+    ),
+    44: Meaning("the spindle can't turn at this speed", "correct S, or $30 and $31"),
     45: Meaning("a limit switch is active", "move off the switch, or home the machine"),
     46: Meaning("the machine has to be homed first", "home it ($H)"),
-    47: Meaning("the board does not know which tool is in the spindle", "tell it with M61"),
+    47: Meaning("the board does not know which tool is in the spindle", "set it with M61"),
     48: Meaning("two values of this line contradict each other", _LINK),
     49: Meaning("the board's self test failed", "switch it off and on"),
-    50: Meaning("the emergency stop is pressed", "release it, then start anew"),
+    50: Meaning("the emergency stop is pressed", "release it, then start again"),
     51: Meaning(
         "a motor driver reports a fault",
-        "look at the drivers and their supply, then switch off and on",
+        "check the drivers and their power supply, then switch off and on",
     ),
     52: Meaning("a setting is out of range", _SET),
     53: Meaning("this board does not have that setting", _SET),
-    54: Meaning("a cycle's retract position lies below its bottom", _OURS),
+    54: Meaning("the retract position of a cycle is below its bottom", _OURS),
     55: Meaning("the homing settings contradict each other", _SET),
     56: Meaning("the coordinate system is locked", "unlock it on the board"),
-    57: Meaning("a % stands where none is expected", "take it out"),
-    58: Meaning("the board does not have that input or output", "use one that it has"),
-    60: Meaning("the memory card can't be mounted", "look at the card"),
-    61: Meaning("a file on the board can't be read", "look at the card"),
-    62: Meaning("a folder on the board can't be opened", "look at the card"),
-    63: Meaning("there is no such folder on the board", "look at the card"),
+    57: Meaning("a % is not expected here", "remove it"),
+    58: Meaning("the board does not have that input or output", "use another one"),
+    60: Meaning("the memory card can't be mounted", "check the card"),
+    61: Meaning("a file on the board can't be read", "check the card"),
+    62: Meaning("a folder on the board can't be opened", "check the card"),
+    63: Meaning("there is no such folder on the board", "check the card"),
     64: Meaning("no memory card is mounted", "mount it"),
     65: Meaning("the board's file system is not mounted", "mount it"),
-    66: Meaning("the board's file system can't be written", "look at the card"),
-    70: Meaning("Bluetooth did not start", "look at the board's settings"),
+    66: Meaning("the board's file system can't be written", "check the card"),
+    70: Meaning("Bluetooth did not start", "check the board's settings"),
     71: Meaning("an expression has an unknown operation", _OURS),
     72: Meaning("an expression divides by zero", _OURS),
     73: Meaning("an argument of an expression is out of range", _OURS),
     74: Meaning("an argument of an expression is wrong", _OURS),
     75: Meaning("an expression is malformed", _OURS),
     76: Meaning("an expression has no value", _OURS),
-    77: Meaning("the board wants a password", "log in first"),
-    78: Meaning("the board does not allow this", "log in as somebody who may"),
+    77: Meaning("the board needs a password", "log in first"),
+    78: Meaning("the board does not allow this", "log in as another user"),
     79: Meaning(
-        "the board has to be reset before it goes on", "see to the alarm's cause, then start anew"
+        "the board needs a reset before it continues",
+        "remove the cause of the alarm, then start again",
     ),
-    80: Meaning("flow control is for macros on the board", _OURS),
+    80: Meaning("flow control is valid only in macros on the board", _OURS),
     81: Meaning("flow control is malformed", _OURS),
     82: Meaning("flow control is nested too deep", _OURS),
     83: Meaning("the board ran out of memory", "switch it off and on"),
-    84: Meaning("a file on the board can't be opened", "look at the card"),
+    84: Meaning("a file on the board can't be opened", "check the card"),
 }
-"""Where grblHAL differs from GRBL, and what it adds."""
+"""Errors of grblHAL that differ from GRBL's, or that GRBL lacks."""
 
-_HOME = "see to the cause, then home the machine: its position is lost"
+_HOME = "remove the cause, then home the machine; its position is lost"
 
 ALARMS: dict[int, Meaning] = {
     1: Meaning("a limit switch was hit", _HOME),
     2: Meaning(
         "the target lies outside the travel of the board's settings",
-        "check the work's zero and $130 to $132; the position is kept",
+        "check the work offset and $130 to $132; the position is kept",
     ),
-    3: Meaning("the board was reset in motion", _HOME),
+    3: Meaning("the board was reset during motion", _HOME),
     4: Meaning(
         "the probe was not in its rest state before the move",
-        "look at the probe, its wire and $6; the position is kept",
+        "check the probe, its wire and $6; the position is kept",
     ),
     5: Meaning(
-        "the probe made no contact on its way",
-        "check the probe and how far it goes; the position is kept",
+        "the probe made no contact",
+        "check the probe and the length of the probing move; the position is kept",
     ),
-    6: Meaning("homing was broken off by a reset", "home again"),
-    7: Meaning("homing was broken off by the safety door", "close it and home again"),
+    6: Meaning("a reset ended homing", "home again"),
+    7: Meaning("the safety door ended homing", "close it and home again"),
     8: Meaning(
-        "homing could not clear the limit switch", "raise $27, or look at the switch's wire"
+        "homing could not clear the limit switch", "raise $27, or check the wire of the switch"
     ),
     9: Meaning(
-        "homing found no limit switch", "look at the switches, $23 and the travel $130 to $132"
+        "homing found no limit switch", "check the switches, $23 and the travel $130 to $132"
     ),
     10: Meaning(
         "homing found no second limit switch of an axis with two motors",
-        "look at that switch and its wire",
+        "check that switch and its wire",
     ),
 }
-"""Alarms 1 to 10 of GRBL 1.1; 1 to 9 are grblHAL's, too."""
+"""Alarms 1 to 10 of GRBL 1.1; 1 to 9 are also those of grblHAL."""
 
 ALARMS_HAL: dict[int, Meaning] = {
     10: Meaning("the emergency stop is pressed", "release it, then home the machine"),
     11: Meaning("the machine has to be homed first", "home it ($H)"),
     12: Meaning("a limit switch is active", "move off the switch, or home the machine"),
     13: Meaning(
-        "the probe was touched while it must not be", "move off, then unlock the board ($X)"
+        "the probe was touched outside a probing move", "move off, then unlock the board ($X)"
     ),
-    14: Meaning("the spindle did not reach its speed in time", "look at the spindle and its drive"),
+    14: Meaning("the spindle did not reach its speed in time", "check the spindle and its drive"),
     15: Meaning(
         "homing found no second limit switch of an axis with two motors",
-        "look at that switch and its wire",
+        "check that switch and its wire",
     ),
     16: Meaning("the board's self test failed", "switch it off and on"),
     17: Meaning(
         "a motor driver reports a fault",
-        "look at the drivers and their supply; the position is lost",
+        "check the drivers and their power supply; the position is lost",
     ),
     18: Meaning("the homing settings contradict each other", _SET),
-    19: Meaning("the spindle's drive does not answer", "look at its Modbus wires and settings"),
-    20: Meaning("a board for inputs and outputs does not answer", "look at its wires"),
+    19: Meaning("the spindle's drive does not answer", "check its Modbus wires and settings"),
+    20: Meaning("an input and output module does not answer", "check its wires"),
     21: Meaning("the board's memory failed", "restore the settings before anything moves"),
 }
-"""grblHAL's own."""
+"""Alarms that GRBL lacks, or that differ from GRBL's."""
 
 
 def error_meaning(code: int, *, hal: bool) -> Meaning:
-    """What ``error:code`` says."""
+    """Return the meaning of ``error:code``; ``hal``: of grblHAL."""
     own = ERRORS_HAL.get(code) if hal else None
-    return (
-        own
-        or ERRORS.get(code)
-        or Meaning("this program does not know that number", _ask("$EE", "error", hal))
-    )
+    return own or ERRORS.get(code) or Meaning("this code is not known", _ask("$EE", "error", hal))
 
 
 def alarm_meaning(code: int, *, hal: bool) -> Meaning:
-    """What ``ALARM:code`` says."""
+    """Return the meaning of ``ALARM:code``; ``hal``: of grblHAL."""
     own = ALARMS_HAL.get(code) if hal else None
-    return (
-        own
-        or ALARMS.get(code)
-        or Meaning("this program does not know that number", _ask("$EA", "alarm", hal))
-    )
+    return own or ALARMS.get(code) or Meaning("this code is not known", _ask("$EA", "alarm", hal))
 
 
 def _ask(command: str, kind: str, hal: bool) -> str:
     if hal:
-        return f"the board's own list says more: send it {command}"
-    return f"look the {kind} code up in the manual of the board's firmware"
+        return f"send {command} to the board for its own list of codes"
+    return f"look up the {kind} code in the manual of the board's firmware"

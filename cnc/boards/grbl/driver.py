@@ -1,9 +1,4 @@
-"""A GRBL board (1.1 or grblHAL) as a line sink: streams, watches, and never waits for something
-that can't come.
-
-Whatever goes wrong, the motion is stopped (hold, wait for rest, reset) before it is reported, and
-nothing is sent any more.
-"""
+"""The driver of a GRBL board (1.1 or grblHAL): a board that takes lines."""
 
 from __future__ import annotations
 
@@ -13,16 +8,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.boards.grbl import faults
-from cnc.boards.grbl.fault_monitor import NORMAL, FaultMonitor
-from cnc.boards.grbl.lines import MOST_CHARACTERS, bare, kind_of
-from cnc.boards.grbl.link import ANSWER, GrblLink
-from cnc.boards.grbl.messages import Feedback
-from cnc.boards.grbl.operator_requests import MIN_OVERRIDE, OperatorRequests
-from cnc.boards.grbl.protocol import Event, RealTime, Reported, Started
+from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE
+from cnc.boards.grbl.line_kinds import MOST_CHARACTERS, kind_of_line
+from cnc.boards.grbl.line_stream import LineStream
+from cnc.boards.grbl.link import GrblLink
+from cnc.boards.grbl.protocol import RealTime
 from cnc.boards.grbl.settings import STEPS, BoardInfo
 from cnc.boards.grbl.status import Status
-from cnc.boards.port import Clock, Port, PortLost, SystemClock
+from cnc.boards.port import Clock, Port, SystemClock
 from cnc.boards.protocols import BoardTraits, Capabilities, OnReport, board_error
 from cnc.boards.serial_port import identity, open_port
 from cnc.machine.models import Machine
@@ -31,30 +24,26 @@ from cnc.model.diagnostics import BoardError, Diagnostic, UsageError
 from cnc.model.operator_control import Control
 from cnc.model.streams import GcodeLine
 
-WAIT = 0.05
-"""Longest wait for the board in s before the operator's requests are looked at."""
-MARK_LINES = 20
-MARK_TIME = 0.5
-"""Lines, and seconds, from one mark to the next: whichever comes first."""
-OVERRIDE_PATIENCE = 15.0
-"""Seconds for the first override: a step of ten takes a report."""
-SAME = 0.002
-"""mm: what GRBL's three decimals, of inches even, can make of a position or an offset."""
+SAME_POSITION = 0.002
+"""mm: rounding of a reported position or offset, with three decimals, of inches even."""
 
 
 class GrblBoard:
-    """Drives the board at ``port``; :meth:`connect` before anything else. ``name`` is the port's.
-    ``machine``: names the axes.
-
-    identity: what tells this board from others from one run to the next, None for one that nothing
-    is to be remembered of.
+    """A GRBL board at a port; call :meth:`connect` first.
 
     Faults, each a BoardError at its source line: ``board-error``, ``board-alarm``,
     ``board-silent``, ``board-restarted``, ``reply-lost``, ``reply-missing``, ``board-stuck``,
     ``board-locked``, ``line-too-long``, ``port-lost``, ``board-not-started``, ``board-stopped``.
+
+    Attributes:
+        identity: Identifies the board from one run to the next; None if nothing is kept of it.
+        restarted: Whether the board restarted when it was connected, and counts from zero.
+        check_only: Whether the board only checks lines, and nothing moves.
+        stream: Sends the lines.
     """
 
     traits = BoardTraits(takes_lines=True)
+    stream_type: type[LineStream] = LineStream
 
     def __init__(
         self,
@@ -64,28 +53,30 @@ class GrblBoard:
         name: str = "the port",
         identity: str | None = None,
     ) -> None:
+        """``machine`` names the axes; ``name`` is the name of the port, for messages."""
         self.identity = identity
         self.link = GrblLink(port, clock or SystemClock(), name)
+        self.stream = self.stream_type(self.link)
         self.check_only = False
-        self.state = "idle"
+        self.restarted = False
         self._machine = machine
         self._columns = [AXIS_LETTERS.index(letter) for letter in machine.axes]
-        self._requests: OperatorRequests | None = None
-        self._watcher: OnReport | None = None
-        self._monitor = FaultMonitor(self.link.protocol)
-        self._marked_at = 0.0
-        self._first = True
-        self._probed: tuple[float, ...] | None = None
-        self.restarted = False
+        self._offset_unchecked = True
 
     @classmethod
     def from_machine(cls, machine: Machine, target: Path | None = None) -> GrblBoard:
-        """The board at the port of the machine file, connected. UsageError `no-port`; BoardError
-        where it does not answer as it should.
+        """Return the connected board at the port of the machine file.
+
+        Raises:
+            UsageError: ``no-port``.
+            BoardError: The board does not answer as a GRBL board does.
         """
         name = machine.board.port
         if name is None:
-            hint = "name it with --port /dev/ttyUSB0, or as board.port in the machine file; cncrun boards lists them"
+            hint = (
+                "name it with --port /dev/ttyUSB0, or as board.port in the machine file; "
+                "cncrun boards lists the ports"
+            )
             raise UsageError(Diagnostic("no-port", "a GRBL board needs a port", hint=hint))
         board = cls(
             open_port(name, machine.board.baud), machine, name=name, identity=identity(name)
@@ -98,38 +89,43 @@ class GrblBoard:
         return board
 
     def connect(self) -> None:
-        """Get to know the board. Nothing moves."""
+        """Find out firmware, settings and position. Nothing moves."""
         self.link.connect()
-        # A board that counts from anywhere else than zero has not restarted: grblHAL greets whoever
-        # connects over the network.
-        self.restarted = self.link.greeted_unasked and not any(self._position())
-        axes = len(self._position())
+        # A board that does not stand at zero has not restarted: grblHAL greets each new network
+        # connection.
+        self.restarted = self.link.greeted_unasked and not any(self.stream.position)
+        axes = len(self.stream.position)
         missing = [
             letter.upper()
             for letter, column in zip(self._machine.axes, self._columns, strict=True)
             if column >= axes
         ]
         if missing:
-            message = f"the machine file has an axis {missing[0]}, the board has {axes} axes"
-            raise board_error("board-axes", message, hint="take it out of the machine file")
+            message = f"the machine file has an axis {missing[0]}; the board has {axes} axes"
+            hint = "remove the axis from the machine file"
+            raise board_error("board-axes", message, hint=hint)
         if self.info.tool_length and self.status.state == "Idle":
             self.link.ask("G49")
             self.info.tool_length = 0.0
 
     @property
+    def state(self) -> str:
+        """``idle``, ``running`` or ``stopped``."""
+        return self.stream.state
+
+    @property
     def info(self) -> BoardInfo:
-        """Firmware, settings, offsets."""
+        """Firmware, settings and offsets."""
         return self.link.info
 
     @property
     def status(self) -> Status:
-        """As it was reported last."""
-        assert self.link.status is not None
-        return self.link.status
+        """The last status report."""
+        return self.stream.status
 
     @property
     def capabilities(self) -> Capabilities:
-        """Lines; the probe answers."""
+        """The board takes lines and answers probes."""
         rate = self._machine.board.max_step_rate
         return Capabilities(
             axes=len(self._machine.axes),
@@ -142,42 +138,39 @@ class GrblBoard:
 
     @property
     def confirmed_line(self) -> int:
-        """Source line of the last line that the board has taken: it lies at most a planner's length
-        ahead of the motion.
+        """Source line of the last line that the board has accepted.
+
+        It lies at most a planner's length ahead of the motion.
         """
         return self.link.protocol.confirmed_line
 
     @property
     def moving_line(self) -> int:
-        """Source line of the move that the board was on when it reported last, 0 where that is not
-        known.
-        """
-        return self._monitor.way.line
+        """Source line of the move at the last report; 0 where it is not known."""
+        return self.stream.monitor.tracker.line
 
     @property
     def position(self) -> tuple[float, ...]:
-        """Machine position in mm, one number an axis of the machine, as it was reported last."""
-        return self._own(self._position())
+        """The last reported machine position, mm, one number for each axis of the machine."""
+        return self._machine_axes(self.stream.position)
 
     @property
     def work_offset(self) -> tuple[float, ...]:
-        """What the board adds to the coordinates of a line in G54, mm, one number an axis of the
-        machine.
-        """
-        return self._own(self._in_g54())
+        """Offset that the board adds to coordinates in G54, mm, for each axis of the machine."""
+        return self._machine_axes(self._g54_offset())
 
     @property
     def stored_offsets(self) -> dict[str, tuple[float, ...]]:
-        """G54 to G59, G28, G30 and G92 of the board, mm, one number an axis of the machine."""
+        """G54 to G59, G28, G30 and G92 of the board, mm, for each axis of the machine."""
         return {
-            name: self._own(place)
+            name: self._machine_axes(place)
             for name, place in self.info.places.items()
             if len(place) >= len(self._columns)
         }
 
     @property
     def settings(self) -> dict[int, float]:
-        """Rates, accelerations, tolerances and more, by their numbers."""
+        """The ``$`` settings by number."""
         return {
             number: value
             for number in self.info.settings
@@ -190,161 +183,134 @@ class GrblBoard:
         return "M" in self.info.options
 
     def limited_to_board(self, machine: Machine) -> Machine:
-        """The machine with no more travel than the board's soft limits leave it."""
+        """Return the machine with its travel limited to the soft limits of the board."""
         return self.info.narrowed(machine)
 
     @property
     def resolution(self) -> tuple[float, ...]:
-        """A step of each axis of the machine, by the board's settings, mm."""
+        """One step of each axis of the machine by the board's settings, mm."""
         steps = (self.info.axis(STEPS, column) for column in self._columns)
         return tuple(1.0 / each if each else 0.0 for each in steps)
 
     @property
     def buffered(self) -> int:
-        """Lines that were sent and not carried out yet, as far as that is known."""
-        return max(self.link.protocol.waiting, self._monitor.way.lines)
+        """Lines that were sent and are not carried out yet, as far as that is known."""
+        return max(self.link.protocol.waiting, self.stream.monitor.tracker.lines)
 
     @property
     def rapid_override(self) -> int:
-        """Of traverses, per cent, as it was reported last."""
-        return (self.status.overrides or (NORMAL, NORMAL, NORMAL))[1]
+        """The last reported override of traverses, per cent."""
+        full = (FULL_OVERRIDE, FULL_OVERRIDE, FULL_OVERRIDE)
+        return (self.status.overrides or full)[1]
 
     def now(self) -> float:
-        """The time by the link's clock, s."""
+        """Return the time by the clock of the link, s."""
         return self.link.now()
 
-    def connect_operator(self, control: Control, watcher: OnReport) -> None:
-        """Carry out the operator's requests at once, and tell ``watcher`` whenever the board has
-        reported.
-        """
-        self._requests, self._watcher = OperatorRequests(control), watcher
+    def connect_operator(self, control: Control, on_report: OnReport) -> None:
+        """Serve the operator's requests, and call ``on_report`` after each status report."""
+        self.stream.connect_operator(control, on_report)
 
     def start(self, origin_steps: NDArray[np.int64]) -> None:
-        """Get ready. BoardError ``board-busy`` unless the machine stands still."""
+        """Prepare a run.
+
+        Raises:
+            BoardError: ``board-busy`` unless the machine is at rest; ``board-moved`` where it was
+                moved since the last report.
+        """
         self._refuse_if_stopped()
-        link = self.link
-        before, status = self._position(), link.refresh()
+        link, stream = self.link, self.stream
+        before, status = stream.position, link.refresh()
         if status.state not in ("Idle", "Alarm"):
             hint = {"Door": "close the safety door", "Sleep": "reset the board"}.get(
                 status.state, "wait until it has come to rest"
             )
-            raise board_error(
-                "board-busy", f"the board is not ready: it says {status.state}", hint=hint
-            )
-        if any(abs(a - b) > SAME for a, b in zip(before, self._position(), strict=True)):
-            raise board_error(
-                "board-moved",
-                "the machine was moved while the program was read",
-                hint="start again",
-            )
-        self.state = "running"
-        self._first = True
+            message = f"the board is not ready; it reports {status.state}"
+            raise board_error("board-busy", message, hint=hint)
+        if any(abs(a - b) > SAME_POSITION for a, b in zip(before, stream.position, strict=True)):
+            message = "the machine was moved while the program was read"
+            raise board_error("board-moved", message, hint="start again")
+        self._offset_unchecked = True
+        stream.state = "running"
         if self.check_only:
             link.ask("$C")
             link.refresh()
-        self._monitor.begin(
-            self.info, self._position(), self._in_g54(), link.now(), moves=not self.check_only
-        )
-        self._override_first()
+        stream.begin(self._g54_offset(), moves=not self.check_only)
 
     def send_line(self, line: GcodeLine) -> None:
-        """Send as soon as there is room. Returns unsent if the operator stops the run."""
+        """Send a line as soon as there is space; it stays unsent if the operator stops the run."""
         self._refuse_unless_running()
-        protocol, monitor = self.link.protocol, self._monitor
-        text = line.text
+        stream, text = self.stream, line.text
         if len(text) > MOST_CHARACTERS:
-            message = f"a line of {len(text)} characters, the board takes {MOST_CHARACTERS}"
-            raise self._fault(board_error("line-too-long", message, line=line.line))
-        kind = kind_of(text)
-        if kind in ("writer", "system"):
-            self._rest()
-        if self.status.state == "Alarm" and bare(text)[:2] not in ("$H", "$X"):
-            raise self._fault(faults.locked(line.line))
-        while (
-            protocol.waiting >= monitor.vital.max_waiting
-            or not protocol.room(text, kind)
-            or monitor.far_ahead(self.status)
-        ):
-            if self._stopping():
-                return
-            self._serve(WAIT)
-        if self._stopping():
+            message = f"a line has {len(text)} characters; the board accepts {MOST_CHARACTERS}"
+            raise stream.stopped_by(board_error("line-too-long", message, line=line.line))
+        kind = kind_of_line(line)
+        if not stream.send(line, kind):
             return
-        if kind == "probe":
-            self._probed = None
-        monitor.sending(line, self.link.now())
-        self._write(protocol.send(text, line.line, kind))
-        if protocol.mark_fits() and (
-            protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME
-        ):
-            self._mark()
         if kind == "system":
-            # It may change what the board is: locked or not, and where.
-            self._settle()
-            if self.status.state == "Alarm" and not self._stopping():
-                raise self._fault(faults.locked(line.line))
-        elif self._first:
-            self._first = False
-            self._compare_offset(line.line)
+            # The command may change lock and position.
+            stream.settle()
+            stream.refuse_if_locked(line, unless=stream.stopping)
+        elif self._offset_unchecked:
+            self._offset_unchecked = False
+            self._check_offset(line.line)
         elif self.link.due():
-            self._serve(0.0)
+            stream.serve(0.0)
 
     def execute(self, block: Block, time_ns: int) -> tuple[float, ...] | None:
-        """Wait until the lines sent so far have been carried out. After a probe: 1 or 0 for contact
-        or none, and where, machine mm.
+        """Wait until the lines sent so far have been carried out.
+
+        Returns:
+            After a probe: 1 or 0 for contact or none, and the machine position of the contact, mm.
         """
         self._refuse_unless_running()
-        self._settle()
-        answer, self._probed = self._probed, None
+        self.stream.settle()
+        answer, self.stream.probed = self.stream.probed, None
         if answer is None:
             return None
-        return (answer[-1], *self._own(answer))
+        return (answer[-1], *self._machine_axes(answer))
 
     def finish(self) -> None:
-        """Return when everything has been answered and the machine stands still."""
+        """Return when all lines have been answered and the machine is at rest."""
         self._refuse_unless_running()
-        self._settle()
-        if self._stopping():
+        self.stream.settle()
+        if self.stream.stopping:
             return
         if self.check_only:
-            self.link.write(self.link.protocol.reset())
-            self.link.until(lambda event: isinstance(event, Started), ANSWER)
-        self.state = "idle"
+            self.stream.end_check_mode()
+        self.stream.state = "idle"
 
     def stop(self) -> None:
-        """Hold, wait for rest, reset: what was sent and not carried out is forgotten, the position
-        survives.
+        """Hold, wait for rest, and reset.
+
+        Lines that are not carried out are dropped; the position is kept.
         """
-        wrong = self.link.halt() if self.state == "running" else None
-        self.state = "stopped"
-        if wrong is not None:
-            raise self._at_confirmed(wrong)
+        fault = self.link.halt() if self.state == "running" else None
+        self.stream.state = "stopped"
+        if fault is not None:
+            raise self.stream.at_confirmed(fault)
 
     def abort(self) -> None:
-        """The same: nothing is quicker that leaves the position known."""
+        """Stop: nothing is quicker that keeps the position."""
         self.stop()
 
     def close(self) -> None:
-        """Let go of the port. What runs is stopped first."""
+        """Stop a run, and close the port."""
         with contextlib.suppress(BoardError):
             self.stop()
         self.link.close()
 
     def real_time(self, command: RealTime) -> None:
         """Send a real-time command at once, however full the receive buffer is."""
-        self._write(command.value)
+        self.stream.write(command.value)
 
-    def _position(self) -> tuple[float, ...]:
-        status = self.link.status
-        return () if status is None or status.position is None else status.position
-
-    def _own(self, values: tuple[float, ...]) -> tuple[float, ...]:
-        """The machine's axes of the board's."""
+    def _machine_axes(self, values: tuple[float, ...]) -> tuple[float, ...]:
+        """Return the values of the machine's axes out of those of the board's."""
         return tuple(values[column] for column in self._columns) if values else ()
 
-    def _in_g54(self) -> tuple[float, ...]:
+    def _g54_offset(self) -> tuple[float, ...]:
         places = self.info.places
-        nothing = (0.0,) * len(self._position())
+        nothing = (0.0,) * len(self.stream.position)
         sums = [
             a + b
             for a, b in zip(places.get("G54", nothing), places.get("G92", nothing), strict=False)
@@ -353,181 +319,33 @@ class GrblBoard:
             sums[2] += self.info.tool_length
         return tuple(sums)
 
-    def _stopping(self) -> bool:
-        return self._requests is not None and self._requests.control.stopped
+    def _check_offset(self, line: int) -> None:
+        """Compare the offset of the board with the one that the lines were made for.
 
-    def _drain(self) -> None:
-        """Until every line has been answered, or the operator stops the run."""
-        protocol = self.link.protocol
-        while protocol.waiting and not self._stopping():
-            self._serve(WAIT)
-
-    def _rest(self) -> None:
-        """Until the machine stands still with nothing under way, or the operator stops the run."""
-        self._drain()
-        link = self.link
-        began = link.now()
-        still = 0
-        while not self._stopping():
-            before = link.status_at
-            self._serve(WAIT, fast=True)
-            # A report may be older than the last answer, and between an answer and the motion GRBL
-            # is Idle for a moment: the second counts.
-            if link.status_at > before and link.status_at > began:
-                still = still + 1 if self.status.state in ("Idle", "Alarm", "Check", "Sleep") else 0
-                if still == 2:
-                    return
-
-    def _settle(self) -> None:
-        """Until the machine stands still where the lines have led it."""
-        self._rest()
-        if self._stopping():
-            return
-        if self._monitor.way.arrived(self._position()):
-            # One report may be wrong.
-            self.link.refresh()
-            off = self._monitor.way.arrived(self._position())
-            if off:
-                raise self._fault(faults.elsewhere(self._position(), off, self.confirmed_line))
-        self._monitor.way.begin(self._position())
-
-    def _serve(self, timeout: float, *, fast: bool = False) -> None:
-        """Wait for the board a moment, take in what it says, and carry out the operator's requests.
-        Every fault comes out of here.
+        The first line has selected the coordinate system.
         """
-        link = self.link
-        try:
-            events = link.pump(timeout, 0.05) if fast else link.pump(timeout)
-        except PortLost as error:
-            self.state = "stopped"
-            raise self._at_confirmed(error) from error
-        except BoardError as error:
-            link.drop()
-            self.state = "stopped"
-            raise self._at_confirmed(error) from error
-        for event in events:
-            self._take(event)
-        self._look()
-        self._obey()
-
-    def _take(self, event: Event) -> None:
-        if isinstance(event, Feedback) and event.kind == "PRB":
-            self._probed = self._contact(event.text)
-        wrong = self._monitor.told(event, self.link.now())
-        if wrong is not None:
-            raise self._fault(wrong)
-        if isinstance(event, Reported):
-            if self._monitor.doubtful:
-                self.link.poll_now()
-            if self._watcher is not None:
-                self._watcher()
-
-    def _look(self) -> None:
-        """A board that answers nothing, by what it says of itself."""
-        protocol, now = self.link.protocol, self.link.now()
-        if protocol.waiting and self._monitor.vital.doubtful(now) and protocol.mark_fits():
-            self._mark()
-        wrong = self._monitor.verdict(now)
-        if wrong is not None:
-            raise self._fault(wrong)
-
-    def _obey(self) -> None:
-        """The operator's requests become real-time commands."""
-        requests, link = self._requests, self.link
-        if requests is not None and not requests.control.stopped and self.state == "running":
-            data = requests.commands(self.status, link.status_at, link.now())
-            if data:
-                self._write(data)
-
-    def _override_first(self) -> None:
-        """Before anything moves: the override that the operator begins with; a board begins with
-        100.
-        """
-        requests, link = self._requests, self.link
-        if requests is None or requests.override == NORMAL:
-            return
-        deadline = link.now() + OVERRIDE_PATIENCE
-        while (
-            requests.control.feed_override >= MIN_OVERRIDE
-            and link.now() < deadline
-            and not self._stopping()
-        ):
-            self._serve(WAIT, fast=True)
-            overrides = self.status.overrides
-            if overrides is not None and overrides[0] == requests.override:
-                return
-        if not self._stopping():
-            message = (
-                f"the board does not take a feed override of {requests.control.feed_override:g} %"
-            )
-            hint = f"GRBL's go from {MIN_OVERRIDE} to 200 %; scale the feeds of the program instead"
-            raise self._fault(board_error("override-refused", message, hint=hint))
-
-    def _mark(self) -> None:
-        self._marked_at = self.link.now()
-        self._monitor.vital.marked(self._marked_at)
-        self._write(self.link.protocol.mark())
-
-    def _write(self, data: bytes) -> None:
-        try:
-            self.link.write(data)
-        except PortLost as error:
-            self.state = "stopped"
-            raise self._at_confirmed(error) from error
-
-    def _compare_offset(self, line: int) -> None:
-        """The first line has chosen a coordinate system: is its offset the one that the lines were
-        made for?
-        """
+        stream = self.stream
         if self.status.state == "Alarm":
-            self._first = True
+            self._offset_unchecked = True
             return
-        self._rest()
+        stream.rest()
         offset = self.status.offset
-        if self._stopping() or offset is None:
+        if stream.stopping or offset is None:
             return
-        if any(abs(a - b) > SAME for a, b in zip(offset, self._in_g54(), strict=False)):
+        if any(
+            abs(a - b) > SAME_POSITION for a, b in zip(offset, self._g54_offset(), strict=False)
+        ):
             shown = ", ".join(f"{value:g}" for value in offset)
-            hint = "is it set by a start-up line ($N)? Use G54 to G59 for offsets"
-            raise self._fault(
-                board_error(
-                    "offset-differs",
-                    f"the board adds another offset than that of its G54: {shown}",
-                    line=line,
-                    hint=hint,
-                )
-            )
-
-    def _contact(self, text: str) -> tuple[float, ...] | None:
-        """``1.000,2.000,-3.000:1``: where the probe was, mm, and whether it touched."""
-        where, _, touched = text.partition(":")
-        try:
-            unit = self.info.unit
-            return (*(float(value) * unit for value in where.split(",")), float(touched))
-        except ValueError:
-            return None
-
-    def _fault(self, error: BoardError) -> BoardError:
-        """Stop everything, then report."""
-        if self.state != "running":
-            return error
-        second = self.link.halt()
-        self.state = "stopped"
-        return error if second is None else faults.followed_by(error, second)
-
-    def _at_confirmed(self, error: BoardError) -> BoardError:
-        line = self.confirmed_line
-        found = error.diagnostic
-        last = (
-            f"; line {line} was the last that the board confirmed"
-            if line
-            else "; the board had confirmed no line yet"
-        )
-        return type(error)(Diagnostic(found.code, found.message + last, line=line, hint=found.hint))
+            message = f"the board uses another offset than its G54: {shown} mm"
+            hint = "a start-up line ($N) may set it; use G54 to G59 for offsets"
+            fault = board_error("offset-differs", message, line=line, hint=hint)
+            raise stream.stopped_by(fault)
 
     def _refuse_if_stopped(self) -> None:
         if self.state == "stopped":
-            raise board_error("board-stopped", "the board has been stopped", hint="open it anew")
+            raise board_error(
+                "board-stopped", "the board has been stopped", hint="connect it again"
+            )
 
     def _refuse_unless_running(self) -> None:
         self._refuse_if_stopped()

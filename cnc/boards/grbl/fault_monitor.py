@@ -1,12 +1,11 @@
-"""What is wrong with a GRBL board, by what it answers and reports. No I/O: it is told, and says
-what the fault is.
+"""Faults of a GRBL board, found from its answers and reports. No I/O.
 
-what the board says                        | what watches it                          | found within
+answer or report                           | found by                                 | found within
 -------------------------------------------+------------------------------------------+--------------------------------------
-error, ALARM, a welcome, an ok too many    | this room, as they come                  | at once
-ok, one by one                             | marks (:mod:`cnc.boards.grbl.protocol`) | half a second and a move
-nothing, or only what it does              | :mod:`cnc.boards.grbl.liveness`            | 2 s
-where it is                                | :mod:`cnc.boards.grbl.position_tracker`             | the motion ahead (1.5 s), two reports
+error, ALARM, a welcome, an extra ok       | this module                              | at once
+ok, one by one                             | marks (:mod:`cnc.boards.grbl.protocol`)  | half a second and a move
+none, or status reports only               | :mod:`cnc.boards.grbl.liveness`          | 2 s
+position                                   | :mod:`cnc.boards.grbl.position_tracker`  | the motion ahead (1.5 s), two reports
 """
 
 from __future__ import annotations
@@ -34,38 +33,41 @@ from cnc.boards.grbl.status import Status
 from cnc.boards.grbl.tracked_moves import AxisLimits
 from cnc.model.diagnostics import BoardError
 from cnc.model.streams import GcodeLine
+from cnc.model.units import per_second
 
 MOST_BLOCKS = 128
-"""Moves that the planner of a board may hold which does not tell."""
+"""Moves that the planner of a board may hold if it does not report their number."""
 AHEAD = 1.5
-LOOK_AHEAD = 0.5
-"""Seconds of motion that the board is given ahead: AHEAD, but LOOK_AHEAD more than it needs to
-brake, so that it need not.
+SPARE_AHEAD = 0.5
+"""Seconds of motion that are sent ahead: AHEAD, or SPARE_AHEAD more than the board needs to brake,
+whichever is more.
 """
 AT_REST = 0.3
 """Seconds of Idle, with every line answered, after which the motion is over: a report may be older
 than the last answer.
 """
-FOLLOWED = ("Run", "Hold", "Idle")
-NORMAL = 100
+TRACKED_STATES = ("Run", "Hold", "Idle")
+FULL_OVERRIDE = 100
 
 
 class FaultMonitor:
     """Watches one run.
 
-    vital: signs of life. way: the moves that the board has been sent. doubtful: whether a report
-    was off the way, so that another is wanted soon.
+    Attributes:
+        liveness: Finds missing answers.
+        tracker: Follows the reported positions along the moves that were sent.
+        doubtful: Whether the last report was off the moves, so that another is wanted soon.
     """
 
     def __init__(self, protocol: GrblProtocol) -> None:
-        self.vital = LivenessMonitor()
-        self.way = PositionTracker(0, ())
+        self.liveness = LivenessMonitor()
+        self.tracker = PositionTracker(0, ())
         self.doubtful = False
         self._protocol = protocol
         self._ahead = AHEAD
         self._moves = False
         self._hal = False
-        self._sound = False
+        self._without_alarm = False
         self._busy_at = 0.0
 
     def begin(
@@ -77,97 +79,100 @@ class FaultMonitor:
         *,
         moves: bool,
     ) -> None:
-        """A run begins here, mm; ``offset``: what the board adds to the numbers of a line.
-        ``moves``: whether lines move anything.
+        """Begin a run.
+
+        Args:
+            info: Firmware and settings of the board.
+            position: Machine position, mm.
+            offset: Work offset that the board adds to the numbers of a line, mm.
+            now: Present time, s.
+            moves: Whether lines move the machine.
         """
         columns = range(len(position))
         steps = max(
             (1.0 / each for column in columns if (each := info.axis(STEPS, column))), default=0.0
         )
         limits = AxisLimits(
-            [rate / 60.0 if (rate := info.axis(RATES, column)) else math.inf for column in columns],
+            [
+                per_second(rate) if (rate := info.axis(RATES, column)) else math.inf
+                for column in columns
+            ],
             [info.axis(ACCELERATIONS, column) or math.inf for column in columns],
         )
         tolerance = TOLERANCE + (info.number(ARC_TOLERANCE) or 0.0) + 2.0 * steps
-        self.way = PositionTracker(info.blocks or MOST_BLOCKS, offset, tolerance, limits)
-        self.way.begin(position)
-        self.vital.begin(now)
-        self._ahead = max(AHEAD, LOOK_AHEAD + info.braking_s())
+        self.tracker = PositionTracker(info.blocks or MOST_BLOCKS, offset, tolerance, limits)
+        self.tracker.begin(position)
+        self.liveness.begin(now)
+        self._ahead = max(AHEAD, SPARE_AHEAD + info.braking_s())
         self._moves = moves
         self._hal = info.hal
-        self._sound = self.doubtful = False
+        self._without_alarm = self.doubtful = False
         self._busy_at = now
 
     def sending(self, line: GcodeLine, now: float) -> None:
-        """A line goes out."""
+        """Note a line that is sent now."""
         if not self._protocol.waiting:
-            self.vital.begin(now)
+            self.liveness.begin(now)
         if self._moves:
-            self.way.send(line)
+            self.tracker.send(line)
 
     def far_ahead(self, status: Status) -> bool:
-        """Whether the board has motion enough ahead of it for now."""
-        if not self.way.lines:
+        """Return whether the board has enough motion ahead for now."""
+        if not self.tracker.lines:
             return False
-        feed, rapid, _ = status.overrides or (NORMAL, NORMAL, NORMAL)
-        return self.way.seconds_at(max(feed, 1), max(rapid, 1)) > self._ahead
+        feed, rapid, _ = status.overrides or (FULL_OVERRIDE, FULL_OVERRIDE, FULL_OVERRIDE)
+        return self.tracker.seconds_at(max(feed, 1), max(rapid, 1)) > self._ahead
 
-    def told(self, event: Event, now: float) -> BoardError | None:
-        """What the board said; what is wrong with that."""
+    def fault_in(self, event: Event, now: float) -> BoardError | None:
+        """Return the fault that an event of the board shows; None without one."""
         line = self._protocol.confirmed_line
-        if isinstance(event, Confirmed):
-            self._busy_at = now
-            self.vital.answered(now)
-        elif isinstance(event, Reported):
-            self.vital.reported(event.status, now)
-            return self._reported(event.status, now)
-        elif isinstance(event, Rejected):
-            return faults.refused(
-                event.code, event.sent.text, event.sent.line or line, hal=self._hal
-            )
-        elif isinstance(event, Alarmed):
-            sent = event.sent
-            probing = sent is not None and sent.kind == "probe"
-            return faults.alarmed(
-                event.code,
-                sent.line if sent is not None and sent.line else line,
-                hal=self._hal,
-                probing=probing,
-            )
-        elif isinstance(event, Started):
-            return faults.restarted(line)
-        elif isinstance(event, Lost):
-            return faults.lost(event.after, event.until)
-        elif isinstance(event, UnexpectedReply):
-            return faults.lost(line, line)
+        match event:
+            case Confirmed():
+                self._busy_at = now
+                self.liveness.answered(now)
+            case Reported(status):
+                self.liveness.reported(status, now)
+                return self._fault_in_status(status, now)
+            case Rejected(sent, code):
+                return faults.refused(code, sent.text, sent.line or line, hal=self._hal)
+            case Alarmed(code, sent):
+                if sent is None:
+                    return faults.alarmed(code, line, hal=self._hal)
+                probing = sent.kind == "probe"
+                return faults.alarmed(code, sent.line or line, hal=self._hal, probing=probing)
+            case Started():
+                return faults.restarted(line)
+            case Lost(after, until):
+                return faults.lost(after, until)
+            case UnexpectedReply():
+                return faults.lost(line, line)
         return None
 
-    def verdict(self, now: float) -> BoardError | None:
-        """What is wrong with what the board does not say."""
+    def missing_answer(self, now: float) -> BoardError | None:
+        """Return the fault that a missing answer shows; None without one."""
         protocol = self._protocol
         if protocol.state is not State.READY:
             return faults.lost(protocol.confirmed_line, protocol.confirmed_line)
-        return self.vital.verdict(protocol.oldest, protocol.confirmed_line, now)
+        return self.liveness.fault(protocol.oldest, protocol.confirmed_line, now)
 
-    def _reported(self, status: Status, now: float) -> BoardError | None:
+    def _fault_in_status(self, status: Status, now: float) -> BoardError | None:
+        line = self._protocol.confirmed_line
         if status.state != "Alarm":
-            self._sound = True
-        elif self._sound:
+            self._without_alarm = True
+        elif self._without_alarm:
             if status.phase > 0:
-                return faults.alarmed(status.phase, self._protocol.confirmed_line, hal=self._hal)
-            return faults.alarmed_unheard(self._protocol.confirmed_line)
-        if status.position is None or status.state not in FOLLOWED or not self._moves:
+                return faults.alarmed(status.phase, line, hal=self._hal)
+            return faults.alarmed_unheard(line)
+        if status.position is None or status.state not in TRACKED_STATES or not self._moves:
             return None
         waiting = self._protocol.waiting
-        off = self.way.off(status.position, waiting)
+        off = self.tracker.off(status.position, waiting)
         if status.state != "Idle" or waiting:
             self._busy_at = now
         elif not off and now - self._busy_at > AT_REST:
-            off = self.way.arrived(status.position)
+            off = self.tracker.arrived(status.position)
         if off and self.doubtful:
-            return faults.off_path(
-                status.position, off, self.way.line or self._protocol.confirmed_line
-            )
-        # One report may be wrong: an AVR reads its position while it steps.
+            return faults.off_path(status.position, off, self.tracker.line or line)
+        # A single report may be wrong: an AVR reads its position while it steps.
         self.doubtful = bool(off)
         return None

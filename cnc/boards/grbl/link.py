@@ -1,15 +1,15 @@
-"""A GRBL board at a port: asked for its status while everything else goes on, never waited for
-without a bound.
+"""The link to a GRBL board at a port: connection, questions, status polling, and stop.
 
-Opening a port for the first time resets most boards, and a boot loader then takes up to two seconds
-before the firmware greets: such a greeting, which nobody asked for, is noted. A board that was not
-reset answers ``?``. It gets a soft reset once it is known to stand still, which keeps its position,
-so that every conversation begins with the welcome.
+No wait is without a bound. Opening a port for the first time resets most boards, and a boot loader
+then takes up to two seconds before the firmware greets. Such a welcome without a request is noted.
+A board that was not reset answers ``?``. Once it is at rest it gets a soft reset, which keeps its
+position. So every connection begins with a welcome.
 """
 
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Callable
 
 from cnc.boards.grbl import faults
@@ -30,51 +30,61 @@ from cnc.boards.grbl.protocol import (
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import Clock, Port
+from cnc.boards.port_log import LoggedPort
 from cnc.boards.protocols import board_error
 from cnc.model.diagnostics import BoardError
 
+log = logging.getLogger(__name__)
+
 POLL = 0.2
-"""Seconds between two ``?``: GRBL's interface asks for no more than 5 Hz."""
+"""Seconds between two ``?``: GRBL's interface allows at most 5 Hz."""
 POLL_FAST = 0.05
-"""The same while a machine comes to rest."""
+"""The same while the machine comes to rest."""
 SILENCE = 2.0
-"""Seconds without an answer to ``?`` after which the board has died."""
-GREETING = 6.0
-"""Seconds to wait for a board that has just been connected: boot loaders take up to 2."""
-UNASKED = 2.6
-"""Seconds after which a board that says nothing is reset: in a critical alarm GRBL answers nothing
-else.
+"""Seconds without an answer to ``?`` after which the board counts as dead."""
+WELCOME_TIMEOUT = 6.0
+"""Seconds for the welcome of a board that has just been connected: boot loaders take up to 2."""
+RESET_AFTER = 2.6
+"""Seconds without a byte after which the board is reset: in a critical alarm GRBL hears only a reset.
 """
-UNHEARD = 3.4
-"""Seconds after which DTR is raised for a board that may send only then; one that this resets still
-greets in time.
+RAISE_DTR_AFTER = 3.4
+"""Seconds without a byte after which DTR is raised: some boards send only then. A board that this
+resets still greets in time.
 """
 RESTART = 3.0
 """Seconds from a soft reset to the welcome."""
 RESETS = 3
-"""Times that a board which does not restart is told to."""
+"""Resets that are sent to a board that does not restart."""
 ANSWER = 3.0
-"""Seconds for a question to a board at rest."""
+"""Seconds for the answer of a board at rest."""
 WRITING = 0.5
-"""Seconds in which a board has written a setting or an offset: some bytes of 3.4 ms each."""
-GREETINGS = 3
-"""Times that a conversation is begun anew."""
-DROPPED = 20
-"""Times that a board which does not answer is told to stop: what makes it silent may swallow bytes,
-too.
-"""
-OLDEST = (1, 1)
-"""The version that this protocol is of."""
+"""Seconds for a write of a setting or an offset: some bytes of 3.4 ms each."""
+CONNECT_ATTEMPTS = 3
+"""Attempts to connect."""
+DROP_ATTEMPTS = 20
+"""Stops that are sent to a board that does not answer: bytes may get lost."""
+OLDEST_VERSION = (1, 1)
+"""The version of this protocol."""
 
 
-class _AnewError(BoardError):
-    """The conversation has to begin anew."""
+class _ReconnectError(BoardError):
+    """The connection has to begin again."""
 
 
 class GrblLink:
-    """Port, clock and protocol together. ``name`` is the port's, for messages."""
+    """Port, clock and protocol together.
+
+    Attributes:
+        info: Firmware, settings and offsets of the board.
+        status: The last status report.
+        status_at: Time of that report, s.
+        alarm: Code of the present alarm; None without one.
+        greeted_unasked: Whether the board sent a welcome without a reset: it has just started, or a
+            network connection was made.
+    """
 
     def __init__(self, port: Port, clock: Clock, name: str) -> None:
+        """``name`` is the name of the port, for messages."""
         self.clock = clock
         self.name = name
         self.protocol = GrblProtocol()
@@ -83,46 +93,53 @@ class GrblLink:
         self.status_at = -1.0
         self.alarm: int | None = None
         self.greeted_unasked = False
-        """Whether the board greeted without having been told to reset: it has just started, or a
-        network link was made.
-        """
-        self._port = port
+        self._port = LoggedPort(port, name, log, text=True)
         self._next_poll = 0.0
         self._unanswered_since: float | None = None
         self._alarms: list[int] = []
         self._writer: SentLine | None = None
-        self._deaf_until = 0.0
+        self._writing_until = 0.0
 
     def now(self) -> float:
-        """Seconds."""
+        """Return the present time, s."""
         return self.clock.now()
 
     def write(self, data: bytes) -> None:
-        """At once. PortLost."""
+        """Write at once; PortLost."""
         self._port.write(data)
 
-    def tell(self, command: RealTime) -> None:
-        """A real-time command: it overtakes everything."""
+    def send_realtime(self, command: RealTime) -> None:
+        """Send a real-time command, which overtakes all lines."""
         self._port.write(command.value)
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         self._port.close()
 
     def pump(self, timeout: float, poll: float = POLL) -> list[Event]:
-        """What the board says, after ``timeout`` s at most; asks for the status meanwhile.
-        PortLost; BoardError ``board-silent``.
+        """Receive for at most ``timeout`` s, and ask for the status meanwhile.
+
+        Args:
+            timeout: s.
+            poll: Seconds between two ``?``.
+
+        Returns:
+            The events of the board.
+
+        Raises:
+            PortLost: The port is gone.
+            BoardError: ``board-silent``.
         """
         now = self.clock.now()
-        if now >= self._next_poll and not self._deaf(now):
+        if now >= self._next_poll and not self._writing(now):
             self._port.write(b"?")
             self._next_poll = now + poll
             if self._unanswered_since is None:
                 self._unanswered_since = now
         data = self._port.read(timeout)
-        events = self._heard(data) if data else []
+        events = self._received(data) if data else []
         asked = self._unanswered_since
-        # Noise is no answer.
+        # Noise does not count as an answer.
         if (
             asked is not None
             and self.clock.now() - asked > self._patience()
@@ -132,16 +149,17 @@ class GrblLink:
         return events
 
     def due(self) -> bool:
-        """Whether it is time for the next ``?``."""
+        """Return whether it is time for the next ``?``."""
         return self.clock.now() >= self._next_poll
 
     def poll_now(self) -> None:
-        """Ask for the status at the next chance."""
+        """Ask for the status with the next :meth:`pump`."""
         self._next_poll = 0.0
 
     def until(self, done: Callable[[Event], bool], timeout: float) -> bool:
-        """Whether an event for which ``done`` says so came within ``timeout`` s. As :meth:`pump`,
-        but silence is no fault here.
+        """Return whether an event for which ``done`` is true came within ``timeout`` s.
+
+        Silence is no fault here.
         """
         deadline = self.clock.now() + timeout
         while (left := deadline - self.clock.now()) > 0:
@@ -152,28 +170,33 @@ class GrblLink:
         return False
 
     def ask(self, command: str) -> list[Feedback | Setting]:
-        """What the board tells in answer to a command, while it is at rest. BoardError
-        ``board-error``, ``board-alarm``, ``no-answer``.
+        """Return the answer to a command while the board is at rest.
+
+        Raises:
+            BoardError: ``board-error``, ``board-alarm``, ``no-answer``.
         """
-        told: list[Feedback | Setting] = []
+        answers: list[Feedback | Setting] = []
         failed: list[BoardError] = []
 
         def done(event: Event) -> bool:
             if isinstance(event, Feedback | Setting):
-                told.append(event)
+                answers.append(event)
             elif isinstance(event, Rejected):
                 failed.append(faults.refused(event.code, command, 0, hal=self.info.hal))
             elif isinstance(event, Alarmed):
                 failed.append(faults.alarmed(event.code, 0, hal=self.info.hal))
             elif isinstance(event, Started | UnexpectedReply):
-                failed.append(_AnewError(faults.restarted(0).diagnostic))
+                failed.append(_ReconnectError(faults.restarted(0).diagnostic))
             return isinstance(event, Confirmed) or bool(failed)
 
         if self.protocol.state is not State.READY:
-            raise _AnewError(faults.restarted(0).diagnostic)
+            raise _ReconnectError(faults.restarted(0).diagnostic)
         self.write(self.protocol.send(command, 0))
         if not self.until(done, ANSWER):
-            hint = "switch the board off and on; if that does not help, its firmware is not GRBL 1.1 or grblHAL"
+            hint = (
+                "switch the board off and on; if that does not help, its firmware is not GRBL 1.1 or "
+                "grblHAL"
+            )
             raise board_error(
                 "no-answer",
                 f"the board at {self.name} does not answer {command or 'an empty line'}",
@@ -181,35 +204,36 @@ class GrblLink:
             )
         if failed:
             raise failed[0]
-        return told
+        return answers
 
     def connect(self) -> None:
-        """Find out what is there, until the board is known and waits for lines. Nothing moves.
+        """Identify the board, until it waits for lines. Nothing moves.
 
-        BoardError ``no-answer``, ``board-not-grbl``, ``board-too-old``, ``board-busy``,
-        ``port-lost``, and as :meth:`ask`.
+        Raises:
+            BoardError: ``no-answer``, ``board-not-grbl``, ``board-too-old``, ``board-busy``,
+                ``port-lost``, and those of :meth:`ask`.
         """
-        for _ in range(GREETINGS - 1):
-            # Some boards greet twice, or have an answer left over from before.
-            with contextlib.suppress(_AnewError):
-                return self._introduce(self._greeted())
-        return self._introduce(self._greeted())
+        for _ in range(CONNECT_ATTEMPTS - 1):
+            # Some boards greet twice, or still send an answer from before.
+            with contextlib.suppress(_ReconnectError):
+                return self._identify(self._wait_for_welcome())
+        return self._identify(self._wait_for_welcome())
 
-    def _introduce(self, welcome: Welcome) -> None:
+    def _identify(self, welcome: Welcome) -> None:
         version = tuple(
             int(part)
             for part in welcome.version.rstrip("abcdefghijklmnopqrstuvwxyz").split(".")[:2]
         )
-        if not welcome.hal and (version < OLDEST or version[0] > OLDEST[0]):
+        if not welcome.hal and (version < OLDEST_VERSION or version[0] > OLDEST_VERSION[0]):
             hint = "flash GRBL 1.1 or grblHAL"
             raise board_error(
                 "board-too-old",
-                f"the board at {self.name} runs Grbl {welcome.version}, which speaks another protocol",
+                f"the board at {self.name} runs Grbl {welcome.version}, which has another protocol",
                 hint=hint,
             )
         self.info = BoardInfo(welcome.version, welcome.hal)
-        # An empty line ends the error that grblHAL may be repeating, and shows that the board
-        # answers.
+        log.info("%s: %s", self.name, self.info.firmware)
+        # An empty line ends an error that grblHAL repeats, and shows that the board answers.
         self.ask("")
         self.info.take([*self.ask("$I"), *self.ask("$$")])
         self.protocol.status_reader.unit = self.info.unit
@@ -219,7 +243,7 @@ class GrblLink:
         self.refresh()
 
     def refresh(self) -> Status:
-        """The status as it is now, with a position. BoardError ``no-answer``."""
+        """Return the present status with a position; BoardError ``no-answer``."""
         self.poll_now()
         if (
             not self.until(
@@ -230,22 +254,23 @@ class GrblLink:
         ):
             hint = "set $10 to 1, so that the board reports machine positions"
             raise board_error(
-                "no-answer", f"the board at {self.name} does not tell its position", hint=hint
+                "no-answer", f"the board at {self.name} does not report its position", hint=hint
             )
         return self.status
 
     def halt(self) -> BoardError | None:
-        """Stop what moves and forget what waits: hold, wait for rest, reset, so that the position
-        survives.
+        """Hold, wait for rest and reset, so that the position is kept.
 
-        Bounded; never fails. What went wrong meanwhile, if anything: an alarm, no sign that it has
-        stopped.
+        It takes a bounded time and raises nothing.
+
+        Returns:
+            A fault that occurs meanwhile: an alarm, or no confirmation of the stop.
         """
         self._alarms.clear()
         try:
             if self.alarm is None:
                 self._rest(self.info.braking_s() * 2.0 + 0.5)
-            # GRBL forgets a reset that comes within half a second of a limit's alarm.
+            # GRBL ignores a reset within half a second after an alarm of a limit switch.
             for _ in range(RESETS):
                 self.write(self.protocol.reset())
                 if self.until(lambda event: isinstance(event, Started), RESTART / RESETS):
@@ -258,43 +283,44 @@ class GrblLink:
         return faults.alarmed(self._alarms[0], 0, hal=self.info.hal) if self._alarms else None
 
     def drop(self) -> None:
-        """For a board that does not answer any more: hold and reset, until it greets or it is clear
-        that it does not hear.
-        """
+        """Send hold and reset to a board that no longer answers, until it greets or time is up."""
         with contextlib.suppress(BoardError):
-            for _ in range(DROPPED):
-                self.tell(RealTime.HOLD)
+            for _ in range(DROP_ATTEMPTS):
+                self.send_realtime(RealTime.HOLD)
                 self.write(self.protocol.reset())
                 if self.until(lambda event: isinstance(event, Started), POLL_FAST):
                     return
 
-    def _heard(self, data: bytes) -> list[Event]:
+    def _received(self, data: bytes) -> list[Event]:
         events = self.protocol.receive(data)
         for event in events:
             if isinstance(event, Reported):
                 self.status, self.status_at = event.status, self.clock.now()
                 self._unanswered_since = None
             elif isinstance(event, Confirmed) and self._unanswered_since is not None:
-                # It lives; while it homed it did not listen.
+                # The board is alive; it does not listen while it homes.
                 self._unanswered_since = self.clock.now()
             elif isinstance(event, Alarmed):
+                log.warning("%s: alarm %d", self.name, event.code)
                 self.alarm = event.code
                 self._alarms.append(event.code)
             elif isinstance(event, Started):
+                log.info("%s: the board has started", self.name)
                 self.alarm = None
                 self._unanswered_since = None
         return events
 
-    def _deaf(self, now: float) -> bool:
-        """Whether the board may be writing to its EEPROM: it hears nothing then, and has one line
-        to answer.
+    def _writing(self, now: float) -> bool:
+        """Return whether the board may be writing to its EEPROM, when it loses bytes.
+
+        A single line is unanswered then.
         """
         oldest = self.protocol.oldest
         if oldest is None or oldest.kind != "writer":
             return False
         if oldest is not self._writer:
-            self._writer, self._deaf_until = oldest, now + WRITING + oldest.seconds
-        return now < self._deaf_until
+            self._writer, self._writing_until = oldest, now + WRITING + oldest.seconds
+        return now < self._writing_until
 
     def _patience(self) -> float:
         oldest = self.protocol.oldest
@@ -305,14 +331,14 @@ class GrblLink:
         )
 
     def _rest(self, patience: float) -> None:
-        """Hold, until the machine is at rest or ``patience`` s are over."""
+        """Hold until the machine is at rest, for at most ``patience`` s."""
         deadline = self.clock.now() + patience
         idle = 0
         again = 0.0
         while (now := self.clock.now()) < deadline:
             if now >= again:
                 # A byte may be lost while the board writes to its EEPROM.
-                self.tell(RealTime.HOLD)
+                self.send_realtime(RealTime.HOLD)
                 again = now + 0.3
             self._unanswered_since = None
             for event in self.pump(POLL_FAST, POLL_FAST):
@@ -324,57 +350,60 @@ class GrblLink:
                     if event.status.state != "Idle" or idle > 2:
                         return
 
-    def _greeted(self) -> Welcome:
-        """The welcome of a board at rest."""
-        heard: list[str] = []
+    def _wait_for_welcome(self) -> Welcome:
+        """Return the welcome of a board at rest."""
+        received: list[str] = []
         began = self.clock.now()
-        kicked = told = raised = False
+        forced = reset = raised = False
         if self.protocol.state is not State.UNKNOWN:
             self.write(self.protocol.reset())
-            told = True
-        while (now := self.clock.now()) - began < GREETING:
+            reset = True
+        while (now := self.clock.now()) - began < WELCOME_TIMEOUT:
             self._unanswered_since = None
-            if not kicked and not heard and now - began > UNASKED:
-                kicked = told = True
+            if not forced and not received and now - began > RESET_AFTER:
+                forced = reset = True
                 self.write(self.protocol.reset())
-            if not raised and not heard and now - began > UNHEARD:
-                raised, told = True, False
+            if not raised and not received and now - began > RAISE_DTR_AFTER:
+                raised, reset = True, False
                 self._port.raise_lines()
             for event in self.pump(0.1):
                 if isinstance(event, Started):
-                    self.greeted_unasked |= not told
+                    self.greeted_unasked |= not reset
                     return event.welcome
                 if isinstance(event, Reported) and (
-                    self.protocol.state is State.UNKNOWN or (raised and not told)
+                    self.protocol.state is State.UNKNOWN or (raised and not reset)
                 ):
                     if not event.status.at_rest:
                         hint = "wait until it has come to rest, or stop it with its reset button"
                         raise board_error(
                             "board-busy",
-                            f"the board at {self.name} is under way already ({event.status.state})",
+                            f"the board at {self.name} is moving already ({event.status.state})",
                             hint=hint,
                         )
                     self.write(self.protocol.reset())
-                    told = True
+                    reset = True
                 elif isinstance(event, Other):
-                    heard.append(event.text)
-        raise self._not_grbl(heard)
+                    received.append(event.text)
+        raise self._not_grbl(received)
 
-    def _not_grbl(self, heard: list[str]) -> BoardError:
-        said = next((text for text in heard if text.isascii() and text.isprintable()), None)
-        if said is not None:
-            hint = "this program drives GRBL 1.1 and grblHAL; name the port of such a board, or flash it"
+    def _not_grbl(self, received: list[str]) -> BoardError:
+        """Return the fault of a board without a welcome, by the lines that it sent."""
+        readable = next((text for text in received if text.isascii() and text.isprintable()), None)
+        if readable is not None:
+            hint = "name the port of a board with GRBL 1.1 or grblHAL, or flash this board"
             return board_error(
                 "board-not-grbl",
-                f"the board at {self.name} is no GRBL board: it says {said[:60]!r}",
+                f"the board at {self.name} is not a GRBL board: it sends {readable[:60]!r}",
                 hint=hint,
             )
-        if heard or self.protocol.partial:
+        if received or self.protocol.partial:
             hint = "set board.baud in the machine file: 115200 for GRBL 1.1"
             return board_error(
                 "board-not-grbl",
-                f"what the board at {self.name} says is not to be understood",
+                f"the board at {self.name} sends unreadable bytes",
                 hint=hint,
             )
-        hint = "is it switched on, is it the right port (cncrun boards lists them), and is board.baud right?"
-        return board_error("no-answer", f"nothing answers at {self.name}", hint=hint)
+        hint = (
+            "check that it is switched on, the port (cncrun boards lists the ports) and board.baud"
+        )
+        return board_error("no-answer", f"no board answers at {self.name}", hint=hint)

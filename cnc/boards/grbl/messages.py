@@ -1,14 +1,14 @@
-"""What a GRBL board says, line by line: bytes in, messages out.
+"""The messages of a GRBL board: bytes in, messages out.
 
 Source: "Grbl v1.1 Interface", response and push messages::
 
 ok  error:20                        a reply, one to each line sent                  Reply
-ALARM:2                             an emergency                                    Alarm
-Grbl 1.1h ['$' for help]            the board has just started anew                 Welcome
+ALARM:2                             the board has stopped by itself                 Alarm
+Grbl 1.1h ['$' for help]            the board has just started                      Welcome
 <Run|MPos:1.000,2.000,0.000|FS:500,0>   the answer to ``?``                         Report (:mod:`cnc.boards.grbl.status`)
 $110=500.000                        a setting                                       Setting
-[MSG:Pgm End]  [PRB:1.0,2.0,3.0:1]  everything else that is worth knowing           Feedback
->G54G20:ok                          a start-up line of the board's own, no reply    Other
+[MSG:Pgm End]  [PRB:1.0,2.0,3.0:1]  all other information                           Feedback
+>G54G20:ok                          a start-up line of the board, no reply          Other
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ import re
 from dataclasses import dataclass
 
 LONGEST = 1024
-"""Bytes without a line end after which what has arrived is given up as noise."""
+"""Bytes without a line end after which they are dropped as noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """The answer to a line: ``error`` is 0 for ``ok``."""
+    """The answer to a line; ``error`` is 0 for ``ok``."""
 
     error: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """The board has stopped all by itself."""
+    """The board has stopped by itself."""
 
     code: int
 
 
 @dataclass(frozen=True, slots=True)
 class Welcome:
-    """The board has started: ``hal`` for grblHAL; ``version`` such as ``1.1h``."""
+    """The board has started; ``version`` is such as ``1.1h``, ``hal`` whether it is grblHAL."""
 
     version: str
     hal: bool
@@ -44,14 +44,14 @@ class Welcome:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A status report, its fields not taken apart yet: ``Run|MPos:..|FS:..``."""
+    """A status report as text: ``Run|MPos:..|FS:..``."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A line of ``$$``."""
+    """A line of the answer to ``$$``."""
 
     number: int
     value: str
@@ -59,9 +59,7 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """What stands in brackets: ``kind`` before the colon (MSG, GC, PRB, VER, OPT, G54, ..),
-    ``text`` behind it.
-    """
+    """A line in brackets: ``kind`` (MSG, GC, PRB, VER, OPT, G54, ..) and ``text`` after the colon."""
 
     kind: str
     text: str
@@ -69,7 +67,7 @@ class Feedback:
 
 @dataclass(frozen=True, slots=True)
 class Other:
-    """A line that is none of the above: a start-up line's echo, another device, or noise."""
+    """Any other line: the echo of a start-up line, another device, or noise."""
 
     text: str
 
@@ -84,7 +82,7 @@ _NUMBERED = re.compile(r"(error|ALARM):([0-9]{1,3})")
 
 
 def message(line: str) -> Message:
-    """The meaning of a line without its end."""
+    """Return the message of a line without its end."""
     if line == "ok":
         return OK
     first = line[:1]
@@ -97,25 +95,25 @@ def message(line: str) -> Message:
         return Setting(int(found[1]), found[2])
     if found := _NUMBERED.fullmatch(line):
         return Reply(int(found[2])) if found[1] == "error" else Alarm(int(found[2]))
-    # A boot loader may leave something on the line before it.
+    # A boot loader may leave bytes on the line before it.
     if found := _WELCOME.search(line):
         return Welcome(found[2], hal=found[1] == "GrblHAL")
     return Other(line)
 
 
 class Messages:
-    """Puts lines together from bytes as they arrive."""
+    """Assembles messages from bytes as they arrive."""
 
     def __init__(self) -> None:
         self._rest = b""
 
     @property
     def partial(self) -> bytes:
-        """What has arrived of a line that has not ended yet."""
+        """The bytes of a line that has not ended yet."""
         return self._rest
 
     def receive(self, data: bytes) -> list[Message]:
-        """The messages that ``data`` completes; empty lines are nothing."""
+        """Return the messages that ``data`` completes, without empty lines."""
         *lines, rest = (self._rest + data).split(b"\n")
         self._rest = rest if len(rest) <= LONGEST else b""
         stripped = [raw.strip(b"\r\0 ") for raw in lines]

@@ -1,20 +1,21 @@
-"""The conversation with a GRBL board, without any I/O: bytes in, events out. Sources: "Grbl v1.1
-Interface"; grblHAL's, where it differs.
+"""The protocol of a GRBL board, without I/O: bytes in, events out.
 
-Character counting: the board keeps what it is sent in a receive buffer until it gets round to it,
-and answers each line, in order, when it has taken it out. So the bytes of the lines that are not
-answered yet are the most that the buffer can hold, and as long as they are fewer than its size
-nothing is ever lost:
+Sources: "Grbl v1.1 Interface", and grblHAL's where it differs.
+
+Character counting: the board keeps received bytes in a buffer, and answers each line, in order,
+when it has taken it out. So the buffer holds at most the bytes of the unanswered lines. As long as
+these are fewer than its size, no byte is lost:
 
     sent, unanswered:   G1X1Y2F500 | G1X3 | $G | G1X5Y1 |     a line end is one byte: 11 + 5 + 3 + 7 bytes
                             ^ the next ok is for this one
 
-A line lost on the way (or two that became one), or a lost answer, would put every later answer at
-the wrong line. Nothing in an ``ok`` says which line it means, but the answer to ``$G`` says that it
-is that: a *mark* is sent along now and then, and its ``[GC:..]`` has to come when the mark is the
-oldest unanswered line. Marks cost 3 bytes.
+A lost line (or two lines that became one), or a lost answer, would assign every later answer to the
+wrong line. An ``ok`` does not name its line, but the answer to ``$G`` can be recognised. So a
+*mark* (``$G``) is sent at intervals, and its ``[GC:..]`` must come while the mark is the oldest
+unanswered line. A mark costs 3 bytes.
 
-A state says what a message means (``-``: nothing; an error goes on to be answered by a reset):
+The meaning of a message depends on the state (``-``: it is ignored; an error is answered by a
+reset):
 
     state      | ok, error   | ALARM    | welcome              | reset()
     -----------+-------------+----------+----------------------+----------
@@ -23,9 +24,9 @@ A state says what a message means (``-``: nothing; an error goes on to be answer
     FAILED     | -           | FAILED   | FAILED               | RESETTING
     RESETTING  | -           | RESETTING| READY                | RESETTING
 
-In RESETTING an ``ok`` is a late one: GRBL still answers the line that the reset broke off. After an
-error GRBL goes on with what its buffer holds, and grblHAL repeats the error to each line until an
-empty one: both end with the reset, so what they answer until then is nothing.
+In RESETTING an ``ok`` is late: GRBL still answers the line that the reset ended. After an error
+GRBL continues with the lines in its buffer, and grblHAL repeats the error for each line until an
+empty one. The reset ends both, so answers before it are ignored.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
-from cnc.boards.grbl.lines import Kind, bare, kind_of, seconds_of
+from cnc.boards.grbl.line_kinds import Kind, bare, kind_of, seconds_of
 from cnc.boards.grbl.messages import (
     OK,
     Alarm,
@@ -58,15 +59,16 @@ MARK_BYTES = len(MARK) + 1
 
 
 ROUNDED = 1.0
-"""mm/min, rev/min: the board tells feed and speed in whole numbers."""
+"""mm/min, rev/min: the board reports feed and speed as whole numbers."""
 
 _MODE = re.compile(r"([FS])([0-9]+\.?[0-9]*|\.[0-9]+)")
 _END = re.compile(r"M0*2(?![0-9.])|M30(?![0-9.])")
 
 
 class RealTime(bytes, Enum):
-    """CommandLines that the board takes out of the stream as they arrive: they need no room and get no
-    answer.
+    """Commands that the board takes out of the stream at once.
+
+    They use no buffer and get no answer.
     """
 
     STATUS = b"?"
@@ -91,7 +93,7 @@ class RealTime(bytes, Enum):
 
 
 class State(Enum):
-    """See the table above."""
+    """See the table at the head of this module."""
 
     UNKNOWN = "unknown"
     READY = "ready"
@@ -101,11 +103,17 @@ class State(Enum):
 
 @dataclass(slots=True)
 class SentLine:
-    """A line on its way.
+    """An unanswered line.
 
-    line: its source line. size: bytes, with the line end. seconds: what it may take while nothing
-    moves. Of a mark: ``said`` are feed and speed as the lines before it set them, ``seen`` whether
-    the board has told its own.
+    Attributes:
+        text: The line.
+        line: Its source line.
+        size: Bytes with the line end.
+        kind: Its kind.
+        seconds: Longest time that it takes without motion.
+        mark: Whether it is a mark.
+        seen: Whether the board has reported its modes to the mark.
+        expected: Feed and speed at the mark, by the lines before it.
     """
 
     text: str
@@ -115,19 +123,19 @@ class SentLine:
     seconds: float = 0.0
     mark: bool = False
     seen: bool = False
-    said: Mapping[str, float] | None = None
+    expected: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Confirmed:
-    """A line was taken."""
+    """The board accepted a line."""
 
     sent: SentLine
 
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """A line was refused."""
+    """The board refused a line."""
 
     sent: SentLine
     code: int
@@ -135,9 +143,7 @@ class Rejected:
 
 @dataclass(frozen=True, slots=True)
 class Alarmed:
-    """The board raised an alarm; ``sent`` is the oldest unanswered line, None if all were
-    answered.
-    """
+    """The board raised an alarm; ``sent`` is the oldest unanswered line, or None."""
 
     code: int
     sent: SentLine | None
@@ -145,7 +151,7 @@ class Alarmed:
 
 @dataclass(frozen=True, slots=True)
 class Started:
-    """The board started; ``expected``: because it was told to, or at the beginning."""
+    """The board started; ``expected``: after a reset, or at the beginning."""
 
     welcome: Welcome
     expected: bool
@@ -153,7 +159,7 @@ class Started:
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """Lines or answers got lost after source line ``after`` and not later than at ``until``."""
+    """Lines or answers were lost after source line ``after`` and not later than ``until``."""
 
     after: int
     until: int
@@ -161,7 +167,7 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class UnexpectedReply:
-    """An answer to nothing."""
+    """An answer without an unanswered line."""
 
     code: int
 
@@ -201,8 +207,10 @@ AFTER_WELCOME = {
 
 
 class GrblProtocol:
-    """One conversation. What :meth:`send`, :meth:`mark` and :meth:`reset` return has to be written
-    at once, in that order.
+    """The protocol of one connection.
+
+    The bytes that :meth:`send`, :meth:`mark` and :meth:`reset` return must be written at once, in
+    that order.
     """
 
     def __init__(self) -> None:
@@ -211,60 +219,64 @@ class GrblProtocol:
         self.status_reader = StatusReader()
         self.confirmed_line = 0
         self._messages = Messages()
-        self._ledger: deque[SentLine] = deque()
+        self._unanswered: deque[SentLine] = deque()
         self._used = 0
         self._marks = 0
         self._since_mark = 0
         self._verified_line = 0
-        self._said: dict[str, float] = {}
+        self._expected_modes: dict[str, float] = {}
 
     @property
     def waiting(self) -> int:
-        """Lines that are not answered yet."""
-        return len(self._ledger)
+        """Number of unanswered lines."""
+        return len(self._unanswered)
 
     @property
     def used(self) -> int:
-        """Bytes of the lines that are not answered yet."""
+        """Bytes of the unanswered lines."""
         return self._used
 
     @property
     def oldest(self) -> SentLine | None:
-        """The line that the next answer is for."""
-        return self._ledger[0] if self._ledger else None
+        """The line that is answered next."""
+        return self._unanswered[0] if self._unanswered else None
 
     @property
     def marked(self) -> bool:
-        """Whether a mark is under way."""
+        """Whether a mark is unanswered."""
         return self._marks > 0
 
     @property
     def partial(self) -> bytes:
-        """What has arrived of a message that has not ended."""
+        """The bytes of a message that has not ended yet."""
         return self._messages.partial
 
-    def room(self, text: str, kind: Kind | None = None) -> bool:
-        """Whether a line, of a ``kind`` if that is known, may be sent now.
+    def fits(self, text: str, kind: Kind | None = None) -> bool:
+        """Return whether a line may be sent now.
 
-        TravelMargin for a mark always stays; one place of a ring buffer is never filled.
+        Space for a mark is kept free, and one byte of a ring buffer is never filled.
+
+        Args:
+            text: The line.
+            kind: Its kind, where it is known.
         """
         if self.state is not State.READY:
             return False
-        ledger = self._ledger
-        if not ledger:
+        unanswered = self._unanswered
+        if not unanswered:
             return True
-        # A writer or a system command is under way alone, so it is the oldest.
-        if ledger[0].kind in ("writer", "system") and not ledger[0].mark:
+        # A writer or a system command is unanswered alone, so it is the oldest line.
+        if unanswered[0].kind in ("writer", "system") and not unanswered[0].mark:
             return False
         if (kind or kind_of(text)) in ("writer", "system"):
             return False
         return self._used + len(text) + 1 + MARK_BYTES < self.rx_bytes
 
     def send(self, text: str, line: int, kind: Kind | None = None) -> bytes:
-        """The bytes of a line that there is :meth:`room` for."""
+        """Return the bytes of a line that :meth:`fits`."""
         kind = kind or kind_of(text)
-        if not self.room(text, kind):
-            raise RuntimeError(f"There is no room for {text!r} in state {self.state.name}.")
+        if not self.fits(text, kind):
+            raise RuntimeError(f"The line {text!r} does not fit in state {self.state.name}.")
         if "F" in text or "S" in text or "M" in text:
             self._note_modes(text)
         return self._enter(
@@ -279,46 +291,48 @@ class GrblProtocol:
 
     @property
     def unmarked(self) -> int:
-        """Lines since the last mark."""
+        """Number of lines since the last mark."""
         return self._since_mark
 
     def mark_fits(self) -> bool:
-        """Whether a mark may be sent: one at a time, and not beside a line that has to be alone."""
+        """Return whether a mark may be sent: one at a time, and not with a writer or system command."""
         if (
             self.state is not State.READY
             or self._marks
-            or (self._ledger and self._ledger[-1].kind in ("writer", "system"))
+            or (self._unanswered and self._unanswered[-1].kind in ("writer", "system"))
         ):
             return False
         return self._used + MARK_BYTES < self.rx_bytes
 
     def mark(self) -> bytes:
-        """The bytes of a mark that fits."""
+        """Return the bytes of a mark that fits."""
         if not self.mark_fits():
-            raise RuntimeError(f"There is no room for a mark in state {self.state.name}.")
+            raise RuntimeError(f"A mark does not fit in state {self.state.name}.")
         self._marks += 1
         self._since_mark = 0
-        line = self._ledger[-1].line if self._ledger else self.confirmed_line
+        line = self._unanswered[-1].line if self._unanswered else self.confirmed_line
         return self._enter(
-            SentLine(MARK, line, MARK_BYTES, "system", mark=True, said=dict(self._said))
+            SentLine(
+                MARK, line, MARK_BYTES, "system", mark=True, expected=dict(self._expected_modes)
+            )
         )
 
     def reset(self) -> bytes:
-        """The soft reset: what was sent and not carried out is forgotten on both sides."""
+        """Return the soft reset; both sides drop the lines that are not carried out."""
         self.state = State.RESETTING
-        self._ledger.clear()
+        self._unanswered.clear()
         self._used = self._marks = self._since_mark = 0
-        self._said.clear()
+        self._expected_modes.clear()
         self.status_reader.forget()
         return RealTime.RESET.value
 
     def receive(self, data: bytes) -> list[Event]:
-        """What the board said."""
+        """Return the events in bytes from the board."""
         events = [self._event(message) for message in self._messages.receive(data)]
         return [event for event in events if event is not None]
 
     def _enter(self, sent: SentLine) -> bytes:
-        self._ledger.append(sent)
+        self._unanswered.append(sent)
         self._used += sent.size
         self._since_mark += not sent.mark
         return sent.text.encode("ascii") + b"\n"
@@ -337,15 +351,15 @@ class GrblProtocol:
             self.state = AFTER_WELCOME[self.state]
             return Started(message, expected)
         if isinstance(message, Feedback) and message.kind == "GC" and self._marks:
-            return self._mark_came(message.text)
+            return self._mark_answered(message.text)
         return message
 
     def _answered(self, code: int) -> Event | None:
-        """A reply is the oldest line's."""
-        if not self._ledger:
+        """Return the event of a reply to the oldest line."""
+        if not self._unanswered:
             self.state = State.FAILED
             return UnexpectedReply(code)
-        sent = self._ledger.popleft()
+        sent = self._unanswered.popleft()
         self._used -= sent.size
         self._marks -= sent.mark
         if code:
@@ -359,35 +373,44 @@ class GrblProtocol:
         self.confirmed_line = sent.line or self.confirmed_line
         return Confirmed(sent)
 
-    def _mark_came(self, modes: str) -> Event | None:
-        """The modes that a mark asks for: all before it has been answered, and feed and speed are
-        what was sent, or something got lost.
+    def _mark_answered(self, modes: str) -> Event | None:
+        """Return the event of an answer to a mark.
+
+        All lines before it must have been answered, with the feed and speed that were sent.
+        Otherwise bytes were lost.
         """
-        oldest = self._ledger[0]
+        oldest = self._unanswered[0]
         if oldest.mark:
             oldest.seen = True
-            told = dict(_MODE.findall(modes))
-            return None if self._as_said(oldest.said or {}, told) else self._lost(oldest.line)
-        return self._lost(next(sent.line for sent in self._ledger if sent.mark))
+            reported = dict(_MODE.findall(modes))
+            return (
+                None
+                if self._as_expected(oldest.expected or {}, reported)
+                else self._lost(oldest.line)
+            )
+        return self._lost(next(sent.line for sent in self._unanswered if sent.mark))
 
-    def _as_said(self, said: Mapping[str, float], told: Mapping[str, str]) -> bool:
-        """Whether the board has feed and speed as they were sent; it may tell the feed in
-        inches.
-        """
+    def _as_expected(self, expected: Mapping[str, float], reported: Mapping[str, str]) -> bool:
+        """Return whether the board has feed and speed as sent; it may report the feed in inches."""
         unit = self.status_reader.unit
-        for letter, value in said.items():
+        for letter, value in expected.items():
             scale = unit if letter == "F" else 1.0
-            if letter in told and abs(float(told[letter]) * scale - value) > ROUNDED * scale:
+            if (
+                letter in reported
+                and abs(float(reported[letter]) * scale - value) > ROUNDED * scale
+            ):
                 return False
         return True
 
     def _note_modes(self, text: str) -> None:
-        """Feed and speed of a line; the end of a program sets back what it likes."""
+        """Note feed and speed of a line; at the end of a program they are unknown."""
         line = bare(text)
         if "M" in line and _END.search(line):
-            self._said.clear()
+            self._expected_modes.clear()
         else:
-            self._said.update((letter, float(value)) for letter, value in _MODE.findall(line))
+            self._expected_modes.update(
+                (letter, float(value)) for letter, value in _MODE.findall(line)
+            )
 
     def _lost(self, until: int) -> Lost:
         self.state = State.FAILED

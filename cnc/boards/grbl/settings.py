@@ -1,4 +1,4 @@
-"""What a GRBL board tells of itself: firmware (``$I``), settings (``$$``), offsets (``$#``).
+"""Firmware (``$I``), settings (``$$``) and offsets (``$#``) of a GRBL board.
 
 Source: "Grbl v1.1 Settings" and "Interface".
 """
@@ -15,9 +15,7 @@ from cnc.machine.models import Machine
 
 ARC_TOLERANCE, JUNCTION_DEVIATION, REPORT_INCHES, SOFT_LIMITS, HOMING_DIRECTION = 12, 11, 13, 20, 23
 STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
-"""First of the settings of each kind, of the X axis; one more an axis. Steps/mm, mm/min, mm/s^2,
-mm.
-"""
+"""Numbers of the settings of the X axis; the other axes follow. Steps/mm, mm/min, mm/s^2, mm."""
 SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59")
 PLACES = (*SYSTEMS, "G28", "G30", "G92")
 NAMES = {
@@ -44,8 +42,8 @@ NAMES = {
     31: "lowest spindle speed, rev/min",
     32: "laser mode",
     **{
-        first + column: f"{letter} {what}"
-        for first, what in (
+        first + column: f"{letter} {quantity}"
+        for first, quantity in (
             (STEPS, "steps/mm"),
             (RATES, "highest rate, mm/min"),
             (ACCELERATIONS, "acceleration, mm/s^2"),
@@ -54,18 +52,25 @@ NAMES = {
         for column, letter in enumerate("XYZABC")
     },
 }
-"""Of the settings, in a few words."""
-LEAST_RX = 32
-"""A board that tells less has not understood the question."""
+"""Names of the settings."""
+SMALLEST_RX = 32
+"""Bytes of the smallest receive buffer that is believed."""
 
 
 @dataclass(slots=True)
 class BoardInfo:
-    """What is known of the board.
+    """Firmware, settings and offsets of a board.
 
-    version: of the welcome (``1.1h``). hal: grblHAL. build: ``$I``'s VER line. options: letters of
-    its OPT line. blocks: of the planner, 0 if not told. rx_bytes: receive buffer. settings: number
-    to value as text. places: G54 to G59, G28, G30 and G92 in mm. tool_length: mm, along Z.
+    Attributes:
+        version: Version of the welcome, such as ``1.1h``.
+        hal: Whether it is grblHAL.
+        build: The VER line of ``$I``.
+        options: Letters of its OPT line.
+        blocks: Blocks of the planner; 0 where it is not reported.
+        rx_bytes: Bytes of the receive buffer.
+        settings: Value of each setting as text, by number.
+        places: G54 to G59, G28, G30 and G92, mm.
+        tool_length: Along Z, mm.
     """
 
     version: str
@@ -80,12 +85,12 @@ class BoardInfo:
 
     @property
     def firmware(self) -> str:
-        """Name and version, as people write them."""
+        """Name and version."""
         return f"{'grblHAL' if self.hal else 'GRBL'} {self.version}"
 
-    def take(self, told: Sequence[Feedback | Setting]) -> None:
-        """Note what the board answered to ``$I``, ``$$`` and, last, ``$#``."""
-        for each in told:
+    def take(self, answers: Sequence[Feedback | Setting]) -> None:
+        """Note the answers to ``$I``, ``$$`` and, last, ``$#``."""
+        for each in answers:
             if isinstance(each, Setting):
                 self.settings[each.number] = each.value
             elif each.kind == "VER":
@@ -97,7 +102,7 @@ class BoardInfo:
             elif each.kind in PLACES:
                 self.places[each.kind] = self._lengths(each.text)
             elif each.kind == "TLO":
-                # GRBL tells one number, grblHAL one an axis.
+                # GRBL reports one number, grblHAL one for each axis.
                 lengths = self._lengths(each.text)
                 self.tool_length = (
                     (lengths[2] if len(lengths) > 2 else lengths[0]) if lengths else 0.0
@@ -105,33 +110,36 @@ class BoardInfo:
 
     @property
     def unit(self) -> float:
-        """The mm in what positions are reported in (``$13``)."""
+        """Unit of reported positions in mm (``$13``)."""
         return MM_PER_INCH if self.number(REPORT_INCHES) == 1 else 1.0
 
     def number(self, setting: int) -> float | None:
-        """A setting's value; None if it is absent or no number."""
+        """Return the value of a setting; None if it is absent or not a number."""
         try:
             return float(self.settings[setting])
         except (KeyError, ValueError):
             return None
 
     def axis(self, first: int, column: int) -> float | None:
-        """An axis's setting of a kind (STEPS, RATES, ..), None where there is none that makes
-        sense.
+        """Return the setting of an axis; None if it is absent or not positive.
+
+        Args:
+            first: Number of the setting of X: STEPS, RATES, ACCELERATIONS or TRAVELS.
+            column: Number of the axis, from 0.
         """
         value = self.number(first + column)
         return value if value is not None and value > 0 else None
 
     @property
     def axes(self) -> int:
-        """How many axes have settings."""
+        """Number of axes with settings."""
         return next((column for column in range(6) if self.axis(STEPS, column) is None), 6)
 
     def travel(self, column: int) -> tuple[float, float] | None:
-        """Lowest and highest machine position of an axis.
+        """Return the lowest and highest machine position of an axis, mm.
 
-        Machine zero is where homing ends, at the top of the travel. A build that sets the origin
-        there by force (option Z) has it at the bottom of the axes that home downwards (``$23``).
+        Machine zero is the end of homing, at the top of the travel. With option Z it is the bottom
+        for axes that home downwards (``$23``).
         """
         reach = self.axis(TRAVELS, column)
         if reach is None:
@@ -145,9 +153,7 @@ class BoardInfo:
         return self.number(SOFT_LIMITS) not in (None, 0.0)
 
     def braking_s(self) -> float:
-        """Seconds that it may take to come to rest, from the fastest of the axes against the
-        slowest acceleration.
-        """
+        """Return the longest time of any axis to stop from its highest rate, s."""
         times = []
         for column in range(self.axes):
             rate, acceleration = self.axis(RATES, column), self.axis(ACCELERATIONS, column)
@@ -156,9 +162,7 @@ class BoardInfo:
         return max(times, default=1.0)
 
     def narrowed(self, machine: Machine) -> Machine:
-        """The machine with no more travel than the board's soft limits leave it; itself where they
-        are off.
-        """
+        """Return the machine with its travel limited to the board's soft limits, if they are on."""
         if not self.soft_limits:
             return machine
         axes = dict(machine.axes)
@@ -175,12 +179,12 @@ class BoardInfo:
         return machine.model_copy(update={"axes": axes})
 
     def _options(self, text: str) -> None:
-        """``VL,15,128``: letters, planner blocks, receive buffer."""
+        """Take the OPT line ``VL,15,128``: letters, planner blocks, receive buffer."""
         self.options, *numbers = text.split(",")
         sizes = [int(number) if number.isdigit() else 0 for number in numbers]
         if len(sizes) >= 2:
             self.blocks = sizes[0]
-            self.rx_bytes = sizes[1] if sizes[1] >= LEAST_RX else RX_BYTES
+            self.rx_bytes = sizes[1] if sizes[1] >= SMALLEST_RX else RX_BYTES
 
     def _lengths(self, text: str) -> tuple[float, ...]:
         try:

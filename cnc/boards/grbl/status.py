@@ -1,11 +1,11 @@
-"""GRBL's status report, the answer to ``?``. Source: "Grbl v1.1 Interface", real-time status
-reports.
+"""The status report of GRBL, which is its answer to ``?``.
+
+Source: "Grbl v1.1 Interface", real-time status reports.
 
     <Idle|WPos:1.000,2.000,0.000|Bf:15,128|FS:0,0|WCO:5.000,0.000,0.000>
 
-State and position are always there; every other field may be missing and they come in any order.
-WCO and Ov come now and then, and stand until they come again. Positions are in inches where
-``$13=1``.
+State and position are always present. All other fields are optional and come in any order. WCO and
+Ov come at intervals and hold until they come again. Positions are in inches where ``$13=1``.
 """
 
 from __future__ import annotations
@@ -19,19 +19,23 @@ MM_PER_INCH = 25.4
 MOVING = frozenset(("Run", "Jog", "Home"))
 """States of a machine in motion (in a dwell it is Idle)."""
 STILL_MOVING = frozenset((("Hold", 1), ("Door", 2), ("Door", 3)))
-"""On the way to rest, or back: a reset now would lose the position."""
+"""States of braking or resuming, in which a reset would lose the position."""
 _NUMBERS = re.compile(r"-?[0-9]+\.[0-9]+(?:,-?[0-9]+\.[0-9]+)*")
 
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """Where the board is and what it does, mm and per cent.
+    """A status report.
 
-    state: Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep (grblHAL: also Tool). phase: the
-    number behind it, -1 for none. position: machine position, None as long as it can't be told.
-    offset: WCO, machine minus work position. overrides: feed, rapid, spindle. free: planner blocks
-    and bytes of the receive buffer that are free, None where the board does not tell. feed: mm/min.
-    pins: letters of the inputs that are active.
+    Attributes:
+        state: Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep (grblHAL: also Tool).
+        phase: The number after the state; -1 for none.
+        position: Machine position, mm; None as long as it is not known.
+        offset: WCO, machine minus work position, mm.
+        overrides: Of feed, rapid and spindle, per cent.
+        free: Free planner blocks and bytes of the receive buffer; None where not reported.
+        feed: mm/min.
+        pins: Letters of the active inputs.
     """
 
     state: str
@@ -45,15 +49,16 @@ class Status:
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves: a hold that is complete, and any state that is not motion."""
+        """Whether nothing moves: a completed hold, or a state without motion."""
         return self.state not in MOVING and (self.state, self.phase) not in STILL_MOVING
 
 
 class StatusReader:
-    """Reads reports, and remembers what they do not repeat.
+    """Reads reports, and keeps the fields that they do not repeat.
 
-    unit: mm to what the board reports in. axes: how many numbers a position has, 0 as long as that
-    is not known.
+    Attributes:
+        unit: Unit of the reported positions in mm.
+        axes: Numbers in a position; 0 as long as it is not known.
     """
 
     def __init__(self) -> None:
@@ -63,12 +68,12 @@ class StatusReader:
         self._overrides: tuple[int, int, int] | None = None
 
     def forget(self) -> None:
-        """After a reset: what was remembered may be other now."""
+        """Forget the kept fields after a reset: they may have changed."""
         self._offset = None
         self._overrides = None
 
     def read(self, text: str) -> Status | None:
-        """A report without its brackets; None if it is garbled."""
+        """Return the status in a report without brackets; None if it is damaged."""
         head, *parts = text.split("|")
         state, _, phase = head.partition(":")
         if not state.isalpha():
@@ -110,8 +115,10 @@ class StatusReader:
         return tuple(number * self.unit for number in numbers)
 
     def _numbers(self, values: str) -> list[float]:
-        """As the board tells them: what is remembered may come before the unit is known. ValueError
-        if they are not all there.
+        """Return the numbers in the unit of the board, which may not be known yet.
+
+        Raises:
+            ValueError: Numbers are missing or damaged.
         """
         if not _NUMBERS.fullmatch(values):
             raise ValueError(values)

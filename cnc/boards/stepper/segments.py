@@ -1,7 +1,7 @@
-"""Pulses as segments for a board, and back: compressed, in the order and at the times that were
-asked for.
+"""Pulses as segments for the stepper board, and back.
 
-The format is in ``docs/explanation/segments.md``; :mod:`cnc.kernels.stepper.segments` plays it,
+Segments are compressed grid moves, in their order and within a tolerance of their times. The format
+is in ``docs/explanation/segments.md``; :mod:`cnc.kernels.stepper.segments` plays it,
 :mod:`cnc.kernels.stepper.segment_encoder` makes it.
 """
 
@@ -14,136 +14,154 @@ from numpy.typing import NDArray
 
 from cnc.kernels.stepper import segment_encoder as encoder
 from cnc.kernels.stepper import segments as form
-from cnc.kernels.stepper.windows import CORNERS
+from cnc.kernels.stepper.candidates import GridMoves, Rules, Scratch
+from cnc.kernels.stepper.windows import MAX_CORNERS, Polygon, Windows
 from cnc.model.streams import PulseChunk
 
 ROWS = 65536
-"""Grid moves in the buffers of the encoder and the decoder."""
-MANY = 2 * encoder.AHEAD
-"""So many grid moves are worth a call of the kernel: chunks may be of a few."""
+"""Capacity of the buffers of encoder and decoder, grid moves."""
+BATCH = 2 * encoder.LOOK_AHEAD
+"""Grid moves that are worth a call of the kernel, because chunks may be short."""
 BYTES = 65536
-"""Most bytes written at once."""
+"""Most bytes written by one call of the kernel."""
 PAUSE = encoder.PAUSE * form.SUB
 """Longest slot of a pause, 1/256 tick."""
 
 OUTPUTS, ARM = 1, 2
-"""Commands: what the outputs are from here on; which inputs end the motion from here on."""
+"""Codes of commands: new levels of the outputs; inputs that end the motion from here on."""
 
 
 def command(code: int, *arguments: int, end: bool = False) -> bytes:
-    """A command between segments; code 0 does nothing. ``end``: nothing need follow, the board may
-    run dry after it.
+    """Return a command of the stream.
+
+    Args:
+        code: Code of the command; 0 does nothing.
+        arguments: Bytes of its arguments.
+        end: Nothing need follow, so that an empty buffer is not a fault.
     """
     return bytes((len(arguments), code << 4 | form.COMMAND | (form.END if end else 0), *arguments))
 
 
 class SegmentEncoder:
-    """Turns pulses, chunk by chunk, into segments; memory doesn't grow with their number.
+    """Encodes pulses, chunk by chunk, in bounded memory.
 
-    axes: how many, up to 4. tolerance_ns: the farthest from its time that a move may be made, at
-    least a tick. spacing_ns: the board's least time between two grid moves, and before the first;
-    moves that come sooner are put off (:attr:`put_off_ns`), the tolerance counts from there.
+    Args:
+        axes: Number of axes, 1 to 4.
+        tolerance_ns: Largest deviation of a move from its time, at least a tick, ns.
+        spacing_ns: The board's least time between two grid moves, and before the first, ns. A move
+            that is closer is delayed, and the tolerance then counts from its delayed time.
+
+    Raises:
+        ValueError: An argument is outside its range.
     """
 
     def __init__(self, axes: int, tolerance_ns: int = 2000, spacing_ns: int = 0) -> None:
-        if not 1 <= axes <= form.MOST_AXES:
-            raise ValueError(f"A segment holds 1 to {form.MOST_AXES} axes, not {axes}.")
+        if not 1 <= axes <= form.MAX_AXES:
+            raise ValueError(f"A segment has 1 to {form.MAX_AXES} axes, not {axes}.")
         if tolerance_ns < form.TICK_NS:
-            raise ValueError(f"The tolerance can't be less than a tick, {form.TICK_NS} ns.")
+            raise ValueError(f"The tolerance must be at least a tick, {form.TICK_NS} ns.")
         if not 0 <= spacing_ns < encoder.PAUSE * form.TICK_NS:
-            raise ValueError("The spacing must lie between 0 and the slots of a pause, 16 ms.")
+            raise ValueError("The spacing must be from 0 to less than a slot of a pause, 16 ms.")
         self.axes = axes
         self.tolerance_ns = tolerance_ns
-        self._spacing = -(-spacing_ns // form.TICK_NS)
-        self._state = np.zeros(encoder.STATE, dtype=np.int64)
-        self._state[encoder.GLANCE] = encoder.FIRST_GLANCE
+        self._rules = Rules(tolerance_ns, -(-spacing_ns // form.TICK_NS))
+        self._state = np.zeros(1, dtype=encoder.STATE)[0]
+        self._state["reach"] = encoder.FIRST_REACH
         self._rows = 0
-        self._moving = np.empty(ROWS, dtype=np.int64)
-        self._backward = np.empty(ROWS, dtype=np.int64)
-        self._due = np.empty(ROWS, dtype=np.int64)
+        self._moves = GridMoves(*(np.empty(ROWS, dtype=np.int64) for _ in range(3)))
         self._out = np.empty(BYTES, dtype=np.uint8)
-        self._trial = np.empty((3, form.LONGEST), dtype=np.uint8)
-        self._tick = np.empty(form.MOST_ROWS, dtype=np.int64)
-        self._mask = np.empty(form.MOST_ROWS, dtype=np.uint8)
-        self._ends = np.empty(form.MOST_SLOTS, dtype=np.int64)
-        self._windows = np.empty((4, form.MOST_SLOTS))
-        self._polygon = np.empty((2, 2, CORNERS))
+        self._scratch = Scratch(
+            trial=np.empty((3, form.MAX_BYTES), dtype=np.uint8),
+            tick=np.empty(form.MAX_ROWS, dtype=np.int64),
+            mask=np.empty(form.MAX_ROWS, dtype=np.uint8),
+            ends=np.empty(form.MAX_SLOTS, dtype=np.int64),
+            windows=Windows(*(np.empty(form.MAX_SLOTS) for _ in range(3))),
+            middles=np.empty(form.MAX_SLOTS),
+            polygon=Polygon(np.empty((2, MAX_CORNERS)), np.empty((2, MAX_CORNERS))),
+        )
 
     @property
-    def put_off_ns(self) -> int:
-        """The longest that a move was put off for the board's spacing."""
-        return int(self._state[encoder.LATEST_NS])
+    def delay_ns(self) -> int:
+        """Longest delay of a move by the spacing, ns."""
+        return int(self._state["delay_ns"])
 
     @property
     def waiting(self) -> int:
-        """Grid moves taken that no segment holds yet."""
+        """Number of grid moves that are not encoded yet."""
         return self._rows
 
     def push(self, chunk: PulseChunk) -> bytes:
-        """Take grid moves; returns the segments that are ready. The last moves wait for the next
-        ones, or for :meth:`flush`.
+        """Add grid moves, and return the segments that are ready.
+
+        The last moves wait for the next ones, or for :meth:`flush`.
         """
         parts: list[bytes] = []
         at = 0
         while at < len(chunk.time_ns):
             until = min(len(chunk.time_ns), at + ROWS - self._rows)
             encoder.take(
-                chunk.time_ns[at:until], chunk.step[at:until], self._spacing * form.TICK_NS, self._state, self._rows, self._moving,
-                self._backward, self._due,
-            )  # fmt: skip
+                chunk.time_ns[at:until],
+                chunk.step[at:until],
+                self._rules.spacing * form.TICK_NS,
+                self._state,
+                self._rows,
+                self._moves,
+            )
             self._rows += until - at
             at = until
-            if self._rows > MANY:
-                self._encode(encoder.AHEAD, parts)
+            if self._rows > BATCH:
+                self._encode(encoder.LOOK_AHEAD, parts)
         return b"".join(parts)
 
     def flush(self, *, end: bool = False) -> bytes:
-        """The segments of all moves that wait. ``end``: nothing follows, so that the board may run
-        dry after the last one.
+        """Return the segments of all waiting moves.
+
+        Args:
+            end: Nothing follows, so that an empty buffer of the board is not a fault.
         """
         parts: list[bytes] = []
         self._encode(0, parts)
         if end and parts:
             last = bytearray(parts[-1])
-            last[self._state[encoder.LAST_AT] + 1] |= form.END
+            last[self._state["last_at"] + 1] |= form.END
             parts[-1] = bytes(last)
         return b"".join(parts)
 
     def idle(self, until_ns: int) -> bytes:
-        """The segments of all moves that wait, and of a pause that ends at ``until_ns``, or as much
-        as a tick before.
+        """Return the segments of all waiting moves and of a pause.
+
+        Args:
+            until_ns: End of the pause, ns. The segments may end up to one tick before.
         """
         parts: list[bytes] = []
         self._encode(0, parts)
-        left = until_ns * form.SUB // form.TICK_NS - int(self._state[encoder.CLOCK])
+        left = until_ns * form.SUB // form.TICK_NS - int(self._state["clock"])
         while left >= form.SUB:
-            slots = min(-(-left // PAUSE), form.MOST_SLOTS)
+            slots = min(-(-left // PAUSE), form.MAX_SLOTS)
             interval = min(left // slots, PAUSE)
             parts.append(bytes((slots, form.EVEN)) + interval.to_bytes(3, "little") + bytes(3))
-            self._state[encoder.CLOCK] += slots * interval
+            self._state["clock"] += slots * interval
             left -= slots * interval
         return b"".join(parts)
 
     def skip(self, until_ns: int) -> None:
-        """Nothing waits, and the player's clock is taken to stand at ``until_ns``."""
-        self._state[encoder.CLOCK] = until_ns * form.SUB // form.TICK_NS
+        """Set the clock of the player to ``until_ns``, while no move waits."""
+        self._state["clock"] = until_ns * form.SUB // form.TICK_NS
 
     @property
     def clock_ns(self) -> int:
-        """When all segments so far have been played."""
-        return int(self._state[encoder.CLOCK]) * form.TICK_NS // form.SUB
+        """Time at which all segments so far have been played, ns."""
+        return int(self._state["clock"]) * form.TICK_NS // form.SUB
 
     def _encode(self, keep: int, parts: list[bytes]) -> None:
-        """Write segments until no more than ``keep`` moves wait."""
-        buffers = (self._moving, self._backward, self._due)
+        """Encode moves until at most ``keep`` wait."""
         while self._rows > keep:
             done, size = encoder.encode(
-                *buffers, self._rows, keep, self.tolerance_ns, self._spacing, self._state, self._out, self._trial, self._tick, self._mask,
-                self._ends, self._windows, self._polygon[0], self._polygon[1],
-            )  # fmt: skip
+                self._moves, self._rows, keep, self._rules, self._state, self._out, self._scratch
+            )
             parts.append(self._out[:size].tobytes())
             if done < self._rows:
-                for buffer in buffers:
+                for buffer in self._moves:
                     buffer[: self._rows - done] = buffer[done : self._rows].copy()
             self._rows -= done
 
@@ -155,12 +173,20 @@ class SegmentDecoder:
         self._clock = 0
         self._time_ns = np.empty(ROWS, dtype=np.int64)
         self._step = np.empty((ROWS, axes), dtype=np.int8)
-        self._tick = np.empty(form.MOST_ROWS, dtype=np.int64)
-        self._mask = np.empty(form.MOST_ROWS, dtype=np.uint8)
+        self._tick = np.empty(form.MAX_ROWS, dtype=np.int64)
+        self._mask = np.empty(form.MAX_ROWS, dtype=np.uint8)
 
     def play(self, segments: bytes) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int8]]]:
-        """The grid moves of whole segments: times (n,) in ns since the first one's start and steps
-        (n, axes), some thousands at a time.
+        """Yield the grid moves of segments, some thousands at a time.
+
+        Args:
+            segments: Complete segments and commands.
+
+        Yields:
+            Times (n,) since the start of the first segment, ns, and steps (n, axes).
+
+        Raises:
+            ValueError: No segment begins at one of the bytes.
         """
         data = np.frombuffer(segments, dtype=np.uint8)
         at = 0
@@ -170,21 +196,25 @@ class SegmentDecoder:
                 data, at, self._clock, self._time_ns, self._step, self._tick, self._mask
             )
             if at == begin:
-                raise ValueError(
-                    f"No segment begins at byte {at}: {segments[at : at + form.HEAD].hex(' ')}."
-                )
+                raise _no_segment(segments, at)
             yield self._time_ns[:rows].copy(), self._step[:rows].copy()
 
 
 def split(segments: bytes) -> Iterator[bytes]:
-    """The single segments and commands."""
+    """Yield the single segments and commands.
+
+    Raises:
+        ValueError: No segment begins at one of the bytes.
+    """
     data = np.frombuffer(segments, dtype=np.uint8)
     at = 0
     while at < len(data):
         size = form.segment_bytes(data, at)
         if size < 0:
-            raise ValueError(
-                f"No segment begins at byte {at}: {segments[at : at + form.HEAD].hex(' ')}."
-            )
+            raise _no_segment(segments, at)
         yield segments[at : at + size]
         at += size
+
+
+def _no_segment(segments: bytes, at: int) -> ValueError:
+    return ValueError(f"No segment begins at byte {at}: {segments[at : at + form.HEAD].hex(' ')}.")

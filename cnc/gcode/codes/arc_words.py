@@ -1,55 +1,60 @@
-"""Arcs from their words: the centre or the radius, the plane, the turns."""
+"""Arcs (G2, G3): centre or radius, plane and turns from the words of a line."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from cnc.gcode.codes.axis_words import AxisWords
 from cnc.gcode.codes.prepared_lines import QuickMove
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.geometry import arcs
-from cnc.gcode.state.modal_groups import Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.modal_groups import ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import MAX_NUMBER, LineWords, Word, fault, whole
 from cnc.model.blocks import PLANE_AXES, ArcFeed
-
-if TYPE_CHECKING:
-    from cnc.gcode.codes.motion import Motion
 
 MAX_TURNS = 1_000_000
 _CLOCKWISE = G.G2
 
 CENTER_WORDS = {"x": "I", "y": "J", "z": "K"}
-"""The letter of an offset along an axis, from the start to a centre or a control point."""
+"""Letter of the offset along each axis, from the start to a centre or a control point."""
 _PLANE_LETTERS = {
     plane: [CENTER_WORDS[axis] for axis in pair] for plane, pair in PLANE_AXES.items()
 }
 _NOWHERE = Word("G", 2.0, "G2", 1, 1)
-"""Where errors of the quick way stand: nobody sees them, the slow way finds them again."""
+"""The place of errors of the fast path. The full interpretation reports them again."""
 
 
 class ArcMoves:
-    """Makes the arcs of ``motion``."""
+    """Conversion of the words of a line into an arc."""
 
-    def __init__(self, motion: Motion, dialect: Dialect, here: Here, state: Modal) -> None:
-        self._motion = motion
+    def __init__(
+        self, words: AxisWords, dialect: Dialect, here: SourceLocation, state: ModalState
+    ) -> None:
+        self._axis_words = words
         self._dialect = dialect
         self._here = here
         self._state = state
-        columns = {axis: index for index, axis in enumerate(motion.axes)}
+        columns = {axis: index for index, axis in enumerate(words.axes)}
         self._planes = {
             plane: (columns[first], columns[second])
             for plane, (first, second) in PLANE_AXES.items()
             if first in columns and second in columns
         }
 
-    def move(self, words: LineWords, motion: G, code: Word | None) -> None:
-        """G2 or G3 with the words of a line; ``code`` is its own motion word, if it has
-        one.
+    def block(self, words: LineWords, motion: G, code: Word | None) -> ArcFeed:
+        """Return the arc of a line with G2 or G3, or while one of them is in effect.
+
+        Args:
+            words: The words of the line.
+            motion: G2 or G3.
+            code: The G word of the line, if it has one.
+
+        Raises:
+            GcodeError: The words do not give an arc.
         """
-        user, state, mover = motion.written, self._state, self._motion
+        user, state, mover = motion.written, self._state, self._axis_words
         at = code or words.first()
         i, j = self.plane_columns(at)
         end = mover.target(words, user, mover.position)
@@ -69,35 +74,34 @@ class ArcMoves:
             word = next(filter(None, centers), at)
             arc = self._arc_of(end, motion, (i, j), (offsets[0], offsets[1]), 0.0, turns, word)
         feed = mover.feed(words, end, arc.length(self._rise(end, i, j)), at)
-        here = self._here
-        mover.arc(
-            ArcFeed(
-                here.file,
-                here.line,
-                state.plane,
-                arc.center,
-                np.array(end),
-                arc.radius,
-                arc.turns,
-                feed,
-            )
-        )
+        return self._block(arc, end, feed)
 
     def plane_columns(self, at: Word, what: str = "an arc") -> tuple[int, int]:
-        """The columns of the plane's two axes, for ``what`` lies in it."""
+        """Return the columns of the two axes of the plane.
+
+        Args:
+            at: Word at which errors are reported.
+            what: Name of the move in messages.
+
+        Raises:
+            GcodeError: ``axis-missing``, ``arc-rotated``.
+        """
         state = self._state
         first, second = PLANE_AXES[state.plane]
         for axis in (first, second):
-            if axis not in self._motion.axes:
+            if axis not in self._axis_words.axes:
                 raise fault(
                     "axis-missing",
-                    f"{what} in the {state.plane} plane, but the machine has no {axis.upper()} axis",
+                    f"{what} in the {state.plane} plane needs the {axis.upper()} axis, "
+                    "which the machine lacks",
                     at,
                 )
-        if self._motion.coordinates.rotation and state.plane != "XY":
-            message = f"{what} in the {state.plane} plane of a rotated coordinate system lies in no plane of the machine"
+        if self._axis_words.coordinates.rotation and state.plane != "XY":
+            message = (
+                f"{what} can't be made in the {state.plane} plane of a rotated coordinate system"
+            )
             raise fault("arc-rotated", message, at, "use a coordinate system without R")
-        return self._motion.axes.index(first), self._motion.axes.index(second)
+        return self._axis_words.axes.index(first), self._axis_words.axes.index(second)
 
     def _arc_of(
         self,
@@ -109,10 +113,8 @@ class ArcMoves:
         turns: int,
         word: Word,
     ) -> arcs.Arc:
-        """The arc about a centre given by I, J, K (None: not given), or of a radius; errors stand
-        at ``word``.
-        """
-        state, position = self._state, self._motion.position
+        """The arc of I, J, K (None for a missing word); of the radius if ``offsets`` is None."""
+        state, position = self._state, self._axis_words.position
         tolerance = self._dialect.arc_mm if state.scale == 1.0 else self._dialect.arc_inch
         i, j = plane
         here, there, clockwise = (position[i], position[j]), (end[i], end[j]), motion is _CLOCKWISE
@@ -136,21 +138,23 @@ class ArcMoves:
     ) -> tuple[float, float]:
         """The centre in machine coordinates."""
         i, j = plane
-        state, coordinates = self._state, self._motion.coordinates
+        state, coordinates = self._state, self._axis_words.coordinates
         first, second = (offsets[0] or 0.0) * state.scale, (offsets[1] or 0.0) * state.scale
         if coordinates.rotation:
             place = (
-                coordinates.to_program(self._motion.position)
+                coordinates.to_program(self._axis_words.position)
                 if state.arc_absolute
-                else [0.0] * len(self._motion.axes)
+                else [0.0] * len(self._axis_words.axes)
             )
             place[i], place[j] = first, second
             if state.arc_absolute:
                 turned = coordinates.to_machine(place)
                 return turned[i], turned[j]
-            turned = coordinates.turned(place)
-            return self._motion.position[i] + turned[i], self._motion.position[j] + turned[j]
-        base = coordinates.zero if state.arc_absolute else self._motion.position
+            turned = coordinates.rotated(place)
+            return self._axis_words.position[i] + turned[i], self._axis_words.position[j] + turned[
+                j
+            ]
+        base = coordinates.zero if state.arc_absolute else self._axis_words.position
         return base[i] + first, base[j] + second
 
     def _check_center(
@@ -161,13 +165,14 @@ class ArcMoves:
         if self._state.arc_absolute:
             for letter, word in zip(letters, words, strict=True):
                 if word is None:
-                    message = f"under G90.1 {user} needs both {letters[0]} and {letters[1]}; {letter} is missing"
+                    message = (
+                        f"under G90.1 {user} needs both {letters[0]} and {letters[1]}; "
+                        f"{letter} is missing"
+                    )
                     raise fault("arc-center-missing", message, at)
 
     def _take_idle_center(self, words: LineWords, user: str) -> None:
-        """Take the centre's word of the axis across the plane where the dialect lets it be written,
-        as long as it is 0.
-        """
+        """Take a centre word of 0 for the axis across the plane, if the dialect allows one."""
         if self._dialect.arc_idle_center:
             for letter in "IJK":
                 if (word := words.rest.get(letter)) and word.number == 0:
@@ -184,22 +189,34 @@ class ArcMoves:
         return whole(word, "the turns", 1, MAX_TURNS) if word else 1
 
     def _rise(self, end: list[float], i: int, j: int) -> float:
-        """The way along the axis across the plane."""
+        """Length of the move along the axis across the plane, mm."""
         third = next(
-            (n for n, axis in enumerate(self._motion.axes) if axis in "xyz" and n not in (i, j)),
+            (
+                n
+                for n, axis in enumerate(self._axis_words.axes)
+                if axis in "xyz" and n not in (i, j)
+            ),
             None,
         )
-        return 0.0 if third is None else end[third] - self._motion.position[third]
+        return 0.0 if third is None else end[third] - self._axis_words.position[third]
 
     def quick(self, move: QuickMove, motion: G, end: list[float], feed: float) -> ArcFeed | None:
-        """The arc of a line of the plainest kind to a machine position, ``feed`` mm/s; None where
-        it needs a closer look.
+        """Return the arc of a simple line.
+
+        Args:
+            move: The line.
+            motion: G2 or G3.
+            end: (axes,) machine position of the end.
+            feed: mm/s.
+
+        Returns:
+            The arc; None if the line needs the full interpretation.
         """
         state = self._state
         plane, letters = self._planes.get(state.plane), _PLANE_LETTERS[state.plane]
         if plane is None:
             return None
-        parameters = self._motion.coordinates.parameters
+        parameters = self._axis_words.coordinates.parameters
         first = second = radius = None
         for letter, number in move.arc:
             value = number if number.__class__ is float else number(parameters)  # type: ignore[operator]
@@ -222,14 +239,10 @@ class ArcMoves:
             1,
             _NOWHERE,
         )
-        here = self._here
+        return self._block(arc, end, feed)
+
+    def _block(self, arc: arcs.Arc, end: list[float], feed: float) -> ArcFeed:
+        here, plane = self._here, self._state.plane
         return ArcFeed(
-            here.file,
-            here.line,
-            state.plane,
-            arc.center,
-            np.array(end),
-            arc.radius,
-            arc.turns,
-            feed,
+            here.file, here.line, plane, arc.center, np.array(end), arc.radius, arc.turns, feed
         )

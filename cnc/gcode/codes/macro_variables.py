@@ -1,7 +1,6 @@
-"""System variables of FANUC's macros: positions and modal codes as a program reads them, and what
-it does by setting one.
+"""System variables of FANUC's macros: positions, modal codes and stops.
 
-Source: FANUC Series 0i, "System variables". Distances are in the units of the program.
+Distances are in the units of the program. Source: FANUC Series 0i, "System variables".
 """
 
 from __future__ import annotations
@@ -10,34 +9,42 @@ from collections.abc import Callable
 from functools import partial
 
 from cnc.gcode.codes.system_parameters import feed_word
-from cnc.gcode.state.block_buffer import Output
+from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.coordinates import SYSTEM_CODES, Coordinates
-from cnc.gcode.state.modal_groups import FEED_MODES, PLANES, Modal
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.modal_groups import FEED_MODES, PLANES, ModalState
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import Stop
 
 _LAST_PLAIN = G.G33
-"""Motion codes beyond are cycles, which have a group of their own."""
+"""Higher motion codes are cycles, which are a group of their own."""
 _PLANE_CODES = {plane: code.code for code, plane in PLANES.items()}
 _FEED_CODES = {mode: code.code for code, mode in FEED_MODES.items()}
 
 
 def bind(
     parameters: Parameters,
-    state: Modal,
-    here: Here,
+    state: ModalState,
+    here: SourceLocation,
     coordinates: Coordinates,
-    out: Output,
+    out: BlockBuffer,
     position: Callable[[], list[float]],
 ) -> None:
-    """Show the state, and take what a program does by setting a variable.
+    """Show the state as variables, and act on the variables that a program sets.
 
-    #4001 and on are the codes in effect by FANUC's groups, #4109 F, #4119 S (rpm), #4120 T; #5001
-    and on and #5041 and on the position in the coordinate system, #5021 and on that of the machine,
-    which ``position`` tells in mm.
+    #4001 to #4014 are the codes in effect by FANUC's groups, #4109 is F, #4119 S (rpm) and #4120 T.
+    #5001 and #5041 are the first of the position in the coordinate system, #5021 of the machine
+    position.
+
+    Args:
+        parameters: The parameters of the program.
+        state: The modal state.
+        here: Place of the current line.
+        coordinates: The coordinate systems.
+        out: Receives the stops.
+        position: Returns the machine position in mm.
     """
     groups: dict[int, Callable[[], float]] = {
         1: lambda: 0.0 if state.motion is None or state.motion > _LAST_PLAIN else state.motion.code,

@@ -1,17 +1,16 @@
-"""Codes that set coordinate systems, shifts and stored positions, and those that go to them: G10 L2
-and L20, G28, G30, G52 to G59.3, G92.
+"""Codes of coordinate systems, shifts and reference positions: G10 L2 and L20, G28 to G92.3.
 
-Source: LinuxCNC, "G-codes"; for FANUC its "Programmable data input", "Reference position return"
-and "Local coordinate system". G53 has told the move already; here it is only checked.
+G53 is only checked here; its effect on the axis words is in the move. Source: LinuxCNC, "G-codes";
+FANUC, "Programmable data input", "Reference position return" and "Local coordinate system".
 """
 
 from __future__ import annotations
 
 from cnc.gcode.codes.motion import Motion
-from cnc.gcode.codes.tool_codes import ToolSettings
+from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.dialects import Dialect
 from cnc.gcode.state.coordinates import EXTERNAL, SYSTEM_CODES, Coordinates
-from cnc.gcode.state.modal_groups import Code, Modal
+from cnc.gcode.state.modal_groups import Code, ModalState
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault, whole
 
@@ -20,12 +19,12 @@ _HOME = {G.G28: G.G28, G.G28_1: G.G28, G.G30: G.G30, G.G30_1: G.G30}
 _ORIGINS = (2, 20)
 
 
-class Settings:
-    """Carries out the codes above for an interpreter. Under cutter compensation most are
-    refused.
-    """
+class OffsetCodes:
+    """Execution of the codes of offsets. Most are an error under cutter compensation."""
 
-    def __init__(self, dialect: Dialect, state: Modal, motion: Motion, tools: ToolSettings) -> None:
+    def __init__(
+        self, dialect: Dialect, state: ModalState, motion: Motion, tools: ToolCodes
+    ) -> None:
         self._dialect = dialect
         self._state = state
         self._motion = motion
@@ -33,7 +32,7 @@ class Settings:
         self._tools = tools
 
     def system(self, words: LineWords, code: Code) -> None:
-        """G54 to G59.3, and FANUC's G54.1 P."""
+        """Execute G54 to G59.3, or FANUC's G54.1 P."""
         self._check_compensation(code.word)
         if code.number == G.G54_1:
             word = words.take("P", code.word.written)
@@ -48,7 +47,7 @@ class Settings:
         self._coordinates.select(index)
 
     def _more(self, word: Word) -> int:
-        """The index of the coordinate system that P of G54.1 names."""
+        """Index of the coordinate system that P of G54.1 names."""
         return (
             self._coordinates.systems
             + whole(word, "the coordinate system", 1, self._dialect.more_systems)
@@ -56,7 +55,7 @@ class Settings:
         )
 
     def non_modal(self, words: LineWords, code: Code) -> None:
-        """G10, G28, G28.1, G30, G30.1, G52, G53, G92 to G92.3."""
+        """Execute G10, G28, G28.1, G30, G30.1, G52, G53 or G92 to G92.3."""
         number, coordinates = code.g, self._coordinates
         if number == G.G10:
             self._g10(words, code.word)
@@ -67,11 +66,11 @@ class Settings:
         elif number in (G.G28_1, G.G30_1):
             coordinates.set_home(_HOME[number], self._motion.position)
         elif number == G.G52:
-            coordinates.local(self._values(words, "G52", code.word))
+            coordinates.set_local(self._values(words, "G52", code.word))
         elif number == G.G53:
             self._check_machine_move(code.word)
         elif number == G.G92:
-            coordinates.shift_here(self._values(words, "G92", code.word), self._motion.position)
+            coordinates.set_shift_here(self._values(words, "G92", code.word), self._motion.position)
         elif number == G.G92_1:
             coordinates.clear_shift()
         elif number == G.G92_2:
@@ -80,7 +79,7 @@ class Settings:
             coordinates.restore_shift()
 
     def _values(self, words: LineWords, user: str, at: Word) -> dict[int, float]:
-        """The axis words, of which there must be one."""
+        """Take the axis words, at least one."""
         values = self._motion.axis_values(words, user)
         if not values:
             raise fault("axis-words-missing", f"{at.written} needs axis words", at, "such as X0 Y0")
@@ -96,8 +95,9 @@ class Settings:
             )
 
     def _check_machine_move(self, at: Word) -> None:
-        """G53 under G91: some controllers refuse it, others count from the machine's zero all the
-        same.
+        """Refuse G53 under G91 if the dialect does.
+
+        Some controllers read its axis words as absolute.
         """
         if not self._state.absolute and not self._dialect.machine_in_incremental:
             raise fault(
@@ -107,8 +107,9 @@ class Settings:
     # Reference positions
 
     def _go_home(self, words: LineWords, code: Code) -> None:
-        """By way of the point that the axis words give; then only the axes given go on to the
-        stored position, or all if none is given.
+        """Move through the point of the axis words to the stored position.
+
+        Only the given axes go on from the point, or all if none is given.
         """
         motion, stored = self._motion, self._home(words, code)
         columns = [
@@ -123,13 +124,14 @@ class Settings:
                 "axis-words-missing",
                 f"{code.word.written} needs axis words",
                 code.word,
-                "give the axes that are to go, such as Z0",
+                "give the axes that must move, such as Z0",
             )
         motion.traverse(self._partly_home(columns, stored))
 
     def _partly_home(self, columns: list[int], stored: list[float]) -> list[float]:
-        """The stored position in the axes of ``columns`` (all if none), which are turned with the
-        coordinate system as words are.
+        """The stored position for the axes of ``columns``, or for all if there are none.
+
+        The axes are those of the coordinate system.
         """
         if not columns:
             return stored
@@ -144,7 +146,7 @@ class Settings:
         return coordinates.to_machine(end)
 
     def _home(self, words: LineWords, code: Code) -> list[float]:
-        """The stored position; FANUC's P2 to P4 of G30 say which."""
+        """The stored position; FANUC's P2 to P4 of G30 select one."""
         home = _HOME[code.g]
         if (
             self._dialect.offset_memory
@@ -171,7 +173,7 @@ class Settings:
                 "offset-kind-missing",
                 f"{at.written} needs an L word",
                 at,
-                "L2 sets an origin, L20 the present position",
+                "L2 sets an origin, L20 sets it by the present position",
             )
         if kind.whole not in dialect.offsets:
             raise fault(
@@ -217,16 +219,21 @@ class Settings:
         if word is None:
             return None
         if not self._dialect.rotation:
-            message = f"R of G10, rotation of the coordinate system, is not in the {self._dialect.name} dialect"
+            message = (
+                "R of G10 (rotation of the coordinate system) is not in the "
+                f"{self._dialect.name} dialect"
+            )
             raise fault("word-not-in-dialect", message, word)
-        if not self._coordinates.turns:
+        if not self._coordinates.can_rotate:
             raise fault(
-                "axis-missing", f"{word.written} turns X and Y, and the machine has not both", word
+                "axis-missing",
+                f"{word.written} rotates X and Y, and the machine does not have both",
+                word,
             )
         return word.number
 
 
 def _kinds(known: tuple[int, ...]) -> str:
-    """The L words of G10 that there are."""
+    """A list of the L words that G10 has."""
     *most, last = (f"L{kind}" for kind in known)
-    return f"there are {', '.join(most)} and {last}"
+    return f"the dialect has {', '.join(most)} and {last}"

@@ -6,8 +6,8 @@ Source: LinuxCNC, "G-code overview", messages.
 from __future__ import annotations
 
 from cnc.gcode.codes.comments import fill
-from cnc.gcode.state.block_buffer import Output
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.block_buffer import BlockBuffer
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Remark
 from cnc.gcode.syntax.words import Word, fault
@@ -20,7 +20,9 @@ _MESSAGES = ("msg", "debug", "print")
 class CommentCommands:
     """Executes the commands in comments."""
 
-    def __init__(self, here: Here, out: Output, parameters: Parameters, *, aborts: bool) -> None:
+    def __init__(
+        self, here: SourceLocation, out: BlockBuffer, parameters: Parameters, *, aborts: bool
+    ) -> None:
         """With ``aborts`` the dialect has ABORT."""
         self._here = here
         self._out = out
@@ -41,7 +43,7 @@ class CommentCommands:
         at = Word("(", 0.0, name, remark.column, 1)
         effect = "stops the program" if remark.kind == "abort" else "writes a file or runs code"
         hint = f"it {effect} on LinuxCNC only"
-        here.caution("comment-not-active", f"{name} has no effect here", at, hint)
+        here.report_warning("comment-not-active", f"{name} has no effect here", at, hint)
         return None
 
     def _abort(self, remark: Remark) -> GcodeError | None:
@@ -52,11 +54,11 @@ class CommentCommands:
         here, text = self._here, fill(remark.text, self._parameters)
         reason = f": {text}" if text else ""
         at = Word("(", 0.0, "(ABORT)", remark.column, remark.length)
-        if not self._out.guessed:
+        if not self._out.assumed:
             hint = "correct the cause that its text gives, then run it again"
             return fault("program-abort", f"the program aborts itself{reason}", at, hint)
         if (place := (here.file, here.line)) not in self._may_abort:
             self._may_abort.add(place)
             hint = "the check continues; a run aborts here if the board's answer leads here"
-            here.caution("abort-possible", f"the program may abort itself{reason}", at, hint)
+            here.report_warning("abort-possible", f"the program may abort itself{reason}", at, hint)
         return None

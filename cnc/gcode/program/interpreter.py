@@ -11,19 +11,21 @@ from __future__ import annotations
 
 from cnc.gcode import dialects
 from cnc.gcode.codes import macro_variables, probing, system_parameters
-from cnc.gcode.codes.compensation_codes import Sides
-from cnc.gcode.codes.machine_codes import Functions
-from cnc.gcode.codes.motion import MIN_FEED, Motion
-from cnc.gcode.codes.offset_codes import Settings
-from cnc.gcode.codes.prepared_lines import Prepared, QuickMove, prepare, without_point
-from cnc.gcode.codes.tool_codes import ToolSettings
+from cnc.gcode.codes.axis_words import MIN_FEED
+from cnc.gcode.codes.compensation_codes import CompensationCodes
+from cnc.gcode.codes.input_output_codes import InputOutputCodes
+from cnc.gcode.codes.machine_codes import MachineCodes
+from cnc.gcode.codes.motion import Motion
+from cnc.gcode.codes.offset_codes import OffsetCodes
+from cnc.gcode.codes.prepared_lines import PreparedLine, QuickMove, prepare, without_point
+from cnc.gcode.codes.tool_codes import ToolCodes
 from cnc.gcode.codes.unused import unused
 from cnc.gcode.cycles import drilling, threading
-from cnc.gcode.cycles.cycle_runner import Performer
+from cnc.gcode.cycles.cycle_runner import CycleRunner
 from cnc.gcode.program.comment_commands import CommentCommands
 from cnc.gcode.program.saved_state import SavedState
 from cnc.gcode.splines import bezier, bspline, g5_2, g6_2
-from cnc.gcode.state.block_buffer import Output
+from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.coordinates import Coordinates
 from cnc.gcode.state.modal_groups import (
     FEED_MODES,
@@ -31,13 +33,13 @@ from cnc.gcode.state.modal_groups import (
     QUICK_MOTIONS,
     Code,
     Codes,
-    Modal,
+    ModalState,
     codes_of,
     feed_of,
 )
-from cnc.gcode.state.source_location import Here, Warn
+from cnc.gcode.state.source_location import SourceLocation, Warn
 from cnc.gcode.state.tool_table import ToolTable
-from cnc.gcode.state.unused_words import Waiting
+from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.statement import Assignment, Statement
@@ -77,9 +79,9 @@ class Interpreter:
         self.ended = self.aborted = False
         self.begun = False
         self.plain = True
-        self.here = Here(file, warn)
-        self.out = Output(self.here, len(axes))
-        self.modal = Modal(motion=dialect.motion, initial_level=dialect.initial_level)
+        self.here = SourceLocation(file, warn)
+        self.out = BlockBuffer(self.here, len(axes))
+        self.modal = ModalState(motion=dialect.motion, initial_level=dialect.initial_level)
         self.dialect = dialect
         self.parameters = parameters
         self.coordinates = Coordinates(
@@ -89,23 +91,33 @@ class Interpreter:
             fanuc=dialect.offset_memory,
             shift_stays=dialect.shift_stays,
         )
-        self.waiting = Waiting(self.here)
-        self.functions = Functions(
-            dialect, self.here, self.modal, self.out, parameters, self.waiting
+        self.unused_words = UnusedWords(self.here)
+        self.machine_codes = MachineCodes(
+            dialect, self.here, self.modal, self.out, self.unused_words
         )
+        self.input_output_codes = InputOutputCodes(self.here, self.out, parameters)
         self.motion = Motion(
-            axes, dialect, self.here, self.modal, position, self.coordinates, self.out, self.waiting
+            axes,
+            dialect,
+            self.here,
+            self.modal,
+            position,
+            self.coordinates,
+            self.out,
+            self.unused_words,
         )
-        self.tools = ToolSettings(
+        self.tool_codes = ToolCodes(
             dialect, self.modal, self.motion, ToolTable() if tools is None else tools
         )
-        self.settings = Settings(dialect, self.modal, self.motion, self.tools)
-        self.sides = Sides(dialect, self.here, self.modal, self.motion, self.tools, self.out)
+        self.offset_codes = OffsetCodes(dialect, self.modal, self.motion, self.tool_codes)
+        self.compensation_codes = CompensationCodes(
+            dialect, self.here, self.modal, self.motion, self.tool_codes, self.out
+        )
         bezier.register(self.motion, self.modal, self.here)
         g6_2.register(self.motion, dialect, self.modal, self.here)
         g5_2.register(self.motion, self.modal, self.here, self._feed)
         bspline.register(self.motion, self.modal, self.here, self._feed)
-        performer = Performer(self.motion, self.modal, self.here, self.out)
+        performer = CycleRunner(self.motion, self.modal, self.here, self.out)
         drilling.register(self.motion, dialect, self.modal, performer)
         threading.register(self.motion, dialect, self.modal, performer)
         probing.register(self.motion, self.modal, self.here, self.out, parameters)
@@ -122,8 +134,10 @@ class Interpreter:
             )
         parameters.bind("_call_level", lambda: float(self._saved_state.calls))
         self.points_wanted = dialect.decimal_points
-        self._prepared: dict[int, Prepared] = {}
-        self._saved_state = SavedState(self.functions, self.modal, self.motion, self.waiting)
+        self._prepared: dict[int, PreparedLine] = {}
+        self._saved_state = SavedState(
+            self.machine_codes, self.modal, self.motion, self.unused_words
+        )
         self._comment_commands = CommentCommands(
             self.here, self.out, parameters, aborts=dialect.flavour == "ngc"
         )
@@ -143,7 +157,7 @@ class Interpreter:
             self._assign(statement.assignments)
         for remark in statement.remarks:
             if error := self._comment_commands.execute(remark):
-                self.sides.off()
+                self.compensation_codes.off()
                 self.out.put(Abort(self.here.file, line))
                 self.aborted = True
                 raise error
@@ -163,7 +177,7 @@ class Interpreter:
         if not self.plain:
             return False
         self.here.line = line
-        if self.out.asked:
+        if self.out.unanswered:
             self.out.take_answers()
         if not self.motion.quick(move):
             return False
@@ -178,8 +192,8 @@ class Interpreter:
         """
         if self.motion.collector:
             self.motion.collector.end("the program ends before the curve is complete")
-        self.sides.off()
-        self.waiting.end()
+        self.compensation_codes.off()
+        self.unused_words.end()
         self.out.flush()
 
     def entered(self) -> None:
@@ -191,7 +205,7 @@ class Interpreter:
         if self._saved_state.leave():
             self._update_plain()
 
-    def _prepare(self, statement: Statement) -> Prepared:
+    def _prepare(self, statement: Statement) -> PreparedLine:
         if len(self._prepared) >= MOST_PREPARED:
             self._prepared.clear()
         # The entry keeps its statement alive, so no other can have the same id.
@@ -204,7 +218,7 @@ class Interpreter:
             self.points_wanted = False
             message = f"{word.written} has no decimal point: it is read as mm, inches or degrees"
             hint = f"other controls would read a thousandth of it or less: write {word.written}."
-            self.here.caution("decimal-point-missing", message, word, hint)
+            self.here.report_warning("decimal-point-missing", message, word, hint)
         return prepared
 
     def _update_plain(self) -> None:
@@ -268,29 +282,29 @@ class Interpreter:
         moving = self.motion.check(words, codes)
         if not codes:
             self._feed(words, codes)
-            self.functions.speed_and_tool(words, codes)
+            self.machine_codes.speed_and_tool(words, codes)
             self.motion.move(words, moving)
             return
-        self._execute_functions(words, codes)
+        self._execute_machine_codes(words, codes)
         self._execute_settings(words, codes)
         self.motion.move(words, moving, codes.get("motion"))
         if code := codes.get("stop"):
             self._stop(code)
 
-    def _execute_functions(self, words: LineWords, codes: Codes) -> None:
+    def _execute_machine_codes(self, words: LineWords, codes: Codes) -> None:
         """Execute the first half of the order: feed mode to dwell."""
-        state, functions = self.modal, self.functions
+        state, functions = self.modal, self.machine_codes
         if code := codes.get("feed-mode"):
             mode = FEED_MODES[code.g]
             if mode != state.feed_mode:
                 state.feed_mode, state.feed = mode, None
-                self.waiting.used("F")
+                self.unused_words.mark_used("F")
         if self.dialect.units_before_feed:
             self._units(codes)
         self._feed(words, codes)
-        self.sides.refuse(codes)
+        self.compensation_codes.refuse(codes)
         functions.speed_and_tool(words, codes)
-        functions.input_output(words, codes)
+        self.input_output_codes.execute(words, codes)
         functions.tool_change(words, codes)
         functions.spindle(words, codes)
         if code := codes.get("state"):
@@ -307,13 +321,13 @@ class Interpreter:
             state.plane = PLANES[code.g]
         self._units(codes)
         if code := codes.get("compensation"):
-            self.sides.code(words, code)
+            self.compensation_codes.code(words, code)
         if code := codes.get("tool-length"):
-            self.tools.tool_length(words, code)
+            self.tool_codes.tool_length(words, code)
         if code := codes.get("system"):
-            self.settings.system(words, code)
+            self.offset_codes.system(words, code)
         if code := codes.get("path"):
-            self.functions.path_control(words, code)
+            self.machine_codes.path_control(words, code)
         if code := codes.get("distance"):
             state.absolute = code.number == G.G90
         if code := codes.get("arc-distance"):
@@ -321,7 +335,7 @@ class Interpreter:
         if code := codes.get("retract"):
             state.initial_level = code.number == G.G98
         if (code := codes.get("non-modal")) and code.number != G.G4:
-            self.settings.non_modal(words, code)
+            self.offset_codes.non_modal(words, code)
 
     def _feed(self, words: LineWords, codes: Codes) -> None:
         """Execute F. In inverse time mode the move of the line uses it instead."""
@@ -335,7 +349,7 @@ class Interpreter:
             and not self.dialect.units_before_feed
         ):
             message = f"F is read before {code.word.written} takes effect"
-            self.here.caution("feed-before-units", message, word, "write F in the next line")
+            self.here.report_warning("feed-before-units", message, word, "write F in the next line")
         if word.number <= 0:
             raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
         feed = feed_of(word.number, scale)
@@ -345,7 +359,7 @@ class Interpreter:
             message = f"{word.written}: the feed is less than {MIN_FEED} mm/s"
             raise fault("feed-too-slow", message, word)
         self.modal.feed = feed
-        self.waiting.give(word)
+        self.unused_words.note(word)
 
     def _units(self, codes: Codes) -> None:
         """G20, G21, G7, G8."""
@@ -364,9 +378,9 @@ class Interpreter:
                 code.word,
             )
         if code.number in (M.M2, M.M30):
-            self.sides.off()
-            self.waiting.end()
-        self.ended = self.functions.stop(code)
+            self.compensation_codes.off()
+            self.unused_words.end()
+        self.ended = self.machine_codes.stop(code)
         if self.ended:
             self.coordinates.end()
 

@@ -12,7 +12,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.codes.motion import MIN_FEED
+from cnc.gcode.codes.axis_words import MIN_FEED
 from cnc.gcode.program.interpreter import Interpreter
 from cnc.gcode.state.modal_groups import Feed
 from cnc.gcode.syntax.code_numbers import G
@@ -62,7 +62,7 @@ class StraightLane:
         interpreter = self._interpreter
         if not interpreter.plain:
             return 0
-        if interpreter.out.asked:
+        if interpreter.out.unanswered:
             interpreter.out.take_answers()
         end = index + int(window.straight[index])
         if interpreter.points_wanted:
@@ -77,7 +77,7 @@ class StraightLane:
                 compensation.move(point, rate, line)
         else:
             interpreter.out.moves(moves.points, moves.feeds, moves.lines)
-        if interpreter.waiting.watching:
+        if interpreter.unused_words.enabled:
             fed = moves.lines[~np.isnan(moves.feeds)]
             self._note_feeds(window, index, index + count, fed)
         return count
@@ -124,12 +124,12 @@ class StraightLane:
             end: Index after the last executed line.
             moved: Numbers of the lines with a feed move.
         """
-        waiting, scan = self._interpreter.waiting, window.scan
+        unused_words, scan = self._interpreter.unused_words, window.scan
         first = scan.lines.first[begin : end + 1]
         words = first[0] + np.flatnonzero(scan.words.letter[first[0] : first[-1]] == _F)
         rows = begin + np.searchsorted(first, words, side="right") - 1
         if len(moved) and (not len(words) or moved[0] < window.first + rows[0]):
-            waiting.used("F")
+            unused_words.mark_used("F")
         if not len(words):
             return
         nowhere = window.first + end
@@ -141,9 +141,9 @@ class StraightLane:
             row = int(rows[each])
             text = window.text(row)
             number = float(scan.words.number[words[each]])
-            waiting.give(_feed_word(number, text), window.first + row, text)
+            unused_words.note(_feed_word(number, text), window.first + row, text)
             if not idle[each]:
-                waiting.used("F")
+                unused_words.mark_used("F")
 
 
 def _feed_word(number: float, text: str) -> Word:

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from cnc.gcode.codes.machine_codes import Functions
+from cnc.gcode.codes.machine_codes import MachineCodes
 from cnc.gcode.codes.motion import Motion
-from cnc.gcode.state.modal_groups import Code, Modal
-from cnc.gcode.state.unused_words import Waiting
+from cnc.gcode.state.modal_groups import Code, ModalState
+from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import M
 from cnc.gcode.syntax.words import Word, fault
 
-_Saved = tuple[Modal, tuple[int, list[float]]]
+_Saved = tuple[ModalState, tuple[int, list[float]]]
 
 
 class SavedState:
     """Saves and restores the modal state. Each call has a saved state of its own."""
 
     def __init__(
-        self, functions: Functions, modal: Modal, motion: Motion, waiting: Waiting
+        self,
+        machine_codes: MachineCodes,
+        modal: ModalState,
+        motion: Motion,
+        unused_words: UnusedWords,
     ) -> None:
-        self._functions = functions
+        self._machine_codes = machine_codes
         self._modal = modal
         self._motion = motion
-        self._waiting = waiting
+        self._unused_words = unused_words
         self._saved: list[_Saved | None] = [None]
         self._restore_at_return: list[bool] = [False]
 
@@ -50,7 +54,7 @@ class SavedState:
             GcodeError: ``state-not-saved``, ``compensation-active``.
         """
         if code.number in (M.M70, M.M73):
-            self._saved[-1] = self._functions.save(), self._motion.coordinates.save()
+            self._saved[-1] = self._machine_codes.save(), self._motion.coordinates.save()
             self._restore_at_return[-1] = code.number == M.M73
         elif code.number == M.M71:
             self._saved[-1] = None
@@ -69,7 +73,7 @@ class SavedState:
         ):
             message = "the saved plane or coordinate system differs, and cutter compensation is on"
             raise fault("compensation-active", message, at, "write G40 and a move before")
-        self._functions.restore(modal)
-        self._waiting.words.clear()
+        self._machine_codes.restore(modal)
+        self._unused_words.words.clear()
         coordinates.restore(system)
         self._motion.units_changed()

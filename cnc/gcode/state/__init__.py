@@ -1,1 +1,1 @@
-"""The state of the interpreter: modal groups, coordinates, tools."""
+"""State of the interpreter: modal groups, coordinates, tools, buffered blocks."""

@@ -1,4 +1,4 @@
-"""Canonical blocks on their way out: straight moves gather into runs."""
+"""Buffer of the canonical blocks of a program; straight moves gather into polylines."""
 
 from __future__ import annotations
 
@@ -7,33 +7,34 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.model.blocks import Block, Polyline, Probe, WaitInput
 
-RUN = 4096
-"""Moves of a Polyline at most: long enough for arrays to pay, short enough for the first pulse not
-to wait.
+MAX_MOVES = 4096
+"""Most moves of a Polyline. Arrays of this length are efficient, and the first pulse does not wait
+long for them.
 """
 
-Take = Callable[[tuple[float, ...]], None]
-"""Takes in an answer of the board."""
+TakeAnswer = Callable[[tuple[float, ...]], None]
+"""Processes an answer of the board."""
 
 
-class Output:
-    """Collects the blocks of a program in order. ``ready`` holds those that can be handed on; the
-    caller empties it.
+class BlockBuffer:
+    """Blocks of a program in order.
 
-    ``asked`` are blocks whose answers have not been taken in yet; they are there when the next line
-    is read. ``hold`` is who decides when blocks that are no moves follow the moves before them,
-    where that is not at once. ``guessed``: an answer was taken as expected, because nobody was
-    there to give it.
+    Attributes:
+        ready: Blocks that are complete. The caller empties the list.
+        unanswered: Blocks whose answers are processed before the next line is executed.
+        defer: Takes each block that is not a move, instead of ``ready``, if it must follow a move
+            that is not complete.
+        assumed: Whether an expected answer was used because there was no board to answer.
     """
 
-    def __init__(self, here: Here, axes: int) -> None:
+    def __init__(self, here: SourceLocation, axes: int) -> None:
         self.ready: list[Block] = []
-        self.asked: list[tuple[Probe | WaitInput, Take]] = []
-        self.hold: Callable[[Block], None] | None = None
-        self.guessed = False
+        self.unanswered: list[tuple[Probe | WaitInput, TakeAnswer]] = []
+        self.defer: Callable[[Block], None] | None = None
+        self.assumed = False
         self._here = here
         self._axes = axes
         self._points: list[float] = []
@@ -41,30 +42,34 @@ class Output:
         self._lines: list[int] = []
 
     def move(self, end: list[float], feed: float, line: int) -> None:
-        """A straight move; NaN feed for a traverse."""
+        """Add a straight move at ``feed`` mm/s; NaN for a traverse."""
         self._points += end
         self._feeds.append(feed)
         self._lines.append(line)
-        if len(self._feeds) >= RUN:
+        if len(self._feeds) >= MAX_MOVES:
             self.flush()
 
     def moves(
         self, points: NDArray[np.float64], feeds: NDArray[np.float64], lines: NDArray[np.int32]
     ) -> None:
-        """Straight moves as arrays: points (n, axes), feeds (n,), lines (n,), which are kept. The
-        same as one after the other.
+        """Add straight moves as arrays, with the same result as one after the other.
+
+        Args:
+            points: (n, axes) machine positions. The arrays are kept, not copied.
+            feeds: (n,) mm/s; NaN for a traverse.
+            lines: (n,) source lines.
         """
         begin, count = 0, len(feeds)
         if self._feeds:
-            begin = min(count, RUN - len(self._feeds))
+            begin = min(count, MAX_MOVES - len(self._feeds))
             self._points += points[:begin].ravel().tolist()
             self._feeds += feeds[:begin].tolist()
             self._lines += lines[:begin].tolist()
-            if len(self._feeds) < RUN:
+            if len(self._feeds) < MAX_MOVES:
                 return
             self.flush()
-        while count - begin >= RUN:
-            end = begin + RUN
+        while count - begin >= MAX_MOVES:
+            end = begin + MAX_MOVES
             self.ready.append(
                 Polyline(
                     self._here.file,
@@ -82,14 +87,14 @@ class Output:
         )
 
     def add(self, block: Block) -> None:
-        """Any other block."""
-        if self.hold is None:
+        """Add any other block."""
+        if self.defer is None:
             self.put(block)
         else:
-            self.hold(block)
+            self.defer(block)
 
     def place(self, end: list[float], feed: float, line: int, file: str) -> None:
-        """A straight move that may stand in another file than the line being executed."""
+        """Add a straight move that may stand in another file than the current line."""
         if file == self._here.file:
             self.move(end, feed, line)
             return
@@ -101,29 +106,28 @@ class Output:
         )
 
     def put(self, block: Block) -> None:
-        """Any other block, right behind the moves."""
+        """Add any other block directly after the moves."""
         self.flush()
         self.ready.append(block)
 
-    def ask(self, block: Probe | WaitInput, take: Take) -> None:
-        """A block that the board answers; ``take`` is given the answer before the next line is
-        executed.
+    def ask(self, block: Probe | WaitInput, take: TakeAnswer) -> None:
+        """Add a block that the board answers.
+
+        ``take`` gets the answer before the next line is executed.
         """
         self.add(block)
-        self.asked.append((block, take))
+        self.unanswered.append((block, take))
 
     def take_answers(self) -> None:
-        """Hand out the answers to what was asked; where nobody was there to answer, what is
-        expected.
-        """
-        for block, take in self.asked:
+        """Process the answers to all open questions; the expected answer where there is none."""
+        for block, take in self.unanswered:
             values = block.answer.values
-            self.guessed = self.guessed or values is None
+            self.assumed = self.assumed or values is None
             take(block.expected if values is None else values)
-        self.asked.clear()
+        self.unanswered.clear()
 
     def flush(self) -> None:
-        """Close the run of straight moves."""
+        """Complete the current run of straight moves."""
         if not self._feeds:
             return
         self.ready.append(

@@ -1,16 +1,16 @@
-"""Coordinate systems: from program coordinates to machine coordinates and back.
+"""Coordinate systems: conversion between program and machine coordinates.
 
     machine = tool + origin + R(rotation) (program + shift + local)
 
-``origin`` and ``rotation`` (about Z, of X and Y alone) belong to the coordinate system in use;
-``shift`` is G92's and stays when another one is chosen; ``tool`` is the length offset. ``local`` is
-G52 where that is an offset of its own; elsewhere G52 sets the shift. FANUC adds an external offset
-to every origin. What is stored lives in the parameters (5161 to 5390) and nowhere else, and takes
-effect as in LinuxCNC: a coordinate system when another one is chosen or when G10 sets the one in
-use, the shift with G92.3.
+``origin`` and ``rotation`` (of X and Y about Z) belong to the coordinate system in use. ``shift``
+is G92's and stays when another system is selected. ``tool`` is the length offset. ``local`` is G52
+in dialects where it is an offset of its own; elsewhere G52 sets the shift. FANUC adds an external
+offset to every origin.
+The values are stored in the parameters 5161 to 5390. They take effect as in LinuxCNC: a coordinate
+system when another one is selected or when G10 sets the one in use, the shift with G92.3.
 
-Source: LinuxCNC, "Coordinate Systems", G10, G52, G54-G59.3, G92, and "Numbered Parameters"; for
-``local`` and the external offset FANUC's "Local coordinate system" and "Workpiece coordinate
+Source: LinuxCNC, "Coordinate Systems", G10, G52, G54-G59.3, G92, and "Numbered Parameters". For
+``local`` and the external offset: FANUC, "Local coordinate system" and "Workpiece coordinate
 system".
 """
 
@@ -25,20 +25,22 @@ from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import AXIS_LETTERS, ROTARY_LETTERS
 
 EXTERNAL = -1
-"""The number of the offset that counts in every system (FANUC's P0)."""
+"""Index of the offset that is added to every system (FANUC's P0)."""
 SYSTEM_CODES = (G.G54, G.G55, G.G56, G.G57, G.G58, G.G59, G.G59_1, G.G59_2, G.G59_3)
-"""The code of each system, as #<_coord_system> reads it. All others are G54.1's."""
+"""The code of each system, as #<_coord_system> reads it. All other systems are G54.1's."""
 _HOMES: dict[G, int] = {G.G28: numbers.G28_POSITION, G.G30: numbers.G30_POSITION}
 
 
 class Coordinates:
-    """The coordinate systems of a program that is being read.
+    """Coordinate systems of a program during execution.
 
-    Everything is in mm or degrees, one number an axis of the machine, in the machine's order.
-    ``zero`` is the machine position of the program's zero point as long as ``rotation`` (degrees,
-    counter-clockwise) is 0; ``system`` is the index of the system in use, 0 for G54. ``systems`` is
-    how many there are; with ``fanuc`` G52 is an offset of its own and an external offset counts.
-    Unless ``shift_stays``, the shift that an earlier program left behind is not in effect.
+    Values are in mm or degrees, one for each axis of the machine, in the machine's order.
+
+    Attributes:
+        zero: Machine position of the program's zero point; valid while ``rotation`` is 0.
+        rotation: Degrees, counter-clockwise.
+        system: Index of the system in use, 0 for G54.
+        systems: Number of systems without G54.1's.
     """
 
     def __init__(
@@ -50,6 +52,15 @@ class Coordinates:
         fanuc: bool = False,
         shift_stays: bool = True,
     ) -> None:
+        """Read the state from the parameters.
+
+        Args:
+            axes: Letters of the machine's axes.
+            parameters: The parameters that hold the stored values.
+            systems: Number of coordinate systems without G54.1's.
+            fanuc: G52 is an offset of its own, and the external offset counts.
+            shift_stays: The shift of an earlier program stays in effect.
+        """
         self.parameters = parameters
         self.systems = systems
         self.system = 0
@@ -76,9 +87,11 @@ class Coordinates:
         self._use(int(number) - 1 if number in range(1, systems + 1) else 0)
 
     def bind(self, here: Callable[[], list[float]], scale: Callable[[], float]) -> None:
-        """Show the state as parameters: 5420 to 5428 and their names.
+        """Show the position as parameters: 5420 to 5428 and their names.
 
-        ``here`` tells the machine position (of the programmed point), ``scale`` mm a program unit.
+        Args:
+            here: Returns the programmed machine position.
+            scale: Returns the mm of a program unit.
         """
         bind = self.parameters.bind
         for place, letter in enumerate(AXIS_LETTERS):
@@ -97,7 +110,7 @@ class Coordinates:
     def bind_numbers(
         self, first: int, position: Callable[[], list[float]], scale: Callable[[], float]
     ) -> None:
-        """Show a position, in mm, as a number for each of the machine's axes, in their order."""
+        """Show a position in mm as one parameter for each axis of the machine."""
         for index, letter in enumerate(self._axes):
             self.parameters.bind(first + index, self._reading(index, letter, position, scale))
 
@@ -114,15 +127,15 @@ class Coordinates:
             return lambda: position()[index]
         return lambda: position()[index] / scale()
 
-    # From one to the other
+    # Conversion
 
     @property
-    def turns(self) -> bool:
-        """Whether the machine has the axes that a rotation needs."""
+    def can_rotate(self) -> bool:
+        """Whether the machine has the two axes that a rotation needs."""
         return self._xy is not None
 
     def to_machine(self, program: list[float]) -> list[float]:
-        """The machine position of a point in program coordinates."""
+        """Return the machine position of a point in program coordinates."""
         if not self.rotation:
             return [value + zero for value, zero in zip(program, self.zero, strict=True)]
         added = [
@@ -131,24 +144,26 @@ class Coordinates:
         return [
             value + base
             for value, base in zip(
-                self._turned(added, self._turn), self._base(self._origin), strict=True
+                self._rotated(added, self._turn), self._base(self._origin), strict=True
             )
         ]
 
     def to_program(self, machine: list[float]) -> list[float]:
-        """The program coordinates of a machine position."""
+        """Return the program coordinates of a machine position."""
         if not self.rotation:
             return [value - zero for value, zero in zip(machine, self.zero, strict=True)]
         return [
             value - a - b
-            for value, a, b in zip(self._felt(machine), self._shift, self._local, strict=True)
+            for value, a, b in zip(
+                self._from_origin(machine), self._shift, self._local, strict=True
+            )
         ]
 
-    def turned(self, delta: list[float]) -> list[float]:
-        """A way in program directions as a way of the machine."""
-        return self._turned(delta, self._turn) if self.rotation else delta
+    def rotated(self, delta: list[float]) -> list[float]:
+        """Return a vector in program directions as one in machine directions."""
+        return self._rotated(delta, self._turn) if self.rotation else delta
 
-    def _turned(self, vector: list[float], turn: tuple[float, float]) -> list[float]:
+    def _rotated(self, vector: list[float], turn: tuple[float, float]) -> list[float]:
         cosine, sine = turn
         turned = vector.copy()
         if self._xy and turn != (1.0, 0.0):
@@ -157,27 +172,23 @@ class Coordinates:
             turned[y] = sine * vector[x] + cosine * vector[y]
         return turned
 
-    def _touched(self, values: Mapping[int, float], turn: tuple[float, float]) -> set[int]:
-        """The axes of the machine that change with program coordinates: under a rotation X and Y do
-        together.
-        """
+    def _changed_axes(self, values: Mapping[int, float], turn: tuple[float, float]) -> set[int]:
+        """Columns of the axes that change with the values: under a rotation X and Y both do."""
         touched = set(values)
         if self._xy and turn != (1.0, 0.0) and not touched.isdisjoint(self._xy):
             touched.update(self._xy)
         return touched
 
-    def _back(self, vector: list[float], turn: tuple[float, float]) -> list[float]:
-        return self._turned(vector, (turn[0], -turn[1]))
+    def _unrotated(self, vector: list[float], turn: tuple[float, float]) -> list[float]:
+        return self._rotated(vector, (turn[0], -turn[1]))
 
     def _base(self, origin: list[float]) -> list[float]:
-        """Origin, tool and what counts in every system."""
+        """Sum of the origin, the tool offset and the external offset."""
         return [a + b + c for a, b, c in zip(origin, self._tool, self._external, strict=True)]
 
-    def _felt(self, machine: list[float]) -> list[float]:
-        """A machine position from the origin in use, turned back: program coordinates before shift
-        and local offset.
-        """
-        return self._back(
+    def _from_origin(self, machine: list[float]) -> list[float]:
+        """Program coordinates of a machine position before shift and local offset."""
+        return self._unrotated(
             [value - base for value, base in zip(machine, self._base(self._origin), strict=True)],
             self._turn,
         )
@@ -185,19 +196,20 @@ class Coordinates:
     # Coordinate systems
 
     def select(self, system: int) -> None:
-        """G54 (0) to G59.3 (8). To choose the one in use again changes nothing: stored numbers are
-        not read anew.
+        """Select G54 (0) to G59.3 (8).
+
+        Selecting the system in use does not read its parameters again.
         """
         self._values[numbers.CURRENT_SYSTEM] = system + 1.0
         if system != self.system:
             self._use(system)
 
     def refresh(self) -> None:
-        """Take the stored numbers of the system in use into effect."""
+        """Read the parameters of the system in use again."""
         self._use(self.system)
 
     def end(self) -> None:
-        """The program is over (M2, M30): the first system, and no local offset."""
+        """Select the first system without a local offset at the program end (M2, M30)."""
         self._local = [0.0] * len(self._axes)
         self._values[numbers.CURRENT_SYSTEM] = 1.0
         self._use(0)
@@ -210,8 +222,13 @@ class Coordinates:
         rotation: float | None = None,
         add: bool = False,
     ) -> None:
-        """G10 L2: the origin of a system (or EXTERNAL) by axis index, and its rotation in degrees;
-        ``add`` to what is stored.
+        """Set the origin of a system (G10 L2).
+
+        Args:
+            system: Index of the system, or EXTERNAL.
+            values: Origin by column of the axis.
+            rotation: Degrees; None leaves the stored one.
+            add: Add the values to the stored ones.
         """
         first = self._first(system)
         for index, value in values.items():
@@ -225,21 +242,28 @@ class Coordinates:
     def set_origin_here(
         self, system: int, values: Mapping[int, float], position: list[float]
     ) -> None:
-        """G10 L20: the origin of a system such that the machine ``position`` has the ``values``
-        there under shift and tool as they are.
+        """Set the origin of a system so that a machine position has the ``values`` in it (G10 L20).
+
+        The shift and the tool offset stay.
         """
         first = self._first(system)
-        origin, turn = self._stored(first), _turn(self._rotation_of(system))
-        way = [
+        origin, turn = self._stored(first), _cosine_sine(self._rotation_of(system))
+        from_offsets = [
             value - base
             for value, base in zip(position, self._base([0.0] * len(position)), strict=True)
         ]
-        felt = self._back([value - base for value, base in zip(way, origin, strict=True)], turn)
+        program = self._unrotated(
+            [value - base for value, base in zip(from_offsets, origin, strict=True)], turn
+        )
         for index, value in values.items():
-            felt[index] = value + self._shift[index] + self._local[index]
-        turned = self._turned(felt, turn)
+            program[index] = value + self._shift[index] + self._local[index]
+        turned = self._rotated(program, turn)
         self.set_origin(
-            system, {index: way[index] - turned[index] for index in self._touched(values, turn)}
+            system,
+            {
+                index: from_offsets[index] - turned[index]
+                for index in self._changed_axes(values, turn)
+            },
         )
 
     def _use(self, system: int) -> None:
@@ -247,13 +271,11 @@ class Coordinates:
         self._origin = self._stored(self._first(system))
         self._external = self._stored(numbers.EXTERNAL_OFFSET) if self._fanuc else self._external
         self.rotation = self._rotation_of(system)
-        self._turn = _turn(self.rotation)
-        self._settle()
+        self._turn = _cosine_sine(self.rotation)
+        self._update_zero()
 
     def _first(self, system: int) -> int:
-        """The first parameter of a system; those of FANUC's G54.1 come after the others, from
-        ``systems`` on.
-        """
+        """First parameter of a system. G54.1's systems follow the others, from ``systems`` on."""
         if system == EXTERNAL:
             return numbers.EXTERNAL_OFFSET
         if system < self.systems:
@@ -266,8 +288,8 @@ class Coordinates:
     def _stored(self, first: int) -> list[float]:
         return [self._values.get(first + place, 0.0) for place in self._places]
 
-    def _settle(self) -> None:
-        """The zero point after any change."""
+    def _update_zero(self) -> None:
+        """Compute the zero point after a change."""
         self.zero = [
             base + a + b
             for base, a, b in zip(self._base(self._origin), self._shift, self._local, strict=True)
@@ -275,41 +297,40 @@ class Coordinates:
 
     # G92 and G52
 
-    def shift_here(self, values: Mapping[int, float], position: list[float]) -> None:
-        """G92: the shift such that the machine ``position`` gets the ``values``; axes without a
-        value keep theirs.
+    def set_shift_here(self, values: Mapping[int, float], position: list[float]) -> None:
+        """Set the shift so that the machine ``position`` has the ``values`` (G92).
 
-        A local offset of its own ends on the axes given.
+        Axes without a value keep theirs. A local offset ends on the given axes.
         """
-        felt, shift = self._felt(position), self._shift.copy()
+        program, shift = self._from_origin(position), self._shift.copy()
         for index, value in values.items():
             self._local[index] = 0.0
-            shift[index] = felt[index] - value
+            shift[index] = program[index] - value
         self._set_shift(shift, 1.0)
 
-    def local(self, values: Mapping[int, float]) -> None:
-        """G52: the offset itself, by axis index; axes without a value keep theirs."""
+    def set_local(self, values: Mapping[int, float]) -> None:
+        """Set the offset of G52 by column; axes without a value keep theirs."""
         offset = self._local.copy() if self._fanuc else self._shift.copy()
         for index, value in values.items():
             offset[index] = value
         if self._fanuc:
             self._local = offset
-            self._settle()
+            self._update_zero()
         else:
             self._set_shift(offset, 1.0)
 
     def clear_shift(self) -> None:
-        """G92.1: no shift, and none stored."""
+        """Delete the shift in effect and the stored one (G92.1)."""
         self._set_shift([0.0] * len(self._axes), 0.0)
 
     def suspend_shift(self) -> None:
-        """G92.2: no shift; the stored one waits for G92.3."""
+        """Suspend the shift; the stored one stays for G92.3 (G92.2)."""
         self._values[numbers.SHIFT_IN_EFFECT] = 0.0
         self._shift = [0.0] * len(self._axes)
-        self._settle()
+        self._update_zero()
 
     def restore_shift(self) -> None:
-        """G92.3: the shift that is stored."""
+        """Put the stored shift into effect (G92.3)."""
         self._set_shift(self._stored(numbers.SHIFT), 1.0)
 
     def _set_shift(self, shift: list[float], in_effect: float) -> None:
@@ -317,19 +338,19 @@ class Coordinates:
         self._values[numbers.SHIFT_IN_EFFECT] = in_effect
         for place, value in zip(self._places, shift, strict=True):
             self._values[numbers.SHIFT + place] = value
-        self._settle()
+        self._update_zero()
 
     # Tool
 
     @property
     def tool_offset(self) -> list[float]:
-        """The length offset in effect (G43, G43.1, G43.2), in machine directions."""
+        """Length offset in effect (G43, G43.1, G43.2), in machine directions."""
         return self._tool
 
     @tool_offset.setter
     def tool_offset(self, offset: list[float]) -> None:
         self._tool = offset
-        self._settle()
+        self._update_zero()
 
     def tool_for(
         self,
@@ -339,44 +360,49 @@ class Coordinates:
         *,
         fixture: bool = False,
     ) -> dict[int, float]:
-        """G10 L10 and L11: the tool offset, by axis index, with which the machine ``position``
-        would have the ``values``.
+        """Return the tool offset that gives the machine ``position`` the ``values`` (G10 L10, L11).
 
-        Where that is open, in the other program directions, it is ``old``'s. With ``fixture`` as
-        seen from the last coordinate system (G59.3) without shift, else from the one in use with
-        it.
+        Args:
+            old: Present offset of the tool. Program directions without a value keep it.
+            values: Program coordinates by column.
+            position: Machine position.
+            fixture: Use the last coordinate system (G59.3) without the shift, not the one in use
+                with it.
+
+        Returns:
+            The offset by column, for the axes that change.
         """
         if fixture:
             last = self.systems - 1
-            origin, turn = self._stored(self._first(last)), _turn(self._rotation_of(last))
+            origin, turn = self._stored(self._first(last)), _cosine_sine(self._rotation_of(last))
             moved = [0.0] * len(old)
         else:
             origin, turn = self._origin, self._turn
             moved = [a + b for a, b in zip(self._shift, self._local, strict=True)]
-        way = self._back(
+        from_offsets = self._unrotated(
             [a - b - c for a, b, c in zip(position, origin, self._external, strict=True)], turn
         )
-        tool = self._back(old, turn)
+        tool = self._unrotated(old, turn)
         for index, value in values.items():
-            tool[index] = way[index] - moved[index] - value
-        turned = self._turned(tool, turn)
-        return {index: turned[index] for index in self._touched(values, turn)}
+            tool[index] = from_offsets[index] - moved[index] - value
+        turned = self._rotated(tool, turn)
+        return {index: turned[index] for index in self._changed_axes(values, turn)}
 
-    # What M70 saves
+    # Saved by M70
 
     def save(self) -> tuple[int, list[float]]:
-        """The system in use and the tool offset, for :meth:`restore`."""
+        """Return the system in use and the tool offset, for :meth:`restore` (M70)."""
         return self.system, self._tool
 
     def restore(self, saved: tuple[int, list[float]]) -> None:
-        """Back to what was saved (M72)."""
+        """Put a saved state into effect (M72)."""
         self.select(saved[0])
         self.tool_offset = saved[1]
 
     # Reference positions
 
     def home(self, code: G) -> list[float]:
-        """The machine position that G28 or G30 goes to."""
+        """Return the machine position that G28 or G30 goes to."""
         return self._stored(_HOMES[code])
 
     def set_home(self, code: G, position: list[float]) -> None:
@@ -385,8 +411,8 @@ class Coordinates:
             self._values[_HOMES[code] + place] = value
 
 
-def _turn(rotation: float) -> tuple[float, float]:
-    """Cosine and sine; exact where the axes change places."""
+def _cosine_sine(rotation: float) -> tuple[float, float]:
+    """Cosine and sine of an angle in degrees; exact at multiples of 90."""
     quarters = rotation / 90.0
     if quarters.is_integer():
         return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(quarters) % 4]

@@ -41,8 +41,8 @@ _GROUPS: dict[str, tuple[G, ...]] = {
     "spindle-mode": (G.G96, G.G97),
     "retract": (G.G98, G.G99),
     "diameter": (G.G7, G.G8),
-    # Ends of what no dialect has the beginning of. Headers of CAM posts hold them; there is nothing
-    # to end.
+    # CAM post-processors write these codes in the header. They end modes that no dialect has, so
+    # they do nothing.
     "polar": (G.G15,),
     "call": (G.G67,),
     "rotation": (G.G69,),
@@ -97,8 +97,10 @@ _CALLS = (M.M98, M.M99)
 
 
 def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
-    """The codes of a line by modal group. Refuses what the dialect lacks, and two codes of one
-    group.
+    """Return the codes of a line by modal group.
+
+    Raises:
+        GcodeError: The dialect lacks a code, or two codes belong to one group.
     """
     found: Codes = {}
     for word in g:
@@ -115,17 +117,20 @@ def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
 
 
 def _call_left(word: Word) -> GcodeError:
-    """The error for a call or return that the flow of control did not take: it was computed, or is
-    the second of its line.
+    """The error for a call or return that the control flow did not execute.
+
+    It was computed, or it is the second in its line.
     """
-    message = f"{word.written} can't be understood as a call or a return here"
-    return fault("call-not-alone", message, word, "write M98, M99 or G65 as it is, one in a line")
+    message = f"{word.written} must be written as a number, once in a line"
+    return fault(
+        "call-not-alone", message, word, "write one M98, M99 or G65 in a line, not as an expression"
+    )
 
 
 def _add(found: Codes, group: str, code: Code) -> None:
     other = found.get(group)
     if other and {other.number, code.number} in _ENDS_ANYWAY:
-        # G80 beside a plain motion code, which ends the cycles anyway.
+        # G0 to G3 end canned cycles too, so G80 beside one of them is redundant.
         if code.number == G.G80:
             return
     elif other:
@@ -134,24 +139,23 @@ def _add(found: Codes, group: str, code: Code) -> None:
                 "modal-conflict",
                 f"{code.word.written} is given twice in this line",
                 code.word,
-                "once is enough",
+                "remove one",
             )
-        message = f"{other.word.written} and {code.word.written} can't stand in one line"
+        message = f"{other.word.written} and {code.word.written} exclude each other in a line"
         raise fault(
             "modal-conflict",
             message,
             code.word,
-            "write them in two lines, in the order that is meant",
+            "write them in two lines, in the intended order",
         )
     found[group] = code
 
 
 @dataclass(frozen=True, slots=True)
 class Feed:
-    """An F word as it was understood when it was read: for moves of linear axes, and for moves of
-    rotary axes alone.
+    """Feed of an F word, for moves of linear axes and for moves of rotary axes alone.
 
-    Per minute: mm/s and deg/s. Per revolution: mm and deg a turn of the spindle.
+    Per minute: mm/s and deg/s. Per revolution: mm and degrees a revolution of the spindle.
     """
 
     linear: float
@@ -160,23 +164,31 @@ class Feed:
 
 @lru_cache(maxsize=1024)
 def feed_of(number: float, scale: float) -> Feed:
-    """The feed of an F word: ``number`` in program units of ``scale`` mm (or degrees), a minute."""
+    """Return the feed of an F word.
+
+    Args:
+        number: Program units, or degrees, a minute.
+        scale: mm of a program unit.
+    """
     return Feed(per_second(number * scale), per_second(number))
 
 
 @dataclass(slots=True)
-class Modal:
-    """The state that lines leave behind, with LinuxCNC's defaults: G17 G21 G90 G91.1 G94 G40 G49
-    G54 G97 G99 G8, M5 M9 M48 M53.
+class ModalState:
+    """State that stays in effect after a line.
 
-    One of them is not taken over: LinuxCNC begins with G64, but here a program leaves its path only
-    where it says so.
+    The defaults are LinuxCNC's: G17 G21 G90 G91.1 G94 G40 G49 G54 G97 G99 G8, M5 M9 M48 M53. One
+    differs: LinuxCNC starts with G64, but here the path is exact until the program changes it.
 
-    ``scale`` is mm a program unit; ``diameter`` (G7): X words are diameters. ``speed`` is in rpm,
-    or mm/s under G96, where ``most_rpm`` limits the spindle (0: no limit). ``tool`` is the number
-    of the last T word, ``loaded`` that of the tool in the spindle (0: none). ``compensation`` is
-    the G41 or G42 in effect, or G40. ``initial_level`` (G98): cycles end at
-    the level that they began from, not at R.
+    Attributes:
+        scale: mm of a program unit.
+        diameter: X words are diameters (G7).
+        speed: rpm, or mm/s under G96.
+        most_rpm: Limit of the spindle speed under G96; 0 for none.
+        tool: Number of the last T word.
+        loaded: Number of the tool in the spindle; 0 for none.
+        initial_level: Canned cycles end at the level before the first one, not at R (G98).
+        compensation: The G41 or G42 in effect, or G40.
     """
 
     motion: G | None = None

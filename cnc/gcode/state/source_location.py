@@ -1,6 +1,4 @@
-"""Where in the text the interpreter is: blocks, warnings and errors that point back at a line ask
-here.
-"""
+"""Place of the current line in the program text, for blocks, warnings and errors."""
 
 from __future__ import annotations
 
@@ -14,8 +12,8 @@ Warn = Callable[[Diagnostic], None]
 
 
 @dataclass(slots=True)
-class Here:
-    """The file, the line (from 1) and, for a line of that file, its text and its words."""
+class SourceLocation:
+    """The file, the line (from 1), and access to the text and the words of a line."""
 
     file: str
     warn: Warn | None
@@ -25,11 +23,11 @@ class Here:
 
     @property
     def text(self) -> str:
-        """The source of the line."""
+        """The text of the line."""
         return self.text_of(self.line)
 
-    def caution(self, code: str, message: str, word: Word, hint: str = "") -> None:
-        """Say what is legal but odd."""
+    def report_warning(self, code: str, message: str, word: Word, hint: str = "") -> None:
+        """Report a legal but unusual word of the line."""
         if self.warn:
             self.warn(
                 Diagnostic(

@@ -1,14 +1,15 @@
-"""The tool table: what the machine knows of every tool.
+"""Tool table: data of the tools, and its file.
 
-Lengths in mm, angles in degrees, whatever units a program speaks. The file is LinuxCNC's: one tool a line, words in any order, a remark
-behind a semicolon::
+Lengths are in mm and angles in degrees, whatever the units of the program. The file has LinuxCNC's
+format: one tool a line, words in any order, a comment after a semicolon::
 
     T1 P1 D6.0 Z+40.25   ;end mill 6 mm
     T9 P4 X12.5 Z31 D0.8 I95 J155 Q2 ;turning tool
 
-T tool number, P pocket, X to W offsets of the axes, D diameter, I front and J back angle, Q
-orientation of a turning tool (0 to 9). Source: LinuxCNC, "Tool Table Format", G10 L1, "Lathe Tool
-Orientation".
+T is the tool number, P the pocket, X to W the offsets of the axes, D the diameter, I the front and
+J the back angle, Q the orientation of a turning tool (0 to 9).
+
+Source: LinuxCNC, "Tool Table Format", G10 L1, "Lathe Tool Orientation".
 """
 
 from __future__ import annotations
@@ -38,10 +39,10 @@ _AXES_IN_ORDER = "XYZABCUVW"
 
 @dataclass(frozen=True, slots=True)
 class ToolEntry:
-    """One tool, ``offsets`` by axis letter.
+    """Data of one tool; ``offsets`` by axis letter.
 
-    ``radius_wear`` is added to the radius, ``length_wear`` to the offset of Z (FANUC); the file has
-    no place for these two.
+    ``radius_wear`` is added to the radius and ``length_wear`` to the offset of Z (FANUC). The file
+    does not hold these two.
     """
 
     number: int
@@ -53,20 +54,20 @@ class ToolEntry:
     orientation: int = 0
     length_wear: float = 0.0
     radius_wear: float = 0.0
-    remark: str = ""
+    comment: str = ""
 
     @property
     def radius(self) -> float:
-        """What cutter compensation keeps from the path, in mm."""
+        """Radius for cutter compensation in mm, wear included."""
         return self.diameter / 2.0 + self.radius_wear
 
     def offset(self, letter: str) -> float:
-        """The offset of an axis, mm or degrees."""
+        """Offset of an axis in mm or degrees, wear included."""
         return self.offsets.get(letter, 0.0) + (self.length_wear if letter == "Z" else 0.0)
 
 
 class ToolTable:
-    """Tools by number. ``file`` is where they came from, if anywhere."""
+    """Tools by number. ``file`` is the file that they were read from, or empty."""
 
     def __init__(self, entries: Iterable[ToolEntry] = (), *, file: str = "") -> None:
         self.file = file
@@ -75,13 +76,15 @@ class ToolTable:
 
     @property
     def changed(self) -> bool:
-        """Whether a program has written to it."""
+        """Whether a program has changed the table."""
         return bool(self._written)
 
     @classmethod
     def load(cls, path: Path) -> ToolTable:
-        """The table of a file. Raises MachineFileError, with line and column, for what can't be
-        read.
+        """Read a table from a file.
+
+        Raises:
+            MachineFileError: The file can't be read, or a line is wrong; with line and column.
         """
         file = str(path)
         try:
@@ -109,8 +112,10 @@ class ToolTable:
         return cls(entries.values(), file=file)
 
     def save(self, path: Path) -> None:
-        """Write the tools that a program has changed to a file; its other lines stay as they are.
-        UsageError ``unwritable-file``.
+        """Write the changed tools to a file. Its other lines stay as they are.
+
+        Raises:
+            UsageError: ``unwritable-file``.
         """
         lines = (
             path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
@@ -128,17 +133,19 @@ class ToolTable:
         replace_text(path, "".join(line + "\n" for line in lines), "the tool table")
 
     def tool(self, number: int) -> ToolEntry | None:
-        """The tool of that number, if the table has it."""
+        """Return a tool by number, or None."""
         return self._entries.get(number)
 
     def put(self, entry: ToolEntry) -> None:
-        """Write a tool; the file stays as it is."""
+        """Change a tool; the file stays as it is."""
         self._entries[entry.number] = entry
         self._written.add(entry.number)
 
     def reload(self) -> None:
-        """Read the file again, but for what a program has written; nothing where there is no file.
-        Raises as :meth:`load`.
+        """Read the file again, if there is one. Tools changed by the program stay.
+
+        Raises:
+            MachineFileError: As :meth:`load`.
         """
         if self.file:
             written = {number: self._entries[number] for number in self._written}
@@ -153,10 +160,14 @@ class ToolTable:
         return len(self._entries)
 
     def bind(self, parameters: Parameters, loaded: Callable[[], int]) -> None:
-        """Show the tool in the spindle, number ``loaded`` (0: none), as parameters.
+        """Show the tool in the spindle as parameters.
 
-        5400 number, 5401 to 5409 stored offsets, 5410 diameter, 5411 and 5412 angles, 5413
-        orientation.
+        5400 is its number, 5401 to 5409 its offsets, 5410 the diameter, 5411 and 5412 the angles,
+        5413 the orientation.
+
+        Args:
+            parameters: The parameters of the program.
+            loaded: Returns the number of the tool in the spindle, 0 for none.
         """
 
         def entry() -> ToolEntry:
@@ -180,7 +191,7 @@ def _offset_reading(entry: Callable[[], ToolEntry], letter: str) -> Callable[[],
 
 
 def _entry(line: str) -> ToolEntry | None:
-    """The tool of a line, None for one without words."""
+    """The tool of a line; None for a line without words."""
     found = _words(line)
     if not found:
         return None
@@ -196,7 +207,7 @@ def _entry(line: str) -> ToolEntry | None:
     if "T" not in found:
         raise _wrong(
             "tool-number-missing",
-            "a tool without a number",
+            "the line has no tool number",
             next(iter(found.values()))[1],
             "begin with T and the tool's number",
         )
@@ -209,13 +220,14 @@ def _entry(line: str) -> ToolEntry | None:
         front_angle=values.get("I", 0.0),
         back_angle=values.get("J", 0.0),
         orientation=int(values.get("Q", 0.0)),
-        remark=line.partition(";")[2].strip(),
+        comment=line.partition(";")[2].strip(),
     )
 
 
 def _line(entry: ToolEntry) -> str:
-    """A tool as a line of the file. Wear has no place there; it must not go into the length, or the
-    next program would add it again.
+    """A tool as a line of the file, without wear.
+
+    If wear were added to the length, the next program would add it again.
     """
     numbers = entry.offsets | {
         "D": entry.diameter,
@@ -228,16 +240,16 @@ def _line(entry: ToolEntry) -> str:
         f"P{entry.pocket}",
         *(f"{letter}{_plain(number)}" for letter, number in numbers.items() if number),
     ]
-    return " ".join(words) + (f" ;{entry.remark}" if entry.remark else "")
+    return " ".join(words) + (f" ;{entry.comment}" if entry.comment else "")
 
 
 def _plain(number: float) -> str:
-    """The number without an exponent, to the bit."""
+    """A number without an exponent, exact."""
     return format(Decimal(repr(number)), "f")
 
 
 def _words(line: str) -> dict[str, tuple[float, int]]:
-    """Value and column (from 1) of every word before the remark, by letter."""
+    """Value and column (from 1) of every word before the comment, by letter."""
     body = line.partition(";")[0].rstrip()
     found: dict[str, tuple[float, int]] = {}
     at = 0
@@ -247,17 +259,17 @@ def _words(line: str) -> dict[str, tuple[float, int]]:
             column = at + len(body[at:]) - len(body[at:].lstrip()) + 1
             raise _wrong(
                 "tool-table-malformed",
-                f"{body[column - 1]!r} can't stand here",
+                f"{body[column - 1]!r} is not part of a word",
                 column,
-                "write words such as T1 P1 D6 Z40.5 ;remark",
+                "write words such as T1 P1 D6 Z40.5 ;comment",
             )
         letter, column = word[1].upper(), word.start(1) + 1
         if letter not in _DATA:
             raise _wrong(
                 "tool-table-malformed",
-                f"{letter} is no word of the tool table",
+                f"{letter} is not a word of the tool table",
                 column,
-                "words are T P X Y Z A B C U V W D I J Q",
+                "its words are T P X Y Z A B C U V W D I J Q",
             )
         if word[2] is None:
             raise _wrong("number-missing", f"a number is missing after {letter}", column)

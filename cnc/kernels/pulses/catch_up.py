@@ -1,82 +1,103 @@
-"""Rows by which a grid point catches up with a curve.
+"""Grid moves by which the grid point catches up with the curve.
 
-Where the motion rests off the grid, where a piece begins a whole BLU ahead of the grid point, and
-where an axis would have to make two steps at once.
+They are needed where the motion rests off the grid, where a piece begins a whole BLU ahead of the
+grid point, and where an axis would have to make two steps at once.
 
-3 - - - - - - - - o- -     An axis that is more than a step and a half behind in the row at u would have to make two steps there. So
-                ,':         there is a row for the first of them, where it is just that much behind and the grid points of the one
-2 - - - - - - o' - - -      step and of two are equally near. That is a property of the curve: it does not depend on where a row was
-             /:   :         before, nor on where a piece is cut.
+3 - - - - - - - - o- -     An axis that is more than a step and a half behind at u would have to make two steps there. So a row for
+                ,':         the first step is written where the axis is exactly that far behind: there the grid points after one step
+2 - - - - - - o' - - -      and after two are equally near. This place belongs to the curve. It depends neither on earlier rows nor on
+             /:   :         the place where a piece is cut.
 1 - ---o----' : - : -
                   u
 """
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import Floats, Ints, curve_arclen, curve_eval, curve_range
-from cnc.kernels.pulses.crossings import grid_after, slack
+from cnc.kernels.path.curve import Floats, curve_arclen, curve_eval, curve_range
+from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece, grid_after, slack
 
 
 @njit
 def _write_row(
-    kind: int, data: Floats, at: int, u: float, s0: float, scale: Floats, grid: Ints, here: Floats, error: float, rows: int,
-    step: NDArray[np.int8], reach: Floats,
-) -> tuple[int, float]:  # fmt: skip
-    """The row that rounds the grid point to the curve at u, if it is needed. Returns the number of
-    rows and the error so far.
+    piece: Piece, u: float, grid: Grid, here: Floats, error: float, rows: int, moves: Moves
+) -> tuple[int, float]:
+    """Write the row that rounds the grid point to the curve at u, if a step is needed.
+
+    Returns:
+        The number of rows, and the largest error so far.
     """
+    kind, data, at, s0 = piece
+    scale, point = grid
+    step, s = moves
     u0, _ = curve_range(kind, data, at)
     curve_eval(kind, data, at, u, here)
-    moves = False
-    for i in range(len(grid)):
+    steps = False
+    for i in range(len(point)):
         p = here[0, i] * scale[i]
-        sign = min(max(grid_after(grid[i], p) - grid[i], -1), 1)
-        moves = moves or sign != 0
+        sign = min(max(grid_after(point[i], p) - point[i], -1), 1)
+        steps = steps or sign != 0
         step[rows, i] = sign
-        grid[i] += sign
-        if moves:
-            error = max(error, abs(grid[i] - p))
-    if moves:
-        reach[rows] = s0 + (curve_arclen(kind, data, at, u0, u) if u > u0 else 0.0)
+        point[i] += sign
+        if steps:
+            error = max(error, abs(point[i] - p))
+    if steps:
+        s[rows] = s0 + (curve_arclen(kind, data, at, u0, u) if u > u0 else 0.0)
         rows += 1
     return rows, error
 
 
 @njit
-def _two_behind(
-    kind: int, data: Floats, at: int, u: float, scale: Floats, grid: Ints, here: Floats
-) -> int:
-    """The first axis that is two steps behind the curve at u, -1 if there is none."""
-    curve_eval(kind, data, at, u, here)
+def _two_behind(piece: Piece, u: float, grid: Grid, here: Floats) -> int:
+    """Return the first axis that is two steps behind the curve at u; -1 if there is none."""
+    scale, point = grid
+    curve_eval(piece.kind, piece.data, piece.at, u, here)
     behind = -1
-    for i in range(len(grid) - 1, -1, -1):
-        if abs(grid_after(grid[i], here[0, i] * scale[i]) - grid[i]) > 1:
+    for i in range(len(point) - 1, -1, -1):
+        if abs(grid_after(point[i], here[0, i] * scale[i]) - point[i]) > 1:
             behind = i
     return behind
 
 
 @njit
 def prepare(
-    kind: int, data: Floats, at: int, low: float, u: float, upto: float, s0: float, scale: Floats, grid: Ints, here: Floats, error: float,
-    rows: int, step: NDArray[np.int8], reach: Floats,
-) -> tuple[int, float, float, bool]:  # fmt: skip
-    """The first row without which an axis would have to make two steps in a row at u: where it is a
-    step and a half behind, after ``low``.
+    piece: Piece,
+    low: float,
+    u: float,
+    upto: float,
+    grid: Grid,
+    here: Floats,
+    error: float,
+    rows: int,
+    moves: Moves,
+) -> tuple[int, float, float, bool]:
+    """Write the first row without which an axis would have to make two steps in a row at u.
 
-    One beyond ``upto`` is left. Returns the number of rows, the place of the row (``low`` if there
-    is none), the error so far, and whether room was left.
+    Args:
+        piece: the piece.
+        low: the row lies after this parameter.
+        u: parameter of the row to prepare for.
+        upto: a row beyond this parameter is not written.
+        grid: the grid and its point, moved along.
+        here: (4, n): work space.
+        error: largest |grid point - position| so far, BLU.
+        rows: number of rows in ``moves``.
+        moves: the buffer.
+
+    Returns:
+        The number of rows, the parameter of the row (``low`` without a row), the largest error so
+        far, and whether the buffer was large enough.
     """
+    kind, data, at, _ = piece
+    scale, point = grid
     done = True
-    axis = _two_behind(kind, data, at, u, scale, grid, here)
+    axis = _two_behind(piece, u, grid, here)
     if axis >= 0:
         place = u
         while axis >= 0:
-            sign = 1.0 if here[0, axis] * scale[axis] > grid[axis] else -1.0
-            line = (grid[axis] + 1.5 * sign) / scale[axis]
+            sign = 1.0 if here[0, axis] * scale[axis] > point[axis] else -1.0
+            line = (point[axis] + 1.5 * sign) / scale[axis]
             near = low
             high = place
             middle = 0.5 * (near + high)
@@ -87,41 +108,43 @@ def prepare(
                 else:
                     near = middle
                 middle = 0.5 * (near + high)
-            axis = _two_behind(kind, data, at, high, scale, grid, here) if high < place else -1
+            axis = _two_behind(piece, high, grid, here) if high < place else -1
             place = high
         if place <= upto:
-            done = rows < len(reach)
+            done = rows < len(moves.s)
             if done:
-                rows, error = _write_row(
-                    kind, data, at, place, s0, scale, grid, here, error, rows, step, reach
-                )
+                rows, error = _write_row(piece, place, grid, here, error, rows, moves)
                 low = place
     return rows, low, error, done
 
 
 @njit
 def round_to(
-    kind: int, data: Floats, at: int, low: float, u: float, s0: float, scale: Floats, grid: Ints, here: Floats, error: float, rows: int,
-    step: NDArray[np.int8], reach: Floats,
-) -> tuple[int, float, float, bool]:  # fmt: skip
-    """The rows after which the grid point is the curve's, rounded, at u: see :func:`prepare`, which
-    returns the same.
+    piece: Piece,
+    low: float,
+    u: float,
+    grid: Grid,
+    here: Floats,
+    error: float,
+    rows: int,
+    moves: Moves,
+) -> tuple[int, float, float, bool]:
+    """Write the rows that bring the grid point to the rounded position at u.
+
+    Arguments and results are those of :func:`prepare`.
     """
+    scale, point = grid
     done = True
     before = -1
     while done and rows > before:
         before = rows
-        rows, low, error, done = prepare(
-            kind, data, at, low, u, u, s0, scale, grid, here, error, rows, step, reach
-        )
+        rows, low, error, done = prepare(piece, low, u, u, grid, here, error, rows, moves)
     if done:
-        curve_eval(kind, data, at, u, here)
-        for i in range(len(grid)):
-            done = done and grid_after(grid[i], here[0, i] * scale[i]) == grid[i]
-        if not done and rows < len(reach):
-            rows, error = _write_row(
-                kind, data, at, u, s0, scale, grid, here, error, rows, step, reach
-            )
+        curve_eval(piece.kind, piece.data, piece.at, u, here)
+        for i in range(len(point)):
+            done = done and grid_after(point[i], here[0, i] * scale[i]) == point[i]
+        if not done and rows < len(moves.s):
+            rows, error = _write_row(piece, u, grid, here, error, rows, moves)
             done = True
         low = u if done else low
     return rows, low, error, done
@@ -129,22 +152,22 @@ def round_to(
 
 @njit
 def enter(
-    kind: int, data: Floats, at: int, u: float, s0: float, scale: Floats, grid: Ints, here: Floats, error: float, rows: int,
-    step: NDArray[np.int8], reach: Floats,
-) -> tuple[int, float, bool]:  # fmt: skip
-    """The row at the start u of a piece, needed if the piece before left an axis a whole BLU
-    behind, as one that was not its leader.
+    piece: Piece, u: float, grid: Grid, here: Floats, error: float, rows: int, moves: Moves
+) -> tuple[int, float, bool]:
+    """Write the row at the start u of a piece, where the piece before left an axis a BLU behind.
 
-    Returns the number of rows, the error so far, and whether room was left.
+    Such an axis did not lead there.
+
+    Returns:
+        The number of rows, the largest error so far, and whether the buffer was large enough.
     """
-    curve_eval(kind, data, at, u, here)
+    scale, point = grid
+    curve_eval(piece.kind, piece.data, piece.at, u, here)
     behind = False
-    for i in range(len(grid)):
+    for i in range(len(point)):
         p = here[0, i] * scale[i]
-        behind = behind or abs(p - grid[i]) >= 1.0 - slack(p)
+        behind = behind or abs(p - point[i]) >= 1.0 - slack(p)
     done = True
     if behind:
-        rows, _, error, done = round_to(
-            kind, data, at, u, u, s0, scale, grid, here, error, rows, step, reach
-        )
+        rows, _, error, done = round_to(piece, u, u, grid, here, error, rows, moves)
     return rows, error, done

@@ -1,69 +1,64 @@
 """Reference pulses by enclosing lines (Samad & Wan Yusof, Jurnal Teknologi 37(D), 2002), for any
 number of axes.
 
-About the grid point P lies a square, a box in space, of 2 BLU a side. The point r at which the
-curve leaves it is found, and where that is near a neighbour of P tells the next grid point:
+A square (in space: a cube) with sides of 2 BLU lies about the grid point P. The interpolator finds the
+point r at which the curve leaves it; the grid point nearest to r is the next one.
 
-      A4      A3  L2  A2            Of the sides only those lie ahead that the tangent points to (Table 1), and it meets first the one of
-        +------+--o---+             the axis with the smallest d / |r'|, d = distance to its side: in the plane that is the sign of the
-        |      |,'    |             geometric factor |x'| dy - |y'| dx (Tables 2 and 3, "abs" mended there).
+      A4      A3  L2  A2            Only those sides lie ahead to which the tangent points (Table 1). The tangent meets first the side of
+        +------+--o---+             the axis with the smallest d / |r'|, with d the distance to its side. In the plane that is the sign
+        |      |,'    |             of the geometric factor |x'| dy - |y'| dx (Tables 2 and 3, "abs" corrected there).
      L3 |      P      | L1
-        |    ,'       |             On that side u is found (Table 4, mended: u only grows). One step along the tangent, as printed,
-        +--,---+------+             misses by the curve's bend; here it is the start of Newton's iteration in a bracket, so that
-      A6      A7  L4  A8            r is on the side and the axis that leaves has no error at all.
+        |    ,'       |             On that side u is found (Table 4, corrected: u only grows). One step along the tangent, as printed,
+        +--,---+------+             misses by the bend of the curve. Here it starts Newton's iteration in a bracket. So r is on the
+      A6      A7  L4  A8            side, and the axis that leaves has no error.
 
-The other axes round: one with |D| > 1/2 steps with it, D = r - P (Table 5, mended). As r is on the
-square's border there is no null step, and as no axis is beyond its side every |D| after the step is
-at most 1/2.
+The other axes round: one with |D| > 1/2 steps as well, D = r - P (Table 5, corrected). Since r is on
+the border of the square there is no null step. Since no axis is beyond its side every |D| after the
+step is at most 1/2.
 
-Mended beyond the paper's text: the tangent only guesses which side comes first. If at the place
-found another axis is beyond its side, that one left before and takes the lead. An axis that turns
-back inside the square, a cusp, a start or end off the grid: windows end there
-(:mod:`cnc.kernels.pulses.monotone`), inside them no axis turns, and the square stays the same from
-one to the next.
+Corrections to the paper: the tangent only predicts the side that comes first. If another axis is
+beyond its side at the place found, that axis left before and takes the lead. Windows end where an
+axis turns back inside the square, at a cusp, and at a start or end off the grid
+(:mod:`cnc.kernels.pulses.monotone`). No axis turns inside a window, and the square stays the same from
+one window to the next.
 
-A row is due where r is on the side, so the machine is at the next grid point when the curve passes
-by it.
+A row is due where r is on the side, so the machine reaches the next grid point when the curve passes
+it.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import Floats, Ints, curve_eval, curve_range
-from cnc.kernels.pulses.crossings import approach, risen, slack
+from cnc.kernels.path.curve import Floats, Ints
+from cnc.kernels.pulses.grid_moves import Moves, slack
+from cnc.kernels.pulses.polynomial import approach, derivatives, value, value_less
 
 CLOSE = 1e-8
-"""BLU: how near to its line an axis is found."""
+"""BLU: largest distance of an axis from its line at a row."""
+BEYOND = 2.0
+"""A place behind the end of every window."""
 
 
 @njit
-def reached(poly: Floats, axis: int, line: float, sign: float, low: float, high: float) -> float:
-    """The x in [low, high] where an axis, on its heading ``sign`` all the way, is at ``line``
-    (BLU): low if it is there, high if never.
+def _reached(c: Floats, line: float, sign: float, low: float, high: float) -> float:
+    """Return the x in [low, high] where an axis of constant heading ``sign`` is at ``line`` (BLU).
+
+    It is ``low`` if the axis is there, and ``high`` if it never gets there.
     """
-    c = poly[axis]
-    off = c[0] - line
     first = low
     x = low
     while True:
-        x2 = x * x
-        x4 = x2 * x2
-        f = sign * risen(off, c[1], c[2], c[3], c[4], c[5], c[6], c[7], x)
+        f = sign * value_less(c, line, x)
         if abs(f) <= CLOSE or x >= high or (f > 0.0 and x == first):
             break
-        f1 = sign * (
-            (c[8] + c[9] * x) + (c[10] + c[11] * x) * x2 + ((c[12] + c[13] * x) + c[14] * x2) * x4
-        )
-        f2 = sign * ((c[15] + c[16] * x) + (c[17] + c[18] * x) * x2 + (c[19] + c[20] * x) * x4)
-        f3 = sign * ((c[21] + c[22] * x) + (c[23] + c[24] * x) * x2 + c[25] * x4)
+        f1, f2, f3 = derivatives(c, x)
         if f > 0.0:
             high = x
         else:
             low = x
-        near = x + approach(f, f1, f2, f3)
+        near = x + approach(f, sign * f1, sign * f2, sign * f3)
         if not low < near < high:
             near = 0.5 * (low + high)
             if not low < near < high:
@@ -81,66 +76,65 @@ def window_rows(
     grid: Ints,
     error: float,
     rows: int,
-    room: int,
-    step: NDArray[np.int8],
-    reach: Floats,
+    limit: int,
+    moves: Moves,
 ) -> tuple[int, float, float]:
-    """Write the grid moves of a window in which no axis turns, from its place x on: rows ``rows``
-    to ``room``, if there are as many.
+    """Write the grid moves of a window in which no axis turns, from its place x on.
 
-    poly: the axes' polynomials in BLU, see :func:`cnc.kernels.pulses.crossings.fit_window`. ends
-    (n,): the axes at x = 1. grid (n,) is carried on. step gets the rows, reach the x of each.
-    Returns the number of rows, the x up to which all is done (1 when the window is through), and
-    the largest |grid - position| in BLU of any row so far.
+    Args:
+        poly: polynomials of the axes in BLU, see :class:`cnc.kernels.pulses.windows.Window`.
+        ends: (n,): positions at x = 1, BLU.
+        x: place in the window from which the moves are wanted.
+        grid: (n,): the grid point, moved along.
+        error: largest |grid point - position| so far, BLU.
+        rows: number of rows in ``moves``.
+        limit: number of rows at which to stop.
+        moves: the buffer; ``s`` takes the x of each row.
+
+    Returns:
+        The number of rows, the x up to which all moves are written (1 when the window is done), and
+        the largest error so far.
     """
+    step, s = moves
     n = len(grid)
-    now = np.empty((n, 4))
-    way = np.empty((n, 2))
+    position = np.empty(n)
+    rates = np.empty((n, 3))
+    heading = np.empty(n)
+    goal = np.empty(n)  # the end along the heading, BLU
     for i in range(n):
-        # the heading, and how far it goes in BLU
-        way[i, 0] = np.sign(ends[i] - poly[i, 0])
-        way[i, 1] = way[i, 0] * ends[i] - slack(ends[i])
+        heading[i] = np.sign(ends[i] - poly[i, 0])
+        goal[i] = heading[i] * ends[i] - slack(ends[i])
     near = x
     lead = -1
     line = 0.0
-    high = 2.0
+    high = BEYOND
     exact = False
     moving = False
     while True:
-        z = near
-        z2 = z * z
-        z4 = z2 * z2
         for i in range(n):
-            c = poly[i]
-            now[i, 0] = risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], z)
-            now[i, 1] = (
-                (c[8] + c[9] * z)
-                + (c[10] + c[11] * z) * z2
-                + ((c[12] + c[13] * z) + c[14] * z2) * z4
-            )
-            now[i, 2] = (c[15] + c[16] * z) + (c[17] + c[18] * z) * z2 + (c[19] + c[20] * z) * z4
-            now[i, 3] = (c[21] + c[22] * z) + (c[23] + c[24] * z) * z2 + c[25] * z4
+            position[i] = value(poly[i], near)
+            rates[i, 0], rates[i, 1], rates[i, 2] = derivatives(poly[i], near)
         if moving:
             sought = -1
-            if not exact and not (x <= near <= 1.0 and abs(now[lead, 0] - line) <= CLOSE):
+            if not exact and not (x <= near <= 1.0 and abs(position[lead] - line) <= CLOSE):
                 sought = lead
             elif x < near < high:
                 high = near
                 for i in range(n):
-                    if way[i, 0] * (now[i, 0] - grid[i]) > 1.0 + CLOSE:
-                        # this one has left before
+                    if heading[i] * (position[i] - grid[i]) > 1.0 + CLOSE:
+                        # This axis has left the square before.
                         sought = i
             if sought >= 0:
                 lead = sought
                 exact = True
-                line = grid[lead] + way[lead, 0]
-                near = reached(poly, lead, line, way[lead, 0], x, min(high, 1.0))
+                line = grid[lead] + heading[lead]
+                near = _reached(poly[lead], line, heading[lead], x, min(high, 1.0))
                 continue
             x = near
-            reach[rows] = x
+            s[rows] = x
             for i in range(n):
-                off = now[i, 0] - grid[i]
-                margin = 0.5 + slack(now[i, 0])
+                off = position[i] - grid[i]
+                margin = 0.5 + slack(position[i])
                 # Table 5, see grid_after
                 move = int(off > margin) - int(off < -margin)
                 step[rows, i] = move
@@ -151,71 +145,23 @@ def window_rows(
         lead_off = 0.0
         lead_rate = 0.0
         for i in range(n):
-            sign = way[i, 0]
-            if way[i, 1] - sign * grid[i] > 1.0:
-                off = 1.0 - sign * (now[i, 0] - grid[i])
-                rate = abs(now[i, 1])
+            sign = heading[i]
+            if goal[i] - sign * grid[i] > 1.0:
+                off = 1.0 - sign * (position[i] - grid[i])
+                rate = abs(rates[i, 0])
                 # the geometric factor
                 if lead < 0 or off * lead_rate < lead_off * rate:
                     lead = i
                     lead_off = off
                     lead_rate = rate
-        moving = lead >= 0 and rows < room
+        moving = lead >= 0 and rows < limit
         if not moving:
             break
-        sign = way[lead, 0]
+        sign = heading[lead]
         line = grid[lead] + sign
-        # 2 is beyond any window
-        near = min(
-            x
-            + approach(
-                min(-lead_off, 0.0), sign * now[lead, 1], sign * now[lead, 2], sign * now[lead, 3]
-            ),
-            2.0,
-        )
+        r = rates[lead]
+        ahead = approach(min(-lead_off, 0.0), sign * r[0], sign * r[1], sign * r[2])
+        near = min(x + ahead, BEYOND)
         exact = False
-        high = 2.0
+        high = BEYOND
     return rows, x if lead >= 0 else 1.0, error
-
-
-@njit
-def as_printed(
-    kind: int, data: Floats, at: int, scale: Floats, grid: Ints, step: NDArray[np.int8], place: Floats
-) -> tuple[int, float]:  # fmt: skip
-    """The paper's procedure (Figure 3) on a piece in two axes: one step along the tangent, no end
-    treated; Tables 3 to 5 as mended.
-
-    scale (2,): steps per mm. grid (2,): starts at the rounded start point, is carried on. step
-    (room, 2) gets the iterations, null steps too, place (room,) the u of each. Returns their number
-    and the largest |P - r(u)| in BLU, straight across both axes.
-    """
-    u, u1 = curve_range(kind, data, at)
-    room = len(place)
-    r = np.empty((4, 2))
-    curve_eval(kind, data, at, u, r)
-    rows = 0
-    error = 0.0
-    while rows < room:
-        x = r[0, 0] * scale[0] - grid[0]
-        y = r[0, 1] * scale[1] - grid[1]
-        x1 = r[1, 0] * scale[0]
-        y1 = r[1, 1] * scale[1]
-        dx = 1.0 - x if x1 >= 0.0 else 1.0 + x
-        dy = 1.0 - y if y1 >= 0.0 else 1.0 + y
-        x1 = abs(x1)
-        y1 = abs(y1)
-        u += dx / x1 if x1 * dy - y1 * dx > 0.0 else dy / y1
-        if not u <= u1:
-            break
-        curve_eval(kind, data, at, u, r)
-        square = 0.0
-        for i in range(2):
-            off = r[0, i] * scale[i] - grid[i]
-            move = int(off > 0.5) - int(off < -0.5)
-            step[rows, i] = move
-            grid[i] += move
-            square += (off - move) * (off - move)
-        place[rows] = u
-        error = max(error, square)
-        rows += 1
-    return rows, np.sqrt(error)

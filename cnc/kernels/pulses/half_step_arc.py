@@ -1,5 +1,9 @@
-"""The arcs of :mod:`cnc.kernels.pulses.half_step`: what leads, how far it is seen ahead, and which
-candidate is the nearer one.
+"""The arcs of :mod:`cnc.kernels.pulses.half_step`: leader, windows, and the nearer candidate.
+
+Where leader p is the fastest axis, the others are smooth functions of p with a slope of at most one,
+and so is the arc length: polynomials of degree 7 through values and three derivatives at the ends of a
+window, which is shortened until they agree with the arc. So a row takes a few products for each axis,
+no root and no sine.
 
 y, s ^            ,-o b      Window from a to b in which one axis, the leader p, is the fastest: the positions y of the others, the arc
      |        ,-'            length s and the parameter u as polynomials of p. A row is on each grid line of p, where
@@ -12,69 +16,94 @@ y, s ^            ,-o b      Window from a to b in which one axis, the leader p,
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import TABLE, Floats, Ints, curve_arclen, curve_eval, curve_range
 from cnc.kernels.pulses.catch_up import prepare, round_to
-from cnc.kernels.pulses.crossings import (
+from cnc.kernels.pulses.grid_moves import SLACK, SLACK_PER_BLU, Grid, Moves, Piece, Steps, slack
+from cnc.kernels.pulses.polynomial import estrin, interpolate, value
+from cnc.kernels.pulses.windows import (
     CHECKS,
     EXACT,
-    POLYNOMIAL,
     ROUNDING,
     SHORTEST,
-    SLACK,
-    SLACK_PER_BLU,
-    interpolate,
+    Window,
+    begin_window,
+    following,
     length_rates,
-    risen,
-    slack,
+    new_window,
 )
+
+
+class GridLines(NamedTuple):
+    """Grid lines that the leader crosses in a window.
+
+    Attributes:
+        leader: the axis.
+        sign: its direction, -1 or 1.
+        crossed: number of lines.
+        x: place of the first in the window, from 0 to 1.
+        dx: distance of one from the next.
+    """
+
+    leader: int
+    sign: int
+    crossed: int
+    x: float
+    dx: float
 
 
 @njit
 def arc_rows(
-    kind: int, data: Floats, at: int, u: float, upto: float, s0: float, scale: Floats, grid: Ints, here: Floats, error: float, rows: int,
-    step: NDArray[np.int8], reach: Floats,
-) -> tuple[int, float, float, bool]:  # fmt: skip
-    """The rows at which an arc's leader is on a grid line; see :func:`half_step_rows`. Returns also
-    whether room was left.
+    piece: Piece,
+    u: float,
+    upto: float,
+    grid: Grid,
+    here: Floats,
+    error: float,
+    rows: int,
+    moves: Moves,
+) -> tuple[int, float, float, bool]:
+    """Write the rows at which the leader of an arc is on a grid line.
+
+    See :func:`cnc.kernels.pulses.half_step.half_step_rows`.
+
+    Returns:
+        The number of rows, the parameter reached, the largest error so far, and whether the buffer
+        was large enough.
     """
-    n = len(grid)
-    room = len(reach)
+    kind, data, at, s0 = piece
+    scale, point = grid
+    s = moves.s
+    n = len(point)
     u0, u1 = curve_range(kind, data, at)
     measured = n if data[at + TABLE] != 0.0 else -1
-    poly = np.empty((n + 1, POLYNOMIAL))
-    lengths = np.empty((2, 4))
     moved = np.empty(n, np.int64)
-    ra = np.empty((4, n))
-    rb = np.empty((4, n))
+    window = new_window(n)
     widest = (u1 - u0) / 8.0
     shortest = SHORTEST * (u1 - u0)
     width = widest
     wider_off = math.inf
     full = False
     ua = u
-    curve_eval(kind, data, at, ua, ra)
-    lengths[0, 0] = curve_arclen(kind, data, at, u0, ua)
+    begin_window(piece, ua, window)
     while ua < upto and not full:
-        leader = _fastest(ra, scale)
-        sign = 1 if ra[1, leader] > 0.0 else -1
-        if sign * (ra[0, leader] * scale[leader] - grid[leader]) >= 1.0:
-            rows, u, error, done = round_to(
-                kind, data, at, u, ua, s0, scale, grid, here, error, rows, step, reach
-            )
+        leader = _fastest(window.start, scale)
+        sign = 1 if window.start[1, leader] > 0.0 else -1
+        if sign * (window.start[0, leader] * scale[leader] - point[leader]) >= 1.0:
+            rows, u, error, done = round_to(piece, u, ua, grid, here, error, rows, moves)
             if not done:
                 full = True
                 break
         ub = ua + width if upto - (ua + width) > 0.1 * width else upto
-        curve_eval(kind, data, at, ub, rb)
-        if _lead(rb, leader, scale) < 0.0:
-            ub = _lead_ends(kind, data, at, ua, ub, leader, scale, ra, rb)
-        off = _fit(kind, data, at, ua, ub, leader, scale, ra, rb, here, lengths, poly)
-        # the error goes with the eighth power of the width
+        curve_eval(kind, data, at, ub, window.end)
+        if _lead(window.end, leader, scale) < 0.0:
+            ub = _lead_ends(piece, ua, ub, leader, scale, window)
+        off = _fit(piece, ua, ub, leader, scale, window)
+        # The error grows with the eighth power of the width.
         width = min(
             (ub - ua)
             * min(max(0.9 * math.sqrt(math.sqrt(math.sqrt(1.0 / max(off, 1e-9)))), 0.1), 4.0),
@@ -85,83 +114,102 @@ def arc_rows(
             wider_off = off
             continue
         wider_off = off if off > 1.0 else math.inf
-        # what was taken with more than is allowed would not be better for being narrower
+        # A window accepted with a larger error would not be better if it were narrower.
         width = max(width, ub - ua if off > 1.0 else shortest)
-        pa = ra[0, leader] * scale[leader]
-        pb = rb[0, leader] * scale[leader]
-        lines = max(math.floor(sign * (pb - grid[leader]) + slack(pb)), 0)
-        count = min(lines, room - rows)
-        x = (grid[leader] + sign - pa) / (pb - pa) if count > 0 else 0.0
+        pa = window.start[0, leader] * scale[leader]
+        pb = window.end[0, leader] * scale[leader]
+        all_lines = max(math.floor(sign * (pb - point[leader]) + slack(pb)), 0)
+        count = min(all_lines, len(s) - rows)
+        x = (point[leader] + sign - pa) / (pb - pa) if count > 0 else 0.0
         dx = 1.0 / abs(pb - pa) if count > 0 else 0.0
-        made = count
-        for i in range(n):
-            moved[i] = 0
-            if i != leader:
-                c = poly[i]
-                far = 0.5 + slack(max(abs(ra[0, i]), abs(rb[0, i])) * scale[i])
-                if (
-                    ra[1, i] == 0.0
-                    and rb[1, i] == 0.0
-                    and ra[0, i] == rb[0, i]
-                    and abs(c[0] - grid[i]) <= far
-                ):
-                    _rests(step[rows : rows + count, i])
-                    error = max(error, abs(c[0] - grid[i]) if count > 0 else 0.0)
-                    continue
-                kept, moved[i], worst = _nearest(
-                    c[0] - grid[i], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x, dx, far, step[rows : rows + count, i]
-                )  # fmt: skip
-                made = min(made, kept)
-                error = max(error, worst)
-        for i in range(n):
-            if i == leader:
-                for row in range(rows, rows + made):
-                    step[row, i] = sign
-                grid[i] += sign * made
-            elif made == count:
-                grid[i] += moved[i]
-            else:
-                for row in range(rows, rows + made):
-                    grid[i] += step[row, i]
+        lines = GridLines(leader, sign, count, x, dx)
+        made, error = _window_rows(window, lines, grid, moved, error, rows, moves.step)
         if made > 0:
-            c = poly[leader]
-            u = u0 + risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x + (made - 1) * dx)
-            c = poly[max(measured, leader)]
-            _reaches(
-                s0, c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x, dx, reach[rows : rows + made]
-            )
+            u = u0 + value(window.poly[leader], x + (made - 1) * dx)
+            _place_rows(s0, window.poly[max(measured, leader)], x, dx, s[rows : rows + made])
             rows += made
         if made < count:
-            # an axis would make two steps there
-            c = poly[leader]
-            ub = u0 + risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x + made * dx)
-        if made == count and count < lines:
+            # An axis would make two steps there.
+            ub = u0 + value(window.poly[leader], x + made * dx)
+        if made == count and count < all_lines:
             full = True
         else:
             before = rows
-            rows, u, error, done = prepare(
-                kind, data, at, u, ub, ub, s0, scale, grid, here, error, rows, step, reach
-            )
+            rows, u, error, done = prepare(piece, u, ub, ub, grid, here, error, rows, moves)
             if done and made < count and rows == before:
-                # there the polynomial and the curve are on two sides of the limit
-                rows, u, error, done = round_to(
-                    kind, data, at, u, ub, s0, scale, grid, here, error, rows, step, reach
-                )
+                # There the polynomial and the curve are on two sides of the limit.
+                rows, u, error, done = round_to(piece, u, ub, grid, here, error, rows, moves)
             full = not done
             if made == count and rows == before:
                 ua = ub
-                lengths[0, 0] = lengths[1, 0]
-                ra, rb = rb, ra
+                window = following(window)
             else:
                 ua = u if rows > before else ub
-                curve_eval(kind, data, at, ua, ra)
-                lengths[0, 0] = curve_arclen(kind, data, at, u0, ua)
+                begin_window(piece, ua, window)
     return rows, u, error, not full
 
 
 @njit
+def _window_rows(
+    window: Window,
+    lines: GridLines,
+    grid: Grid,
+    moved: Ints,
+    error: float,
+    rows: int,
+    step: Steps,
+) -> tuple[int, float]:
+    """Write the rows on the grid lines of the leader into ``step``, from row ``rows`` on.
+
+    moved: (n,): work space.
+
+    Returns:
+        The number of rows, up to one in which an axis would take two steps, and the largest error
+        so far.
+    """
+    poly = window.poly
+    start = window.start
+    end = window.end
+    scale, point = grid
+    leader, sign, count, x, dx = lines
+    n = len(point)
+    made = count
+    for i in range(n):
+        moved[i] = 0
+        if i != leader:
+            c = poly[i]
+            far = 0.5 + slack(max(abs(start[0, i]), abs(end[0, i])) * scale[i])
+            if (
+                start[1, i] == 0.0
+                and end[1, i] == 0.0
+                and start[0, i] == end[0, i]
+                and abs(c[0] - point[i]) <= far
+            ):
+                for row in range(rows, rows + count):
+                    step[row, i] = 0
+                error = max(error, abs(c[0] - point[i]) if count > 0 else 0.0)
+                continue
+            kept, moved[i], worst = _nearest(
+                c, float(point[i]), x, dx, far, step[rows : rows + count, i]
+            )
+            made = min(made, kept)
+            error = max(error, worst)
+    for i in range(n):
+        if i == leader:
+            for row in range(rows, rows + made):
+                step[row, i] = sign
+            point[i] += sign * made
+        elif made == count:
+            point[i] += moved[i]
+        else:
+            for row in range(rows, rows + made):
+                point[i] += step[row, i]
+    return made, error
+
+
+@njit
 def _fastest(r: Floats, scale: Floats) -> int:
-    """The axis that moves the most BLU per unit of u."""
+    """Return the axis that moves the most BLU per unit of u."""
     leader = 0
     for i in range(1, len(scale)):
         if abs(r[1, i]) * scale[i] > abs(r[1, leader]) * scale[leader]:
@@ -171,7 +219,7 @@ def _fastest(r: Floats, scale: Floats) -> int:
 
 @njit
 def _lead(r: Floats, leader: int, scale: Floats) -> float:
-    """By how much (BLU per unit of u) the leader is faster than the next."""
+    """Return by how much (BLU per unit of u) the leader is faster than the next axis."""
     next_best = 0.0
     for i in range(len(scale)):
         if i != leader:
@@ -181,22 +229,18 @@ def _lead(r: Floats, leader: int, scale: Floats) -> float:
 
 @njit
 def _lead_ends(
-    kind: int,
-    data: Floats,
-    at: int,
-    low: float,
-    high: float,
-    leader: int,
-    scale: Floats,
-    ra: Floats,
-    rb: Floats,
+    piece: Piece, low: float, high: float, leader: int, scale: Floats, window: Window
 ) -> float:
-    """Where between low and high (the curve there: ra, rb) the leader is overtaken; rb becomes the
-    curve there. Illinois' method.
+    """Return the u in the window [low, high] where the leader is overtaken, by the Illinois method.
+
+    The end of the window moves there.
     """
-    close = 1e-7 / (abs(ra[1, leader]) * scale[leader])
-    lead = _lead(ra, leader, scale)
-    lag = _lead(rb, leader, scale)
+    kind, data, at, _ = piece
+    start = window.start
+    end = window.end
+    close = 1e-7 / (abs(start[1, leader]) * scale[leader])
+    lead = _lead(start, leader, scale)
+    lag = _lead(end, leader, scale)
     side = 0
     while high - low > close:
         middle = low + (high - low) * (lead / (lead - lag))
@@ -204,8 +248,8 @@ def _lead_ends(
             middle = 0.5 * (low + high)
             if not low < middle < high:
                 break
-        curve_eval(kind, data, at, middle, rb)
-        f = _lead(rb, leader, scale)
+        curve_eval(kind, data, at, middle, end)
+        f = _lead(end, leader, scale)
         if f < 0.0:
             high = middle
             lag = f
@@ -216,106 +260,78 @@ def _lead_ends(
             lead = f
             lag *= 0.5 if side > 0 else 1.0
             side = 1
-    curve_eval(kind, data, at, high, rb)
+    curve_eval(kind, data, at, high, end)
     return high
 
 
 @njit
-def _fit(
-    kind: int, data: Floats, at: int, ua: float, ub: float, leader: int, scale: Floats, ra: Floats, rb: Floats, rc: Floats, lengths: Floats,
-    poly: Floats,
-) -> float:  # fmt: skip
-    """Fit polynomials in the leader's position, 0 at ua and 1 at ub, to the other axes (BLU).
+def _fit(piece: Piece, ua: float, ub: float, leader: int, scale: Floats, window: Window) -> float:
+    """Fit polynomials in the position of the leader, 0 at ua and 1 at ub, to a window.
 
-    That in the leader's row is u - u0, and that in the last the arc length from the piece's start
-    (mm), where u does not stand for it. ra, rb (4, n): the curve at ua and ub. lengths[0, 0]: arc
-    length at ua; lengths[1, 0] becomes that at ub. rc (4, n): scratch. Returns by how many times
-    what is allowed a polynomial is off.
+    They give the other axes (BLU), u - u0 in the row of the leader, and the arc length from the
+    start of the piece (mm) in the last row, where u is not the arc length itself.
+
+    Returns:
+        The largest error in parts of the allowed one.
     """
+    kind, data, at, _ = piece
+    poly, start, end, lengths, inside = window
     n = len(scale)
     u0, _ = curve_range(kind, data, at)
     measured = data[at + TABLE] != 0.0
     k = scale[leader]
-    pa = ra[0, leader] * k
-    h = rb[0, leader] * k - pa
+    pa = start[0, leader] * k
+    h = end[0, leader] * k - pa
     off = 0.0
     if measured:
         lengths[1, 0] = curve_arclen(kind, data, at, u0, ub)
-        length_rates(data, at, ra, lengths[0])
-        length_rates(data, at, rb, lengths[1])
-        a1, a2, a3 = _by_leader(
-            lengths[0, 1],
-            lengths[0, 2],
-            lengths[0, 3],
-            ra[1, leader] * k,
-            ra[2, leader] * k,
-            ra[3, leader] * k,
-            h,
-        )
-        b1, b2, b3 = _by_leader(
-            lengths[1, 1],
-            lengths[1, 2],
-            lengths[1, 3],
-            rb[1, leader] * k,
-            rb[2, leader] * k,
-            rb[3, leader] * k,
-            h,
-        )
+        length_rates(data, at, start, lengths[0])
+        length_rates(data, at, end, lengths[1])
+        a1, a2, a3 = _by_leader(lengths[0, 1], lengths[0, 2], lengths[0, 3], start, leader, k, h)
+        b1, b2, b3 = _by_leader(lengths[1, 1], lengths[1, 2], lengths[1, 3], end, leader, k, h)
         interpolate(poly, n, lengths[0, 0], a1, a2, a3, lengths[1, 0], b1, b2, b3)
     for i in range(n):
         if i == leader:
-            a1, a2, a3 = _by_leader(1.0, 0.0, 0.0, ra[1, i] * k, ra[2, i] * k, ra[3, i] * k, h)
-            b1, b2, b3 = _by_leader(1.0, 0.0, 0.0, rb[1, i] * k, rb[2, i] * k, rb[3, i] * k, h)
+            a1, a2, a3 = _by_leader(1.0, 0.0, 0.0, start, leader, k, h)
+            b1, b2, b3 = _by_leader(1.0, 0.0, 0.0, end, leader, k, h)
             interpolate(poly, i, ua - u0, a1, a2, a3, ub - u0, b1, b2, b3)
         else:
             q = scale[i]
             a1, a2, a3 = _by_leader(
-                ra[1, i] * q,
-                ra[2, i] * q,
-                ra[3, i] * q,
-                ra[1, leader] * k,
-                ra[2, leader] * k,
-                ra[3, leader] * k,
-                h,
+                start[1, i] * q, start[2, i] * q, start[3, i] * q, start, leader, k, h
             )
-            b1, b2, b3 = _by_leader(
-                rb[1, i] * q,
-                rb[2, i] * q,
-                rb[3, i] * q,
-                rb[1, leader] * k,
-                rb[2, leader] * k,
-                rb[3, leader] * k,
-                h,
-            )
-            interpolate(poly, i, ra[0, i] * q, a1, a2, a3, rb[0, i] * q, b1, b2, b3)
-    # a leader that does not move, but for rounding, leads nowhere
-    moves = h * ra[1, leader] > 0.0
+            b1, b2, b3 = _by_leader(end[1, i] * q, end[2, i] * q, end[3, i] * q, end, leader, k, h)
+            interpolate(poly, i, start[0, i] * q, a1, a2, a3, end[0, i] * q, b1, b2, b3)
+    # A leader that moves by rounding alone does not lead.
+    moves = h * start[1, leader] > 0.0
     for check in range(2 if moves else 0):
         u = ua + CHECKS[check] * (ub - ua)
-        curve_eval(kind, data, at, u, rc)
-        x = (rc[0, leader] * k - pa) / h
+        curve_eval(kind, data, at, u, inside)
+        x = (inside[0, leader] * k - pa) / h
         for i in range(n):
-            c = poly[i]
-            y = risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x)
+            y = value(poly[i], x)
             if i == leader:
                 off = max(off, abs(y - (u - u0)) / (EXACT + 1e-15 * u0))
             else:
-                p = rc[0, i] * scale[i]
+                p = inside[0, i] * scale[i]
                 off = max(off, abs(y - p) / (0.25 * SLACK + SLACK_PER_BLU * abs(p)))
         if measured:
-            c = poly[n]
-            y = risen(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], x)
+            y = value(poly[n], x)
             off = max(off, abs(y - curve_arclen(kind, data, at, u0, u)) / EXACT)
     return off if moves else math.inf
 
 
 @njit
 def _by_leader(
-    q1: float, q2: float, q3: float, p1: float, p2: float, p3: float, h: float
+    q1: float, q2: float, q3: float, r: Floats, leader: int, scale: float, h: float
 ) -> tuple[float, float, float]:
-    """dq/dp h, half of d2q/dp2 h^2 and a sixth of d3q/dp3 h^3 from the derivatives of q and p
-    by u.
+    """Return dq/dp h, half of d2q/dp2 h^2 and a sixth of d3q/dp3 h^3.
+
+    q1 to q3 are the derivatives of q by u; those of the leader's position p are in r (4, n).
     """
+    p1 = r[1, leader] * scale
+    p2 = r[2, leader] * scale
+    p3 = r[3, leader] * scale
     inverse = 1.0 / p1
     y1 = q1 * inverse
     y2 = (q2 - y1 * p2) * inverse * inverse
@@ -325,20 +341,25 @@ def _by_leader(
 
 @njit
 def _nearest(
-    c0: float, c1: float, c2: float, c3: float, c4: float, c5: float, c6: float, c7: float, x: float, dx: float, far: float,
-    step: NDArray[np.int8],
-) -> tuple[int, int, float]:  # fmt: skip
-    """One axis of an arc: of the two candidates of each row the nearer one. c0 .. c7: the
-    polynomial, less the grid point.
+    c: Floats, base: float, x: float, dx: float, far: float, step: Steps
+) -> tuple[int, int, float]:
+    """Write the steps of one axis in rows at x, x + dx .., each to the nearer candidate.
 
-    Returns the number of rows, up to one that would take two steps; the steps made; and the largest
-    distance after a row.
+    c: (POLYNOMIAL,): position of the axis, BLU. base: its grid point before. far: largest distance
+    at which a grid point is near enough.
+
+    Returns:
+        The number of rows, up to one that would take two steps; the grid point reached, from
+        ``base`` on; and the largest distance after a row.
     """
+    # Scalars: a step that is written could change c, as far as the compiler knows.
+    c0, c1, c2, c3 = c[0] - base, c[1], c[2], c[3]
+    c4, c5, c6, c7 = c[4], c[5], c[6], c[7]
     kept = len(step)
     g = 0.0
     worst = 0.0
     for k in range(len(step)):
-        y = risen(c0, c1, c2, c3, c4, c5, c6, c7, x + k * dx)
+        y = estrin(c0, c1, c2, c3, c4, c5, c6, c7, x + k * dx)
         # the grid points that are near enough: one, or both sides of a tie
         low = np.ceil(y - far)
         high = np.floor(y + far)
@@ -355,16 +376,9 @@ def _nearest(
 
 
 @njit
-def _reaches(
-    s0: float, c0: float, c1: float, c2: float, c3: float, c4: float, c5: float, c6: float, c7: float, x: float, dx: float, reach: Floats
-) -> None:  # fmt: skip
-    """The path coordinate of rows at x, x + dx .."""
-    for k in range(len(reach)):
-        reach[k] = s0 + risen(c0, c1, c2, c3, c4, c5, c6, c7, x + k * dx)
-
-
-@njit
-def _rests(step: NDArray[np.int8]) -> None:
-    """One axis that does not move."""
-    for k in range(len(step)):
-        step[k] = 0
+def _place_rows(s0: float, c: Floats, x: float, dx: float, s: Floats) -> None:
+    """Write the path coordinates (mm) of rows at x, x + dx .. into s."""
+    c0, c1, c2, c3 = c[0], c[1], c[2], c[3]
+    c4, c5, c6, c7 = c[4], c[5], c[6], c[7]
+    for k in range(len(s)):
+        s[k] = s0 + estrin(c0, c1, c2, c3, c4, c5, c6, c7, x + k * dx)

@@ -1,45 +1,53 @@
-"""What is too fast for the board: pulses that are taken back at once, and rows nearer to each other
-than it takes them.
+"""Limits of the board's step rate: pulses that are taken back at once, and rows too close together.
 
-A graze, an axis that turns back so soon behind a half-grid line that its two pulses would come
-faster than the board takes them, is passed over: both pulses are taken out again. Grazes that rest
-exactly on the line are common in real programs, and the slack of the generators deals with them;
-those that reach a hair beyond it are rare in one move but sure to come in a million.
+A graze is an axis that turns back so soon behind a half-grid line that its two pulses would come
+faster than the board allows. Both pulses are removed. Grazes that rest exactly on the line are common
+in real programs, and the slack of the generators deals with them. Those that reach slightly beyond it
+are rare in one move, but sure to occur among a million.
 
-Rows of different axes may fall due at almost the same time. Where the board needs more time they
-become one:
+Rows of different axes may fall due at almost the same time. Where the board needs more time they are
+joined:
 
-      x   |      |      |      |         at the time of the later: there the curve is within half a BLU of the grid point that both lead to.
-      y     |       |      |    |        Two rows of the same axis only come so near where another axis takes the lead: its steps were
-      row ^ ^    ^  ^      ^   ^         those of the other's rows, now they are its own. Then the second row waits.
+      x   |      |      |      |         at the time of the later row: there the curve is within half a BLU of the grid point to which both
+      y     |       |      |    |        lead. Two rows of the same axis come so near only where another axis takes the lead: its steps were
+      row ^ ^    ^  ^      ^   ^         those of the other's rows and are its own from then on. Then the second row waits.
                         one  one
 """
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Ints
+from cnc.kernels.pulses.grid_moves import Lines, Moves
 
-Steps = NDArray[np.int8]
-Lines = NDArray[np.int32]
+
+class Buffers(NamedTuple):
+    """Buffers of grid moves with their times.
+
+    Attributes:
+        moves: the moves.
+        time_ns: (rows,) int64: time of each, ns.
+        line: (rows,) int32: source line of each.
+        recent: (n,) int64: row of the last pulse of each axis; -1 where it has left the buffers.
+    """
+
+    moves: Moves
+    time_ns: Ints
+    line: Lines
+    recent: Ints
 
 
 @njit
-def without_grazes(
-    first: int,
-    rows: int,
-    time_ns: Ints,
-    step: Steps,
-    line: Lines,
-    recent: Ints,
-    min_pulse_ns: float,
-) -> int:
-    """Take out, from row ``first`` on, pulses that an axis takes back too soon and those that take
-    them back; returns the rows left.
+def without_grazes(first: int, rows: int, buffers: Buffers, min_pulse_ns: float) -> int:
+    """Remove pulses that an axis takes back within ``min_pulse_ns``, from row ``first`` on.
+
+    Returns:
+        The number of rows left.
     """
+    moves, time_ns, _, recent = buffers
+    step = moves.step
     n = len(recent)
     grazed = False
     for row in range(first, rows):
@@ -57,19 +65,21 @@ def without_grazes(
                     grazed = True
                 else:
                     recent[i] = row
-    return _close_ranks(rows, time_ns, step, line, recent) if grazed else rows
+    return _without_empty_rows(rows, buffers) if grazed else rows
 
 
 @njit
-def _close_ranks(rows: int, time_ns: Ints, step: Steps, line: Lines, recent: Ints) -> int:
-    """Take rows without a step out of the buffers; returns how many remain."""
+def _without_empty_rows(rows: int, buffers: Buffers) -> int:
+    """Remove rows without a step; return the number of rows left."""
+    moves, time_ns, line, recent = buffers
+    step = moves.step
     n = len(recent)
     kept = 0
     for row in range(rows):
-        moves = False
+        steps = False
         for i in range(n):
-            moves = moves or step[row, i] != 0
-        if moves:
+            steps = steps or step[row, i] != 0
+        if steps:
             time_ns[kept] = time_ns[row]
             line[kept] = line[row]
             for i in range(n):
@@ -81,18 +91,16 @@ def _close_ranks(rows: int, time_ns: Ints, step: Steps, line: Lines, recent: Int
 
 
 @njit
-def spaced(
-    rows: int,
-    released_ns: int,
-    time_ns: Ints,
-    step: Steps,
-    line: Lines,
-    recent: Ints,
-    min_ns: float,
-) -> int:
-    """Keep rows min_ns apart, the first one from ``released_ns``; returns how many remain. Those
-    that waited stay as they are.
+def spaced(rows: int, released_ns: int, buffers: Buffers, min_ns: float) -> int:
+    """Keep rows ``min_ns`` apart, and the first as far from ``released_ns``.
+
+    Rows that were spaced before stay as they are.
+
+    Returns:
+        The number of rows left.
     """
+    moves, time_ns, line, recent = buffers
+    step = moves.step
     n = len(recent)
     kept = 0
     for row in range(rows):

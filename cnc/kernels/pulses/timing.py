@@ -1,14 +1,14 @@
-"""When the motion is where: the inverse of s(t) inside a constant-jerk phase, and time stamps.
+"""Times of path coordinates: the inverse of s(t) in a phase of constant jerk, and time stamps.
 
-Rows come dense: many lie so near to each other that the speed changes by a few hundredths over all
-of them. About a time t_e with speed v, acceleration a and jerk j, s - s_e = v (x + alpha x^2 + beta
-x^3) with x = t - t_e, alpha = a / 2v and beta = j / 6v, so that with y = (s - s_e) / v
+Rows are dense: over many of them the speed changes by a few hundredths. About a time t_e with speed v,
+acceleration a and jerk j, s - s_e = v (x + alpha x^2 + beta x^3) with x = t - t_e, alpha = a / 2v and
+beta = j / 6v, so that with y = (s - s_e) / v
 
     x = y - alpha y^2 + (2 alpha^2 - beta) y^3 + .. ,    c_n = 1/n [x^(n-1)] (1 + alpha x + beta x^2)^-n    (Lagrange's inversion)
 
-which is cut behind y^7: seven products a row, no root and no quotient. The next term is at most
-2871 kappa^7 y^8 with kappa the larger of |alpha| and sqrt|beta|; that gives the reach of a series.
-Where rows are too far apart for one, next to rest, each is found by itself.
+which is cut off after y^7: seven products a row, no root and no quotient. The next term is at most
+2871 kappa^7 y^8 with kappa the larger of |alpha| and sqrt|beta|; that limits the range of a series.
+Where rows are too far apart for a series, next to rest, each is found by iteration.
 """
 
 from __future__ import annotations
@@ -19,39 +19,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
+from cnc.kernels.planner.plan_arrays import PlanArrays
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CLOSE = 1e-12
-"""s: a step this short ends the iteration; the convergence is cubic, so what remains is
-rounding.
-"""
+"""s: a step this short ends the iteration. The convergence is cubic, so the rest is rounding."""
 
 TAIL = 1e-14
 """s: the first term that a series leaves out is at most 2871 times that by the speed at its first
 row, three times as much where the motion brakes: less than 0.1 ns.
 """
 NEAR = 0.125
-"""A series reaches so far in units of 1 / kappa at most: what it leaves out shrinks by a factor of
-two or more with each term.
+"""Largest range of a series in units of 1 / kappa. There each term left out is at most half of the
+term before it.
 """
 DENSE = 2
-"""Rows that are worth a series."""
+"""Smallest number of rows for which a series is made."""
 
 
 @njit
 def time_in_phase(v: float, a: float, j: float, ds: float, span: float, guess: float) -> float:
-    """The t in [0, span] with t (v + t (a / 2 + t j / 6)) = ds, on a phase in which the speed is
-    never negative.
+    """Return the t in [0, span] with t (v + t (a / 2 + t j / 6)) = ds; the nearer end outside.
 
-    v, a, j: speed, acceleration and jerk (mm/s, mm/s^2, mm/s^3) at t = 0 and throughout. ds mm.
-    guess: where to begin. The ends stand in for a ds outside.
+    The method is Euler's irrational one: each step solves the parabola that touches the cubic. So
+    the convergence is cubic, and a start or an end at rest needs no special care (v = 0, where
+    Newton's step would be infinite). The root stays bracketed; a step out of the bracket is
+    replaced by bisection, so that the iteration always ends.
 
-    Euler's irrational method: each step solves the parabola that touches the cubic, so that the
-    approach is cubic and a start or an end at rest (v = 0, where Newton's step would be infinite)
-    is no trouble. The root stays bracketed; a step out of the bracket is halved into it, so that it
-    always ends.
+    Args:
+        v: speed at t = 0, mm/s; never negative in the phase.
+        a: acceleration at t = 0, mm/s^2.
+        j: jerk, mm/s^3.
+        ds: distance, mm.
+        span: duration of the phase, s.
+        guess: start of the iteration, s.
     """
     if ds <= 0.0:
         return 0.0
@@ -90,29 +93,55 @@ def time_in_phase(v: float, a: float, j: float, ds: float, span: float, guess: f
 
 @njit
 def nanoseconds(whole_ns: int, seconds: float) -> int:
-    """``whole_ns`` plus ``seconds``, to the nearest ns. The sum is integer, so that it is as exact
-    after days as at the start.
+    """Return ``whole_ns`` plus ``seconds``, to the nearest ns.
+
+    The sum is integer, so that it is as exact after days as at the start.
     """
     return whole_ns + int(np.rint(seconds * 1e9))
 
 
 @njit
 def phase_times(
-    t0: float, s0: float, v0: float, a0: float, j0: float, span: float, dt: float, whole_ns: int, last_ns: int, first: int, rows: int,
-    reach: Floats, time_ns: Ints,
-) -> tuple[float, int]:  # fmt: skip
-    """Write when rows ``first`` to ``rows``, all in one phase, are due: at the path coordinates in
-    ``reach``, and none before ``last_ns``.
+    plan: PlanArrays,
+    phase: int,
+    whole_ns: int,
+    seconds: float,
+    dt: float,
+    last_ns: int,
+    first: int,
+    rows: int,
+    s: Floats,
+    time_ns: Ints,
+) -> tuple[float, int]:
+    """Write the times of the rows ``first`` to ``rows``, all in one phase, into time_ns.
 
-    The phase begins at whole_ns + t0 (s) at s0 with v0, a0, j0 and lasts for ``span``; dt: where in
-    it the row before was due. Returns that of the last row and its time.
+    Args:
+        plan: the plan.
+        phase: index of the phase.
+        whole_ns: whole seconds of the time at which the plan begins, ns.
+        seconds: the fraction of that time, s.
+        dt: time of the row before, from the start of the phase, s.
+        last_ns: no row is due before this time.
+        first: first row.
+        rows: row behind the last.
+        s: path coordinates of the rows, mm.
+        time_ns: takes the times.
+
+    Returns:
+        The time of the last row from the start of the phase (s), and its time (ns).
     """
+    t0 = seconds + plan.t[phase]
+    s0 = plan.s[phase]
+    v0 = plan.v[phase]
+    a0 = plan.a[phase]
+    j0 = plan.j[phase]
+    span = plan.t[phase + 1] - plan.t[phase]
     row = first
     if a0 == 0.0 and j0 == 0.0 and v0 > 0.0:
         slow = 1.0 / v0
         for k in range(first, rows):
-            dt = min(max((reach[k] - s0) * slow, 0.0), span)
-            last_ns = max(last_ns, whole_ns + int(np.rint((t0 + dt) * 1e9)))
+            dt = min(max((s[k] - s0) * slow, 0.0), span)
+            last_ns = max(last_ns, nanoseconds(whole_ns, t0 + dt))
             time_ns[k] = last_ns
         row = rows
     while row < rows:
@@ -127,7 +156,7 @@ def phase_times(
         te = dt + half
         end = te + half
         beyond = s0 + end * (v0 + end * (0.5 * a0 + end * (j0 / 6.0)))
-        if half > 0.0 and reach[min(row + DENSE, rows) - 1] <= beyond:
+        if half > 0.0 and s[min(row + DENSE, rows) - 1] <= beyond:
             ve = v0 + te * (a0 + te * (0.5 * j0))
             se = s0 + te * (v0 + te * (0.5 * a0 + te * (j0 / 6.0)))
             slow = 1.0 / ve
@@ -139,16 +168,16 @@ def phase_times(
             c5 = p2 * (14.0 * p2 - 21.0 * q) + 3.0 * q * q
             c6 = p * (p2 * (84.0 * q - 42.0 * p2) - 28.0 * q * q)
             c7 = p2 * (p2 * (132.0 * p2 - 330.0 * q) + 180.0 * q * q) - 12.0 * q * q * q
-            while row < rows and reach[row] <= beyond:
-                y = (reach[row] - se) * slow
+            while row < rows and s[row] <= beyond:
+                y = (s[row] - se) * slow
                 y2 = y * y
                 x = y + y2 * ((c3 * y - p) + y2 * ((c4 + c5 * y) + y2 * (c6 + c7 * y)))
                 dt = min(max(te + x, 0.0), span)
-                last_ns = max(last_ns, whole_ns + int(np.rint((t0 + dt) * 1e9)))
+                last_ns = max(last_ns, nanoseconds(whole_ns, t0 + dt))
                 time_ns[row] = last_ns
                 row += 1
         else:
-            dt = time_in_phase(v0, a0, j0, reach[row] - s0, span, dt)
+            dt = time_in_phase(v0, a0, j0, s[row] - s0, span, dt)
             last_ns = max(last_ns, nanoseconds(whole_ns, t0 + dt))
             time_ns[row] = last_ns
             row += 1

@@ -1,20 +1,20 @@
-"""Compressed grid moves: the format of a segment and its player, in the integer arithmetic of an
-8-bit board.
+"""Segments: compressed grid moves, and their player in the integer arithmetic of an 8-bit board.
 
-Grid moves are played in slots. Slot k lasts interval + k * add, so that a segment follows an even
-or evenly changing speed; the axes of the ``always`` mask step at its end. An axis that steps less
-often has a phase: the time to its next step, counted in slots. Its period may change from step to
-step, too, as it does along a curve.
+Grid moves are played in slots. Slot k lasts interval + k * add, so a segment follows a constant
+or linearly changing speed. The axes of the ``always`` mask step at the end of each slot. An axis
+that steps less often has a phase: the time to its next step, counted in slots. Its period may
+change from step to step, as it does along a curve.
 
-      slot            0          1          2          3          4              phase = 1.8 slots, period = 2.6 slots
-      always   |------x----|-----x----|----x----|----x---|---x---|
-      phase    1.8        0.8        2.4       1.4       0.4                    below one slot: a step, and the period is added
-    even              .          xy         .         .       xy                 the step joins that of its slot, or it is
-    placed            .       y  x          .         .   y   x                  placed inside the slot: 0.8 and 0.4 of its length
+      slot            0          1          2          3          4
+      always   |------x----|-----x----|----x----|----x---|---x---|   phase 1.8, period 2.6 slots
+      phase    1.8        0.8        2.4       1.4       0.4         below 1: a step, + period
+    even              .          xy         .         .       xy     the step joins that of its slot
+    placed            .       y  x          .         .   y   x      or is at 0.8, 0.4 of the slot
 
-Even are the moves of algorithms that step the fastest axis in every move; placed those made where
-axes cross grid lines, one at a time. What is neither is ``packed`` (one mask a slot) or ``timed``
-(a mask and an interval of its own for each move). ``docs/explanation/segments.md`` has the bits.
+Algorithms that step the fastest axis in every move give even segments. Algorithms that step each
+axis where it crosses a grid line give placed segments. Other moves are ``packed`` (one mask per
+slot) or ``timed`` (a mask and an interval for each move). The bits are in
+``docs/explanation/segments.md``.
 """
 
 from __future__ import annotations
@@ -28,49 +28,49 @@ Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 
 TICK_NS = 500
-"""A tick of the board's timer."""
+"""Tick of the board's timer, ns."""
 SUB = 256
-"""Intervals are counted in this part of a tick."""
+"""Units of intervals in a tick."""
 SLOT = 65536
-"""Phases are counted in this part of a slot."""
-MOST_SLOTS = 255
-MOST_ROWS = 3 * MOST_SLOTS
-"""Grid moves of the longest segment: a slot's own and those of two phases inside it."""
-LONGEST_INTERVAL = 0xFFFF * SUB
-LONGEST_PERIOD = 0xFFFFFF
-LEAST_ADD, MOST_ADD = -32768, 32767
-LONGEST_TIMED = 4095
-"""Ticks: longest interval of a timed move."""
-MOST_AXES = 4
-MOST_PHASES = 2
+"""Units of phases in a slot."""
+MAX_SLOTS = 255
+MAX_ROWS = 3 * MAX_SLOTS
+"""Grid moves of the longest segment: that of each slot and those of two phases inside it."""
+MAX_INTERVAL = 0xFFFF * SUB
+MAX_PERIOD = 0xFFFFFF
+MIN_ADD, MAX_ADD = -32768, 32767
+MAX_TIMED = 4095
+"""Longest interval of a timed move, ticks."""
+MAX_AXES = 4
+MAX_PHASES = 2
 
 TOGETHER = 1
-"""Ticks: steps in a placed segment that are no farther apart are one grid move; no board could tell
-them apart.
-"""
+"""Largest distance of steps in a placed segment that count as one grid move, ticks."""
 NEVER = 2**62
+"""A tick that no clock reaches."""
 
 EVEN, PLACED, PACKED, TIMED = 0, 1, 2, 3
-"""Form of a segment."""
+"""Forms of a segment."""
 FORM = 3
+"""Bits of byte 1 with the form."""
 END = 4
-"""Bit of byte 1: nothing need follow, the board may run dry."""
+"""Bit of byte 1: nothing need follow, so that an empty buffer is not a fault."""
 COMMAND = 8
-"""Bit of byte 1: no segment but a command, with as many bytes behind byte 1 as byte 0 says; bits
-4-7 of byte 1 tell which.
+"""Bit of byte 1: a command instead of a segment. Byte 0 is the number of bytes after byte 1, and
+bits 4-7 of byte 1 are the code of the command.
 """
 
 HEAD, PHASE_BYTES, MASKS_AT, TIMED_AT = 8, 8, 7, 2
-"""Bytes of the fixed part and of a phase; where the masks of packed and the words of timed segments
-begin.
+"""Bytes of the head and of a phase; first byte of the masks of packed and of the words of timed
+segments.
 """
-LONGEST = TIMED_AT + 2 * MOST_SLOTS
-"""Bytes of the longest segment."""
+MAX_BYTES = TIMED_AT + 2 * MAX_SLOTS
+"""Length of the longest segment, bytes."""
 
 
 @njit
 def whole_number(data: Bytes, at: int, size: int) -> int:
-    """The number in ``size`` bytes from ``at`` on, the lowest first."""
+    """Return the number in ``size`` bytes from ``at`` on, the lowest first."""
     value = np.int64(0)
     for i in range(size):
         value |= np.int64(data[at + i]) << 8 * i
@@ -79,16 +79,14 @@ def whole_number(data: Bytes, at: int, size: int) -> int:
 
 @njit
 def _signed16(data: Bytes, at: int) -> int:
-    """The number in two bytes, below zero if its highest bit is set."""
+    """Return the signed number in two bytes, the lowest first."""
     value = whole_number(data, at, 2)
-    return value - 65536 if value > MOST_ADD else value
+    return value - 65536 if value > MAX_ADD else value
 
 
 @njit
 def segment_bytes(data: Bytes, at: int) -> int:
-    """Length of the segment or command that begins at byte ``at``; -1 if that is none, or not yet
-    there as a whole.
-    """
+    """Return the length of the segment or command at byte ``at``, -1 without a complete one."""
     size = -1
     if at + 2 <= len(data) and data[at + 1] & COMMAND:
         size = 2 + whole_number(data, at, 1)
@@ -105,7 +103,7 @@ def segment_bytes(data: Bytes, at: int) -> int:
             roles = whole_number(data, at + 7, 1)
             always, phases = roles & 15, roles >> 4
             count = (phases & 1) + (phases >> 1 & 1) + (phases >> 2 & 1) + (phases >> 3)
-            if count <= MOST_PHASES and always & phases == 0 and (always != 0 or count == 0):
+            if count <= MAX_PHASES and always & phases == 0 and (always != 0 or count == 0):
                 size = HEAD + PHASE_BYTES * count
         if at + size > len(data):
             size = -1
@@ -114,12 +112,20 @@ def segment_bytes(data: Bytes, at: int) -> int:
 
 @njit
 def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int, int]:
-    """Play the segment at byte ``at`` as the board does; returns the number of grid moves and the
-    clock after it (1/256 tick).
+    """Play the segment at byte ``at`` as the board does.
 
-    tick, mask (MOST_ROWS,): get when each move is made, and which axes step in it. The clock is the
-    only thing that goes on from segment to segment; a board needs but its low byte. Nothing here is
-    wider than 24 bits, but for the product of two 16-bit numbers.
+    Only the clock continues from segment to segment, and the board needs only its low byte. All
+    numbers have at most 24 bits, except the product of two 16-bit numbers.
+
+    Args:
+        data: Segments.
+        at: First byte of the segment.
+        clock: Clock at its start, 1/256 tick.
+        tick: Gets the tick of each grid move (MAX_ROWS,).
+        mask: Gets the axes that step in each move (MAX_ROWS,).
+
+    Returns:
+        Number of grid moves, and the clock after the segment.
     """
     slots = whole_number(data, at, 1)
     form = data[at + 1] & FORM
@@ -129,7 +135,7 @@ def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int
     elif form == TIMED:
         for k in range(slots):
             word = whole_number(data, at + TIMED_AT + 2 * k, 2)
-            clock += (word & LONGEST_TIMED) * SUB
+            clock += (word & MAX_TIMED) * SUB
             tick[rows] = clock // SUB
             mask[rows] = word >> 12
             rows += 1
@@ -137,11 +143,11 @@ def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int
         interval = whole_number(data, at + 2, 3)
         add = _signed16(data, at + 5)
         roles = whole_number(data, at + 7, 1)
-        first_axis, phase, period, change = 0, LONGEST_PERIOD, 0, 0
-        second_axis, other_phase, other_period, other_change = 0, LONGEST_PERIOD, 0, 0
+        first_axis, phase, period, change = 0, MAX_PERIOD, 0, 0
+        second_axis, other_phase, other_period, other_change = 0, MAX_PERIOD, 0, 0
         if form != PACKED:
             where = at + HEAD
-            for i in range(MOST_AXES):
+            for i in range(MAX_AXES):
                 if roles >> 4 + i & 1:
                     due = whole_number(data, where, 3)
                     every = whole_number(data, where + 3, 3)
@@ -175,7 +181,7 @@ def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int
                     there = end
                 if abs(there - here) <= TOGETHER:
                     here = there = min(here, there)
-                for _ in range(MOST_PHASES):
+                for _ in range(MAX_PHASES):
                     soonest = min(here, there)
                     if soonest < end:
                         tick[rows] = soonest
@@ -203,14 +209,23 @@ def play(data: Bytes, at: int, clock: int, tick: Ints, mask: Bytes) -> tuple[int
 def play_all(
     data: Bytes, at: int, clock: int, time_ns: Ints, step: NDArray[np.int8], tick: Ints, mask: Bytes
 ) -> tuple[int, int, int]:
-    """Play segments from byte ``at`` on while there is room for the longest one; returns the bytes
-    done, the clock and the rows.
+    """Play segments from byte ``at`` on while the arrays have space for the longest one.
 
-    time_ns (rows,), step (rows, axes): get the grid moves. tick, mask: scratch for one segment.
+    Args:
+        data: Segments.
+        at: First byte.
+        clock: Clock at the start, 1/256 tick.
+        time_ns: Gets the times of the grid moves (rows,).
+        step: Gets their steps (rows, axes).
+        tick: Scratch for one segment (MAX_ROWS,).
+        mask: Scratch for one segment (MAX_ROWS,).
+
+    Returns:
+        First byte that was not played, the clock, and the number of grid moves.
     """
     rows = 0
     size = segment_bytes(data, at)
-    while size > 0 and rows + MOST_ROWS <= len(time_ns):
+    while size > 0 and rows + MAX_ROWS <= len(time_ns):
         made, clock = play(data, at, clock, tick, mask)
         backward = data[at + 1] >> 4
         for k in range(made):

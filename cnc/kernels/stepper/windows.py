@@ -1,18 +1,21 @@
-"""A line with whole-number coefficients through as many windows as it can meet, one after the
-other.
+"""A line with whole-number coefficients through as many consecutive windows as possible.
 
-value                    All (x, y) for which x + w y lies in given windows are a convex polygon. A line from its middle is
-  |           _|_        tried; the first window that it misses cuts the polygon smaller, and the next line is taken from
-  |      _|_   |         what is left, until there is nothing: then no line meets the windows up to there. Windows that no
-  | _|_   |  ,'          line misses never cost more than a look.
-  |  | ,-'|'
-  | ,|'                  The lines are: the times of a segment's slots (after k slots, k (x + (k - 1) / 2 y)), and the places
-  +------------- w       of an axis's steps among the slots (the j-th step at x + j y).
+value                    The points (x, y) for which x + w y lies in given windows form a convex
+  |           _|_        polygon. A line from its middle is tried. The first window that the line
+  |      _|_   |         misses cuts the polygon, and the next line is taken from the rest, until
+  | _|_   |  ,'          nothing remains: then no line passes all windows up to there. A window
+  |  | ,-'|'             that no line misses costs only one comparison.
+  | ,|'
+  +------------- w
+
+The lines are the times of the slots of a segment (after k slots: k (x + (k - 1) / 2 y)), and the
+positions of the steps of an axis among the slots (step j: x + j y).
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,19 +24,50 @@ from cnc.kernels.jit import njit
 
 Floats = NDArray[np.float64]
 
-CORNERS = 64
-"""Room for the corners of a polygon; one that would need more counts as empty."""
+MAX_CORNERS = 64
+"""Capacity of a polygon; a polygon with more corners counts as empty."""
+
+
+class Windows(NamedTuple):
+    """Windows low <= x + w y <= high, each array (n,)."""
+
+    w: Floats
+    low: Floats
+    high: Floats
+
+
+class Bounds(NamedTuple):
+    """Bounds of x and y."""
+
+    min_x: float
+    max_x: float
+    min_y: float
+    max_y: float
+
+
+class Polygon(NamedTuple):
+    """Corners of a polygon in order, each array (2, MAX_CORNERS); the second row is scratch."""
+
+    x: Floats
+    y: Floats
 
 
 @njit
-def longest(
-    w: Floats, low: Floats, high: Floats, count: int, x0: float, x1: float, y0: float, y1: float, px: Floats, py: Floats,
-) -> tuple[int, int, int]:  # fmt: skip
-    """How many of the first ``count`` windows low <= x + w y <= high one line can meet, and its x
-    and y, whole numbers.
+def longest(windows: Windows, count: int, bounds: Bounds, polygon: Polygon) -> tuple[int, int, int]:
+    """Find the line that passes most windows from the first one on.
 
-    x is between x0 and x1, y between y0 and y1. px, py (2, CORNERS): scratch.
+    Args:
+        windows: The windows.
+        count: Number of windows.
+        bounds: Bounds of x and y.
+        polygon: Scratch.
+
+    Returns:
+        Number of windows that the line passes, and its x and y.
     """
+    w, low, high = windows.w, windows.low, windows.high
+    px, py = polygon.x, polygon.y
+    x0, x1, y0, y1 = bounds.min_x, bounds.max_x, bounds.min_y, bounds.max_y
     px[0, 0], px[0, 1], px[0, 2], px[0, 3] = x0, x1, x1, x0
     py[0, 0], py[0, 1], py[0, 2], py[0, 3] = y0, y0, y1, y1
     corners = 4
@@ -47,30 +81,21 @@ def longest(
             met, met_x, met_y = missed, int(x), int(y)
         if missed == count:
             break
-        corners = narrow(corners, w[missed], low[missed], high[missed], px, py)
-        found, new_x, new_y = whole(corners, px, py)
+        corners = _cut(corners, 1.0, w[missed], low[missed], polygon)
+        corners = _cut(corners, -1.0, -w[missed], -high[missed], polygon)
+        found, new_x, new_y = _whole_point(corners, polygon)
         if not found or (new_x == x and new_y == y):
             break
-        x, y = new_x, new_y
+        x, y = float(new_x), float(new_y)
     return met, met_x, met_y
 
 
 @njit
-def narrow(corners: int, w: float, low: float, high: float, px: Floats, py: Floats) -> int:
-    """Keep the part of the polygon where low <= x + w y <= high; returns the number of its corners,
-    0 if nothing is left.
-
-    px, py (2, CORNERS): the corners in order, in the first row; the second is scratch.
-    """
-    corners = _cut(corners, 1.0, w, low, px, py)
-    return _cut(corners, -1.0, -w, -high, px, py)
-
-
-@njit
-def _cut(corners: int, v: float, w: float, low: float, px: Floats, py: Floats) -> int:
-    """Keep the part where v x + w y >= low."""
-    if corners == 0 or corners == CORNERS:
+def _cut(corners: int, v: float, w: float, low: float, polygon: Polygon) -> int:
+    """Keep the part of the polygon where v x + w y >= low; return its number of corners."""
+    if corners == 0 or corners == MAX_CORNERS:
         return 0
+    px, py = polygon.x, polygon.y
     kept = 0
     last = corners - 1
     before = v * px[0, last] + w * py[0, last] - low
@@ -94,8 +119,9 @@ def _cut(corners: int, v: float, w: float, low: float, px: Floats, py: Floats) -
 
 
 @njit
-def whole(corners: int, px: Floats, py: Floats) -> tuple[bool, int, int]:
-    """Whether whole numbers x, y were found in the polygon, near its middle, and the two."""
+def _whole_point(corners: int, polygon: Polygon) -> tuple[bool, int, int]:
+    """Return whether there are whole x, y in the polygon near its middle, and the two."""
+    px, py = polygon.x, polygon.y
     low, high, mean = math.inf, -math.inf, 0.0
     for i in range(corners):
         low = min(low, py[0, i])

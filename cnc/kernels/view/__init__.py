@@ -1,1 +1,1 @@
-"""Compiled thinning of what is drawn."""
+"""Compiled points of a drawn motion and their thinning."""

@@ -16,13 +16,16 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cnc.kernels.papers.enclosing_line import enclosing_line_as_printed, kiritsis_as_printed
 from cnc.kernels.path.curve import START, curve_inv_arclen, curve_range
-from cnc.kernels.pulses import enclosing_line, kiritsis, monotone
+from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.pulses.catch_up import round_to
+from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece
+from cnc.kernels.pulses.monotone import monotone_rows
 from cnc.model.blocks import NurbsFeed
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
-from cnc.pulses.arrays import plain
+from cnc.pulses.arrays import pieces_of
 
 Floats = NDArray[np.float64]
 Function = Callable[[float], ArrayLike]
@@ -45,6 +48,12 @@ class Algorithm(Enum):
 
     ENCLOSING_LINE = "enclosing line"
     KIRITSIS = "Kiritsis"
+
+
+PRINTED = {
+    Algorithm.ENCLOSING_LINE: enclosing_line_as_printed,
+    Algorithm.KIRITSIS: kiritsis_as_printed,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,35 +83,28 @@ def interpolate(
     """The grid points of a curve in any number of axes, each within half a BLU of it in every axis,
     from its start to its end, rounded.
     """
-    rows_of = (
-        monotone.enclosing_line_rows
-        if algorithm is Algorithm.ENCLOSING_LINE
-        else monotone.kiritsis_rows
-    )
-    kind, at, data, scale, grid = _arrays(curve, steps_per_mm)
-    first = grid.copy()
-    step = np.empty((ROWS, len(grid)), dtype=np.int8)
-    reach = np.empty(ROWS)
-    steps = [step[:0].copy()]
-    places = [reach[:0].copy()]
+    pieces, grid = _arrays(curve, steps_per_mm)
+    first = grid.point.copy()
+    moves = Moves(np.empty((ROWS, len(first)), dtype=np.int8), np.empty(ROWS))
+    steps = [moves.step[:0].copy()]
+    places = [moves.s[:0].copy()]
     error = seconds = 0.0
-    for k, a in zip(kind.tolist(), at.tolist(), strict=True):
-        u, u1 = curve_range(k, data, a)
-        state = np.zeros(32)
+    by_normal = algorithm is Algorithm.KIRITSIS
+    for kind, at in zip(pieces.kind.tolist(), pieces.at.tolist(), strict=True):
+        piece = Piece(kind, pieces.data, at, 0.0)
+        u, u1 = curve_range(kind, pieces.data, at)
+        width = 0.0
         while u < u1:
             begin = perf_counter()
-            rows, u, off = rows_of(k, data, a, u, u1, 0.0, scale, grid, state, 0, step, reach)
+            rows, u, off, width = monotone_rows(by_normal, piece, u, u1, width, grid, 0, moves)
             seconds += perf_counter() - begin
-            steps.append(step[:rows].copy())
-            places.append(
-                np.array([curve_inv_arclen(k, data, a, s) for s in reach[:rows].tolist()])
-            )
+            steps.append(moves.step[:rows].copy())
+            reached = [curve_inv_arclen(kind, pieces.data, at, s) for s in moves.s[:rows].tolist()]
+            places.append(np.array(reached))
             error = max(error, float(off))
-    here = np.empty((4, len(grid)))
-    rows, _, off, _ = round_to(
-        int(kind[-1]), data, int(at[-1]), u1, u1, 0.0, scale, grid, here, error, 0, step, reach
-    )
-    steps.append(step[:rows].copy())
+    here = np.empty((4, len(first)))
+    rows, _, off, _ = round_to(piece, u1, u1, grid, here, error, 0, moves)
+    steps.append(moves.step[:rows].copy())
     places.append(np.full(rows, u1))
     return _steps(np.concatenate(steps), np.concatenate(places), first, float(off), seconds)
 
@@ -115,16 +117,15 @@ def as_printed(
     """
     if len(curve) != 1 or len(curve.axes) != 2:
         raise ValueError("as printed, the procedures take one smooth curve in two axes")
-    kernel = enclosing_line if algorithm is Algorithm.ENCLOSING_LINE else kiritsis
-    kind, at, data, scale, grid = _arrays(curve, steps_per_mm)
-    first = grid.copy()
-    most = 4 * int(np.ceil(float(curve.length[0]) * scale.max())) + 16
-    step = np.empty((most, 2), dtype=np.int8)
-    u = np.empty(most)
+    kernel = PRINTED[algorithm]
+    pieces, grid = _arrays(curve, steps_per_mm)
+    first = grid.point.copy()
+    most = 4 * int(np.ceil(float(curve.length[0]) * grid.scale.max())) + 16
+    moves = Moves(np.empty((most, 2), dtype=np.int8), np.empty(most))
     begin = perf_counter()
-    rows, error = kernel.as_printed(int(kind[0]), data, int(at[0]), scale, grid, step, u)
+    rows, error = kernel(int(pieces.kind[0]), pieces.data, int(pieces.at[0]), grid, moves)
     seconds = perf_counter() - begin
-    return _steps(step[:rows], u[:rows], first, float(error), seconds)
+    return _steps(moves.step[:rows], moves.s[:rows], first, float(error), seconds)
 
 
 def fitted(
@@ -190,14 +191,12 @@ FROM_NODES = np.linalg.inv(np.concatenate((_bernstein(NODES), _bernstein_slopes(
 """Values and derivatives by t at NODES to Bernstein coefficients."""
 
 
-def _arrays(
-    curve: PathChunk, steps_per_mm: ArrayLike
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats, NDArray[np.int64]]:
-    """What the kernels take: kind, at, data, steps per mm (n,), and the grid point of the start."""
-    at, data = plain(curve.at, np.int64), plain(curve.data, np.float64)
+def _arrays(curve: PathChunk, steps_per_mm: ArrayLike) -> tuple[Pieces, Grid]:
+    """Return the pieces of a curve, and the grid with the rounded start as its point."""
+    pieces = pieces_of(curve)
     scale = np.array(np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), len(curve.axes)))
-    start = data[at[0] + START :][: len(scale)]
-    return plain(curve.kind, np.int64), at, data, scale, np.rint(start * scale).astype(np.int64)
+    start = pieces.data[pieces.at[0] + START :][: len(scale)]
+    return pieces, Grid(scale, np.rint(start * scale).astype(np.int64))
 
 
 def _steps(

@@ -1,8 +1,8 @@
 """The sampled NURBS interpolator of Hui, Wei and Gao (TELKOMNIKA 11(5), 2013) on a bare curve, from
 rest to rest.
 
-Production motion is planned (:mod:`cnc.planner`) and sampled from the plan
-(:mod:`cnc.pulses.sampled`); this is what the paper does instead, to be held beside it.
+Programs are planned (:mod:`cnc.planner`) and sampled from the plan (:mod:`cnc.pulses.sampled`). This is
+the method of the paper, for comparison.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cnc.kernels.path.curve import U0, U1
 from cnc.machine.models import PathLimits
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.path.chunk import PathChunk
-from cnc.pulses.arrays import plain
+from cnc.pulses.arrays import pieces_of
 
 Floats = NDArray[np.float64]
 
@@ -27,9 +27,15 @@ Floats = NDArray[np.float64]
 class Samples:
     """One row a period, the first at rest at the start.
 
-    u, position (m, n) mm, and of the period that led there the step by speed, the chord made, its
-    error, mm, and its relative deviation from what was asked for. went_back: how often the
-    look-ahead did.
+    Attributes:
+        period: s.
+        u: (m,): parameter.
+        position: (m, n), mm.
+        step: (m,): step that the speed asked for in the period that led there, mm.
+        chord: (m,): chord made in it, mm.
+        chord_error: (m,): distance of the curve from that chord, mm.
+        deviation: (m,): relative deviation of the chord from the step.
+        went_back: how often the look-ahead went back.
     """
 
     period: float
@@ -43,66 +49,64 @@ class Samples:
 
     @property
     def feed(self) -> Floats:
-        """mm/s, as asked for in the period that led to each row."""
+        """Feed asked for in the period that led to each row, mm/s."""
         return self.step / self.period
 
 
 def interpolate(curve: PathChunk, limits: PathLimits, *, look_ahead: bool = True) -> Samples:
-    """Samples of one curve by the paper's sections 3.2 (adaptive feed step) and, with
-    ``look_ahead``, 4.2.
+    """Sample one curve by sections 3.2 (adaptive feed step) and 4.2 (look-ahead) of the paper.
 
-    curve: pieces over which the parameter runs on, as those of a NURBS; ValueError if it does not.
-    Limits that are None do not limit. MotionLimitError ``plan-failed`` if the look-ahead comes to
-    no end.
+    Args:
+        curve: pieces over which the parameter runs on, as those of a NURBS.
+        limits: limits; those that are None do not limit.
+        look_ahead: whether section 4.2 is carried out.
+
+    Raises:
+        ValueError: if the parameter does not run on.
+        MotionLimitError: ``plan-failed`` if the look-ahead comes to no end.
     """
-    kind, at, data = (
-        plain(curve.kind, np.int64),
-        plain(curve.at, np.int64),
-        plain(curve.data, np.float64),
-    )
+    pieces = pieces_of(curve)
+    _, at, data = pieces
     if np.any(data[at[1:] + U0] != data[at[:-1] + U1]):
         raise ValueError("the parameter does not run on from piece to piece")
-    values = np.empty(kernel.LIMITS)
-    values[kernel.FEED], values[kernel.PERIOD] = limits.max_feed, limits.period
-    values[kernel.NORMAL] = _or_none(limits.max_normal_acceleration)
-    values[kernel.TANGENTIAL] = _or_none(limits.max_tangential_acceleration)
-    values[kernel.JERK] = min(_or_none(limits.max_jerk), 1e6 * limits.max_feed / limits.period**2)
-    values[kernel.CHORD_ERROR], values[kernel.DEVIATION] = (
-        limits.chord_error,
-        limits.step_deviation or 1e-12,
+    values = kernel.Limits(
+        feed=limits.max_feed,
+        period=limits.period,
+        normal=_or_infinite(limits.max_normal_acceleration),
+        tangential=_or_infinite(limits.max_tangential_acceleration),
+        jerk=min(_or_infinite(limits.max_jerk), 1e6 * limits.max_feed / limits.period**2),
+        chord_error=limits.chord_error,
+        deviation=limits.step_deviation or 1e-12,
     )
     n = len(curve.axes)
     work = np.empty((3, 4, n))
-    room = 4096
+    rows = 4096
     while True:
-        u, step, chord, error, deviation, queue = np.empty((6, room))
-        where = np.empty((room, n))
-        outcome, count, backs = kernel.interpolate(
-            kind, at, data, values, look_ahead, u, where, step, chord, error, deviation, queue, *work
-        )  # fmt: skip
+        u, step, chord, error, deviation, queue = np.empty((6, rows))
+        out = kernel.Samples(u, np.empty((rows, n)), step, chord, error, deviation)
+        outcome, count, backs = kernel.interpolate(pieces, values, look_ahead, out, queue, *work)
         if outcome == kernel.STUCK:
             raise MotionLimitError(
                 Diagnostic(
                     "plan-failed",
-                    "the look-ahead goes back again and again",
+                    "the look-ahead of the paper does not come to an end on this curve",
                     hint="use the planner",
                 )
             )
         if outcome == kernel.DONE:
             break
-        room *= 8
-    rows = slice(count)
+        rows *= 8
     return Samples(
         limits.period,
-        u[rows],
-        where[rows],
-        step[rows],
-        chord[rows],
-        error[rows],
-        deviation[rows],
+        out.u[:count],
+        out.position[:count],
+        out.step[:count],
+        out.chord[:count],
+        out.error[:count],
+        out.deviation[:count],
         backs,
     )
 
 
-def _or_none(limit: float | None) -> float:
+def _or_infinite(limit: float | None) -> float:
     return math.inf if limit is None else limit

@@ -1,7 +1,7 @@
-"""Point-by-point comparison, the baseline of Shu et al. 2019, on the bare data of the paper: a line
-from the origin and a circle about it.
+"""Point-by-point comparison, the baseline of Shu et al. 2019, on the data of the paper: a line from the
+origin and a circle about it.
 
-Pieces of a path are done by the kernel of the same name, within half a BLU instead of one.
+:mod:`cnc.kernels.pulses.point_by_point` interpolates pieces of a path, within half a BLU instead of one.
 """
 
 from __future__ import annotations
@@ -9,24 +9,26 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cnc.kernels.papers import comparison
+from cnc.kernels.papers.point_by_point import circle_by_points, line_by_points
 from cnc.papers.algorithms.grid_points import Points, checked_end, checked_radius, points
 
 
 def line(end: ArrayLike) -> Points:
-    """From the origin to ``end`` (2,), integers: the grid points (m + 1, 2), one axis a step
-    (equations 6 and 7).
+    """Return the grid points (m + 1, 2) from the origin to ``end`` (2,), integers.
+
+    Each step is of one axis (equations 6 and 7).
     """
     xe, ye = checked_end(end, 2).tolist()
     step = np.empty((abs(xe) + abs(ye), 2), np.int8)
-    rows = comparison.line_by_points(xe, ye, step)
+    rows = line_by_points(xe, ye, step)
     return points(np.zeros(2, np.int64), step[:rows])
 
 
 def circle(radius: int, *, clockwise: bool = False, inward_on_circle: bool = True) -> Points:
-    """A full turn about the origin from (radius, 0): the grid points (m + 1, 2). inward_on_circle:
-    which way a point on the circle goes.
+    """Return the grid points (m + 1, 2) of a full turn about the origin from (radius, 0).
+
+    inward_on_circle: direction of the step from a point on the circle.
     """
     step = np.empty((8 * checked_radius(radius), 2), np.int8)
-    rows = comparison.circle_by_points(radius, -1 if clockwise else 1, inward_on_circle, step)
+    rows = circle_by_points(radius, -1 if clockwise else 1, inward_on_circle, step)
     return points(np.array([radius, 0]), step[:rows])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -127,8 +127,8 @@ def _table(title: str, curve: PathChunk, published: dict[Algorithm, tuple[float,
     rows: list[list[Cell]] = []
     times: list[float] = []
     for algorithm in ORDER:
-        printed = _timed(lambda algorithm=algorithm: as_printed(curve, FINE, algorithm))  # type: ignore[misc]
-        ours = _timed(lambda algorithm=algorithm: interpolate(curve, FINE, algorithm))  # type: ignore[misc]
+        printed = _timed(partial(as_printed, curve, FINE, algorithm))
+        ours = _timed(partial(interpolate, curve, FINE, algorithm))
         error, microseconds = published[algorithm]
         times.append(_cost(printed))
         rows.append([
@@ -172,9 +172,9 @@ def _further() -> Table:
     rows: list[list[Cell]] = []
     for name, (curve, scale) in curves.items():
         runs = [
-            (algorithm.value, _timed(lambda a=algorithm, c=curve, s=scale: interpolate(c, s, a)))
+            (algorithm.value, _timed(partial(interpolate, curve, scale, algorithm)))
             for algorithm in ORDER
-        ]  # type: ignore[misc]
+        ]
         if len(curve) == 1 and len(scale) == 2:
             runs = [
                 (f"{algorithm.value}, as printed", as_printed(curve, scale, algorithm))

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline
+from cnc.model.choices import Algorithm
 from cnc.papers.page import Cell, Section, Table
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.plan import PlanChunk
-from cnc.pulses.reference_pulse import ALGORITHMS, Algorithm, ReferencePulse
+from cnc.pulses.reference_pulse import ALGORITHMS, ReferencePulse
 
 AXES = ("x", "y", "z")
 STEPS_PER_MM = 1000.0

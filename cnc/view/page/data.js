@@ -1,7 +1,7 @@
-// What the page shows, out of the page itself: columns of numbers and the bytes of the programs, deflated and in base 64. They are data from
-// end to end: nothing of them ever becomes markup.
+// Data of the page: columns of numbers and the bytes of the programs, deflated and in base 64. None of it ever
+// becomes markup.
 
-/** The bytes of an element of the page, which is thrown away. */
+/** Return the bytes of an element of the page, and remove the element. */
 async function packed(id) {
   const element = document.getElementById(id), text = element.textContent;
   element.remove();
@@ -18,7 +18,7 @@ async function packed(id) {
   return new Uint8Array(out);
 }
 
-/** Whole numbers: differences, the sign in the lowest bit, the four bytes of all numbers one after the other. */
+/** Return whole numbers from their differences: sign in the lowest bit, the lowest bytes of all numbers first. */
 async function integers(name) {
   const bytes = await packed("column-" + name), n = bytes.length / 4, out = new Int32Array(n);
   for (let i = 0, value = 0; i < n; i++) {
@@ -28,28 +28,28 @@ async function integers(name) {
   return out;
 }
 
-/** Floats of 32 bits: the four bytes of all numbers one after the other. */
+/** Return floats of 32 bits; the lowest bytes of all numbers come first. */
 async function floats(name) {
   const bytes = await packed("column-" + name), n = bytes.length / 4, out = new Uint8Array(bytes.length);
   for (let i = 0; i < n; i++) for (let k = 0; k < 4; k++) out[4 * i + k] = bytes[k * n + i];
   return new Float32Array(out.buffer);
 }
 
-/** Times in seconds. */
+/** Return times in seconds. */
 async function times(name, tick) {
   const ticks = await integers(name), out = new Float64Array(ticks.length);
   for (let i = 0; i < ticks.length; i++) out[i] = (ticks[i] >>> 0) * tick;
   return out;
 }
 
-/** Numbers that were scaled to whole ones. */
+/** Return numbers that were scaled to whole numbers. */
 async function scaled(name, unit) {
   const whole = await integers(name), out = new Float32Array(whole.length);
   for (let i = 0; i < whole.length; i++) out[i] = whole[i] * unit;
   return out;
 }
 
-/** Everything: `about`, the strokes of the path, the curves, the source lines over time, the programs' texts. */
+/** Return all data: `about`, the strokes of the path, the curves, the source lines over time, the program texts. */
 async function load() {
   const about = JSON.parse(new TextDecoder().decode(await packed("about")));
   const {tick, quantum, units} = about;
@@ -81,7 +81,7 @@ async function load() {
   return {about, strokes, curves, origins, texts};
 }
 
-/** Number of values that are at most `value`, in a sorted array. */
+/** Return the number of values in a sorted array that are at most `value`. */
 function upTo(array, value) {
   let low = 0, high = array.length;
   while (low < high) {
@@ -92,14 +92,14 @@ function upTo(array, value) {
   return low;
 }
 
-/** A number with so many digits that count, and no zeros behind them. */
+/** Return a number with `count` significant digits, without trailing zeros. */
 function digits(value, count = 4) {
   if (!value) return "0";
   const shown = Math.abs(value) >= 10 ** count ? Math.round(value).toString() : Number(value.toPrecision(count)).toString();
   return shown.replace("-", "\u2212");
 }
 
-/** Seconds as people read them. */
+/** Return seconds as text: h:mm:ss.mmm, or seconds below a minute. */
 function clock(seconds) {
   if (seconds < 60) return seconds.toFixed(3) + " s";
   const whole = Math.floor(seconds), two = value => String(value).padStart(2, "0");

@@ -1,8 +1,8 @@
-// Feed, acceleration and jerk over time. A pixel's column shows the least and the greatest value within it, so that no peak is lost; where
-// phases are wider than that they are drawn as they are: the feed as parabolas, the acceleration as straight lines, the jerk in steps.
+// Feed, acceleration and jerk over time. Each column of pixels shows its least and greatest value, so that no peak is
+// lost. Phases wider than a pixel are drawn exactly: feed as parabolas, acceleration as lines, jerk as steps.
 
 const STRIPS = [["feed", "mm/s"], ["acceleration", "mm/s\u00b2"], ["jerk", "mm/s\u00b3"]];
-const FAR = 2.5;  // times the greatest value: a limit above that is not shown
+const FAR = 2.5;  // ratio to the greatest value; a higher limit is not shown
 const LEFT = 88, RIGHT = 10, TOP = 8, BOTTOM = 22, GAP = 10;
 
 class Graph {
@@ -14,19 +14,19 @@ class Graph {
     this.n = this.curves.t.length - 1;
     this.ranges = [0, 1, 2].map(k => this.pyramid(k));
     const most = this.ranges.map(({low, high}) => Math.max(-low.at(-1)[0], high.at(-1)[0]) || 1);
-    // A limit that is far above the motion would only make it flat.
+    // A limit far above the values would flatten the curves.
     this.limits = model.about.limits.map((limit, k) => limit && limit <= FAR * most[k] ? limit : 0);
     this.tops = most.map((value, k) => Math.max(value, this.limits[k]));
   }
 
-  /** Feed, acceleration and jerk where row `i` begins and ends; of exact curves alone. */
+  /** Return feed and acceleration at both ends of row `i`, and its jerk. For exact curves only. */
   at(i) {
     const {t, start: [v, a, j]} = this.curves, span = t[i + 1] - t[i];
     const last = i + 1 >= this.n, slope = a[i] + j[i] * span, end = v[i] + span * (a[i] + 0.5 * span * j[i]);
     return [v[i], last ? end : v[i + 1], a[i], slope, j[i]];
   }
 
-  /** Least and greatest values of the rows, of two of them, of four, .. */
+  /** Return the least and greatest values of single rows, of pairs, of four rows, and so on. */
   pyramid(k) {
     let low = new Float32Array(this.n), high = new Float32Array(this.n);
     if (!this.curves.exact) [low, high] = [this.curves.low[k], this.curves.high[k]];
@@ -52,7 +52,7 @@ class Graph {
     return {low: lows, high: highs};
   }
 
-  /** Least and greatest value of rows [first, last], by few looks. */
+  /** Return the least and greatest value of rows [first, last]. */
   within(k, first, last) {
     const {low, high} = this.ranges[k];
     let least = Infinity, most = -Infinity;
@@ -82,7 +82,7 @@ class Graph {
     this.show(t - (t - a) / factor, t + (b - t) / factor);
   }
 
-  /** Feed, acceleration and jerk at a time: pairs of the least and the greatest there. */
+  /** Return feed, acceleration and jerk at a time, each as [least, greatest]. */
   values(t) {
     const i = Math.min(Math.max(upTo(this.curves.t, t) - 1, 0), this.n - 1);
     if (this.n < 1) return [[0, 0], [0, 0], [0, 0]];

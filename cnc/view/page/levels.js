@@ -1,11 +1,11 @@
-// The path in several degrees of fineness, for every distance one looks from: each leaves out points of the one before that the rest foretells
-// within its tolerance, as cnc/kernels/view/thinning.py does; there is a drawing.
+// The path in several levels of detail. Each level leaves out points of the one before that its other points show
+// within its tolerance, by the method of cnc/kernels/view/thinning.py, which has a drawing.
 
 const BLOCK = 1024;
-const FLOATS = 8;  // of a point on its way to the screen: x y z, time, feed, acceleration, jerk, mm along the line of a traverse
-const NO_DASH = 1e30;  // instead of the last, for what is no traverse
+const FLOATS = 8;  // of a vertex: x y z, time, feed, acceleration, jerk, mm along the line of a traverse
+const NO_DASH = 1e30;  // instead of the last, for strokes that are not traverses
 
-/** Numbers of the points of `index` that are needed. */
+/** Return the indices of the points of `index` that must be kept. */
 function thinned(strokes, index, tolerance) {
   const {t, place, rapid} = strokes, n = index.length, kept = new Uint32Array(n), reach = tolerance / Math.sqrt(3);
   let count = 0, anchor = 0;
@@ -37,7 +37,7 @@ function thinned(strokes, index, tolerance) {
   return kept.slice(0, count);
 }
 
-/** What the screen needs of the points of `index`: the strokes between them have the mean feed and the greatest of the others. */
+/** Return the vertices of the points of `index`. A stroke has its mean feed, and its largest acceleration and jerk. */
 function vertices(strokes, index) {
   const {t, place, channels, rapid} = strokes, n = index.length, out = new Float32Array(FLOATS * n);
   for (let i = 0; i < n; i++) {
@@ -59,8 +59,8 @@ function vertices(strokes, index) {
   return out;
 }
 
-/** How far along their line traverses are. It is measured from where the machine's zero is nearest, so that the dashes of traverses over the
- * same line, this way or that, fall together. */
+/** Set the distance of traverses along their lines. It is measured from the point nearest to machine zero, so that
+ * the dashes of traverses over the same line coincide in both directions. */
 function dashes({place, rapid}, index, out) {
   const n = index.length, is = i => i + 1 < n && rapid[index[i + 1] - 1] !== 0;
   const way = (i, j) => {
@@ -82,7 +82,7 @@ function dashes({place, rapid}, index, out) {
   }
 }
 
-/** The space that each BLOCK strokes take: six numbers, least and greatest. */
+/** Return the bounding box of each BLOCK strokes: six numbers, least and greatest. */
 function boxes(data) {
   const n = data.length / FLOATS, blocks = Math.max(0, Math.ceil((n - 1) / BLOCK)), out = new Float32Array(6 * blocks);
   for (let b = 0; b < blocks; b++) {
@@ -99,7 +99,7 @@ function boxes(data) {
   return out;
 }
 
-/** Some of the points; what the screen needs of them is made when it is needed first. `tolerance` is what they add to that of the page. */
+/** A level of detail. Its vertices are computed at the first use. `tolerance` adds to the tolerance of the page. */
 class Level {
   constructor(strokes, index, tolerance) {
     Object.assign(this, {strokes, index, tolerance, n: index.length});
@@ -109,7 +109,7 @@ class Level {
   get boxes() { return this.spaces ??= boxes(this.data); }
 }
 
-/** From fine to coarse. */
+/** Return the levels from fine to coarse. */
 function levels(strokes, size, tolerance) {
   let index = new Uint32Array(strokes.n);
   for (let i = 0; i < index.length; i++) index[i] = i;

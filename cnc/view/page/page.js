@@ -1,4 +1,4 @@
-// Brings the parts together: what is pointed at or chosen in one of them shows in the others.
+// Connects the parts of the page: a point or line selected in one of them is shown in the others.
 
 const RAMPS = {
   light: {
@@ -11,13 +11,13 @@ const RAMPS = {
   },
 };
 const NAMES = ["feed, mm/s", "acceleration, mm/s\u00b2", "jerk, mm/s\u00b3", "time, s"];
-const NEAR = 9;   // pixels between the pointer and what it points at
+const NEAR = 9;   // largest distance in pixels of the pointer from the path
 const EDGES = [[0, 1], [2, 3], [4, 5], [6, 7], [0, 2], [1, 3], [4, 6], [5, 7], [0, 4], [1, 5], [2, 6], [3, 7]];
 
 const element = id => document.getElementById(id);
 const triple = colour => [1, 3, 5].map(k => parseInt(colour.slice(k, k + 2), 16) / 255);
 
-/** The edges of a box as strokes, nothing without one; `whole`: it has to be in sight. */
+/** Return the edges of a box as strokes. `whole`: the view must contain it. */
 function edges(box, origin, name) {
   if (!box) return [];
   const corner = k => [0, 1, 2].map(axis => box[axis][k >> axis & 1] - origin[axis]);
@@ -49,7 +49,7 @@ async function main() {
   element("source-note").textContent = about.note;
   if (!scene.gl) {
     element("trouble").hidden = false;
-    element("trouble").textContent = "This browser has no WebGL 2, which the path in space needs; curves and program are here all the same.";
+    element("trouble").textContent = "The path needs WebGL 2, which this browser does not have. The curves and the program are shown.";
   }
   element("space").addEventListener("webglcontextlost", event => event.preventDefault());
   element("space").addEventListener("webglcontextrestored", () => { scene.prepare(); redraw(); });
@@ -61,7 +61,7 @@ async function main() {
     requestAnimationFrame(() => { due = false; draw(); });
   }
 
-  /** Greatest magnitude of a channel on the strokes that are no traverses. */
+  /** Largest magnitude of each channel on strokes that are not traverses. */
   const mosts = strokes.channels.map((values, k) => {
     let most = 0, any = 0;
     for (let i = 0; i + 1 < strokes.n; i++) {
@@ -73,20 +73,20 @@ async function main() {
   const range = () => [[0, mosts[0]], [-mosts[1], mosts[1]], [-mosts[2], mosts[2]], [0, end || 1]][state.channel];
   const ramp = () => RAMPS[state.dark ? "dark" : "light"][state.channel === 1 || state.channel === 2 ? "signed" : "rising"];
 
-  /** Where the tool is at a time. */
+  /** Return the position of the tool at a time. */
   function place(t) {
     const i = Math.min(Math.max(upTo(strokes.t, t) - 1, 0), strokes.n - 1), next = Math.min(i + 1, strokes.n - 1);
     const span = strokes.t[next] - strokes.t[i], part = span > 0 ? Math.min(Math.max((t - strokes.t[i]) / span, 0), 1) : 0;
     return [0, 1, 2].map(k => strokes.place[3 * i + k] + part * (strokes.place[3 * next + k] - strokes.place[3 * i + k]));
   }
 
-  /** File and lines at work at a time; null before the first. */
+  /** Return the active file and lines at a time; null before the first. */
   function work(t) {
     const i = upTo(origins.t, t) - 1;
     return i < 0 ? null : {file: origins.file[i], first: origins.first[i], last: origins.first[i] + origins.more[i]};
   }
 
-  function told(t) {
+  function describe(t) {
     const at = work(t), lines = !at ? "before the first move" : at.last > at.first ? `lines ${at.first} to ${at.last}` : `line ${at.first}`;
     const name = at && at.file ? about.files[at.file] + " " : "", values = graph.values(t);
     const shown = (k, unit) => {
@@ -108,7 +108,7 @@ async function main() {
     graph.draw(colours, [[state.at, shade("accent")], [state.hover, colours.faint]]);
     over(colours);
     legend();
-    element("now").textContent = state.at === null ? `${clock(end)} in all` : told(state.at).head;
+    element("now").textContent = state.at === null ? `${clock(end)} in total` : describe(state.at).head;
     if (state.at !== null) element("slider").value = end ? state.at / end * 10000 : 0;
     const at = state.at === null ? null : work(state.at), marked = at && at.file === source.file ? [at.first, at.last] : null;
     if (String(marked) !== String(source.at)) {
@@ -119,7 +119,7 @@ async function main() {
     }
   }
 
-  /** Tool, scale and axes over the path. */
+  /** Draw the tool, the scale and the axes over the path. */
   function over(colours) {
     const canvas = element("over"), dpr = devicePixelRatio, w = canvas.clientWidth, h = canvas.clientHeight, pen = canvas.getContext("2d");
     [canvas.width, canvas.height] = [Math.round(w * dpr), Math.round(h * dpr)];
@@ -169,7 +169,7 @@ async function main() {
     element("legend-high").textContent = digits(high, 3);
   }
 
-  /** Strokes at work in spans of time, for the scene to draw over the others. */
+  /** Return the strokes within spans of time, which the scene draws over the others. */
   function strokesOf(spans) {
     const out = [];
     for (const [from, to] of spans) {
@@ -209,7 +209,7 @@ async function main() {
     const box = element("tip");
     box.hidden = t === null;
     if (t === null) return;
-    const {head, rest} = told(t);
+    const {head, rest} = describe(t);
     box.textContent = head + "\n" + rest;
     const within = element("scene");
     box.style.left = Math.max(Math.min(x + 14, within.clientWidth - box.offsetWidth - 4), 0) + "px";
@@ -231,7 +231,7 @@ async function main() {
   model.press({channel: 0});
   handle(model);
   draw();
-  // Wait for the picture to be there, not only asked for.
+  // Wait until the picture is drawn, not only requested.
   if (scene.gl) scene.gl.readPixels(0, 0, 1, 1, scene.gl.RGBA, scene.gl.UNSIGNED_BYTE, new Uint8Array(4));
   document.documentElement.dataset.opened = performance.now().toFixed(0);
   return model;

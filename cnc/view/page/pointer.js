@@ -1,14 +1,14 @@
-// Pointer, wheel, keys, buttons and the clock.
+// Pointer, wheel, keys, buttons and playback.
 
-const SLOW = 45, QUICK = 20;  // ms a frame: the path is drawn coarser above the one, finer again below the other
-const MANY = 100000;         // strokes: the first picture of more is a coarse one, the whole follows at once
-const REST = 300;            // ms after which what moved is still
+const SLOW = 45, QUICK = 20;  // ms for a frame: above the first the path is drawn coarser, below the second finer
+const MANY = 100000;         // strokes; a path with more of them is first drawn coarsely
+const REST = 300;            // ms without input after which the view is at rest
 
 function handle(model) {
   const {scene, graph, source, state, redraw, about} = model, end = about.duration, over = element("over"), chart = element("graph");
   let resting = 0, timed = false, pace = 1;
 
-  /** Something moves: draw as coarsely as it takes to keep up, which is learned from how long frames take. */
+  /** The view moves: draw coarsely enough to keep up, judged by the duration of the last frames. */
   function moving() {
     if (!timed) {
       timed = true;
@@ -25,7 +25,7 @@ function handle(model) {
     redraw();
   }
 
-  /** It is still, unless a button is held: draw all there is. */
+  /** The view is at rest, unless a button is held: draw the finest level. */
   function rest() {
     if (pointers.size) resting = setTimeout(rest, REST);
     else {
@@ -178,7 +178,7 @@ function handle(model) {
   new ResizeObserver(() => redraw()).observe(over);
 }
 
-/** For whoever looks on from outside: the page's model, when it is drawn. */
+/** Resolves to the model of the page when it is drawn; tests and benchmarks use it. */
 const opened = main();
 opened.catch(error => {
   document.getElementById("trouble").hidden = false;

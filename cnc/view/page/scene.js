@@ -1,8 +1,8 @@
-// The path in space: strokes as thin rectangles that face the viewer, in parallel projection, so that lengths on the screen compare.
-// The view is given by a direction (yaw, pitch), the point in the middle, and pixels per millimetre.
+// The path in space, as thin rectangles that face the viewer. The projection is parallel and keeps lengths comparable.
+// The view has a direction (yaw, pitch), a centre, and a scale in pixels per millimetre.
 //
-// The points lie in a texture, two texels each, where the vertices of a stroke's two triangles look them up: one call draws any number of
-// strokes, also where a processor does the work of a graphics card, which instances would keep busy one by one.
+// The points are in a texture, two texels each, and the vertices of the two triangles of a stroke read them there. One
+// call draws any number of strokes. Instanced drawing would be slower in software rendering.
 
 const TEXELS = 2048;  // in a row of the texture
 const VERTEX = `#version 300 es
@@ -68,7 +68,7 @@ class Scene {
     this.model = model;
     this.shown = boxesShown;
     this.levels = levels(model.strokes, model.size, model.about.tolerance);
-    this.coarse = 1;     // grows while frames come too slowly
+    this.coarse = 1;     // grows while frames are slow
     this.target = [0, 0, 0];
     this.chosen = null;
     const gl = this.gl = canvas.getContext("webgl2", {antialias: true, alpha: false});
@@ -96,7 +96,7 @@ class Scene {
     }
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.LEQUAL);
-    for (const level of this.levels) level.texture = null;  // made when it is drawn first
+    for (const level of this.levels) level.texture = null;  // created at the first use
     this.lines = this.shown.map(box => ({...box, texture: this.texture(box.data)}));
     if (this.chosen) this.chosen.texture = this.texture(this.chosen.data);
   }
@@ -110,7 +110,7 @@ class Scene {
     return texture;
   }
 
-  /** Strokes to draw over the others; null for none. */
+  /** Set the strokes to draw over the others; null for none. */
   choose(data) {
     if (this.gl && this.chosen) this.gl.deleteTexture(this.chosen.texture);
     this.chosen = data && {data, texture: this.gl && this.texture(data)};
@@ -139,13 +139,13 @@ class Scene {
     this.target = [0, 1, 2].map(k => turn[3 * k] * x + turn[3 * k + 1] * y);
   }
 
-  /** Columns of the matrix from the machine's axes to right, up and towards the viewer. */
+  /** Return the columns of the matrix from machine axes to right, up and towards the viewer. */
   turn() {
     const [c, s, cp, sp] = [Math.cos(this.yaw), Math.sin(this.yaw), Math.cos(this.pitch), Math.sin(this.pitch)];
     return [c, -s * sp, s * cp, s, c * sp, -c * cp, 0, cp, sp];
   }
 
-  /** Where a point of the path is on the screen, in CSS pixels from the upper left, and how near. */
+  /** Return the place of a point on the screen in CSS pixels from the upper left, and its depth. */
   project(x, y, z) {
     const m = this.turn(), [tx, ty, tz] = this.target, [a, b, c] = [x - tx, y - ty, z - tz];
     const right = m[0] * a + m[3] * b + m[6] * c, up = m[1] * a + m[4] * b + m[7] * c;
@@ -163,7 +163,7 @@ class Scene {
     this.pitch = Math.min(Math.max(this.pitch + dy * 0.008, -Math.PI / 2), Math.PI / 2);
   }
 
-  /** Larger by a factor, about a point of the screen. */
+  /** Magnify by a factor around a point of the screen. */
   zoom(factor, x, y) {
     const [dx, dy] = [x - this.canvas.clientWidth / 2, y - this.canvas.clientHeight / 2];
     factor = Math.min(Math.max(this.scale * factor, 1e-3), 1e6) / this.scale;
@@ -172,7 +172,7 @@ class Scene {
     this.move(dx, dy);
   }
 
-  /** The coarsest level that nobody can tell from the finest. */
+  /** Return the coarsest level with a tolerance that is invisible at this scale. */
   level() {
     const seen = 0.4 * this.coarse / (this.scale * devicePixelRatio);
     let found = this.levels[0];
@@ -180,7 +180,7 @@ class Scene {
     return found;
   }
 
-  /** Runs [first, last) of blocks that reach into a part of the screen: left, top, right, bottom in CSS pixels. */
+  /** Yield runs [first, last) of blocks that overlap a rectangle of the screen, in CSS pixels. */
   *visible(level, left, top, right, bottom) {
     const m = this.turn(), {boxes} = level, n = boxes.length / 6;
     const [w, h, s] = [this.canvas.clientWidth / 2, this.canvas.clientHeight / 2, this.scale];
@@ -226,7 +226,7 @@ class Scene {
     gl.uniform3fv(u.ramp, ramp.flat());
     gl.uniform3fv(u.paper, paper);
     gl.uniform3fv(u.rapid, rapid);
-    // Dashes of about nine pixels, in steps of two so that they stand still while one zooms.
+    // Dashes of about nine pixels, in powers of two, so that they do not move while the user zooms.
     gl.uniform1f(u.dash, 2 ** Math.round(Math.log2(9 / this.scale)));
     gl.uniform1f(u.now, Infinity);
     for (const line of this.lines) this.strokes(line, 0, line.data.length / FLOATS / 2, 1.1 * dpr, [...line.colour(), 1], 2);
@@ -247,7 +247,7 @@ class Scene {
     }
   }
 
-  /** Strokes [first, last) of some points: from each point to the next (`stride` 1), or of pairs (2). */
+  /** Draw strokes [first, last): from each point to the next (`stride` 1), or of pairs (2). */
   strokes({texture}, first, last, width, paint, stride) {
     const gl = this.gl;
     if (last <= first) return;
@@ -258,7 +258,7 @@ class Scene {
     gl.drawArrays(gl.TRIANGLES, 6 * first, 6 * (last - first));
   }
 
-  /** The time at which the tool is nearest to a point of the screen, if that is within `near` pixels; else null. */
+  /** Return the time of the path point nearest to a point of the screen; null beyond `near` pixels. */
   pick(x, y, near) {
     const level = this.level(), {data} = level, m = this.turn(), s = this.scale, [tx, ty, tz] = this.target;
     const [w, h] = [this.canvas.clientWidth / 2, this.canvas.clientHeight / 2];
@@ -278,7 +278,7 @@ class Scene {
         const [dx, dy] = [px - ax, py - ay], square = dx * dx + dy * dy;
         const part = square > 0 ? Math.min(Math.max(-(ax * dx + ay * dy) / square, 0), 1) : 0;
         const off = (ax + part * dx) ** 2 + (ay + part * dy) ** 2, depth = az + part * (pz - az);
-        // Of those as good as equally near on the screen the one in front.
+        // Of points at nearly the same distance the one in front counts.
         if (off < best - 2 || off < best + 2 && off < near * near && depth > bestDepth) {
           best = Math.min(best, off);
           bestDepth = depth;

@@ -1,11 +1,11 @@
-// The text of the programs beside the path. Only the rows in sight exist; bytes become text when they are looked at, and text nothing else.
+// The text of the programs beside the path. Only visible rows exist as elements, and only visible bytes are decoded.
 
 const ROW = 18;              // pixels, as in page.css
-const TALLEST = 8e6;         // pixels; browsers know no much taller elements
-const LONGEST = 400;         // characters of a line that are shown
+const TALLEST = 8e6;         // pixels; browsers limit the height of elements
+const LONGEST = 400;         // characters of a line that are displayed
 const HIDDEN = /[\u0000-\u0008\u000b-\u001f\u007f-\u009f\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff]/g;
 
-/** Where each line begins; a line ends with \r\n, \n or \r. One more entry: the end. */
+/** Return the start of each line, and the end of the text. A line ends with \r\n, \n or \r. */
 function lineStarts(bytes) {
   let starts = new Uint32Array(1024), count = 0, n = bytes.length;
   let i = n > 2 && bytes[0] === 0xef && bytes[1] === 0xbb && bytes[2] === 0xbf ? 3 : 0;
@@ -28,7 +28,7 @@ function lineStarts(bytes) {
   return starts.slice(0, count);
 }
 
-/** Which lines of a file are at work when: rows of the origins by line, and the time that each line takes. */
+/** Times of the lines of a file: rows of the origins by line, and the duration of each line. */
 class LineTimes {
   constructor(origins, file, lines, end) {
     const {t, first, more} = origins, n = t.length;
@@ -51,7 +51,7 @@ class LineTimes {
     for (let i = 0; i < n; i++) if (origins.file[i] === file && first[i] <= lines) this.rows[free[first[i]]++] = i;
   }
 
-  /** The times [from, to] at which a line is at work. */
+  /** Return the times [from, to] in which a line is active. */
   spans(line) {
     if (!this.busy[line]) return [];
     let at = line;
@@ -96,7 +96,7 @@ class Source {
     this.open(0);
   }
 
-  /** Show a file, by its number. */
+  /** Show a file by its index. */
   open(file) {
     if (file === this.file) return;
     this.file = file;
@@ -130,7 +130,7 @@ class Source {
     this.draw();
   }
 
-  /** Mark lines [first, last], and have them in sight. */
+  /** Select lines [first, last] and scroll to them. */
   choose(first, last) {
     this.chosen = [first, last];
     if (first - 1 < this.top || last > this.top + this.inSight) this.scroll(first - 1 - this.inSight / 3);

@@ -96,7 +96,7 @@ def test_check_mode_goes_as_fast_as_the_wire() -> None:
     for k in range(count):
         text = f"G1X{k % 10:.3f}Y{k % 7:.3f}F1000Z1.00000"[:25].ljust(25, "0")
         board.send_line(GcodeLine(text, k + 2))
-    board._drain()
+    board.stream.drain()
     rate = count / (simulator.now - began)
     assert rate >= 0.95 * 115200 / 10 / 26
 
@@ -417,7 +417,7 @@ def test_a_board_that_restarts_by_itself_is_noticed() -> None:
     simulator = GrblSimulator()
     board = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F300")
-    board._serve(1.0)
+    board.stream.serve(1.0)
     simulator.power_up(0.3)
     with pytest.raises(BoardError) as caught:
         board.finish()

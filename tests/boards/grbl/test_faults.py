@@ -113,7 +113,7 @@ def test_no_more_motion_is_sent_ahead_than_the_planner_has_use_for(
         simulator = GrblSimulator(settings=settings)
         board = started(simulator)
         if ahead is not None:
-            board._monitor._ahead = ahead
+            board.stream.monitor._ahead = ahead
         feed(board, PREAMBLE, "G1 X5 Y0 F500")
         feed(board, *lines, first=3)
         left = simulator.now
@@ -135,17 +135,17 @@ def test_a_report_that_is_wrong_once_is_none_twice_is_a_fault() -> None:
     simulator = GrblSimulator()
     board = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F300")
-    board._serve(0.5)
+    board.stream.serve(0.5)
     right = board.status
     assert right.position is not None
     x = right.position[0]
     wrong = replace(right, position=(x, 1.28, 0.0))
     ahead = replace(right, position=(x + 1.28, 0.0, 0.0))
     for status in (wrong, right, wrong, right, ahead, right, right, right):
-        board._take(Reported(status))
-    board._take(Reported(wrong))
+        board.stream.receive(Reported(status))
+    board.stream.receive(Reported(wrong))
     with pytest.raises(BoardError) as caught:
-        board._take(Reported(wrong))
+        board.stream.receive(Reported(wrong))
     assert (caught.value.diagnostic.code, caught.value.diagnostic.line) == ("off-path", 2)
 
 

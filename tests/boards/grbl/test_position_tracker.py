@@ -147,7 +147,9 @@ def followed(lines: list[tuple[str, list[Point]]]) -> PositionTracker:
     ],
 )
 def test_the_time_that_lies_ahead(lines: list[str], seconds: float) -> None:
-    follower = PositionTracker(PLANNER, (0.0, 0.0, 0.0), TOLERANCE, AxisLimits((20.0,) * 3, (20.0,) * 3))
+    follower = PositionTracker(
+        PLANNER, (0.0, 0.0, 0.0), TOLERANCE, AxisLimits((20.0,) * 3, (20.0,) * 3)
+    )
     follower.begin((0.0, 0.0, 0.0))
     for line in lines_with_effects(lines, first=0):
         follower.send(line)
@@ -155,7 +157,9 @@ def test_the_time_that_lies_ahead(lines: list[str], seconds: float) -> None:
 
 
 def test_overrides_stretch_the_moves_that_they_are_for() -> None:
-    follower = PositionTracker(PLANNER, (0.0, 0.0, 0.0), TOLERANCE, AxisLimits((20.0,) * 3, (20.0,) * 3))
+    follower = PositionTracker(
+        PLANNER, (0.0, 0.0, 0.0), TOLERANCE, AxisLimits((20.0,) * 3, (20.0,) * 3)
+    )
     follower.begin((0.0, 0.0, 0.0))
     for line in lines_with_effects(["G0 X20", "G1 Y10 F600"], first=0):
         follower.send(line)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.boards.grbl.codes import ALARMS, ALARMS_HAL, ERRORS, alarm_meaning, error_meaning
-from cnc.boards.grbl.lines import kind_of, seconds_of
+from cnc.boards.grbl.line_kinds import kind_of, seconds_of
 from cnc.boards.grbl.messages import (
     Alarm,
     Feedback,
@@ -92,7 +92,7 @@ def test_messages_come_in_any_pieces(said: list[tuple[str, Message]], seed: int)
 def test_noise_is_no_end_of_the_world(noise: list[bytes], data: st.DataObject) -> None:
     protocol = ready()
     for piece in noise:
-        if protocol.room("G1X1"):
+        if protocol.fits("G1X1"):
             protocol.send("G1X1", 1)
         if data.draw(st.booleans()) and protocol.mark_fits():
             protocol.mark()
@@ -124,7 +124,7 @@ def test_never_more_than_the_buffer_holds_and_every_line_gets_through(
     sent = answered = 0
     lines = ["G1" + "X" * max(min(length, rx - 6) - 2, 0) for length in lengths]
     while answered < len(lines):
-        if sent < len(lines) and protocol.room(lines[sent]):
+        if sent < len(lines) and protocol.fits(lines[sent]):
             ring.append(len(protocol.send(lines[sent], sent + 1)))
             sent += 1
         elif ring:
@@ -146,7 +146,7 @@ def test_never_more_than_the_buffer_holds_and_every_line_gets_through(
 def test_the_budget_of_grbl_is_used_to_its_last_line() -> None:
     protocol = ready()
     count = 0
-    while protocol.room("G1X10.000Y10.000F1000Z1.0"):
+    while protocol.fits("G1X10.000Y10.000F1000Z1.0"):
         protocol.send("G1X10.000Y10.000F1000Z1.0", count)
         count += 1
     # 128 bytes: four lines of 26 with their ends, and a mark
@@ -157,9 +157,9 @@ def test_the_budget_of_grbl_is_used_to_its_last_line() -> None:
 def test_a_line_longer_than_the_budget_goes_alone() -> None:
     protocol = ready()
     protocol.rx_bytes = 32
-    assert protocol.room("X" * 70)
+    assert protocol.fits("X" * 70)
     protocol.send("X" * 70, 1)
-    assert not protocol.room("X")
+    assert not protocol.fits("X")
 
 
 @pytest.mark.parametrize(
@@ -215,7 +215,7 @@ def test_seconds_of_a_dwell() -> None:
 def test_writers_and_system_commands_are_under_way_alone(lines: list[str]) -> None:
     protocol, under_way = ready(), deque()
     for text in lines:
-        while not protocol.room(text):
+        while not protocol.fits(text):
             under_way.popleft()
             protocol.receive(b"ok\r\n")
         protocol.send(text, 1)
@@ -233,7 +233,7 @@ def test_an_error_belongs_to_the_oldest_line_and_nothing_after_it_counts() -> No
     assert isinstance(events[1], Rejected)
     assert (events[1].sent.line, events[1].code) == (8, 20)
     assert len(events) == 2
-    assert not protocol.room("G1X1")
+    assert not protocol.fits("G1X1")
     assert protocol.confirmed_line == 7
 
 
@@ -247,7 +247,7 @@ def test_a_late_ok_after_the_reset_is_not_counted() -> None:
         Started,
     ]
     assert (protocol.waiting, protocol.used) == (0, 0)
-    assert protocol.room("G1X1")
+    assert protocol.fits("G1X1")
 
 
 @pytest.mark.parametrize(
@@ -423,7 +423,7 @@ def test_every_code_has_a_meaning_and_advice() -> None:
 
 
 def test_the_same_number_means_something_else_on_grblhal() -> None:
-    assert "second limit switch" in alarm_meaning(10, hal=False).what
-    assert "emergency stop" in alarm_meaning(10, hal=True).what
-    assert "second limit switch" in alarm_meaning(15, hal=True).what
-    assert ALARMS_HAL[15].what == ALARMS[10].what
+    assert "second limit switch" in alarm_meaning(10, hal=False).fault
+    assert "emergency stop" in alarm_meaning(10, hal=True).fault
+    assert "second limit switch" in alarm_meaning(15, hal=True).fault
+    assert ALARMS_HAL[15].fault == ALARMS[10].fault

@@ -351,7 +351,7 @@ def test_an_alarm_while_the_operator_stops_is_told() -> None:
     simulator = GrblSimulator()
     board, _ = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F400")
-    board._serve(0.5)
+    board.stream.serve(0.5)
     simulator.inject(Alarm(1), time=simulator.now + 0.01)
     with pytest.raises(BoardError) as caught:
         board.stop()
@@ -383,7 +383,7 @@ def test_a_board_that_freezes_while_the_operator_stops_is_told() -> None:
     simulator = GrblSimulator()
     board, _ = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F400")
-    board._serve(0.5)
+    board.stream.serve(0.5)
     simulator.inject(Freeze())
     asked = simulator.now
     with pytest.raises(BoardError) as caught:
@@ -398,7 +398,7 @@ def test_a_second_wish_to_stop_stops_again() -> None:
     simulator = GrblSimulator()
     board, _ = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F400", "G1 X0")
-    board._serve(0.5)
+    board.stream.serve(0.5)
     real = board.link._rest
     impatient = [KeyboardInterrupt()]
 
@@ -460,11 +460,11 @@ def test_a_board_that_answers_late_is_no_fault(late: float) -> None:
 
 
 def test_a_board_that_says_run_and_stands_still_is_stuck_even_if_nothing_is_due() -> None:
-    vital = LivenessMonitor()
-    vital.begin(0.0)
+    liveness = LivenessMonitor()
+    liveness.begin(0.0)
     for k in range(int(STUCK) + 3):
-        vital.reported(Status("Run", position=(1.0, 0.0, 0.0)), float(k))
-    found = vital.verdict(None, 7, STUCK + 3.0)
+        liveness.reported(Status("Run", position=(1.0, 0.0, 0.0)), float(k))
+    found = liveness.fault(None, 7, STUCK + 3.0)
     assert found is not None
     assert (found.diagnostic.code, found.diagnostic.line) == ("board-stuck", 7)
 
@@ -475,10 +475,10 @@ def test_a_dwell_and_a_spindle_have_their_time() -> None:
         ("dwell", 9.0, 11.0),
         ("spindle", 0.0, 22.0),
     ):
-        vital = LivenessMonitor()
-        vital.begin(0.0)
+        liveness = LivenessMonitor()
+        liveness.begin(0.0)
         sent = SentLine("", 3, 1, kind, seconds)  # type: ignore[arg-type]
         for k in range(100):
             now = 0.25 * k
-            vital.reported(Status("Idle"), now)
-            assert (vital.verdict(sent, 0, now) is not None) == (now > patience), (kind, now)
+            liveness.reported(Status("Idle"), now)
+            assert (liveness.fault(sent, 0, now) is not None) == (now > patience), (kind, now)

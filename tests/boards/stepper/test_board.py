@@ -10,16 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Control, Outputs, Report, Watch, run
+from cnc.api import Callbacks, Control, Outputs, Report, run
 from cnc.api import check as plan_only
 from cnc.boards.stepper.driver import Stepper
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
-from cnc.pulses.reference_pulse import ALGORITHMS, Algorithm
+from cnc.model.choices import Algorithm
+from cnc.pulses.reference_pulse import ALGORITHMS
 from tests.support.boards.board_conformance import AXES, PulseBoardConformance
 from tests.support.boards.stepper_rig import CLOSE_US, machine, off_plan_us
 from tests.support.boards.stepper_simulator import FREQUENCY, Simulator, SimulatorPort
 from tests.support.paths import PROGRAMS
+from tests.support.session.runs import run_with
 from tests.support.soak import share
 
 REAL_PORT = os.environ.get("CNC_STEPPER_PORT", "")
@@ -55,7 +57,7 @@ def played(
     simulator = Simulator()
     port = SimulatorPort(simulator)
     board = Stepper(port, known, "the simulator", clock=port)
-    report = run(
+    report = run_with(
         program,
         known,
         board=board,
@@ -90,7 +92,7 @@ def check(simulator: Simulator, folder: Path) -> None:
         assert off_plan_us(cycles, pulses["time_ns"]) <= CLOSE_US
 
 
-def test_a_program_comes_out_of_the_pins_as_planned(small: Path, tmp_path: Path) -> None:
+def test_pins_make_the_planned_moves(small: Path, tmp_path: Path) -> None:
     report, simulator = played(small, tmp_path, machine())
     assert report.ok
     check(simulator, tmp_path)
@@ -98,7 +100,7 @@ def test_a_program_comes_out_of_the_pins_as_planned(small: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize("program", [None, PROGRAMS / "trident.nc"], ids=["small", "trident"])
-def test_the_pins_take_as_long_as_estimated(
+def test_pins_take_the_estimated_time(
     program: Path | None, small: Path, tmp_path: Path
 ) -> None:
     """Both end on the grid: the last edge is the end of the motion."""
@@ -142,7 +144,7 @@ def test_shipped_programs(name: str, algorithm: Algorithm, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("name", SENSING)
-def test_programs_that_need_senses_are_refused(name: str, tmp_path: Path) -> None:
+def test_programs_that_need_sensors_are_refused(name: str, tmp_path: Path) -> None:
     report, simulator = played(PROGRAMS / name, tmp_path, load_machine("default"))
     assert [fault.diagnostic.code for fault in report.faults] == ["board-senseless"]
     assert not len(simulator.moves()[0])
@@ -187,7 +189,7 @@ braking has the rest, at worst.
         ),
     ],
 )
-def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(
+def test_hold_takes_horizon_and_braking_time(
     tmp_path: Path, text: str, moment: float, braking: float
 ) -> None:
     (tmp_path / "p.ngc").write_text(f"G21 G90 G17\n{text}\nM2\n")
@@ -198,7 +200,7 @@ def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(
     board = Stepper(port, machine(), "the simulator", clock=port)
 
     def on_sent(sent: object) -> None:
-        if not asked and board._stream.running and board._stream.played_ns * 1e-9 > moment:
+        if not asked and board._sender.running and board._sender.played_ns * 1e-9 > moment:
             asked.append(simulator.cycle)
             control.hold()
         if getattr(sent, "held", False):
@@ -206,7 +208,11 @@ def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(
             control.resume()
 
     assert run(
-        tmp_path / "p.ngc", machine(), board=board, control=control, watch=Watch(on_sent=on_sent)
+        tmp_path / "p.ngc",
+        machine(),
+        board=board,
+        control=control,
+        callbacks=Callbacks(on_sent=on_sent),
     ).ok
     board.close()
     assert (rest[0] - asked[0]) / FREQUENCY <= HORIZON + braking
@@ -220,7 +226,7 @@ def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(
 
 
 @pytest.mark.parametrize("moment", np.linspace(0.1, 0.45, share(50, 2)).tolist())
-def test_held_and_resumed(small: Path, tmp_path: Path, moment: float) -> None:
+def test_hold_and_resume_change_no_step(small: Path, tmp_path: Path, moment: float) -> None:
     """The same edges in the same order as a run that nobody held, and rest soon after the wish."""
     with_hold, without = tmp_path / "a", tmp_path / "b"
     with_hold.mkdir()
@@ -233,14 +239,16 @@ def test_held_and_resumed(small: Path, tmp_path: Path, moment: float) -> None:
     rests: list[int] = []
 
     def on_sent(sent: object) -> None:
-        if not held_at and board._stream.running and board._stream.played_ns * 1e-9 > moment:
+        if not held_at and board._sender.running and board._sender.played_ns * 1e-9 > moment:
             held_at.append(simulator.cycle)
             control.hold()
         if getattr(sent, "held", False):
             rests.append(int(simulator.moves()[0][-1]))
             control.resume()
 
-    report = run(small, machine(), board=board, control=control, watch=Watch(on_sent=on_sent))
+    report = run(
+        small, machine(), board=board, control=control, callbacks=Callbacks(on_sent=on_sent)
+    )
     board.close()
     assert report.ok
     plain, reference = played(small, without, machine())
@@ -252,7 +260,7 @@ def test_held_and_resumed(small: Path, tmp_path: Path, moment: float) -> None:
     reference.close()
 
 
-def test_the_next_program_begins_where_the_machine_stands(small: Path, tmp_path: Path) -> None:
+def test_next_program_begins_at_the_current_position(small: Path, tmp_path: Path) -> None:
     simulator = Simulator()
     port = SimulatorPort(simulator)
     (tmp_path / "next.ngc").write_text("G21 G90\nG0 X0 Y0 Z0\nM2\n")
@@ -297,7 +305,7 @@ M2
 
 
 @pytest.mark.parametrize("kind", [2, 3])
-def test_a_probe_ends_at_the_grid_move(tmp_path: Path, kind: int) -> None:
+def test_probe_ends_at_its_grid_move(tmp_path: Path, kind: int) -> None:
     (tmp_path / "probe.ngc").write_text(PROBING_PROGRAM.format(kind=kind))
     simulator = Simulator()
     port = SimulatorPort(simulator)
@@ -319,7 +327,7 @@ def test_a_probe_ends_at_the_grid_move(tmp_path: Path, kind: int) -> None:
 
 
 @pytest.mark.parametrize("behind", ["", "G4 P0.1\n", "M5\n"])
-def test_nothing_moves_behind_the_contact(tmp_path: Path, behind: str) -> None:
+def test_no_motion_follows_the_contact(tmp_path: Path, behind: str) -> None:
     """The program ends there: what was left of the move is not made up for."""
     (tmp_path / "probe.ngc").write_text(f"G21 G90\nG38.2 X20 F300\n{behind}M2\n")
     simulator = Simulator()
@@ -334,7 +342,7 @@ def test_nothing_moves_behind_the_contact(tmp_path: Path, behind: str) -> None:
     simulator.close()
 
 
-def test_a_probe_that_finds_nothing(tmp_path: Path) -> None:
+def test_probe_without_contact(tmp_path: Path) -> None:
     (tmp_path / "probe.ngc").write_text(
         "G21 G90\nG38.3 X2 F600\nG1 X[2 + #5070] F600\nG38.2 X4 F600\nM2\n"
     )
@@ -348,7 +356,7 @@ def test_a_probe_that_finds_nothing(tmp_path: Path) -> None:
     simulator.close()
 
 
-def test_a_probe_in_contact_from_the_start(tmp_path: Path) -> None:
+def test_probe_with_contact_at_its_start(tmp_path: Path) -> None:
     (tmp_path / "probe.ngc").write_text("G21 G90\nG38.2 X2 F600\nM2\n")
     simulator = Simulator()
     simulator.set_pin(PROBE_PIN, 0)
@@ -364,7 +372,7 @@ def test_a_probe_in_contact_from_the_start(tmp_path: Path) -> None:
 CHANGE = "G21 G90\nG1 X1 F600\nT2 M6\nG1 X2\nM2\n"
 
 
-def test_a_tool_change_waits_for_the_operator(tmp_path: Path) -> None:
+def test_tool_change_waits_for_the_operator(tmp_path: Path) -> None:
     """At rest, until somebody resumes; where nobody can, it goes on, as on the board in the box."""
     (tmp_path / "change.ngc").write_text(CHANGE)
     control, rests = Control(), []
@@ -382,7 +390,7 @@ def test_a_tool_change_waits_for_the_operator(tmp_path: Path) -> None:
         machine(),
         board=board,
         control=control,
-        watch=Watch(on_sent=on_sent),
+        callbacks=Callbacks(on_sent=on_sent),
     ).ok
     board.close()
     assert rests == [400]

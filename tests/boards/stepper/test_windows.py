@@ -1,22 +1,22 @@
-"""Lines through windows, beside trying all of them."""
+"""Lines through windows, compared with an exhaustive search."""
 
 import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from cnc.kernels.stepper.windows import CORNERS, longest
+from cnc.kernels.stepper.windows import MAX_CORNERS, Bounds, Polygon, Windows, longest
 from tests.support.soak import share
 
 
 def reach(w, low, high, x, y):
-    """How many windows the lines x + w y meet from the first on, the most."""
+    """Return the largest number of windows, from the first on, that a line x + w y passes."""
     value = x[:, None] + w[None, :] * y[:, None]
     return int(np.cumprod((value >= low) & (value <= high), axis=1).sum(axis=1).max())
 
 
 @settings(max_examples=share(2000, 80), deadline=None)
 @given(st.integers(2, 40), st.floats(0.6, 8.0), st.integers(0, 2**32 - 1))
-def test_as_long_as_the_best_of_all(count, width, seed):
+def test_line_passes_as_many_windows_as_the_best(count, width, seed):
     random = np.random.default_rng(seed)
     w = np.arange(count) * 0.5
     middle = (
@@ -30,20 +30,14 @@ def test_as_long_as_the_best_of_all(count, width, seed):
     best = reach(w, low, high, x.ravel().astype(float), y.ravel().astype(float))
     assume(best > 0)
     met, found_x, found_y = longest(
-        w,
-        low,
-        high,
+        Windows(w, low, high),
         count,
-        -40.0,
-        40.0,
-        -12.0,
-        12.0,
-        np.empty((2, CORNERS)),
-        np.empty((2, CORNERS)),
+        Bounds(-40.0, 40.0, -12.0, 12.0),
+        Polygon(np.empty((2, MAX_CORNERS)), np.empty((2, MAX_CORNERS))),
     )
     assert met == reach(w, low, high, np.array([float(found_x)]), np.array([float(found_y)]))
-    # whole numbers in a polygon are looked for on one line through its middle, so a little may be
-    # missed in narrow ones
+    # Whole points of a polygon are searched on one line through its middle. In narrow polygons this
+    # may miss some.
     assert met <= best
     assert met >= 1
     if width > 4.0:

@@ -12,7 +12,7 @@ from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Abort, Polyline, WaitInput
 from cnc.model.diagnostics import Diagnostic, GcodeError
-from tests.support.gcode.gcode_cases import refused, run
+from tests.support.gcode.gcode_cases import error_of, run
 
 CASES = {
     "hello #1 end": "hello 1.234568 end",
@@ -64,11 +64,11 @@ def test_comments_of_a_program() -> None:
 
 
 def test_an_abort_says_why_in_the_programs_own_words() -> None:
-    found = refused("#1=2.5\nG0 X1\nG1 Y2 F60 (Abort , tool %d#1 at #<_x> is #<gone>)")
+    found = error_of("#1=2.5\nG0 X1\nG1 Y2 F60 (Abort , tool %d#1 at #<_x> is #<gone>)")
     assert found.message == "the program aborts itself: tool 2 at 1 is ######"
     assert (found.line, found.column, found.length) == (3, 11, 39)
-    assert refused("(ABORT,)").message == "the program aborts itself"
-    assert refused("/(ABORT, now)").code == "program-abort"
+    assert error_of("(ABORT,)").message == "the program aborts itself"
+    assert error_of("/(ABORT, now)").code == "program-abort"
     assert run("/(ABORT, now)", block_delete=True) == []
 
 

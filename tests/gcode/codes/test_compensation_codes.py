@@ -13,7 +13,7 @@ from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
 from cnc.model.diagnostics import Diagnostic, GcodeError
-from tests.support.gcode.gcode_cases import Row, means, refused, run, stands
+from tests.support.gcode.gcode_cases import Row, assert_blocks, assert_error_at, error_of, run
 
 OFF = math.sqrt(0.5)
 END: Row = ("end",)
@@ -91,7 +91,7 @@ def test_fanuc_keeps_the_number_of_the_offset() -> None:
     cut = 4.5 * math.tan(turn / 2)
     crossing: Row = ("line", end[0] - cut * 30 / length, end[1] - cut * 9 / length, 0, 60)
     assert around[0] == crossing[0]
-    means(source, *expected, crossing, ("line", 80, -4.5, 0, 60), dialect="fanuc")
+    assert_blocks(source, *expected, crossing, ("line", 80, -4.5, 0, 60), dialect="fanuc")
 
 
 SQUARE = """\
@@ -112,7 +112,7 @@ def test_a_square() -> None:
     """From 45 degrees below: the end of the entry lies beside it, and the corner there is an inside
     one: y is where x + 5 sqrt 2 = y.
     """
-    means(
+    assert_blocks(
         SQUARE,
         ("rapid", -10, -10, 0),
         ("line", -5, -5 + 10 * OFF, 0, 600),
@@ -171,7 +171,7 @@ M30
 
 def test_an_arc_in_another_plane() -> None:
     """ZX, where left of +X is -Z, and G2 turns X towards Z."""
-    means(
+    assert_blocks(
         "G18 G41.1 D4\nG1 X10 F60\nG2 X20 Z10 K10\nG1 Z20\n",
         ("line", 10, 0, -2, 60),
         ("arc", "ZX", 10, 10, 22, 0, 10, 12, -0.25, 60),
@@ -197,13 +197,13 @@ def test_an_arc_in_another_plane() -> None:
 )
 def test_turning_tools(orientation: int, z: int, x: int) -> None:
     expected = [("line", end + 5 * x, 0, 5 * z - 5, 60) for end in (20, 40)]
-    means(f"G18 G41.1 D10 L{orientation}\n{ALONG}", *expected)
-    means(f"G18\nG10 L1 P5 Q{orientation}\nG41 D5\n{ALONG}", *expected, tools=tools())
+    assert_blocks(f"G18 G41.1 D10 L{orientation}\n{ALONG}", *expected)
+    assert_blocks(f"G18\nG10 L1 P5 Q{orientation}\nG41 D5\n{ALONG}", *expected, tools=tools())
 
 
 def test_the_coordinate_system_may_be_shifted_rotated_and_in_inches() -> None:
     half = 0.5 * math.sqrt(3)
-    means(
+    assert_blocks(
         "G10 L2 P1 X100 R30\nG20 G41.1 D[4/25.4]\nG0 X[10/25.4] Y0\nX[20/25.4]\n",
         ("rapid", 100 + 10 * half - 1, 5 + 2 * half, 0),
         ("rapid", 100 + 20 * half - 1, 10 + 2 * half, 0),
@@ -212,7 +212,7 @@ def test_the_coordinate_system_may_be_shifted_rotated_and_in_inches() -> None:
 
 
 def test_the_move_after_g40_leads_out_even_across_the_plane() -> None:
-    means(
+    assert_blocks(
         "G41.1 D4\nG1 X10 F60\nG40\nZ5\nX20\n",
         ("line", 10, 2, 0, 60),
         ("line", 10, 0, 5, 60),
@@ -227,7 +227,7 @@ def test_arcs_and_splines_may_follow_the_lead_out() -> None:
 
 def test_loops_and_subroutines_read_the_programmed_position() -> None:
     source = "G41.1 D2\nG1 F60 X10\nO1 repeat [3]\nX[#5420+10]\nO1 endrepeat\nM2\n"
-    means(source, *[("line", 10.0 * n, 1, 0, 60) for n in (1, 2, 3, 4)], END)
+    assert_blocks(source, *[("line", 10.0 * n, 1, 0, 60) for n in (1, 2, 3, 4)], END)
 
 
 def test_a_contour_over_two_files_names_both(tmp_path: Path) -> None:
@@ -340,26 +340,26 @@ ON = "G41 D2\nG1 F60 X20\nX40\n"
     ],
 )
 def test_refused(source: str, code: str) -> None:
-    stands(code, source, tools=tools())
+    assert_error_at(code, source, tools=tools())
 
 
 @pytest.mark.parametrize(
     ("dialect", "source"), [("grbl", "G41 D1"), ("grbl", "G42.1 D1"), ("fanuc", "G41.1 D1")]
 )
 def test_not_in_every_dialect(dialect: str, source: str) -> None:
-    assert refused(source, dialect=dialect).code == "code-not-in-dialect"
+    assert error_of(source, dialect=dialect).code == "code-not-in-dialect"
 
 
 def test_fanuc_wants_the_number_once() -> None:
-    assert refused("G41 G1 X10. F60.", dialect="fanuc").code == "compensation-offset-missing"
+    assert error_of("G41 G1 X10. F60.", dialect="fanuc").code == "compensation-offset-missing"
 
 
 def test_without_a_tool_table() -> None:
-    assert refused("G41 D1").code == "tool-table-missing"
+    assert error_of("G41 D1").code == "tool-table-missing"
 
 
 def test_the_end_of_the_program_ends_the_last_move() -> None:
     for end in ("", "M2", "%"):
         options: dict[str, Any] = {"dialect": "auto"}
         source = f"{'%' if end == '%' else ''}\nG41.1 D4\nG1 X10 F60\n{end}"
-        means(source, ("line", 10, 2, 0, 60), *([END] if end == "M2" else []), **options)
+        assert_blocks(source, ("line", 10, 2, 0, 60), *([END] if end == "M2" else []), **options)

@@ -10,7 +10,7 @@ import pytest
 
 from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.gcode.syntax.parameters import Parameters
-from tests.support.gcode.gcode_cases import means, refused, run, stands
+from tests.support.gcode.gcode_cases import assert_blocks, assert_error_at, error_of, run
 
 INCH = 25.4
 ROOT = math.sqrt(3.0) / 2.0
@@ -124,7 +124,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_blocks(name: str) -> None:
     source, expected = CASES[name]
-    means(source, *expected, tools=table())
+    assert_blocks(source, *expected, tools=table())
 
 
 FANUC = {
@@ -175,7 +175,7 @@ FANUC = {
 @pytest.mark.parametrize("name", FANUC)
 def test_fanuc_blocks(name: str) -> None:
     source, expected = FANUC[name]
-    means(source, *expected, dialect="fanuc", tools=table())
+    assert_blocks(source, *expected, dialect="fanuc", tools=table())
 
 
 GRBL = {
@@ -193,7 +193,7 @@ GRBL = {
 @pytest.mark.parametrize("name", GRBL)
 def test_grbl_blocks(name: str) -> None:
     source, expected = GRBL[name]
-    means(source, *expected, dialect="grbl")
+    assert_blocks(source, *expected, dialect="grbl")
 
 
 ERRORS = {
@@ -245,7 +245,7 @@ ERRORS = {
 
 @pytest.mark.parametrize("name", ERRORS)
 def test_errors(name: str) -> None:
-    stands(*ERRORS[name], tools=table())
+    assert_error_at(*ERRORS[name], tools=table())
 
 
 @pytest.mark.parametrize(
@@ -276,27 +276,27 @@ def test_errors(name: str) -> None:
     ],
 )
 def test_errors_of_dialects(dialect: str, code: str, marked: str) -> None:
-    stands(code, marked, dialect=dialect)
+    assert_error_at(code, marked, dialect=dialect)
 
 
 def test_without_a_tool_table() -> None:
-    found = refused("G43 H1")
+    found = error_of("G43 H1")
     assert found.code == "tool-table-missing"
     assert "tool_table" in found.hint
 
 
 def test_the_hint_names_the_file() -> None:
     tools = ToolTable([ToolEntry(1)], file="mill.tbl")
-    assert refused("G43 H2", tools=tools).hint == "add T2 to mill.tbl"
+    assert error_of("G43 H2", tools=tools).hint == "add T2 to mill.tbl"
 
 
 def test_rotation_needs_both_axes() -> None:
-    assert refused("G10 L2 P1 R5", axes=("x", "z")).code == "axis-missing"
+    assert error_of("G10 L2 P1 R5", axes=("x", "z")).code == "axis-missing"
 
 
 def test_offsets_of_further_axes() -> None:
     axes = ("x", "z", "u", "a")
-    means(
+    assert_blocks(
         "G43 H1\nG0 X0 Z0 U0 A0\nG10 L1 P1 A5\nG43 H1 A0",
         *ends((0.5, 40, 9, 0), (0.5, 40, 9, 5)),
         axes=axes,
@@ -324,13 +324,13 @@ def test_without_m2_the_system_stays() -> None:
     parameters = Parameters()
     run("G55\nG10 L2 P2 X1", parameters=parameters)
     assert parameters.stored()[5220] == 2
-    means("G0 X1", *ends((2, 0, 0)), parameters=Parameters(parameters.stored()))
+    assert_blocks("G0 X1", *ends((2, 0, 0)), parameters=Parameters(parameters.stored()))
 
 
 def test_fanuc_leaves_no_local_offset() -> None:
     parameters = Parameters(macro=True)
     run("G52 X5\nM30", dialect="fanuc", parameters=parameters)
-    means(
+    assert_blocks(
         "G0 X1",
         *ends((1, 0, 0)),
         dialect="fanuc",
@@ -344,7 +344,7 @@ def test_fanuc_leaves_no_local_offset() -> None:
 def test_whether_a_shift_outlives_its_program(dialect: str, x: float) -> None:
     stored = {5210: 1.0, 5211: 5.0}
     parameters = Parameters(stored, macro=dialect == "fanuc")
-    means("G0 X1\nM2", ("rapid", x, 0, 0), ("end",), dialect=dialect, parameters=parameters)
+    assert_blocks("G0 X1\nM2", ("rapid", x, 0, 0), ("end",), dialect=dialect, parameters=parameters)
 
 
 def test_a_program_writes_the_table_not_its_file() -> None:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from tests.support.gcode.gcode_cases import refused, rows, run, said, stands
+from tests.support.gcode.gcode_cases import assert_error_at, block_summaries, error_of, rows, run
 
 HALF = f"{math.sqrt(3) / 2 * 10:.6f}"
 
@@ -48,7 +48,7 @@ PROGRAMS = {
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_where_they_lead(name: str) -> None:
     source, wanted = PROGRAMS[name]
-    assert said(source) == wanted
+    assert block_summaries(source) == wanted
 
 
 def test_an_increment_counts_from_the_distance_and_the_angle_of_the_position() -> None:
@@ -81,15 +81,15 @@ ERRORS = {
 
 @pytest.mark.parametrize("name", ERRORS)
 def test_where_they_can_not_stand(name: str) -> None:
-    stands(*ERRORS[name])
+    assert_error_at(*ERRORS[name])
 
 
 @pytest.mark.parametrize(
     ("dialect", "code"), [("grbl", "syntax-not-in-dialect"), ("fanuc", "character-unknown")]
 )
 def test_other_dialects_have_none(dialect: str, code: str) -> None:
-    assert refused("G0 @5", dialect=dialect).code == code
+    assert error_of("G0 @5", dialect=dialect).code == code
 
 
 def test_a_machine_without_y_has_none() -> None:
-    assert refused("G0 @5", axes=("x", "z")).code == "axis-missing"
+    assert error_of("G0 @5", axes=("x", "z")).code == "axis-missing"

@@ -11,7 +11,7 @@ import pytest
 from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Block, Probe
-from tests.support.gcode.gcode_cases import refused, rows, run, said, stands
+from tests.support.gcode.gcode_cases import assert_error_at, block_summaries, error_of, rows, run
 
 BEGIN = "G21 F600\nG0 X1 Y2 Z3\n"
 STARTED = ["rapid 1 2 3"]
@@ -46,7 +46,7 @@ PROBES: dict[str, tuple[str, list[str]]] = {
 @pytest.mark.parametrize("name", PROBES)
 def test_probing_without_a_board(name: str) -> None:
     source, expected = PROBES[name]
-    assert said(BEGIN + source) == STARTED + expected
+    assert block_summaries(BEGIN + source) == STARTED + expected
 
 
 def answered(source: str, *values: float) -> Iterator[Block]:
@@ -94,8 +94,8 @@ WRONG: dict[str, tuple[str, str]] = {
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
     code, source = WRONG[name]
-    stands(code, BEGIN + source, axes=("x", "y", "z", "a"))
+    assert_error_at(code, BEGIN + source, axes=("x", "y", "z", "a"))
 
 
 def test_no_feed() -> None:
-    assert refused("G38.2 Z-1").code == "feed-missing"
+    assert error_of("G38.2 Z-1").code == "feed-missing"

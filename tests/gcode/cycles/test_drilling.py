@@ -10,9 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.cycles.drilling_steps import Hole, Manner, steps
+from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, steps
 from cnc.gcode.cycles.steps import Cut, Pause, Rapid
-from tests.support.gcode.gcode_cases import refused, rows, run, said, same, stands
+from tests.support.gcode.gcode_cases import (
+    assert_error_at,
+    assert_rows_equal,
+    block_summaries,
+    error_of,
+    rows,
+    run,
+)
 from tests.support.soak import share
 
 BEGIN = "G21 F600 S1000 M3\nG0 X1 Y2 Z3\n"
@@ -252,7 +259,7 @@ PROGRAMS: dict[str, tuple[str, list[str]]] = {
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_a_program_drills_its_holes(name: str) -> None:
     source, expected = PROGRAMS[name]
-    assert said(BEGIN + source) == STARTED + expected
+    assert block_summaries(BEGIN + source) == STARTED + expected
 
 
 FANUC: dict[str, tuple[str, list[str]]] = {
@@ -354,14 +361,17 @@ FANUC: dict[str, tuple[str, list[str]]] = {
 def test_fanuc(name: str) -> None:
     source, expected = FANUC[name]
     assert (
-        said("G21 F600. S1000 M3\nG0 X1. Y2. Z3.\n" + source, dialect="fanuc") == STARTED + expected
+        block_summaries("G21 F600. S1000 M3\nG0 X1. Y2. Z3.\n" + source, dialect="fanuc")
+        == STARTED + expected
     )
 
 
 def test_the_default_level_is_the_dialect_s() -> None:
     source = BEGIN + "G81 X4 Y5 Z-1 R1"
-    assert said(source + "\nM2", dialect="linuxcnc")[:6] == STARTED + hole(4, 5, 3, 1, -1, 1)
-    assert said(source) == STARTED + hole(4, 5, 3, 1, -1, 3)
+    assert block_summaries(source + "\nM2", dialect="linuxcnc")[:6] == STARTED + hole(
+        4, 5, 3, 1, -1, 1
+    )
+    assert block_summaries(source) == STARTED + hole(4, 5, 3, 1, -1, 3)
 
 
 WRONG: dict[str, tuple[str, str]] = {
@@ -415,7 +425,7 @@ WRONG: dict[str, tuple[str, str]] = {
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
     code, source = WRONG[name]
-    stands(code, BEGIN.replace("G0", "G0 A0") + source, axes=("x", "y", "z", "a"))
+    assert_error_at(code, BEGIN.replace("G0", "G0 A0") + source, axes=("x", "y", "z", "a"))
 
 
 @pytest.mark.parametrize(
@@ -431,19 +441,19 @@ def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
     ],
 )
 def test_what_fanuc_refuses(code: str, source: str) -> None:
-    stands(code, "G21 F600. S1000 M3\n" + source, dialect="fanuc")
+    assert_error_at(code, "G21 F600. S1000 M3\n" + source, dialect="fanuc")
 
 
 def test_a_lathe_drills_along_its_axis() -> None:
     """Two axes are enough for a hole in the middle."""
-    assert said("F600\nG0 X2 Z3\nG98 G81 X0 Z-1 R1", axes=("x", "z")) == [
+    assert block_summaries("F600\nG0 X2 Z3\nG98 G81 X0 Z-1 R1", axes=("x", "z")) == [
         "rapid 2 3", "rapid 0 3", "rapid 0 1", "line 0 -1 F600", "rapid 0 3",
     ]  # fmt: skip
 
 
 def test_no_feed_and_no_axis() -> None:
-    assert refused("G81 X1 Z-1 R1").code == "feed-missing"
-    assert refused("F60 G18\nG81 X1 Z-1 R1", axes=("x", "z")).code == "axis-missing"
+    assert error_of("G81 X1 Z-1 R1").code == "feed-missing"
+    assert error_of("F60 G18\nG81 X1 Z-1 R1", axes=("x", "z")).code == "axis-missing"
 
 
 NEEDED = {"G81": "ZR", "G82": "ZRP", "G83": "ZRQ", "G85": "ZR"}
@@ -530,10 +540,10 @@ def test_series_against_the_rules_written_twice(
     try:
         for cycle, holes, known in model(program):
             line += 1
-            how = Manner(
+            settings = HoleSettings(
                 feed=10.0, dwell=known.get("P", 0), peck=known.get("Q", 0), clearance=0.254
             )
-            for step in steps(int(cycle[1:]) * 10, place, holes, how):
+            for step in steps(int(cycle[1:]) * 10, place, holes, settings):
                 if isinstance(step, Pause):
                     expected.append(("dwell", step.seconds))
                 elif isinstance(step, Rapid | Cut):
@@ -542,6 +552,6 @@ def test_series_against_the_rules_written_twice(
                     )
                     place = step.to
     except ValueError:
-        assert refused(text).line == line + 1
+        assert error_of(text).line == line + 1
     else:
-        same(list(rows(run(text))), expected)
+        assert_rows_equal(list(rows(run(text))), expected)

@@ -10,15 +10,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.cycles.drilling_steps import Hole, Manner, bites, steps
-from cnc.gcode.cycles.steps import Allow, Cut, Operator, Pause, PointSpindle, Rapid, Step, Turn
+from cnc.gcode.cycles.drilling_steps import Hole, HoleSettings, peck_count, steps
+from cnc.gcode.cycles.steps import (
+    Cut,
+    OperatorStop,
+    OrientSpindle,
+    Pause,
+    Rapid,
+    SetOverrides,
+    Step,
+    TurnSpindle,
+)
 from tests.support.soak import share
 
 HIGH = Hole(4, 5, bottom=-1, retract=1, clear=3)
 LOW = Hole(4, 5, bottom=-1, retract=1, clear=1)
 START = (0.0, 0.0, 3.0)
-HOW = Manner(feed=10, dwell=0.5, peck=0.75, clearance=0.25, shift=0.1)
-FANUC = Manner(
+HOW = HoleSettings(feed=10, dwell=0.5, peck=0.75, clearance=0.25, shift=0.1)
+FANUC = HoleSettings(
     feed=10,
     dwell=0.5,
     peck=0.75,
@@ -38,56 +47,63 @@ def up(height: float) -> Rapid:
     return Rapid((4, 5, height))
 
 
-DWELL, OFF, CW, CCW = Pause(0.5), Turn("off"), Turn("cw"), Turn("ccw")
-LOCK, UNLOCK = Allow(overrides=False), Allow(overrides=True)
+DWELL, OFF, CW, CCW = Pause(0.5), TurnSpindle("off"), TurnSpindle("cw"), TurnSpindle("ccw")
+LOCK, UNLOCK = SetOverrides(overrides=False), SetOverrides(overrides=True)
 
-TABLE: list[tuple[int, Hole, Manner, list[Step]]] = [
-    (810, HIGH, Manner(feed=10), [cut(-1), up(3)]),
-    (810, LOW, Manner(feed=10), [cut(-1), up(1)]),
+TABLE: list[tuple[int, Hole, HoleSettings, list[Step]]] = [
+    (810, HIGH, HoleSettings(feed=10), [cut(-1), up(3)]),
+    (810, LOW, HoleSettings(feed=10), [cut(-1), up(1)]),
     (820, HIGH, HOW, [cut(-1), DWELL, up(3)]),
     (830, HIGH, HOW, [cut(0.25), up(1), up(0.5), cut(-0.5), up(1), up(-0.25), cut(-1), up(3)]),
-    (830, LOW, Manner(feed=10, peck=9, clearance=0.25), [cut(-1), up(1)]),
+    (830, LOW, HoleSettings(feed=10, peck=9, clearance=0.25), [cut(-1), up(1)]),
     (730, HIGH, HOW, [cut(0.25), up(0.5), cut(-0.5), up(-0.25), cut(-1), up(3)]),
     (840, HIGH, HOW, [LOCK, cut(-1), OFF, CCW, DWELL, cut(3), OFF, CW, UNLOCK]),
     (840, HIGH, FANUC, [LOCK, cut(-1), DWELL, OFF, CCW, cut(1), DWELL, OFF, CW, UNLOCK, up(3)]),
-    (740, LOW, Manner(feed=10, turning="ccw"), [LOCK, cut(-1), OFF, CW, cut(1), OFF, CCW, UNLOCK]),
+    (
+        740,
+        LOW,
+        HoleSettings(feed=10, turning="ccw"),
+        [LOCK, cut(-1), OFF, CW, cut(1), OFF, CCW, UNLOCK],
+    ),
     (850, HIGH, HOW, [cut(-1), cut(1), up(3)]),
     (850, LOW, HOW, [cut(-1), cut(1)]),
     (860, HIGH, HOW, [cut(-1), DWELL, OFF, up(3), CW]),
-    (880, HIGH, HOW, [cut(-1), DWELL, OFF, Operator(), up(3), CW]),
+    (880, HIGH, HOW, [cut(-1), DWELL, OFF, OperatorStop(), up(3), CW]),
     (890, HIGH, HOW, [cut(-1), DWELL, cut(3)]),
     (890, HIGH, FANUC, [cut(-1), DWELL, cut(1), up(3)]),
     (
         760,
         HIGH,
         HOW,
-        [cut(-1), DWELL, OFF, PointSpindle(), Rapid((4.1, 5, -1)), Rapid((4.1, 5, 3)), up(3), CW],
+        [cut(-1), DWELL, OFF, OrientSpindle(), Rapid((4.1, 5, -1)), Rapid((4.1, 5, 3)), up(3), CW],
     ),
 ]
 
 
 @pytest.mark.parametrize(
-    ("cycle", "hole", "how", "expected"),
+    ("cycle", "hole", "settings", "expected"),
     TABLE,
     ids=lambda value: str(value) if isinstance(value, int) else "",
 )
-def test_what_each_cycle_does(cycle: int, hole: Hole, how: Manner, expected: list[Step]) -> None:
-    assert list(steps(cycle, START, [hole], how)) == OVER + expected
+def test_what_each_cycle_does(
+    cycle: int, hole: Hole, settings: HoleSettings, expected: list[Step]
+) -> None:
+    assert list(steps(cycle, START, [hole], settings)) == OVER + expected
 
 
 def test_below_r_the_tool_rises_before_it_goes_across() -> None:
-    found = list(steps(810, (0, 0, -7), [LOW], Manner(feed=10)))
+    found = list(steps(810, (0, 0, -7), [LOW], HoleSettings(feed=10)))
     assert found == [Rapid((0, 0, 1)), Rapid((4, 5, 1)), cut(-1), up(1)]
 
 
 def test_above_r_the_tool_goes_across_where_it_is() -> None:
-    found = list(steps(810, (0, 0, 9), [LOW], Manner(feed=10)))
+    found = list(steps(810, (0, 0, 9), [LOW], HoleSettings(feed=10)))
     assert found == [Rapid((4, 5, 9)), Rapid((4, 5, 1)), cut(-1), up(1)]
 
 
 def test_between_holes_the_tool_stays_where_the_last_one_ended() -> None:
     second = Hole(6, 5, -1, 1, 3)
-    found = list(steps(810, START, [HIGH, second], Manner(feed=10)))
+    found = list(steps(810, START, [HIGH, second], HoleSettings(feed=10)))
     assert found[4:6] == [Rapid((6, 5, 3)), Rapid((6, 5, 1))]
 
 
@@ -99,12 +115,14 @@ def test_the_number_of_bites_is_not_spoilt_by_rounding(
     top: float, bottom: float, peck: float, count: int
 ) -> None:
     """1 - 20 * 0.1 is not -1 to the bit."""
-    assert bites(top, bottom, peck) == count
+    assert peck_count(top, bottom, peck) == count
 
 
 def test_a_bite_shorter_than_the_clearance_never_goes_above_r() -> None:
     for cycle in (730, 830):
-        found = list(steps(cycle, (4, 5, 1), [LOW], Manner(feed=10, peck=0.1, clearance=0.25)))
+        found = list(
+            steps(cycle, (4, 5, 1), [LOW], HoleSettings(feed=10, peck=0.1, clearance=0.25))
+        )
         assert max(step.to[2] for step in found if isinstance(step, Rapid | Cut)) == 1
 
 
@@ -119,8 +137,8 @@ holes = st.builds(
     st.floats(0, 40),
     st.floats(0, 20),
 )
-manners = st.builds(
-    Manner,
+settings_of_holes = st.builds(
+    HoleSettings,
     feed=st.just(10.0),
     dwell=st.sampled_from([0.0, 1.5]),
     peck=st.floats(0.05, 60),
@@ -137,18 +155,18 @@ CYCLES = (730, 740, 760, 810, 820, 830, 840, 850, 860, 880, 890)
 @given(
     cycle=st.sampled_from(CYCLES),
     many=st.lists(holes, min_size=1, max_size=3),
-    how=manners,
+    settings=settings_of_holes,
     height=heights,
 )
 def test_no_traverse_goes_into_material(
-    cycle: int, many: list[Hole], how: Manner, height: float
+    cycle: int, many: list[Hole], settings: HoleSettings, height: float
 ) -> None:
     """Sideways only at R or above (fine boring: its shift in the hole), down by traverse only to R
     or into what has been drilled.
     """
     place, reached = (0.0, 0.0, height), math.inf
     for hole in many:
-        for step in steps(cycle, place, [hole], how):
+        for step in steps(cycle, place, [hole], settings):
             if isinstance(step, Cut):
                 assert step.to[:2] == (hole.first, hole.second) == place[:2]
                 assert hole.bottom <= step.to[2] <= hole.clear
@@ -159,7 +177,7 @@ def test_no_traverse_goes_into_material(
                     assert step.to[2] == place[2] >= hole.retract
                 if step.to[2] < place[2]:
                     assert step.to[2] >= min(hole.retract, reached)
-                    assert step.to[2] >= min(hole.retract, reached + how.clearance)
+                    assert step.to[2] >= min(hole.retract, reached + settings.clearance)
             if isinstance(step, Rapid | Cut):
                 assert step.to != place
                 place = step.to
@@ -169,10 +187,12 @@ def test_no_traverse_goes_into_material(
 
 
 @settings(max_examples=share(5000, 100), deadline=None)
-@given(cycle=st.sampled_from(CYCLES), hole=holes, how=manners)
-def test_spindle_and_overrides_end_as_they_were(cycle: int, hole: Hole, how: Manner) -> None:
-    found = list(steps(cycle, START, [hole], how))
-    turns = [step.state for step in found if isinstance(step, Turn)]
-    assert not turns or turns[-1] == how.turning
-    locks = [step.overrides for step in found if isinstance(step, Allow)]
+@given(cycle=st.sampled_from(CYCLES), hole=holes, settings=settings_of_holes)
+def test_spindle_and_overrides_end_as_they_were(
+    cycle: int, hole: Hole, settings: HoleSettings
+) -> None:
+    found = list(steps(cycle, START, [hole], settings))
+    turns = [step.state for step in found if isinstance(step, TurnSpindle)]
+    assert not turns or turns[-1] == settings.turning
+    locks = [step.overrides for step in found if isinstance(step, SetOverrides)]
     assert locks in ([], [False, True])

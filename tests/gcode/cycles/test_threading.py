@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.gcode.gcode_cases import refused, said, stands
+from tests.support.gcode.gcode_cases import assert_error_at, block_summaries, error_of
 
 BEGIN = "G21 F600 S600 M3\nG0 X1 Y2 Z3\n"
 STARTED = ["spindle cw 600", "rapid 1 2 3"]
@@ -70,7 +70,7 @@ MOVES: dict[str, tuple[str, list[str]]] = {
 @pytest.mark.parametrize("name", MOVES)
 def test_moves_that_follow_the_spindle(name: str) -> None:
     source, expected = MOVES[name]
-    assert said(BEGIN + source) == STARTED + expected
+    assert block_summaries(BEGIN + source) == STARTED + expected
 
 
 def turning(x: float, away: float) -> list[str]:
@@ -166,23 +166,23 @@ THREADS: dict[str, tuple[str, list[str]]] = {
 @pytest.mark.parametrize("name", THREADS)
 def test_g76(name: str) -> None:
     source, expected = THREADS[name]
-    assert said(LATHE + source) == AT_LATHE + expected
+    assert block_summaries(LATHE + source) == AT_LATHE + expected
 
 
 def test_a_lathe_has_no_y() -> None:
     begin = "G18 G21 S600 M3\nG0 X20 Z5\n"
-    assert said(begin + "G76 P1.5 Z-20 I-1 J0.8 K0.8", axes=("x", "z"))[2:5] == [
+    assert block_summaries(begin + "G76 P1.5 Z-20 I-1 J0.8 K0.8", axes=("x", "z"))[2:5] == [
         "overrides false true",
         "rapid 18.2 5",
         "sync 1.5",
     ]
-    assert said(begin + "G17 G33 X10 Z-20 K1.5", axes=("x", "z"))[2:] == [
+    assert block_summaries(begin + "G17 G33 X10 Z-20 K1.5", axes=("x", "z"))[2:] == [
         "sync 1.5",
         "line 10 -20 F900",
         "sync 0",
     ]
     assert (
-        refused(begin.replace("X20", "") + "G76 P1.5 Z-20 I-1 J0.8 K0.8", axes=("y", "z")).code
+        error_of(begin.replace("X20", "") + "G76 P1.5 Z-20 I-1 J0.8 K0.8", axes=("y", "z")).code
         == "axis-missing"
     )
 
@@ -237,10 +237,10 @@ WRONG: dict[str, tuple[str, str]] = {
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
     code, source = WRONG[name]
-    stands(code, LATHE + source, axes=("x", "y", "z", "a"))
+    assert_error_at(code, LATHE + source, axes=("x", "y", "z", "a"))
 
 
 def test_the_slide_takes_from_both_tapers() -> None:
     """Drive line 10, tapers of 5 at both ends: nothing is left once the slide takes its part."""
-    assert refused(LATHE + "G76 P1 Z-5 I-1 J.4 K.8 Q30 E5 L3").code == "thread-slide"
-    assert said(LATHE + "G76 P1 Z-5 I-1 J.8 K.8 E5 L3")
+    assert error_of(LATHE + "G76 P1 Z-5 I-1 J.4 K.8 Q30 E5 L3").code == "thread-slide"
+    assert block_summaries(LATHE + "G76 P1 Z-5 I-1 J.8 K.8 E5 L3")

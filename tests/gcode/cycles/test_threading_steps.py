@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.gcode.cycles.steps import Allow, Cut, Rapid, Step, Synchronise, Turn
+from cnc.gcode.cycles.steps import Cut, Rapid, SetOverrides, Step, Synchronise, TurnSpindle
 from cnc.gcode.cycles.threading_steps import (
     MOST_PASSES,
     Thread,
@@ -35,7 +35,7 @@ def test_a_thread_of_equal_depths_pass_by_pass() -> None:
     left to cut.
     """
     found = list(cut(PLAIN, 10.0))
-    expected: list[Step] = [Allow(overrides=False, spindle=False)]
+    expected: list[Step] = [SetOverrides(overrides=False, spindle=False)]
     for bottom, away in ((18.8, 20.6), (18.6, 20.4), (18.4, 20.2), (18.2, 20.0)):
         expected += [
             Rapid((5, away, 0)),
@@ -45,7 +45,7 @@ def test_a_thread_of_equal_depths_pass_by_pass() -> None:
             Synchronise(0.0),
         ]
         expected += [Rapid((-20, away, 0))]
-    expected.append(Allow(overrides=True, spindle=False))
+    expected.append(SetOverrides(overrides=True, spindle=False))
     assert len(found) == len(expected)
     for got, want in zip(found, expected, strict=True):
         assert type(got) is type(want)
@@ -190,8 +190,8 @@ def test_rigid_tapping_comes_back_faster_and_the_other_way_round() -> None:
     assert list(tap_rigidly((0, 0, 3), (0, 0, -1), 2.0, 10.0, "cw", 1.5)) == [
         Synchronise(2.0),
         Cut((0, 0, -1), 20.0),
-        Turn("ccw", 1.5),
+        TurnSpindle("ccw", 1.5),
         Cut((0, 0, 3), 30.0),
-        Turn("cw"),
+        TurnSpindle("cw"),
         Synchronise(0.0),
     ]

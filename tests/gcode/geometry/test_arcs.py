@@ -13,7 +13,7 @@ from cnc.gcode import dialects
 from cnc.gcode.geometry import arcs
 from cnc.gcode.syntax.words import Word
 from cnc.model.blocks import ArcFeed
-from tests.support.gcode.gcode_cases import refused, run
+from tests.support.gcode.gcode_cases import error_of, run
 
 WORD = Word("I", 0.0, "I0", 1, 2)
 MM = dialects.load("linuxcnc").arc_mm
@@ -102,12 +102,12 @@ def test_the_tolerance_of_the_radius(dialect: str, radius: float, off: float, go
         assert block.radius == radius
         assert block.end[0] == 2 * radius + off
     else:
-        assert refused(source, dialect=dialect).code == "arc-radius-mismatch"
+        assert error_of(source, dialect=dialect).code == "arc-radius-mismatch"
 
 
 def test_the_tolerance_is_wider_in_inches() -> None:
     assert run("G20\nG2 X1.0028 I.5 F60")
-    assert refused("G20\nG2 X1.003 I.5 F60").code == "arc-radius-mismatch"
+    assert error_of("G20\nG2 X1.003 I.5 F60").code == "arc-radius-mismatch"
 
 
 @pytest.mark.parametrize(("end", "good"), [(10.0025, True), (10.0026, False)])
@@ -119,7 +119,7 @@ def test_how_far_r_may_fall_short(end: float, good: bool) -> None:
         assert block.turns == 0.5
         assert block.radius == pytest.approx(end / 2)
     else:
-        assert refused(f"G3 X{end} R5 F60").code == "arc-radius-too-small"
+        assert error_of(f"G3 X{end} R5 F60").code == "arc-radius-too-small"
 
 
 def test_turns_of_an_arc_that_only_nearly_closes() -> None:
@@ -163,5 +163,5 @@ def test_the_axis_across_the_plane_may_be_named_with_0(dialect: str, words: str)
     ("dialect", "word"), [("linuxcnc", "K0"), ("auto", "K0.5"), ("grbl", "K0.5"), ("fanuc", "K.5")]
 )
 def test_the_axis_across_the_plane_is_refused(dialect: str, word: str) -> None:
-    fault = refused(f"F60\nG2 X2. Y0. I1. J0. {word}\nM2", dialect=dialect)
+    fault = error_of(f"F60\nG2 X2. Y0. I1. J0. {word}\nM2", dialect=dialect)
     assert (fault.code, fault.line, fault.column) == ("word-unused", 2, 20)

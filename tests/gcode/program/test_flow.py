@@ -1,5 +1,6 @@
-"""Control flow of RS274/NGC: what programs of O-words mean. The moves that a program must make are
-worked out by hand.
+"""Control flow of RS274/NGC: programs of O-words.
+
+The expected moves were worked out by hand.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from cnc.gcode.program.program import interpret
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.blocks import Polyline
-from tests.support.gcode.gcode_cases import refused, rows, run
+from tests.support.gcode.gcode_cases import error_of, rows, run
 
 COUNTED = "#1 = [#1 + 1]\n"
 
@@ -27,7 +28,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [2, 3],
     ),
     "elseif": (
-        "#1=0\no9 while [#1 LT 4]\n#1=[#1+1]\no1 if [#1 EQ 1]\nG0 X10\no1 elseif [#1 LT 3]\nG0 X20\no1 elseif [#1 LT 3]\nG0 X30\n"
+        "#1=0\no9 while [#1 LT 4]\n#1=[#1+1]\no1 if [#1 EQ 1]\nG0 X10\no1 elseif [#1 LT 3]\n"
+        "G0 X20\no1 elseif [#1 LT 3]\nG0 X30\n"
         "o1 else\nG0 X40\no1 endif\no9 endwhile",
         [10, 20, 40, 40],
     ),
@@ -37,7 +39,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [1],
     ),
     "if in if": (
-        "o1 if [1]\no2 if [0]\nG0 X1\no2 else\no3 if [1]\nG0 X2\no3 endif\no2 endif\nG0 X3\no1 else\nG0 X4\no1 endif",
+        "o1 if [1]\no2 if [0]\nG0 X1\no2 else\no3 if [1]\nG0 X2\no3 endif\no2 endif\nG0 X3\n"
+        "o1 else\nG0 X4\no1 endif",
         [2, 3],
     ),
     "a condition that is not asked is not computed": (
@@ -49,17 +52,20 @@ CASES: dict[str, tuple[str, list[float]]] = {
     "while": (f"#1=0\no1 while [#1 LT 3]\nG0 X#1\n{COUNTED}o1 endwhile", [0, 1, 2]),
     "while never": ("o1 while [0]\nG0 X1\no1 endwhile\nG0 X2", [2]),
     "while in while": (
-        f"#1=0\no1 while [#1 LT 2]\n{COUNTED}#2=0\no2 while [#2 LT 2]\n#2=[#2+1]\nG0 X[10*#1+#2]\no2 endwhile\no1 endwhile",
+        f"#1=0\no1 while [#1 LT 2]\n{COUNTED}#2=0\no2 while [#2 LT 2]\n#2=[#2+1]\nG0 X[10*#1+#2]\n"
+        f"o2 endwhile\no1 endwhile",
         [11, 12, 21, 22],
     ),
     "do while": (f"#1=5\no1 do\nG0 X#1\n{COUNTED}o1 while [#1 LT 3]", [5]),
     "do while again": (f"#1=0\no1 do\n{COUNTED}G0 X#1\no1 while [#1 LT 3]", [1, 2, 3]),
     "do in do": (
-        f"#1=0\no1 do\n{COUNTED}#2=0\no2 do\n#2=[#2+1]\nG0 X[10*#1+#2]\no2 while [#2 LT 2]\no1 while [#1 LT 2]",
+        f"#1=0\no1 do\n{COUNTED}#2=0\no2 do\n#2=[#2+1]\nG0 X[10*#1+#2]\no2 while [#2 LT 2]\n"
+        f"o1 while [#1 LT 2]",
         [11, 12, 21, 22],
     ),
     "while in do": (
-        f"#1=0\no1 do\n{COUNTED}o2 while [#1 EQ 1]\nG0 X#1\n{COUNTED}o2 endwhile\no1 while [#1 LT 4]",
+        f"#1=0\no1 do\n{COUNTED}o2 while [#1 EQ 1]\nG0 X#1\n{COUNTED}o2 endwhile\n"
+        f"o1 while [#1 LT 4]",
         [1],
     ),
     "repeat": ("o1 repeat [3]\nG0 X1\no1 endrepeat", [1, 1, 1]),
@@ -95,7 +101,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [1, 3],
     ),
     "break out of a repeat": (
-        f"o9 repeat [2]\no1 while [1]\no2 repeat [5]\n{COUNTED}G0 X#1\no1 break\no2 endrepeat\no1 endwhile\no9 endrepeat",
+        f"o9 repeat [2]\no1 while [1]\no2 repeat [5]\n{COUNTED}G0 X#1\no1 break\no2 endrepeat\n"
+        f"o1 endwhile\no9 endrepeat",
         [1, 2],
     ),
     "continue": (
@@ -107,7 +114,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [1, 2, 3],
     ),
     "continue of the outer loop": (
-        f"o1 while [#1 LT 2]\n{COUNTED}o2 while [1]\nG0 X#1\no1 continue\no2 endwhile\nG0 X9\no1 endwhile",
+        f"o1 while [#1 LT 2]\n{COUNTED}o2 while [1]\nG0 X#1\no1 continue\no2 endwhile\nG0 X9\n"
+        f"o1 endwhile",
         [1, 2],
     ),
     "do after a break": (
@@ -146,11 +154,13 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [2, 1],
     ),
     "a return of any label": (
-        "o1 sub\no2 if [#1]\no2 return [7]\no2 endif\nG0 X1\no1 endsub\no1 call [1]\nG0 X#<_value>\no1 call",
+        "o1 sub\no2 if [#1]\no2 return [7]\no2 endif\nG0 X1\no1 endsub\no1 call [1]\n"
+        "G0 X#<_value>\no1 call",
         [7, 1],
     ),
     "return out of loops": (
-        "o1 sub\no2 repeat [5]\no3 while [1]\nG0 X1\no1 return\no3 endwhile\no2 endrepeat\no1 endsub\no1 call\no1 call",
+        "o1 sub\no2 repeat [5]\no3 while [1]\nG0 X1\no1 return\no3 endwhile\no2 endrepeat\n"
+        "o1 endsub\no1 call\no1 call",
         [1, 1],
     ),
     "a value": (
@@ -159,7 +169,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
     ),
     "a value at the end": ("o1 sub\no1 endsub [#1 * 3]\no1 call [4]\nG0 X#<_value>", [12]),
     "no value": (
-        "o1 sub\no1 endsub\no2 sub\no2 endsub [5]\no2 call\no1 call\nG0 X#<_value>\nG0 X#<_value_returned>",
+        "o1 sub\no1 endsub\no2 sub\no2 endsub [5]\no2 call\no1 call\nG0 X#<_value>\n"
+        "G0 X#<_value_returned>",
         [0, 0],
     ),
     "the last value is still there when the arguments are computed": (
@@ -167,11 +178,13 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [3],
     ),
     "recursion": (
-        "o1 sub\no2 if [#1 LE 1]\no1 return [1]\no2 endif\no1 call [#1 - 1]\no1 endsub [#1 * #<_value>]\no1 call [5]\nG0 X#<_value>",
+        "o1 sub\no2 if [#1 LE 1]\no1 return [1]\no2 endif\no1 call [#1 - 1]\n"
+        "o1 endsub [#1 * #<_value>]\no1 call [5]\nG0 X#<_value>",
         [120],
     ),
     "repeat loops of calls count for themselves": (
-        "o1 sub\no2 repeat [2]\nG0 X#1\no3 if [#1 GT 0]\no1 call [#1 - 1]\no3 endif\no2 endrepeat\no1 endsub\no1 call [1]",
+        "o1 sub\no2 repeat [2]\nG0 X#1\no3 if [#1 GT 0]\no1 call [#1 - 1]\no3 endif\no2 endrepeat\n"
+        "o1 endsub\no1 call [1]",
         [1, 0, 0, 1, 0, 0],
     ),
     "subs call each other": (
@@ -179,13 +192,15 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [1, 2],
     ),
     "a computed label": (
-        "o7 sub\nG0 X7\no7 endsub\no8 sub\nG0 X8\no8 endsub\n#1=6\no[#1+1] call\n#1=8\no#1 call\no[7] call",
+        "o7 sub\nG0 X7\no7 endsub\no8 sub\nG0 X8\no8 endsub\n#1=6\no[#1+1] call\n#1=8\no#1 call\n"
+        "o[7] call",
         [7, 8, 7],
     ),
     "leading zeros": ("o007 sub\nG0 X1\no7 endsub\no07 call", [1]),
     "names": ("O<Drill Hole> SUB\nG0 X1\no<drillhole>endsub\no<DRILL HOLE> call", [1]),
     "labels of subs and of the main program are apart": (
-        "o1 sub\no2 if [1]\nG0 X1\no2 endif\no1 endsub\no2 if [1]\no1 call\no1 call\no2 endif\no1 if [1]\nG0 X3\no1 endif",
+        "o1 sub\no2 if [1]\nG0 X1\no2 endif\no1 endsub\no2 if [1]\no1 call\no1 call\no2 endif\n"
+        "o1 if [1]\nG0 X3\no1 endif",
         [1, 1, 3],
     ),
     "M2 in a sub": ("o1 sub\nG0 X1\nM2\no1 endsub\no1 call\nG0 X2", [1]),
@@ -215,7 +230,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
     "loops in M98": ("M98 P1 L2\nM2\nO1\no5 repeat [2]\nG0 X1\no5 endrepeat\nM99", [1, 1, 1, 1]),
     "M99 beside M30": ("M98 P1\nG0 X9\nM2\nO1\nG0 X1 M30 M99", [1]),
     "five times five": (
-        "O1\n#1=0\nM98 P100 L5\nG0 X#1\nM30\n\nO100\n#1=[#1 + 1]\nM98 P200 L5\nM99\n\nO200\n#1=[#1 + 0.25]\nM99",
+        "O1\n#1=0\nM98 P100 L5\nG0 X#1\nM30\n\nO100\n#1=[#1 + 1]\nM98 P200 L5\nM99\n\nO200\n"
+        "#1=[#1 + 0.25]\nM99",
         [11.25],
     ),
     "M99 in a loop": ("M98 P1 L2\nM2\nO1\no5 repeat [5]\nG0 X1\nM99\no5 endrepeat\nM99", [1, 1]),
@@ -237,7 +253,7 @@ CASES: dict[str, tuple[str, list[float]]] = {
 
 
 def xs(source: str, **options: object) -> list[float]:
-    """Where the moves of a program lead in X."""
+    """The X positions of a program's moves."""
     blocks = run(source, axes=("x",), **options)
     return [
         float(point)
@@ -248,44 +264,45 @@ def xs(source: str, **options: object) -> list[float]:
 
 
 @pytest.mark.parametrize(("source", "moves"), CASES.values(), ids=CASES)
-def test_a_program_makes_its_moves(source: str, moves: list[float]) -> None:
+def test_programs_make_the_expected_moves(source: str, moves: list[float]) -> None:
     assert xs(source) == moves
 
 
-def test_blocks_name_their_lines_however_often_they_are_executed() -> None:
+def test_blocks_of_repeated_lines_have_line_numbers() -> None:
     (block,) = run("o1 repeat [2]\nG0 X1\nG0 X2\no1 endrepeat\nG0 X3")
     assert isinstance(block, Polyline)
     assert block.lines.tolist() == [2, 3, 2, 3, 5]
 
 
-def test_a_message_beside_a_control_word_is_said_when_its_line_is_executed() -> None:
+def test_a_message_in_a_control_line_is_given_when_it_is_executed() -> None:
     found = rows(
         run(
-            "o1 if [0] (msg, one)\n(msg, two)\no1 else\no1 endif\no2 repeat [2] (msg, three)\no2 endrepeat"
+            "o1 if [0] (msg, one)\n(msg, two)\no1 else\no1 endif\no2 repeat [2] (msg, three)\n"
+            "o2 endrepeat"
         )
     )
     assert list(found) == [("message", "one"), ("message", "three")]
 
 
 @pytest.mark.parametrize(("on", "moves"), [(False, [1, 1, 2]), (True, [2])])
-def test_block_delete_takes_control_lines_too(on: bool, moves: list[float]) -> None:
+def test_block_delete_applies_to_control_lines(on: bool, moves: list[float]) -> None:
     assert xs("/ o1 repeat [2]\n/G0 X1\n / o1 endrepeat\nG0 X2", block_delete=on) == moves
 
 
-def test_block_delete_hides_subs_and_what_can_not_be_read() -> None:
+def test_block_delete_hides_subroutines_and_faulty_lines() -> None:
     assert xs(
         "/o1 sub\n/G0 X1\n/o1 endsub\n/ ???\no1 call\nM2\no1 sub\nG0 X2\no1 endsub",
         block_delete=True,
     ) == [2]
 
 
-def test_linuxcnc_wants_an_end() -> None:
+def test_linuxcnc_accepts_both_forms_of_end() -> None:
     assert xs("G0 X1\nM2", dialect="linuxcnc") == [1]
     assert xs("%\nG0 X1\n%", dialect="linuxcnc") == [1]
     assert xs("G0 X1\nM30\n", dialect="linuxcnc") == [1]
 
 
-def test_progress_is_told_in_executed_lines() -> None:
+def test_progress_is_reported_in_executed_lines() -> None:
     told: list[int] = []
     xs("o1 repeat [5000]\nG0 X1\no1 endrepeat", on_line=told.append)
     assert told[-1] == 10_001
@@ -293,7 +310,7 @@ def test_progress_is_told_in_executed_lines() -> None:
     assert told == sorted(told)
 
 
-def test_blocks_are_handed_on_as_they_are_made() -> None:
+def test_blocks_of_an_endless_program_are_yielded() -> None:
     blocks = interpret(
         Text.of_lines(["o1 while [1]", "G0 X1", "M0", "o1 endwhile"], "endless.nc"), axes=("x",)
     )
@@ -301,7 +318,7 @@ def test_blocks_are_handed_on_as_they_are_made() -> None:
     assert [type(block).__name__ for block in first] == ["Polyline", "Stop"] * 50
 
 
-def test_the_body_of_a_loop_is_read_twice_and_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_body_of_a_loop_is_parsed_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[int] = []
     whole = Listing.statement
 
@@ -315,7 +332,7 @@ def test_the_body_of_a_loop_is_read_twice_and_kept(monkeypatch: pytest.MonkeyPat
     assert len(read) <= 8
 
 
-def test_a_loop_longer_than_any_window() -> None:
+def test_a_loop_longer_than_a_window() -> None:
     lines = 40_000
     source = "\n".join(
         [
@@ -333,7 +350,7 @@ def test_a_loop_longer_than_any_window() -> None:
 
 
 @pytest.mark.parametrize("moves", [2, 3, 10, 500])
-def test_lines_within_the_limit_are_no_endless_loop(moves: int) -> None:
+def test_lines_within_the_limit_are_accepted(moves: int) -> None:
     """In the second round the moves and the end of the loop are executed again."""
     source = "\n".join(
         [
@@ -344,7 +361,7 @@ def test_lines_within_the_limit_are_no_endless_loop(moves: int) -> None:
         ]
     )
     assert len(xs(source, limits=Limits(repeated_lines=moves + 1))) == 2 * moves + 5
-    assert refused(source, limits=Limits(repeated_lines=moves)).code == "loop-endless"
+    assert error_of(source, limits=Limits(repeated_lines=moves)).code == "loop-endless"
 
 
 def test_a_jump_into_a_run_of_moves() -> None:
@@ -356,7 +373,7 @@ def test_a_jump_into_a_run_of_moves() -> None:
     assert xs(source, dialect="fanuc") == [3, 4, 5, 6, 7, 8, 9, 8, 9]
 
 
-def test_calls_as_deep_as_allowed() -> None:
+def test_calls_up_to_the_depth_limit() -> None:
     source = (
         "o1 sub\no2 if [#1 GT 1]\no1 call [#1 - 1]\no2 endif\nG0 X#1\no1 endsub\no1 call [{}]\nM2"
     )
@@ -372,9 +389,7 @@ def test_calls_as_deep_as_allowed() -> None:
         ("fanuc", "#1=5\nM98 P1\nM2\nO1\nG65 P2 A7\nM99\nO2\nM30"),
     ],
 )
-def test_a_program_that_ends_in_a_call_leaves_the_parameters_of_the_main_program(
-    dialect: str, source: str
-) -> None:
+def test_an_end_in_a_call_restores_the_main_programs_parameters(dialect: str, source: str) -> None:
     parameters = Parameters(macro=dialect == "fanuc")
     xs(source, dialect=dialect, parameters=parameters)
     assert parameters.locals == {1: 5}
@@ -390,7 +405,8 @@ def write(folder: Path, **files: str) -> None:
 def test_subs_in_files(tmp_path: Path) -> None:
     write(
         tmp_path,
-        tree="o<tree> sub\nG0 X#1\no300 call [#1 + 1]\no<tree> endsub [9]\no300 sub\nG0 X#1\no300 endsub\n",
+        tree="o<tree> sub\nG0 X#1\no300 call [#1 + 1]\no<tree> endsub [9]\no300 sub\nG0 X#1\n"
+        "o300 endsub\n",
         **{
             "12": "(header)\no12 sub\nG0 X12\no12 endsub\nM2\n",
             "77": "O77\nG0 X77\nM99\n",
@@ -401,7 +417,7 @@ def test_subs_in_files(tmp_path: Path) -> None:
     assert xs(source, folders=[tmp_path]) == [5, 6, 9, 12, 77, 77, 78, 0]
 
 
-def test_folders_are_searched_in_their_order_and_behind_the_program_itself(tmp_path: Path) -> None:
+def test_folders_are_searched_in_order_after_the_program(tmp_path: Path) -> None:
     first, second = tmp_path / "a", tmp_path / "b"
     for folder, x in ((first, 1), (second, 2)):
         folder.mkdir()
@@ -423,7 +439,7 @@ def test_blocks_name_the_file_of_their_line(tmp_path: Path) -> None:
 
 
 def test_calls_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A program may be a million of them; of the subroutine one line knows where it ends."""
+    """A program may have a million calls. Only the line of the definition has a kept step."""
     made: list[Listing] = []
 
     class Watched(Listing):

@@ -1,5 +1,6 @@
-"""Faults of control flow: each with its error, at its line and column. The mark ¦ stands before the
-offending place and is taken out.
+"""Faults of control flow with the code, line and column of their errors.
+
+The mark ¦ stands before the faulty part. It is removed before the program is run.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from cnc.gcode.program.call_stack import Limits
 from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
-from tests.support.gcode.gcode_cases import placed, refused, stands
+from tests.support.gcode.gcode_cases import assert_diagnostic_at, assert_error_at, error_of
 
 NGC: dict[str, tuple[str, str]] = {
     # blocks
@@ -181,13 +182,13 @@ FANUC: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize(("code", "source"), NGC.values(), ids=NGC)
-def test_the_error_stands_at_its_place(code: str, source: str) -> None:
-    stands(code, source)
+def test_the_error_has_its_code_and_place(code: str, source: str) -> None:
+    assert_error_at(code, source)
 
 
 @pytest.mark.parametrize(("code", "source"), FANUC.values(), ids=FANUC)
-def test_the_error_of_a_macro_stands_at_its_place(code: str, source: str) -> None:
-    stands(code, source, dialect="fanuc")
+def test_the_error_of_a_macro_has_its_code_and_place(code: str, source: str) -> None:
+    assert_error_at(code, source, dialect="fanuc")
 
 
 @pytest.mark.parametrize(
@@ -204,8 +205,8 @@ def test_the_error_of_a_macro_stands_at_its_place(code: str, source: str) -> Non
         ("o<x y> do\nG0 X1", "o<xy> while is missing"),
     ],
 )
-def test_the_message_names_the_line_that_it_is_about(source: str, words: str) -> None:
-    found = refused(source)
+def test_the_message_names_the_other_line(source: str, words: str) -> None:
+    found = error_of(source)
     assert words in f"{found.message} {found.hint}"
 
 
@@ -231,7 +232,8 @@ ENDLESS: dict[str, tuple[str, str, str]] = {
     ),
     "the loop that calls": (
         "auto",
-        "o5 sub\no2 repeat [9]\nG0 X1\no2 endrepeat\no5 endsub\n¦o1 while [1]\no5 call\no1 endwhile",
+        "o5 sub\no2 repeat [9]\nG0 X1\no2 endrepeat\no5 endsub\n¦o1 while [1]\no5 call\n"
+        "o1 endwhile",
         "o1 while",
     ),
     "the loop in the sub": (
@@ -241,7 +243,8 @@ ENDLESS: dict[str, tuple[str, str, str]] = {
     ),
     "calls that branch": (
         "auto",
-        "o1 sub\no2 if [#1 GT 0]\no1 call [#1 - 1]\no1 call [#1 - 1]\no2 endif\no1 endsub\n¦o1 call [50]",
+        "o1 sub\no2 if [#1 GT 0]\no1 call [#1 - 1]\no1 call [#1 - 1]\no2 endif\no1 endsub\n"
+        "¦o1 call [50]",
         "the call of o1",
     ),
     "repeats of a program": ("auto", "¦M98 P1 L99999999\nM2\nO1\nM99", "the call of O1"),
@@ -255,16 +258,18 @@ ENDLESS: dict[str, tuple[str, str, str]] = {
 
 
 @pytest.mark.parametrize(("dialect", "source", "name"), ENDLESS.values(), ids=ENDLESS)
-def test_a_program_without_end_is_found_out(dialect: str, source: str, name: str) -> None:
+def test_an_endless_program_is_stopped(dialect: str, source: str, name: str) -> None:
     begin = time.process_time()
-    found = stands("loop-endless", source, dialect=dialect, limits=Limits(repeated_lines=1000))
+    found = assert_error_at(
+        "loop-endless", source, dialect=dialect, limits=Limits(repeated_lines=1000)
+    )
     assert found.message == f"{name} does not end: more than 1 000 lines were executed again"
     assert time.process_time() - begin < 2
 
 
-def test_two_million_lines_take_no_long_time() -> None:
+def test_two_million_lines_are_executed_fast() -> None:
     begin = time.process_time()
-    assert refused("o1 while [1]\no1 endwhile").code == "loop-endless"
+    assert error_of("o1 while [1]\no1 endwhile").code == "loop-endless"
     assert time.process_time() - begin < 20
 
 
@@ -285,8 +290,8 @@ def test_after_an_error_nothing_is_executed() -> None:
         ("o1 sub\nM2\no1 endsub", 3, 1, "o1 endsub"),
     ],
 )
-def test_linuxcnc_misses_the_end(source: str, line: int, column: int, text: str) -> None:
-    found = refused(source, dialect="linuxcnc")
+def test_linuxcnc_requires_an_end(source: str, line: int, column: int, text: str) -> None:
+    found = error_of(source, dialect="linuxcnc")
     assert (found.code, found.line, found.column, found.text) == (
         "program-end-missing",
         line,
@@ -311,32 +316,32 @@ FILES: dict[str, tuple[str, str, str]] = {
 
 
 @pytest.mark.parametrize(("code", "file", "main"), FILES.values(), ids=FILES)
-def test_an_error_names_the_file_that_it_stands_in(
-    tmp_path: Path, code: str, file: str, main: str
-) -> None:
+def test_an_error_names_its_file(tmp_path: Path, code: str, file: str, main: str) -> None:
     (tmp_path / "f.ngc").write_text(file.replace("¦", ""))
-    placed(refused(main, folders=[tmp_path]), code, file, file=str(tmp_path / "f.ngc"))
+    assert_diagnostic_at(
+        error_of(main, folders=[tmp_path]), code, file, file=str(tmp_path / "f.ngc")
+    )
 
 
-def test_after_the_return_errors_name_the_program_again(tmp_path: Path) -> None:
+def test_after_a_return_errors_name_the_program(tmp_path: Path) -> None:
     (tmp_path / "f.ngc").write_text("o<f> sub\nG0 X1\no<f> endsub")
-    found = refused("o<f> call\nG0 X2 Q1", folders=[tmp_path])
+    found = error_of("o<f> call\nG0 X2 Q1", folders=[tmp_path])
     assert (found.file, found.line, found.column, found.text) == ("test.nc", 2, 7, "G0 X2 Q1")
 
 
-def test_a_file_without_its_sub(tmp_path: Path) -> None:
+def test_a_file_without_the_subroutine(tmp_path: Path) -> None:
     (tmp_path / "f.ngc").write_text("o<g> sub\no<g> endsub")
-    found = refused("G0 X1\n o<f> call", folders=[tmp_path])
+    found = error_of("G0 X1\n o<f> call", folders=[tmp_path])
     assert (found.code, found.file, found.line, found.column) == ("sub-file-empty", "test.nc", 2, 2)
     assert str(tmp_path / "f.ngc") in found.message
 
 
-def test_a_link_that_leads_out_of_the_folder(tmp_path: Path) -> None:
+def test_a_link_to_a_file_outside_of_the_folder(tmp_path: Path) -> None:
     inside, outside = tmp_path / "subs", tmp_path / "secret.ngc"
     inside.mkdir()
     outside.write_text("o<f> sub\nG0 X1\no<f> endsub")
     (inside / "f.ngc").symlink_to(outside)
-    assert refused("o<f> call", folders=[inside]).code == "sub-file-outside"
+    assert error_of("o<f> call", folders=[inside]).code == "sub-file-outside"
     (inside / "f.ngc").unlink()
     (inside / "g.ngc").write_text("o<f> sub\nG0 X1\no<f> endsub")
     (inside / "f.ngc").symlink_to(inside / "g.ngc")
@@ -345,19 +350,19 @@ def test_a_link_that_leads_out_of_the_folder(tmp_path: Path) -> None:
     )
 
 
-def test_a_file_that_can_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unreadable_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "f.ngc").write_text("o<f> sub\no<f> endsub")
 
     def locked(path: Path, name: str) -> Text:
         raise UsageError(Diagnostic("unreadable-file", f"can't read {name}: it is locked"))
 
     monkeypatch.setattr(Text, "of_file", locked)
-    found = refused("G0 X1\n o<f> call", folders=[tmp_path])
+    found = error_of("G0 X1\n o<f> call", folders=[tmp_path])
     assert (found.code, found.line, found.column) == ("unreadable-file", 2, 2)
     assert "it is locked" in found.message
 
 
-def test_folders_are_no_files(tmp_path: Path) -> None:
+def test_a_folder_is_not_a_subroutine_file(tmp_path: Path) -> None:
     (tmp_path / "f.ngc").mkdir()
-    assert refused("o<f> call", folders=[tmp_path]).code == "sub-unknown"
-    assert refused(f"o<{'f' * 1000}> call", folders=[tmp_path]).code == "sub-unknown"
+    assert error_of("o<f> call", folders=[tmp_path]).code == "sub-unknown"
+    assert error_of(f"o<{'f' * 1000}> call", folders=[tmp_path]).code == "sub-unknown"

@@ -1,5 +1,6 @@
-"""Control flow of FANUC's custom macro B, and calls with arguments. The moves that a program must
-make are worked out by hand.
+"""Control flow of FANUC's custom macro B, and calls with arguments.
+
+The expected moves were worked out by hand.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import pytest
 from tests.gcode.program.test_flow import xs
 
 LETTERS = "A1 B2 C3 D7 E8 F9 H11 I4 J5 K6 M13 Q17 R18 S19 T20 U21 V22 W23 X24 Y25 Z26"
-"""The first argument list: each letter with the number of its variable."""
+"""Argument list I: the variable of each letter."""
 THREES = [letter for _ in range(10) for letter in "IJK"]
 
 CASES: dict[str, tuple[str, list[float]]] = {
@@ -30,7 +31,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
     "while": ("#1=0\nWHILE [#1 LT 3] DO1\n#1=#1+1\nG0 X#1\nEND1\nG0 X9", [1, 2, 3, 9]),
     "while never": ("WHILE [1 EQ 2] DO1\nG0 X1\nEND1\nG0 X2", [2]),
     "three loops within each other": (
-        "#1=0\nWHILE [#1 LT 2] DO1\n#1=#1+1\n#2=0\nWHILE [#2 LT 2] DO2\n#2=#2+1\n#3=0\nWHILE [#3 LT 2] DO3\n#3=#3+1\n"
+        "#1=0\nWHILE [#1 LT 2] DO1\n#1=#1+1\n#2=0\nWHILE [#2 LT 2] DO2\n#2=#2+1\n#3=0\n"
+        "WHILE [#3 LT 2] DO3\n#3=#3+1\n"
         "G0 X[100*#1+10*#2+#3]\nEND3\nEND2\nEND1",
         [111, 112, 121, 122, 211, 212, 221, 222],
     ),
@@ -43,7 +45,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
         [1, 2, 9],
     ),
     "goto out of loops": (
-        "WHILE [1 EQ 1] DO1\nWHILE [1 EQ 1] DO2\n#1=#1+1\nG0 X#1\nIF [#1 GE 2] GOTO 7\nEND2\nEND1\nN7 G0 X9",
+        "WHILE [1 EQ 1] DO1\nWHILE [1 EQ 1] DO2\n#1=#1+1\nG0 X#1\nIF [#1 GE 2] GOTO 7\nEND2\nEND1\n"
+        "N7 G0 X9",
         [1, 2, 9],
     ),
     "goto within a loop": ("WHILE [#1 LT 2] DO1\n#1=#1+1\nGOTO 3\nG0 X99\nN3 G0 X#1\nEND1", [1, 2]),
@@ -79,7 +82,8 @@ CASES: dict[str, tuple[str, list[float]]] = {
     ),
     "G65": ("G65 P9010 A1.5 B-2.\nG0 X9\nM30\nO9010\nG0 X#1\nG0 X#2\nM99", [1.5, -2, 9]),
     "G65 has variables of its own": (
-        "#1=1\n#100=1\nG65 P2 B5\nG0 X#1\nG0 X#100\nM30\nO2\nIF [#1 EQ #0] THEN #1=7\nG0 X#1\n#100=8\nM99",
+        "#1=1\n#100=1\nG65 P2 B5\nG0 X#1\nG0 X#100\nM30\nO2\nIF [#1 EQ #0] THEN #1=7\nG0 X#1\n"
+        "#100=8\nM99",
         [7, 1, 8],
     ),
     "G65 with a computed program": ("#1=1\nG65 P[#1+1] A#1\nM30\nO2\nG0 X#1\nM99", [1]),
@@ -124,11 +128,11 @@ CASES: dict[str, tuple[str, list[float]]] = {
 
 
 @pytest.mark.parametrize(("source", "moves"), CASES.values(), ids=CASES)
-def test_a_macro_makes_its_moves(source: str, moves: list[float]) -> None:
+def test_macro_programs_make_the_expected_moves(source: str, moves: list[float]) -> None:
     assert xs(source, dialect="fanuc") == moves
 
 
-def test_m99_goes_on_where_a_deleted_block_let_it() -> None:
+def test_m99_continues_after_a_deleted_block() -> None:
     source = "G0 X1\n/M99 P9\nG0 X2\nN9 G0 X3"
     assert xs(source, dialect="fanuc") == [1, 3]
     assert xs(source, dialect="fanuc", block_delete=True) == [1, 2, 3]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cnc.gcode.syntax.parameters import Parameters
-from tests.support.gcode.gcode_cases import means, rows, run, stands
+from tests.support.gcode.gcode_cases import assert_blocks, assert_error_at, rows, run
 from tests.support.gcode.spline_cases import curve, curves_of, points_on
 
 CUBIC = [0, 0, 0, 0, 1, 1, 1, 1]
@@ -148,7 +148,7 @@ def test_what_was_kept_is_a_way_of_the_machine() -> None:
     ("code", "words"), [("G5", "X1 Y1 ¦J3 P0 Q-3"), ("G5", "X1 Y1 ¦I3 P0 Q-3")]
 )
 def test_one_offset_is_not_enough(code: str, words: str) -> None:
-    stands("spline-control-point-missing", f"{code} {words} F60")
+    assert_error_at("spline-control-point-missing", f"{code} {words} F60")
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_one_offset_is_not_enough(code: str, words: str) -> None:
 def test_only_right_after_another_cubic(between: str) -> None:
     back = "\nG17" if between != "G18" else ""
     end = "Z2" if between == "G18" else "X2"
-    stands(
+    assert_error_at(
         "spline-tangent-missing", f"G5 X1 Y1 I0 J3 P0 Q-3 F60\n{between}{back}\n¦G5 {end} P0 Q-3"
     )
 
@@ -180,7 +180,7 @@ def test_feed_per_revolution() -> None:
 
 
 def test_both_beside_other_moves() -> None:
-    means(
+    assert_blocks(
         "F60 G1 X1\nG5.1 X2 J1\nG1 X3",
         ("line", 1, 0, 0, 60),
         ("nurbs", 2, [0, 0, 0, 1, 1, 1], [[1, 0, 0], [1, 1, 0], [2, 0, 0]], [1, 1, 1], 60),
@@ -202,4 +202,4 @@ def test_the_dialects_that_have_them(dialect: str, code: str) -> None:
 @pytest.mark.parametrize("dialect", ["grbl", "fanuc"])
 @pytest.mark.parametrize("code", ["G5 X1 I1 J0 P0 Q1", "G5.1 X1 I1", "G5.2", "G5.3"])
 def test_the_dialects_that_have_not(dialect: str, code: str) -> None:
-    stands("code-not-in-dialect", f"F60\n¦{code}\nM2", dialect=dialect)
+    assert_error_at("code-not-in-dialect", f"F60\n¦{code}\nM2", dialect=dialect)

@@ -9,7 +9,7 @@ import pytest
 from geomdl import NURBS
 
 from cnc.gcode.syntax.parameters import Parameters
-from tests.support.gcode.gcode_cases import refused, rows, run, stands
+from tests.support.gcode.gcode_cases import assert_error_at, error_of, rows, run
 from tests.support.gcode.spline_cases import curve, curves_of, points_on
 
 ALONG = np.linspace(0.0, 1.0, 41)
@@ -224,9 +224,9 @@ CASES: dict[str, tuple[str, str]] = {
 @pytest.mark.parametrize("name", CASES)
 def test_the_error_stands_at_its_place(name: str) -> None:
     code, marked = CASES[name]
-    stands(code, marked, axes=("x", "y", "z", "a", "u"))
+    assert_error_at(code, marked, axes=("x", "y", "z", "a", "u"))
 
 
 @pytest.mark.parametrize("dialect", ["linuxcnc", "grbl", "fanuc", "paper"])
 def test_the_dialects_that_have_it_not(dialect: str) -> None:
-    assert refused("F60\nBSPLINE SD=2 X1", dialect=dialect).code == "syntax-not-in-dialect"
+    assert error_of("F60\nBSPLINE SD=2 X1", dialect=dialect).code == "syntax-not-in-dialect"

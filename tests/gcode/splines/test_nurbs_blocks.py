@@ -9,7 +9,7 @@ import pytest
 from geomdl import NURBS
 
 from cnc.gcode.syntax.parameters import Parameters
-from tests.support.gcode.gcode_cases import means, rows, run, stands
+from tests.support.gcode.gcode_cases import assert_blocks, assert_error_at, rows, run
 from tests.support.gcode.spline_cases import curve, curves_of, points_on
 
 ALONG = np.linspace(0.0, 1.0, 41)
@@ -161,12 +161,12 @@ def test_comments_numbers_and_parameters_inside() -> None:
 
 
 def test_after_the_curve_a_new_motion_code_is_needed() -> None:
-    means(
+    assert_blocks(
         "F60\nG5.2 L2\nX3 Y4\nG5.3\nG1 X5",
         ("nurbs", 1, [0, 0, 1, 1], [[0, 0, 0], [3, 4, 0]], [1, 1], 60),
         ("line", 5, 4, 0, 60),
     )
-    stands("motion-missing", "F60\nG5.2 L2\nX3 Y4\nG5.3\n¦X5")
+    assert_error_at("motion-missing", "F60\nG5.2 L2\nX3 Y4\nG5.3\n¦X5")
 
 
 def test_two_curves() -> None:
@@ -191,8 +191,8 @@ def test_control_points_out_of_a_loop_and_a_subroutine() -> None:
 
 
 def test_an_error_in_a_subroutine_stands_there_and_one_of_the_curve_at_its_beginning() -> None:
-    stands("nurbs-foreign-word", "F60\no1 sub\n¦M8\no1 endsub\nG5.2\no1 call\nG5.3")
-    stands("nurbs-left-early", "F60\no1 sub\n¦G5.2\nX1 Y1\no1 endsub\no1 call")
+    assert_error_at("nurbs-foreign-word", "F60\no1 sub\n¦M8\no1 endsub\nG5.2\no1 call\nG5.3")
+    assert_error_at("nurbs-left-early", "F60\no1 sub\n¦G5.2\nX1 Y1\no1 endsub\no1 call")
 
 
 def test_the_position_is_that_where_the_curve_begins_until_it_is_made() -> None:

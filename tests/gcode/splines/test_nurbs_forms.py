@@ -8,7 +8,7 @@ import pytest
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.model.blocks import NurbsFeed
 from cnc.model.diagnostics import Diagnostic
-from tests.support.gcode.gcode_cases import refused, rows, run, same
+from tests.support.gcode.gcode_cases import assert_rows_equal, error_of, rows, run
 
 POINTS = [(10, 0), (20, 20), (12, 8), (10, 20), (8, 8), (0, 20), (10, 0)]
 WEIGHTS = [1, 1, 2.5, 1, 0.5, 1, 1]
@@ -45,7 +45,7 @@ def test_the_paper_form() -> None:
 
 @pytest.mark.parametrize("dialect", ["auto", "fanuc"])
 def test_both_forms_make_the_same_blocks(dialect: str) -> None:
-    same(
+    assert_rows_equal(
         list(rows(run("G0 X10\n" + fanuc(), dialect=dialect))),
         list(rows(run("G0 X10\n" + paper(), dialect="paper"))),
         abs=0,
@@ -67,7 +67,7 @@ def test_defaults_are_cubic_with_weights_of_one() -> None:
     block = curve(short)
     assert block.degree == 3
     assert block.weights.tolist() == [1.0] * 4
-    same(list(rows(run(short.replace("U", "K")))), list(rows(run(short))), abs=0)
+    assert_rows_equal(list(rows(run(short.replace("U", "K")))), list(rows(run(short))), abs=0)
 
 
 def test_fanuc_may_leave_out_the_first_point_and_knot() -> None:
@@ -76,7 +76,7 @@ def test_fanuc_may_leave_out_the_first_point_and_knot() -> None:
     knot_only = full.replace("G06.2 P4 K0 X10 Y0 R1 F18000", "G06.2 P4 X10 Y0 F18000")
     point_only = full.replace("G06.2 P4 K0 X10 Y0 R1 F18000", "G06.2 P4 K0 F18000")
     for other in (short, knot_only, point_only):
-        same(list(rows(run(other))), list(rows(run(full))), abs=0)
+        assert_rows_equal(list(rows(run(other))), list(rows(run(full))), abs=0)
 
 
 def test_the_feed_may_be_modal() -> None:
@@ -152,7 +152,7 @@ def test_inner_knots_may_stand_up_to_the_degree() -> None:
 
 @pytest.mark.parametrize("code", ["G41.1 D1", "G42.1 D1"])
 def test_no_curve_under_cutter_compensation(code: str) -> None:
-    assert refused(f"{code}\n{paper()}").code == "nurbs-wrong-mode"
+    assert error_of(f"{code}\n{paper()}").code == "nurbs-wrong-mode"
 
 
 def test_axes_of_a_machine_named_like_knots_are_left_alone() -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.gcode.gcode_cases import stands
+from tests.support.gcode.gcode_cases import assert_error_at
 
 FEED = "F60\n"
 OPEN = "F60\nG5.2 P1 L3\nX0 Y1\n"
@@ -123,10 +123,10 @@ CASES: dict[str, tuple[str, str]] = {
 @pytest.mark.parametrize("name", CASES)
 def test_the_error_stands_at_its_place(name: str) -> None:
     code, marked = CASES[name]
-    stands(code, marked, axes=("x", "y", "z", "a", "u"))
+    assert_error_at(code, marked, axes=("x", "y", "z", "a", "u"))
 
 
 def test_an_axis_that_the_machine_has_not() -> None:
-    stands("axis-missing", "G5 X1 ¦Y1 I0 J3 P0 Q-3 F60", axes=("x", "z"))
-    stands("axis-missing", "G5 X1 I0 ¦J3 P0 Q-3 F60", axes=("x", "z"))
-    stands("axis-missing", "G5.2 F60\nX1 ¦Y1", axes=("x", "z"))
+    assert_error_at("axis-missing", "G5 X1 ¦Y1 I0 J3 P0 Q-3 F60", axes=("x", "z"))
+    assert_error_at("axis-missing", "G5 X1 I0 ¦J3 P0 Q-3 F60", axes=("x", "z"))
+    assert_error_at("axis-missing", "G5.2 F60\nX1 ¦Y1", axes=("x", "z"))

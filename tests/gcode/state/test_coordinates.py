@@ -35,13 +35,13 @@ def test_everything_at_once() -> None:
     """machine = tool + origin + R(30) (program + shift), worked out by hand."""
     place = fresh()
     place.set_origin(0, {0: 100.0, 1: 200.0, 2: 300.0}, rotation=30.0)
-    place.local({0: 4.0, 2: 6.0})
+    place.set_local({0: 4.0, 2: 6.0})
     place.tool_offset = [0.5, 0.0, 40.0]
     x, y = 6.0 + 4.0, 8.0
     assert place.to_machine([6.0, 8.0, 1.0]) == pytest.approx(
         [100.5 + ROOT * x - 0.5 * y, 200.0 + 0.5 * x + ROOT * y, 347.0], rel=1e-15
     )
-    assert place.turned([2.0, 0.0, 7.0]) == pytest.approx([2.0 * ROOT, 1.0, 7.0], rel=1e-15)
+    assert place.rotated([2.0, 0.0, 7.0]) == pytest.approx([2.0 * ROOT, 1.0, 7.0], rel=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_rotary_and_further_axes_do_not_turn() -> None:
 
 def test_a_machine_without_y_does_not_turn() -> None:
     place = fresh({5230: 90.0}, axes=("x", "z"))
-    assert not place.turns
+    assert not place.can_rotate
     assert place.to_machine([1.0, 2.0]) == [1.0, 2.0]
 
 
@@ -140,7 +140,7 @@ def test_origin_here_under_a_rotation_keeps_the_other_coordinate() -> None:
 def test_origin_here_of_another_system_counts_its_own_rotation() -> None:
     place = fresh()
     place.set_origin(1, {0: 3.0}, rotation=180.0)
-    place.shift_here({0: 0.0}, [2.0, 0.0, 0.0])
+    place.set_shift_here({0: 0.0}, [2.0, 0.0, 0.0])
     place.set_origin_here(1, {0: 7.0, 2: 1.0}, [10.0, 20.0, 5.0])
     place.select(1)
     assert place.to_program([10.0, 20.0, 5.0]) == [7.0, -20.0, 1.0]
@@ -152,20 +152,20 @@ def test_shift_here_under_a_rotation() -> None:
     """
     place = fresh()
     place.set_origin(0, {}, rotation=90.0)
-    place.shift_here({0: 1.0}, [10.0, 20.0, 0.0])
+    place.set_shift_here({0: 1.0}, [10.0, 20.0, 0.0])
     assert [place.parameters.values[number] for number in (5210, 5211, 5212)] == [1.0, 19.0, 0.0]
     assert place.to_machine([0.0, 0.0, 0.0]) == [0.0, 19.0, 0.0]
 
 
 def test_suspend_and_restore() -> None:
     place = fresh()
-    place.shift_here({0: 0.0, 1: 0.0}, [3.0, 4.0, 0.0])
+    place.set_shift_here({0: 0.0, 1: 0.0}, [3.0, 4.0, 0.0])
     place.suspend_shift()
     assert place.zero == [0.0, 0.0, 0.0]
     place.restore_shift()
     assert place.zero == [3.0, 4.0, 0.0]
     place.suspend_shift()
-    place.local({2: 1.0})  # starts from what is in effect, not from what is stored
+    place.set_local({2: 1.0})  # starts from what is in effect, not from what is stored
     assert place.zero == [0.0, 0.0, 1.0]
     place.clear_shift()
     place.restore_shift()
@@ -174,12 +174,12 @@ def test_suspend_and_restore() -> None:
 
 def test_local_offset_of_its_own() -> None:
     place = fresh(fanuc=True)
-    place.shift_here({0: 0.0}, [10.0, 0.0, 0.0])
-    place.local({0: 1.0, 1: 2.0})
+    place.set_shift_here({0: 0.0}, [10.0, 0.0, 0.0])
+    place.set_local({0: 1.0, 1: 2.0})
     assert place.zero == [11.0, 2.0, 0.0]
     place.select(1)
     assert place.zero == [11.0, 2.0, 0.0]  # in every coordinate system
-    place.shift_here({0: 5.0}, [10.0, 0.0, 0.0])  # ends it on the axes given
+    place.set_shift_here({0: 5.0}, [10.0, 0.0, 0.0])  # ends it on the axes given
     assert place.zero == [5.0, 2.0, 0.0]
     place.end()
     assert place.zero == [5.0, 0.0, 0.0]
@@ -207,7 +207,7 @@ def test_tool_for_under_a_rotation_keeps_the_other_way() -> None:
 def test_tool_for_a_fixture_knows_no_shift() -> None:
     place = fresh()
     place.set_origin(8, {2: 2.0})
-    place.shift_here({2: 0.0}, [0.0, 0.0, 50.0])
+    place.set_shift_here({2: 0.0}, [0.0, 0.0, 50.0])
     assert place.tool_for([0.0, 0.0, 0.0], {2: 1.0}, [0.0, 0.0, 8.0], fixture=True) == {2: 5.0}
     assert place.tool_for([0.0, 0.0, 0.0], {2: 1.0}, [0.0, 0.0, 58.0]) == {2: 7.0}
 
@@ -257,7 +257,7 @@ def test_there_and_back(
 ) -> None:
     place = fresh()
     place.set_origin(0, dict(enumerate(origin)), rotation=angle)
-    place.local(dict(enumerate(shift)))
+    place.set_local(dict(enumerate(shift)))
     place.tool_offset = tool
     size = 4.0 * max(map(abs, point + origin + shift + tool)) + 1e-300
     assert place.to_program(place.to_machine(point)) == pytest.approx(
@@ -285,7 +285,7 @@ def test_the_position_gets_the_values_asked_for(
     if way == "L20":
         place.set_origin_here(0, values, point)
     elif way == "G92":
-        place.shift_here(values, point)
+        place.set_shift_here(values, point)
     else:
         tool = place.tool_for([0.0, 0.0, 0.0], values, point)
         place.tool_offset = [tool.get(index, 0.0) for index in range(3)]

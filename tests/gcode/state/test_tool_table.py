@@ -32,8 +32,8 @@ def load(tmp_path: Path, text: str) -> ToolTable:
 def test_every_word_in_any_order(tmp_path: Path) -> None:
     table = load(tmp_path, TABLE)
     assert len(table) == 4
-    assert table.tool(1) == ToolEntry(1, 1, {"Z": 40.25}, 6.0, remark="end mill 6 mm")
-    assert table.tool(99999) == ToolEntry(99999, 9, {"Z": 0.5}, remark="no blank before, any case")
+    assert table.tool(1) == ToolEntry(1, 1, {"Z": 40.25}, 6.0, comment="end mill 6 mm")
+    assert table.tool(99999) == ToolEntry(99999, 9, {"Z": 0.5}, comment="no blank before, any case")
     offsets = dict(zip("XYZABCUVW", range(1, 10), strict=True))
     assert table.tool(3) == ToolEntry(3, 0, offsets, 0.8, 95.0, -155.5, 2)
     assert table.tool(4) == ToolEntry(4, diameter=10.0)

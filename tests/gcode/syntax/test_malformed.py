@@ -1,5 +1,6 @@
-"""Malformed programs: each with its error, at its line and column. The mark ¦ stands before the
-offending place and is taken out.
+"""Malformed programs with the code, line and column of their errors.
+
+The mark ¦ stands before the faulty part. It is removed before the program is run.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from cnc.gcode.program.call_stack import Limits
 from cnc.gcode.state.tool_table import ToolEntry, ToolTable
 from cnc.gcode.syntax.expressions import MAX_DEPTH
 from cnc.gcode.syntax.parser import MAX_LINE
-from tests.support.gcode.gcode_cases import refused, stands
+from tests.support.gcode.gcode_cases import assert_error_at, error_of
 from tests.support.paths import GCODE
 
 FANUC = "G06.2 P2 K0 X0 Y0 F60\n"
@@ -248,9 +249,7 @@ TOOLS = (
 
 
 def _errors() -> Iterator[tuple[str, str, str, str]]:
-    """Name, dialect, code and marked program of every line of errors.txt, and of the table
-    above.
-    """
+    """Name, dialect, code and marked program of each case in the table above and errors.txt."""
     yield from ((name, "auto", code, marked) for name, (code, marked) in CASES.items())
     for number, line in enumerate(
         (GCODE / "errors.txt").read_text(encoding="utf-8").split("\n"), 1
@@ -272,10 +271,10 @@ ERRORS = list(_errors())
     [error[1:] for error in ERRORS],
     ids=[error[0] for error in ERRORS],
 )
-def test_the_error_stands_at_its_place(dialect: str, code: str, marked: str) -> None:
+def test_the_error_has_its_code_and_place(dialect: str, code: str, marked: str) -> None:
     tools = None if code == "tool-table-missing" else ToolTable(TOOLS)
     limits = Limits(repeated_lines=5000, depth=20)
-    found = stands(
+    found = assert_error_at(
         code, marked, dialect=dialect, tools=tools, folders=[GCODE / "subroutines"], limits=limits
     )
     assert found.severity == "error"
@@ -283,25 +282,22 @@ def test_the_error_stands_at_its_place(dialect: str, code: str, marked: str) -> 
 
 
 NO_ERRORS = """
-arc-distance before-each exact-path exact-stop feed-mode if-goto if-then input-output inverse-time latin-1 macro-b non-modal per-minute
-per-revolution spindle-mode tool-change tool-length utf-8 utf-8-sig while-do
+arc-distance before-each exact-path exact-stop feed-mode if-goto if-then input-output inverse-time
+latin-1 macro-b non-modal per-minute per-revolution spindle-mode tool-change tool-length utf-8
+utf-8-sig while-do
 """
-"""Words of the interpreter that look like a code of an error and are none."""
+"""Strings in the interpreter that look like an error code but are not."""
 ELSEWHERE = """
-abort-possible comment-not-active compensation-radius-zero decimal-point-missing dwell-long feed-before-units word-shadowed
-word-without-effect
-no-such-file unreadable-file unwritable-file unknown-dialect
-parameter-file-line parameter-file-order tool-repeated tool-table-malformed tool-table-unreadable
+abort-possible comment-not-active compensation-radius-zero decimal-point-missing dwell-long
+feed-before-units word-shadowed word-without-effect no-such-file unreadable-file unwritable-file
+unknown-dialect parameter-file-line parameter-file-order tool-repeated tool-table-malformed
+tool-table-unreadable
 """
-"""Warnings, and errors of files and names, that no program brings about; their own tests have
-them.
-"""
+"""Warnings, and errors of files and names. They have their own tests."""
 
 
-def test_no_error_is_forgotten() -> None:
-    """Whatever looks like the code of an error anywhere in the interpreter is that of a program in
-    the tables.
-    """
+def test_every_error_code_has_a_program() -> None:
+    """Each string that looks like an error code is the code of a program in the tables."""
     sources = [
         ast.parse(file.read_text(encoding="utf-8"))
         for file in Path(gcode.__file__).parent.rglob("*.py")
@@ -320,18 +316,18 @@ def test_no_error_is_forgotten() -> None:
     assert {*NO_ERRORS.split(), *ELSEWHERE.split()} <= codes
 
 
-def test_there_are_enough() -> None:
+def test_the_table_has_enough_cases() -> None:
     assert len(ERRORS) >= 400
 
 
 @pytest.mark.parametrize("plane", ["G17", "G18", "G19"])
 def test_an_arc_needs_both_axes_of_its_plane(plane: str) -> None:
     axes = {"G17": ("x", "z"), "G18": ("x", "y"), "G19": ("x", "z")}[plane]
-    found = refused(f"{plane} G2 I1 F60", axes=axes)
+    found = error_of(f"{plane} G2 I1 F60", axes=axes)
     assert (found.code, found.column) == ("axis-missing", 5)
 
 
-def test_an_error_is_drawn_with_its_place() -> None:
+def test_a_rendered_error_marks_its_place() -> None:
     from cnc.gcode.program.program import interpret
     from cnc.gcode.syntax.source_text import Text
     from cnc.model.diagnostics import GcodeError
@@ -345,8 +341,8 @@ def test_an_error_is_drawn_with_its_place() -> None:
     ]
 
 
-def test_an_error_in_a_file_that_is_called_stands_in_that_file() -> None:
-    found = refused("G0 X1\no<broken> call\nG0 X2", folders=[GCODE / "subroutines"])
+def test_an_error_in_a_called_file_names_that_file() -> None:
+    found = error_of("G0 X1\no<broken> call\nG0 X2", folders=[GCODE / "subroutines"])
     assert (found.code, found.line, found.column, found.text) == (
         "word-unused",
         3,
@@ -360,8 +356,8 @@ def test_an_error_in_a_file_that_is_called_stands_in_that_file() -> None:
     ("dialect", "source"),
     [("auto", "o<deep> call [1]"), ("auto", "o<again> call"), ("fanuc", "N1 M98 P2001\nGOTO 1")],
 )
-def test_what_never_ends_is_ended(dialect: str, source: str) -> None:
-    found = refused(
+def test_endless_programs_are_stopped(dialect: str, source: str) -> None:
+    found = error_of(
         source,
         dialect=dialect,
         folders=[GCODE / "subroutines"],
@@ -375,5 +371,5 @@ def test_what_never_ends_is_ended(dialect: str, source: str) -> None:
 @pytest.mark.parametrize(
     "value", ["1/0", "5 MOD 0", "SQRT[-1]", "LN[0]", "TAN[90]", "0**-1", "EXP[1000]", "ACOS[2]"]
 )
-def test_what_can_not_be_computed_says_what_to_do(value: str) -> None:
-    assert refused(f"G0 X[{value}]").hint
+def test_errors_of_undefined_values_have_hints(value: str) -> None:
+    assert error_of(f"G0 X[{value}]").hint

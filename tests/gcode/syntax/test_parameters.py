@@ -1,4 +1,4 @@
-"""Parameters: ranges, scope, what is live, and the file."""
+"""Parameters: ranges, scope, bound parameters, and the parameter file."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ def test_the_first_coordinate_system_is_in_use_from_the_start() -> None:
 
 
 @pytest.mark.parametrize("number", [0, -1, 5603, 1e6, 1.5, 1.001, -0.4])
-def test_there_is_no_such_number(number: float) -> None:
+def test_unknown_numbers_are_errors(number: float) -> None:
     known = Parameters()
     assert code_of(lambda: known.number(number, 7)) == "parameter-number"
     assert code_of(lambda: known.set_number(number, 1.0, 7)) == "parameter-number"
 
 
 @pytest.mark.parametrize("number", [34, 99, 200, 499, 1000, 3001, -1, 1.5])
-def test_there_is_no_such_variable(number: float) -> None:
+def test_unknown_macro_variables_are_errors(number: float) -> None:
     known = Parameters(macro=True)
     assert code_of(lambda: known.number(number, 7)) == "parameter-number"
     assert code_of(lambda: known.set_number(number, 1.0, 7)) == "parameter-number"
 
 
 @pytest.mark.parametrize("number", [1, 33, 100, 199, 500, 999])
-def test_a_variable_is_vacant_until_it_is_set_and_again_when_set_to_vacant(number: int) -> None:
+def test_a_variable_is_vacant_until_set_and_when_set_to_vacant(number: int) -> None:
     known = Parameters(macro=True)
     assert math.isnan(known.number(number, 7))
     known.set_number(number, 0.0, 7)
@@ -119,7 +119,7 @@ def test_an_argument_that_is_not_given_is_vacant() -> None:
     assert math.isnan(known.number(2, 7))
 
 
-def test_what_is_live() -> None:
+def test_bound_parameters() -> None:
     known, position = Parameters(), [1.0]
     known.bind(5420, lambda: position[0])
     known.bind("_x", lambda: position[0])
@@ -134,7 +134,7 @@ def test_what_is_live() -> None:
     assert not known.stored().keys() & {3000, 5420}
 
 
-def test_what_the_file_keeps() -> None:
+def test_values_stored_in_the_parameter_file() -> None:
     known = Parameters()
     for number in (1, 30, 31, 5000, 5061, 5070, 5161, 5221, 5390, 5399, 5602):
         known.set_number(number, 0.5, 7)
@@ -151,7 +151,7 @@ def test_what_the_file_keeps() -> None:
 
 
 @given(st.dictionaries(st.integers(1, 5602), st.floats(allow_nan=False, allow_infinity=False)))
-def test_every_value_comes_back_to_the_last_bit(
+def test_stored_values_are_read_back_exactly(
     tmp_path_factory: pytest.TempPathFactory, values: dict[int, float]
 ) -> None:
     path = tmp_path_factory.getbasetemp() / "rs274ngc.var"
@@ -163,13 +163,13 @@ def test_every_value_comes_back_to_the_last_bit(
     assert list(found) == sorted(values)
 
 
-def test_the_form_of_the_file(tmp_path: Path) -> None:
+def test_the_format_of_the_parameter_file(tmp_path: Path) -> None:
     path = tmp_path / "a.var"
     write_parameters(path, {5221: 1.5, 31: -2.0})
     assert path.read_bytes() == b"31\t-2.0\n5221\t1.5\n"
 
 
-def test_what_linuxcnc_wrote_is_read(tmp_path: Path) -> None:
+def test_a_parameter_file_of_linuxcnc_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a.var"
     path.write_bytes(
         b"5161\t0.000000\r\n  5162   -10.5  \n\n5220\t1.000000\n5221 +.25\n5222 1e-3\n"
@@ -209,14 +209,14 @@ def test_a_malformed_file_is_refused_at_its_line(
     assert found.text and found.hint
 
 
-def test_a_file_that_is_not_there_or_can_not_be_read(tmp_path: Path) -> None:
+def test_a_missing_or_unreadable_parameter_file(tmp_path: Path) -> None:
     for path, code in ((tmp_path / "none.var", "no-such-file"), (tmp_path, "unreadable-file")):
         with pytest.raises(UsageError) as caught:
             read_parameters(path)
         assert caught.value.diagnostic.code == code
 
 
-def test_a_file_that_can_not_be_written_stays_as_it_was(
+def test_a_failed_write_leaves_the_file_unchanged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.var"
@@ -234,14 +234,14 @@ def test_a_file_that_can_not_be_written_stays_as_it_was(
     assert list(tmp_path.iterdir()) == [path], "no draft is left"
 
 
-def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+def test_a_missing_folder(tmp_path: Path) -> None:
     with pytest.raises(UsageError) as caught:
         write_parameters(tmp_path / "none" / "a.var", {})
     assert caught.value.diagnostic.code == "unwritable-file"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="rights of another kind")
-def test_rights_and_links_stay(tmp_path: Path) -> None:
+def test_permissions_and_links_are_kept(tmp_path: Path) -> None:
     target, link = tmp_path / "a.var", tmp_path / "link.var"
     target.write_text("")
     target.chmod(0o640)

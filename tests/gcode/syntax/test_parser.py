@@ -1,4 +1,4 @@
-"""Lines and the grammar's cache."""
+"""The parser: long lines, memory of lines, and the cache of the grammar."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_the_longest_line(length: int) -> None:
         "X" * 4000,
     ],
 )
-def test_awkward_lines_take_no_time(text: str) -> None:
+def test_awkward_lines_are_parsed_fast(text: str) -> None:
     import time
 
     begin = time.process_time()
@@ -88,8 +88,8 @@ def test_a_damaged_cache_is_replaced(tmp_path: Path) -> None:
     assert cache.stat().st_mtime_ns == whole.st_mtime_ns, "the new one is good"
 
 
-def test_a_cache_that_can_not_be_written(tmp_path: Path) -> None:
-    """Permissions do not bind a superuser, but a folder in the file's place binds everybody."""
+def test_an_unwritable_cache_file(tmp_path: Path) -> None:
+    """A folder of the same name. Root ignores permissions, but not this."""
     read_in_a_process(tmp_path)
     (cache,) = (tmp_path / "cnc").iterdir()
     cache.unlink()
@@ -98,7 +98,7 @@ def test_a_cache_that_can_not_be_written(tmp_path: Path) -> None:
     assert cache.is_dir()
 
 
-def test_a_cache_folder_that_can_not_be_made(tmp_path: Path) -> None:
+def test_an_unwritable_cache_folder(tmp_path: Path) -> None:
     (tmp_path / "cnc").write_text("a file where the folder should be")
     read_in_a_process(tmp_path)
 

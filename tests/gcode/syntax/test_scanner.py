@@ -1,9 +1,10 @@
-"""The compiled scanner against the grammar: the same words, bit for bit, or none."""
+"""The compiled scanner against the grammar: equal words, bit for bit, or none."""
 
 from __future__ import annotations
 
 import itertools
 import random
+from functools import partial
 
 import pytest
 
@@ -99,7 +100,7 @@ X`1
 """.splitlines()
 
 
-def test_the_lines_of_any_cam_program_are_plain() -> None:
+def test_typical_cam_lines_are_plain() -> None:
     text = Text.of_lines(PLAIN, "t")
     window = text.window(1)
     assert window is not None
@@ -123,7 +124,7 @@ def test_the_lines_of_any_cam_program_are_plain() -> None:
         "X1".ljust(MAX_LINE + 1),
     ],
 )
-def test_all_else_is_for_the_grammar(line: str) -> None:
+def test_other_lines_are_not_plain(line: str) -> None:
     assert scan(line.encode("latin-1") + b"\n", whole=True).lines.plain[0] == 0
 
 
@@ -134,7 +135,7 @@ def test_the_longest_line_is_plain() -> None:
 
 
 def agree(line: str, found: Statement, syntax: Syntax) -> None:
-    """The scanner's statement is the grammar's."""
+    """Assert that the statements of scanner and grammar are equal."""
     expected = parse_line.__wrapped__(line, syntax)
     assert found == expected, line
     # Equal numbers may still differ in the sign of zero.
@@ -164,7 +165,7 @@ ODD = [*"é\x00\x0b\x7f\u2028#=%/*$@.-+();1", "[1]", "#1", "O100", "SD=3"]
 
 
 class Adversary:
-    """Writes lines that a scanner may trip over."""
+    """Writes random lines that are difficult for a scanner."""
 
     def __init__(self, seed: int) -> None:
         self.rng = random.Random(seed)
@@ -267,8 +268,8 @@ def decoded(line: bytes) -> str:
 
 
 @pytest.mark.timeout(3600)
-def test_every_plain_line_has_the_words_of_the_grammar() -> None:
-    """And the lines are those of the file, whichever way they end."""
+def test_plain_lines_have_the_words_of_the_grammar() -> None:
+    """The lines equal those of the file, with any kind of line end."""
     amount, batch = share(1_000_000, 30_000), 1000
     plain = 0
     syntaxes = itertools.cycle(SYNTAXES)
@@ -288,7 +289,7 @@ def test_every_plain_line_has_the_words_of_the_grammar() -> None:
     )
 
 
-def test_what_is_not_plain_is_what_the_grammar_makes_of_it(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_other_lines_have_the_statement_of_the_grammar(tmp_path) -> None:  # type: ignore[no-untyped-def]
     path = tmp_path / "a.nc"
     path.write_bytes(Adversary(-1).data(share(20_000, 2_000)))
     text, line = Text.of_file(path), 1
@@ -296,8 +297,8 @@ def test_what_is_not_plain_is_what_the_grammar_makes_of_it(tmp_path) -> None:  #
         for index in range(window.count):
             outcomes = []
             for read in (
-                lambda: window.statement(index, SYNTAXES[1]),
-                lambda: parse_line(window.text(index), SYNTAXES[1]),
+                partial(window.statement, index, SYNTAXES[1]),
+                partial(parse_line, window.text(index), SYNTAXES[1]),
             ):
                 try:
                     outcomes.append(repr(read()))
@@ -343,7 +344,7 @@ def test_head_and_label(line: str, head: str | int, label: int) -> None:
     )
 
 
-def test_the_label_of_any_line_is_its_n_word() -> None:
+def test_the_label_of_random_lines_is_the_n_word() -> None:
     for seed in range(share(200, 10)):
         data = Adversary(seed).data(200)
         found = scan(data, whole=True)
@@ -396,7 +397,7 @@ BENT = [
 ]
 
 
-def test_straight_lines_are_told_from_others() -> None:
+def test_lines_of_straight_moves_are_marked() -> None:
     assert scan("\n".join(STRAIGHT).encode() + b"\n", whole=True).lines.straight[
         : len(STRAIGHT)
     ].tolist() == list(range(len(STRAIGHT), 0, -1))
@@ -404,27 +405,27 @@ def test_straight_lines_are_told_from_others() -> None:
         assert scan(line.encode() + b"\n", whole=True).lines.straight[0] == 0, line
 
 
-def test_runs_end_where_a_line_is_not_plain() -> None:
+def test_a_run_ends_at_a_line_that_is_not_plain() -> None:
     found = scan(b"G0X1\nX2\nM3\nX3\nO1 sub\nX1\n", whole=True)
     assert found.lines.plain[:6].tolist() == [4, 3, 2, 1, 0, 1]
     assert found.lines.straight[:6].tolist() == [2, 1, 0, 1, 0, 1]
 
 
-def test_a_scan_of_a_piece_takes_whole_lines_only() -> None:
+def test_a_partial_scan_takes_complete_lines_only() -> None:
     found = scan(b"G0 X1\r\nG0 Y2\r", whole=False)
     assert (found.count, found.size) == (1, 7), "the \\r may be the first half of a line end"
     assert scan(b"G0 X1", whole=False).count == 0
     assert scan(b"", whole=True).count == 0
 
 
-def test_a_scan_takes_fewer_lines_where_they_are_many() -> None:
+def test_a_scan_takes_fewer_lines_if_they_are_short() -> None:
     data = b"\n" * 1000 + b"X1Y1" * 1000
     found = scan(data, whole=False)
     assert 0 < found.count == found.size < 1000
     assert scan(data, whole=True).count == 1001
 
 
-def test_a_scan_takes_fewer_lines_where_their_words_are_many() -> None:
+def test_a_scan_takes_fewer_lines_if_they_have_many_words() -> None:
     line = b"X1" * 2000 + b"\n"
     found = scan(line * 20, whole=False)
     assert 0 < found.count < 20

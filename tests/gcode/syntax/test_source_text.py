@@ -1,4 +1,4 @@
-"""A program's text by line number: files and lines in memory, forwards and back."""
+"""The text of a program by line number: files and lines in memory, in any order."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_lines_of_a_file(tmp_path: Path, data: bytes, lines: list[str]) -> None:
 @pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
 @pytest.mark.parametrize("shift", range(-3, 4))
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
-def test_a_line_end_on_the_border_of_a_window(
+def test_a_line_end_at_the_end_of_a_window(
     tmp_path: Path, small: int, end: bytes, shift: int, mark: bytes
 ) -> None:
     second = small + shift - 20 - len(end)
@@ -76,7 +76,7 @@ def test_a_line_end_on_the_border_of_a_window(
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
 @pytest.mark.parametrize("length", [62, 63, 64, 65, 66, 126, 127, 128, 129, 1000])
-def test_a_line_longer_than_a_window_is_cut_and_the_next_one_is_whole(
+def test_a_line_longer_than_a_window_is_cut(
     tmp_path: Path, small: int, end: bytes, length: int
 ) -> None:
     found = lines_of(tmp_path, b"G0" + end + b"x" * length + end + b"G1" + end + b"G2")
@@ -84,7 +84,7 @@ def test_a_line_longer_than_a_window_is_cut_and_the_next_one_is_whole(
     assert lines_of(tmp_path, b"x" * length) == ["x" * min(length, small)]
 
 
-def test_lines_of_any_ends_and_lengths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_random_line_ends_and_lengths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = random.Random(5)
     for _ in range(share(3000, 300)):
         monkeypatch.setattr(module, "WINDOW_BYTES", rng.randint(40, 80))
@@ -97,7 +97,7 @@ def test_lines_of_any_ends_and_lengths(tmp_path: Path, monkeypatch: pytest.Monke
             assert lines_of(tmp_path, data) == data.decode().splitlines(), data
 
 
-def test_a_long_line_is_refused_and_costs_one_window(tmp_path: Path) -> None:
+def test_a_long_line_is_refused_after_one_window(tmp_path: Path) -> None:
     path = tmp_path / "a.nc"
     path.write_bytes(b"x" * 2_000_000 + b"\nG0")
     text = Text.of_file(path)
@@ -146,7 +146,7 @@ def test_only_some_windows_are_kept(tmp_path: Path, small: int) -> None:
     assert again.count == windows[0].count
 
 
-def test_lines_in_memory_are_read_as_they_are_needed() -> None:
+def test_lines_in_memory_are_read_on_demand() -> None:
     read = 0
 
     def lines() -> Iterator[str]:
@@ -185,12 +185,12 @@ def test_lines_in_memory_are_read_as_they_are_needed() -> None:
         "G1 X1\r",
     ],
 )
-def test_a_line_in_memory_stays_what_it_is(line: str) -> None:
+def test_lines_in_memory_are_not_changed(line: str) -> None:
     found = texts(Text.of_lines([line, line, "G1"], "t"))
     assert found == [line.removesuffix("\n").removesuffix("\r")] * 2 + ["G1"]
 
 
-def test_what_bytes_can_not_hold_is_not_plain() -> None:
+def test_text_that_is_not_utf8_is_not_plain() -> None:
     window = Text.of_lines(["G0 X1 (\ud800)", "G0 \n X1", "; \r x", "O1 (\ud800)"], "t").window(1)
     assert window is not None
     assert window.plain.tolist() == [0, 0, 0, 0]
@@ -223,20 +223,20 @@ def test_plain_statements_are_memoised_by_text_in_bounded_memory(
     assert len(module._memo) <= module.MEMO
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+def test_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(UsageError) as caught:
         Text.of_file(tmp_path / "none.nc")
     assert caught.value.diagnostic.code == "no-such-file"
     assert caught.value.diagnostic.file == str(tmp_path / "none.nc")
 
 
-def test_a_file_that_can_not_be_read(tmp_path: Path) -> None:
+def test_an_unreadable_file(tmp_path: Path) -> None:
     with pytest.raises(UsageError) as caught:
         Text.of_file(tmp_path)
     assert caught.value.diagnostic.code == "unreadable-file"
 
 
-def test_a_file_that_goes_away(tmp_path: Path, small: int) -> None:
+def test_a_file_that_is_deleted_during_reading(tmp_path: Path, small: int) -> None:
     path = tmp_path / "a.nc"
     path.write_bytes(b"G1 X1\n" * 100)
     text = Text.of_file(path)
@@ -248,7 +248,7 @@ def test_a_file_that_goes_away(tmp_path: Path, small: int) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes here")
-def test_a_pipe_can_be_read_in_any_order(tmp_path: Path, small: int) -> None:
+def test_a_pipe_is_read_in_any_order(tmp_path: Path, small: int) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)
     writer = threading.Thread(

@@ -1,4 +1,4 @@
-"""Lines as statements: words with computed numbers, assignments, remarks, control."""
+"""Statements: computed words, assignments, commands in comments, control."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def control(text: str, syntax: Syntax = NGC) -> Control:
 
 
 def plain(found: Control) -> tuple[Any, ...]:
-    """Keyword, label and values, computed."""
+    """Keyword, label and computed values."""
     parameters = known()
     label = found.label if isinstance(found.label, str) else found.label(parameters)
     return (found.keyword, label, *(value(parameters) for value in found.values))
 
 
-def test_a_computed_word_says_nan_and_where_it_stands() -> None:
+def test_a_computed_word_has_nan_and_its_column() -> None:
     statement = parse_line("n10 G1 x [ #1 + 2 ] y-#2 Z3.5 a sin[#30] f#<A>")
     assert [word.letter for word in statement.words] == list("NGXYZAF")
     numbers = [word.number for word in statement.words]
@@ -62,8 +62,8 @@ def test_a_computed_word_says_nan_and_where_it_stands() -> None:
     ]  # fmt: skip
 
 
-def test_a_word_in_brackets_is_computed_though_it_is_constant() -> None:
-    """So that a code in brackets is treated alike whatever stands in them."""
+def test_a_constant_in_brackets_is_a_computed_word() -> None:
+    """A code in brackets is treated alike with any contents."""
     ((index, value),) = parse_line("G[1]").computed
     assert (index, value(known())) == (0, 1.0)
 
@@ -91,12 +91,15 @@ def test_a_macro_assigns_without_brackets() -> None:
     assert [each.value(known()) for each in statement.assignments] == [8.0, 1.0]
 
 
-def test_remarks() -> None:
+def test_commands_in_comments() -> None:
     statement = parse_line(
-        "(msg, Hello ) G0 ( DEBUG ,#1 is %d) (print,a,b) (note, x) (LOGCLOSE) (PY,x) (probeopen a.txt) (Abort , a) ; (msg, no)"
+        "(msg, Hello ) G0 ( DEBUG ,#1 is %d) (print,a,b) (note, x) (LOGCLOSE) (PY,x) (probeopen "
+        "a.txt) (Abort , a) ; (msg, no)"
     )
-    assert [(remark.kind, remark.text, remark.column, remark.length) for remark in statement.remarks] == [
-        ("msg", "Hello", 1, 13), ("debug", "#1 is %d", 18, 18), ("print", "a,b", 37, 11), ("logclose", "", 59, 10), ("py", "x", 70, 6),
+    assert [(remark.kind, remark.text, remark.column,
+        remark.length) for remark in statement.remarks] == [
+        ("msg", "Hello", 1, 13), ("debug", "#1 is %d", 18, 18), ("print", "a,b", 37, 11),
+            ("logclose", "", 59, 10), ("py", "x", 70, 6),
         ("probeopen", "a.txt", 77, 17), ("abort", "a", 95, 11)
     ]  # fmt: skip
 
@@ -160,7 +163,7 @@ def test_if_then() -> None:
     assert assignment.value(known()) == 2.0
 
 
-def test_where_control_stands() -> None:
+def test_the_place_of_control() -> None:
     statement = parse_line("/ n5 o100  call [1]  (note)")
     assert statement.deletable
     assert [word.written for word in statement.words] == ["N5"]
@@ -185,7 +188,8 @@ def test_percent() -> None:
 def test_siemens_words() -> None:
     words = parse_line("BSPLINE SD = 3 X1 pl=[1+1] PW=.7").words
     assert [(word.letter, word.written, word.column, word.length) for word in words] == [
-        ("BSPLINE", "BSPLINE", 1, 7), ("SD", "SD=3", 9, 6), ("X", "X1", 16, 2), ("PL", "PL=[1+1]", 19, 8), ("PW", "PW=.7", 28, 5)
+        ("BSPLINE", "BSPLINE", 1, 7), ("SD", "SD=3", 9, 6), ("X", "X1", 16, 2),
+            ("PL", "PL=[1+1]", 19, 8), ("PW", "PW=.7", 28, 5)
     ]  # fmt: skip
     assert [word.number for word in words][:3] == [1, 3, 1]
     with pytest.raises(GcodeError) as caught:
@@ -199,10 +203,10 @@ def test_lines_for_the_board(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "  \t", "(note)", "; note (", "(a ; b) ; c"])
-def test_nothing_but_comments(text: str) -> None:
+def test_lines_of_comments_only(text: str) -> None:
     assert parse_line(text) == Statement()
 
 
-def test_equal_text_in_another_dialect_is_another_statement() -> None:
+def test_each_dialect_has_its_own_statement_of_a_text() -> None:
     assert parse_line("#1=1", NGC) is not parse_line("#1=1", MACRO)
     assert parse_line("#1=1", NGC) is parse_line("#1=1", Syntax("ngc", siemens=True))

@@ -1,5 +1,6 @@
-"""Lines that no grammar takes: each with its error, at its column. The mark ¦ stands before the
-offending place and is taken out.
+"""Lines with syntax errors, with the code and column of the error.
+
+The mark ¦ stands before the faulty part. It is removed before the line is parsed.
 """
 
 from __future__ import annotations
@@ -218,7 +219,9 @@ CASES = [
     CASES,
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_the_error_stands_at_its_place(code: str, marked: str, hint: str, syntax: Syntax) -> None:
+def test_the_error_has_its_code_and_place(
+    code: str, marked: str, hint: str, syntax: Syntax
+) -> None:
     text = marked.replace("¦", "")
     column = marked.index("¦") + 1
     found = refused(text, syntax)
@@ -229,7 +232,7 @@ def test_the_error_stands_at_its_place(code: str, marked: str, hint: str, syntax
     assert "token" not in found.message.lower()
 
 
-def test_there_are_enough() -> None:
+def test_the_table_has_enough_cases() -> None:
     assert len(CASES) >= 150
 
 
@@ -243,14 +246,16 @@ def test_blanks_and_case_do_not_move_the_error(syntax: Syntax) -> None:
 
 
 PIECES = [
-    "#", "#1", "#<a>", "#<", "[", "]", "(", ")", "(c)", ";", "=", "+", "-", "*", "**", "/", "MOD", "EQ", "AND", "SIN", "SIN[", "ATAN",
-    "EXISTS", "1", "2.5", ".", "X", "G1", "N5", "O", "o100", "o<a>", "sub", "call", "if", "while", "do", "return", "IF", "GOTO", "THEN",
+    "#", "#1", "#<a>", "#<", "[", "]", "(", ")", "(c)", ";", "=", "+", "-", "*", "**", "/", "MOD",
+        "EQ", "AND", "SIN", "SIN[", "ATAN",
+    "EXISTS", "1", "2.5", ".", "X", "G1", "N5", "O", "o100", "o<a>", "sub", "call", "if", "while",
+        "do", "return", "IF", "GOTO", "THEN",
     "WHILE", "DO", "END", "BSPLINE", "SD=", "%", "$", "\u00e9", "<", ">", ",", "E", "FOO", " ",
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("syntax", [NGC, MACRO, NONE])
-def test_every_line_is_taken_or_refused_in_words(syntax: Syntax) -> None:
+def test_random_lines_are_parsed_or_refused_with_a_message(syntax: Syntax) -> None:
     rng = random.Random(11)
     for _ in range(share(50_000, 1_500)):
         text = "".join(rng.choice(PIECES) for _ in range(rng.randint(1, 8)))
@@ -278,14 +283,14 @@ NESTED = [
 
 @pytest.mark.parametrize("text", NESTED, ids=lambda text: text[:20])
 @pytest.mark.parametrize("syntax", [NGC, MACRO])
-def test_no_nesting_is_too_deep_for_the_parser(text: str, syntax: Syntax) -> None:
+def test_deep_nesting_does_not_crash_the_parser(text: str, syntax: Syntax) -> None:
     begin = time.process_time()
     with contextlib.suppress(GcodeError):
         parse_line(text, syntax)
     assert time.process_time() - begin < 2
 
 
-def test_how_deep_an_expression_may_be() -> None:
+def test_the_limit_of_the_depth_of_expressions() -> None:
     def line(depth: int) -> str:
         return "X[" + "[" * depth + "#1" + "+1]" * depth + "]"
 

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cnc.gcode.geometry.compensation import Compensation
-from cnc.gcode.state.source_location import Here
+from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.words import Word
 from cnc.model.blocks import ArcFeed, Block, Dwell
 from cnc.model.diagnostics import Diagnostic, GcodeError
@@ -22,7 +22,7 @@ from cnc.model.diagnostics import Diagnostic, GcodeError
 Row = tuple[Any, ...]
 FEED = 10.0
 WORD = Word("X", 1.0, "X1", 7, 2)
-HERE = Here("test.nc", None, words_of=lambda line: (WORD,))
+HERE = SourceLocation("test.nc", None, words_of=lambda line: (WORD,))
 
 
 @dataclass(frozen=True)

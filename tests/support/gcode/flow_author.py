@@ -367,7 +367,8 @@ class OWords:
                 out(f"{self.label(block)} {word}")
             case ("call", sub, arguments):
                 out(
-                    f"o<sub{sub}> call {' '.join(f'[{expression(argument)}]' for argument in arguments)}"
+                    f"o<sub{sub}> call "
+                    f"{' '.join(f'[{expression(argument)}]' for argument in arguments)}"
                 )
                 out("#103 = #<_value>")
             case ("return", value):

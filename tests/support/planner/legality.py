@@ -22,7 +22,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.spatial import cKDTree
 
-from cnc.api import Outputs, check, start_position
+from cnc.api import Outputs, RunOptions, check, start_position
 from cnc.machine.models import Machine
 
 ALLOWED = 1e-3
@@ -132,7 +132,9 @@ def examine(
     )
     program.write_text(text)
     report = check(
-        program, machine, outputs=Outputs(blocks=str(blocks), trace=str(trace), pulses=str(pulses))
+        program,
+        machine,
+        RunOptions(outputs=Outputs(blocks=str(blocks), trace=str(trace), pulses=str(pulses))),
     )
     if not report.ok:
         return Findings(

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cnc.kernels.path.curve import curve_range
 from cnc.kernels.pulses.catch_up import round_to
+from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece
 from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
@@ -130,22 +131,16 @@ def state_at(plan: PlanChunk, t: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-def at_rest(
-    path: PathChunk,
-    s0: float,
-    scale: NDArray[np.float64],
-    grid: NDArray[np.int64],
-    step: NDArray[np.int8],
-    reach: NDArray[np.float64],
-) -> tuple[int, float]:
-    """The rows that round the grid point to the path's end, whose last piece begins at s0: into
-    step and reach. Their number and error.
+def at_rest(path: PathChunk, s0: float, grid: Grid, moves: Moves) -> tuple[int, float]:
+    """Write the rows that round the grid point to the end of a path, whose last piece begins at s0.
+
+    Returns:
+        The number of rows, and the largest error in BLU.
     """
-    kind, at = int(path.kind[-1]), int(path.at[-1])
-    _, u1 = curve_range(kind, path.data, at)
-    rows, _, error, _ = round_to(
-        kind, path.data, at, u1, u1, s0, scale, grid, np.empty((4, len(grid))), 0.0, 0, step, reach
-    )
+    piece = Piece(int(path.kind[-1]), path.data, int(path.at[-1]), s0)
+    _, u1 = curve_range(piece.kind, piece.data, piece.at)
+    here = np.empty((4, len(grid.point)))
+    rows, _, error, _ = round_to(piece, u1, u1, grid, here, 0.0, 0, moves)
     return rows, float(error)
 
 

@@ -1,5 +1,6 @@
-"""Debian's Chromium without a window, by the Chrome DevTools Protocol over a pair of pipes: JSON
-with a NUL behind each message.
+"""Headless Chromium, driven by the Chrome DevTools Protocol over a pair of pipes.
+
+Each message is JSON with a NUL at its end.
 """
 
 from __future__ import annotations
@@ -19,17 +20,26 @@ from typing import Any
 FOUND = shutil.which("chromium")
 INSTALL = "apt-get install chromium"
 FLAGS = (
-    "--headless=new", "--remote-debugging-pipe", "--no-sandbox", "--disable-gpu-sandbox", "--use-angle=swiftshader", "--hide-scrollbars",
-    "--enable-unsafe-swiftshader", "--no-first-run", "--disable-extensions", "--disable-dev-shm-usage", "--disable-background-networking",
+    "--headless=new",
+    "--remote-debugging-pipe",
+    "--no-sandbox",
+    "--disable-gpu-sandbox",
+    "--use-angle=swiftshader",
+    "--hide-scrollbars",
+    "--enable-unsafe-swiftshader",
+    "--no-first-run",
+    "--disable-extensions",
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
     "--force-color-profile=srgb",
-)  # fmt: skip
+)
 
 READY = "document.documentElement?.dataset.opened || document.documentElement?.dataset.failed"
-"""The page of a picture says how many ms it took, or what is wrong."""
+"""JavaScript: the ms that the page of a picture took to open, or its error."""
 
 
 class Browser:
-    """A tab. ``events``: what the browser told of its own accord, method and parameters."""
+    """A tab of the browser. ``events`` has the method and parameters of its notifications."""
 
     def __init__(self, width: int = 1280, height: int = 800) -> None:
         self.events: list[tuple[str, dict[str, Any]]] = []
@@ -38,7 +48,7 @@ class Browser:
         )
         to_browser, self._write = os.pipe()
         self._read, from_browser = os.pipe()
-        # The browser reads its file 3 and writes its file 4; a shell puts the pipes there.
+        # The browser reads file descriptor 3 and writes 4; a shell connects the pipes to them.
         shell = f'exec "$@" 3<&{to_browser} 4>&{from_browser}'
         command = [
             FOUND or "chromium",
@@ -75,7 +85,7 @@ class Browser:
     def __exit__(self, *_: object) -> None:
         self._session = None
         try:
-            self.call("Browser.close", patience=10.0)
+            self.call("Browser.close", timeout=10.0)
             self._process.wait(10.0)
         except (OSError, EOFError, TimeoutError, subprocess.TimeoutExpired):
             self._process.kill()
@@ -84,14 +94,14 @@ class Browser:
         os.close(self._write)
         self._folder.cleanup()
 
-    def call(self, method: str, patience: float = 120.0, **parameters: Any) -> dict[str, Any]:
-        """Carry out a method; its result."""
+    def call(self, method: str, timeout: float = 120.0, **parameters: Any) -> dict[str, Any]:
+        """Call a method of the protocol and return its result."""
         self._number += 1
         message: dict[str, Any] = {"id": self._number, "method": method, "params": parameters}
         if self._session is not None:
             message["sessionId"] = self._session
         os.write(self._write, json.dumps(message).encode() + b"\0")
-        until = monotonic() + patience
+        until = monotonic() + timeout
         while True:
             answer = self._message(until)
             if answer.get("id") == self._number:
@@ -108,14 +118,14 @@ class Browser:
                 raise TimeoutError("the browser does not answer")
             data = os.read(self._read, 1 << 20)
             if not data:
-                raise EOFError("the browser has gone")
+                raise EOFError("the browser has ended")
             self._buffer += data
         message, _, self._buffer = self._buffer.partition(b"\0")
         decoded: dict[str, Any] = json.loads(message)
         return decoded
 
     def evaluate(self, expression: str) -> Any:
-        """The value of a JavaScript expression, a promise's when it is kept."""
+        """Return the value of a JavaScript expression, or of the promise that it returns."""
         result = self.call(
             "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
         )
@@ -128,47 +138,47 @@ class Browser:
         return result["result"].get("value")
 
     def open(self, page: Path, ready: str = READY) -> Any:
-        """Load a file and wait until ``ready`` is true; its value."""
+        """Load a file, wait until ``ready`` is true, and return its value."""
         self.events.clear()
         self.call("Page.navigate", url=page.resolve().as_uri())
         return self.wait(lambda: self.evaluate(ready))
 
-    def wait(self, until: Callable[[], Any], patience: float = 60.0) -> Any:
-        """The first value that is true."""
-        end = monotonic() + patience
+    def wait(self, until: Callable[[], Any], timeout: float = 60.0) -> Any:
+        """Return the first true value of ``until``."""
+        end = monotonic() + timeout
         while not (value := until()):
             if monotonic() > end:
-                raise TimeoutError("it does not come true")
-            # Something to wait for that the browser does meanwhile.
+                raise TimeoutError("the condition does not become true")
+            # The browser keeps working during this wait.
             self.evaluate("new Promise(done => setTimeout(done, 50))")
         return value
 
     def dark(self, on: bool) -> None:
-        """What the user prefers."""
+        """Select the dark or the light colour scheme."""
         self.call(
             "Emulation.setEmulatedMedia",
             features=[{"name": "prefers-color-scheme", "value": "dark" if on else "light"}],
         )
 
     def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
-        """A mouse event: mouseMoved, mousePressed, mouseReleased, mouseWheel."""
+        """Send a mouse event: mouseMoved, mousePressed, mouseReleased or mouseWheel."""
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
 
     def click(self, x: float, y: float) -> None:
-        """With the left button."""
+        """Click with the left button."""
         self.mouse("mouseMoved", x, y)
         self.mouse("mousePressed", x, y, button="left", buttons=1, clickCount=1)
         self.mouse("mouseReleased", x, y, button="left", clickCount=1)
 
     def screenshot(self, file: Path) -> None:
-        """What is in sight, as PNG."""
+        """Write the visible part of the page as PNG."""
         file.write_bytes(
             base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
         )
 
     @property
     def complaints(self) -> list[str]:
-        """What the console says of errors and refused loads."""
+        """Errors and refused requests in the console."""
         out = []
         for method, parameters in self.events:
             if method == "Log.entryAdded" and parameters["entry"]["level"] == "error":

@@ -1,4 +1,4 @@
-"""A program as it is drawn, and its plan sampled, which it is compared with."""
+"""The picture of a program, and samples of its plan for comparison."""
 
 from __future__ import annotations
 
@@ -16,13 +16,19 @@ from cnc.view.collect import Collector, Picture, Sizes
 
 EVERYTHING = Sizes(strokes=1 << 19, curves=1 << 17, origins=1 << 20)
 PERIOD = 0.0013
-"""s; no multiple of anything."""
+"""s. It is no multiple of other times."""
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A picture, and the plan every PERIOD: time, position, feed, acceleration, jerk, source line,
-    and whether a traverse is under way.
+    """A picture, and samples of the plan every PERIOD.
+
+    Attributes:
+        picture: the picture.
+        t: (n,) times of the samples, s.
+        position: (n, 3) positions, mm.
+        values: (3, n) feed mm/s, acceleration mm/s^2 and jerk mm/s^3.
+        line: (n,) source lines.
     """
 
     picture: Picture
@@ -52,8 +58,12 @@ def drawn(program: Path, machine_name: str = "default", sizes: Sizes = EVERYTHIN
     ]
     inside = t <= clock
     return Drawn(
-        collector.picture(), t[inside], columns[0][inside, :3], np.stack(columns[1:4])[:, inside], columns[4][inside]
-    )  # fmt: skip
+        collector.picture(),
+        t[inside],
+        columns[0][inside, :3],
+        np.stack(columns[1:4])[:, inside],
+        columns[4][inside],
+    )
 
 
 def write(folder: Path, text: str, name: str = "p.nc") -> Path:

@@ -1,34 +1,45 @@
-"""The two firmwares that the simulator can be, and what differs between them."""
+"""The two firmwares that the GRBL simulator models, and their differences."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+STEPS, RATES, ACCELERATIONS, TRAVELS = 100, 110, 120, 130
+"""Numbers of the settings of the X axis; Y and Z follow. Steps/mm, mm/min, mm/s^2, mm."""
 GRBL_SETTINGS: dict[int, float] = {
     0: 10, 1: 25, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0, 10: 1, 11: 0.010, 12: 0.002, 13: 0,
     20: 0, 21: 0, 22: 0, 23: 0, 24: 25.0, 25: 500.0, 26: 250, 27: 1.0, 30: 1000, 31: 0, 32: 0,
     100: 250.0, 101: 250.0, 102: 250.0, 110: 500.0, 111: 500.0, 112: 500.0,
     120: 10.0, 121: 10.0, 122: 10.0, 130: 200.0, 131: 200.0, 132: 200.0,
 }  # fmt: skip
-"""``$$`` of a fresh board (settings.md, ``$$``), but for homing, which is off as no switches are
-wired.
-"""
+"""``$$`` of a new board (settings.md, ``$$``), with homing off, because no switches are wired."""
 
 
 @dataclass(frozen=True, slots=True)
 class FirmwareProfile:
-    """What one firmware is made of.
+    """The properties of one firmware.
 
-    rx_capacity: bytes that the receive ring holds. rx_reported: the figure of ``$I``. tx_capacity:
-    bytes of the transmit ring. line_length: characters of a line, comments and spaces not counted.
-    planner_blocks: motions that wait, the running one among them. repeats_error: a program line
-    after an error gets the same error until an empty line comes. pairs_line_ends: a line feed that
-    follows a carriage return ends no line of its own. eeprom_blinds: a write to the EEPROM keeps
-    the processor from taking bytes off the wire. estop_alarm: number of the emergency stop's alarm.
-    alarm_s: for so long the main program does nothing behind an alarm's message. line_numbers:
-    whether ``Ln:`` is reported. mist: whether M7 is compiled in. variable_spindle: whether the
-    spindle has a speed. max_step_rate_hz: steps/s that the settings may ask for (in GRBL: not
-    checked).
+    Attributes:
+        name: ``grbl`` or ``grblhal``.
+        banner: The welcome.
+        version: The version in the answer to ``$I``.
+        options: The option letters in the answer to ``$I``.
+        rx_capacity: Bytes that the receive ring holds.
+        rx_reported: The size of the receive buffer in the answer to ``$I``.
+        tx_capacity: Bytes that the transmit ring holds.
+        line_length: Characters of a line without comments and spaces.
+        planner_blocks: Moves in the planner, the running one included.
+        repeats_error: Whether program lines after an error get the same error until an empty line.
+        pairs_line_ends: Whether a line feed after a carriage return ends no further line.
+        eeprom_blinds: Whether the processor loses bytes during a write to the EEPROM.
+        estop_alarm: Number of the alarm of the emergency stop.
+        alarm_s: Time after an alarm's message during which the main program is busy, s.
+        line_numbers: Whether ``Ln:`` is reported.
+        mist: Whether M7 is compiled in.
+        variable_spindle: Whether the spindle has a speed.
+        max_step_rate_hz: Highest step rate that settings may need; None: not checked, as in GRBL.
+        build_lines: Additional lines of the answer to ``$I``.
+        settings: The settings of a new board.
     """
 
     name: str
@@ -69,8 +80,8 @@ GRBL = FirmwareProfile(
     estop_alarm=None,
     alarm_s=0.5,
 )
-"""GRBL 1.1h on an Arduino Uno with line numbers: interface.md; the line buffer has 80 characters,
-one of them its end.
+"""GRBL 1.1h on an Arduino Uno with line numbers (interface.md). The line buffer has 80 characters
+with the end of the string.
 """
 
 GRBLHAL = FirmwareProfile(
@@ -90,6 +101,6 @@ GRBLHAL = FirmwareProfile(
     mist=True,
     build_lines=("[AXS:3:XYZ]", "[NEWOPT:ENUMS,RT+]", "[FIRMWARE:grblHAL]", "[DRIVER:the box]"),
 )
-"""grblHAL as its core is shipped: a ring of 1024 has room for one byte less."""
+"""grblHAL as its core is shipped; a ring of 1024 holds one byte less."""
 
 FIRMWARES = {profile.name: profile for profile in (GRBL, GRBLHAL)}

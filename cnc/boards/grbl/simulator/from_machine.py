@@ -1,32 +1,36 @@
-"""The simulator as a machine file describes it: a board that has been set up for that machine."""
+"""Settings of the GRBL simulator for the machine of a machine file."""
 
 from __future__ import annotations
 
-from cnc.boards.grbl.simulator.firmware_profile import GRBL_SETTINGS
+from cnc.boards.grbl.simulator.firmware_profile import (
+    ACCELERATIONS,
+    GRBL_SETTINGS,
+    RATES,
+    STEPS,
+    TRAVELS,
+)
 from cnc.machine.models import Machine
-from cnc.model.blocks import AxisLetter
-
-AXES: tuple[AxisLetter, ...] = ("x", "y", "z")
-STEPS, RATE, ACCELERATION, TRAVEL = 100, 110, 120, 130
+from cnc.model.blocks import AXIS_LETTERS
+from cnc.model.units import per_minute
 
 
 def settings_of(machine: Machine) -> dict[int, float]:
-    """``$`` settings for X, Y, Z: steps/mm, mm/min, mm/s^2, travel in mm; what the file leaves open
-    stays as on a fresh board.
+    """Return the ``$`` settings of X, Y and Z: steps/mm, mm/min, mm/s^2, travel in mm.
+
+    A value that the machine file leaves open is that of a new board.
     """
     settings: dict[int, float] = {}
-    for index, name in enumerate(AXES):
-        axis = machine.axes.get(name)
+    for column, letter in enumerate(AXIS_LETTERS[:3]):
+        axis = machine.axes.get(letter)
         if axis is None:
             continue
-        acceleration = (
+        settings[STEPS + column] = axis.steps_per_mm
+        settings[RATES + column] = per_minute(axis.max_velocity)
+        settings[ACCELERATIONS + column] = (
             axis.max_acceleration
             or machine.path.max_tangential_acceleration
-            or GRBL_SETTINGS[ACCELERATION + index]
+            or GRBL_SETTINGS[ACCELERATIONS + column]
         )
-        settings[STEPS + index] = axis.steps_per_mm
-        settings[RATE + index] = axis.max_velocity * 60.0
-        settings[ACCELERATION + index] = acceleration
         if axis.travel is not None:
-            settings[TRAVEL + index] = axis.travel[1] - axis.travel[0]
+            settings[TRAVELS + column] = axis.travel[1] - axis.travel[0]
     return settings

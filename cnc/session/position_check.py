@@ -1,9 +1,9 @@
-"""Where a GRBL board's machine stands: whether its report agrees with where the last run ended, and
-what is kept for the next run.
+"""Position check of a GRBL board: its reported position against the end of the last run.
 
-A board that has restarted counts from zero wherever the tool is, and another sender may have moved
-the machine. A program that began there would cut displaced, so it is refused (``position-lost``)
-until it homes the machine first, or the operator confirms the board's report.
+A board that has restarted counts from zero at the present position of the tool, and another sender
+may have moved the machine. A program would then cut at a displaced position. It is refused
+(``position-lost``) unless it homes the machine first, or the operator confirms the reported
+position.
 """
 
 from __future__ import annotations
@@ -21,16 +21,21 @@ from cnc.session.checkpoint import Checkpoint
 from cnc.session.last_position import LastPosition
 
 ROUNDING = 0.002
-"""mm: what the three decimals of a report, of inches even, can make of a position."""
+"""Rounding of a reported position, mm: three decimals, in inches in the worst case."""
 HOMING_CYCLE = 22
-"""The setting that switches homing on."""
-UNSEEN = frozenset({"port-lost", "board-silent", "board-restarted"})
-"""Faults after which the board's last report is not where the machine stands."""
+"""Number of the GRBL setting that enables homing."""
+UNREPORTED = frozenset({"port-lost", "board-silent", "board-restarted"})
+"""Faults after which the last report of the board does not show the final position."""
 
 
-class Standing:
-    """Of one run. machine: names the axes. checkpoint: of the run that is gone on with, None for
-    none. trusted: the operator confirms.
+class PositionCheck:
+    """The check of one run, and the record for the next run.
+
+    Args:
+        board: The board.
+        machine: Names the axes.
+        checkpoint: Checkpoint of the run that is continued, or None.
+        trusted: Whether the operator confirms the reported position.
     """
 
     def __init__(
@@ -44,8 +49,11 @@ class Standing:
         self._begun = False
 
     def check(self, blocks: Iterable[Block]) -> None:
-        """Compare. BoardError ``position-lost`` for a program (its ``blocks``) that does not home
-        the machine before it moves.
+        """Compare the reported position with the expected one.
+
+        Raises:
+            BoardError: ``position-lost`` if they differ and the program with these ``blocks`` does
+                not home the machine before its first move.
         """
         last = self._last
         if (
@@ -55,18 +63,18 @@ class Standing:
         ):
             return
         self._disagrees = True
-        self.homes_at(homing_line(blocks))
+        self.lost_until(homing_line(blocks))
         if not self._homing_line:
-            # It stays lost if the board does not greet the next time.
+            # The next run may not see the restart, so the loss is recorded.
             replace(last, lost=True).write()
             raise BoardError(self._lost(last))
 
-    def homes_at(self, line: int) -> None:
-        """The position counts as lost until a line that homes the machine has been carried out."""
+    def lost_until(self, line: int) -> None:
+        """Treat the position as lost until the line that homes the machine is done."""
         self._doubtful, self._homing_line = True, line
 
     def begin(self) -> None:
-        """The machine is about to move: what was kept is not true any more."""
+        """Record that the machine is about to move."""
         if self._identity is not None:
             self._begun = True
             kept = (
@@ -77,8 +85,11 @@ class Standing:
             LastPosition(self._identity, kept, lost=self._doubtful).write()
 
     def end(self, ended: str, seen: Mapping[str, float] | None) -> None:
-        """The run is over. ended: "end", "stopped" or the code of a fault. seen: the last position
-        reported before a fault.
+        """Record the end of the run.
+
+        Args:
+            ended: "end", "stopped" or the code of a fault.
+            seen: The last position that was reported before a fault.
         """
         if self._identity is None or not self._begun:
             return
@@ -87,19 +98,17 @@ class Standing:
             not self._doubtful or ended == "end" or self._board.confirmed_line > self._homing_line
         )
         if not homed and self._last is not None:
-            # A board that refuses $H has not moved.
+            # If the board refused $H, the machine has not moved.
             replace(
                 self._last, lost=self._last.lost or self._disagrees or ended != "board-error"
             ).write()
-        elif ended in UNSEEN:
+        elif ended in UNREPORTED:
             LastPosition(self._identity, seen or self._position(), ended, lost=True).write()
         else:
             LastPosition(self._identity, self._position(), ended).write()
 
     def _expected(self, identity: str, checkpoint: Checkpoint | None) -> LastPosition | None:
-        """Where the machine should stand: where the last run on the board ended; of one that has no
-        end, by its checkpoint.
-        """
+        """Return the end of the last run; by the checkpoint if the run has no recorded end."""
         last = LastPosition.read(identity)
         if checkpoint is None or not checkpoint.position or (last is not None and last.ended):
             return last
@@ -111,7 +120,7 @@ class Standing:
         return dict(zip(self._axes, self._board.position, strict=False))
 
     def _differs(self, expected: Mapping[str, float]) -> bool:
-        """Whether an axis stands more than a step from where it should."""
+        """Whether an axis is more than a step away from its expected position."""
         each = zip(self._axes, self._board.position, self._board.resolution, strict=False)
         return any(
             letter in expected and abs(here - expected[letter]) > max(step, ROUNDING)
@@ -124,7 +133,10 @@ class Standing:
         how = {"": "was under way at", "end": "ended at", "stopped": "was stopped at"}.get(
             last.ended, f"ended ({last.ended}) at"
         )
-        message = f"the board {restarted}reports that the machine stands at {here}; the last run {how} {there}"
+        message = (
+            f"the board {restarted}reports that the machine stands at {here}; "
+            f"the last run {how} {there}"
+        )
         trust = "if the position that the board reports is right, confirm it with --trust-position"
         if self._board.settings.get(HOMING_CYCLE):
             return Diagnostic(
@@ -133,19 +145,24 @@ class Standing:
         return Diagnostic(
             "position-lost",
             message,
-            hint=f"this board does not home ($22=0): look where the tool stands; {trust}",
+            hint=f"this board does not home ($22=0): check where the tool stands; {trust}",
         )
 
 
 def home_by_board(
     board: LineSink, machine: Machine, axes: Sequence[str], control: Control
 ) -> dict[str, float]:
-    """Let a GRBL board home the machine, and keep where each axis then stands, mm. Raises as
-    :func:`cnc.executor.homing.home_by_board`.
+    """Let a GRBL board home the machine, and record the position for the next run.
+
+    Returns:
+        Position of each axis, mm.
+
+    Raises:
+        BoardError, UsageError, HomingStopped: As :func:`cnc.executor.homing.home_by_board`.
     """
-    standing = Standing(board, machine, None, trusted=False)
-    standing.homes_at(homing.HOME_LINE)
-    standing.begin()
+    check = PositionCheck(board, machine, None, trusted=False)
+    check.lost_until(homing.HOME_LINE)
+    check.begin()
     ended = "broken off"
     try:
         homing.home_by_board(board, axes, control)
@@ -154,12 +171,12 @@ def home_by_board(
         ended = error.diagnostic.code
         raise
     finally:
-        standing.end(ended, None)
+        check.end(ended, None)
     return dict(zip(machine.axes, board.position, strict=False))
 
 
 def homing_line(blocks: Iterable[Block]) -> int:
-    """The line at which a program homes all axes before it moves any, 0 if it does not."""
+    """Return the line that homes all axes before the first move of a program, 0 for none."""
     for block in blocks:
         if isinstance(block, BoardCommand) and block.text.replace(" ", "").upper() == homing.HOME:
             return block.line

@@ -1,4 +1,4 @@
-"""Whole programs through the quick lanes and without them: the same blocks, warnings and errors."""
+"""Whole programs with and without the fast execution of moves: equal blocks and diagnostics."""
 
 from __future__ import annotations
 
@@ -78,15 +78,13 @@ G-0 X1
 F0
 Q5
 """.splitlines()
-"""Lines that make straight moves and arcs mean something else, or that look like them and are
-not.
-"""
+"""Lines that change the meaning of straight moves and arcs, or only look like them."""
 
 
 def outcome(
     lines: list[str], axes: tuple[str, ...], dialect: str, *, block_delete: bool = False
 ) -> list[Any]:
-    """All that a program does."""
+    """The blocks, diagnostics and parameters of a program."""
     warnings: list[Any] = []
     executed: list[int] = []
     known = Parameters(macro=dialect == "fanuc")
@@ -153,7 +151,7 @@ def test_moves_between_other_lines(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.timeout(3600)
-def test_programs_of_any_kind(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_random_programs_of_the_whole_language(monkeypatch: pytest.MonkeyPatch) -> None:
     for seed in range(share(30_000, 300)):
         written = Author(seed).program()
         agree(
@@ -168,7 +166,7 @@ def test_programs_of_any_kind(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     "move", ["X1. Y2", "G1 X1 Y2", "G2 X1. I1. R5", "X1.(X2)", "(X2) X1.0 Y01"]
 )
-def test_a_distance_without_a_point_is_warned_of_once_wherever_it_stands(
+def test_a_distance_without_a_point_is_warned_about_once(
     monkeypatch: pytest.MonkeyPatch, move: str
 ) -> None:
     for before in (0, 1, 20):
@@ -178,7 +176,7 @@ def test_a_distance_without_a_point_is_warned_of_once_wherever_it_stands(
         assert warning.code == "decimal-point-missing"
 
 
-def test_lines_that_are_executed_at_once_count_as_new_and_as_executed() -> None:
+def test_lines_of_a_run_count_as_executed_and_as_new() -> None:
     limits = Limits(repeated_lines=100)
     told: list[int] = []
     lines = ["G1 F100", *["X1", "X2"] * 5000]

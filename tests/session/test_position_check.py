@@ -1,6 +1,4 @@
-"""A GRBL board that does not stand where the last run left it runs no program until it is homed or
-its position is confirmed.
-"""
+"""The position check of a GRBL board: a program runs only from a confirmed position."""
 
 from __future__ import annotations
 
@@ -10,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cnc.api import Control, HomingStopped, Report, Watch, home, run
+from cnc.api import Callbacks, Control, HomingStopped, Report, home, run
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.simulator.faults import Error, Unplug
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
@@ -22,6 +20,7 @@ from cnc.machine.load import load_machine
 from cnc.model.diagnostics import BoardError, UsageError
 from cnc.session import last_position
 from cnc.session.last_position import LastPosition
+from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")
 FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
@@ -42,9 +41,7 @@ def program(tmp_path: Path) -> Path:
 
 
 def tool(box: GrblSimulator) -> tuple[float, ...]:
-    """Where the tool is in the world, from where it was at first; the board counts from its last
-    start.
-    """
+    """Return the position of the tool from its first position; the board counts from its start."""
     began = box.core.environment.of_travels(*box.core.per_axis(130)).offset
     return tuple(
         round(p + o - b, 3)
@@ -53,30 +50,30 @@ def tool(box: GrblSimulator) -> tuple[float, ...]:
 
 
 def ran(box: GrblSimulator, program: Path, **arguments: object) -> Report:
-    """A run on a port that leaves DTR up, as ours do."""
+    """Run a program on a port that keeps DTR high, as the serial port does."""
     port = GrblSimulatorPort(box, hang_up=False)
     board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
     board.connect()
     try:
-        return run(program, MACHINE, board=board, **arguments)  # type: ignore[arg-type]
+        return run_with(program, MACHINE, board=board, **arguments)
     finally:
         board.close()
 
 
 def refused(report: Report) -> str:
-    """The message of the one fault, which is that the position is lost, and its hint."""
+    """Return message and hint of the only fault, ``position-lost``."""
     (fault,) = report.faults
     assert fault.diagnostic.code == "position-lost", fault.diagnostic
     assert fault.exit_code == 3
     return f"{fault.diagnostic.message}\n{fault.diagnostic.hint}"
 
 
-def stopping(control: Control, at_x: float) -> Watch:
+def stopping(control: Control, at_x: float) -> Callbacks:
     def on_sent(sent: Progress) -> None:
         if sent.position is not None and sent.position[0] > at_x:
             control.stop()
 
-    return Watch(on_sent=on_sent)
+    return Callbacks(on_sent=on_sent)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
@@ -96,7 +93,7 @@ def test_two_runs_in_a_row_do_not_shift(program: Path, capsys: pytest.CaptureFix
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
-def test_a_stopped_run_is_gone_on_with_where_it_was(
+def test_a_stopped_run_continues_at_its_position(
     program: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
@@ -107,7 +104,7 @@ def test_a_stopped_run_is_gone_on_with_where_it_was(
             board="grbl",
             port=server.name,
             control=control,
-            watch=stopping(control, 6.5),
+            callbacks=stopping(control, 6.5),
         )
         assert first.resume_line is not None
         assert tool(server.simulator)[0] > 6.0
@@ -138,7 +135,7 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
             board="grbl",
             port=server.name,
             control=control,
-            watch=stopping(control, 6.5),
+            callbacks=stopping(control, 6.5),
         )
         stands = tool(server.simulator)
         server.simulator.drop_dtr()
@@ -168,7 +165,7 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
         )
 
 
-def test_a_fresh_board_has_nothing_to_disagree_with(program: Path) -> None:
+def test_a_board_without_a_record_is_accepted(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     kept = LastPosition.read("the box")
@@ -177,9 +174,7 @@ def test_a_fresh_board_has_nothing_to_disagree_with(program: Path) -> None:
 
 
 @pytest.mark.parametrize("how", ["power", "another sender"])
-def test_a_board_that_stands_elsewhere_is_refused_until_it_is_confirmed(
-    program: Path, how: str
-) -> None:
+def test_another_position_is_refused_until_it_is_confirmed(program: Path, how: str) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     if how == "power":
@@ -202,7 +197,7 @@ def test_a_board_that_stands_elsewhere_is_refused_until_it_is_confirmed(
     assert ran(box, program).ok
 
 
-def test_less_than_a_step_is_no_difference(program: Path) -> None:
+def test_a_difference_below_one_step_is_accepted(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     step = 1.0 / 250.0
@@ -212,10 +207,8 @@ def test_less_than_a_step_is_no_difference(program: Path) -> None:
     assert "Y2.992" in refused(ran(box, program))
 
 
-def test_a_restart_where_the_last_run_ended_at_zero_is_one_too(program: Path) -> None:
-    """Nobody knows whether the tool was moved while the board was off, and the second opening does
-    not show the restart.
-    """
+def test_a_restart_at_zero_is_refused_too(program: Path) -> None:
+    """The tool may have moved while the board was off, and a second opening shows no restart."""
     box = GrblSimulator(settings=FAST)
     program.write_text("G21 G90\nG1 X3 F900\nG0 X0\nM2\n")
     assert ran(box, program).ok
@@ -225,7 +218,7 @@ def test_a_restart_where_the_last_run_ended_at_zero_is_one_too(program: Path) ->
     assert ran(box, program, trust_position=True).ok
 
 
-def test_homing_finds_the_position_again(program: Path, tmp_path: Path) -> None:
+def test_homing_restores_the_position(program: Path, tmp_path: Path) -> None:
     box = GrblSimulator(settings=SWITCHES)
     homing = tmp_path / "home.nc"
     homing.write_text("$H\n")
@@ -244,7 +237,7 @@ def test_homing_finds_the_position_again(program: Path, tmp_path: Path) -> None:
         board = GrblBoard(port, machine, port.clock, "the box", identity="the box")
         board.connect()
         try:
-            return run(name, machine, board=board, dialect="grbl", **arguments)  # type: ignore[arg-type]
+            return run_with(name, machine, board=board, dialect="grbl", **arguments)
         finally:
             board.close()
 
@@ -305,7 +298,7 @@ def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
     assert not stopped.moves
 
 
-def test_a_board_that_refuses_to_home_stands_where_it_stood(program: Path) -> None:
+def test_a_board_that_refuses_to_home_keeps_its_position(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     for _ in range(2):
@@ -323,7 +316,7 @@ def test_a_board_that_refuses_to_home_stands_where_it_stood(program: Path) -> No
 
 
 @pytest.mark.parametrize("code", ["port-lost", "board-restarted"])
-def test_a_run_that_ends_blind_leaves_a_lost_position(program: Path, code: str) -> None:
+def test_a_run_without_a_final_report_leaves_a_lost_position(program: Path, code: str) -> None:
     box = GrblSimulator(settings=FAST)
 
     def on_sent(sent: Progress) -> None:
@@ -333,7 +326,7 @@ def test_a_run_that_ends_blind_leaves_a_lost_position(program: Path, code: str) 
             else:
                 box.power_up()
 
-    report = ran(box, program, watch=Watch(on_sent=on_sent))
+    report = ran(box, program, callbacks=Callbacks(on_sent=on_sent))
     assert [fault.diagnostic.code for fault in report.faults] == [code]
     kept = LastPosition.read("the box")
     assert kept is not None and kept.lost and kept.ended == code
@@ -352,10 +345,10 @@ def test_after_a_fault_that_leaves_the_position_known_the_next_run_begins(progra
     assert ran(box, program).ok
 
 
-def test_the_checkpoint_counts_where_no_run_has_an_end(program: Path) -> None:
-    """The record of the board was lost, or its computer died."""
+def test_the_checkpoint_is_used_if_the_run_has_no_recorded_end(program: Path) -> None:
+    """The record of the board is missing, or the computer crashed during the run."""
     box, control = GrblSimulator(settings=FAST), Control()
-    first = ran(box, program, control=control, watch=stopping(control, 10.0))
+    first = ran(box, program, control=control, callbacks=stopping(control, 10.0))
     assert first.resume_line == 5
     kept = LastPosition.read("the box")
     assert kept is not None and kept.ended == "stopped"
@@ -369,7 +362,7 @@ def test_the_checkpoint_counts_where_no_run_has_an_end(program: Path) -> None:
     assert "was stopped at X1" in refused(ran(box, program, from_line=5))
 
 
-def test_a_check_on_the_board_neither_asks_nor_changes_anything(program: Path) -> None:
+def test_a_check_on_the_board_ignores_and_keeps_the_record(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     kept = LastPosition.read("the box")
@@ -384,7 +377,7 @@ def test_a_check_on_the_board_neither_asks_nor_changes_anything(program: Path) -
     refused(ran(box, program))
 
 
-def test_what_can_not_be_read_is_none_and_what_can_not_be_written_stops_nothing(
+def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_run(
     program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     LastPosition("a/b", {"x": 1.0}, "end").write()
@@ -405,7 +398,7 @@ def test_what_can_not_be_read_is_none_and_what_can_not_be_written_stops_nothing(
     assert LastPosition.read("the box") is None
 
 
-def test_where_positions_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_folder_of_positions(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert last_position.folder() == tmp_path / "cnc" / "positions"
     monkeypatch.delenv("XDG_STATE_HOME")

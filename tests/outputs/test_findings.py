@@ -1,6 +1,4 @@
-"""Findings as SARIF, JUnit and GitHub's workflow commands: what the formats demand, whatever
-programs and messages hold.
-"""
+"""Findings as SARIF, JUnit and GitHub commands: the output is valid for all names and messages."""
 
 import json
 import re
@@ -21,7 +19,7 @@ from cnc.report.result import Report, Timing
 MACHINE = load_machine("default")
 AWKWARD = st.text(
     st.characters(exclude_categories=()), max_size=30
-)  # every code point, halves of characters too
+)  # every code point, lone surrogates included
 NAMES = (
     st.binary(min_size=1, max_size=20)
     .filter(lambda name: b"\0" not in name)
@@ -71,8 +69,7 @@ def report(
     )
 
 
-# -- SARIF
-# -------------------------------------------------------------------------------------------------------------------------------
+# SARIF
 
 OBJECTS = {
     "log": ({"version", "runs"}, {"$schema": str, "version": str, "runs": ["run"]}),
@@ -114,9 +111,7 @@ OBJECTS = {
     ),
     "content": (set(), {"text": str}),
 }
-"""The part of the SARIF 2.1.0 schema that is used: of each object the required properties, and the
-allowed ones with their types.
-"""
+"""The part of the SARIF 2.1.0 schema that is used: required properties and types of each object."""
 URI_REFERENCE = re.compile(r"(file://)?(%[0-9A-F]{2}|[A-Za-z0-9._~/-])*")
 
 
@@ -158,12 +153,12 @@ def check_sarif(text: str) -> dict:
 
 
 @given(st.lists(REPORTS, max_size=3))
-def test_sarif_is_what_the_schema_demands(reports):
+def test_sarif_follows_the_schema(reports):
     run = check_sarif(sarif(reports))
     assert len(run["results"]) == sum(len(each.findings) for each in reports)
 
 
-def test_sarif_tells_place_rule_level_and_help():
+def test_sarif_has_place_rule_level_and_help():
     run = check_sarif(sarif([report(), report("good.nc", ())]))
     first, warning, _ = run["results"]
     assert (first["ruleId"], first["level"]) == ("arc-radius-mismatch", "error")
@@ -185,7 +180,7 @@ def test_sarif_tells_place_rule_level_and_help():
     assert run["invocations"] == [{"executionSuccessful": True, "exitCode": 1}]
 
 
-def test_sarif_of_a_program_that_could_not_be_read_was_no_successful_run():
+def test_sarif_of_an_unreadable_program_is_an_unsuccessful_run():
     run = check_sarif(
         sarif([report(faults=(UsageError(Diagnostic("no-such-file", "there is no file x.nc")),))])
     )
@@ -196,18 +191,17 @@ def test_sarif_of_a_program_that_could_not_be_read_was_no_successful_run():
 @pytest.mark.parametrize(
     ("name", "uri"), [("/srv/a b.nc", "file:///srv/a%20b.nc"), ("caf\udce9.nc", "caf%E9.nc")]
 )
-def test_sarif_names_files_by_their_bytes(name, uri):
+def test_sarif_keeps_the_bytes_of_file_names(name, uri):
     run = check_sarif(sarif([report(name, ())]))
     assert run["artifacts"][0]["location"]["uri"] == uri
     assert unquote_to_bytes(uri).endswith(name.encode("utf-8", "surrogateescape"))
 
 
-# -- JUnit
-# -------------------------------------------------------------------------------------------------------------------------------
+# JUnit
 
 
 @given(st.lists(REPORTS, max_size=3))
-def test_junit_is_xml_with_a_case_a_program(reports):
+def test_junit_has_a_test_case_for_each_program(reports):
     text = junit(reports).encode()
     suite = ElementTree.fromstring(text).find("testsuite")
     assert len(suite.findall("testcase")) == int(suite.get("tests")) == len(reports)
@@ -218,7 +212,7 @@ def test_junit_is_xml_with_a_case_a_program(reports):
     )
 
 
-def test_junit_shows_all_of_a_program():
+def test_junit_has_failures_errors_and_warnings():
     usage = UsageError(Diagnostic("no-such-file", "there is no file <x>"))
     reports = [report(hidden_faults=3), report("x", (usage,)), report("good.nc", ())]
     suite = ElementTree.fromstring(junit(reports).encode()).find("testsuite")
@@ -235,14 +229,11 @@ def test_junit_shows_all_of_a_program():
     assert good.find("failure") is good.find("error") is None
 
 
-# -- GitHub
-# ------------------------------------------------------------------------------------------------------------------------------
+# GitHub
 
 
 def read_command(line: str) -> tuple[str, dict[str, str], str]:
-    """A workflow command as GitHub's runner reads it: split at the first ``::`` after the
-    properties, then unescaped.
-    """
+    """Parse a workflow command like the runner of GitHub: split first, then unescape."""
     found = re.fullmatch(r"::(\w+)(?: ([^:]*))?::(.*)", line)
     properties = dict(each.split("=", 1) for each in found[2].split(","))
 
@@ -259,7 +250,7 @@ def read_command(line: str) -> tuple[str, dict[str, str], str]:
 
 
 @given(st.lists(REPORTS, max_size=3))
-def test_github_reads_back_what_was_meant(reports):
+def test_github_reads_the_same_values(reports):
     findings = [finding for each in reports for finding in each.findings]
     lines = github(reports).split("\n")
     assert lines.pop() == ""
@@ -267,15 +258,16 @@ def test_github_reads_back_what_was_meant(reports):
         level, properties, message = read_command(line)
         assert level == {"error": "error", "warning": "warning", "note": "notice"}[finding.severity]
         assert properties["title"] == finding.code
-        told = f"{finding.message}\nhelp: {finding.hint}" if finding.hint else finding.message
-        assert message == told.encode("utf-8", "backslashreplace").decode()
+        expected = f"{finding.message}\nhelp: {finding.hint}" if finding.hint else finding.message
+        assert message == expected.encode("utf-8", "backslashreplace").decode()
         assert ("line" in properties) == bool(finding.file and finding.line)
 
 
-def test_github_tells_the_place():
+def test_github_commands_have_places():
     first, second = github([report()]).splitlines()
     assert first == (
-        "::error file=shop/a b%2Cc%3Ad.nc,line=4,endLine=4,col=12,endColumn=16,title=arc-radius-mismatch::"
+        "::error file=shop/a b%2Cc%3Ad.nc,line=4,endLine=4,col=12,endColumn=16,"
+        "title=arc-radius-mismatch::"
         "1.5 mm off, or 50%25 of it%0Ahelp: give I%0Aand J"
     )
     assert second.startswith(

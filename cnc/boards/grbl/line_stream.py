@@ -1,0 +1,286 @@
+"""Sending of lines to a GRBL board, with its faults watched.
+
+No wait is without a bound. At any fault the motion is stopped (hold, wait for rest, reset) before
+the fault is raised, and nothing is sent any more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cnc.boards.grbl import faults
+from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE, FaultMonitor
+from cnc.boards.grbl.line_kinds import Kind, bare
+from cnc.boards.grbl.link import ANSWER, GrblLink
+from cnc.boards.grbl.messages import Feedback
+from cnc.boards.grbl.operator_requests import MIN_OVERRIDE, OperatorRequests
+from cnc.boards.grbl.protocol import Event, Reported, Started
+from cnc.boards.grbl.status import Status
+from cnc.boards.port import PortLost
+from cnc.boards.protocols import OnReport, board_error
+from cnc.model.diagnostics import BoardError, Diagnostic
+from cnc.model.operator_control import Control
+from cnc.model.streams import GcodeLine
+
+WAIT = 0.05
+"""Longest wait for the board, s, until the operator's requests are served."""
+POLL_AT_REST = 0.05
+"""Seconds between two ``?`` while the machine comes to rest."""
+MARK_LINES = 20
+MARK_TIME = 0.5
+"""Lines and seconds from one mark to the next; whichever comes first."""
+OVERRIDE_PATIENCE = 15.0
+"""Seconds for the first override: each step of ten takes a report."""
+REST_STATES = ("Idle", "Alarm", "Check", "Sleep")
+
+
+class LineStream:
+    """The stream of lines of one board.
+
+    Attributes:
+        link: The link to the board.
+        monitor: Finds faults in what the board reports.
+        state: ``idle``, ``running`` or ``stopped``.
+        probed: Contact position of the last probe in mm, and 1 or 0 for contact or none.
+    """
+
+    def __init__(self, link: GrblLink) -> None:
+        self.link = link
+        self.monitor = FaultMonitor(link.protocol)
+        self.state = "idle"
+        self.probed: tuple[float, ...] | None = None
+        self._requests: OperatorRequests | None = None
+        self._on_report: OnReport | None = None
+        self._marked_at = 0.0
+
+    @property
+    def status(self) -> Status:
+        """The last status report."""
+        assert self.link.status is not None
+        return self.link.status
+
+    @property
+    def position(self) -> tuple[float, ...]:
+        """The last reported machine position, mm; empty before the first report."""
+        status = self.link.status
+        return () if status is None or status.position is None else status.position
+
+    @property
+    def stopping(self) -> bool:
+        """Whether the operator has asked to stop the run."""
+        return self._requests is not None and self._requests.control.stopped
+
+    @property
+    def held(self) -> bool:
+        """Whether the operator holds the run."""
+        return self._requests is not None and self._requests.control.held
+
+    def connect_operator(self, control: Control, on_report: OnReport) -> None:
+        """Serve the operator's requests, and call ``on_report`` after each status report."""
+        self._requests, self._on_report = OperatorRequests(control), on_report
+
+    def begin(self, offset: Sequence[float], *, moves: bool) -> None:
+        """Begin a run.
+
+        Args:
+            offset: Work offset that the board adds to the numbers of a line, mm.
+            moves: Whether lines move the machine.
+        """
+        self.monitor.begin(self.link.info, self.position, offset, self.link.now(), moves=moves)
+        self._set_first_override()
+
+    def send(self, line: GcodeLine, kind: Kind) -> bool:
+        """Send a line as soon as there is space for it.
+
+        Returns:
+            Whether it was sent; not when the operator stops the run.
+
+        Raises:
+            BoardError: ``board-locked``, or any fault that is found meanwhile.
+        """
+        protocol, monitor, text = self.link.protocol, self.monitor, line.text
+        if kind in ("writer", "system"):
+            self.rest()
+        self.refuse_if_locked(line, unless=bare(text)[:2] in ("$H", "$X"))
+        while (
+            protocol.waiting >= monitor.liveness.max_waiting
+            or not protocol.fits(text, kind)
+            or monitor.far_ahead(self.status)
+        ):
+            if self.stopping:
+                return False
+            self.serve(WAIT)
+        if self.stopping:
+            return False
+        if kind == "probe":
+            self.probed = None
+        monitor.sending(line, self.link.now())
+        self.write(protocol.send(text, line.line, kind))
+        if protocol.mark_fits() and (
+            protocol.unmarked >= MARK_LINES or self.link.now() - self._marked_at > MARK_TIME
+        ):
+            self._mark()
+        return True
+
+    def refuse_if_locked(self, line: GcodeLine, *, unless: bool = False) -> None:
+        """Raise BoardError ``board-locked`` while the board is in alarm."""
+        if self.status.state == "Alarm" and not unless:
+            raise self.stopped_by(faults.locked(line.line))
+
+    def drain(self) -> None:
+        """Wait until every line has been answered, or the operator stops the run."""
+        while self.link.protocol.waiting and not self.stopping:
+            self.serve(WAIT)
+
+    def rest(self) -> None:
+        """Wait until the machine rests with nothing to do, or the operator stops the run."""
+        self.drain()
+        link = self.link
+        began = link.now()
+        reports = 0
+        while not self.stopping:
+            before = link.status_at
+            self.serve(WAIT, poll=POLL_AT_REST)
+            # A report may be older than the last answer, and between an answer and the motion GRBL
+            # is Idle for a moment. So the second report counts.
+            if link.status_at > before and link.status_at > began:
+                reports = reports + 1 if self.status.state in REST_STATES else 0
+                if reports == 2:
+                    return
+
+    def settle(self) -> None:
+        """Wait until the machine rests at the end of its lines.
+
+        Raises:
+            BoardError: ``position-differs`` where it rests elsewhere.
+        """
+        self.rest()
+        if self.stopping:
+            return
+        tracker = self.monitor.tracker
+        if tracker.arrived(self.position):
+            # A single report may be wrong.
+            self.link.refresh()
+            off = tracker.arrived(self.position)
+            if off:
+                line = self.link.protocol.confirmed_line
+                raise self.stopped_by(faults.elsewhere(self.position, off, line))
+        tracker.begin(self.position)
+
+    def serve(self, timeout: float, *, poll: float | None = None) -> None:
+        """Receive for at most ``timeout`` s, and serve the operator's requests.
+
+        Args:
+            timeout: s.
+            poll: Seconds between two ``?``; None for the usual interval.
+
+        Raises:
+            BoardError: Every fault that is found.
+        """
+        link = self.link
+        try:
+            events = link.pump(timeout) if poll is None else link.pump(timeout, poll)
+        except PortLost as error:
+            self.state = "stopped"
+            raise self.at_confirmed(error) from error
+        except BoardError as error:
+            link.drop()
+            self.state = "stopped"
+            raise self.at_confirmed(error) from error
+        for event in events:
+            self.receive(event)
+        self._check_liveness()
+        self._serve_operator()
+
+    def receive(self, event: Event) -> None:
+        """Take in an event of the board; BoardError for a fault."""
+        if isinstance(event, Feedback) and event.kind == "PRB":
+            self.probed = self._contact(event.text)
+        fault = self.monitor.fault_in(event, self.link.now())
+        if fault is not None:
+            raise self.stopped_by(fault)
+        if isinstance(event, Reported):
+            if self.monitor.doubtful:
+                self.link.poll_now()
+            if self._on_report is not None:
+                self._on_report()
+
+    def write(self, data: bytes) -> None:
+        """Write bytes at once; BoardError ``port-lost``."""
+        try:
+            self.link.write(data)
+        except PortLost as error:
+            self.state = "stopped"
+            raise self.at_confirmed(error) from error
+
+    def end_check_mode(self) -> None:
+        """Leave the check mode of the board by a reset."""
+        self.write(self.link.protocol.reset())
+        self.link.until(lambda event: isinstance(event, Started), ANSWER)
+
+    def stopped_by(self, fault: BoardError) -> BoardError:
+        """Stop the machine, and return the fault to raise."""
+        if self.state != "running":
+            return fault
+        second = self.link.halt()
+        self.state = "stopped"
+        return fault if second is None else faults.followed_by(fault, second)
+
+    def at_confirmed(self, error: BoardError) -> BoardError:
+        """Return a fault of the link with the last line that the board has confirmed."""
+        line = self.link.protocol.confirmed_line
+        found = error.diagnostic
+        last = (
+            f"; the last line that the board confirmed is {line}"
+            if line
+            else "; the board had confirmed no line yet"
+        )
+        return type(error)(Diagnostic(found.code, found.message + last, line=line, hint=found.hint))
+
+    def _check_liveness(self) -> None:
+        protocol, now = self.link.protocol, self.link.now()
+        if protocol.waiting and self.monitor.liveness.answer_due(now) and protocol.mark_fits():
+            self._mark()
+        fault = self.monitor.missing_answer(now)
+        if fault is not None:
+            raise self.stopped_by(fault)
+
+    def _serve_operator(self) -> None:
+        """Turn the operator's requests into real-time commands."""
+        requests, link = self._requests, self.link
+        if requests is not None and not requests.control.stopped and self.state == "running":
+            data = requests.commands(self.status, link.status_at, link.now())
+            if data:
+                self.write(data)
+
+    def _set_first_override(self) -> None:
+        """Set the operator's first feed override before anything moves; a board begins with 100."""
+        requests, link = self._requests, self.link
+        if requests is None or requests.override == FULL_OVERRIDE:
+            return
+        deadline = link.now() + OVERRIDE_PATIENCE
+        wanted = requests.control.feed_override
+        while wanted >= MIN_OVERRIDE and link.now() < deadline and not self.stopping:
+            self.serve(WAIT, poll=POLL_AT_REST)
+            overrides = self.status.overrides
+            if overrides is not None and overrides[0] == requests.override:
+                return
+            wanted = requests.control.feed_override
+        if not self.stopping:
+            message = f"the board does not accept a feed override of {wanted:g} %"
+            hint = f"GRBL accepts {MIN_OVERRIDE} to 200 %; scale the feeds of the program instead"
+            raise self.stopped_by(board_error("override-refused", message, hint=hint))
+
+    def _mark(self) -> None:
+        self._marked_at = self.link.now()
+        self.monitor.liveness.marked(self._marked_at)
+        self.write(self.link.protocol.mark())
+
+    def _contact(self, text: str) -> tuple[float, ...] | None:
+        """Return position (mm) and contact (1 or 0) of a probe report ``1.000,2.000,-3.000:1``."""
+        place, _, touched = text.partition(":")
+        try:
+            unit = self.link.info.unit
+            return (*(float(value) * unit for value in place.split(",")), float(touched))
+        except ValueError:
+            return None

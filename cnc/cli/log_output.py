@@ -1,0 +1,73 @@
+"""Log of a command: to a file in full, and to standard error with ``--verbose``.
+
+The modules log to loggers of their own names (``cnc.session.session``, ``cnc.boards.grbl.link``).
+Nothing is printed by default.
+
+    INFO     stages of the run with their times, operator requests, findings, the result
+    DEBUG    each line or frame that is sent to a board or received from it
+"""
+
+from __future__ import annotations
+
+import logging
+import platform
+import sys
+
+from cnc import __version__
+from cnc.model.diagnostics import Diagnostic, UsageError
+
+FORMAT = "%(asctime)s.%(msecs)03d %(levelname)-7s %(name)s: %(message)s"
+TIME_FORMAT = "%Y-%m-%d %H:%M:%S"
+
+log = logging.getLogger(__name__)
+
+_root = logging.getLogger("cnc")
+_handlers: list[logging.Handler] = []
+
+
+class _StandardError(logging.Handler):
+    """Prints each record to the present ``sys.stderr``, which a progress bar may replace."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(self.format(record), file=sys.stderr, flush=True)
+
+
+def open_log(file: str | None, *, verbose: bool) -> None:
+    """Begin to log.
+
+    Args:
+        file: The file to write, or None.
+        verbose: Whether to print the stages to standard error.
+
+    Raises:
+        UsageError: ``can-not-write``.
+    """
+    close_log()
+    if file is not None:
+        try:
+            handler: logging.Handler = logging.FileHandler(file, "w", encoding="utf-8")
+        except OSError as error:
+            message = f"{file} cannot be written: {error.strerror or error}"
+            hint = "choose a file in a folder that you may write to"
+            raise UsageError(Diagnostic("can-not-write", message, hint=hint)) from error
+        _add(handler, logging.DEBUG)
+    if verbose:
+        _add(_StandardError(), logging.INFO)
+    log.info("cncrun %s, Python %s, %s", __version__, platform.python_version(), sys.platform)
+
+
+def close_log() -> None:
+    """End the log."""
+    for handler in _handlers:
+        _root.removeHandler(handler)
+        handler.close()
+    _handlers.clear()
+    _root.setLevel(logging.NOTSET)
+
+
+def _add(handler: logging.Handler, level: int) -> None:
+    handler.setLevel(level)
+    handler.setFormatter(logging.Formatter(FORMAT, TIME_FORMAT))
+    _handlers.append(handler)
+    _root.addHandler(handler)
+    _root.setLevel(min(level, _root.level or level))

@@ -1,0 +1,301 @@
+"""Axis words and feeds of a line as machine positions and feeds in mm/s.
+
+The position is kept in machine coordinates: offsets and units change the meaning of words, never
+the position.
+"""
+
+from __future__ import annotations
+
+import math
+
+from cnc.gcode.codes import polar
+from cnc.gcode.dialects import Dialect
+from cnc.gcode.state.coordinates import Coordinates
+from cnc.gcode.state.modal_groups import Feed, ModalState
+from cnc.gcode.state.unused_words import UnusedWords
+from cnc.gcode.syntax.words import AXES, POLAR, LineWords, Word, fault
+from cnc.model.blocks import ROTARY_LETTERS
+from cnc.model.units import per_second
+
+MIN_FEED = 1e-6
+"""mm/s. A slower feed is a typing error: 1 mm would take more than eleven days."""
+
+_CYCLES = frozenset(
+    ("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89")
+)
+_POLAR_USERS = _CYCLES | {"G0", "G1", "G2", "G3", "G38.2", "G38.3", "G38.4", "G38.5"}
+"""Codes whose point may be given by @ and ^.
+
+A cycle under G91 would need a new increment for each repeat.
+"""
+
+
+class AxisWords:
+    """Conversion of axis words and F.
+
+    Attributes:
+        position: Programmed machine position, mm or degrees.
+        axes: Letters of the machine's axes.
+        column: Index of each axis, by upper-case letter.
+        scales: mm or degrees of a unit of each axis word.
+        coordinates: The coordinate systems.
+    """
+
+    def __init__(
+        self,
+        axes: tuple[str, ...],
+        dialect: Dialect,
+        state: ModalState,
+        position: list[float],
+        coordinates: Coordinates,
+        unused_words: UnusedWords,
+    ) -> None:
+        self.position = position
+        self.axes = axes
+        self.column = {letter.upper(): index for index, letter in enumerate(axes)}
+        self.coordinates = coordinates
+        self.scales: list[float] = []
+        self._linear = [letter not in ROTARY_LETTERS for letter in axes]
+        self._has_rotary = not all(self._linear)
+        self._dialect = dialect
+        self._state = state
+        self._unused_words = unused_words
+        self._machine_words = False
+        self.units_changed()
+
+    def units_changed(self) -> None:
+        """Compute the scales again after G20, G21, G7 or G8."""
+        state = self._state
+        self.scales = [state.scale if linear else 1.0 for linear in self._linear]
+        if state.diameter and "X" in self.column:
+            self.scales[self.column["X"]] *= 0.5
+
+    # Words to coordinates
+
+    def axis_values(self, words: LineWords, user: str) -> dict[int, float]:
+        """Take the axis words of a line.
+
+        Args:
+            words: The words of the line.
+            user: Code that takes them, for messages.
+
+        Returns:
+            mm or degrees by column, without offsets.
+
+        Raises:
+            GcodeError: ``axis-not-in-dialect``, ``axis-missing``, and the errors of polar
+                coordinates.
+        """
+        found: dict[int, float] = {}
+        for letter in [letter for letter in words.rest if letter in AXES]:
+            index = self.column.get(letter)
+            if letter not in self._dialect.axes:
+                raise fault(
+                    "axis-not-in-dialect",
+                    f"{letter} is not an axis in the {self._dialect.name} dialect",
+                    words.rest[letter],
+                )
+            if index is None:
+                hint = f"its axes are {' '.join(self.axes).upper()}"
+                raise fault(
+                    "axis-missing", f"the machine has no {letter} axis", words.rest[letter], hint
+                )
+            word = words.take(letter, user)
+            assert word is not None
+            found[index] = word.number * self.scales[index]
+        if not POLAR.isdisjoint(words.rest):
+            self._polar(words, user, found)
+        return found
+
+    def _polar(self, words: LineWords, user: str, found: dict[int, float]) -> None:
+        """Take @ and ^ and add X and Y to the values found."""
+        at, x, y = polar.first_polar(words), self.column.get("X"), self.column.get("Y")
+        if self._dialect.flavour != "ngc":
+            raise fault(
+                "syntax-not-in-dialect",
+                f"polar coordinates are not in the {self._dialect.name} dialect",
+                at,
+            )
+        if (
+            user not in _POLAR_USERS
+            or self._machine_words
+            or (user in _CYCLES and not self._state.absolute)
+        ):
+            taker = (
+                "G53" if self._machine_words else f"{user} under G91" if user in _CYCLES else user
+            )
+            raise fault(
+                "polar-not-here", f"{taker} does not take polar coordinates", at, "give X and Y"
+            )
+        if self._state.plane != "XY":
+            raise fault(
+                "polar-plane",
+                f"polar coordinates in the {self._state.plane} plane",
+                at,
+                "give G17: polar coordinates are X and Y",
+            )
+        if x is None or y is None:
+            raise fault("axis-missing", "polar coordinates need the axes X and Y", at)
+        if {x, y} & found.keys():
+            raise fault("polar-and-axis", "X and Y can't stand beside polar coordinates", at)
+        program = self.coordinates.to_program(self.position)
+        found[x], found[y] = polar.point(
+            words, user, (program[x], program[y]), self._state.scale, absolute=self._state.absolute
+        )
+
+    def target(
+        self, words: LineWords, user: str, start: list[float], *, machine: bool = False
+    ) -> list[float]:
+        """Take the axis words of a line and return the machine position of its end.
+
+        Args:
+            words: The words of the line.
+            user: Code that takes them, for messages.
+            start: (axes,) position that increments count from. Axes without a word stay there.
+            machine: The words are machine coordinates (G53).
+        """
+        return self.reached(self.axis_values(words, user), start, machine=machine)
+
+    def reached(
+        self, values: dict[int, float], start: list[float], *, machine: bool = False
+    ) -> list[float]:
+        """Return the machine position of axis values; arguments as of :meth:`target`."""
+        end = start.copy()
+        coordinates = self.coordinates
+        if machine:
+            for index, value in values.items():
+                end[index] = value
+        elif not coordinates.rotation:
+            absolute, zero = self._state.absolute, coordinates.zero
+            for index, value in values.items():
+                if absolute:
+                    end[index] = value + zero[index]
+                else:
+                    end[index] += value
+        elif self._state.absolute:
+            program = coordinates.to_program(start)
+            for index, value in values.items():
+                program[index] = value
+            turned = coordinates.to_machine(program)
+            # Rounding must not move an axis without a value.
+            plane = {self.column.get("X"), self.column.get("Y")}
+            for index in {*values, *(plane if plane & values.keys() else ())} - {None}:
+                end[index] = turned[index]
+        else:
+            delta = [values.get(index, 0.0) for index in range(len(end))]
+            end = [
+                here + step for here, step in zip(start, coordinates.rotated(delta), strict=True)
+            ]
+        return end
+
+    # Feed
+
+    def distance(self, end: list[float]) -> float:
+        """Length of a straight move for its feed, mm or degrees.
+
+        It counts x y z if one of them moves, else u v w, else a b c.
+        """
+        for group in ("xyz", "uvw", "abc"):
+            length = math.hypot(
+                *(
+                    end[i] - self.position[i]
+                    for i, letter in enumerate(self.axes)
+                    if letter in group
+                )
+            )
+            if length > 0:
+                return length
+        return 0.0
+
+    def feed(self, words: LineWords, end: list[float], length: float, at: Word) -> float:
+        """Return the feed of a move in mm/s, or in deg/s if only rotary axes move.
+
+        Args:
+            words: The words of the line; an F under G93 is taken.
+            end: (axes,) machine position of the end.
+            length: mm, used under G93.
+            at: Word at which errors are reported.
+
+        Raises:
+            GcodeError: No feed is in effect, it is too slow, or the spindle does not turn.
+        """
+        state = self._state
+        if state.feed_mode == "inverse-time":
+            return self._inverse_time(words, length, at)
+        feed = state.feed
+        if feed is None:
+            raise fault("feed-missing", "a feed move without a feed in effect", at, "give F")
+        self._unused_words.mark_used("F")
+        rate = self.straight_feed(end, feed)
+        if state.feed_mode == "per-revolution":
+            rate *= self.spindle_rpm(end, at) / 60.0
+            if rate < MIN_FEED:
+                raise fault("feed-too-slow", "the feed is next to nothing", at)
+        return rate
+
+    def straight_feed(self, end: list[float], feed: Feed) -> float:
+        """Return the feed of linear axes, or of rotary axes if only they move."""
+        if self._has_rotary:
+            moved = [there != here for there, here in zip(end, self.position, strict=True)]
+            if any(moved) and not any(
+                moves for moves, linear in zip(moved, self._linear, strict=True) if linear
+            ):
+                return feed.rotary
+        return feed.linear
+
+    def _inverse_time(self, words: LineWords, length: float, at: Word) -> float:
+        word = words.take("F", "G93")
+        if word is None:
+            raise fault(
+                "feed-missing",
+                "under G93 every move needs an F word",
+                at,
+                "give F, one over the minutes of the move",
+            )
+        if word.number <= 0:
+            raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
+        # A move of length 0 takes no time at any feed.
+        rate = per_second(word.number * (length or 1.0))
+        if length and rate < MIN_FEED:
+            raise fault("feed-too-slow", f"{word.written}: the feed is next to nothing", word)
+        return rate
+
+    def spindle_rpm(self, end: list[float], at: Word) -> float:
+        """Return the revolutions per minute of a move; under G96 at the largest radius."""
+        state = self._state
+        if state.spindle == "off" or not state.speed:
+            raise fault(
+                "spindle-stopped",
+                f"{at.written} needs the spindle, which does not turn",
+                at,
+                "give S and M3 before",
+            )
+        if not state.constant_surface:
+            return state.speed
+        x = self.column.get("X")
+        radius = (
+            0.0
+            if x is None
+            else max(abs(self.coordinates.to_program(place)[x]) for place in (self.position, end))
+        )
+        rpm = surface_rpm(state.speed, state.most_rpm, radius)
+        if math.isinf(rpm):
+            raise fault(
+                "spindle-speed-unlimited",
+                "G96 gives an infinite spindle speed on the axis",
+                at,
+                "limit the speed with D in the line of G96",
+            )
+        return rpm
+
+
+def surface_rpm(speed: float, most_rpm: float, radius: float) -> float:
+    """Return the revolutions per minute at a surface speed.
+
+    Args:
+        speed: Surface speed, mm/s.
+        most_rpm: Limit; 0 for none.
+        radius: mm. Without a limit the result for 0 is infinite.
+    """
+    rpm = speed * 60.0 / (math.tau * radius) if radius > 0.0 else math.inf
+    return min(rpm, most_rpm) if most_rpm else rpm

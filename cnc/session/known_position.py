@@ -1,0 +1,56 @@
+"""Start position of a program on a board that plays pulses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.boards.protocols import HasLimitSwitches, RemembersPosition
+from cnc.executor.homing import homed_steps, homing_sequence
+from cnc.machine.models import Machine
+from cnc.model.diagnostics import BoardError, Diagnostic
+from cnc.session.context import SessionContext
+
+
+def locate(context: SessionContext, board: RemembersPosition) -> None:
+    """Set the start position: where the board knows it is, or where homing will leave it.
+
+    Raises:
+        BoardError: ``not-homed`` if the board has lost a position that homing can find.
+    """
+    reader, machine = context.reader, context.reader.machine
+    known = board.known_steps
+    sequence = (
+        homing_sequence(machine, (), len(board.switches))
+        if context.options.home and isinstance(board, HasLimitSwitches)
+        else ()
+    )
+    steps = homed_steps(machine, sequence, known, reader.start)
+    reader.start = steps / machine.steps_per_mm
+    homed = {axis.letter for axis in sequence}
+    lost = [
+        letter
+        for letter, place in zip(machine.axes, known, strict=True)
+        if place is None and letter not in homed
+    ]
+    if not lost or sequence:
+        return
+    message = f"the board has lost the position of {' '.join(lost).upper()}"
+    if machine.can_home:
+        cause = "it was reset, or a limit switch or the emergency stop has stopped it"
+        hint = "home the machine: --home does so before the program, cncrun home alone"
+        raise BoardError(Diagnostic("not-homed", f"{message}: {cause}", hint=hint))
+    context.observer.warn(_assumed(message, machine, reader.start))
+
+
+def _assumed(message: str, machine: Machine, start: NDArray[np.float64]) -> Diagnostic:
+    """Return the warning that a position is assumed."""
+    each: Sequence[float] = start.tolist()
+    places = " ".join(
+        f"{letter.upper()}{place:g}" for letter, place in zip(machine.axes, each, strict=True)
+    )
+    message = f"{message}; the program begins as if the machine stood at {places}"
+    hint = "on a machine with limit switches, home it: --home, or cncrun home"
+    return Diagnostic("position-assumed", message, hint=hint, severity="warning")

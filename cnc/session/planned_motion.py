@@ -1,0 +1,138 @@
+"""Planning in the run pass: the plan, and the results that the report takes from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from cnc.checks.travel import ROUNDING, TravelCheck
+from cnc.grbl_lines.smooth import smooth_path
+from cnc.model.blocks import Block
+from cnc.model.streams import SampleChunk
+from cnc.outputs.trace import TraceWriter, trace_writer
+from cnc.path.chunk import PathChunk
+from cnc.planner.lookahead import LookAhead
+from cnc.planner.plan import PlanChunk
+from cnc.planner.run_clock import RunClock
+from cnc.pulses.sampled import Sampled
+from cnc.session.context import SessionContext
+from cnc.session.stopwatch import Stopwatch
+from cnc.view.writer import picture_writer
+
+PlanItems = Iterable[PlanChunk | Block]
+PathItems = Iterable[PathChunk | Block]
+
+
+class PlannedMotion:
+    """Plans the path and fills the report: duration and largest values.
+
+    Attributes:
+        reading_time: Time spent in the reader, s.
+        planning_time: Time spent in the reader and the planner, s.
+        interpolating_time: Time spent in the interpolators, s.
+    """
+
+    def __init__(self, context: SessionContext) -> None:
+        self.reading_time, self.planning_time = Stopwatch(), Stopwatch()
+        self.interpolating_time = Stopwatch()
+        self._context, self._machine = context, context.reader.machine
+        self._step_deviation = 0.0
+
+    def path(self, *, smooth: bool) -> Iterator[PathChunk | Block]:
+        """Read the path again and compare it with the travel.
+
+        A program may continue on another path than in the check pass, if it depends on the answers
+        of probes and inputs.
+
+        Args:
+            smooth: Whether corners are rounded, for a board that plans for itself.
+
+        Raises:
+            MotionLimitError: If the path leaves the travel.
+        """
+        reader, machine = self._context.reader, self._machine
+        blocks, tolerance = self.reading_time.inside(reader.blocks()), machine.path.tolerance
+        survey = TravelCheck(machine, tolerance if smooth else ROUNDING)
+        path = (
+            smooth_path(blocks, axes=machine.axis_names, start=reader.start, tolerance=tolerance)
+            if smooth
+            else reader.path_of(blocks)
+        )
+        for item in path:
+            if isinstance(item, PathChunk):
+                for fault in survey.add(item):
+                    raise fault
+            else:
+                survey.between(item)
+            yield item
+
+    def plan(self, planner: LookAhead, path: PathItems) -> PlanItems:
+        """Plan a path without a record in the report."""
+        return self.planning_time.inside(planner.plan(path))
+
+    def recorded_plan(self, planner: LookAhead, path: PathItems) -> PlanItems:
+        """Plan a path; record its duration, picture and samples."""
+        planned = self._recorded(self.plan(planner, path))
+        return self._sampled(planned) if self._context.options.sampled else planned
+
+    def record_audit(self, planner: LookAhead) -> None:
+        """Copy the largest values and the violations from the planner's audit to the report."""
+        audit, report = planner.audit, self._context.report
+        largest = report.largest
+        largest.feed, largest.accel, largest.jerk = audit.feed, audit.accel, audit.jerk
+        largest.normal_accel, largest.chord_error = audit.normal_accel, audit.chord_error
+        largest.step_deviation = (
+            self._step_deviation if self._context.options.sampled else audit.step_deviation
+        )
+        each = zip(
+            self._machine.axes,
+            audit.axis_velocity.tolist(),
+            audit.axis_acceleration.tolist(),
+            audit.axis_jerk.tolist(),
+            strict=True,
+        )
+        largest.axes = {
+            axis: {"velocity": v, "acceleration": a, "jerk": j} for axis, v, a, j in each
+        }
+        report.violations.update(audit.violations)
+
+    def _recorded(self, planned: PlanItems) -> Iterator[PlanChunk | Block]:
+        """Yield the plan; keep the duration up to date and add each item to the picture."""
+        context = self._context
+        report, reader, picture = context.report, context.reader, None
+        if context.options.outputs.picture is not None:
+            picture = context.files.opened(
+                picture_writer(context.options.outputs.picture, report, reader.path, reader.start)
+            )
+        clock = RunClock()
+        for item in planned:
+            clock.add(item)
+            report.duration_s = clock.seconds
+            if isinstance(item, PlanChunk) and context.on_plan is not None:
+                context.on_plan(item)
+            if picture is not None:
+                picture.add(item)
+            yield item
+
+    def _sampled(self, planned: PlanItems) -> Iterator[PlanChunk | Block]:
+        """Yield the plan; sample each chunk and write the trace."""
+        context = self._context
+        sampler = Sampled(self._machine.path.period, context.reader.start)
+        target = context.options.outputs.trace
+        trace = None
+        if target is not None:
+            trace = context.files.opened(trace_writer(target, self._machine))
+        for item in planned:
+            if isinstance(item, PlanChunk):
+                self._record_samples(sampler.samples(item), trace)
+            yield item
+        self._record_samples(sampler.finish(context.report.duration_s), trace)
+
+    def _record_samples(self, chunks: Iterable[SampleChunk], trace: TraceWriter | None) -> None:
+        for chunk in self.interpolating_time.inside(chunks):
+            if len(chunk.step_deviation):
+                largest = float(np.abs(chunk.step_deviation).max())
+                self._step_deviation = max(self._step_deviation, largest)
+            if trace is not None:
+                trace.write(chunk)

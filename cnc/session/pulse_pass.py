@@ -1,0 +1,244 @@
+"""The run pass that makes pulses: on a board that plays them, or without a board."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.boards.protocols import ChecksFeasibility, FeasibilityCheck, KnownInAdvance, PulseSink
+from cnc.boards.registry import board_factory
+from cnc.executor.run import Progress, execute
+from cnc.machine.models import Machine
+from cnc.model.blocks import Block, Held
+from cnc.model.diagnostics import BoardError, MotionLimitError, UsageError
+from cnc.model.operator_control import Control
+from cnc.model.streams import PulseChunk
+from cnc.outputs.pulses import pulse_writer
+from cnc.planner.lookahead import LookAhead
+from cnc.planner.plan import PlanChunk
+from cnc.planner.run_clock import RunClock
+from cnc.planner.window import LONG, SLICE
+from cnc.pulses.reference_pulse import ReferencePulse
+from cnc.session.board_offsets import pause_reason
+from cnc.session.context import SessionContext
+from cnc.session.planned_motion import PathItems, PlanItems, PlannedMotion
+from cnc.session.stopwatch import TimedInterpolator
+
+OnPulses = Callable[[PulseChunk], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """Machine time of the grid moves of a program, as rehearsed.
+
+    Attributes:
+        rows: Number of grid moves at the end of each chunk of the plan (n,), from 0.
+        times: Machine time there (n,), s.
+        duration: Machine time of the whole program, s.
+    """
+
+    rows: NDArray[np.int64]
+    times: NDArray[np.float64]
+    duration: float
+
+    def left(self, progress: Progress, feed_override: float) -> float:
+        """Return the time until the end of the program at a feed override in per cent, s."""
+        done = float(np.interp(progress.rows, self.rows, self.times))
+        return max((self.duration - done) * 100.0 / feed_override, 0.0) + (progress.ahead or 0.0)
+
+
+class PulsePass:
+    """Makes the pulses of a program, sends them to a board if there is one, and fills the report.
+
+    Args:
+        context: The session.
+        motion: Plans the path.
+        board: The board, or None.
+    """
+
+    def __init__(
+        self, context: SessionContext, motion: PlannedMotion, board: PulseSink | None
+    ) -> None:
+        self._context, self._motion, self._board = context, motion, board
+        self._machine, self._control = context.reader.machine, context.observer.control
+        self._fastest = self._machine.board.max_step_rate
+        if board is not None:
+            self._fastest = min(self._fastest, board.capabilities.max_step_rate)
+        self._schedule: Schedule | None = None
+
+    def run(self, kept: PathItems | None, before_motion: Callable[[], None]) -> None:
+        """Make all pulses.
+
+        Args:
+            kept: The path; None to read it again.
+            before_motion: Called when everything is checked and nothing has moved.
+        """
+        context, motion, board = self._context, self._motion, self._board
+        interpolator = self._interpolator()
+        on_pulses: OnPulses | None = None
+        target = context.options.outputs.pulses
+        if target is not None:
+            writer = pulse_writer(target, self._machine, interpolator.origin_steps)
+            on_pulses = context.files.opened(writer).write
+        if isinstance(board, ChecksFeasibility):
+            self._schedule = self._rehearse(board.feasibility_check(), kept)
+        path = kept if kept is not None else motion.path(smooth=False)
+        slice_s = LONG if board is None else board.capabilities.slice_s or SLICE
+        planner = LookAhead(self._machine, self._control, slice_s=slice_s)
+        planned = motion.recorded_plan(planner, path)
+        pulses = TimedInterpolator(interpolator, motion.interpolating_time)
+        try:
+            if board is None:
+                self._compute(planned, pulses, on_pulses)
+            else:
+                if self._waits_for_operator(board):
+                    planned = _with_holds(planned, self._control.hold)
+                before_motion()
+                self._send(planned, pulses, on_pulses, board, planner)
+        finally:
+            motion.record_audit(planner)
+            context.report.pulse_error_blu = interpolator.error_blu
+
+    def _waits_for_operator(self, board: PulseSink) -> bool:
+        context = self._context
+        return (
+            context.options.pauses == "wait"
+            and context.has_operator
+            and bool(board.capabilities.slice_s)
+        )
+
+    def _interpolator(self) -> ReferencePulse:
+        context = self._context
+        return ReferencePulse(
+            self._machine.steps_per_mm,
+            context.reader.start,
+            1e9 / self._fastest,
+            algorithm=context.options.algorithm,
+        )
+
+    def _rehearse(self, feasibility: FeasibilityCheck, kept: PathItems | None) -> Schedule:
+        """Compute the whole motion before any of it, for a board that cannot play every program.
+
+        Raises:
+            MotionLimitError: If the board cannot play the motion.
+        """
+        context, motion = self._context, self._motion
+        path = kept if kept is not None else motion.path(smooth=False)
+        pulses = TimedInterpolator(self._interpolator(), motion.interpolating_time)
+        rows, times, made, clock = [0], [0.0], 0, RunClock()
+        planner = LookAhead(self._machine, Control(self._control.feed_override), slice_s=LONG)
+        for item in motion.plan(planner, path):
+            context.observer.checking(context.report.lines)
+            clock.add(item)
+            if isinstance(item, PlanChunk):
+                for chunk in pulses.pulses(item):
+                    _add_to(feasibility, chunk, item)
+                    made += len(chunk.step)
+                rows.append(made)
+                times.append(clock.seconds)
+        return Schedule(np.array(rows), np.array(times), clock.seconds)
+
+    def _compute(
+        self, planned: PlanItems, pulses: TimedInterpolator, on_pulses: OnPulses | None
+    ) -> None:
+        """Make, count and write the pulses without a board."""
+        report, observer = self._context.report, self._context.observer
+        feasibility = _expected_feasibility(self._machine)
+        steps = np.zeros(len(self._machine.axes), np.int64)
+
+        def count(chunks: Iterable[PulseChunk], planned: PlanChunk | None = None) -> None:
+            nonlocal steps
+            for chunk in chunks:
+                if feasibility is not None and planned is not None:
+                    _add_to(feasibility, chunk, planned)
+                steps += [np.count_nonzero(column) for column in chunk.step.T]
+                report.pulse_rows += len(chunk.step)
+                if on_pulses is not None:
+                    on_pulses(chunk)
+
+        for item in planned:
+            observer.running(item)
+            if isinstance(item, Held):
+                self._control.wait()
+            if isinstance(item, PlanChunk):
+                count(pulses.pulses(item), item)
+        count(pulses.settle())
+        report.steps = dict(zip(self._machine.axes, steps.tolist(), strict=True))
+
+    def _send(
+        self,
+        planned: PlanItems,
+        pulses: TimedInterpolator,
+        on_pulses: OnPulses | None,
+        board: PulseSink,
+        planner: LookAhead,
+    ) -> None:
+        """Send the pulses; the executor brings the motion to rest after a stop request."""
+        report = self._context.report
+
+        # The executor carries out stop requests from here on.
+        self._sent(Progress(0.0, 0, 0))
+        try:
+            outcome = execute(
+                planned,
+                board,
+                pulses,
+                on_pulses=on_pulses,
+                on_progress=self._sent,
+                control=self._control,
+                ramp_down=planner.ramp_down,
+            )
+        except BoardError:
+            self._record_position(board.position_steps)
+            raise
+        report.steps = dict(zip(self._machine.axes, outcome.steps.tolist(), strict=True))
+        report.pulse_rows = outcome.rows
+        report.stopped_at_line = outcome.stopped_at_line
+        if not outcome.finished:
+            report.duration_s = outcome.duration
+            self._record_position(outcome.position_steps)
+
+    def _sent(self, progress: Progress) -> None:
+        if self._schedule is not None:
+            left = self._schedule.left(progress, self._control.feed_override)
+            progress = replace(progress, left=left)
+        self._context.observer.sent(progress)
+
+    def _record_position(self, grid: NDArray[np.int64]) -> None:
+        """Record the position of the board after a program that did not reach its end."""
+        axes = self._machine.axes.items()
+        self._context.report.end_position = {
+            letter: steps / axis.steps_per_mm
+            for (letter, axis), steps in zip(axes, grid.tolist(), strict=True)
+        }
+
+
+def _add_to(feasibility: FeasibilityCheck, chunk: PulseChunk, planned: PlanChunk) -> None:
+    """Add grid moves of a chunk of the plan. Raises MotionLimitError at their line."""
+    try:
+        feasibility.add(chunk)
+    except MotionLimitError as error:
+        raise error.at(file=planned.path.file) from error
+
+
+def _expected_feasibility(machine: Machine) -> FeasibilityCheck | None:
+    """Return the check of the board in the machine file, if its driver has one without a board."""
+    try:
+        factory = board_factory(machine.board.kind)
+    except UsageError:
+        return None
+    return (
+        factory.expected_feasibility_check(machine) if isinstance(factory, KnownInAdvance) else None
+    )
+
+
+def _with_holds(planned: PlanItems, hold: Callable[[], None]) -> Iterator[PlanChunk | Block]:
+    """Yield the plan, with a hold after each block that waits for the operator."""
+    for item in planned:
+        yield item
+        if isinstance(item, Block) and (reason := pause_reason(item)):
+            hold()
+            yield Held(item.file, item.line, reason)
