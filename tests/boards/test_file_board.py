@@ -30,7 +30,7 @@ def record(path: Path, ending: str) -> None:
 
 
 @pytest.mark.parametrize("ending", ["finish", "stop"])
-def test_reads_back(tmp_path: Path, ending: str) -> None:
+def test_archive_contains_the_pulses_and_commands(tmp_path: Path, ending: str) -> None:
     record(tmp_path / "p.npz", ending)
     with np.load(tmp_path / "p.npz", allow_pickle=False) as data:
         assert data["time_ns"].tolist() == [0, 5, 10]
@@ -48,12 +48,12 @@ def test_reads_back(tmp_path: Path, ending: str) -> None:
 
 
 @pytest.mark.parametrize("ending", ["abort", "close"])
-def test_an_abort_leaves_no_file(tmp_path: Path, ending: str) -> None:
+def test_abort_leaves_no_file(tmp_path: Path, ending: str) -> None:
     record(tmp_path / "p.npz", ending)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_empty_program_still_has_its_arrays(tmp_path: Path) -> None:
+def test_empty_program_has_all_arrays(tmp_path: Path) -> None:
     board = FileBoard(tmp_path / "p.npz", NAMES, [100.0] * AXES)
     board.start(np.zeros(AXES, dtype=np.int64))
     board.finish()
@@ -62,7 +62,7 @@ def test_an_empty_program_still_has_its_arrays(tmp_path: Path) -> None:
         assert data["command"].shape == (0,)
 
 
-def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
+def test_missing_folder_is_reported(tmp_path: Path) -> None:
     board = FileBoard(tmp_path / "none" / "p.npz", NAMES, [100.0] * AXES)
     with pytest.raises(UsageError) as caught:
         board.start(np.zeros(AXES, dtype=np.int64))

@@ -18,7 +18,7 @@ class TestLoopback(PulseBoardConformance):
         return Loopback(AXES, MIN_PULSE_NS)
 
 
-def test_counts_by_axis_and_direction() -> None:
+def test_steps_are_counted_by_axis_and_direction() -> None:
     board = Loopback(2)
     board.start(np.zeros(2, dtype=np.int64))
     board.send(chunk((0, (1, -1)), (0, (1, 0)), (5, (-1, 0))))
@@ -28,7 +28,7 @@ def test_counts_by_axis_and_direction() -> None:
     assert board.capabilities.max_step_rate == np.inf
 
 
-def test_keeps_commands_with_their_time() -> None:
+def test_commands_are_kept_with_their_times() -> None:
     board = Loopback(1)
     board.start(np.zeros(1, dtype=np.int64))
     block = Spindle("p.nc", 1, "ccw", 500.0)
@@ -37,7 +37,7 @@ def test_keeps_commands_with_their_time() -> None:
 
 
 @pytest.mark.parametrize("rows", [0, 1, 2, 3])
-def test_fails_when_told(rows: int) -> None:
+def test_fail_after_raises_a_fault(rows: int) -> None:
     board = Loopback(1, fail_after=rows)
     board.start(np.zeros(1, dtype=np.int64))
 

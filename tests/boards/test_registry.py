@@ -22,13 +22,13 @@ def machine(**board: object) -> Machine:
     return Machine(axes={"x": axis, "z": axis}, board=Board.model_validate(board))
 
 
-def test_the_built_in_boards() -> None:
+def test_built_in_boards_are_known() -> None:
     assert {"file", "loopback"} <= set(registry.board_names())
     assert list(registry.board_names()) == sorted(registry.board_names())
     assert registry.board_factory("loopback") is Loopback
 
 
-def test_an_unknown_board_lists_the_known_ones() -> None:
+def test_unknown_board_lists_the_known_ones() -> None:
     with pytest.raises(UsageError) as caught:
         registry.board_factory("loopbak")
     found = caught.value.diagnostic
@@ -39,7 +39,7 @@ def test_an_unknown_board_lists_the_known_ones() -> None:
     assert caught.value.exit_code == 2
 
 
-def test_boards_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_boards_of_other_packages_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     points = [
         EntryPoint("mine", "cnc.boards.loopback:Loopback", registry.GROUP),
         EntryPoint("bare", "collections:OrderedDict", registry.GROUP),
@@ -64,7 +64,7 @@ def test_boards_of_other_packages(monkeypatch: pytest.MonkeyPatch) -> None:
         assert reason in caught.value.diagnostic.message
 
 
-def test_drivers_load_when_asked_for() -> None:
+def test_drivers_are_imported_only_when_used() -> None:
     code = "import sys; from cnc.boards import registry; registry.board_names(); print('cnc.boards.loopback' in sys.modules)"
     assert (
         subprocess.run(

@@ -48,7 +48,7 @@ def line() -> Iterator[Pty]:
 
 @settings(max_examples=25)
 @given(st.binary(min_size=1, max_size=600))
-def test_every_byte_arrives_both_ways(data: bytes) -> None:
+def test_all_bytes_arrive_in_both_directions(data: bytes) -> None:
     line = Pty()
     port = open_port(line.name, 115200)
     try:
@@ -68,7 +68,7 @@ def test_every_byte_arrives_both_ways(data: bytes) -> None:
         line.pull()
 
 
-def test_read_waits_no_longer_than_told(line: Pty) -> None:
+def test_read_returns_after_its_timeout(line: Pty) -> None:
     port = open_port(line.name, 115200)
     clock = SystemClock()
     began = clock.now()
@@ -81,7 +81,7 @@ def test_read_waits_no_longer_than_told(line: Pty) -> None:
     port.close()
 
 
-def test_read_returns_as_soon_as_something_is_there(line: Pty) -> None:
+def test_read_returns_when_bytes_arrive(line: Pty) -> None:
     port = open_port(line.name, 115200)
     os.write(line.master, b"ok\r\n")
     began = time.monotonic()
@@ -90,7 +90,7 @@ def test_read_returns_as_soon_as_something_is_there(line: Pty) -> None:
     port.close()
 
 
-def test_a_pulled_cable_is_told_at_once(line: Pty) -> None:
+def test_disconnected_cable_is_reported_at_once(line: Pty) -> None:
     port = open_port(line.name, 115200)
     line.pull()
     began = time.monotonic()
@@ -104,7 +104,7 @@ def test_a_pulled_cable_is_told_at_once(line: Pty) -> None:
     port.close()
 
 
-def test_a_socket_is_a_port_too() -> None:
+def test_socket_can_be_a_port() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = open_port(f"socket://127.0.0.1:{server.getsockname()[1]}", 115200)
         peer, _ = server.accept()
@@ -118,18 +118,18 @@ def test_a_socket_is_a_port_too() -> None:
         port.close()
 
 
-def test_no_such_port(tmp_path: Path) -> None:
+def test_missing_port_is_reported(tmp_path: Path) -> None:
     fails(str(tmp_path / "ttyUSB7"), "no-such-port")
 
 
-def test_a_port_that_another_has_open(line: Pty) -> None:
+def test_port_in_use_is_reported(line: Pty) -> None:
     port = open_port(line.name, 115200)
     fails(line.name, "port-taken")
     port.close()
     open_port(line.name, 115200).close()
 
 
-def test_a_file_is_no_port(tmp_path: Path) -> None:
+def test_file_is_not_a_port(tmp_path: Path) -> None:
     file = tmp_path / "program.nc"
     file.write_text("G0 X0\n")
     fails(str(file), "port-not-usable")
@@ -137,7 +137,7 @@ def test_a_file_is_no_port(tmp_path: Path) -> None:
     assert file.read_text() == "G0 X0\n"
 
 
-def test_nobody_listens() -> None:
+def test_refused_socket_is_reported() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         free = server.getsockname()[1]
     fails(f"socket://127.0.0.1:{free}", "port-not-usable")
@@ -165,7 +165,7 @@ def test_nobody_listens() -> None:
         ),
     ],
 )
-def test_what_the_system_says_in_our_words(
+def test_system_errors_become_faults(
     error: OSError, code: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
@@ -175,7 +175,7 @@ def test_what_the_system_says_in_our_words(
     fails("/dev/ttyUSB0", code)
 
 
-def test_the_hint_names_the_ports_that_are_there(
+def test_hint_lists_the_ports_of_the_computer(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(

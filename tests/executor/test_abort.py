@@ -65,7 +65,7 @@ def written(program: Path, text: str) -> Path:
     return program
 
 
-def test_an_abort_that_is_known_beforehand_moves_nothing(
+def test_certain_abort_moves_nothing(
     program: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     written(program, "G21 G90\nG0 X5\n(ABORT, the vice is missing)\nM2\n")
@@ -84,7 +84,7 @@ def test_an_abort_that_is_known_beforehand_moves_nothing(
     assert not board.rows
 
 
-def test_an_abort_in_a_branch_that_is_not_taken(
+def test_abort_in_a_branch_that_is_not_taken(
     program: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     written(program, "G21 G90\no1 if [0]\n(ABORT, never)\no1 else\nG0 X5\no1 endif\nM2\n")
@@ -93,7 +93,7 @@ def test_an_abort_in_a_branch_that_is_not_taken(
         assert "abort" not in capfd.readouterr().err
 
 
-def test_an_abort_by_an_answer_comes_after_the_moves_before_it(program: Path) -> None:
+def test_abort_by_an_answer_follows_the_earlier_moves(program: Path) -> None:
     board = Feeling(0.0)
     (fault,) = run(written(program, PROBED.format(0)), board=board).faults
     found = fault.diagnostic
@@ -106,13 +106,13 @@ def test_an_abort_by_an_answer_comes_after_the_moves_before_it(program: Path) ->
     assert gaps[-1] > 4 * gaps[-300:].min(), "and comes to rest"
 
 
-def test_the_same_program_runs_to_its_end_by_another_answer(program: Path) -> None:
+def test_another_answer_completes_the_program(program: Path) -> None:
     board = Feeling(1.0)
     assert run(written(program, PROBED.format(0)), board=board).ok
     assert board.position_steps[0] == 9 * MILL.axes["x"].steps_per_mm
 
 
-def test_a_check_knows_no_answer_and_warns(
+def test_check_without_an_answer_warns(
     program: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """What a check assumes, contact, would abort; what stands behind it is checked all the same."""
@@ -132,13 +132,13 @@ def test_a_check_knows_no_answer_and_warns(
     assert "program-abort: the program aborts itself: contact 1\n  (ABORT" in capfd.readouterr().err
 
 
-def test_a_board_that_fails_on_the_way_to_the_abort_is_the_fault(program: Path) -> None:
+def test_board_fault_before_the_abort_is_reported(program: Path) -> None:
     (fault,) = run(written(program, PROBED.format(0)), board=Feeling(0.0, fault=True)).faults
     assert (fault.diagnostic.code, fault.exit_code) == ("board-fault", 3)
 
 
 @pytest.mark.parametrize("surface", [-4.0, None])
-def test_a_board_that_plans_for_itself(program: Path, surface: float | None) -> None:
+def test_abort_on_a_line_board(program: Path, surface: float | None) -> None:
     box = (
         GrblSimulator()
         if surface is None

@@ -85,7 +85,7 @@ def scripted(
     )
 
 
-def test_the_same_steps_after_holds_and_overrides(program):
+def test_holds_and_overrides_change_no_step(program):
     plain, straight, _ = scripted(program)
     assert plain.ok
     for k in range(12):
@@ -106,7 +106,7 @@ def test_the_same_steps_after_holds_and_overrides(program):
         assert board.held
 
 
-def test_a_hold_rests_soon_and_takes_no_machine_time(program):
+def test_hold_is_fast_and_takes_no_machine_time(program):
     plain, _, _ = scripted(program)
     report, board, told = scripted(program, (0.5, Control.hold))
     asked = next(sent.time for sent in told if sent.time >= 0.5)
@@ -118,7 +118,7 @@ def test_a_hold_rests_soon_and_takes_no_machine_time(program):
     assert np.diff(around).max() > 5 * np.diff(pulses[(pulses > 0.4) & (pulses < 0.5)]).max()
 
 
-def test_a_stop_during_a_hold_is_an_operator_stop(program):
+def test_stop_during_a_hold_is_an_operator_stop(program):
     control, board = Control(), Timed()
 
     def on_sent(sent: Progress) -> None:
@@ -136,7 +136,7 @@ def test_a_stop_during_a_hold_is_an_operator_stop(program):
     assert report.duration_s == pytest.approx(board.held[0], abs=1e-6)
 
 
-def test_whoever_holds_waits_without_turning_in_circles(program):
+def test_hold_waits_without_polling(program):
     """From another thread: nothing is asked of the board, nor of the operator, until the operator
     goes on.
     """
@@ -169,7 +169,7 @@ def test_whoever_holds_waits_without_turning_in_circles(program):
     assert board.state == "idle"
 
 
-def test_a_hold_that_is_taken_back_before_it_rests(program):
+def test_hold_resumed_before_rest(program):
     _, straight, _ = scripted(program)
     report, board, _ = scripted(program, (0.5, Control.hold), (0.501, Control.resume))
     assert report.ok
@@ -177,7 +177,7 @@ def test_a_hold_that_is_taken_back_before_it_rests(program):
     assert board.position_steps.tolist() == straight.position_steps.tolist()
 
 
-def test_duration_is_what_the_board_plays(program):
+def test_duration_equals_the_time_played(program):
     report, board, told = scripted(program)
     dwells = [block for _, block in board.commands if isinstance(block, Dwell)]
     assert sum(dwell.seconds for dwell in dwells) == 0.25
@@ -192,7 +192,7 @@ def test_duration_is_what_the_board_plays(program):
 
 
 @pytest.mark.parametrize("percent", [10.0, 50.0, 200.0])
-def test_an_override_changes_the_time_of_what_is_not_a_traverse(program, percent):
+def test_override_does_not_scale_traverses(program, percent):
     whole = check(program, mill())
     other = check(program, mill(), control=Control(percent))
     assert (other.duration_s > whole.duration_s) == (percent < 100.0)
@@ -201,7 +201,7 @@ def test_an_override_changes_the_time_of_what_is_not_a_traverse(program, percent
     assert on_board.duration_s == pytest.approx(other.duration_s, rel=1e-6)
 
 
-def test_traverses_go_at_the_limits_of_the_axes_along_their_line(tmp_path):
+def test_traverses_reach_the_limits_of_the_axes(tmp_path):
     """G0 along a line at which X binds in speed and Y in acceleration and jerk; the machine's
     largest feed does not matter.
     """

@@ -86,7 +86,7 @@ def go(
     return execute(iter(items), used, Ticker(), **options), used
 
 
-def test_everything_in_order() -> None:
+def test_pulses_and_commands_are_in_order() -> None:
     shown: list[PulseChunk] = []
     told: list[Progress] = []
     spindle, dwell, end = Spindle(FILE, 1, "cw", 100.0), Dwell(FILE, 3, 0.5), End(FILE, 5)
@@ -120,14 +120,14 @@ def test_an_empty_program() -> None:
     assert board.state == "idle"
 
 
-def test_begins_where_the_interpolator_does() -> None:
+def test_board_starts_at_the_origin_of_the_interpolator() -> None:
     ticker = Ticker()
     ticker.origin_steps[:] = 40
     board = Loopback(1)
     assert execute([stretch(1, 0.0)], board, ticker).position_steps.tolist() == [44]
 
 
-def test_a_dwell_without_motion_moves_the_clock() -> None:
+def test_dwell_without_motion_advances_the_clock() -> None:
     outcome, board = go(Dwell(FILE, 1, 2.0), Message(FILE, 2, "hello"))
     assert outcome.duration == 2.0
     assert board.commands[1][0] == 2_000_000_000
@@ -148,7 +148,7 @@ class TestStop:
         outcome, board = go(*items, on_pulses=on_pulses, control=control, **options)
         return outcome, board, lines
 
-    def test_without_a_ramp_nothing_more_is_sent(self) -> None:
+    def test_without_a_ramp_no_more_motion_is_sent(self) -> None:
         outcome, board, lines = self.stopping()
         assert lines == [2]
         assert not outcome.finished
@@ -158,7 +158,7 @@ class TestStop:
         assert board.commands == []
         assert board.state == "stopped"
 
-    def test_with_a_ramp_the_stretch_is_brought_to_rest(self) -> None:
+    def test_with_a_ramp_the_chunk_comes_to_rest(self) -> None:
         outcome, board, lines = self.stopping(ramp_down=lambda: [stretch(4, 1.0, 0.25)])
         assert lines == [2, 2, 4, 4]
         assert outcome.stopped_at_line == 4
@@ -167,7 +167,7 @@ class TestStop:
         assert board.commands == []
         assert board.state == "stopped"
 
-    def test_no_ramp_after_a_stretch_that_ends_at_rest(self) -> None:
+    def test_no_ramp_after_a_chunk_that_ends_at_rest(self) -> None:
         control = Control()
 
         def never() -> list[PlanChunk]:
@@ -183,7 +183,7 @@ class TestStop:
         assert outcome.stopped_at_line == 2
         assert outcome.rows == 4
 
-    def test_set_beforehand(self) -> None:
+    def test_stop_requested_before_the_start(self) -> None:
         control = Control()
         control.stop()
         outcome, board = go(Spindle(FILE, 1, "cw", 1.0), stretch(2, 0.0), control=control)
@@ -192,7 +192,7 @@ class TestStop:
         assert board.commands == []
         assert board.state == "stopped"
 
-    def test_never_set(self) -> None:
+    def test_no_stop_request(self) -> None:
         outcome, board = go(stretch(2, 0.0), control=Control(), ramp_down=list)
         assert outcome.finished
         assert board.state == "idle"
@@ -218,7 +218,7 @@ class Silent(Loopback):
         super().send(chunk)
 
 
-def test_a_fault_aborts_and_names_file_and_line() -> None:
+def test_fault_aborts_and_has_file_and_line() -> None:
     board = Aborting(1, fail_after=5)
     with pytest.raises(BoardError) as caught:
         go(stretch(2, 0.0), stretch(7, 1.0), board=board)
@@ -229,7 +229,7 @@ def test_a_fault_aborts_and_names_file_and_line() -> None:
     assert board.position_steps.tolist() == [5]
 
 
-def test_a_fault_without_a_line_gets_that_of_the_last_confirmed_row() -> None:
+def test_fault_without_a_line_gets_the_last_confirmed_one() -> None:
     with pytest.raises(BoardError) as caught:
         go(stretch(2, 0.0), stretch(7, 1.0), board=Silent(1))
     assert caught.value.diagnostic.location() == "p.nc:2"
@@ -237,7 +237,7 @@ def test_a_fault_without_a_line_gets_that_of_the_last_confirmed_row() -> None:
 
 
 @pytest.mark.parametrize("fault", [GcodeError(Diagnostic("bad-word", "no")), KeyboardInterrupt()])
-def test_any_other_exception_aborts_too(fault: BaseException) -> None:
+def test_other_exceptions_abort(fault: BaseException) -> None:
     def items() -> Iterator[PlanChunk | Block]:
         yield stretch(2, 0.0)
         raise fault
@@ -300,7 +300,7 @@ def probing(board: ProbesByMotion, must: bool = True) -> Outcome:
     return execute(LookAhead(mill).plan(path), board, ReferencePulse([100.0] * 3, np.zeros(3)))
 
 
-def test_after_a_probe_the_motion_goes_on_from_contact() -> None:
+def test_motion_continues_from_the_contact() -> None:
     board = ProbesByMotion(-40)
     outcome = probing(board)
     assert outcome.position_steps.tolist() == board.position_steps.tolist() == [-40, 0, 0]
@@ -308,19 +308,19 @@ def test_after_a_probe_the_motion_goes_on_from_contact() -> None:
     assert outcome.finished
 
 
-def test_a_probe_that_must_find_something() -> None:
+def test_required_contact_that_is_missing_is_a_fault() -> None:
     with pytest.raises(BoardError) as caught:
         probing(ProbesByMotion(None))
     found = caught.value.diagnostic
     assert (found.code, found.line, found.file) == ("probe-no-contact", 2, FILE)
 
 
-def test_a_probe_that_may_find_nothing() -> None:
+def test_optional_contact_may_be_missing() -> None:
     board = ProbesByMotion(None)
     assert probing(board, must=False).position_steps.tolist() == [-100, 0, 0]
 
 
-def test_a_stop_at_any_moment_comes_to_rest_on_the_path() -> None:
+def test_stop_at_any_time_rests_on_the_path() -> None:
     """With the real planner: nothing is left out between the last stretch sent and the ramp,
     wherever the stop falls.
     """

@@ -121,7 +121,7 @@ def rows(bench: Bench) -> np.ndarray:
     return bench.simulator.moves()[1]
 
 
-def test_every_axis_ends_off_its_switch_and_knows_where_it_is(bench: Bench) -> None:
+def test_axes_end_off_their_switches_with_known_positions(bench: Bench) -> None:
     machine = small()
     assert bench.home(machine) == {"x": 0.0, "y": -2.0, "z": 1.0}
     # a switch that closes at -300 has done so in the first move at or behind it: from there 50
@@ -135,7 +135,7 @@ def test_every_axis_ends_off_its_switch_and_knows_where_it_is(bench: Bench) -> N
     assert (np.abs(made).sum(axis=1) == 1).all(), "one axis at a time"
 
 
-def test_the_order_and_the_ends_are_the_machines_own(bench: Bench) -> None:
+def test_order_and_ends_are_those_of_the_machine_file(bench: Bench) -> None:
     up = QUICK.model_copy(update={"end": "high", "position": 7.0})
     machine = small(
         axes={"x": axis((0.0, 8.0), up), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))},
@@ -151,7 +151,7 @@ def test_the_order_and_the_ends_are_the_machines_own(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("invert", [False, True])
-def test_an_axis_alone(bench: Bench, invert: bool) -> None:
+def test_single_axis(bench: Bench, invert: bool) -> None:
     machine = small(
         axes={"x": axis((0.0, 8.0), invert=invert), "y": axis((-2.0, 6.0)), "z": axis((-5.0, 1.0))}
     )
@@ -161,7 +161,7 @@ def test_an_axis_alone(bench: Bench, invert: bool) -> None:
     assert bench.standing(machine) == (0, None, None)
 
 
-def test_a_switch_that_is_closed_at_first_is_backed_off(bench: Bench) -> None:
+def test_axis_moves_off_a_closed_switch_first(bench: Bench) -> None:
     """By its own axis, when that has its turn: Z goes up with X on its switch."""
     bench.switches["x"] = (-INF, 200)
     machine = small()
@@ -183,7 +183,7 @@ def test_a_switch_that_is_closed_at_first_is_backed_off(bench: Bench) -> None:
     ],
     ids=["never closes", "never opens", "opens again under way", "no other axis moves"],
 )
-def test_a_switch_that_does_not_do_its_part(
+def test_faulty_switches_are_reported(
     bench: Bench, switches: dict[str, tuple[float, float]], farthest: dict[str, int]
 ) -> None:
     bench.switches = switches
@@ -209,7 +209,7 @@ def test_a_switch_that_does_not_do_its_part(
     assert bench.standing(machine) == (None, None, None)
 
 
-def test_a_pull_off_that_does_not_free_the_switch(bench: Bench) -> None:
+def test_pull_off_that_does_not_open_the_switch(bench: Bench) -> None:
     real, closed = bench.set, False
 
     def sticky() -> None:
@@ -225,7 +225,7 @@ def test_a_pull_off_that_does_not_free_the_switch(bench: Bench) -> None:
     assert "pull_off" in caught.value.diagnostic.hint
 
 
-def test_the_limit_of_another_axis_is_an_alarm(bench: Bench) -> None:
+def test_switch_of_another_axis_is_an_alarm(bench: Bench) -> None:
     bench.switches = {"z": (150, INF), "x": (-INF, -300), "y": (3, 3)}
     real = bench.set
 
@@ -244,7 +244,7 @@ def test_the_limit_of_another_axis_is_an_alarm(bench: Bench) -> None:
     )
 
 
-def test_the_operator_stops_it(bench: Bench) -> None:
+def test_operator_stops_the_homing(bench: Bench) -> None:
     bench.switches["x"] = (-INF, -700)
     control = Control()
 
@@ -258,7 +258,7 @@ def test_the_operator_stops_it(bench: Bench) -> None:
     assert -700 < bench.place[0] < -50
 
 
-def test_a_reset_on_the_way_leaves_nothing_known(bench: Bench) -> None:
+def test_reset_loses_all_positions(bench: Bench) -> None:
     """As does a computer that dies: what counts is what the board says."""
     board = bench.driver(small())
     real = bench.set
@@ -278,7 +278,7 @@ def test_a_reset_on_the_way_leaves_nothing_known(bench: Bench) -> None:
 
 @pytest.mark.parametrize("place", share([*range(-950, 950, 25)], [-950, 950]))
 @pytest.mark.parametrize(("seek", "end"), share([(20.0, "low"), (60.0, "high")], [(60.0, "high")]))
-def test_from_wherever_it_stands(place: int, seek: float, end: str) -> None:
+def test_homing_from_any_position(place: int, seek: float, end: str) -> None:
     """Within the travel of the axis, and before its switch or behind; with a latch speed of half a
     step a look at the pins: to the step.
     """
@@ -295,7 +295,7 @@ def test_from_wherever_it_stands(place: int, seek: float, end: str) -> None:
         bench.simulator.close()
 
 
-def test_the_motion_is_within_the_machines_limits(bench: Bench) -> None:
+def test_homing_is_within_the_limits(bench: Bench) -> None:
     """Up to the switch: from rest, and to rest again at a pull-off, no faster than asked for, no
     more abruptly than the axis may.
     """
@@ -323,7 +323,7 @@ def ran(bench: Bench, machine: Machine, folder: Path, **more: object) -> Report:
         board.close()
 
 
-def test_a_machine_that_homes_runs_nothing_before(bench: Bench, tmp_path: Path) -> None:
+def test_machine_with_switches_must_home_first(bench: Bench, tmp_path: Path) -> None:
     """After a switch has stopped it, too: it moves on when it has come home."""
     machine = small()
     refused = ran(bench, machine, tmp_path)
@@ -340,7 +340,7 @@ def test_a_machine_that_homes_runs_nothing_before(bench: Bench, tmp_path: Path) 
     assert not ran(bench, machine, tmp_path).ok
 
 
-def test_a_faulty_program_is_not_homed_for(bench: Bench, tmp_path: Path) -> None:
+def test_faulty_program_starts_no_homing(bench: Bench, tmp_path: Path) -> None:
     (tmp_path / "bad.ngc").write_text("G21 G90\nG1 X2000 F600\nM2\n")
     board = bench.driver(small())
     report = run_with(tmp_path / "bad.ngc", small(), board=board, home=True)
@@ -349,7 +349,7 @@ def test_a_faulty_program_is_not_homed_for(bench: Bench, tmp_path: Path) -> None
     assert not len(rows(bench))
 
 
-def test_a_machine_without_switches_says_what_it_takes_for_granted(
+def test_machine_without_switches_reports_its_assumption(
     bench: Bench, tmp_path: Path
 ) -> None:
     machine = small(
@@ -366,7 +366,7 @@ def test_a_machine_without_switches_says_what_it_takes_for_granted(
     assert not second.warnings
 
 
-def test_the_command(
+def test_home_command(
     bench: Bench,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -387,7 +387,7 @@ def test_the_command(
     assert shown.index("Y: down") < shown.index("X: down")
     (tmp_path / "p.ngc").write_text(PROGRAM)
     assert exit_code([str(tmp_path / "p.ngc"), "--machine", str(file)]) == 3
-    assert "where Z stands" in capsys.readouterr().err
+    assert "the position of Z" in capsys.readouterr().err
     assert exit_code([str(tmp_path / "p.ngc"), "--machine", str(file), "--home"]) == 0
     bench.switches = {}
     assert exit_code(["home", "--machine", str(file), "--quiet"]) == 3
@@ -406,19 +406,19 @@ def test_the_command(
         ),
     ],
 )
-def test_what_can_not_be_homed(machine: Machine, axes: tuple[str, ...], code: str) -> None:
+def test_invalid_homing_requests_are_refused(machine: Machine, axes: tuple[str, ...], code: str) -> None:
     with pytest.raises(UsageError) as caught:
         homing_sequence(machine, axes)
     assert caught.value.diagnostic.code == code
 
 
-def test_a_board_without_switches() -> None:
+def test_board_without_switches() -> None:
     with pytest.raises(CncError) as caught:
         home(small(), board=Loopback(3))
     assert caught.value.diagnostic.code == "no-switches"
 
 
-def test_what_the_machine_file_leaves_out() -> None:
+def test_defaults_of_homing() -> None:
     """Z first, upwards; then the others in their order, downwards; as slow as GRBL."""
     machine = small(axes={letter: axis((-10.0, 20.0), None) for letter in "xyz"})
     ways = homing_sequence(machine)

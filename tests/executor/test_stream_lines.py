@@ -40,7 +40,7 @@ def ran(box: GrblSimulator, tmp_path: Path, text: str, **arguments: object) -> R
     return report
 
 
-def test_a_program_goes_where_it_says(box: GrblSimulator, tmp_path: Path) -> None:
+def test_program_ends_at_its_end_point(box: GrblSimulator, tmp_path: Path) -> None:
     report = ran(
         box,
         tmp_path,
@@ -52,7 +52,7 @@ def test_a_program_goes_where_it_says(box: GrblSimulator, tmp_path: Path) -> Non
     assert [event.value for event in box.events if event.kind == "spindle"] == ["M3 1000", "M5 0"]
 
 
-def test_the_offsets_of_the_board_are_those_of_the_program(
+def test_program_uses_the_offsets_of_the_board(
     box: GrblSimulator, tmp_path: Path
 ) -> None:
     box.core.eeprom.systems["G54"] = (30.0, 20.0, -10.0)
@@ -63,7 +63,7 @@ def test_the_offsets_of_the_board_are_those_of_the_program(
     assert report.end_position == pytest.approx({"x": 51.0, "y": 22.0, "z": 0.0})
 
 
-def test_offsets_that_a_program_sets_are_kept_by_the_board(
+def test_board_keeps_the_offsets_of_the_program(
     box: GrblSimulator, tmp_path: Path
 ) -> None:
     report = ran(box, tmp_path, "G0 X10 Y5\nG10 L20 P2 X0 Y0\nG10 L2 P3 Z-4.5\nM2\n")
@@ -73,7 +73,7 @@ def test_offsets_that_a_program_sets_are_kept_by_the_board(
     assert box.core.eeprom.systems["G54"] == pytest.approx((0.0, 0.0, 0.0))
 
 
-def test_a_probe_tells_the_program_where_it_touched(tmp_path: Path) -> None:
+def test_program_gets_the_position_of_the_contact(tmp_path: Path) -> None:
     box = GrblSimulator(environment=Environment(surface=((0.0, 0.0, 1.0), -4.0)))
     report = ran(box, tmp_path, "G38.2 Z-20 F100\nG10 L20 P1 Z0\nG0 Z5\nX1\nM2\n")
     assert report.ok, report.faults
@@ -81,7 +81,7 @@ def test_a_probe_tells_the_program_where_it_touched(tmp_path: Path) -> None:
     assert box.core.eeprom.systems["G54"][2] == pytest.approx(-4.0, abs=0.01)
 
 
-def test_nothing_outside_the_travel_of_the_board_is_sent(tmp_path: Path) -> None:
+def test_lines_outside_the_travel_are_not_sent(tmp_path: Path) -> None:
     box = GrblSimulator(settings={20: 1, 130: 50, 131: 50, 132: 50})
     report = ran(box, tmp_path, "G0 X-4\nG1 X10 F100\nM2\n")
     (fault,) = report.faults
@@ -89,7 +89,7 @@ def test_nothing_outside_the_travel_of_the_board_is_sent(tmp_path: Path) -> None
     assert not box.moves
 
 
-def test_a_fault_of_the_link_names_file_and_line(box: GrblSimulator, tmp_path: Path) -> None:
+def test_connection_fault_has_file_and_line(box: GrblSimulator, tmp_path: Path) -> None:
     box.inject(Unplug(), time=6.0)
     report = ran(box, tmp_path, "".join(f"G1 X{k % 2 * 20} F600\n" for k in range(40)))
     (fault,) = report.faults
@@ -100,7 +100,7 @@ def test_a_fault_of_the_link_names_file_and_line(box: GrblSimulator, tmp_path: P
     assert found.text.startswith("G1 X")
 
 
-def test_a_board_that_ends_elsewhere_than_the_program_is_found_out(
+def test_different_end_position_is_a_fault(
     box: GrblSimulator, tmp_path: Path
 ) -> None:
     text = "G1 X20.05 F600\n"
@@ -118,7 +118,7 @@ def test_a_board_that_ends_elsewhere_than_the_program_is_found_out(
     assert {"position-differs", "board-error"} <= codes
 
 
-def test_a_stop_is_reported_with_the_position(box: GrblSimulator, tmp_path: Path) -> None:
+def test_stop_is_reported_with_the_position(box: GrblSimulator, tmp_path: Path) -> None:
     control = Control()
     seen: list[Progress] = []
 
@@ -141,7 +141,7 @@ def test_a_stop_is_reported_with_the_position(box: GrblSimulator, tmp_path: Path
     assert any(progress.buffered for progress in seen)
 
 
-def test_pauses_wait_for_the_operator_or_are_refused_or_left_out(tmp_path: Path) -> None:
+def test_pauses_wait_or_are_refused_or_skipped(tmp_path: Path) -> None:
     text = "G1 X1 F600\nT1 M6\nG1 X2\nM0\nG1 X3\nM2\n"
     control, holds = Control(), []
 
@@ -169,7 +169,7 @@ def test_pauses_wait_for_the_operator_or_are_refused_or_left_out(tmp_path: Path)
         assert box.position[0] == pytest.approx(3.0, abs=0.002)
 
 
-def test_lines_are_checked_on_the_board_without_motion(box: GrblSimulator, tmp_path: Path) -> None:
+def test_check_on_the_board_moves_nothing(box: GrblSimulator, tmp_path: Path) -> None:
     program = tmp_path / "p.nc"
     program.write_text("G1 X10 F600\nG2 X20 I5\nM2\n")
     port = GrblSimulatorPort(box)
@@ -181,7 +181,7 @@ def test_lines_are_checked_on_the_board_without_motion(box: GrblSimulator, tmp_p
     assert box.core.state == "Idle"
 
 
-def test_home_and_unlock_go_to_a_locked_board_first(tmp_path: Path) -> None:
+def test_home_and_unlock_are_sent_first(tmp_path: Path) -> None:
     box = GrblSimulator(settings={22: 1})
     report = ran(box, tmp_path, "$H\n", dialect="grbl")
     assert report.ok, report.faults
@@ -190,7 +190,7 @@ def test_home_and_unlock_go_to_a_locked_board_first(tmp_path: Path) -> None:
     assert [fault.diagnostic.code for fault in locked.faults] == ["board-locked"]
 
 
-def test_pulses_are_not_to_be_had(box: GrblSimulator, tmp_path: Path) -> None:
+def test_line_board_has_no_pulses(box: GrblSimulator, tmp_path: Path) -> None:
     with pytest.raises(UsageError) as caught:
         ran(box, tmp_path, "G1 X1 F100\n", outputs=Outputs(pulses=str(tmp_path / "x.npz")))
     assert caught.value.diagnostic.code == "no-pulses"

@@ -19,7 +19,7 @@ from tests.support.gcode.fuzz_checks import (
     check_seeds,
     every_word_matters,
     limited,
-    plainly_said,
+    check_message,
 )
 from tests.support.gcode.fuzzing import Author, Program
 from tests.support.soak import share, soaking
@@ -109,6 +109,6 @@ def test_a_hang_is_detected() -> None:
 )
 def test_internal_names_in_messages_are_detected(message: str) -> None:
     found = Diagnostic("some-code", "a message in plain words", "test.nc", 1, 1, 1, "G0")
-    plainly_said(found, ("G0",))
+    check_message(found, ("G0",))
     with pytest.raises(AssertionError):
-        plainly_said(Diagnostic("some-code", message, "test.nc", 1, 1, 1, "G0"), ("G0",))
+        check_message(Diagnostic("some-code", message, "test.nc", 1, 1, 1, "G0"), ("G0",))

@@ -98,7 +98,7 @@ def test_files_are_relative_to_the_machine_file(tmp_path):
     assert machine.program.tool_table == (tmp_path / "tools.tbl").resolve()
 
 
-def test_a_machine_is_frozen():
+def test_machine_is_frozen():
     with pytest.raises(ValueError, match="frozen"):
         load_machine().axes["x"].steps_per_mm = 1.0
 

@@ -22,7 +22,7 @@ def write(path: Path) -> None:
         out.append("line", np.empty(0, dtype=np.int32))
 
 
-def test_numpy_reads_it_back(tmp_path: Path) -> None:
+def test_numpy_reads_the_archive(tmp_path: Path) -> None:
     write(tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz", allow_pickle=False) as data:
         assert data.files == ["time_ns", "step", "axes", "period", "line"]
@@ -37,14 +37,14 @@ def test_numpy_reads_it_back(tmp_path: Path) -> None:
         assert data["line"].dtype == np.int32
 
 
-def test_same_data_same_bytes(tmp_path: Path) -> None:
+def test_equal_data_give_equal_bytes(tmp_path: Path) -> None:
     write(tmp_path / "a.npz")
     write(tmp_path / "b.npz")
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.npz", "b.npz"]
 
 
-def test_failure_leaves_the_old_file(tmp_path: Path) -> None:
+def test_failure_keeps_the_old_file(tmp_path: Path) -> None:
     write(tmp_path / "a.npz")
     before = (tmp_path / "a.npz").read_bytes()
 
@@ -59,13 +59,13 @@ def test_failure_leaves_the_old_file(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["a.npz"]
 
 
-def test_a_folder_that_is_not_there_fails_at_once(tmp_path: Path) -> None:
+def test_missing_folder_fails_at_once(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="none"):
         NpzWriter(tmp_path / "none" / "a.npz")
 
 
 @pytest.mark.parametrize("rows", [np.zeros((2, 2)), np.zeros(2, dtype=np.float32)])
-def test_rows_must_fit_the_rows_before(tmp_path: Path, rows: np.ndarray) -> None:
+def test_rows_must_match_earlier_rows(tmp_path: Path, rows: np.ndarray) -> None:
     with NpzWriter(tmp_path / "a.npz") as out:
         out.append("t", np.zeros(2))
         with pytest.raises(ValueError, match=r"^t: rows of"):
@@ -85,7 +85,7 @@ def test_objects_and_second_scalars_are_refused(tmp_path: Path) -> None:
             out.scalar("u", [object()])
 
 
-def test_memory_stays_flat(tmp_path: Path) -> None:
+def test_memory_does_not_grow_with_rows(tmp_path: Path) -> None:
     rows = np.zeros((65536, 4))
     with NpzWriter(tmp_path / "a.npz") as out:
         tracemalloc.start()

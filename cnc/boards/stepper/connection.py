@@ -1,12 +1,11 @@
-"""A stepper board at the other end of a port: what goes to and fro, whether it is one, and whether
-it can drive the machine.
-"""
+"""The connection to a stepper board: exchange of bytes, requests, and the opening of a board."""
 
 from __future__ import annotations
 
 import logging
 import math
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 from cnc.boards.port import Clock, Port
 from cnc.boards.port_log import LoggedPort
@@ -18,30 +17,28 @@ from cnc.model.diagnostics import BoardError, Diagnostic
 log = logging.getLogger(__name__)
 
 BAUD = 1_000_000
-"""The firmware's speed unless the machine file names another."""
+"""Speed of the firmware unless the machine file has another one, bits/s."""
 MIN_BAUD = 250_000
 """Lowest speed that the firmware is built for, bits/s."""
-ASK_S = 0.025
-"""So often the board is asked how it does."""
-BREATH_S = 0.002
-"""Longest wait for bytes before something may have to be sent again."""
+STATUS_PERIOD_S = 0.025
+"""Time between two requests for the status."""
+POLL_S = 0.002
+"""Longest wait for bytes before frames may have to be sent again."""
 HELLO_S = 4.0
-"""A board that was reset by the opening of its port is up within this: its bootloader waits for 2 s
-at most.
-"""
-ANSWER_S = 0.8
-"""A board that says nothing for this long is not there any more."""
-AWAY_S = 0.2
-"""After so long without a look at the port the board's silence is our own."""
-MOST_RAMP_S, SHAPE = 0.08, 1.5
-"""Emergency ramps: the longest, and the steepest slope of their S over its mean."""
-MOST_AXES = 4
+"""Timeout of a board that the opening of its port has reset: its bootloader waits up to 2 s."""
+ANSWER_TIMEOUT_S = 0.8
+"""Time without an answer after which the board counts as lost."""
+ABSENCE_S = 0.2
+"""Time without a call of :meth:`Connection.pump` after which the silence is our own."""
+MAX_RAMP_S = 0.08
+"""Longest emergency ramp."""
+S_CURVE_PEAK = 1.5
+"""Ratio of the steepest to the mean slope of the S-curve of an emergency ramp."""
+MAX_AXES = 4
 TURN_ROUND_TICKS = 8
-"""What the board needs between the end of a pulse's rest and the next pulse, at most."""
+"""Longest time that the board needs between the rest after a pulse and the next pulse."""
 LIMITS, PROBE, EMERGENCY_STOP = 0x07, 0x10, 0x20
 """Bits of the inputs."""
-UNO = Welcome(VERSION, axes=3, tick_ns=500, room=1020, least_ticks=36)
-"""What the firmware of this version tells on an ATmega328P."""
 INPUTS = {
     "limits": LIMITS,
     "probe": PROBE,
@@ -49,15 +46,51 @@ INPUTS = {
     "hold": 0x40,
     "resume": 0x80,
 }
+UNO = Welcome(VERSION, axes=3, tick_ns=500, room=1020, least_ticks=36)
+"""The welcome of the firmware of this version on an ATmega328P."""
+
+Pump = Callable[[float], object]
+"""A function that sends and receives, and waits at most so many seconds for bytes."""
+
+
+class AlarmText(NamedTuple):
+    """Code, message and hint of an alarm of the board."""
+
+    code: str
+    message: str
+    hint: str
+
 
 ALARMS = {
-    Alarm.UNDERRUN: ("board-underrun", "moves did not come in time; the board came to rest on the path", "is this computer busy?"),
-    Alarm.SILENCE: ("board-silence", "the board did not hear from this computer; it came to rest on the path", "check the cable"),
-    Alarm.EMERGENCY_STOP: ("board-emergency-stop", "the e-stop is pressed", "release it when all is well, then home the machine"),
-    Alarm.LIMIT: ("board-limit", "a limit switch was hit", "move away from it by hand with the drivers off, then home the machine"),
-    Alarm.STOPPED_BY_HOST: ("board-stopped", "the board was told to stop", "open it anew"),
-    Alarm.BAD_STREAM: ("board-stream", "the board got moves that it can't read", "update firmware and cncrun to the same version"),
-}  # fmt: skip
+    Alarm.UNDERRUN: AlarmText(
+        "board-underrun",
+        "moves came too late; the board came to rest on the path",
+        "reduce the load of this computer",
+    ),
+    Alarm.SILENCE: AlarmText(
+        "board-silence",
+        "the board received nothing from this computer; it came to rest on the path",
+        "check the cable",
+    ),
+    Alarm.EMERGENCY_STOP: AlarmText(
+        "board-emergency-stop",
+        "the e-stop is pressed",
+        "release it when it is safe, then home the machine",
+    ),
+    Alarm.LIMIT: AlarmText(
+        "board-limit",
+        "a limit switch was hit",
+        "move away from it by hand with the drivers off, then home the machine",
+    ),
+    Alarm.STOPPED_BY_HOST: AlarmText(
+        "board-stopped", "the board was stopped by this computer", "open it again"
+    ),
+    Alarm.BAD_STREAM: AlarmText(
+        "board-stream",
+        "the board received moves that it cannot read",
+        "update firmware and cncrun to the same version",
+    ),
+}
 
 
 class BoardSilent(BoardError):
@@ -65,7 +98,15 @@ class BoardSilent(BoardError):
 
 
 class Connection:
-    """A port, and the protocol's state."""
+    """A port, and the state of the protocol.
+
+    Attributes:
+        port: The port.
+        clock: Its clock.
+        name: Its name, for messages.
+        link: State of the protocol.
+        status: Last status of the board, None while a new one is awaited.
+    """
 
     def __init__(self, port: Port, clock: Clock, name: str) -> None:
         self.port = LoggedPort(port, name, log, text=False)
@@ -76,13 +117,22 @@ class Connection:
         self._asked_at = self._heard_at = clock.now()
 
     def pump(self, seconds: float) -> list[Status]:
-        """Send what is to be sent, take in what has come, waiting at most so long for it. PortLost,
-        BoardSilent.
+        """Send waiting frames and receive bytes.
+
+        Args:
+            seconds: Longest wait for bytes.
+
+        Returns:
+            Statuses received.
+
+        Raises:
+            PortLost: The connection is lost.
+            BoardSilent: The board does not answer any more.
         """
         now, link = self.clock.now(), self.link
-        if now - self._asked_at > AWAY_S:
+        if now - self._asked_at > ABSENCE_S:
             self._heard_at = now
-        if now - self._asked_at >= ASK_S:
+        if now - self._asked_at >= STATUS_PERIOD_S:
             self._asked_at = now
             link.ask()
         out = link.outgoing(now)
@@ -90,48 +140,56 @@ class Connection:
             self.port.write(out)
         data = self.port.read(seconds)
         now = self.clock.now()
-        said = [event for event in link.receive(data, now) if isinstance(event, Status)]
-        for status in said:
+        found = [event for event in link.receive(data, now) if isinstance(event, Status)]
+        for status in found:
             log.debug("%s: %s", self.name, status)
-        if said:
-            self.status = said[-1]
+        if found:
+            self.status = found[-1]
         self._heard_at = max(self._heard_at, link.heard_at or 0.0)
-        if now - self._heard_at > ANSWER_S:
-            hint = "check cable and supply; a board that has power has come to rest by itself. Home the machine before the next run"
-            raise BoardSilent(
-                board_error(
-                    "board-silent", f"the board on {self.name} does not answer any more", hint=hint
-                ).diagnostic
-            )
-        return said
+        if now - self._heard_at > ANSWER_TIMEOUT_S:
+            raise self._silent()
+        return found
 
-    def ask(self, pump: Callable[[float], object]) -> Status:
-        """A fresh status; ``pump`` is called until it is there."""
+    def ask(self, pump: Pump) -> Status:
+        """Return a new status; ``pump`` is called until it is there."""
         self.status = None
         self.link.ask()
         while self.status is None:
-            pump(BREATH_S)
+            pump(POLL_S)
         return self.status
 
-    def request(self, kind: Kind, payload: bytes, pump: Callable[[float], object]) -> None:
-        """Have something done. BoardError ``board-refused`` if the board does not do it."""
+    def request(self, kind: Kind, payload: bytes, pump: Pump) -> None:
+        """Send a request and wait until it is carried out.
+
+        Args:
+            kind: The request.
+            payload: Its arguments.
+            pump: Called until the board has answered.
+
+        Raises:
+            BoardError: ``board-refused``, if the board does not carry it out.
+        """
         self.link.request(kind, payload, self.clock.now())
         began = self.clock.now()
         while self.link.requesting:
-            pump(BREATH_S)
-            if self.clock.now() - began > ANSWER_S:
+            pump(POLL_S)
+            if self.clock.now() - began > ANSWER_TIMEOUT_S:
                 self.link.give_up()
-                what = kind.name.lower().replace("_", " ")
-                hint = "is the e-stop pressed? Switch the board off and on"
+                name = kind.name.lower().replace("_", " ")
                 raise board_error(
                     "board-refused",
-                    f"the board on {self.name} does not do what it is told: {what}",
-                    hint=hint,
+                    f"the board on {self.name} does not carry out the request: {name}",
+                    hint="check that the e-stop is not pressed, then switch the board off and on",
                 )
 
-    def greet(self, patience: float = HELLO_S) -> Welcome:
-        """The board's answer to hello, within so many s. Opening its port may have reset it: it is
-        asked until it is up.
+    def greet(self, timeout: float = HELLO_S) -> Welcome:
+        """Return the board's answer to a hello.
+
+        Args:
+            timeout: Longest wait, s. The opening of the port may have reset the board.
+
+        Raises:
+            BoardError: ``board-silent`` or ``board-not-stepper``.
         """
         link, clock = self.link, self.clock
         began = clock.now()
@@ -140,45 +198,69 @@ class Connection:
             out = link.outgoing(clock.now())
             if out:
                 self.port.write(out)
-            link.receive(self.port.read(BREATH_S * 5), clock.now())
-            if clock.now() - began > patience:
-                raise _no_stepper(self.name, link.murmur)
+            link.receive(self.port.read(POLL_S * 5), clock.now())
+            if clock.now() - began > timeout:
+                raise _no_stepper(self.name, link.foreign_bytes)
         self._heard_at = clock.now()
         log.info("%s: %s", self.name, link.welcome)
         return link.welcome
 
+    def _silent(self) -> BoardSilent:
+        hint = (
+            "check cable and supply. A board with power has come to rest by itself. "
+            "Home the machine before the next run"
+        )
+        message = f"the board on {self.name} does not answer any more"
+        return BoardSilent(Diagnostic("board-silent", message, hint=hint))
+
 
 def pulse_ticks(welcome: Welcome, machine: Machine) -> tuple[int, int]:
-    """How long a step pin is high, and how long it is low after that and a direction is there
-    before, at least.
+    """Return the length of a step pulse, and the least time from its end or a direction to a step.
+
+    Both are in ticks of the board.
     """
     times = machine.board.step_pulse, machine.board.direction_setup
     pulse, setup = (math.ceil(seconds * 1e9 / welcome.tick_ns - 1e-6) for seconds in times)
     return pulse, max(pulse, setup)
 
 
-def least_ns(welcome: Welcome, machine: Machine) -> int:
-    """Smallest time between two steps of an axis."""
+def min_spacing_ns(welcome: Welcome, machine: Machine) -> int:
+    """Return the least time between two steps of an axis, ns."""
     return (
         max(welcome.least_ticks, sum(pulse_ticks(welcome, machine)) + TURN_ROUND_TICKS)
         * welcome.tick_ns
     )
 
 
-def opened(connection: Connection, machine: Machine) -> tuple[Welcome, Status]:
-    """Find out what answers, whether it can do what the machine needs, and get it ready. BoardError
-    says what is in the way.
+def baud_of(machine: Machine) -> int:
+    """Return the speed of the machine file, else that of the firmware, bits/s."""
+    return machine.board.baud if "baud" in machine.board.model_fields_set else BAUD
+
+
+def open_board(connection: Connection, machine: Machine) -> tuple[Welcome, Status]:
+    """Identify the board, check that it suits the machine, and configure it.
+
+    Raises:
+        BoardError: The board does not answer, does not suit the machine, or still moves.
     """
     welcome, name = connection.greet(), connection.name
     if welcome.version != VERSION:
-        hint = f"make flash PORT={name} puts the right firmware on it"
-        message = f"the firmware of the board on {name} speaks version {welcome.version} of the protocol, this program {VERSION}"
+        hint = f"make flash PORT={name} installs the right firmware"
+        message = (
+            f"the firmware of the board on {name} has version {welcome.version} of the protocol, "
+            f"this program has {VERSION}"
+        )
         raise board_error("board-version", message, hint=hint)
     if welcome.axes != len(machine.axes):
-        hint = f"use a machine file with {welcome.axes} axes, or make flash AXES={len(machine.axes)} PORT={name}"
-        message = f"the machine has {len(machine.axes)} axes, the board on {name} {welcome.axes}"
+        hint = (
+            f"use a machine file with {welcome.axes} axes, "
+            f"or make flash AXES={len(machine.axes)} PORT={name}"
+        )
+        message = (
+            f"the machine has {len(machine.axes)} axes, the board on {name} has {welcome.axes}"
+        )
         raise board_error("board-axes", message, hint=hint)
-    for fault in unfit(machine, least_ns(welcome, machine)):
+    for fault in incompatibilities(machine, min_spacing_ns(welcome, machine)):
         raise BoardError(fault)
     began = connection.clock.now()
     while connection.link.state in (State.RUNNING, State.RAMPING):
@@ -186,54 +268,69 @@ def opened(connection: Connection, machine: Machine) -> tuple[Welcome, Status]:
             raise board_error(
                 "board-busy",
                 f"the board on {name} still moves",
-                hint="is another program driving it?",
+                hint="check that no other program drives it",
             )
-        connection.pump(BREATH_S)
-    return welcome, configured(connection, machine, welcome, LIMITS, connection.pump)
+        connection.pump(POLL_S)
+    return welcome, configure(connection, machine, welcome, LIMITS, connection.pump)
 
 
-def unfit(machine: Machine, least: int) -> Iterator[Diagnostic]:
-    """What no board whose steps are so many ns apart can do for this machine, whatever its program.
+def incompatibilities(machine: Machine, spacing_ns: int) -> Iterator[Diagnostic]:
+    """Yield the faults of a machine file that make every program impossible on the board.
 
-    The board's motors are X, Y, Z and a fourth one in the order of its pins: an axis elsewhere in
-    the file would turn another's.
+    The motors of the board are X, Y, Z and a fourth one, in the order of its pins. An axis at
+    another position in the file would turn the wrong motor.
+
+    Args:
+        machine: The machine.
+        spacing_ns: Least time between two steps of an axis, ns.
     """
     letters = tuple(machine.axes)
-    if len(letters) > MOST_AXES or letters[:3] != ("x", "y", "z")[: len(letters)]:
+    if len(letters) > MAX_AXES or letters[:3] != ("x", "y", "z")[: len(letters)]:
         names = " ".join(letter.upper() for letter in letters)
-        hint = "write the tables [axes.x], [axes.y], [axes.z] in this order, then that of the fourth axis"
+        hint = (
+            "write the tables [axes.x], [axes.y], [axes.z] in this order, "
+            "then the table of the fourth axis"
+        )
         yield Diagnostic(
             "board-axes",
             f"the machine file has the axes {names}, the board X Y Z and a fourth, in this order",
             hint=hint,
         )
-    fastest = 1e9 / least
+    fastest = 1e9 / spacing_ns
     for letter, axis in machine.axes.items():
         if axis.step_rate > fastest:
             velocity = math.floor(fastest / axis.steps_per_mm * 1e3) / 1e3
             hint = f"lower axes.{letter}.max_velocity to {velocity:g} mm/s, or use fewer microsteps"
-            message = f"{letter.upper()} may step {axis.step_rate:.0f} times a second, the board {fastest:.0f} times"
+            message = (
+                f"{letter.upper()} may make {axis.step_rate:.0f} steps/s, "
+                f"but the board makes at most {fastest:.0f}"
+            )
             yield Diagnostic("board-step-rate", message, hint=hint)
 
 
-def configured(
-    connection: Connection,
-    machine: Machine,
-    welcome: Welcome,
-    limits: int,
-    pump: Callable[[float], object],
+def configure(
+    connection: Connection, machine: Machine, welcome: Welcome, limits: int, pump: Pump
 ) -> Status:
-    """The board at rest, told how the machine is built: before it knows its switches it can't tell
-    how they are.
+    """Configure the board for a machine, and return its status.
 
-    limits: bits of the switches that end its motion. BoardError ``board-emergency-stop``.
+    The levels of its inputs are known only after that.
+
+    Args:
+        connection: The connection.
+        machine: The machine.
+        welcome: The board's description of itself.
+        limits: Bits of the switches that end the motion.
+        pump: Called until the board has answered.
+
+    Raises:
+        BoardError: ``board-emergency-stop``.
     """
     stops = [
         axis.max_velocity / axis.max_acceleration
         for axis in machine.axes.values()
         if axis.max_acceleration
     ]
-    ramp_ms = round(1e3 * min(SHAPE * max(stops, default=MOST_RAMP_S), MOST_RAMP_S))
+    ramp_ms = round(1e3 * min(S_CURVE_PEAK * max(stops, default=MAX_RAMP_S), MAX_RAMP_S))
     inverted = sum(INPUTS[name] for name in set(machine.board.normally_closed))
     limits &= LIMITS & (1 << len(machine.axes)) - 1
     numbers = (
@@ -246,20 +343,25 @@ def configured(
     connection.request(Kind.CONFIGURE, bytes(numbers), pump)
     status = connection.ask(pump)
     if status.inputs & EMERGENCY_STOP:
-        code, what, hint = ALARMS[Alarm.EMERGENCY_STOP]
-        raise board_error(code, what, hint=hint)
+        alarm = ALARMS[Alarm.EMERGENCY_STOP]
+        raise board_error(alarm.code, alarm.message, hint=alarm.hint)
     return status
 
 
-def cleared(
-    connection: Connection,
-    machine: Machine,
-    status: Status,
-    limits: int,
-    pump: Callable[[float], object],
+def clear_alarm(
+    connection: Connection, machine: Machine, status: Status, limits: int, pump: Pump
 ) -> None:
-    """End an alarm, for the next motion. BoardError ``board-limit`` where one of these switches is
-    pressed.
+    """End an alarm before the next motion.
+
+    Args:
+        connection: The connection.
+        machine: The machine.
+        status: Status of the board.
+        limits: Bits of the switches that must be open.
+        pump: Called until the board has answered.
+
+    Raises:
+        BoardError: ``board-limit``, if one of these switches is pressed.
     """
     pressed = [
         letter.upper()
@@ -278,20 +380,19 @@ def cleared(
         connection.request(Kind.CLEAR, b"", pump)
 
 
-def _no_stepper(name: str, murmur: bytes) -> BoardError:
-    """What answers instead."""
-    words = murmur.decode("ascii", "replace")
-    if "Grbl" in words or "grblHAL" in words:
-        hint = "use --board grbl, or make flash to put the stepper firmware on it"
-        return board_error(
-            "board-not-stepper",
-            f"the board on {name} runs GRBL, not the stepper firmware",
-            hint=hint,
+def _no_stepper(name: str, received: bytes) -> BoardError:
+    """Return the fault of a port without a stepper board, by the bytes received."""
+    text = received.decode("ascii", "replace")
+    if "Grbl" in text or "grblHAL" in text:
+        hint = "use --board grbl, or make flash to install the stepper firmware"
+        message = f"the board on {name} runs GRBL, not the stepper firmware"
+        return board_error("board-not-stepper", message, hint=hint)
+    if received:
+        hint = (
+            f"check port and board.baud ({BAUD} unless the firmware was built otherwise); "
+            "make flash installs the firmware on an Uno"
         )
-    if murmur:
-        hint = f"check port and board.baud ({BAUD} unless the firmware was built otherwise); make flash puts the firmware on an Uno"
-        return board_error(
-            "board-not-stepper", f"what answers on {name} is no stepper board", hint=hint
-        )
-    hint = "check the port and the board's supply; make flash puts the firmware on an Uno"
-    return board_error("board-silent", f"nothing answers on {name}", hint=hint)
+        message = f"the device on {name} is not a stepper board"
+        return board_error("board-not-stepper", message, hint=hint)
+    hint = "check the port and the board's supply; make flash installs the firmware on an Uno"
+    return board_error("board-silent", f"no device answers on {name}", hint=hint)

@@ -1,14 +1,13 @@
-"""Whether a stepper board can play a program: what its interrupt and the connection have to do for it,
-before anything moves.
+"""Check before any motion whether a stepper board can play a program.
 
-Two stores between the computer and the pins take up what comes too fast for a moment: the queue of
-grid moves before the interrupt, and the store of segments behind the connection. Each is a bucket that
-fills with what the program asks for and empties at the speed that can be kept up:
+Two buffers between the computer and the pins smooth short bursts: the queue of grid moves before
+the interrupt, and the buffer of segments behind the serial line. Each is modelled as a bucket. The
+program fills it, and it empties at the sustained rate:
 
-    grid moves ──► queue ──► one every `least_ns`    segments' bytes ──► store ──► what the connection brings in that time, and the board decodes
+    grid moves ──► queue ──► one every `least_ns`
+    segments   ──► buffer ──► bytes that the line transfers and the board decodes in that time
 
-A bucket that runs over is a fault at its source line. It is the same encoder as in the run, and the
-same pieces.
+An overflow is a fault at its source line. The encoder and the pieces are those of the run.
 """
 
 from __future__ import annotations
@@ -21,23 +20,29 @@ from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.model.streams import PulseChunk
 
 LATE_NS = 1_000_000
-"""By so much grid moves may be late in a burst."""
+"""Largest delay of grid moves in a burst."""
 KEPT = 510
-"""Bytes by which the store may be emptied before the board takes its host for gone: half of what it
-holds.
-"""
+"""Bytes by which the buffer may be emptied before the board signals silence: half its capacity."""
 PAYLOAD = 0.55
-"""Share of the connection's bytes that are the stream's, as measured in the simulator."""
+"""Share of the stream in the bytes on the line, measured in the simulator."""
 DECODED_PER_S, HEAD = 65_000, 6
-"""Bytes that the board decodes in a second, each segment counted as so many more: between 200
-random programs that it played and 35 that it did not, measured in the simulator
+"""Bytes that the board decodes per second, with HEAD extra bytes for each segment. The limit lies
+between 200 random programs that it played and 35 that it did not, measured in the simulator
 (docs/how-to/stepper-board.md).
 """
 
 
-class FeasibilityCheck:
-    """What a program asks of a board with so many axes. least_ns: time between grid moves that it
-    can keep up; baud: bits/s of the connection.
+class StepperFeasibility:
+    """Check of a program for a board.
+
+    Args:
+        axes: Number of axes.
+        least_ns: Sustained time between grid moves, ns.
+        baud: Speed of the serial line, bits/s.
+
+    Attributes:
+        most_late_ns: Largest delay of a grid move so far, ns.
+        most_filled: Largest fill of the buffer so far, bytes.
     """
 
     def __init__(self, axes: int, least_ns: int, baud: int) -> None:
@@ -53,7 +58,11 @@ class FeasibilityCheck:
         self.most_filled = 0.0
 
     def add(self, chunk: PulseChunk) -> None:
-        """Grid moves, in their order. MotionLimitError ``board-step-rate``, ``board-too-dense``."""
+        """Add the next grid moves.
+
+        Raises:
+            MotionLimitError: ``board-step-rate``, ``board-too-dense``.
+        """
         if not len(chunk.time_ns):
             return
         self._count(chunk)
@@ -73,9 +82,8 @@ class FeasibilityCheck:
                 self._send(data, int(time_ns[rows][-1]), int(chunk.line[rows][0]))
 
     def _count(self, chunk: PulseChunk) -> None:
-        """The queue: how late each grid move is, if one comes every ``least_ns``."""
-        # A move is made at the latest of the times at which those before it let it: t_k =
-        # max(due_k, t_(k-1) + least).
+        """Update the queue: the delay of each grid move at one move per ``least_ns``."""
+        # t_k = max(due_k, t_(k-1) + least), for all moves at once.
         k = np.arange(len(chunk.time_ns), dtype=np.int64) * self._least_ns
         first = max(int(chunk.time_ns[0]), self._step_ns + self._least_ns)
         made = np.maximum(np.maximum.accumulate(chunk.time_ns - k), first) + k
@@ -85,14 +93,12 @@ class FeasibilityCheck:
         if self.most_late_ns > LATE_NS:
             row = int(np.argmax(late > LATE_NS))
             line, rate = int(chunk.line[row]), 1e9 / self._least_ns
-            message = (
-                f"grid moves come faster here than the {rate:.0f} a second that the board can make"
-            )
-            hint = "lower the feed or max_velocity, use fewer microsteps, or leave --algorithm out"
+            message = f"the grid moves here are faster than the {rate:.0f} per second of the board"
+            hint = "lower the feed or max_velocity, use fewer microsteps, or omit --algorithm"
             raise MotionLimitError(Diagnostic("board-step-rate", message, line=line, hint=hint))
 
     def _send(self, data: bytes, time_ns: int, line: int) -> None:
-        """The store: so many bytes that have to be there, and decoded, by a time."""
+        """Update the buffer: bytes that must be transferred and decoded by a time."""
         seconds = (time_ns - self._filled_at) * 1e-9
         self._filled_at = time_ns
         self._filled = max(0.0, self._filled + len(data) - seconds * self._bytes_per_s)
@@ -101,10 +107,18 @@ class FeasibilityCheck:
         self.most_filled = max(self.most_filled, self._filled, self._undecoded)
         if self.most_filled > KEPT:
             if self._filled > KEPT:
-                brings = f"{self._bytes_per_s:.0f} bytes a second"
-                message = f"the grid moves of this line are too dense for the connection, which brings some {brings}"
-                hint = "lower the feed, leave --algorithm out, or let the connection be faster (board.baud, and the firmware's BAUD)"
+                message = (
+                    "the grid moves of this line are too dense for the serial line, "
+                    f"which transfers about {self._bytes_per_s:.0f} bytes/s"
+                )
+                hint = (
+                    "lower the feed, omit --algorithm, or make the line faster "
+                    "(board.baud, and BAUD of the firmware)"
+                )
             else:
-                message = "the grid moves of this line are too dense and too uneven for the board to decode in time"
-                hint = "lower the feed, or leave --algorithm out"
+                message = (
+                    "the grid moves of this line are too dense and too irregular "
+                    "for the board to decode in time"
+                )
+                hint = "lower the feed, or omit --algorithm"
             raise MotionLimitError(Diagnostic("board-too-dense", message, line=line, hint=hint))

@@ -1,4 +1,4 @@
-"""Which source line made which grid move, kept until the board has left it behind."""
+"""Source lines of the grid moves that were sent, kept until the board has played them."""
 
 from __future__ import annotations
 
@@ -9,60 +9,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 READ_AHEAD = 64
-"""Bytes of the stream that the board has taken and may not have played yet."""
+"""Bytes of the stream that the board may have decoded but not played yet."""
 
 
 @dataclass(slots=True)
-class _Stretch:
-    """A stretch of the stream: its end in bytes, where the machine stands after each grid move, and
-    the moves' lines.
+class _Part:
+    """A part of the stream.
+
+    Attributes:
+        until: Its end, in bytes of the stream.
+        points: Grid point after each move (n, axes).
+        lines: Source line of each move (n,).
     """
 
     until: int
-    places: NDArray[np.int64]
+    points: NDArray[np.int64]
     lines: NDArray[np.int32]
 
 
-class Trail:
-    """What was sent, stretch by stretch. sent: bytes of the stream.
+class LineTracker:
+    """The parts of the stream that were sent.
 
-    line: the source line at which the stretch begins that the board left last, 0 before it has left
-    one: no later one than it is at.
+    Attributes:
+        sent: Length of the stream, bytes.
+        line: First source line of the last part that the board has completed, so the board is at
+            this line or a later one; 0 before the first part is completed.
     """
 
     def __init__(self, line: int = 0) -> None:
         self.sent = 0
         self.line = line
-        self._stretches: deque[_Stretch] = deque()
+        self._parts: deque[_Part] = deque()
 
-    def add(self, size: int, places: NDArray[np.int64], lines: NDArray[np.int32]) -> None:
-        """So many bytes more, which lead through ``places`` (n, axes)."""
+    def add(self, size: int, points: NDArray[np.int64], lines: NDArray[np.int32]) -> None:
+        """Add a part to the stream.
+
+        Args:
+            size: Its length, bytes.
+            points: Grid point after each move (n, axes).
+            lines: Source line of each move (n,).
+        """
         self.sent += size
-        self._stretches.append(_Stretch(self.sent, places, lines))
+        self._parts.append(_Part(self.sent, points, lines))
 
-    def passed(self, taken: int) -> None:
-        """The board has taken so many bytes: all but the last stretch before them is over."""
-        while len(self._stretches) > 1 and self._stretches[0].until + READ_AHEAD < taken:
-            self.line = _first(self._stretches.popleft().lines) or self.line
+    def taken(self, size: int) -> None:
+        """Remove completed parts: all before the last one that ends within ``size`` bytes."""
+        while len(self._parts) > 1 and self._parts[0].until + READ_AHEAD < size:
+            self.line = _first(self._parts.popleft().lines) or self.line
 
     def clear(self) -> None:
-        """All that was sent has been played."""
-        for stretch in self._stretches:
-            self.line = int(stretch.lines[-1]) or self.line
-        self._stretches.clear()
+        """Remove all parts, because the board has played everything."""
+        for part in self._parts:
+            self.line = int(part.lines[-1]) or self.line
+        self._parts.clear()
 
-    def line_at(self, place: NDArray[np.int64]) -> int:
-        """Source line of the last move that leads to a grid point (axes,), 0 if that is none of a
-        program or not known.
-        """
-        for stretch in reversed(self._stretches):
-            here = np.flatnonzero((stretch.places == place).all(axis=1))
-            if len(here):
-                return int(stretch.lines[here[-1]])
+    def line_at(self, point: NDArray[np.int64]) -> int:
+        """Return the source line of the last move to a grid point (axes,), 0 if it is not known."""
+        for part in reversed(self._parts):
+            rows = np.flatnonzero((part.points == point).all(axis=1))
+            if len(rows):
+                return int(part.lines[rows[-1]])
         return 0
 
 
 def _first(lines: NDArray[np.int32]) -> int:
-    """The first line of a program, 0 if there is none."""
+    """Return the first line that is not 0, else 0."""
     known = lines[lines > 0]
     return int(known[0]) if len(known) else 0

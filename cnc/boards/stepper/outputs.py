@@ -1,4 +1,4 @@
-"""What blocks between moves mean for the outputs of the stepper board."""
+"""Outputs of the stepper board: spindle, coolant, motor drivers."""
 
 from __future__ import annotations
 
@@ -7,14 +7,19 @@ from typing import Literal
 
 from cnc.boards.protocols import Action
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block
+from cnc.model.blocks import Block, Coolant, End, Spindle
 
 ENABLED, SPINDLE, BACKWARD, FLOOD, MIST = 1, 2, 4, 8, 16
+"""Bits of the outputs."""
 
 
 def actions(axes: int) -> frozenset[Action]:
-    """What a board of so many axes can do between moves: step and direction of a fourth one take
-    the pins of two outputs.
+    """Return the actions that a board supports between moves.
+
+    Step and direction of a fourth axis use the pins of two outputs.
+
+    Args:
+        axes: Number of axes of the board.
     """
     usual: frozenset[Action] = frozenset(("spindle", "flood"))
     return usual if axes == 4 else usual | {"spindle backward", "mist"}
@@ -22,7 +27,7 @@ def actions(axes: int) -> frozenset[Action]:
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """All outputs at once. duty: of the spindle's PWM, 0 to 255."""
+    """State of all outputs. ``duty`` is that of the spindle's PWM, 0 to 255."""
 
     enabled: bool = False
     spindle: Literal["cw", "ccw", "off"] = "off"
@@ -32,29 +37,25 @@ class Outputs:
 
     @property
     def bytes(self) -> tuple[int, int]:
-        """The arguments of the stream's command."""
+        """Arguments of the command in the stream."""
         on = ENABLED * self.enabled | FLOOD * self.flood | MIST * self.mist
         if self.spindle != "off":
             on |= SPINDLE | BACKWARD * (self.spindle == "ccw")
         return on, self.duty
 
     def after(self, block: Block, machine: Machine) -> Outputs:
-        """After a block: the drivers' floor knows blocks by their names."""
-        match type(block).__name__:
-            case "Spindle":
-                state: Literal["cw", "ccw", "off"] = getattr(block, "state", "off")
-                share = float(getattr(block, "rpm", 0.0)) / machine.board.max_spindle_rpm
-                return replace(
-                    self,
-                    spindle=state,
-                    duty=0 if state == "off" else min(max(round(255 * share), 0), 255),
-                )
-            case "Coolant":
-                return replace(
-                    self,
-                    flood=bool(getattr(block, "flood", False)),
-                    mist=bool(getattr(block, "mist", False)),
-                )
-            case "End":
-                return replace(self, spindle="off", duty=0, flood=False, mist=False)
+        """Return the state after a block."""
+        match block:
+            case Spindle(state=state, rpm=rpm):
+                share = rpm / machine.board.max_spindle_rpm
+                duty = 0 if state == "off" else min(max(round(255 * share), 0), 255)
+                return replace(self, spindle=state, duty=duty)
+            case Coolant(mist=mist, flood=flood):
+                return replace(self, flood=flood, mist=mist)
+            case End():
+                return self.off()
         return self
+
+    def off(self) -> Outputs:
+        """Return the state with spindle and coolant off."""
+        return replace(self, spindle="off", duty=0, flood=False, mist=False)

@@ -1,50 +1,49 @@
-"""The stepper board's side of the connection: bytes in, events out, and bytes to be sent; nothing here
-reads, writes or waits.
+"""The host's side of the stepper board's protocol: bytes in, events and bytes out, without I/O.
 
-The format is in ``firmware/PROTOCOL.md``. The stream of segments and commands goes out in numbered
-frames, resent from the first one that was not acknowledged (go-back-N):
+The format is in ``firmware/PROTOCOL.md``. The stream of segments and commands is sent in numbered
+frames. After a loss they are sent again from the first frame without acknowledgement (go-back-N):
 
-    acknowledged │ on their way, at most 96 bytes on the connection and no more than the board has room for │ not sent yet
-                 ^ base                                                                               ^
+    acknowledged │ in flight: at most 96 bytes, and what the board's buffer can hold │ not sent yet
+                 ^ base                                                              ^
 
-Requests (start, stop, position ..) carry a token that the board's next status repeats; until then
-they are sent again.
+Requests (start, stop, position ..) have a token, which the next status of the board repeats. Until
+then they are sent again.
 """
 
 from __future__ import annotations
 
 import struct
-from binascii import crc_hqx
 from collections import deque
 from dataclasses import dataclass
 from enum import IntEnum
 
+from cnc.boards.stepper.frames import frame, unframed
+
 VERSION = 1
-MOST_IN_FLIGHT = 96
-"""Bytes on the connection that the board has not acknowledged: its ring holds 128."""
+MAX_IN_FLIGHT = 96
+"""Bytes sent that the board has not acknowledged: its ring buffer holds 128."""
 FRAME_STREAM = 40
-"""Bytes of the stream in a frame: two frames fit into what may be in flight."""
-LONGEST_FRAME = 64
-"""Bytes; what is longer without an end is not the board's."""
+"""Bytes of the stream in a frame, so that two frames can be in flight."""
+MAX_FRAME = 64
+"""Longest frame, bytes; longer data without an end is not from the board."""
 RESEND_S = 0.03
-"""After so long without progress frames are sent again; a request after as long without an
-answer.
-"""
+"""Time without progress, or without an answer to a request, after which frames are sent again."""
 TURN_S = 0.004
-"""A nak that comes sooner after frames were sent again speaks of the first time."""
+"""A NAK within this time after frames were sent again is about the first transmission."""
 HELLO_SEQUENCE = 0x71
-"""Chosen so that no byte of a hello is a real-time command of GRBL or ends a line: it must do
-nothing to another kind of board.
+"""No byte of a hello with this number is a line end or a real-time command of GRBL, so that a hello
+has no effect on another kind of board.
 """
 NO_TOKEN = -1
-"""A hello's: no status answers it, though the board may say one by itself before."""
+"""The token of a hello, which no status answers."""
 PROMISE = 0x7FFF
-"""A frame's promise counts milliseconds to here, and then from 0."""
+"""Mask of a frame's promise, in milliseconds modulo its range."""
 PROMISED_END = 0x8000
+"""Bit of a promise: nothing need follow."""
 
 
 class Kind(IntEnum):
-    """Types of frames: the host's, then the board's."""
+    """Types of frames: those of the host, then those of the board."""
 
     DATA = 0x01
     HELLO = 0x02
@@ -61,7 +60,7 @@ class Kind(IntEnum):
 
 
 class State(IntEnum):
-    """What the board does."""
+    """States of the board."""
 
     IDLE = 0
     RUNNING = 1
@@ -71,7 +70,7 @@ class State(IntEnum):
 
 
 class Alarm(IntEnum):
-    """Why the board has stopped."""
+    """Reasons for a stop of the board."""
 
     NONE = 0
     UNDERRUN = 1
@@ -84,8 +83,16 @@ class Alarm(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Welcome:
-    """The board tells what it is. room: bytes of the stream that it holds; least_ticks: smallest
-    time between two grid moves.
+    """The board's description of itself.
+
+    Attributes:
+        version: Version of the protocol; for another version the other fields are not known.
+        axes: Number of axes.
+        tick_ns: Tick of its timer, ns.
+        room: Capacity of its buffer for the stream, bytes.
+        least_ticks: Least time between two grid moves, ticks.
+        state: Its state.
+        position_known: Whether it knows its position.
     """
 
     version: int
@@ -99,12 +106,19 @@ class Welcome:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """How the board does. inputs: bits 0-3 limits, 4 probe, 5 e-stop, 6 hold, 7 resume. taken:
-    bytes of the stream decoded so far.
+    """A status of the board.
 
-    board_ms: where in the stream it plays, by the clock that the promises are in; None while it
-    doesn't. holds, resumes: how often these buttons were pressed since the board's reset, modulo
-    256.
+    Attributes:
+        token: Token of the last request carried out.
+        state: Its state.
+        alarm: Reason for its stop.
+        position_known: Whether it knows its position.
+        inputs: Inputs: bits 0-3 limits, 4 probe, 5 e-stop, 6 hold, 7 resume.
+        taken: Bytes of the stream decoded so far.
+        board_ms: Its time in the stream, on the clock of the promises; None while it does not play.
+        position: Count of each axis.
+        holds: Presses of the hold button since the reset, modulo 256.
+        resumes: Presses of the resume button since the reset, modulo 256.
     """
 
     token: int
@@ -121,40 +135,6 @@ class Status:
 
 Event = Welcome | Status
 
-_REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
-
-
-def crc16(data: bytes) -> int:
-    """CRC-16/MCRF4XX: polynomial 0x1021 reflected, begun with 0xFFFF; 0 over data and its own CRC,
-    low byte first.
-    """
-    straight = crc_hqx(data.translate(_REVERSED), 0xFFFF)
-    return _REVERSED[straight >> 8] | _REVERSED[straight & 0xFF] << 8
-
-
-def frame(kind: int, sequence: int, payload: bytes = b"") -> bytes:
-    """A frame as it goes over the connection."""
-    body = bytes((kind, sequence)) + payload
-    body += crc16(body).to_bytes(2, "little")
-    # COBS (Cheshire, Baker 1999): each zero becomes the distance to the next; frames are far too
-    # short for blocks of 254
-    return b"".join(bytes((len(block) + 1,)) + block for block in body.split(b"\0")) + b"\0"
-
-
-def unframed(data: bytes) -> tuple[int, int, bytes] | None:
-    """Kind, sequence and payload of what stood between two zeros; None if it is no frame."""
-    body, at = bytearray(), 0
-    while at < len(data):
-        step = data[at]
-        if step == 0 or at + step > len(data):
-            return None
-        body += data[at + 1 : at + step] + b"\0"
-        at += step
-    del body[-1:]
-    if len(body) < 4 or crc16(bytes(body)) != 0:
-        return None
-    return body[0], body[1], bytes(body[2:-2])
-
 
 @dataclass(slots=True)
 class _Frame:
@@ -166,19 +146,24 @@ class _Frame:
 
 
 class StepperLink:
-    """One conversation with a board. ``now`` is seconds by any clock that is never set back."""
+    """State of the protocol with one board. ``now`` is the time of any monotonic clock, s.
+
+    Attributes:
+        welcome: The board's description of itself, None before the answer to a hello.
+        state: State of the board.
+        noise: Bytes before the first frame that were no frame.
+        heard_at: Time of the last frame received.
+        resent: Bytes sent again.
+        confirmed_note: The note of the last part of the stream that the board has acknowledged.
+    """
 
     def __init__(self) -> None:
         self.welcome: Welcome | None = None
         self.state = State.IDLE
         self.noise = bytearray()
-        """What came and was no frame, before the first one that was: the words of another kind of
-        board.
-        """
         self.heard_at: float | None = None
         self.resent = 0
         self.confirmed_note = 0
-        """The note of the last stretch of the stream that the board has taken in."""
         self._incoming = bytearray()
         self._waiting: deque[_Frame] = deque()
         self._flying: deque[_Frame] = deque()
@@ -192,36 +177,38 @@ class StepperLink:
         self._requested_at = 0.0
         self._out = bytearray()
 
-    # -------------------------------------------------------------------------------------------------------------
-    # the host's side
-
     def hello(self, now: float) -> None:
-        """Ask the board what it is, until it answers."""
+        """Send a hello until the board answers."""
         self._request = (NO_TOKEN, b"\0" + frame(Kind.HELLO, HELLO_SEQUENCE, bytes((VERSION,))))
         self._send_request(now)
 
     def ask(self) -> None:
-        """Ask for a status."""
+        """Request a status."""
         self._out += frame(Kind.ASK, self._token)
 
     def request(self, kind: Kind, payload: bytes, now: float) -> None:
-        """Ask for something to be done; :attr:`requesting` until the board says that it was."""
+        """Send a request; :attr:`requesting` until the board has carried it out."""
         self._token = self._token % 255 + 1
         self._request = (self._token, frame(kind, self._token, payload))
         self._send_request(now)
 
     def give_up(self) -> None:
-        """The request will not be answered."""
+        """Stop waiting for the answer to the request."""
         self._request = None
 
     @property
     def requesting(self) -> bool:
-        """Whether a request has not been answered yet."""
+        """Whether a request is not answered yet."""
         return self._request is not None
 
     def stream(self, data: bytes, until_ms: int, *, end: bool = False, note: int = 0) -> None:
-        """Append to the stream. until_ms: when what is appended has been played, since it was
-        started; end: nothing need follow.
+        """Append bytes to the stream.
+
+        Args:
+            data: Segments and commands.
+            until_ms: Time at which they have been played, since the start of the stream, ms.
+            end: Nothing need follow.
+            note: Number that becomes ``confirmed_note`` when the board has acknowledged them.
         """
         for at in range(0, len(data), FRAME_STREAM):
             part = data[at : at + FRAME_STREAM]
@@ -234,7 +221,7 @@ class StepperLink:
 
     @property
     def unsent(self) -> int:
-        """Bytes of the stream that have not been sent once."""
+        """Bytes of the stream that were never sent."""
         return sum(each.size for each in self._waiting)
 
     @property
@@ -244,12 +231,13 @@ class StepperLink:
 
     @property
     def full(self) -> bool:
-        """Whether something waits because the board has no room for it."""
+        """Whether frames wait for space in the buffer of the board."""
         return bool(self._waiting) and not self._flying and self._waiting[0].size > self._room
 
     def drop(self) -> None:
-        """Forget what has not been acknowledged: the board has stopped. What is numbered already
-        goes out as empty frames.
+        """Discard everything not acknowledged, because the board has stopped.
+
+        Frames that have a number already are sent empty.
         """
         for each in (*self._flying, *self._waiting):
             each.encoded, each.size = (
@@ -258,7 +246,7 @@ class StepperLink:
             )
 
     def outgoing(self, now: float) -> bytes:
-        """What is to be written now."""
+        """Return the bytes to send now."""
         if self._request is not None and now - self._requested_at >= RESEND_S:
             self._send_request(now)
         if self._flying and now - self._moved_at >= RESEND_S:
@@ -267,7 +255,7 @@ class StepperLink:
         room = self._room - sum(each.size for each in self._flying)
         while (
             self._waiting
-            and flying + len(self._waiting[0].encoded) <= MOST_IN_FLIGHT
+            and flying + len(self._waiting[0].encoded) <= MAX_IN_FLIGHT
             and self._waiting[0].size <= room
         ):
             each = self._waiting.popleft()
@@ -281,41 +269,38 @@ class StepperLink:
         self._out.clear()
         return out
 
-    # ------------------------------------------------------------------------------------------------------------
-    # the board's side
-
     def receive(self, data: bytes, now: float) -> list[Event]:
-        """Take in bytes; what the board has said with them."""
+        """Receive bytes, and return the events in them."""
         self._incoming += data
         *whole, rest = bytes(self._incoming).split(b"\0")
         events = []
         for each in whole:
             found = unframed(each) if each else None
             if found is None:
-                self._is_noise(each + b"\0")
+                self._add_noise(each + b"\0")
             else:
-                event = self._said(*found, now)
+                event = self._event(*found, now)
                 if event is not None:
                     events.append(event)
-        if len(rest) > LONGEST_FRAME:
-            self._is_noise(rest)
+        if len(rest) > MAX_FRAME:
+            self._add_noise(rest)
             rest = b""
         self._incoming[:] = rest
         return events
 
     @property
-    def murmur(self) -> bytes:
-        """All that came and was no frame, the last bytes included, while no frame ever came."""
+    def foreign_bytes(self) -> bytes:
+        """All bytes received while no frame came."""
         return bytes(self.noise + self._incoming)
 
-    def _is_noise(self, data: bytes) -> None:
+    def _add_noise(self, data: bytes) -> None:
         if self.heard_at is None and len(self.noise) < 4096:
             self.noise += data
 
-    def _said(self, kind: int, sequence: int, payload: bytes, now: float) -> Event | None:
+    def _event(self, kind: int, sequence: int, payload: bytes, now: float) -> Event | None:
         if kind == Kind.WELCOME and len(payload) >= 4 and payload[:3] == b"cnc":
             self.heard_at = now
-            return self._welcomed(sequence, payload)
+            return self._welcome(sequence, payload)
         if kind in (Kind.ACK, Kind.NAK) and len(payload) >= 3:
             self.heard_at = now
             self._acknowledged(sequence, payload[0], payload[1] | payload[2] << 8, now)
@@ -324,11 +309,11 @@ class StepperLink:
             return None
         if kind == Kind.STATUS and len(payload) >= 31:
             self.heard_at = now
-            return self._reported(sequence, payload, now)
+            return self._status(sequence, payload, now)
         return None
 
-    def _welcomed(self, sequence: int, payload: bytes) -> Welcome:
-        """A board of another version is known by that alone: the rest may look otherwise."""
+    def _welcome(self, sequence: int, payload: bytes) -> Welcome:
+        """Return the welcome; of another version only the number, as the format may differ."""
         welcome = Welcome(payload[3])
         if payload[3] == VERSION and len(payload) >= 13:
             axes, tick_ns, room, least, state, known = struct.unpack_from("<BHHHBB", payload, 4)
@@ -348,7 +333,7 @@ class StepperLink:
             self._request = None
         return welcome
 
-    def _reported(self, token: int, payload: bytes, now: float) -> Status:
+    def _status(self, token: int, payload: bytes, now: float) -> Status:
         expected, state, room, alarm, known, inputs, taken, left, *position, holds, resumes = (
             struct.unpack_from("<BBHBBBIh4iBB", payload)
         )
@@ -375,9 +360,7 @@ class StepperLink:
         )
 
     def _acknowledged(self, expected: int, state: int, room: int, now: float) -> None:
-        """All frames before ``expected`` have arrived; one of none that is under way speaks of
-        nothing.
-        """
+        """Remove the frames before ``expected``; ignore a number outside those in flight."""
         if state <= State.TOUCHED:
             self.state = State(state)
         known = (expected - self._flying[0].sequence) % 256 if self._flying else 0

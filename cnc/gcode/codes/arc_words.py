@@ -1,4 +1,4 @@
-"""Arcs from their words: the centre or the radius, the plane, the turns."""
+"""Arcs (G2, G3): centre or radius, plane and turns from the words of a line."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ MAX_TURNS = 1_000_000
 _CLOCKWISE = G.G2
 
 CENTER_WORDS = {"x": "I", "y": "J", "z": "K"}
-"""The letter of an offset along an axis, from the start to a centre or a control point."""
+"""Letter of the offset along each axis, from the start to a centre or a control point."""
 _PLANE_LETTERS = {
     plane: [CENTER_WORDS[axis] for axis in pair] for plane, pair in PLANE_AXES.items()
 }
 _NOWHERE = Word("G", 2.0, "G2", 1, 1)
-"""Where errors of the quick way stand: nobody sees them, the slow way finds them again."""
+"""The place of errors of the fast path. The full interpretation reports them again."""
 
 
 class ArcMoves:
-    """Makes the arcs of ``motion``."""
+    """Conversion of the words of a line into an arc."""
 
     def __init__(
         self, words: AxisWords, dialect: Dialect, here: SourceLocation, state: ModalState
@@ -77,18 +77,29 @@ class ArcMoves:
         return self._block(arc, end, feed)
 
     def plane_columns(self, at: Word, what: str = "an arc") -> tuple[int, int]:
-        """The columns of the plane's two axes, for ``what`` lies in it."""
+        """Return the columns of the two axes of the plane.
+
+        Args:
+            at: Word at which errors are reported.
+            what: Name of the move in messages.
+
+        Raises:
+            GcodeError: ``axis-missing``, ``arc-rotated``.
+        """
         state = self._state
         first, second = PLANE_AXES[state.plane]
         for axis in (first, second):
             if axis not in self._axis_words.axes:
                 raise fault(
                     "axis-missing",
-                    f"{what} in the {state.plane} plane, but the machine has no {axis.upper()} axis",
+                    f"{what} in the {state.plane} plane needs the {axis.upper()} axis, "
+                    "which the machine lacks",
                     at,
                 )
         if self._axis_words.coordinates.rotation and state.plane != "XY":
-            message = f"{what} in the {state.plane} plane of a rotated coordinate system lies in no plane of the machine"
+            message = (
+                f"{what} can't be made in the {state.plane} plane of a rotated coordinate system"
+            )
             raise fault("arc-rotated", message, at, "use a coordinate system without R")
         return self._axis_words.axes.index(first), self._axis_words.axes.index(second)
 
@@ -102,9 +113,7 @@ class ArcMoves:
         turns: int,
         word: Word,
     ) -> arcs.Arc:
-        """The arc about a centre given by I, J, K (None: not given), or of a radius; errors stand
-        at ``word``.
-        """
+        """The arc of I, J, K (None for a missing word); of the radius if ``offsets`` is None."""
         state, position = self._state, self._axis_words.position
         tolerance = self._dialect.arc_mm if state.scale == 1.0 else self._dialect.arc_inch
         i, j = plane
@@ -156,13 +165,14 @@ class ArcMoves:
         if self._state.arc_absolute:
             for letter, word in zip(letters, words, strict=True):
                 if word is None:
-                    message = f"under G90.1 {user} needs both {letters[0]} and {letters[1]}; {letter} is missing"
+                    message = (
+                        f"under G90.1 {user} needs both {letters[0]} and {letters[1]}; "
+                        f"{letter} is missing"
+                    )
                     raise fault("arc-center-missing", message, at)
 
     def _take_idle_center(self, words: LineWords, user: str) -> None:
-        """Take the centre's word of the axis across the plane where the dialect lets it be written,
-        as long as it is 0.
-        """
+        """Take a centre word of 0 for the axis across the plane, if the dialect allows one."""
         if self._dialect.arc_idle_center:
             for letter in "IJK":
                 if (word := words.rest.get(letter)) and word.number == 0:
@@ -179,7 +189,7 @@ class ArcMoves:
         return whole(word, "the turns", 1, MAX_TURNS) if word else 1
 
     def _rise(self, end: list[float], i: int, j: int) -> float:
-        """The way along the axis across the plane."""
+        """Length of the move along the axis across the plane, mm."""
         third = next(
             (
                 n
@@ -191,8 +201,16 @@ class ArcMoves:
         return 0.0 if third is None else end[third] - self._axis_words.position[third]
 
     def quick(self, move: QuickMove, motion: G, end: list[float], feed: float) -> ArcFeed | None:
-        """The arc of a line of the plainest kind to a machine position, ``feed`` mm/s; None where
-        it needs a closer look.
+        """Return the arc of a simple line.
+
+        Args:
+            move: The line.
+            motion: G2 or G3.
+            end: (axes,) machine position of the end.
+            feed: mm/s.
+
+        Returns:
+            The arc; None if the line needs the full interpretation.
         """
         state = self._state
         plane, letters = self._planes.get(state.plane), _PLANE_LETTERS[state.plane]

@@ -18,14 +18,15 @@ from cnc.model.blocks import ROTARY_LETTERS
 from cnc.model.units import per_second
 
 MIN_FEED = 1e-6
-"""mm/s. What is slower is a slip: a millimetre would take eleven days."""
+"""mm/s. A slower feed is a typing error: 1 mm would take more than eleven days."""
 
 _CYCLES = frozenset(
     ("G73", "G74", "G76", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89")
 )
 _POLAR_USERS = _CYCLES | {"G0", "G1", "G2", "G3", "G38.2", "G38.3", "G38.4", "G38.5"}
-"""Codes whose point may be given by @ and ^; a cycle under G91 would have to count anew for each of
-its repeats.
+"""Codes whose point may be given by @ and ^.
+
+A cycle under G91 would need a new increment for each repeat.
 """
 
 
@@ -63,7 +64,7 @@ class AxisWords:
         self.units_changed()
 
     def units_changed(self) -> None:
-        """Millimetres (or degrees) a unit of each axis word, after G20, G21, G7 or G8."""
+        """Compute the scales again after G20, G21, G7 or G8."""
         state = self._state
         self.scales = [state.scale if linear else 1.0 for linear in self._linear]
         if state.diameter and "X" in self.column:
@@ -72,14 +73,26 @@ class AxisWords:
     # Words to coordinates
 
     def axis_values(self, words: LineWords, user: str) -> dict[int, float]:
-        """Takes the axis words of a line: mm or degrees by axis index, no offset applied."""
+        """Take the axis words of a line.
+
+        Args:
+            words: The words of the line.
+            user: Code that takes them, for messages.
+
+        Returns:
+            mm or degrees by column, without offsets.
+
+        Raises:
+            GcodeError: ``axis-not-in-dialect``, ``axis-missing``, and the errors of polar
+                coordinates.
+        """
         found: dict[int, float] = {}
         for letter in [letter for letter in words.rest if letter in AXES]:
             index = self.column.get(letter)
             if letter not in self._dialect.axes:
                 raise fault(
                     "axis-not-in-dialect",
-                    f"{letter} is no axis in the {self._dialect.name} dialect",
+                    f"{letter} is not an axis in the {self._dialect.name} dialect",
                     words.rest[letter],
                 )
             if index is None:
@@ -95,7 +108,7 @@ class AxisWords:
         return found
 
     def _polar(self, words: LineWords, user: str, found: dict[int, float]) -> None:
-        """Takes @ and ^: X and Y of what was ``found``."""
+        """Take @ and ^ and add X and Y to the values found."""
         at, x, y = polar.first_polar(words), self.column.get("X"), self.column.get("Y")
         if self._dialect.flavour != "ngc":
             raise fault(
@@ -111,13 +124,15 @@ class AxisWords:
             taker = (
                 "G53" if self._machine_words else f"{user} under G91" if user in _CYCLES else user
             )
-            raise fault("polar-not-here", f"{taker} takes no polar coordinates", at, "give X and Y")
+            raise fault(
+                "polar-not-here", f"{taker} does not take polar coordinates", at, "give X and Y"
+            )
         if self._state.plane != "XY":
             raise fault(
                 "polar-plane",
                 f"polar coordinates in the {self._state.plane} plane",
                 at,
-                "give G17: they are of X and Y",
+                "give G17: polar coordinates are X and Y",
             )
         if x is None or y is None:
             raise fault("axis-missing", "polar coordinates need the axes X and Y", at)
@@ -131,15 +146,20 @@ class AxisWords:
     def target(
         self, words: LineWords, user: str, start: list[float], *, machine: bool = False
     ) -> list[float]:
-        """The machine position that a line's axis words mean, seen from ``start``; axes without a
-        word stay there.
+        """Take the axis words of a line and return the machine position of its end.
+
+        Args:
+            words: The words of the line.
+            user: Code that takes them, for messages.
+            start: (axes,) position that increments count from. Axes without a word stay there.
+            machine: The words are machine coordinates (G53).
         """
         return self.reached(self.axis_values(words, user), start, machine=machine)
 
     def reached(
         self, values: dict[int, float], start: list[float], *, machine: bool = False
     ) -> list[float]:
-        """The machine position that axis values mean, seen from ``start``."""
+        """Return the machine position of axis values; arguments as of :meth:`target`."""
         end = start.copy()
         coordinates = self.coordinates
         if machine:
@@ -157,7 +177,7 @@ class AxisWords:
             for index, value in values.items():
                 program[index] = value
             turned = coordinates.to_machine(program)
-            # An axis that nothing moves stays where it is to the bit.
+            # Rounding must not move an axis without a value.
             plane = {self.column.get("X"), self.column.get("Y")}
             for index in {*values, *(plane if plane & values.keys() else ())} - {None}:
                 end[index] = turned[index]
@@ -171,8 +191,9 @@ class AxisWords:
     # Feed
 
     def distance(self, end: list[float]) -> float:
-        """Length of a straight move as feeds count it: over x y z if one of them moves, else over u
-        v w, else over a b c.
+        """Length of a straight move for its feed, mm or degrees.
+
+        It counts x y z if one of them moves, else u v w, else a b c.
         """
         for group in ("xyz", "uvw", "abc"):
             length = math.hypot(
@@ -187,8 +208,16 @@ class AxisWords:
         return 0.0
 
     def feed(self, words: LineWords, end: list[float], length: float, at: Word) -> float:
-        """The feed of a move in mm/s, or deg/s if only rotary axes move. ``at`` is the word that an
-        error points at.
+        """Return the feed of a move in mm/s, or in deg/s if only rotary axes move.
+
+        Args:
+            words: The words of the line; an F under G93 is taken.
+            end: (axes,) machine position of the end.
+            length: mm, used under G93.
+            at: Word at which errors are reported.
+
+        Raises:
+            GcodeError: No feed is in effect, it is too slow, or the spindle does not turn.
         """
         state = self._state
         if state.feed_mode == "inverse-time":
@@ -205,7 +234,7 @@ class AxisWords:
         return rate
 
     def straight_feed(self, end: list[float], feed: Feed) -> float:
-        """The feed of linear axes, or that of rotary axes if they move alone."""
+        """Return the feed of linear axes, or of rotary axes if only they move."""
         if self._has_rotary:
             moved = [there != here for there, here in zip(end, self.position, strict=True)]
             if any(moved) and not any(
@@ -225,21 +254,19 @@ class AxisWords:
             )
         if word.number <= 0:
             raise fault("feed-not-positive", f"{word.written}: the feed must be more than 0", word)
-        # A move of no length takes no time whatever the rate is; any positive feed says so.
+        # A move of length 0 takes no time at any feed.
         rate = per_second(word.number * (length or 1.0))
         if length and rate < MIN_FEED:
             raise fault("feed-too-slow", f"{word.written}: the feed is next to nothing", word)
         return rate
 
     def spindle_rpm(self, end: list[float], at: Word) -> float:
-        """Turns a minute on the way to ``end``: under G96 the fewest, those at the largest
-        radius.
-        """
+        """Return the revolutions per minute of a move; under G96 at the largest radius."""
         state = self._state
         if state.spindle == "off" or not state.speed:
             raise fault(
                 "spindle-stopped",
-                f"{at.written} counts turns of the spindle, which does not turn",
+                f"{at.written} needs the spindle, which does not turn",
                 at,
                 "give S and M3 before",
             )
@@ -255,16 +282,20 @@ class AxisWords:
         if math.isinf(rpm):
             raise fault(
                 "spindle-speed-unlimited",
-                "on the axis G96 asks for any speed",
+                "G96 gives an infinite spindle speed on the axis",
                 at,
-                "limit it with D in the line of G96",
+                "limit the speed with D in the line of G96",
             )
         return rpm
 
 
 def surface_rpm(speed: float, most_rpm: float, radius: float) -> float:
-    """Turns a minute at a surface speed (mm/s) and a radius (mm): at most ``most_rpm`` where that
-    is not 0; infinite on the axis.
+    """Return the revolutions per minute at a surface speed.
+
+    Args:
+        speed: Surface speed, mm/s.
+        most_rpm: Limit; 0 for none.
+        radius: mm. Without a limit the result for 0 is infinite.
     """
     rpm = speed * 60.0 / (math.tau * radius) if radius > 0.0 else math.inf
     return min(rpm, most_rpm) if most_rpm else rpm

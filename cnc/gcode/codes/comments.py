@@ -1,4 +1,4 @@
-"""Comments that show values: parameters in the text of DEBUG, PRINT and ABORT.
+"""Parameter values in the text of DEBUG, PRINT and ABORT comments.
 
 Source: LinuxCNC, "G-code overview", comment parameters.
 """
@@ -11,16 +11,16 @@ from cnc.gcode.syntax.parameters import Parameters
 from cnc.model.diagnostics import GcodeError
 
 UNKNOWN = "######"
-"""In the place of a parameter that there is not."""
+"""Replaces a parameter that does not exist."""
 _DEFAULT = ".6f"
 _PART = re.compile(r"%(?:(d)|\.([0-9])f|(f))|#(?:([0-9]+)|<([^<>]*)>)")
 
 
 def fill(text: str, parameters: Parameters) -> str:
-    """The text with values in the place of ``#1`` and ``#<name>``.
+    """Return the text with values in place of ``#1`` and ``#<name>``.
 
-    ``%d`` (no decimals), ``%f`` (four) and ``%.2f`` are taken out and hold for the parameters
-    behind them; before the first, values have six decimals. Anything else stays as it is.
+    ``%d`` (no decimals), ``%f`` (four) and ``%.2f`` are removed and apply to the parameters after
+    them. Before the first one, values have six decimals.
     """
     form = _DEFAULT
 

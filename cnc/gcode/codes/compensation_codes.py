@@ -1,11 +1,11 @@
-"""The codes of cutter compensation, G40 to G42.1, and what may not stand under it.
+"""Codes of cutter compensation, G40 to G42.1, and the codes that it excludes.
 
-G41 and G42 take the radius from the tool table: that of tool D, or of the tool in the spindle
-without D, or with D0. G41.1 and G42.1 are given the diameter by D. In the plane G18 the tool may be
-one for turning: its orientation (Q of the table, L of G41.1) tells where the control point lies,
-seen from the centre of the nose. FANUC's D is the number of an offset, and stays in effect.
+G41 and G42 take the radius from the tool table: of tool D, or of the tool in the spindle without D
+or with D0. G41.1 and G42.1 have the diameter as D. In the plane G18 the tool may be a turning tool:
+its orientation (Q of the table, L of G41.1) gives the position of the control point relative to the
+centre of the nose. FANUC's D is the number of an offset, and stays in effect.
 
-Source: LinuxCNC, "G41, G42", "G41.1, G42.1", "Lathe Tool Orientation"; of FANUC "Cutter
+Source: LinuxCNC, "G41, G42", "G41.1, G42.1", "Lathe Tool Orientation"; FANUC, "Cutter
 compensation".
 """
 
@@ -27,13 +27,13 @@ _DYNAMIC = (G.G41_1, G.G42_1)
 _LEFT = (G.G41, G.G41_1)
 
 _POINTS = ((0, 0), (1, -1), (-1, -1), (-1, 1), (1, 1), (1, 0), (0, -1), (-1, 0), (0, 1), (0, 0))
-"""Where the control point of a turning tool lies, seen from its nose's centre: Z and X in radii, by
+"""Control point of a turning tool relative to the centre of its nose: Z and X in radii, by
 orientation.
 """
 
 
 class CompensationCodes:
-    """Carries out the codes above for an interpreter."""
+    """Execution of the codes of cutter compensation."""
 
     def __init__(
         self,
@@ -53,11 +53,13 @@ class CompensationCodes:
         self._offset = 0
 
     def refuse(self, codes: Codes) -> None:
-        """GcodeError ``compensation-active`` for a code that may not stand under cutter
-        compensation, of those that are executed first.
+        """Check the codes of a line that are executed before the move.
 
-        A change of plane or tool, and M66: what is executed next may depend on its answer, so the
-        moves before it would have to end.
+        A change of plane or tool is an error, and so is M66: the next moves may depend on its
+        answer, so the held move would have to end.
+
+        Raises:
+            GcodeError: ``compensation-active``.
         """
         if not self._motion.compensated:
             return
@@ -68,7 +70,7 @@ class CompensationCodes:
             raise self._active(code.word)
 
     def code(self, words: LineWords, code: Code) -> None:
-        """G40, G41, G42, G41.1, G42.1."""
+        """Execute G40, G41, G42, G41.1 or G42.1."""
         if code.number == G.G40:
             self.off()
             return
@@ -77,12 +79,12 @@ class CompensationCodes:
             self._given(words, at) if code.number in _DYNAMIC else self._of_tool(words, at)
         )
         if radius == 0.0:
-            message = f"{at.written} with a radius of 0: the path stays as it is written"
+            message = f"{at.written} with a radius of 0 does not change the path"
             self._here.report_warning(
                 "compensation-radius-zero",
                 message,
                 at,
-                "give the tool's diameter in the tool table",
+                "enter the tool's diameter in the tool table",
             )
         side: Side = "left" if code.number in _LEFT else "right"
         columns = self._motion.arcs.plane_columns(at, "cutter compensation")
@@ -97,7 +99,7 @@ class CompensationCodes:
         self._out.defer = compensation.add
 
     def off(self) -> None:
-        """The move that is held back ends where it would end by itself."""
+        """End the compensation. The held move ends at its natural end."""
         self._motion.compensation.stop()
         self._state.compensation = G.G40
         self._out.defer = None
@@ -115,7 +117,7 @@ class CompensationCodes:
         if orientation and self._state.plane != "ZX":
             raise fault(
                 "compensation-orientation",
-                f"{orientation.written}: orientations are for turning tools, in the plane G18",
+                f"{orientation.written}: an orientation is for turning tools, in the plane G18",
                 orientation,
             )
         number = whole(orientation, "the orientation", 0, ORIENTATIONS) if orientation else 0

@@ -1,5 +1,4 @@
-"""What a line does beside moving: speed, tool, spindle, coolant, overrides, inputs and outputs,
-dwell, saved state, stop.
+"""Codes without motion: speed, tool, spindle, coolant, overrides, dwell, path control, stop.
 
 Source: LinuxCNC, "M-codes" and "Other codes"; G4, G64, G96 and G97 in "G-codes".
 """
@@ -16,12 +15,9 @@ from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.state.tool_table import MAX_TOOL
 from cnc.gcode.state.unused_words import UnusedWords
 from cnc.gcode.syntax.code_numbers import G, M
-from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
 from cnc.model.blocks import (
-    AnalogOutput,
     Coolant,
-    DigitalOutput,
     Dwell,
     End,
     Orient,
@@ -31,20 +27,14 @@ from cnc.model.blocks import (
     Spindle,
     Stop,
     Tool,
-    WaitInput,
-    WaitMode,
 )
-from cnc.model.parameter_numbers import INPUT_VALUE
 from cnc.model.units import MM_PER_INCH
 
 LONG_DWELL = 100.0
-"""s. A whole number of them may have been meant as milliseconds."""
+"""s. A whole number of seconds from here on may be meant as milliseconds."""
 MAX_DWELL = 1e6
-"""s. What is longer is a slip: it is more than eleven days."""
-MAX_CHANNEL = 63
-"""Highest number of an input or output."""
+"""s. A longer dwell is a typing error: this is more than eleven days."""
 
-_WAIT_MODES: tuple[WaitMode, ...] = ("immediate", "rise", "fall", "high", "low")
 _DIRECTIONS = ("shortest", "cw", "ccw")
 _OVERRIDE_SWITCHES: dict[G | M, str] = {
     M.M50: "feed_override",
@@ -53,15 +43,17 @@ _OVERRIDE_SWITCHES: dict[G | M, str] = {
     M.M53: "feed_stop",
 }
 _SAVED = (
-    "plane", "scale", "diameter", "absolute", "arc_absolute", "feed_mode", "feed", "constant_surface", "speed", "most_rpm", "spindle",
-    "mist", "flood", "initial_level", "path", "tolerance", "feed_override", "speed_override", "adaptive_feed", "feed_stop",
+    "plane", "scale", "diameter", "absolute", "arc_absolute", "feed_mode", "feed",
+    "constant_surface", "speed", "most_rpm", "spindle", "mist", "flood", "initial_level", "path",
+    "tolerance", "feed_override", "speed_override", "adaptive_feed", "feed_stop",
 )  # fmt: skip
-"""What M70 and M73 save of the modal state; they save the coordinate system in use, too."""
+"""Modal state that M70 and M73 save. They also save the coordinate system in use."""
 
 
 class MachineCodes:
-    """Carries out the codes that do not move. The methods are called in the standard order of
-    execution.
+    """Execution of codes without motion.
+
+    The methods are called in the standard order of execution.
     """
 
     def __init__(
@@ -70,20 +62,18 @@ class MachineCodes:
         here: SourceLocation,
         state: ModalState,
         out: BlockBuffer,
-        parameters: Parameters,
         unused_words: UnusedWords,
     ) -> None:
         self._dialect = dialect
         self._here = here
         self._state = state
         self._out = out
-        self._parameters = parameters
         self._unused_words = unused_words
 
     # Speed, tool, spindle
 
     def speed_and_tool(self, words: LineWords, codes: Codes) -> None:
-        """S and T. An S word of G96 or G97 is theirs."""
+        """Execute S and T. An S word of G96 or G97 is left to them."""
         state = self._state
         if "S" in words.rest and "spindle-mode" not in codes and (word := words.take("S", "S")):
             state.speed = self._speed(word)
@@ -97,16 +87,14 @@ class MachineCodes:
                 self._unused_words.note(word)
 
     def _speed(self, word: Word) -> float:
-        """The number of an S word as the spindle mode has it: rpm, or mm/s from metres or feet a
-        minute.
-        """
+        """Speed of an S word: rpm, or mm/s from metres or feet a minute under G96."""
         number = not_negative(word, "the spindle speed")
         if not self._state.constant_surface:
             return number
         return number * (1000.0 if self._state.scale == 1.0 else 12.0 * MM_PER_INCH) / 60.0
 
     def tool_change(self, words: LineWords, codes: Codes) -> None:
-        """M6 and M61."""
+        """Execute M6 or M61."""
         code = codes.get("tool-change")
         if code is None:
             return
@@ -136,7 +124,7 @@ class MachineCodes:
         self._out.add(Tool(here.file, here.line, state.tool))
 
     def spindle(self, words: LineWords, codes: Codes) -> None:
-        """G96 and G97, then M3, M4, M5 and M19."""
+        """Execute G96 or G97, then M3, M4, M5 or M19."""
         state = self._state
         mode, code = codes.get("spindle-mode"), codes.get("spindle")
         if mode:
@@ -151,14 +139,14 @@ class MachineCodes:
             self._spindle()
         else:
             if state.speed is None:
-                message = f"{code.word.written} without a speed ever given: the spindle stands"
+                message = f"{code.word.written} before any S word: the spindle does not turn"
                 self._here.report_warning("spindle-speed-missing", message, code.word, "give S")
             self._unused_words.mark_used("S")
             state.spindle = "cw" if code.number == M.M3 else "ccw"
             self._spindle()
 
     def _spindle_mode(self, words: LineWords, code: Code) -> None:
-        """G96 D S: constant surface speed, at most D rpm; G97 S: rpm."""
+        """G96 D S: constant surface speed, at most D rpm. G97 S: rpm."""
         state = self._state
         state.constant_surface = code.number == G.G96
         most = words.take("D", "G96") if state.constant_surface else None
@@ -171,7 +159,7 @@ class MachineCodes:
                 code.word,
                 "give S in m/min (under G20 in feet/min)",
             )
-        # Without S under G97 nobody can say what speed the surface speed is to become.
+        # A surface speed gives no rpm, so without S under G97 the speed is unknown.
         state.speed = self._speed(word) if word else None
 
     def _spindle(self) -> None:
@@ -189,7 +177,7 @@ class MachineCodes:
             self._spindle()
 
     def _orient(self, words: LineWords) -> None:
-        angle, timeout, way = (words.take(letter, "M19") for letter in "RQP")
+        angle, timeout, direction_word = (words.take(letter, "M19") for letter in "RQP")
         degrees = 0.0 if angle is None else angle.number
         if angle and not 0.0 <= degrees <= 360.0:
             raise fault(
@@ -203,7 +191,11 @@ class MachineCodes:
                 f"{timeout.written}: the time-out must be more than 0",
                 timeout,
             )
-        direction: Any = _DIRECTIONS[whole(way, "the direction", 0, 2)] if way else "shortest"
+        direction: Any = (
+            _DIRECTIONS[whole(direction_word, "the direction", 0, 2)]
+            if direction_word
+            else "shortest"
+        )
         self._state.spindle = "off"
         self._out.add(
             Orient(
@@ -215,10 +207,10 @@ class MachineCodes:
             )
         )
 
-    # Coolant, overrides, inputs and outputs
+    # Coolant, overrides
 
     def coolant(self, codes: Codes) -> None:
-        """M7, M8, M9."""
+        """Execute M7, M8 or M9."""
         if code := codes.get("coolant"):
             state = self._state
             state.mist = code.number == M.M7 or (state.mist and code.number == M.M8)
@@ -231,7 +223,7 @@ class MachineCodes:
         )
 
     def overrides(self, words: LineWords, codes: Codes) -> None:
-        """M48 to M53; P0 switches off, P1 or no P on."""
+        """Execute M48 to M53. P0 switches off; P1 or no P switches on."""
         code = codes.get("overrides")
         if code is None:
             return
@@ -257,88 +249,10 @@ class MachineCodes:
             )
         )
 
-    def input_output(self, words: LineWords, codes: Codes) -> None:
-        """M62 to M68."""
-        code = codes.get("input-output")
-        if code is None:
-            return
-        here, number = self._here, code.number
-        if number == M.M66:
-            self._wait(words, code)
-        elif number in (M.M67, M.M68):
-            channel, value = self._channel(words, code, "E"), words.take("Q", code.word.written)
-            if value is None:
-                raise fault(
-                    "output-value-missing",
-                    f"{code.word.written} needs a Q word",
-                    code.word,
-                    "give Q and the value",
-                )
-            self._out.add(
-                AnalogOutput(here.file, here.line, channel, value.number, number == M.M67)
-            )
-        else:
-            self._out.add(
-                DigitalOutput(
-                    here.file,
-                    here.line,
-                    self._channel(words, code, "P"),
-                    number in (M.M62, M.M64),
-                    number in (M.M62, M.M63),
-                )
-            )
-
-    def _channel(self, words: LineWords, code: Code, letter: str) -> int:
-        word = words.take(letter, code.word.written)
-        if word is None:
-            raise fault(
-                "channel-missing",
-                f"{code.word.written} needs a {letter} word",
-                code.word,
-                f"give {letter} and the channel's number",
-            )
-        return whole(word, "the channel", 0, MAX_CHANNEL)
-
-    def _wait(self, words: LineWords, code: Code) -> None:
-        here, analog = self._here, "E" in words.rest
-        if analog and "P" in words.rest:
-            raise fault(
-                "channel-missing",
-                "M66 takes P or E, not both",
-                words.rest["P"],
-                "P is a digital input, E an analog one",
-            )
-        channel = self._channel(words, code, "E" if analog else "P")
-        word = words.take("L", "M66")
-        mode = _WAIT_MODES[whole(word, "the way to wait", 0, 4)] if word else "immediate"
-        limit = words.take("Q", "M66")
-        if word and mode != "immediate":
-            if analog:
-                raise fault(
-                    "wait-analog",
-                    f"{word.written}: an analog input can only be read at once",
-                    word,
-                    "give L0",
-                )
-            if limit is None or limit.number <= 0.0:
-                raise fault(
-                    "wait-time-missing",
-                    f"M66 {word.written} needs a time",
-                    limit or word,
-                    "give Q and the seconds to wait at most",
-                )
-        seconds = not_negative(limit, "the time") if limit else 0.0
-        self._out.ask(
-            WaitInput(here.file, here.line, channel, analog, mode, seconds), self._answered
-        )
-
-    def _answered(self, answer: tuple[float, ...]) -> None:
-        self._parameters.values[INPUT_VALUE] = answer[0]
-
     # Dwell, path control
 
     def dwell(self, words: LineWords, code: Code) -> None:
-        """G4."""
+        """Execute G4."""
         word, letters = code.word, self._dialect.dwell
         times = [(letter, time) for letter in letters if (time := words.take(letter, "G4"))]
         if not times:
@@ -359,16 +273,19 @@ class MachineCodes:
                 time,
             )
         if seconds >= LONG_DWELL and letters[letter] == 1.0 and "." not in time.written:
-            message = f"{time.written} is {seconds:g} s here; controls that count milliseconds take {seconds / 1000.0:g} s"
+            message = (
+                f"{time.written} is {seconds:g} s here; controls that count milliseconds "
+                f"take {seconds / 1000.0:g} s"
+            )
             self._here.report_warning(
                 "dwell-long", message, time, f"write {time.written}. if seconds are meant"
             )
         self._out.add(Dwell(self._here.file, self._here.line, seconds))
 
     def path_control(self, words: LineWords, code: Code) -> None:
-        """G61, G61.1, G64; P0 is the exact path.
+        """Execute G61, G61.1 or G64. P0 is the exact path.
 
-        Q of G64, a tolerance for merging straight moves, is not asked for: P serves both.
+        Q of G64, a tolerance for merging straight moves, has no effect: P serves both.
         """
         control: PathControl = "blend"
         tolerance = 0.0
@@ -391,28 +308,30 @@ class MachineCodes:
     # State, stop
 
     def save(self) -> ModalState:
-        """The modal state, for :meth:`restore`."""
+        """Return the modal state, for :meth:`restore`."""
         return replace(self._state)
 
     def restore(self, saved: ModalState) -> None:
-        """Back to a saved state (M72): what differs outside the interpreter is said in blocks."""
+        """Restore a saved state (M72). Blocks report each change outside the interpreter."""
         state = self._state
         before = replace(state)
         for name in _SAVED:
             setattr(state, name, getattr(saved, name))
-        spoken: tuple[tuple[tuple[str, ...], Any], ...] = (
+        reports: tuple[tuple[tuple[str, ...], Any], ...] = (
             (("spindle", "speed", "constant_surface", "most_rpm"), self._spindle),
             (("mist", "flood"), self._coolant),
             (("feed_override", "speed_override", "adaptive_feed", "feed_stop"), self._overrides),
             (("path", "tolerance"), self._path),
         )
-        for names, speak in spoken:
+        for names, report in reports:
             if any(getattr(state, name) != getattr(before, name) for name in names):
-                speak()
+                report()
 
     def stop(self, code: Code) -> bool:
-        """M0, M1, M60, M2, M30; the last two also stop spindle and coolant. Whether the program is
-        over.
+        """Execute M0, M1, M60, M2 or M30. The last two also stop spindle and coolant.
+
+        Returns:
+            Whether the program ends.
         """
         here, state = self._here, self._state
         if code.number in (M.M0, M.M1, M.M60):

@@ -1,7 +1,6 @@
-"""System variables of FANUC's macros: positions and modal codes as a program reads them, and what
-it does by setting one.
+"""System variables of FANUC's macros: positions, modal codes and stops.
 
-Source: FANUC Series 0i, "System variables". Distances are in the units of the program.
+Distances are in the units of the program. Source: FANUC Series 0i, "System variables".
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from cnc.model import parameter_numbers as numbers
 from cnc.model.blocks import Stop
 
 _LAST_PLAIN = G.G33
-"""Motion codes beyond are cycles, which have a group of their own."""
+"""Higher motion codes are cycles, which are a group of their own."""
 _PLANE_CODES = {plane: code.code for code, plane in PLANES.items()}
 _FEED_CODES = {mode: code.code for code, mode in FEED_MODES.items()}
 
@@ -33,11 +32,19 @@ def bind(
     out: BlockBuffer,
     position: Callable[[], list[float]],
 ) -> None:
-    """Show the state, and take what a program does by setting a variable.
+    """Show the state as variables, and act on the variables that a program sets.
 
-    #4001 and on are the codes in effect by FANUC's groups, #4109 F, #4119 S (rpm), #4120 T; #5001
-    and on and #5041 and on the position in the coordinate system, #5021 and on that of the machine,
-    which ``position`` tells in mm.
+    #4001 to #4014 are the codes in effect by FANUC's groups, #4109 is F, #4119 S (rpm) and #4120 T.
+    #5001 and #5041 are the first of the position in the coordinate system, #5021 of the machine
+    position.
+
+    Args:
+        parameters: The parameters of the program.
+        state: The modal state.
+        here: Place of the current line.
+        coordinates: The coordinate systems.
+        out: Receives the stops.
+        position: Returns the machine position in mm.
     """
     groups: dict[int, Callable[[], float]] = {
         1: lambda: 0.0 if state.motion is None or state.motion > _LAST_PLAIN else state.motion.code,

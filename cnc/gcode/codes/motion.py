@@ -1,7 +1,6 @@
-"""Axis words to moves.
+"""Motion codes: selection and execution of the move of a line.
 
-The position is kept in machine coordinates, so offsets and units change what words mean and never
-where the machine stands. Straight moves and arcs are here; other motion codes register a handler.
+G0 to G3 are executed here. The modules of other motion codes register a handler.
 """
 
 from __future__ import annotations
@@ -34,33 +33,42 @@ _STRAIGHT = (G.G0, G.G1)
 _ARCS = (G.G2, G.G3)
 
 Handler = Callable[[LineWords, Code | None], None]
-"""Makes the move of a motion code: takes the words of the line and sets the position. The code is
-None where it was in effect already.
+"""Makes the move of a motion code: takes the words of the line and sets the position.
+
+The code is None if it was in effect already.
 """
 
 
 class Collector(Protocol):
-    """A curve that is written over many lines."""
+    """A curve whose definition takes many lines."""
 
     def line(self, words: LineWords, codes: Codes) -> bool:
-        """Take a line; whether it is used up. The collector ends itself by ``motion.collector =
-        None``.
+        """Take a line. The last one sets ``motion.collector = None``.
+
+        Returns:
+            Whether the line belongs to the curve, and must not be executed otherwise.
         """
 
     def end(self, what: str) -> None:
-        """The program ends: completes the curve, or raises the error of one that ends before it is
-        complete.
+        """Complete the curve at the program end.
+
+        Args:
+            what: Description of the error.
+
+        Raises:
+            GcodeError: The curve is not complete.
         """
 
 
 class Motion(AxisWords):
-    """Where the machine stands and how it moves.
+    """Execution of moves.
 
-    ``position`` is the programmed one in machine coordinates; ``column`` tells the column of an
-    axis letter; ``handlers`` makes the moves of motion codes other than G0 to G3; ``collector`` is
-    the curve that is being collected, if any; ``compensation`` turns moves into those of the tool's
-    centre; ``before`` is the motion code that was in effect before the line; ``again`` tells the
-    letters that repeat the move of a motion code in effect without an axis word.
+    Attributes:
+        handlers: Handlers of motion codes other than G0 to G3.
+        collector: The curve that is being defined, if any.
+        compensation: Cutter radius compensation of the moves.
+        motion_before: Motion code in effect before the line.
+        repeat_words: Letters that repeat the move of a motion code without an axis word.
     """
 
     def __init__(
@@ -89,11 +97,16 @@ class Motion(AxisWords):
         """Whether cutter compensation is on."""
         return self.compensation.on
 
-    # Which move a line asks for
+    # Selection
 
     def check(self, words: LineWords, codes: Codes) -> G | None:
-        """The motion code that this line's words belong to, before anything is executed; None for a
-        line without a move.
+        """Find the motion code of a line before it is executed.
+
+        Returns:
+            The code; None for a line without a move.
+
+        Raises:
+            GcodeError: The words and the codes of the line do not fit together.
         """
         code, special, state = codes.get("motion"), codes.get("non-modal"), self._state
         self._machine_words = special is not None and special.number == G.G53
@@ -144,8 +157,9 @@ class Motion(AxisWords):
         return self._modal_move(words, special)
 
     def _axis_beside_dwell(self, words: LineWords, code: Code | None) -> bool:
-        """Whether a line with G4 has axis words for a move; where the dwell itself takes an axis
-        letter, no move may stand beside it.
+        """Whether a line with G4 has axis words of a move.
+
+        If an axis letter is the time of the dwell, the line can't have a move.
         """
         timed = [
             letter for letter in self._dialect.dwell if letter in AXES and letter in words.rest
@@ -161,7 +175,7 @@ class Motion(AxisWords):
     def _explicit(
         self, words: LineWords, code: Code, special: Code | None, has_axis: bool
     ) -> G | None:
-        """A line with a motion code of its own."""
+        """Check a line that has a motion code."""
         if self._machine_words and special:
             if code.number not in _STRAIGHT:
                 raise fault(
@@ -182,7 +196,7 @@ class Motion(AxisWords):
                 word = words.first_axis()
                 raise fault(
                     "motion-missing",
-                    f"{word.written} with {code.word.written}: there is no motion to make",
+                    f"{word.written} with {code.word.written}, which makes no move",
                     word,
                     "give G0 or G1",
                 )
@@ -192,7 +206,7 @@ class Motion(AxisWords):
         return code.g
 
     def _modal_move(self, words: LineWords, special: Code | None) -> G:
-        """Axis words without a motion code: the one in effect."""
+        """Check axis words that belong to the motion code in effect."""
         word, motion = words.first_axis(), self._state.motion
         if special and not self._machine_words:
             message = f"{word.written} with {special.word.written}, but no motion code in this line"
@@ -216,8 +230,9 @@ class Motion(AxisWords):
         return motion
 
     def move(self, words: LineWords, motion: G | None, explicit: Code | None = None) -> None:
-        """Make the move that :meth:`check` found; ``explicit`` is the line's own motion code, if it
-        has one.
+        """Make the move of the code that :meth:`check` returned.
+
+        ``explicit`` is the motion code of the line, if it has one.
         """
         if motion is None:
             return
@@ -236,11 +251,11 @@ class Motion(AxisWords):
             self.handlers[motion](words, explicit)
 
     def traverse(self, end: list[float]) -> None:
-        """A straight move as fast as the axes allow, to a machine position."""
+        """Make a straight move to a machine position as fast as the axes allow."""
         self.feed_to(end, math.nan)
 
     def feed_to(self, end: list[float], feed: float) -> None:
-        """A straight move at ``feed`` mm/s, to a machine position."""
+        """Make a straight move to a machine position at ``feed`` mm/s."""
         if self.compensation.active:
             self.compensation.move(end, feed, self._here.line)
         else:
@@ -248,7 +263,7 @@ class Motion(AxisWords):
         self.position = end
 
     def arc(self, block: ArcFeed) -> None:
-        """An arc from the position."""
+        """Make an arc from the position."""
         if self.compensation.active:
             self.compensation.arc(block)
         else:
@@ -256,7 +271,7 @@ class Motion(AxisWords):
         self.position = block.end.tolist()
 
     def spline(self, block: NurbsFeed) -> None:
-        """A spline from the position."""
+        """Make a spline from the position."""
         self._out.add(block)
         self.position = block.control_points[-1].tolist()
 

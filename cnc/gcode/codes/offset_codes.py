@@ -1,8 +1,7 @@
-"""Codes that set coordinate systems, shifts and stored positions, and those that go to them: G10 L2
-and L20, G28, G30, G52 to G59.3, G92.
+"""Codes of coordinate systems, shifts and reference positions: G10 L2 and L20, G28 to G92.3.
 
-Source: LinuxCNC, "G-codes"; for FANUC its "Programmable data input", "Reference position return"
-and "Local coordinate system". G53 has told the move already; here it is only checked.
+G53 is only checked here; its effect on the axis words is in the move. Source: LinuxCNC, "G-codes";
+FANUC, "Programmable data input", "Reference position return" and "Local coordinate system".
 """
 
 from __future__ import annotations
@@ -21,9 +20,7 @@ _ORIGINS = (2, 20)
 
 
 class OffsetCodes:
-    """Carries out the codes above for an interpreter. Under cutter compensation most are
-    refused.
-    """
+    """Execution of the codes of offsets. Most are an error under cutter compensation."""
 
     def __init__(
         self, dialect: Dialect, state: ModalState, motion: Motion, tools: ToolCodes
@@ -35,7 +32,7 @@ class OffsetCodes:
         self._tools = tools
 
     def system(self, words: LineWords, code: Code) -> None:
-        """G54 to G59.3, and FANUC's G54.1 P."""
+        """Execute G54 to G59.3, or FANUC's G54.1 P."""
         self._check_compensation(code.word)
         if code.number == G.G54_1:
             word = words.take("P", code.word.written)
@@ -50,7 +47,7 @@ class OffsetCodes:
         self._coordinates.select(index)
 
     def _more(self, word: Word) -> int:
-        """The index of the coordinate system that P of G54.1 names."""
+        """Index of the coordinate system that P of G54.1 names."""
         return (
             self._coordinates.systems
             + whole(word, "the coordinate system", 1, self._dialect.more_systems)
@@ -58,7 +55,7 @@ class OffsetCodes:
         )
 
     def non_modal(self, words: LineWords, code: Code) -> None:
-        """G10, G28, G28.1, G30, G30.1, G52, G53, G92 to G92.3."""
+        """Execute G10, G28, G28.1, G30, G30.1, G52, G53 or G92 to G92.3."""
         number, coordinates = code.g, self._coordinates
         if number == G.G10:
             self._g10(words, code.word)
@@ -82,7 +79,7 @@ class OffsetCodes:
             coordinates.restore_shift()
 
     def _values(self, words: LineWords, user: str, at: Word) -> dict[int, float]:
-        """The axis words, of which there must be one."""
+        """Take the axis words, at least one."""
         values = self._motion.axis_values(words, user)
         if not values:
             raise fault("axis-words-missing", f"{at.written} needs axis words", at, "such as X0 Y0")
@@ -98,8 +95,9 @@ class OffsetCodes:
             )
 
     def _check_machine_move(self, at: Word) -> None:
-        """G53 under G91: some controllers refuse it, others count from the machine's zero all the
-        same.
+        """Refuse G53 under G91 if the dialect does.
+
+        Some controllers read its axis words as absolute.
         """
         if not self._state.absolute and not self._dialect.machine_in_incremental:
             raise fault(
@@ -109,8 +107,9 @@ class OffsetCodes:
     # Reference positions
 
     def _go_home(self, words: LineWords, code: Code) -> None:
-        """By way of the point that the axis words give; then only the axes given go on to the
-        stored position, or all if none is given.
+        """Move through the point of the axis words to the stored position.
+
+        Only the given axes go on from the point, or all if none is given.
         """
         motion, stored = self._motion, self._home(words, code)
         columns = [
@@ -125,13 +124,14 @@ class OffsetCodes:
                 "axis-words-missing",
                 f"{code.word.written} needs axis words",
                 code.word,
-                "give the axes that are to go, such as Z0",
+                "give the axes that must move, such as Z0",
             )
         motion.traverse(self._partly_home(columns, stored))
 
     def _partly_home(self, columns: list[int], stored: list[float]) -> list[float]:
-        """The stored position in the axes of ``columns`` (all if none), which are turned with the
-        coordinate system as words are.
+        """The stored position for the axes of ``columns``, or for all if there are none.
+
+        The axes are those of the coordinate system.
         """
         if not columns:
             return stored
@@ -146,7 +146,7 @@ class OffsetCodes:
         return coordinates.to_machine(end)
 
     def _home(self, words: LineWords, code: Code) -> list[float]:
-        """The stored position; FANUC's P2 to P4 of G30 say which."""
+        """The stored position; FANUC's P2 to P4 of G30 select one."""
         home = _HOME[code.g]
         if (
             self._dialect.offset_memory
@@ -173,7 +173,7 @@ class OffsetCodes:
                 "offset-kind-missing",
                 f"{at.written} needs an L word",
                 at,
-                "L2 sets an origin, L20 the present position",
+                "L2 sets an origin, L20 sets it by the present position",
             )
         if kind.whole not in dialect.offsets:
             raise fault(
@@ -219,16 +219,21 @@ class OffsetCodes:
         if word is None:
             return None
         if not self._dialect.rotation:
-            message = f"R of G10, rotation of the coordinate system, is not in the {self._dialect.name} dialect"
+            message = (
+                "R of G10 (rotation of the coordinate system) is not in the "
+                f"{self._dialect.name} dialect"
+            )
             raise fault("word-not-in-dialect", message, word)
         if not self._coordinates.can_rotate:
             raise fault(
-                "axis-missing", f"{word.written} turns X and Y, and the machine has not both", word
+                "axis-missing",
+                f"{word.written} rotates X and Y, and the machine does not have both",
+                word,
             )
         return word.number
 
 
 def _kinds(known: tuple[int, ...]) -> str:
-    """The L words of G10 that there are."""
+    """A list of the L words that G10 has."""
     *most, last = (f"L{kind}" for kind in known)
-    return f"there are {', '.join(most)} and {last}"
+    return f"the dialect has {', '.join(most)} and {last}"

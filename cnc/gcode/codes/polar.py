@@ -1,8 +1,7 @@
-"""Polar coordinates: ``@`` is the distance and ``^`` the angle of a point from the zero of the
-coordinate system, in X and Y.
+"""Polar coordinates: ``@`` is the distance and ``^`` the angle of a point in X and Y.
 
-Under G91 both count from those of the present position. What is not given stays. Source: LinuxCNC,
-"G-code overview", polar coordinates.
+They count from the zero of the coordinate system, and under G91 from those of the present position.
+A missing word leaves its value as it is. Source: LinuxCNC, "G-code overview", polar coordinates.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from cnc.gcode.syntax.words import POLAR, LineWords, Word, fault
 
 
 def first_polar(words: LineWords) -> Word | None:
-    """The leftmost polar word left."""
+    """The leftmost remaining polar word."""
     return min(
         (word for letter, word in words.rest.items() if letter in POLAR),
         key=lambda word: word.column,
@@ -25,18 +24,24 @@ def first_polar(words: LineWords) -> Word | None:
 def point(
     words: LineWords, user: str, here: tuple[float, float], scale: float, *, absolute: bool
 ) -> tuple[float, float]:
-    """Takes the polar words of a line: the X and Y that they mean, absolute or incremental as the
-    line is. mm.
+    """Take the polar words of a line and return X and Y in mm, incremental if the line is.
 
-    ``here`` is the present position in the coordinate system, mm; ``scale`` is millimetres a unit.
-    GcodeError ``polar-at-origin``.
+    Args:
+        words: The words of the line.
+        user: Code that takes them, for messages.
+        here: Present X and Y in the coordinate system, mm.
+        scale: mm of a program unit.
+        absolute: Whether G90 is in effect.
+
+    Raises:
+        GcodeError: ``polar-at-origin``.
     """
     radius, angle = math.hypot(*here), math.degrees(math.atan2(here[1], here[0]))
     at = first_polar(words)
     if not absolute and radius == 0:
         raise fault(
             "polar-at-origin",
-            "an increment of polar coordinates means nothing at the zero point",
+            "at the zero point a polar increment has no direction",
             at,
             "give G90, or X and Y",
         )

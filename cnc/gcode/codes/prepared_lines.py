@@ -1,5 +1,6 @@
-"""What can be known of a statement before it is executed, worked out once for all the times that a
-loop brings it by.
+"""Preparation of statements: the part of their interpretation that needs no parameter values.
+
+A statement in a loop is prepared once.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from cnc.gcode.syntax.statement import Statement, Value
 from cnc.gcode.syntax.words import AXES, MAX_NUMBER, LineWords, Word, fault
 
 NEAR_CODE = 1e-3
-"""How far from a whole number ten times a computed code may be."""
+"""Largest distance of ten times a computed code from a whole number."""
 _DISTANCES = AXES | frozenset("IJKR")
 _MOTION_OF = {motion.code: motion for motion in QUICK_MOTIONS}
 _ARC, _FEED, _CODE, _NUMBER, _OTHER = -1, -2, -3, -4, -5
@@ -25,15 +26,20 @@ _QUICK_WORDS = AXES | frozenset("FIJKR")
 
 
 Known = float | Value
-"""A number, or the way to compute it. Programs hold so many numbers that a closure for each would
-keep the garbage collector busy.
+"""A number, or the function that computes it.
+
+A closure for each number would slow down the garbage collector.
 """
 
 
 class QuickMove(NamedTuple):
-    """A line of nothing but G0 to G3 (None: the motion code in effect), axis words, I J K R and F.
+    """A line of only G0 to G3, axis words, I J K R and F.
 
-    axes: column and value of each axis word; arc: letter and value of I, J, K, R.
+    Attributes:
+        motion: None for the motion code in effect.
+        axes: Column and value of each axis word.
+        arc: Letter and value of I, J, K and R.
+        feed: Value of F.
     """
 
     motion: G | None
@@ -44,10 +50,11 @@ class QuickMove(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PreparedLine:
-    """A statement, and its words sorted, the ``computed`` ones still without a number.
+    """A statement and its sorted words; the ``computed`` ones have no number yet.
 
-    ``codes`` is None where they have to be computed; ``quick`` is the quick way to make its move,
-    if that is of the plainest kind.
+    Attributes:
+        codes: The codes by modal group; None if a code is computed.
+        quick: The move for the fast path, if the line is simple enough.
     """
 
     statement: Statement
@@ -56,8 +63,9 @@ class PreparedLine:
     quick: QuickMove | None
 
     def line_words(self, parameters: Parameters) -> LineWords:
-        """The words for one execution, every number computed. A word that FANUC's vacant value
-        stands in is as if not written.
+        """Return the words for one execution with their computed numbers.
+
+        A word with FANUC's vacant value counts as not written.
         """
         statement = self.statement
         if not statement.computed:
@@ -70,9 +78,7 @@ class PreparedLine:
             if math.isnan(number):
                 vacant.append(index)
             elif not -MAX_NUMBER <= number <= MAX_NUMBER:
-                message = (
-                    f"{word.written} comes to {number:g}, which is larger than {MAX_NUMBER:.0f}"
-                )
+                message = f"{word.written} is {number:g}; the limit is {MAX_NUMBER:.0f}"
                 raise fault("number-too-large", message, word)
             elif word.letter in "GM":
                 words[index] = _code(word, number)
@@ -84,17 +90,22 @@ class PreparedLine:
 
 
 def _code(word: Word, number: float) -> Word:
-    """A code that was computed, as near to a tenth as computing comes; it is called by its number
-    from here on.
-    """
+    """A computed code, rounded to a tenth if it is close to one. Messages name it by its number."""
     tenths = round(number * 10)
     code = tenths / 10 if abs(number * 10 - tenths) < NEAR_CODE else number
     return Word(word.letter, code, f"{word.letter}{code:g}", word.column, word.length)
 
 
 def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> PreparedLine:
-    """Sort the words and look for the quick way; ``column`` tells the column of an axis letter.
-    Raises what is wrong with the words.
+    """Prepare a statement.
+
+    Args:
+        statement: The statement.
+        dialect: The dialect.
+        column: Column of each axis letter.
+
+    Raises:
+        GcodeError: The words or codes are wrong.
     """
     words = LineWords.of(statement.words)
     computed = {index for index, _ in statement.computed}
@@ -104,8 +115,9 @@ def prepare(statement: Statement, dialect: Dialect, column: dict[str, int]) -> P
 
 
 def kinds_of_letters(dialect: Dialect, column: dict[str, int]) -> list[int]:
-    """What a letter is to :func:`move_of`, by its code: the column of an axis of dialect and
-    machine, or one of the kinds below.
+    """Return the kinds of all letters for :func:`move_of`, by ASCII code.
+
+    A kind is the column of an axis, or one of the negative constants.
     """
     kinds = [_OTHER] * 128
     for letter, kind in {
@@ -121,8 +133,10 @@ def kinds_of_letters(dialect: Dialect, column: dict[str, int]) -> list[int]:
 
 
 def move_of(letters: Iterable[int], numbers: Iterable[float], kinds: list[int]) -> QuickMove | None:
-    """The quick way for words by the codes of their letters; None where that line is of another
-    kind, or may be wrong.
+    """Return the move of a line from its letters (ASCII codes) and numbers.
+
+    Returns:
+        None if the line is not a simple move, or may be wrong.
     """
     motion: G | None = None
     feed: float | None = None
@@ -142,7 +156,7 @@ def move_of(letters: Iterable[int], numbers: Iterable[float], kinds: list[int]) 
         elif kind == _FEED:
             feed = number
         elif kind == _OTHER or (number == 0.0 and math.copysign(1.0, number) < 0.0):
-            # A minus makes no code and no line number, not even before a zero.
+            # A code or line number with a minus is an error, even -0.
             return None
         elif kind == _CODE:
             motion = _MOTION_OF.get(number)
@@ -154,8 +168,7 @@ def move_of(letters: Iterable[int], numbers: Iterable[float], kinds: list[int]) 
 
 
 def without_point(statement: Statement, *, collected: bool) -> Word | None:
-    """The first word of a distance or an angle that is written without a decimal point, and isn't
-    0.
+    """Return the first distance or angle that is not 0 and has no decimal point.
 
     In a line that is ``collected`` for a NURBS, and in that of G6.2, only axis words are distances:
     K is a knot and R a weight.

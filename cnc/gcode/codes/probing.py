@@ -1,8 +1,8 @@
-"""Probing: G38.2 to G38.5.
+"""Probing moves: G38.2 to G38.5.
 
-The program goes on from where contact was made (or lost), which only the board can tell; without
-one it is the end of the move. Contact in program coordinates and units is left in #5061 to #5069,
-and in #5070 whether there was any. Source: LinuxCNC 2.9, "G-codes", G38.n.
+The program continues from the contact (or its loss), which only the board reports; without a board,
+from the end of the move. The contact in program coordinates and units is stored in #5061 to #5069,
+and in #5070 whether there was one. Source: LinuxCNC 2.9, "G-codes", G38.n.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PROBES = {
     G.G38_4: (False, True),
     G.G38_5: (False, False),
 }
-"""Of each code: whether towards the work, and whether it is an error to find nothing."""
+"""For each code: whether it moves towards the workpiece, and whether no contact is an error."""
 LINEAR = "XYZUVW"
 
 
@@ -37,13 +37,13 @@ def register(
     out: BlockBuffer,
     parameters: Parameters,
 ) -> None:
-    """Let ``motion`` make G38.2 to G38.5."""
+    """Register the handlers of G38.2 to G38.5."""
     made = Probing(motion, state, here, out, parameters)
     motion.handlers |= dict.fromkeys(PROBES, made.probe)
 
 
 class Probing:
-    """Makes the lines of G38.2 to G38.5."""
+    """Execution of probing moves."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class Probing:
         self._parameters = parameters
 
     def probe(self, words: LineWords, code: Code | None) -> None:
-        """One probing move."""
+        """Make one probing move."""
         motion, state, here = self._motion, self._state, self._here
         assert state.motion is not None
         name = state.motion.written
@@ -73,19 +73,18 @@ class Probing:
                 "axis-words-missing",
                 f"{name} needs axis words",
                 at,
-                "give how far to probe at most, such as Z-10",
+                "give the end of the probing move, such as Z-10",
             )
         refuse_axes(words, name, LINEAR)
         end = motion.target(words, name, motion.position)
         towards, must = PROBES[state.motion]
         if must and end == motion.position:
             raise fault(
-                "probe-length", f"{name} to where the probe is: nothing can be found on the way", at
+                "probe-length", f"{name} has no length: its end is the present position", at
             )
         feed = motion.feed(words, end, motion.distance(end), at)
-        if (
-            end == motion.position
-        ):  # G38.3 and G38.5 may find nothing: loops that clear a probe begin where it is clear
+        # G38.3 and G38.5 may end without contact: a loop that clears the probe starts clear.
+        if end == motion.position:
             self._found((0.0, *end))
             motion.compensation.led_out()
             return
@@ -94,9 +93,7 @@ class Probing:
         motion.compensation.led_out()
 
     def _found(self, answer: tuple[float, ...]) -> None:
-        """Take in what the board (or nobody) answered: whether there was contact, and the machine
-        position of it.
-        """
+        """Store the answer of the board: whether there was contact, and its machine position."""
         motion, values = self._motion, self._parameters.values
         motion.position = list(answer[1:])
         program = motion.coordinates.to_program(motion.position)

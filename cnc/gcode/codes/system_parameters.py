@@ -1,6 +1,6 @@
-"""System parameters: the interpreter's state as a program reads it, ``#<_metric>`` and the like.
+"""System parameters: the modal state as a program reads it, such as ``#<_metric>``.
 
-Source: LinuxCNC, "Named Parameters", predefined named parameters. Coordinates and tools show their
+Source: LinuxCNC, "Named Parameters", predefined named parameters. Coordinates and tools bind their
 own.
 """
 
@@ -15,13 +15,13 @@ from cnc.gcode.syntax.parameters import Parameters
 from cnc.model.units import per_minute
 
 VERSION = (2.9, 0.0)
-"""LinuxCNC's version whose language this is: #<_vmajor>, #<_vminor>."""
+"""LinuxCNC's version of the language: #<_vmajor>, #<_vminor>."""
 
 _PLANE_CODES = {plane: float(code) for code, plane in PLANES.items()}
 
 
 def bind(parameters: Parameters, state: ModalState, here: SourceLocation) -> None:
-    """Show the modal state."""
+    """Show the modal state as parameters."""
     readers: dict[str, Callable[[], float]] = {
         "_vmajor": lambda: VERSION[0],
         "_vminor": lambda: VERSION[1],
@@ -67,7 +67,7 @@ def _as_float(read: Callable[[], float]) -> Callable[[], float]:
 
 
 def feed_word(state: ModalState) -> float:
-    """The F word in effect, as it was written."""
+    """Return the F word in effect as it was written."""
     if state.feed is None:
         return 0.0
     return (

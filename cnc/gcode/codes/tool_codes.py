@@ -1,8 +1,8 @@
-"""Codes of the tool table and of tool offsets: G10 L0, L1, L10 to L13, G43, G43.1, G43.2, G44, G49.
+"""Codes of the tool table and of tool offsets: G10 L0 to L13, G43, G43.1, G43.2, G44, G49.
 
-Where a machine has a tool table, an offset belongs to a tool and holds for all axes. FANUC's offset
-memory has lengths (H) and radii (D), each a geometry and a wear; here number n of both is kept with
-tool n. Source: LinuxCNC, "G-codes"; FANUC, "Tool length offset" and "Programmable data input".
+With a tool table, an offset belongs to a tool and holds for all axes. FANUC's offset memory has
+lengths (H) and radii (D), each a geometry and a wear; here number n of both is stored with tool n.
+Source: LinuxCNC, "G-codes"; FANUC, "Tool length offset" and "Programmable data input".
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 
 
 class ToolCodes:
-    """Carries out the codes above for an interpreter."""
+    """Execution of the codes of tools."""
 
     def __init__(
         self, dialect: Dialect, state: ModalState, motion: Motion, table: ToolTable
@@ -35,14 +35,14 @@ class ToolCodes:
         parameters.bind("_selected_pocket", lambda: self._pocket(state.tool))
 
     def _pocket(self, tool: int | None) -> float:
-        """Where a tool is kept; 0 without one."""
+        """Pocket of a tool; 0 without one."""
         entry = None if tool is None else self._table.tool(tool)
         return 0.0 if entry is None else float(entry.pocket)
 
     # Offsets in effect
 
     def tool_length(self, words: LineWords, code: Code) -> None:
-        """G43, G43.1, G43.2, G44, G49."""
+        """Execute G43, G43.1, G43.2, G44 or G49."""
         at, number = code.word, code.number
         if number == G.G49 and not any(self._coordinates.tool_offset):
             return
@@ -102,7 +102,7 @@ class ToolCodes:
         return [values.get(index, old) for index, old in enumerate(offset)]
 
     def _of_h(self, words: LineWords, at: Word) -> list[float]:
-        """The offset of H, or of the tool in the spindle."""
+        """Offset of H, or of the tool in the spindle."""
         word = words.take("H", at.written)
         if word is None and self._dialect.offset_memory:
             raise fault(
@@ -124,7 +124,11 @@ class ToolCodes:
         ]
 
     def entry(self, number: int, at: Word) -> ToolEntry:
-        """A tool of the table, or an error at the word that asks for it."""
+        """Return a tool of the table.
+
+        Raises:
+            GcodeError: ``tool-unknown``, ``tool-table-missing``, at the word ``at``.
+        """
         entry = self._table.tool(number)
         if entry is not None:
             return entry
@@ -144,8 +148,10 @@ class ToolCodes:
     # G10
 
     def g10(self, words: LineWords, kind: int, at: Word) -> None:
-        """L0 reads the table's file again; L1, L10 and L11 write a tool; under FANUC L10 to L13
-        write the offset memory.
+        """Execute G10 L0, L1 and L10 to L13.
+
+        L0 reads the table's file again. L1, L10 and L11 change a tool; in FANUC's dialect L10 to
+        L13 change the offset memory.
         """
         if kind == 0:
             if self._state.loaded:
@@ -172,8 +178,9 @@ class ToolCodes:
             self._write_tool(words, kind, self.entry(number, word), at)
 
     def _write_tool(self, words: LineWords, kind: int, entry: ToolEntry, at: Word) -> None:
-        """L1 sets offsets, L10 and L11 those that give the position the values of the axis words;
-        R, I, J, Q are data of the tool.
+        """L1 sets the offsets; L10 and L11 set those that give the position the axis values.
+
+        R, I, J and Q are the radius, the angles and the orientation of the tool.
         """
         values = self._motion.axis_values(words, "G10")
         letters = [name.upper() for name in self._motion.axes]
@@ -201,7 +208,7 @@ class ToolCodes:
         self._table.put(changed)
 
     def _write_memory(self, words: LineWords, kind: int, number: int, at: Word) -> None:
-        """L10 geometry and L11 wear of a length, L12 and L13 of a radius; G91 adds."""
+        """L10 and L11 set geometry and wear of a length, L12 and L13 of a radius; G91 adds."""
         word = words.take("R", "G10")
         if word is None:
             raise fault(

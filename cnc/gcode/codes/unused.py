@@ -1,4 +1,4 @@
-"""Words that nothing in their line has use for."""
+"""Errors for words without a use in their line."""
 
 from __future__ import annotations
 
@@ -7,30 +7,40 @@ from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.words import LineWords, fault
 from cnc.model.diagnostics import GcodeError
 
+_OFFSETS = (
+    "I, J and K belong to G2 and G3 (the centre's offset in the plane's two axes), "
+    "to G5 and G5.1 (the control point's)"
+)
 _HINTS = {
-    "D": "D belongs to G41 and G42 (the tool's number), G41.1 and G42.1 (its diameter) and G96 (the highest speed)",
+    "D": "D belongs to G41 and G42 (the tool's number), G41.1 and G42.1 (its diameter) "
+    "and G96 (the highest speed)",
     "E": "numbers have no exponent; E belongs to M66 to M68 (the channel) and to G76 (the taper)",
     "F": "under G93 an F word belongs to the move in its line",
-    "H": "H belongs to G43, G43.2 and G44 (the number of the offset) and to G76 (the spring passes)",
-    "I": "I, J and K belong to G2 and G3 (the centre's offset in the plane's two axes), to G5 and G5.1 (the control point's)",
-    "J": "I, J and K belong to G2 and G3 (the centre's offset in the plane's two axes), to G5 and G5.1 (the control point's)",
-    "K": "I, J and K belong to G2 and G3 (the centre's offset in the plane's two axes), G5 and G5.1; K to G33 and G33.1: the pitch",
-    "L": "L belongs to G10 (what is set), canned cycles and M98 (the repeats), G5.2 (the order) and M66 (how to wait)",
+    "H": "H belongs to G43, G43.2 and G44 (the number of the offset) "
+    "and to G76 (the spring passes)",
+    "I": _OFFSETS,
+    "J": _OFFSETS,
+    "K": "I, J and K belong to G2 and G3 (the centre's offset in the plane's two axes), "
+    "G5 and G5.1; K to G33 and G33.1: the pitch",
+    "L": "L belongs to G10 (the kind of offset), canned cycles and M98 (the repeats), "
+    "G5.2 (the order) and M66 (the mode)",
     "PL": "PL belongs to the control points of a BSPLINE",
     "PW": "PW belongs to the control points of a BSPLINE",
     "SD": "SD belongs to BSPLINE: the degree",
     "O": "a program's number stands in a line of its own",
-    "P": "P belongs to G4, G5, G5.2, G10, G64, G76, M50 to M53, M62 to M66, M98, to cycles with a dwell and to the turns of an arc",
-    "Q": "Q belongs to G5, G64, G73 and G83 (the bite), G10 L1, G76, M19, M61 and M66 to M68",
-    "R": "R belongs to G2 and G3 (the radius), canned cycles, G10 (a rotation, or the tool's radius), G76 and M19",
+    "P": "P belongs to G4, G5, G5.2, G10, G64, G76, M50 to M53, M62 to M66, M98, "
+    "to cycles with a dwell and to the turns of an arc",
+    "Q": "Q belongs to G5, G64, G73 and G83 (the peck), G10 L1, G76, M19, M61 and M66 to M68",
+    "R": "R belongs to G2 and G3 (the radius), canned cycles, "
+    "G10 (a rotation, or the tool's radius), G76 and M19",
 }
 
 
 def unused(words: LineWords, state: ModalState) -> GcodeError:
-    """The error for the leftmost word that is left."""
+    """Return the error for the leftmost remaining word."""
     word = words.first()
     if state.motion == G.G6_2 and word.letter in "KURPW":
-        message = f"{word.written} after the last knot: the curve was complete"
+        message = f"{word.written} after the last knot: the curve is complete"
         return fault(
             "nurbs-still-active", message, word, "go on with G0, G1, G2, G3 or another G6.2"
         )

@@ -1,7 +1,6 @@
-"""Steps of cycles to canonical blocks: points of a plane become machine positions, the spindle's
-steps become blocks.
+"""Execution of the steps of cycles: machine positions and blocks.
 
-Holes and threads are made on the exact path: G64 rests meanwhile.
+G64 is suspended during a cycle: holes and threads need the exact path.
 """
 
 from __future__ import annotations
@@ -27,6 +26,7 @@ from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.words import AXES, LineWords, Word, fault
 from cnc.model.blocks import (
     PLANE_AXES,
+    Block,
     Dwell,
     Orient,
     Overrides,
@@ -40,8 +40,17 @@ from cnc.model.blocks import (
 def refuse_modes(
     motion: Motion, state: ModalState, name: str, at: Word, *, inverse_time: bool = True
 ) -> None:
-    """GcodeError where ``name`` can't be made: under cutter compensation, and under G93 if that is
-    refused.
+    """Check the modes in effect before a cycle.
+
+    Args:
+        motion: The moves, with their cutter compensation.
+        state: The modal state.
+        name: The code, for messages.
+        at: Word at which errors are reported.
+        inverse_time: Refuse G93.
+
+    Raises:
+        GcodeError: ``compensation-active``, ``inverse-time-active``.
     """
     if motion.compensated:
         raise fault(
@@ -52,7 +61,7 @@ def refuse_modes(
 
 
 def refuse_axes(words: LineWords, name: str, allowed: str) -> None:
-    """GcodeError ``axis-not-allowed`` at an axis word that ``name`` has no use for."""
+    """Raise GcodeError ``axis-not-allowed`` at an axis word that ``name`` does not use."""
     for letter in words.rest:
         if letter in AXES and letter not in allowed:
             raise fault(
@@ -64,11 +73,13 @@ def refuse_axes(words: LineWords, name: str, allowed: str) -> None:
 
 
 class CyclePlane:
-    """The plane in effect, as a line with a cycle finds it.
+    """The plane in effect at the start of a line with a cycle.
 
-    ``columns`` are those of the plane's two axes and of the axis across it, None for one that the
-    machine lacks: it stands at 0. ``start`` is the position seen from there, mm in the coordinate
-    system in use.
+    Attributes:
+        across: Letter of the axis across the plane.
+        columns: Columns of the plane's two axes and of the axis across it. None is an axis that the
+            machine lacks; its coordinate is 0.
+        start: The position as a point of the plane, mm in the coordinate system in use.
     """
 
     def __init__(self, motion: Motion, state: ModalState) -> None:
@@ -85,34 +96,34 @@ class CyclePlane:
         self.start = self.seen(self._program)
 
     def needs(self, axes: str, name: str, at: Word) -> None:
-        """GcodeError ``axis-missing`` where the machine lacks one of the axes (their letters) that
-        ``name`` moves whatever its words.
-        """
+        """Raise GcodeError ``axis-missing`` if the machine lacks one of the axes (letters)."""
         for axis, column in zip(self._axes, self.columns, strict=True):
             if column is None and axis.upper() in axes:
                 raise fault(
                     "axis-missing",
-                    f"{name} in the {self._plane} plane, but the machine has no {axis.upper()} axis",
+                    f"{name} in the {self._plane} plane needs the {axis.upper()} axis, "
+                    "which the machine lacks",
                     at,
                 )
 
     def seen(self, program: list[float]) -> Point:
-        """A position in program coordinates as a point of the plane."""
+        """Return a position in program coordinates as a point of the plane."""
         first, second, height = (
             0.0 if column is None else program[column] for column in self.columns
         )
         return first, second, height
 
     def in_plane(self, values: dict[int, float]) -> tuple[float | None, float | None]:
-        """What axis values (by column) say of the plane's two axes."""
+        """Return the values, by column, of the plane's two axes."""
         first, second = (
             None if column is None else values.get(column) for column in self.columns[:2]
         )
         return first, second
 
     def place(self, point: Point) -> list[float]:
-        """The machine position of a point. Axes that don't leave the start stay there to the
-        bit.
+        """Return the machine position of a point.
+
+        Axes that do not leave the start keep their exact value.
         """
         program = self._program.copy()
         for column, value in zip(self.columns, point, strict=True):
@@ -121,7 +132,7 @@ class CyclePlane:
         placed = self._coordinates.to_machine(program)
         stays = [new == old for new, old in zip(program, self._program, strict=True)]
         if self._coordinates.rotation:
-            # X and Y of the machine move if either of the program does.
+            # Under a rotation either axis of the program moves both of the machine.
             both = all(stays[index] for index in self._turning)
             for index in self._turning:
                 stays[index] = both
@@ -132,7 +143,7 @@ class CyclePlane:
 
 
 class CycleRunner:
-    """Carries steps out: moves through ``motion``, everything else straight to ``out``."""
+    """Execution of steps: moves go to ``motion``, other blocks to ``out``."""
 
     def __init__(
         self, motion: Motion, state: ModalState, here: SourceLocation, out: BlockBuffer
@@ -142,37 +153,42 @@ class CycleRunner:
         self._here = here
         self._out = out
 
-    def perform(self, steps: Iterable[Step], stage: CyclePlane) -> None:
-        """The blocks of the steps, in order; the position is where they end."""
+    def perform(self, steps: Iterable[Step], plane: CyclePlane) -> None:
+        """Execute steps in order. The position is the end of the last one."""
         motion, out, file, line = self._motion, self._out, self._here.file, self._here.line
         blending = self._state.path == "blend"
         if blending:
             out.add(PathMode(file, line, "exact-path"))
         for step in steps:
-            match step:
-                case Rapid(to):
-                    motion.traverse(stage.place(to))
-                case Cut(to, feed):
-                    motion.feed_to(stage.place(to), feed)
-                case Pause(seconds):
-                    out.add(Dwell(file, line, seconds))
-                case TurnSpindle():
-                    out.add(self._spindle(step))
-                case OrientSpindle():
-                    out.add(Orient(file, line, 0.0))
-                case OperatorStop():
-                    out.add(Stop(file, line))
-                case SetOverrides():
-                    out.add(self._overrides(step))
-                case Synchronise(pitch):
-                    out.add(SpindleSync(file, line, pitch))
+            if isinstance(step, Rapid):
+                motion.traverse(plane.place(step.to))
+            elif isinstance(step, Cut):
+                motion.feed_to(plane.place(step.to), step.feed)
+            else:
+                out.add(self._block(step))
         if blending:
             out.add(PathMode(file, line, "blend", self._state.tolerance))
 
+    def _block(self, step: Step) -> Block:
+        """The block of a step that is not a move."""
+        file, line = self._here.file, self._here.line
+        match step:
+            case Pause(seconds):
+                return Dwell(file, line, seconds)
+            case TurnSpindle():
+                return self._spindle(step)
+            case OrientSpindle():
+                return Orient(file, line, 0.0)
+            case OperatorStop():
+                return Stop(file, line)
+            case SetOverrides():
+                return self._overrides(step)
+            case Synchronise(pitch):
+                return SpindleSync(file, line, pitch)
+        raise AssertionError(step)
+
     def _spindle(self, turn: TurnSpindle) -> Spindle:
-        """A turn of the spindle at the speed in effect; what the program has said of the spindle
-        stays as it is.
-        """
+        """The block of a step of the spindle. The modal state of the spindle stays."""
         state, file, line = self._state, self._here.file, self._here.line
         speed = state.speed or 0.0
         if turn.state == "off":
@@ -182,7 +198,7 @@ class CycleRunner:
         return Spindle(file, line, turn.state, speed * turn.times)
 
     def _overrides(self, step: SetOverrides) -> Overrides:
-        """The operator's overrides as the program has set them, less what the step takes away."""
+        """The overrides that the program allows, without those that the step disables."""
         state = self._state
         feed, spindle = state.feed_override, state.speed_override
         if not step.overrides:

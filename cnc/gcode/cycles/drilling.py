@@ -1,12 +1,13 @@
-"""Canned cycles for holes: G73, G74, G81 to G89 and FANUC's G76, from the words of a line to the
-steps of :mod:`cnc.gcode.cycles.drilling_steps`.
+"""Canned cycles for holes (G73, G74, G81 to G89, FANUC's G76): words of a line to steps.
 
-Lines with cycles that follow each other are a series. It begins where another motion code (or none)
-was in effect, and remembers the level from which it began, which G98 returns to. Within it, what a
-cycle needs but X, Y and the repeats may be left out once it was given: in LinuxCNC as long as the
-same cycle goes on, in FANUC's dialect as long as any does. What is remembered are the words as
-written, read anew under the units and the distance mode of each line. Under G91 R counts from the
-level where the series began and the depth from R; X and Y are steps, one for each repeat.
+The steps are in :mod:`cnc.gcode.cycles.drilling_steps`.
+
+Consecutive lines with cycles are a series. It starts at a line after another motion code, or none,
+and G98 returns to the level at its start. Within a series, the words that a cycle needs except X, Y
+and the repeats stay in effect: in LinuxCNC for the same cycle, in FANUC's dialect for all cycles.
+The words are kept as written, and read again under the units and the distance mode of each line.
+Under G91 R counts from the level at the start of the series and the depth from R; X and Y are
+increments, one for each repeat.
 
 Sources: LinuxCNC 2.9, "G-codes", G80-G89; FANUC Series 0i operator's manual, "canned cycle for
 drilling".
@@ -38,15 +39,13 @@ DRILLING = (
 )  # fmt: skip
 
 MOST_REPEATS = 10_000
-MOST_BITES = 100_000
-"""Feed moves of one line at most: more is a slip of the pen in Q or L."""
+MOST_PECKS = 100_000
+"""Most feed moves of one line. More are a typing error in Q or L."""
 
 
 @dataclass(slots=True)
 class _Series:
-    """Cycles in a row: the cycle, its plane, the machine position before the first, and the words
-    that stay, by letter.
-    """
+    """Consecutive cycles: the cycle, its plane, the position at the start, the words in effect."""
 
     cycle: G
     plane: Plane
@@ -55,15 +54,15 @@ class _Series:
 
 
 def register(motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner) -> None:
-    """Let ``motion`` make the canned cycles of the dialect."""
-    made = DrillingCycles(motion, dialect, state, performer)
-    motion.handlers |= dict.fromkeys(made.cycles, made.make)
+    """Register the handlers of the canned cycles of the dialect."""
+    cycles = DrillingCycles(motion, dialect, state, performer)
+    motion.handlers |= dict.fromkeys(cycles.cycles, cycles.make)
     if dialect.cycles.words_stay:
-        motion.repeat_words |= dict.fromkeys(made.cycles, frozenset("R"))
+        motion.repeat_words |= dict.fromkeys(cycles.cycles, frozenset("R"))
 
 
 class DrillingCycles:
-    """Makes the lines of canned cycles. ``cycles`` are those of the dialect."""
+    """Execution of the canned cycles for holes. ``cycles`` are those of the dialect."""
 
     def __init__(
         self, motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner
@@ -79,7 +78,7 @@ class DrillingCycles:
         self._series: _Series | None = None
 
     def make(self, words: LineWords, code: Code | None) -> None:
-        """A line of the cycle in effect; ``code`` is that of the line, if it has one."""
+        """Execute a line of the cycle in effect; ``code`` is that of the line, if it has one."""
         motion, state = self._motion, self._state
         cycle = state.motion
         assert cycle is not None
@@ -94,15 +93,15 @@ class DrillingCycles:
                 "give the place of the hole, such as X10 Y20",
             )
         refuse_axes(words, name, "XYZ")
-        stage = CyclePlane(motion, state)
-        stage.needs("XYZ" if cycle == FINE_BORING else stage.across, name, at)
+        plane = CyclePlane(motion, state)
+        plane.needs("XYZ" if cycle == FINE_BORING else plane.across, name, at)
         series = self._series_of(cycle)
-        depth = self._word(words, series, stage.across, name, at)
+        depth = self._word(words, series, plane.across, name, at)
         retract = self._word(words, series, "R", name, at)
         settings = self._settings(words, series, cycle, name, at)
         repeats = self._repeats(words, name)
         given = motion.axis_values(words, name)
-        heights = self._heights(stage, series, depth, retract)
+        heights = self._heights(plane, series, depth, retract)
         top, bottom, _ = heights
         if top < bottom:
             message = f"R is at {top:g} mm, below the bottom of the hole at {bottom:g} mm"
@@ -110,19 +109,19 @@ class DrillingCycles:
                 "cycle-retract-below-bottom",
                 message,
                 _of_line(words, "R", at),
-                f"{name} goes from R down to {stage.across}",
+                f"{name} goes from R down to {plane.across}",
             )
-        if settings.peck and repeats * (top - bottom) > MOST_BITES * settings.peck:
-            message = f"this line comes to more than {MOST_BITES} bites"
+        if settings.peck and repeats * (top - bottom) > MOST_PECKS * settings.peck:
+            message = f"this line makes more than {MOST_PECKS} pecks"
             raise fault("cycle-too-long", message, _of_line(words, "Q", at), "give a larger Q")
-        holes = self._holes(stage, given, heights, repeats)
-        end = stage.place((*stage.start[:2], bottom))
+        holes = self._holes(plane, given, heights, repeats)
+        end = plane.place((*plane.start[:2], bottom))
         settings = replace(settings, feed=motion.feed(words, end, 0.0, at))
         self._series = series
-        self._performer.perform(steps(cycle, stage.start, holes, settings), stage)
+        self._performer.perform(steps(cycle, plane.start, holes, settings), plane)
 
     def _series_of(self, cycle: G) -> _Series:
-        """The series that this line goes on with, or a new one."""
+        """The series that this line continues, or a new one."""
         state, series, before = self._state, self._series, self._motion.motion_before
         if series is None or before not in self.cycles or series.plane != state.plane:
             return _Series(cycle, state.plane, self._motion.position)
@@ -150,13 +149,13 @@ class DrillingCycles:
     def _settings(
         self, words: LineWords, series: _Series, cycle: G, name: str, at: Word
     ) -> HoleSettings:
-        """What Q, P and the spindle say; the feed is still missing."""
+        """The settings from Q, P and the spindle, without the feed."""
         state, rules = self._state, self._rules
         dwell = peck = 0.0
         if cycle in PECKING or cycle == FINE_BORING:
             word = self._word(words, series, "Q", name, at)
             peck = word.number * state.scale
-            what = "the shift" if cycle == FINE_BORING else "a bite"
+            what = "the shift" if cycle == FINE_BORING else "a peck"
             if peck <= 0.0:
                 raise fault(
                     "value-out-of-range", f"{word.written}: {what} must be more than 0", word
@@ -199,11 +198,15 @@ class DrillingCycles:
         start = "S and M4" if needed == "ccw" else "S and M3"
         if state.spindle == "off" or not state.speed:
             raise fault(
-                "spindle-stopped", f"{name} with the spindle standing", at, f"give {start} before"
+                "spindle-stopped",
+                f"{name} needs the spindle, which does not turn",
+                at,
+                f"give {start} before",
             )
         if needed and state.spindle != needed:
-            way = "anticlockwise" if needed == "ccw" else "clockwise"
-            message = f"{name} cuts a {'left' if needed == 'ccw' else 'right'}-hand thread: the spindle must turn {way}"
+            direction = "anticlockwise" if needed == "ccw" else "clockwise"
+            hand = "left" if needed == "ccw" else "right"
+            message = f"{name} cuts a {hand}-hand thread: the spindle must turn {direction}"
             raise fault(
                 "spindle-direction",
                 message,
@@ -223,26 +226,26 @@ class DrillingCycles:
         return whole(found[0], "the repeats", 1, MOST_REPEATS) if found else 1
 
     def _heights(
-        self, stage: CyclePlane, series: _Series, depth: Word, retract: Word
+        self, plane: CyclePlane, series: _Series, depth: Word, retract: Word
     ) -> tuple[float, float, float]:
-        """R, the bottom, and where the cycle ends."""
+        """Heights of R, of the bottom, and of the end of the cycle, mm."""
         state, motion = self._state, self._motion
-        scale = motion.scales[motion.column[stage.across]]
-        level = stage.seen(motion.coordinates.to_program(series.start))[2]
+        scale = motion.scales[motion.column[plane.across]]
+        level = plane.seen(motion.coordinates.to_program(series.start))[2]
         top = retract.number * scale + (0.0 if state.absolute else level)
         bottom = depth.number * scale + (0.0 if state.absolute else top)
         return top, bottom, max(level, top) if state.initial_level else top
 
     def _holes(
         self,
-        stage: CyclePlane,
+        plane: CyclePlane,
         given: dict[int, float],
         heights: tuple[float, float, float],
         repeats: int,
     ) -> Iterator[Hole]:
-        """The holes of the line; ``given`` are its axis words by column."""
-        first, second, _ = stage.start
-        x, y = stage.in_plane(given)
+        """The holes of the line; ``given`` are its axis values by column."""
+        first, second, _ = plane.start
+        x, y = plane.in_plane(given)
         top, bottom, clear = heights
         for number in range(1, repeats + 1):
             if self._state.absolute:
@@ -256,5 +259,5 @@ class DrillingCycles:
 
 
 def _of_line(words: LineWords, letter: str, at: Word) -> Word:
-    """Where a word of this line stands; ``at`` if it is in effect from a line before."""
+    """A word of this line; ``at`` if it is in effect from a line before."""
     return words.users[letter][1] if letter in words.users else at

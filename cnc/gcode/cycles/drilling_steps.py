@@ -1,8 +1,7 @@
-"""The canned cycles for holes, as steps: what G73, G74, G76 and G81 to G89 do once every number is
-known.
+"""Steps of the canned cycles for holes: G73, G74, G76 and G81 to G89.
 
-    height                      G98: clear is the level before the cycles (if above R), G99: clear is R
-      clear  ──────┬─────┬──
+    height                  G98: clear is the level before the cycles (if above R)
+      clear  ──────┬─────┬──    G99: clear is R
                    ┊     ┊      ┊ traverse
       R      ──────┊─────┊──    │ feed
                    │     ┊
@@ -39,8 +38,9 @@ from cnc.gcode.syntax.code_numbers import G
 
 @dataclass(frozen=True, slots=True)
 class Hole:
-    """Where a hole is: its place in the plane and its heights, mm. ``clear`` is where the cycle
-    ends, at ``retract`` (R) or above.
+    """A hole: its place in the plane and its heights, mm.
+
+    The cycle ends at ``clear``, which is ``retract`` (R) or above.
     """
 
     first: float
@@ -50,20 +50,24 @@ class Hole:
     clear: float
 
     def at(self, height: float) -> Point:
-        """The point of the hole's axis at a height."""
+        """Return the point of the hole's axis at a height."""
         return self.first, self.second, height
 
 
 @dataclass(frozen=True, slots=True)
 class HoleSettings:
-    """How the holes of a line are made.
+    """Settings of the holes of a line.
 
-    feed: mm/s. dwell: s at the bottom. peck: mm a bite (Q). clearance: mm that G73 backs off
-    between two peck_count, or that G83 stays away from the bottom when it returns. turning: how the
-    spindle turns before the cycle. shift: mm away from the wall, along the plane's first axis,
-    before G76 leaves. feed_out_to: how far up G74, G84 and G89 feed; what is left is a traverse.
-    tap_dwell: whether a tap dwells once, when the spindle has been reversed, or before each of its
-    two reversals.
+    Attributes:
+        feed: mm/s.
+        dwell: s at the bottom.
+        peck: mm of a peck (Q).
+        clearance: mm of the retract of G73, and of the distance at which G83 ends its return.
+        turning: Direction of the spindle before the cycle.
+        shift: mm away from the wall along the plane's first axis before G76 retracts.
+        feed_out_to: End of the feed move out in G74, G84 and G89; a traverse does the rest.
+        tap_dwell: Whether a tap dwells once after the spindle reverses, or before each of the two
+            reversals.
     """
 
     feed: float
@@ -77,15 +81,15 @@ class HoleSettings:
 
 
 def peck_count(top: float, bottom: float, peck: float) -> int:
-    """How many bites of ``peck`` mm it takes from ``top`` to ``bottom``."""
+    """Return the number of pecks of ``peck`` mm from ``top`` to ``bottom``."""
     return max(1, ceil((top - bottom) / peck - ROUNDING))
 
 
 def _depths(hole: Hole, peck: float) -> Iterator[float]:
-    """Heights of the bottom after each bite, the last one exact."""
+    """Heights of the bottom after each peck; the last one is exact."""
     count = peck_count(hole.retract, hole.bottom, peck)
-    for bite in range(1, count):
-        yield hole.retract - bite * peck
+    for number in range(1, count):
+        yield hole.retract - number * peck
     yield hole.bottom
 
 
@@ -97,7 +101,7 @@ def drill(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
 
 
 def break_chips(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
-    """G73: back off a little after each bite."""
+    """G73: retract a little after each peck."""
     for depth in _depths(hole, settings.peck):
         yield Cut(hole.at(depth), settings.feed)
         if depth > hole.bottom:
@@ -106,20 +110,18 @@ def break_chips(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
 
 
 def peck(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
-    """G83: out to R after each bite, and back to just above where it ended."""
+    """G83: retract to R after each peck, and return to the clearance above its bottom."""
     for depth in _depths(hole, settings.peck):
         yield Cut(hole.at(depth), settings.feed)
         if depth > hole.bottom:
             yield Rapid(hole.at(hole.retract))
-            # A bite shorter than the clearance: there is no way above R to make.
+            # A peck shorter than the clearance must not end above R.
             yield Rapid(hole.at(min(depth + settings.clearance, hole.retract)))
     yield Rapid(hole.at(hole.clear))
 
 
 def tap(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
-    """G84 and G74, with a floating chuck: feed in, stop the spindle and reverse it, feed out, and
-    turn it as before.
-    """
+    """G84 and G74, with a floating chuck: feed in, reverse, feed out, reverse again."""
     each = settings.tap_dwell == "before-each"
     top = hole.clear if settings.feed_out_to == "clear" else hole.retract
     yield SetOverrides(overrides=False)
@@ -147,7 +149,7 @@ def bore(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
 
 
 def bore_and_stop(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
-    """G86: leave with the spindle standing."""
+    """G86: retract with the spindle stopped."""
     yield Cut(hole.at(hole.bottom), settings.feed)
     yield Pause(settings.dwell)
     yield TurnSpindle("off")
@@ -156,8 +158,9 @@ def bore_and_stop(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
 
 
 def bore_by_hand(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
-    """G88: stop for the operator, who may withdraw the tool; what is left of the way out is a
-    traverse with the spindle standing.
+    """G88: stop for the operator, who may withdraw the tool.
+
+    The rest of the retract is a traverse with the spindle stopped.
     """
     yield Cut(hole.at(hole.bottom), settings.feed)
     yield Pause(settings.dwell)
@@ -177,7 +180,7 @@ def bore_and_dwell(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
 
 
 def bore_finely(hole: Hole, settings: HoleSettings) -> Iterator[Step]:
-    """FANUC's G76: hold the spindle, move the tool off the wall, and leave without touching it."""
+    """FANUC's G76: orient the spindle, shift the tool off the wall, retract without contact."""
     aside = hole.first + settings.shift
     yield Cut(hole.at(hole.bottom), settings.feed)
     yield Pause(settings.dwell)
@@ -207,10 +210,16 @@ _CYCLES: dict[G, Callable[[Hole, HoleSettings], Iterator[Step]]] = {
 def steps(
     cycle: G, position: Point, holes: Iterable[Hole], settings: HoleSettings
 ) -> Iterator[Step]:
-    """The steps of a line of cycles, from ``position`` on.
+    """Return the steps of a line with a cycle.
 
-    Below R the tool first rises to R. Then, for every hole, it goes across at the height where it
-    is, down to R, and makes the hole.
+    Below R the tool first rises to R. For each hole it then moves across at its height, down to R,
+    and makes the hole.
+
+    Args:
+        cycle: The code of the cycle.
+        position: The point before the line.
+        holes: The holes.
+        settings: Their settings.
     """
     yield from without_standing(position, _steps(cycle, position, holes, settings))
 

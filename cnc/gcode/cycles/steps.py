@@ -1,9 +1,9 @@
-"""What cycles are made of: steps with every number known, before they become canonical blocks.
+"""Steps of cycles, before they become canonical blocks.
 
-A cycle stands on the plane in effect. Its points are (first, second, height): the plane's two axes
-in the order of :data:`cnc.model.blocks.PLANE_AXES` and the height along the axis across it, all in
-mm of the coordinate system in use. Whoever carries the steps out turns points into machine
-positions, so that offsets, rotation and tool length are no concern of a cycle.
+A cycle works in the plane in effect. Its points are (first, second, height): the plane's two axes
+in the order of :data:`cnc.model.blocks.PLANE_AXES` and the height along the axis across it, in mm
+of the coordinate system in use. The cycle runner converts points into machine positions, so cycles
+do not depend on offsets, rotation and tool length.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 ROUNDING = 1e-9
-"""Part of a peck or of a pass that is rounding, and does not make one more."""
+"""Part of a peck or of a pass that is rounding, and does not add one."""
 
 Point = tuple[float, float, float]
 Turning = Literal["cw", "ccw"]
@@ -21,14 +21,14 @@ Turning = Literal["cw", "ccw"]
 
 @dataclass(frozen=True, slots=True)
 class Rapid:
-    """A traverse, mm."""
+    """A traverse to a point, mm."""
 
     to: Point
 
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """A straight move (mm) at ``feed`` mm/s."""
+    """A straight move to a point, mm, at ``feed`` mm/s."""
 
     to: Point
     feed: float
@@ -43,7 +43,7 @@ class Pause:
 
 @dataclass(frozen=True, slots=True)
 class TurnSpindle:
-    """The spindle turns so at ``times`` the speed programmed, or stands."""
+    """A direction of the spindle at ``times`` the programmed speed, or off."""
 
     state: Turning | Literal["off"]
     times: float = 1.0
@@ -51,7 +51,7 @@ class TurnSpindle:
 
 @dataclass(frozen=True, slots=True)
 class OrientSpindle:
-    """The spindle is held at its angle of orientation."""
+    """The spindle stops at its angle of orientation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +61,7 @@ class OperatorStop:
 
 @dataclass(frozen=True, slots=True)
 class SetOverrides:
-    """Whether the operator may override feed and spindle speed; ``spindle`` False leaves that of
-    the spindle alone.
-    """
+    """Whether the overrides are enabled. ``spindle`` False leaves that of the spindle unchanged."""
 
     overrides: bool
     spindle: bool = True
@@ -71,7 +69,7 @@ class SetOverrides:
 
 @dataclass(frozen=True, slots=True)
 class Synchronise:
-    """From here on moves follow the spindle, ``pitch`` mm a turn; 0 ends that."""
+    """From here on moves follow the spindle at ``pitch`` mm a revolution; 0 ends this."""
 
     pitch: float
 
@@ -80,14 +78,12 @@ Step = Rapid | Cut | Pause | TurnSpindle | OrientSpindle | OperatorStop | SetOve
 
 
 def opposite(turning: Turning) -> Turning:
-    """The other way round."""
+    """Return the opposite direction."""
     return "ccw" if turning == "cw" else "cw"
 
 
 def without_standing(position: Point, steps: Iterable[Step]) -> Iterator[Step]:
-    """The steps without moves to where the machine is and dwells of no time; ``position`` is where
-    they begin.
-    """
+    """Return the steps without moves of length 0 and dwells of 0 s; ``position`` is their start."""
     for step in steps:
         if isinstance(step, Rapid | Cut):
             if step.to == position:

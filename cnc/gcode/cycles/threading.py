@@ -1,8 +1,7 @@
-"""Motion that follows the spindle: G33, G33.1 and the cycle G76, from the words of a line to the
-steps of :mod:`cnc.gcode.cycles.threading_steps`.
+"""Moves that follow the spindle (G33, G33.1, G76): words of a line to steps.
 
-The feed of such a move is the pitch times the spindle's speed; F has no part in it. Source:
-LinuxCNC 2.9, "G-codes", G33, G33.1, G76.
+The steps are in :mod:`cnc.gcode.cycles.threading_steps`. The feed is the pitch times the speed of
+the spindle; F has no effect. Source: LinuxCNC 2.9, "G-codes", G33, G33.1, G76.
 """
 
 from __future__ import annotations
@@ -18,22 +17,22 @@ from cnc.gcode.syntax.words import LineWords, Word, fault, not_negative, whole
 
 FOLLOW, TAP, THREAD = G.G33, G.G33_1, G.G76
 LARGEST_SLIDE = 80.0
-"""Degrees of the compound slide in G76: near a right angle its tangent leaves all bounds."""
+"""Largest angle of the compound slide in G76, degrees: the tangent of a right angle is infinite."""
 MOST_SPRINGS = 1000
 FASTEST = 100.0
-"""Times the speed that G33.1 may come back at."""
+"""Highest speed of the return of G33.1, as a multiple."""
 
 
 def register(motion: Motion, dialect: Dialect, state: ModalState, performer: CycleRunner) -> None:
-    """Let ``motion`` make G33, G33.1 and, where the dialect has no other meaning for it, G76."""
-    made = ThreadingCycles(motion, state, performer)
-    motion.handlers[FOLLOW] = motion.handlers[TAP] = made.move
+    """Register the handlers of G33, G33.1 and, where the dialect has it as a thread, G76."""
+    cycles = ThreadingCycles(motion, state, performer)
+    motion.handlers[FOLLOW] = motion.handlers[TAP] = cycles.move
     if not dialect.cycles.fine_boring:
-        motion.handlers[THREAD] = made.thread
+        motion.handlers[THREAD] = cycles.thread
 
 
 class ThreadingCycles:
-    """Makes the lines of G33, G33.1 and G76."""
+    """Execution of G33, G33.1 and G76."""
 
     def __init__(self, motion: Motion, state: ModalState, performer: CycleRunner) -> None:
         self._motion = motion
@@ -41,7 +40,7 @@ class ThreadingCycles:
         self._performer = performer
 
     def move(self, words: LineWords, code: Code | None) -> None:
-        """G33 and G33.1."""
+        """Execute G33 or G33.1."""
         motion, state = self._motion, self._state
         rigid = state.motion == TAP
         name = "G33.1" if rigid else "G33"
@@ -52,30 +51,30 @@ class ThreadingCycles:
                 "axis-words-missing",
                 f"{name} needs axis words",
                 at,
-                "give where the thread ends, such as Z-10",
+                "give the end of the thread, such as Z-10",
             )
         refuse_axes(words, name, "XYZ")
         pitch = self._pitch(words, "K", name, at)
         faster = self._faster(words) if rigid else 1.0
-        stage = CyclePlane(motion, state)
+        plane = CyclePlane(motion, state)
         turns, turning = self._turns_per_second(name, at)
-        end = stage.seen(motion.coordinates.to_program(motion.target(words, name, motion.position)))
+        end = plane.seen(motion.coordinates.to_program(motion.target(words, name, motion.position)))
         steps = (
-            tap_rigidly(stage.start, end, pitch, turns, turning, faster)
+            tap_rigidly(plane.start, end, pitch, turns, turning, faster)
             if rigid
-            else follow(stage.start, end, pitch, turns)
+            else follow(plane.start, end, pitch, turns)
         )
-        self._performer.perform(steps, stage)
+        self._performer.perform(steps, plane)
 
     def _pitch(self, words: LineWords, letter: str, name: str, at: Word) -> float:
-        """The pitch, mm a turn."""
+        """The pitch, mm a revolution."""
         word = words.take(letter, name)
         if word is None:
             raise fault(
                 "pitch-missing",
                 f"{name} needs {letter}",
                 at,
-                f"give {letter} and the way of one turn of the spindle",
+                f"give {letter} and the length of the move in one revolution",
             )
         if word.number <= 0.0:
             raise fault(
@@ -86,7 +85,10 @@ class ThreadingCycles:
     def _faster(self, words: LineWords) -> float:
         word = words.take("I", "G33.1")
         if word and not 0.0 < word.number <= FASTEST:
-            message = f"{word.written}: the way back must be made at more than 0 and at most {FASTEST:g} times the speed"
+            message = (
+                f"{word.written}: the speed of the return must be more than 0 and at most "
+                f"{FASTEST:g} times the speed"
+            )
             raise fault("value-out-of-range", message, word)
         return word.number if word else 1.0
 
@@ -100,12 +102,12 @@ class ThreadingCycles:
                 "give S and M3 before",
             )
         if state.constant_surface:
-            message = f"{name} under G96: the pitch needs a steady speed of the spindle"
+            message = f"{name} under G96: the pitch needs a constant speed of the spindle"
             raise fault("surface-speed-active", message, at, "give G97 and S before")
         return state.speed / 60.0, state.spindle
 
     def thread(self, words: LineWords, code: Code | None) -> None:
-        """G76."""
+        """Execute G76."""
         motion, state = self._motion, self._state
         at = code.word if code else words.first()
         refuse_modes(motion, state, "G76", at, inverse_time=False)
@@ -114,12 +116,12 @@ class ThreadingCycles:
         refuse_axes(words, "G76", "Z")
         if "Z" not in words.rest:
             raise fault("axis-words-missing", "G76 needs Z", at, "give Z and the end of the thread")
-        stage = CyclePlane(motion, state)
-        stage.needs("XZ", "G76", at)
+        plane = CyclePlane(motion, state)
+        plane.needs("XZ", "G76", at)
         turns, _ = self._turns_per_second("G76", at)
         end_word = words.rest["Z"]
-        start, drive, height = stage.start
-        end, _, _ = stage.seen(
+        start, drive, height = plane.start
+        end, _, _ = plane.seen(
             motion.coordinates.to_program(motion.target(words, "G76", motion.position))
         )
         if end == start:
@@ -130,39 +132,21 @@ class ThreadingCycles:
         if passes(thread) > MOST_PASSES:
             raise fault(
                 "cycle-too-long",
-                f"G76 comes to more than {MOST_PASSES} passes",
+                f"G76 makes more than {MOST_PASSES} passes",
                 at,
                 "give a larger J or a smaller R",
             )
-        self._performer.perform(cut(thread, turns), stage)
+        self._performer.perform(cut(thread, turns), plane)
 
     def _thread(
         self, words: LineWords, at: Word, line: tuple[float, float, float, float]
     ) -> Thread:
-        """What the words of G76 say; ``line`` is start, end, x and y of the drive line."""
+        """The thread of G76's words; ``line`` is start, end, x and y of the drive line."""
         start, end, drive, height = line
         # I, J and K lie along X: under G7 they are diameters.
         across, along = self._motion.scales[self._motion.column["X"]], self._state.scale
         pitch = self._pitch(words, "P", "G76", at)
-        peak, first, full = (self._needed(words, letter, at) for letter in "IJK")
-        if peak.number == 0.0:
-            message = f"{peak.written}: the peak must lie beside the drive line"
-            raise fault(
-                "value-out-of-range",
-                message,
-                peak,
-                "negative for an external thread, positive for an internal one",
-            )
-        if first.number <= 0.0:
-            raise fault(
-                "value-out-of-range", f"{first.written}: the first cut must be more than 0", first
-            )
-        if full.number < first.number:
-            raise fault(
-                "value-out-of-range",
-                f"{full.written}: the full depth must be no less than J, the first cut",
-                full,
-            )
+        peak, first, full = self._cuts(words, at)
         degression, angle, springs, taper, ends = (words.take(letter, "G76") for letter in "RQHEL")
         if degression and degression.number < 1.0:
             raise fault(
@@ -171,14 +155,17 @@ class ThreadingCycles:
                 degression,
             )
         if angle and not abs(angle.number) <= LARGEST_SLIDE:
-            message = f"{angle.written}: the angle of the slide must be from {-LARGEST_SLIDE:g} to {LARGEST_SLIDE:g} degrees"
+            message = (
+                f"{angle.written}: the angle of the slide must be from {-LARGEST_SLIDE:g} to "
+                f"{LARGEST_SLIDE:g} degrees"
+            )
             raise fault("value-out-of-range", message, angle)
         tapered = whole(ends, "the tapered ends", 0, 3) if ends else 0
         length = not_negative(taper, "the taper") * along if taper else 0.0
         if ends and tapered and not length:
             raise fault(
                 "thread-taper",
-                f"{ends.written}: a taper of no length",
+                f"{ends.written}: the taper has no length",
                 ends,
                 "give E and the length of the taper",
             )
@@ -198,14 +185,38 @@ class ThreadingCycles:
             entry=tapered in (1, 3),
             exit=tapered in (2, 3),
         )
-        room = abs(end - start)
-        if taper and length > room / 2:
-            message = f"{taper.written}: a taper may be half as long as the drive line, {room / 2:g} mm, at most"
+        length_of_line = abs(end - start)
+        if taper and length > length_of_line / 2:
+            half = length_of_line / 2
+            message = f"{taper.written}: a taper can be at most half the drive line, {half:g} mm"
             raise fault("thread-taper", message, taper)
-        if angle and room - thread.slide < thread.taper * (thread.entry + thread.exit):
-            message = f"{angle.written}: the slide leaves nothing of the thread"
+        if angle and length_of_line - thread.slide < thread.taper * (thread.entry + thread.exit):
+            message = f"{angle.written}: the slide and the tapers are longer than the thread"
             raise fault("thread-slide", message, angle, "give a smaller Q or a longer thread")
         return thread
+
+    def _cuts(self, words: LineWords, at: Word) -> tuple[Word, Word, Word]:
+        """I, J and K of G76: the peak, the first cut and the full depth."""
+        peak, first, full = (self._needed(words, letter, at) for letter in "IJK")
+        if peak.number == 0.0:
+            message = f"{peak.written}: the peak must not be on the drive line"
+            raise fault(
+                "value-out-of-range",
+                message,
+                peak,
+                "negative for an external thread, positive for an internal one",
+            )
+        if first.number <= 0.0:
+            raise fault(
+                "value-out-of-range", f"{first.written}: the first cut must be more than 0", first
+            )
+        if full.number < first.number:
+            raise fault(
+                "value-out-of-range",
+                f"{full.written}: the full depth must be no less than J, the first cut",
+                full,
+            )
+        return peak, first, full
 
     @staticmethod
     def _needed(words: LineWords, letter: str, at: Word) -> Word:

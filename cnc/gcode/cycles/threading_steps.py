@@ -1,18 +1,20 @@
-r"""Threads as steps: the passes of G76, rigid tapping (G33.1) and a single synchronised move (G33)
-once every number is known.
+r"""Steps of threads: the passes of G76, rigid tapping (G33.1) and one synchronised move (G33).
 
-      x                                         one pass of G76, external (peak negative), with both tapers:
-    drive line   ┌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌┐     ╌ traverse      The whole pass is moved away from the work by what is left to
-                 ┊                      ┊     ─ synchronised  cut, so that the stroke from there to the bottom is the same
-    thread peak  ┘                      │                     in every pass.
+    x            one pass of G76, external (peak negative), with both tapers
+
+    drive line   ┌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌┐    ╌ traverse
+                 ┊                      ┊    ─ synchronised
+    thread peak  ┘                      │
                   \                    /
     bottom         \__________________/
                  E                    E
                z end              z start
 
-In pass n the tool has gone ``first * n ** (1 / degression)`` beyond the peak, up to the full depth:
-with degression 1 every pass is as deep as the first, with 2 every pass takes the same area. Source:
-LinuxCNC 2.9, "G-codes", G76.
+The whole pass is shifted away from the workpiece by the remaining depth. So the stroke from its
+start to the bottom is the same in every pass.
+In pass n the tool is ``first * n ** (1 / degression)`` beyond the peak, up to the full depth. With
+degression 1 every pass has the same depth, with 2 the same area. Source: LinuxCNC 2.9, "G-codes",
+G76.
 """
 
 from __future__ import annotations
@@ -42,11 +44,21 @@ MOST_PASSES = 10_000
 class Thread:
     """A thread in the ZX plane, mm; x is a radius.
 
-    start, end: z of the drive line's ends. drive: its x. height: y. pitch: mm a turn. peak: from
-    the drive line to the peak, negative for an external thread. first, full: depth beyond the peak
-    of the first and of the last pass. degression: at least 1. angle: degrees of the compound slide.
-    springs: passes more at full depth. taper: length of the tapers along z, at the ``entry`` and at
-    the ``exit``.
+    Attributes:
+        start: z of the start of the drive line.
+        end: z of its end.
+        drive: x of the drive line.
+        height: y.
+        pitch: mm a revolution.
+        peak: From the drive line to the peak; negative for an external thread.
+        first: Depth of the first pass beyond the peak.
+        full: Depth of the last pass beyond the peak.
+        degression: At least 1.
+        angle: Angle of the compound slide, degrees.
+        springs: Additional passes at full depth.
+        taper: Length of the tapers along z.
+        entry: Whether the start has a taper.
+        exit: Whether the end has a taper.
     """
 
     start: float
@@ -66,13 +78,14 @@ class Thread:
 
     @property
     def slide(self) -> float:
-        """How far a pass at full depth is shifted along z, mm."""
+        """Shift of a pass at full depth along z, mm."""
         return self.full * tan(radians(self.angle))
 
 
 def passes(thread: Thread) -> int:
-    """How many passes it takes to full depth, springs left out; where it would be more than
-    :data:`MOST_PASSES`, one more than that.
+    """Return the number of passes to full depth without spring passes.
+
+    The largest result is :data:`MOST_PASSES` + 1.
     """
     exponent = thread.degression * log(thread.full / thread.first)
     if exponent > log(MOST_PASSES):
@@ -81,7 +94,7 @@ def passes(thread: Thread) -> int:
 
 
 def depths(thread: Thread) -> Iterator[float]:
-    """Depth beyond the peak of each pass, mm; the last ones are exactly the full depth."""
+    """Return the depth of each pass beyond the peak, mm; the last are exactly the full depth."""
     count = passes(thread)
     for number in range(1, count):
         yield min(thread.first * number ** (1.0 / thread.degression), thread.full)
@@ -90,10 +103,10 @@ def depths(thread: Thread) -> Iterator[float]:
 
 
 def cut(thread: Thread, turns_per_second: float) -> Iterator[Step]:
-    """The steps of G76 from the drive line's start to its end."""
-    way = copysign(1.0, thread.end - thread.start)
+    """Return the steps of G76 from the start of the drive line to its end."""
+    direction = copysign(1.0, thread.end - thread.start)
     inward = copysign(1.0, thread.peak)
-    # On the taper the tool also moves in x: more way a turn, so that z keeps the pitch.
+    # On the taper the tool also moves in x, so the pitch along the move is longer.
     on_taper = (
         thread.pitch * hypot(thread.taper, thread.full) / thread.taper
         if thread.taper
@@ -104,8 +117,8 @@ def cut(thread: Thread, turns_per_second: float) -> Iterator[Step]:
         return z, x, thread.height
 
     def passing(depth: float) -> Iterator[Step]:
-        start = thread.start + way * depth / thread.full * thread.slide
-        end = thread.end - way * (1.0 - depth / thread.full) * thread.slide
+        start = thread.start + direction * depth / thread.full * thread.slide
+        end = thread.end - direction * (1.0 - depth / thread.full) * thread.slide
         bottom = thread.drive + thread.peak + inward * depth
         crest = bottom - inward * thread.full
         away = thread.drive - inward * (thread.full - depth)
@@ -113,11 +126,11 @@ def cut(thread: Thread, turns_per_second: float) -> Iterator[Step]:
         if thread.entry:
             yield Synchronise(on_taper)
             yield Cut(at(start, crest), on_taper * turns_per_second)
-            yield Cut(at(start + way * thread.taper, bottom), on_taper * turns_per_second)
+            yield Cut(at(start + direction * thread.taper, bottom), on_taper * turns_per_second)
         else:
             yield Rapid(at(start, bottom))
         yield Synchronise(thread.pitch)
-        straight_end = end - way * thread.taper if thread.exit else end
+        straight_end = end - direction * thread.taper if thread.exit else end
         yield Cut(at(straight_end, bottom), thread.pitch * turns_per_second)
         if thread.exit:
             yield Synchronise(on_taper)
@@ -136,7 +149,7 @@ def cut(thread: Thread, turns_per_second: float) -> Iterator[Step]:
 
 
 def follow(start: Point, end: Point, pitch: float, turns_per_second: float) -> Iterator[Step]:
-    """G33: a straight move of ``pitch`` mm a turn of the spindle, measured along the move."""
+    """G33: a straight move of ``pitch`` mm a revolution, measured along the move."""
     if end != start:
         yield Synchronise(pitch)
         yield Cut(end, pitch * turns_per_second)
@@ -146,8 +159,9 @@ def follow(start: Point, end: Point, pitch: float, turns_per_second: float) -> I
 def tap_rigidly(
     start: Point, end: Point, pitch: float, turns_per_second: float, turning: Turning, faster: float
 ) -> Iterator[Step]:
-    """G33.1: in and out following the spindle, which turns the other way and ``faster`` times as
-    fast on the way out.
+    """G33.1: in and out at ``pitch`` mm a revolution.
+
+    The spindle reverses for the way out, where it turns ``faster`` times as fast.
     """
     if end != start:
         yield Synchronise(pitch)

@@ -1,7 +1,8 @@
-"""Arc geometry in a plane: centre and swept angle from what the program says.
+"""Geometry of arcs in a plane: centre and swept angle from the words of a program.
 
-Coordinates are (first, second) axis of the plane in mm; counter-clockwise turns the first axis
-towards the second. Source: LinuxCNC's G-code reference, G2 and G3; tolerances are the dialect's.
+Coordinates are the first and second axis of the plane in mm; counter-clockwise turns the first
+towards the second. Source: LinuxCNC's G-code reference, G2 and G3. The tolerances belong to the
+dialect.
 """
 
 from __future__ import annotations
@@ -15,9 +16,7 @@ from cnc.gcode.syntax.words import Word, fault
 Point = tuple[float, float]
 
 SAME_POINT = 1e-7
-"""mm. An arc that ends this near its start is a full circle: that distance is the rounding of sums,
-no arc that anyone cuts.
-"""
+"""mm. An arc that ends this near to its start is a full circle: the distance is rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +29,9 @@ class Arc:
     turns: float
 
     def length(self, rise: float) -> float:
-        """Length in mm with an even ``rise`` along the axis across the plane. Exact but for the
-        radius changing within its tolerance.
+        """Return the length in mm with an even ``rise`` along the axis across the plane.
+
+        It is exact except for a change of radius within the tolerance.
         """
         return math.hypot(math.pi * (self.radius + self.end_radius) * self.turns, rise)
 
@@ -46,8 +46,19 @@ def from_center(
     tolerance: ArcTolerance,
     word: Word,
 ) -> Arc:
-    """An arc about a known centre; ``turns`` is the P word: 1 for up to one turn. Errors stand at
-    ``word``.
+    """Return an arc about a known centre.
+
+    Args:
+        start: Start, mm.
+        end: End, mm.
+        center: Centre, mm.
+        clockwise: Direction.
+        turns: The P word: 1 for up to one turn.
+        tolerance: Tolerances of the dialect.
+        word: Word at which errors are reported.
+
+    Raises:
+        GcodeError: ``arc-radius-zero``, ``arc-radius-mismatch``.
     """
     radius = math.dist(start, center)
     end_radius = math.dist(end, center)
@@ -61,7 +72,7 @@ def from_center(
     ):
         raise fault(
             "arc-radius-mismatch",
-            f"the radius is {radius:.6g} mm at the start and {end_radius:.6g} mm at the end of the arc",
+            f"the arc has radius {radius:.6g} mm at its start and {end_radius:.6g} mm at its end",
             word,
             "the centre must be as far from the end point as from the start point",
         )
@@ -83,8 +94,12 @@ def from_radius(
     tolerance: ArcTolerance,
     word: Word,
 ) -> Arc:
-    """An arc of a known radius; a negative one means the arc of more than half a turn. Errors stand
-    at ``word``.
+    """Return an arc of a known radius, mm; a negative one means more than half a turn.
+
+    The other arguments are those of :func:`from_center`.
+
+    Raises:
+        GcodeError: ``arc-radius-zero``, ``arc-radius-no-chord``, ``arc-radius-too-small``.
     """
     chord = math.dist(start, end)
     if radius == 0:
@@ -100,10 +115,9 @@ def from_radius(
     if half > abs(radius) + tolerance.reach:
         message = f"R is {abs(radius):.6g} mm, but the end point is {chord:.6g} mm away"
         raise fault("arc-radius-too-small", message, word, "R must be at least half of that")
-    # The centre lies off the chord's middle, to its left for a counter-clockwise arc of less than
-    # half a turn.
-    off = math.sqrt(max((abs(radius) - half) * (abs(radius) + half), 0.0))
-    left = off if clockwise == (radius < 0) else -off
+    # The centre is to the left of the chord for a counter-clockwise arc of less than half a turn.
+    offset = math.sqrt(max((abs(radius) - half) * (abs(radius) + half), 0.0))
+    left = offset if clockwise == (radius < 0) else -offset
     (x0, y0), (x1, y1) = start, end
     center = ((x0 + x1) / 2 - left * (y1 - y0) / chord, (y0 + y1) / 2 + left * (x1 - x0) / chord)
     swept = _turns(start, end, center, clockwise=clockwise)
@@ -121,8 +135,8 @@ def _turns(start: Point, end: Point, center: Point, *, clockwise: bool) -> float
         return -1.0 if clockwise else 1.0
     ax, ay = start[0] - center[0], start[1] - center[1]
     bx, by = end[0] - center[0], end[1] - center[1]
-    # The angle from cross and dot product keeps its digits for short arcs, which a difference of
-    # two angles does not.
+    # For short arcs the angle from cross and dot product is more accurate than a difference of two
+    # angles.
     turns = math.atan2(ax * by - ay * bx, ax * bx + ay * by) / math.tau
     if clockwise:
         return turns if turns < 0 else turns - 1.0

@@ -1,19 +1,18 @@
-r"""How near the tool's centre comes to a move of the contour, exactly, between lines and arcs.
+r"""Least distance between the path of the tool's centre and a move of the contour, exact.
 
-A corner says that the tool fits where two moves meet, and nothing of what is farther along them: an
-arc may lead back to the move before it, into a pocket that is narrower at its mouth than where they
-met.
+A corner can be possible, although the tool does not fit farther along the moves: an arc may lead
+back to the move before it, into a pocket that is narrower at its mouth than at the corner.
 
            a
         .------P      The tool fits into the corner at Q and along both moves there, but not past P:
-     .'    o    \     its centre is beside b all the way, and comes nearer to P than its radius.
-     b '.       a
+     .'    o    \     its centre is beside b along the whole arc, and comes nearer to P than its
+     b '.       a     radius.
           `- - -Q
 
 The distance from a move is least at an end of the path, beside an end of the move, where both are
-square to the line between them, or where they cross: these few places are tried, each by its
-distance from the move. That is why none of them has to be known well: the distance from a place
-that is a little off is still one that the tool does come to.
+perpendicular to the line between them, or where they cross. Each of these points is tested by its
+distance from the move. A point that is slightly wrong is harmless: the tool does come to the
+distance there.
 """
 
 from __future__ import annotations
@@ -22,12 +21,34 @@ import cmath
 import math
 from collections.abc import Iterator
 
-from cnc.gcode.geometry.offset_curves import Curve, OffsetArc, OffsetLine, meet
+from cnc.gcode.geometry.offset_curves import SLACK, Curve, OffsetArc, OffsetLine, meet, programmed
+
+
+def is_clear(path: Curve, start: float, stop: float, offset: Curve, radius: float) -> bool:
+    """Return whether no point of a part of a path is nearer to a move than the tool radius.
+
+    Two straight moves with a corner never are.
+
+    Args:
+        path: Path of the tool's centre.
+        start: Start of the part, in the units of the path.
+        stop: End of the part.
+        offset: Offset curve of the move.
+        radius: Tool radius, mm.
+    """
+    if isinstance(path, OffsetLine) and isinstance(offset, OffsetLine):
+        return True
+    return clearance(path, start, stop, programmed(offset)) >= radius - SLACK
 
 
 def clearance(path: Curve, start: float, stop: float, move: Curve) -> float:
-    """The least distance of a path, from ``start`` to ``stop`` in its own units after its start,
-    from a whole move; all in mm.
+    """Return the least distance of a part of a path from a whole move, mm.
+
+    Args:
+        path: Path of the tool's centre.
+        start: Start of the part, in the units of the path.
+        stop: End of the part.
+        move: The move.
     """
     stop = max(start, stop)
     least = min(distance(place(path, start), move), distance(place(path, stop), move))
@@ -41,14 +62,14 @@ def clearance(path: Curve, start: float, stop: float, move: Curve) -> float:
 
 
 def place(curve: Curve, along: float) -> complex:
-    """The point so many of its units after a curve's start."""
+    """Return the point at a distance, in the units of the curve, after its start."""
     if isinstance(curve, OffsetLine):
         return curve.first + along * curve.heading
     return curve.center + (curve.first - curve.center) * cmath.rect(1.0, curve.spin * along)
 
 
 def distance(point: complex, move: Curve) -> float:
-    """A point's distance from a move, mm."""
+    """Return the distance of a point from a move, mm."""
     if isinstance(move, OffsetLine):
         along = min(max(move.distance_along(point), 0.0), move.length)
         return abs(point - move.first - along * move.heading)
@@ -58,8 +79,9 @@ def distance(point: complex, move: Curve) -> float:
 
 
 def _least(path: Curve, move: Curve) -> Iterator[complex]:
-    """Where a path's distance from a move may be least, if neither had ends; and beside the ends of
-    the move.
+    """Points at which the distance of a path from a move may be least.
+
+    They are those of curves without ends, and the points beside the ends of the move.
     """
     centers = (
         (move.first, move.last, move.center)

@@ -1,18 +1,18 @@
-r"""Offset curves in a plane, and where two of them join at a corner.
+r"""Offset curves in a plane, and their joins at corners.
 
-The centre of a tool of radius r runs beside the programmed contour: a line's offset is a line, an
-arc's is an arc about the same centre. Points are complex numbers, first + second axis of the plane
-* 1j, in mm; ``side`` is 1 for a tool on the left of the path and -1 for one on its right. A turn, a
-bend or a radius is positive towards the tool.
+The centre of a tool of radius r moves beside the programmed contour: the offset of a line is a
+line, that of an arc an arc about the same centre. Points are complex numbers, first + second axis
+of the plane * 1j, in mm. ``side`` is 1 for a tool on the left of the path and -1 for one on its
+right. A turn, a curvature or a radius is positive towards the tool.
 
 Source: T. Kramer, F. Proctor, E. Messina, "The NIST RS274NGC Interpreter, version 3" (NISTIR 6556),
-appendix A; the corners are those of LinuxCNC, "Cutter radius compensation", but for arcs that join
-at an angle, which it takes for smooth up to 0.05 rad.
+appendix A. The corners are those of LinuxCNC, "Cutter radius compensation", except for arcs that
+join at an angle: LinuxCNC takes them as smooth up to 0.05 rad.
 
             outside corner                inside corner
        ----E1.                                   |     |
-             `.  arc of radius r about P     ----X..E1 |      both moves end where their offsets cross
-       ------P |
+             `.  arc of radius r about P     ----X..E1 |    both moves end where their
+       ------P |                                       |    offsets cross
               \ E2                          ----------P
 """
 
@@ -24,21 +24,24 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 SLACK = 1e-9
-"""mm. Rounding that may be missing where a tool just fits."""
+"""mm. Rounding error that is allowed where the tool just fits."""
 NEAR = 1e-6
 """mm. Moves that meet this near to their ends touch there."""
 TANGENT = 1e-10
-"""mm. How much nearer than its radius the tool may come for two moves to count as tangent."""
+"""mm. Two moves are tangent if the tool comes nearer than its radius by less than this."""
 MITRE = 0.05
-"""rad. At outside corners of less the offset curves run on until they cross: the part is the same,
-and the path has no stub of an arc.
+"""rad.
+
+At smaller outside corners the offset curves extend until they cross. The part is the same, and the
+path has no very short arc.
 """
 
 
 @dataclass(slots=True)
 class OffsetLine:
-    """The offset of a line that ends at ``corner``: from ``first`` to ``last``, with ``begin`` mm
-    cut off its start.
+    """The offset of a line that ends at ``corner``.
+
+    It leads from ``first`` to ``last``, without the first ``begin`` mm.
     """
 
     corner: complex
@@ -50,28 +53,28 @@ class OffsetLine:
 
     curvature = 0.0
     scale = 1.0
-    """mm a unit of ``length`` and ``begin``."""
+    """mm of a unit of ``length`` and ``begin``."""
 
     @property
     def end_heading(self) -> complex:
-        """Direction at the end, of length 1; ``heading`` is that at the start."""
+        """Unit vector of the direction at the end; ``heading`` is that at the start."""
         return self.heading
 
     def distance_along(self, point: complex) -> float:
-        """How far along a point of the curve lies, from ``first``."""
+        """Return the position of a point along the curve, from ``first``."""
         return _dot(point - self.first, self.heading)
 
     def distance_to_end(self, point: complex) -> float:
-        """How far before ``last``."""
+        """Return the distance along the curve from a point to ``last``."""
         return _dot(self.last - point, self.heading)
 
 
 @dataclass(slots=True)
 class OffsetArc:
-    """The offset of an arc that ends at ``corner``: ``spin`` is 1 counter-clockwise, ``length`` and
-    ``begin`` are angles in rad.
+    """The offset of an arc that ends at ``corner``.
 
-    ``bend`` is one over the programmed radius.
+    ``spin`` is 1 for counter-clockwise and -1 for clockwise. ``length`` and ``begin`` are angles in
+    rad. ``curvature`` is that of the programmed arc.
     """
 
     corner: complex
@@ -86,25 +89,25 @@ class OffsetArc:
 
     @property
     def scale(self) -> float:
-        """How many mm a unit of ``length`` and ``begin`` is."""
+        """Mm of a unit of ``length`` and ``begin``."""
         return self.radius
 
     @property
     def heading(self) -> complex:
-        """Direction at the start, of length 1."""
+        """Unit vector of the direction at the start."""
         return 1j * self.spin * (self.first - self.center) / self.radius
 
     @property
     def end_heading(self) -> complex:
-        """Direction at the end, of length 1."""
+        """Unit vector of the direction at the end."""
         return 1j * self.spin * (self.last - self.center) / self.radius
 
     def distance_along(self, point: complex) -> float:
-        """The angle from ``first`` to a point, from -pi to pi."""
+        """Return the angle from ``first`` to a point, -pi to pi."""
         return self.spin * angle((point - self.center) * (self.first - self.center).conjugate())
 
     def distance_to_end(self, point: complex) -> float:
-        """The angle from a point to ``last``, from -pi to pi."""
+        """Return the angle from a point to ``last``, -pi to pi."""
         return self.spin * angle((self.last - self.center) * (point - self.center).conjugate())
 
 
@@ -112,7 +115,7 @@ Curve = OffsetLine | OffsetArc
 
 
 def straight_offset(start: complex, end: complex, side: int, radius: float) -> OffsetLine:
-    """The offset of a line of some length."""
+    """Return the offset of a line, whose length must not be 0."""
     length = abs(end - start)
     heading = (end - start) / length
     beside = 1j * side * radius * heading
@@ -121,8 +124,9 @@ def straight_offset(start: complex, end: complex, side: int, radius: float) -> O
 
 @dataclass(frozen=True, slots=True)
 class TrueArc:
-    """An arc of a circle: both ends are as far from ``center``. ``share`` is the part of the
-    programmed arc that lies behind its end.
+    """An arc with both ends at the same distance from ``center``.
+
+    ``share`` is the part of the programmed arc before its end.
     """
 
     end: complex
@@ -132,13 +136,13 @@ class TrueArc:
 
 
 def true_arcs(start: complex, end: complex, center: complex, turns: float) -> Iterator[TrueArc]:
-    """A programmed arc as arcs of circles: nearly always itself.
+    """Yield a programmed arc as exact arcs of circles; nearly always it is one.
 
-    A programmed centre may be nearer to one end point than to the other by the dialect's tolerance.
-    The curve between is no circle then, and its offset has no simple form. So the centre is moved
-    to the nearest place as far from both ends, which moves no point of the arc by more than twice
-    the tolerance. Where the ends of a nearly full circle are so close together that this place
-    would be far away, the arc is cut into arcs of up to half a turn first.
+    A programmed centre may be nearer to one end than to the other by the dialect's tolerance. The
+    curve is not a circle then, and its offset has no simple form. So the centre is moved to the
+    nearest point at the same distance from both ends, which moves no point of the arc by more than
+    twice the tolerance. If the ends of a nearly full circle are so close that this point is far
+    away, the arc is first cut into arcs of at most half a turn.
     """
     reach = abs(start - center)
     grown = abs(end - center) - reach
@@ -163,12 +167,12 @@ def true_arcs(start: complex, end: complex, center: complex, turns: float) -> It
 
 
 def is_nearly_closed(start: complex, end: complex, center: complex, turns: float) -> bool:
-    """Whether an arc ends close to where it began, going around."""
+    """Return whether an arc ends close to its start after a turn."""
     return abs(turns) > 0.5 and abs(end - start) < abs(start - center) / 2
 
 
 def round_offset(start: complex, arc: TrueArc, side: int, radius: float) -> OffsetArc | None:
-    """The offset of an arc; None if the tool does not fit into it."""
+    """Return the offset of an arc; None if the tool does not fit into it."""
     spin = 1 if arc.turns > 0 else -1
     out, end_out = start - arc.center, arc.end - arc.center
     reach = abs(out)
@@ -189,8 +193,9 @@ def round_offset(start: complex, arc: TrueArc, side: int, radius: float) -> Offs
 
 
 def lead_in_arc(start: complex, arc: OffsetArc) -> OffsetArc | None:
-    """The arc that leads from an uncompensated point tangentially onto the end of an offset arc, as
-    in LinuxCNC; None if none does.
+    """Return the tangential arc from an uncompensated point to the end of an offset arc.
+
+    None if there is none. As in LinuxCNC.
     """
     back = start - arc.last
     inwards = (arc.center - arc.last) / arc.radius
@@ -205,11 +210,11 @@ def lead_in_arc(start: complex, arc: OffsetArc) -> OffsetArc | None:
 
 @dataclass(frozen=True, slots=True)
 class Join:
-    """How the tool gets from one curve to the next.
+    """Path of the tool from one curve to the next.
 
-    Off the one at ``leave``, ``cut`` of its units before its end, and onto the other at ``enter``,
-    ``begin`` of its units after its start. The two points differ where it goes ``around`` an
-    outside corner.
+    It leaves the first at ``leave``, ``cut`` of its units before its end, and enters the second at
+    ``enter``, ``begin`` of its units after its start. The two points differ if it goes ``around``
+    an outside corner.
     """
 
     leave: complex
@@ -220,21 +225,26 @@ class Join:
 
 
 def join(a: Curve, b: Curve, side: int, radius: float, *, entry: bool = False) -> Join | None:
-    """The join of two offset curves whose moves follow each other; None where the tool does not fit
-    into the corner.
+    """Return the join of the offset curves of two consecutive moves.
 
-    With ``entry`` a leads in, and may do so from anywhere.
+    Args:
+        a: The first curve.
+        b: The second curve.
+        side: Side of the tool.
+        radius: Tool radius, mm.
+        entry: The first curve leads in, and may come from any direction.
+
+    Returns:
+        None if the tool does not fit into the corner.
     """
     turn = side * angle(b.heading * a.end_heading.conjugate())
     if (math.pi - abs(turn)) * min(a.length * a.scale, b.length * b.scale) <= SLACK:
-        # The path turns right back: around its end, or into the cusp where the way back bends to
-        # the tool's side of the way there.
+        # The path reverses: around its end, or into a cusp where it curves back to the tool's side.
         turn = math.pi if a.curvature + b.curvature < -SLACK * abs(a.curvature) else -math.pi
     elif radius * turn * turn * max(1.0, _stretch(a), _stretch(b)) <= 2.0 * TANGENT:
         return Join(a.last, a.last, 0.0, b.distance_along(a.last))
     elif not entry and _loop(a, b, -1 if side * turn > 0 else 1):
-        # A cusp where rounding has let the moves cross just before they turn back is one all the
-        # same.
+        # In a cusp the moves may cross just before the reversal because of rounding.
         if turn > MITRE - math.pi:
             return None
         turn = math.pi
@@ -249,8 +259,9 @@ def join(a: Curve, b: Curve, side: int, radius: float, *, entry: bool = False) -
 
 
 def _runs_on(curve: Curve, distance: float, far: float) -> bool:
-    """Whether a crossing ``distance`` units from a curve's end is at most ``far`` mm away, and an
-    arc needs not turn much to get there.
+    """Whether a curve can extend to a crossing ``distance`` units from its end.
+
+    The crossing must be at most ``far`` mm away, along an arc also at a small angle.
     """
     return abs(distance) * curve.scale <= far and (
         isinstance(curve, OffsetLine) or abs(distance) <= MITRE
@@ -258,8 +269,10 @@ def _runs_on(curve: Curve, distance: float, far: float) -> bool:
 
 
 def _loop(a: Curve, b: Curve, left: int) -> bool:
-    """Whether a move crosses the one before it again after their corner, to its ``left`` (1) or
-    right (-1): the tool has cut there then.
+    """Whether a move crosses the move before it again after their corner.
+
+    The tool has cut there then. The crossing is to the left of the first move for ``left`` 1, to
+    its right for -1.
     """
     if isinstance(a, OffsetLine) and isinstance(b, OffsetLine):
         return False
@@ -275,7 +288,7 @@ def _loop(a: Curve, b: Curve, left: int) -> bool:
 
 
 def programmed(curve: Curve) -> Curve:
-    """The move that a curve is the offset of; not for one that leads in."""
+    """Return the move of an offset curve; not valid for one that leads in."""
     if isinstance(curve, OffsetLine):
         back = curve.corner - curve.last
         return replace(curve, first=curve.first + back, last=curve.corner)
@@ -285,12 +298,11 @@ def programmed(curve: Curve) -> Curve:
 
 
 def _crossing(a: Curve, b: Curve, left: int, *, inside: bool) -> Join | None:
-    """Where two curves cross; at the place meant, b leads to the left of a (``left`` 1) or to its
-    right (-1).
+    """The join at the crossing of two curves.
 
-    Of the two crossings of circles one turns left and the other right. As the tool grows from
-    nothing to its radius, the crossing moves from the corner to its place without ever changing
-    sides: so the side tells which one is meant.
+    b leads to the left of a (``left`` 1) or to its right (-1). Two circles have two crossings, one
+    of each kind. As the tool radius grows from 0, the crossing moves from the corner without a
+    change of kind, so the kind identifies it.
     """
     point = meet(a, b, left)
     if point is None:
@@ -302,8 +314,9 @@ def _crossing(a: Curve, b: Curve, left: int, *, inside: bool) -> Join | None:
 
 
 def meet(a: Curve, b: Curve, left: int) -> complex | None:
-    """Where two curves cross if neither had ends, b to the ``left`` of a (1) or to its right (-1);
-    None where they don't.
+    """Return the crossing of two curves if neither had ends; None if they do not cross.
+
+    There b leads to the left of a (``left`` 1) or to its right (-1).
     """
     if isinstance(a, OffsetLine):
         if isinstance(b, OffsetLine):
@@ -317,7 +330,7 @@ def meet(a: Curve, b: Curve, left: int) -> complex | None:
     if isinstance(b, OffsetLine):
         return _line_and_circle(b.first, b.heading, a, -left * a.spin)
     if a.radius > b.radius:
-        # Seen from the greater circle, a last digit of its radius would be many of the other's.
+        # The smaller circle comes first: the rounding error of the larger radius would be greater.
         return meet(b, a, -left)
     apart = b.center - a.center
     distance = abs(apart)
@@ -333,7 +346,7 @@ def meet(a: Curve, b: Curve, left: int) -> complex | None:
 def _line_and_circle(
     point: complex, heading: complex, circle: OffsetArc, sign: int
 ) -> complex | None:
-    """The crossing where the line leads out of the circle (``sign`` 1) or into it (-1)."""
+    """The crossing at which the line leaves the circle (``sign`` 1) or enters it (-1)."""
     foot = point + heading * _dot(circle.center - point, heading)
     distance = abs(_cross(heading, circle.center - point))
     square = (circle.radius - distance) * (circle.radius + distance)
@@ -341,22 +354,21 @@ def _line_and_circle(
 
 
 def _onwards(curve: Curve, distance: float) -> float:
-    """An inside corner cuts off a part of an arc, however large: its angle counts from 0 to a full
-    turn.
-    """
+    """The distance that an inside corner cuts off a curve; of an arc up to a full turn."""
     if isinstance(curve, OffsetArc) and distance < -1e-6:
         return distance + math.tau
     return distance
 
 
 def _stretch(curve: Curve) -> float:
-    """How many times the programmed radius is the offset's."""
+    """Ratio of the programmed radius to that of the offset."""
     return 1.0 / abs(curve.curvature * curve.radius) if isinstance(curve, OffsetArc) else 1.0
 
 
 def angle(direction: complex) -> float:
-    """From -pi to pi; ``cmath.phase`` raises OverflowError where the result is hardly more than
-    0.
+    """Return the angle from -pi to pi.
+
+    ``cmath.phase`` raises OverflowError if the result is close to 0.
     """
     return math.atan2(direction.imag, direction.real)
 

@@ -13,6 +13,7 @@ from cnc.gcode import dialects
 from cnc.gcode.codes import macro_variables, probing, system_parameters
 from cnc.gcode.codes.axis_words import MIN_FEED
 from cnc.gcode.codes.compensation_codes import CompensationCodes
+from cnc.gcode.codes.input_output_codes import InputOutputCodes
 from cnc.gcode.codes.machine_codes import MachineCodes
 from cnc.gcode.codes.motion import Motion
 from cnc.gcode.codes.offset_codes import OffsetCodes
@@ -92,8 +93,9 @@ class Interpreter:
         )
         self.unused_words = UnusedWords(self.here)
         self.machine_codes = MachineCodes(
-            dialect, self.here, self.modal, self.out, parameters, self.unused_words
+            dialect, self.here, self.modal, self.out, self.unused_words
         )
+        self.input_output_codes = InputOutputCodes(self.here, self.out, parameters)
         self.motion = Motion(
             axes,
             dialect,
@@ -302,7 +304,7 @@ class Interpreter:
         self._feed(words, codes)
         self.compensation_codes.refuse(codes)
         functions.speed_and_tool(words, codes)
-        functions.input_output(words, codes)
+        self.input_output_codes.execute(words, codes)
         functions.tool_change(words, codes)
         functions.spindle(words, codes)
         if code := codes.get("state"):

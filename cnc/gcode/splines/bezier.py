@@ -1,14 +1,15 @@
-"""G5 and G5.1: Bezier curves in the plane, each written in one line.
+"""G5 and G5.1: Bezier curves in the plane, each in one line.
 
-    G5 X Y I J P Q      cubic: I J from the start to the first control point, P Q from the end to the second
-    G5.1 X Y I J        quadratic: I J from the start to the control point, 0 where one is left out
+    G5 X Y I J P Q   cubic: I J from the start to the first control point,
+                     P Q from the end to the second
+    G5.1 X Y I J     quadratic: I J from the start to the control point, 0 where one is missing
 
-As LinuxCNC documents them ("G5 Cubic Spline", "G5.1 Quadratic Spline"), but in every plane: I goes
-with X, J with Y and K with Z, and P and Q are the second point's offsets along the plane's first
-and second axis (X Y, Z X, Y Z). The offsets are always seen from the start or the end, G90.1 or
-not. Only the plane's two axes move. A G5 that comes right after another may leave out I and J: it
-goes on in the direction, and at the pace, in which the one before ended (its -P -Q); "right after"
-means that nothing has moved between.
+They are as in LinuxCNC ("G5 Cubic Spline", "G5.1 Quadratic Spline"), but in every plane: I belongs
+to X, J to Y and K to Z, and P and Q are the second point's offsets along the plane's first and
+second axis (X Y, Z X, Y Z). The offsets count from the start or the end, also under G90.1. Only the
+plane's two axes move. A G5 directly after another may have no I and J: it continues in the
+direction and with the speed of its end (-P -Q). "Directly" means that there is no move between
+them.
 """
 
 from __future__ import annotations
@@ -33,14 +34,14 @@ Vector = list[float]
 
 
 def register(motion: Motion, state: ModalState, here: SourceLocation) -> None:
-    """Let ``motion`` make G5 and G5.1."""
+    """Register the handlers of G5 and G5.1."""
     splines = _Splines(motion, state, here)
     motion.handlers[CUBIC] = splines.cubic
     motion.handlers[QUADRATIC] = splines.quadratic
 
 
 class _Splines:
-    """Makes the moves. What a G5 ended with is kept for the next one."""
+    """Execution of G5 and G5.1. The end of a G5 is stored for the next one."""
 
     def __init__(self, motion: Motion, state: ModalState, here: SourceLocation) -> None:
         self._motion = motion
@@ -48,10 +49,10 @@ class _Splines:
         self._here = here
         self._end: list[float] | None = None
         self._plane: Plane = "XY"
-        self._onward: Vector = []
+        self._tangent: Vector = []
 
     def cubic(self, words: LineWords, code: Code | None) -> None:
-        """G5."""
+        """Execute G5."""
         at = self._begin(words, code, "G5")
         start = self._motion.position
         end = self._motion.target(words, "G5", start)
@@ -61,20 +62,20 @@ class _Splines:
             given, missing = p or q or at, "P and Q" if not (p or q) else "Q" if p else "P"
             raise fault(
                 "spline-control-point-missing",
-                f"G5 needs P and Q, {missing} missing",
+                f"G5 needs P and Q: {missing} missing",
                 given,
                 "P and Q are the second control point's offset from the end",
             )
         second = self._vector(p, q)
         self._make("G5", words, [start, _plus(start, first), _plus(end, second), end], at)
-        self._end, self._plane, self._onward = (
+        self._end, self._plane, self._tangent = (
             self._motion.position,
             self._state.plane,
             [-value for value in second],
         )
 
     def quadratic(self, words: LineWords, code: Code | None) -> None:
-        """G5.1."""
+        """Execute G5.1."""
         at = self._begin(words, code, "G5.1")
         start = self._motion.position
         end = self._motion.target(words, "G5.1", start)
@@ -92,18 +93,21 @@ class _Splines:
         self._make("G5.1", words, [start, _plus(start, self._vector(*offsets)), end], at)
 
     def _begin(self, words: LineWords, code: Code | None, user: str) -> Word:
-        """The word that errors point at, when the modes and the axis words are in order."""
+        """Check the modes and the axis words. Returns the word at which errors are reported."""
         at = code.word if code else words.first_axis()
         check_mode(self._state, at, inverse_time=True)
         first, second = self._axes()
         for word in sorted(words.rest.values(), key=lambda word: word.column):
             if word.letter in AXES and word.letter.lower() not in (first, second):
-                message = f"{word.written}: {user} moves along {first.upper()} and {second.upper()} alone, the axes of its plane"
+                message = (
+                    f"{word.written}: {user} moves only along {first.upper()} and "
+                    f"{second.upper()}, the axes of its plane"
+                )
                 raise fault("spline-axis", message, word, "choose the plane by G17, G18 or G19")
         if not words.has_axis():
             look_ahead = words.rest.keys() <= {"P", "Q"}
             hint = (
-                "FANUC's look-ahead modes G05 P10000 and G05.1 Q1 are no matter here: leave them out"
+                "FANUC's look-ahead modes (G05 P10000, G05.1 Q1) have no use: remove them"
                 if look_ahead
                 else ""
             )
@@ -117,7 +121,7 @@ class _Splines:
         return [CENTER_WORDS[axis] for axis in self._axes()]
 
     def _first(self, words: LineWords, at: Word) -> Vector:
-        """The way from the start to the first control point of a G5."""
+        """Offset of the first control point of a G5 from the start."""
         letters = self._letters()
         offsets = [words.take(letter, "G5") for letter in letters]
         given = [word for word in offsets if word]
@@ -134,20 +138,26 @@ class _Splines:
         if given:
             return self._vector(*offsets)
         if self._motion.position is not self._end or self._state.plane != self._plane:
-            message = f"G5 without {letters[0]} and {letters[1]}, but no G5 of this plane right before it to go on from"
+            message = (
+                f"G5 without {letters[0]} and {letters[1]} must directly follow another G5 of "
+                "this plane"
+            )
             raise fault(
                 "spline-tangent-missing", message, at, f"give {letters[0]} and {letters[1]}"
             )
-        return self._onward
+        return self._tangent
 
     def _vector(self, first: Word | None, second: Word | None) -> Vector:
-        """Two offsets along the plane's axes as a way of the machine."""
+        """Two offsets along the plane's axes as a vector in machine directions."""
         motion, state = self._motion, self._state
         offset = [0.0] * len(motion.axes)
         for axis, word in zip(self._axes(), (first, second), strict=True):
             index = motion.column.get(axis.upper())
             if word and index is None:
-                message = f"{word.written}: a spline in the {state.plane} plane, but the machine has no {axis.upper()} axis"
+                message = (
+                    f"{word.written}: a spline in the {state.plane} plane needs the {axis.upper()} "
+                    "axis, which the machine lacks"
+                )
                 raise fault("axis-missing", message, word)
             if word and index is not None:
                 offset[index] = word.number * state.scale
@@ -156,18 +166,18 @@ class _Splines:
     def _make(self, user: str, words: LineWords, control: Sequence[Vector], at: Word) -> None:
         points, weights = np.array(control), np.ones(len(control))
         knots = curves.bezier_knots(len(control) - 1)
-        # Only inverse time asks how long the way is.
-        way = (
+        # Only inverse time needs the length.
+        length = (
             curves.length(knots, points, weights)
             if self._state.feed_mode == "inverse-time"
             else 0.0
         )
         motion, here = self._motion, self._here
-        feed = motion.feed(words, list(control[-1]), way, at)
+        feed = motion.feed(words, list(control[-1]), length, at)
         motion.spline(
             NurbsFeed(here.file, here.line, len(control) - 1, knots, points, weights, feed)
         )
 
 
-def _plus(point: Vector, way: Vector) -> Vector:
-    return [a + b for a, b in zip(point, way, strict=True)]
+def _plus(point: Vector, offset: Vector) -> Vector:
+    return [a + b for a, b in zip(point, offset, strict=True)]

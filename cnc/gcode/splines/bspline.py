@@ -1,22 +1,22 @@
-"""BSPLINE: a B-spline as Siemens' SINUMERIK 840D writes it, control point by control point.
+"""BSPLINE: a B-spline by its control points, in the words of Siemens' SINUMERIK 840D.
 
-    BSPLINE SD=3        SD degree: 2 or 3, 3 where it is left out; the line may hold the first of the points below
-    X Y Z PL=1 PW=1     a control point; PL interval length, PW weight, both 1 where they are left out
+    BSPLINE SD=3        SD degree, 2 or 3, by default 3; the line may have the first of the points
+    X Y Z PL=1 PW=1     a control point; PL interval length, PW weight, both by default 1
     X Y Z ..
-    G1 ..               any other motion code, another BSPLINE or the end of the program completes the curve
+    G1 ..               another motion code, another BSPLINE or the program end completes the curve
 
-The first control point is the position before, its weight 1. The curve starts and ends in its first
-and last control point, along the polygon: its knots are clamped. Source: SINUMERIK 840D sl,
+The first control point is the position before, with weight 1. The curve starts and ends in its
+first and last control point, along the polygon: its knots are clamped. Source: SINUMERIK 840D sl,
 Programming Manual Job Planning, "Spline interpolation (ASPLINE, BSPLINE, CSPLINE, BAUTO, BNAT,
 BTAN, EAUTO, ENAT, ETAN, PW, SD, PL)": PL is the parameter interval length, the distance between two
 knots.
 
-A curve of degree p and n + 1 control points has n + 1 - p pieces, each governed by p + 1 points one
-after another. The manual leaves open which line's PL belongs to which piece; here it is the piece
-that the line's point completes, PL = u(i+1) - u(i) for point i of the clamped knots u, which is
-also what differences of a CAM system's knots give. So the first p - 1 lines after the start
-complete no piece: a PL there must be 0, or the one length that all the curve's PLs have, when it
-makes no difference. PL=0 further on makes a multiple knot.
+A curve of degree p and n + 1 control points has n + 1 - p pieces, each controlled by p + 1
+consecutive points. The manual does not say which line's PL belongs to which piece. Here it is the
+piece that the line's point completes: PL = u(i+1) - u(i) for point i of the clamped knots u.
+Differences of a CAM system's knots give the same. So the first p - 1 lines after the start complete
+no piece: a PL there must be 0, or the one length of all the curve's PLs, when it makes no
+difference. A later PL=0 makes a multiple knot.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ DEFAULT_DEGREE = 3
 
 
 def register(motion: Motion, state: ModalState, here: SourceLocation, read_feed: ReadFeed) -> None:
-    """Let ``motion`` make BSPLINE."""
+    """Register the handler of BSPLINE."""
 
     def begin(words: LineWords, code: Code | None) -> None:
         assert code is not None, "while BSPLINE is in effect its collector takes the lines"
@@ -53,7 +53,10 @@ def register(motion: Motion, state: ModalState, here: SourceLocation, read_feed:
 
 
 class ControlPolygon(PointCollector):
-    """A curve in the making. ``first`` takes the BSPLINE line and ``line`` each one after it."""
+    """Collector of a BSPLINE.
+
+    ``first`` takes the BSPLINE line and ``line`` each one after it.
+    """
 
     def __init__(
         self, start: Word, motion: Motion, here: SourceLocation, read_feed: ReadFeed
@@ -65,17 +68,17 @@ class ControlPolygon(PointCollector):
         self._intervals: list[WordLocation | None] = []
 
     def first(self, words: LineWords) -> None:
-        """The words of the BSPLINE line itself; words of no use here stay for the caller to
-        refuse.
-        """
+        """Take the words of the BSPLINE line. Words without a use stay for the caller to refuse."""
         if size := words.take("SD", "BSPLINE"):
             self._degree = whole(size, "the degree", 2, 3)
-        self.company(words)
+        self.check_opening_line(words)
         self._point(words, self.start.word)
 
     def line(self, words: LineWords, codes: Codes) -> bool:
-        """A line while BSPLINE is in effect; False for the one that completes the curve and is
-        still to be executed.
+        """Take a line while BSPLINE is in effect.
+
+        Returns:
+            False for the line that completes the curve and must still be executed.
         """
         if leaving(codes):
             self._complete()
@@ -84,7 +87,7 @@ class ControlPolygon(PointCollector):
         if len(self.points) == 1:
             self._read_feed(words, {})
         elif feed := words.rest.get("F"):
-            message = f"{feed.written} inside a curve: one feed holds for the whole of it"
+            message = f"{feed.written} inside a curve, which has one feed"
             raise fault(
                 "nurbs-foreign-word", message, feed, "give F before the second control point"
             )
@@ -93,7 +96,7 @@ class ControlPolygon(PointCollector):
         return True
 
     def end(self, what: str) -> None:
-        """The program ends, and so does the curve."""
+        """Complete the curve at the program end."""
         self._complete()
 
     def _point(self, words: LineWords, at: Word | None) -> None:
@@ -127,14 +130,17 @@ class ControlPolygon(PointCollector):
                     message = (
                         f"{place.word.written}: this control point completes no piece of the curve"
                     )
-                    hint = f"the first {degree - 1} of a curve of degree {degree} have PL=0 or none"
+                    hint = (
+                        f"the first {degree - 1} of a curve of degree {degree} have PL=0 or no PL"
+                    )
                     raise place.fault("nurbs-interval-unused", message, hint)
         self._check_multiplicities(pieces)
         self.make(knots.clamped(pieces, degree), self._feed)
 
     def _check_multiplicities(self, pieces: list[float]) -> None:
-        """The first and the last piece must not be empty, and no more than degree - 1 in a row
-        between.
+        """Check the empty pieces.
+
+        There must be none at the ends, and at most degree - 1 consecutive ones between.
         """
         empty = 0
         for index, piece in enumerate(pieces):
@@ -143,8 +149,11 @@ class ControlPolygon(PointCollector):
             if not place or piece:
                 continue
             if index == 0 or index == len(pieces) - 1:
-                message = f"{place.word.written} for the {'last' if index else 'first'} piece of the curve, which can't be empty"
+                which = "last" if index else "first"
+                message = (
+                    f"{place.word.written} for the {which} piece of the curve, which can't be empty"
+                )
                 raise place.fault("nurbs-end-multiplicity", message, "give its length")
             if empty == self._degree:
-                message = f"{empty} empty pieces in a row tear the curve apart"
+                message = f"{empty} consecutive empty pieces make the curve discontinuous"
                 raise place.fault("nurbs-position-jump", message, f"at most {self._degree - 1}")

@@ -1,8 +1,7 @@
-"""What the ways to write a NURBS over many lines share: points and weights so far, and what may not
-stand inside.
+"""Base of the collectors of curves that are written over many lines.
 
-A collector holds the lines between the code that opens a curve and the one that completes it;
-``motion.collector`` is the one at work.
+A collector takes the lines from the code that opens a curve to the one that completes it;
+``motion.collector`` is the active one.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ _ENDS = (M.M2, M.M30)
 
 @dataclass(frozen=True, slots=True)
 class WordLocation:
-    """A word in a line that has gone by: an error may have to point back at it."""
+    """A word and its line, for errors that are found later."""
 
     word: Word
     file: str
@@ -41,26 +40,28 @@ class WordLocation:
 
     @classmethod
     def of(cls, word: Word, here: SourceLocation) -> WordLocation:
-        """A word of the line that is being executed."""
+        """Return the location of a word of the current line."""
         return cls(word, here.file, here.line, here.text_of)
 
     def fault(self, code: str, message: str, hint: str = "") -> GcodeError:
-        """An error at this word."""
+        """Return an error at this word."""
         return self.put(fault(code, message, self.word, hint))
 
     def put(self, error: GcodeError) -> GcodeError:
-        """The error, in this line."""
+        """Return the error with the place of this line."""
         return GcodeError(
             replace(error.diagnostic, file=self.file, line=self.line, text=self.text_of(self.line))
         )
 
 
 class PointCollector:
-    """Control points in machine coordinates and their weights, the first point being the position
-    where the curve begins.
+    """Control points in machine coordinates and their weights.
 
-    ``name`` is the code that opens the curve and ``holds`` what its lines may hold, both as errors
-    name them.
+    The first point is the position at the start.
+
+    Attributes:
+        name: Code that opens the curve, for messages.
+        holds: Words that its lines may have, for messages.
     """
 
     def __init__(
@@ -74,21 +75,19 @@ class PointCollector:
         self.points = [motion.position]
         self.weights = [1.0]
 
-    def company(self, words: LineWords) -> None:
-        """Refuse what may not stand in the line that opens a curve: nothing but modes of the
-        language goes with it.
-        """
-        strangers = [
+    def check_opening_line(self, words: LineWords) -> None:
+        """Refuse words that can't stand in the line that opens a curve; only modal codes can."""
+        refused = [
             *words.m,
             *(word for word in words.g if _is_non_modal(word)),
         ]
-        strangers += [words.users[letter][1] for letter in "ST" if letter in words.users]
-        for word in strangers[:1]:
+        refused += [words.users[letter][1] for letter in "ST" if letter in words.users]
+        for word in refused[:1]:
             message = f"{word.written} can't stand in the line of {self.name}"
             raise fault("nurbs-foreign-word", message, word, "write it on the line before")
 
     def axes(self, words: LineWords) -> list[Word]:
-        """The axis words of a line from left to right: X, Y and Z alone move along a NURBS."""
+        """Return the axis words of a line from left to right. Only X, Y and Z are allowed."""
         found = sorted(
             (word for word in words.rest.values() if word.letter in AXES),
             key=lambda word: word.column,
@@ -105,17 +104,17 @@ class PointCollector:
         return found
 
     def no_codes(self, codes: Codes) -> None:
-        """Refuse a code in a line inside the curve."""
+        """Refuse codes in a line inside the curve."""
         for code in codes.values():
             raise self.foreign(code.word)
 
     def no_words(self, words: LineWords) -> None:
-        """Refuse whatever is left in a line inside the curve."""
+        """Refuse remaining words in a line inside the curve."""
         for word in words.rest.values():
             raise self.foreign(word)
 
     def foreign(self, word: Word) -> GcodeError:
-        """The error for a word that may not stand inside the curve."""
+        """Return the error for a word that can't stand inside the curve."""
         return fault(
             "nurbs-foreign-word",
             f"{word.written} can't stand inside {self.name}",
@@ -124,11 +123,14 @@ class PointCollector:
         )
 
     def too_few(self, degree: int) -> str:
-        """What is wrong with so few points."""
-        return f"{len(self.points)} control points are too few: a curve of degree {degree} has {degree + 1} or more"
+        """Return the message of a curve with too few points."""
+        return (
+            f"{len(self.points)} control points are too few: a curve of degree {degree} has "
+            f"{degree + 1} or more"
+        )
 
     def make(self, knots: NDArray[np.float64], feed: float) -> None:
-        """The curve is complete: make the move."""
+        """Make the move of the complete curve."""
         degree = len(knots) - len(self.points) - 1
         points, weights = (
             np.array(self.points, dtype=np.float64),
@@ -141,7 +143,7 @@ class PointCollector:
 
 
 def weight_of(word: Word) -> float:
-    """The weight of a control point."""
+    """Return the weight of a control point."""
     if word.number <= 0:
         raise fault("nurbs-weight-not-positive", f"{word.written}: a weight must be positive", word)
     return word.number
@@ -153,7 +155,7 @@ def _is_non_modal(word: Word) -> bool:
 
 
 def leaving(codes: Codes) -> Code | None:
-    """The code that would leave the curve: another motion, or the end of the program."""
+    """Return the code that leaves the curve: another motion code, or the program end; else None."""
     if code := codes.get("motion"):
         return code
     code = codes.get("stop")
@@ -163,8 +165,16 @@ def leaving(codes: Codes) -> Code | None:
 def check_mode(
     state: ModalState, word: Word, code: str = "", *, inverse_time: bool = False
 ) -> None:
-    """Refuse a spline under cutter compensation, and, unless ``inverse_time`` goes, under G93;
-    ``code`` is that of both errors.
+    """Refuse a spline under cutter compensation or G93.
+
+    Args:
+        state: The modal state.
+        word: The G word, for errors.
+        code: Code of both errors; by default each has its own.
+        inverse_time: G93 is allowed.
+
+    Raises:
+        GcodeError: The mode is not allowed.
     """
     if state.compensation != G.G40:
         raise fault(

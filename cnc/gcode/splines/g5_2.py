@@ -1,17 +1,18 @@
-"""G5.2 to G5.3: a NURBS by its control points, with the knots left to the controller.
+"""G5.2 to G5.3: a NURBS by its control points, with knots computed by the controller.
 
-    G5.2 P1 L3          P weight of the first control point, the present position; L order (degree + 1), 3 where it is left out
-    X Y P               a control point and its weight, 1 where it is left out
+    G5.2 P1 L3     P weight of the first control point, the present position;
+                   L order (degree + 1), by default 3
+    X Y P          a control point and its weight, by default 1
     X Y P
-    G5.3                the curve is complete
+    G5.3           the curve is complete
 
-As LinuxCNC documents it ("G5.2 G5.3 NURBS Block"): where the G5.2 line has axis words they are the
-second control point, and P is its weight; the knots are uniform and clamped, 0 .. 0 1 2 .. n .. n.
-Control points are points in space: X Y, or any two of X Y Z or all three, the same in every line,
-whatever the plane. Two things are not as LinuxCNC does them: a weight left out in the first line is
-1, and words of another axis are not dropped. Under G91 control points are seen from the position
-where the curve begins, as they are in LinuxCNC. One feed holds for the whole curve: the last F that
-was given before G5.3; under G93 that of the G5.2 line, for the curve as a whole.
+It is as in LinuxCNC ("G5.2 G5.3 NURBS Block"): if the G5.2 line has axis words they are the second
+control point, and P is its weight; the knots are uniform and clamped, 0 .. 0 1 2 .. n .. n. Control
+points are points in space: two of X Y Z or all three, the same in every line, whatever the plane.
+Two details differ from LinuxCNC: a missing weight in the first line is 1, and words of another axis
+are an error. Under G91 control points count from the start of the curve, as in LinuxCNC. One feed
+holds for the whole curve: the last F before G5.3; under G93 that of the G5.2 line, for the whole
+curve.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ DEFAULT_ORDER = 3
 
 
 def register(motion: Motion, state: ModalState, here: SourceLocation, read_feed: ReadFeed) -> None:
-    """Let ``motion`` make the curves between G5.2 and G5.3."""
+    """Register the handlers of G5.2 and G5.3."""
 
     def begin(words: LineWords, code: Code | None) -> None:
         assert code is not None, "G5.2 is not in effect when its curve is complete"
@@ -62,7 +63,10 @@ def register(motion: Motion, state: ModalState, here: SourceLocation, read_feed:
 
 
 class NurbsBlock(PointCollector):
-    """A curve in the making. ``first`` takes the G5.2 line and ``line`` each one after it."""
+    """Collector of a curve between G5.2 and G5.3.
+
+    ``first`` takes the G5.2 line and ``line`` each one after it.
+    """
 
     def __init__(
         self,
@@ -80,11 +84,11 @@ class NurbsBlock(PointCollector):
         self._unit_feed: float | None = None
 
     def first(self, words: LineWords) -> None:
-        """The words of the G5.2 line itself; words of no use here stay for the caller to refuse."""
+        """Take the words of the G5.2 line. Words without a use stay for the caller to refuse."""
         if size := words.take("L", "G5.2"):
             self._order = whole(size, "the order", 2, MAX_ORDER)
         weight = words.take("P", "G5.2")
-        self.company(words)
+        self.check_opening_line(words)
         if axes := self.axes(words):
             self._add_point(words, axes, weight)
         elif weight:
@@ -93,7 +97,7 @@ class NurbsBlock(PointCollector):
             self._unit_feed = self.motion.feed(words, self.motion.position, 1.0, self.start.word)
 
     def line(self, words: LineWords, codes: Codes) -> bool:
-        """A line inside the curve, which is always used up; G5.3 makes the curve."""
+        """Take a line inside the curve and return True. G5.3 makes the curve."""
         code = codes.get("motion")
         if code and code.number == CLOSE:
             self._close(words, codes, code)
@@ -117,14 +121,14 @@ class NurbsBlock(PointCollector):
         return True
 
     def end(self, what: str) -> None:
-        """The program ends inside the curve: an error, which points at the G5.2."""
+        """Raise the error of a program end inside the curve, at the G5.2."""
         raise self.start.fault("nurbs-left-early", what, "the curve ends with G5.3")
 
     def _add_point(self, words: LineWords, axes: list[Word], weight: Word | None) -> None:
         letters = frozenset(word.letter for word in axes)
         if self._named is None:
             if len(letters) == 1:
-                message = f"{axes[0].written} alone is no control point"
+                message = f"{axes[0].written} alone is not a control point"
                 raise fault(
                     "nurbs-point-incomplete",
                     message,
@@ -137,7 +141,7 @@ class NurbsBlock(PointCollector):
             odd = next((word for word in axes if word.letter not in self._named), axes[0])
             raise fault(
                 "nurbs-mixed-axes",
-                f"the first control point named {names}, this one does not",
+                f"the first control point has {names}, this one does not",
                 odd,
                 f"give {names} in every line",
             )
@@ -160,8 +164,8 @@ class NurbsBlock(PointCollector):
         if self._unit_feed is None:
             feed = self.motion.feed(words, self.points[-1], 0.0, code.word)
         else:
-            way = curves.length(knots, np.array(self.points), np.array(self.weights))
-            feed = self._unit_feed * (way or 1.0)
+            length = curves.length(knots, np.array(self.points), np.array(self.weights))
+            feed = self._unit_feed * (length or 1.0)
             if feed < MIN_FEED:
                 raise self.start.fault("feed-too-slow", "the feed of this curve is next to nothing")
         self._state.motion = None

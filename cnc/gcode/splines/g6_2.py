@@ -1,17 +1,17 @@
-"""G6.2: a NURBS, written over many lines, collected into one block.
+"""G6.2: a NURBS over many lines, collected into one block.
 
-Two forms of the same thing, as data below:
+It has two forms:
 
     paper   G06.2 K3 U0 X Y Z W1 F / U X Y Z W / U         K degree, U knot, W weight
     fanuc   G06.2 P4 K0 X Y Z R1 F / K X Y Z R / K         P order, K knot, R weight
 
-A line a control point, then as many lines with a knot alone as the order; points + order knots
-complete the curve. FANUC's rules hold for both: the first control point is the present position,
-both end knots have the multiplicity of the order, nothing but these words stands inside. In FANUC's
-form the first line may leave out its point (the present position) and its knot (taken from the
-second line). Control points are X Y Z whatever the plane, seen from the last one under G91. Source:
-FANUC Series 15i/150i operator's manual, NURBS interpolation, and its alarms 1002 to 1009; ERRATA of
-the NURBS look-ahead paper.
+Each line is a control point; then as many lines as the order have a knot alone. points + order
+knots complete the curve. FANUC's rules hold for both forms: the first control point is the present
+position, both end knots have the multiplicity of the order, and no other words are allowed inside.
+In FANUC's form the first line may lack its point (the present position) and its knot (that of the
+second line). Control points are X Y Z whatever the plane; under G91 each counts from the last one.
+Source: FANUC Series 15i/150i operator's manual, NURBS interpolation, and its alarms 1002 to 1009;
+ERRATA of the NURBS look-ahead paper.
 """
 
 from __future__ import annotations
@@ -37,15 +37,24 @@ from cnc.gcode.syntax.words import LineWords, Word, fault, whole
 from cnc.model.diagnostics import GcodeError
 
 START_TOLERANCE = 1e-4
-"""mm that the first control point may be off the present position: the rounding of a
+"""mm.
+
+Largest distance of the first control point from the present position: the rounding of a
 post-processor. The curve starts at the position.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """A way to write it: the letters, what ``size`` counts (the order, or the degree), and the
-    codes of the errors that FANUC numbers.
+    """A form of G6.2.
+
+    Attributes:
+        size: Letter of the order or the degree.
+        size_is_order: Whether it is the order.
+        knot: Letter of the knot.
+        weight: Letter of the weight.
+        short_start: Whether the first line may lack its point and its knot.
+        knot_missing: Code of an error that FANUC numbers, as are the following.
     """
 
     name: str
@@ -64,20 +73,10 @@ class Form:
 
 
 FANUC = Form(
-    "fanuc",
-    "P",
-    True,
-    "K",
-    "R",
-    True,
-    "fanuc-1002",
-    "fanuc-1004",
-    "fanuc-1005",
-    "fanuc-1006",
-    "fanuc-1007",
-    "fanuc-1008",
+    "fanuc", "P", True, "K", "R", True,
+    "fanuc-1002", "fanuc-1004", "fanuc-1005", "fanuc-1006", "fanuc-1007", "fanuc-1008",
     "fanuc-1009",
-)
+)  # fmt: skip
 PAPER = Form(
     "paper", "K", False, "U", "W", False,
     "nurbs-knot-missing", "nurbs-knots-too-few", "nurbs-left-early", "nurbs-wrong-mode",
@@ -87,11 +86,10 @@ FORMS = {form.name: form for form in (PAPER, FANUC)}
 
 
 def form_of(words: LineWords, allowed: tuple[str, ...]) -> tuple[Form, bool]:
-    """Which form the first line is written in, and whether its words tell: U and W are the paper's,
-    P and R are FANUC's.
+    """Return the form of the first line, and whether its words identify it.
 
-    K alone tells nothing: it is the paper's degree, or FANUC's knot. FANUC's form may begin like
-    that, the paper's may not.
+    U and W are the paper's, P and R are FANUC's. K alone identifies neither: it is the paper's
+    degree, or FANUC's knot. FANUC's form may start with K alone, the paper's may not.
     """
     if len(allowed) == 1:
         return FORMS[allowed[0]], True
@@ -109,17 +107,17 @@ def form_of(words: LineWords, allowed: tuple[str, ...]) -> tuple[Form, bool]:
 
 
 def register(motion: Motion, dialect: Dialect, state: ModalState, here: SourceLocation) -> None:
-    """Let ``motion`` make G6.2."""
+    """Register the handler of G6.2."""
 
     def begin(words: LineWords, code: Code | None) -> None:
         if code is None:
             word = words.first_axis()
             message = f"G6.2 is still in effect: {word.written} needs a new motion code"
             raise fault("nurbs-still-active", message, word, "give G0, G1, G2, G3 or another G6.2")
-        form, told = form_of(words, dialect.nurbs)
+        form, identified = form_of(words, dialect.nurbs)
         check_mode(state, code.word, form.wrong_mode)
         feed = motion.feed(words, motion.position, 0.0, code.word)
-        curve = NurbsCollector(form, told, code.word, motion, here, feed)
+        curve = NurbsCollector(form, identified, code.word, motion, here, feed)
         curve.first(words)
         motion.collector = curve
 
@@ -127,16 +125,23 @@ def register(motion: Motion, dialect: Dialect, state: ModalState, here: SourceLo
 
 
 class NurbsCollector(PointCollector):
-    """A NURBS in the making. ``first`` takes the G6.2 line and ``line`` each one after it; ``told``
-    is whether the form is beyond doubt.
+    """Collector of a G6.2.
+
+    ``first`` takes the G6.2 line and ``line`` each one after it. ``identified``: the form is known.
     """
 
     def __init__(
-        self, form: Form, told: bool, start: Word, motion: Motion, here: SourceLocation, feed: float
+        self,
+        form: Form,
+        identified: bool,
+        start: Word,
+        motion: Motion,
+        here: SourceLocation,
+        feed: float,
     ) -> None:
         super().__init__("G6.2", f"{form.knot}, X, Y, Z and {form.weight}", start, motion, here)
         self.form = form
-        self._told = told
+        self._identified = identified
         self._feed = feed
         self._order = 4
         self._named: frozenset[str] | None = None
@@ -146,7 +151,7 @@ class NurbsCollector(PointCollector):
         self._borrow_knot = False
 
     def first(self, words: LineWords) -> None:
-        """The words of the G6.2 line itself; words of no use here stay for the caller to refuse."""
+        """Take the words of the G6.2 line. Words without a use stay for the caller to refuse."""
         form = self.form
         if size := words.take(form.size, "G6.2"):
             least, what = (2, "the order") if form.size_is_order else (1, "the degree")
@@ -154,7 +159,7 @@ class NurbsCollector(PointCollector):
             self._order = whole(size, what, least, most) + (0 if form.size_is_order else 1)
         knot = words.take(form.knot, "G6.2")
         weight = words.take(form.weight, "G6.2")
-        self.company(words)
+        self.check_opening_line(words)
         axes = self._axes(words)
         if axes:
             here = self.points[0]
@@ -164,7 +169,7 @@ class NurbsCollector(PointCollector):
                     form.start_point,
                     "the first control point is not the present position",
                     axes[0],
-                    "move there before G6.2, or mend it",
+                    "move there before G6.2, or correct the point",
                 )
             self._named = frozenset(word.letter for word in axes)
         elif not form.short_start:
@@ -188,14 +193,12 @@ class NurbsCollector(PointCollector):
             )
 
     def line(self, words: LineWords, codes: Codes) -> bool:
-        """A line inside the mode, which is always used up; the curve is made when it is
-        complete.
-        """
+        """Take a line inside the curve and return True. The last one makes the curve."""
         if code := leaving(codes):
             raise self._left(f"{code.word.written} before the curve is complete", code.word)
         self.no_codes(codes)
         form = self.form
-        self._tell(words)
+        self._check_form(words)
         knot = words.take(form.knot, "G6.2")
         weight = words.take(form.weight, "G6.2")
         axes = self._axes(words)
@@ -217,20 +220,20 @@ class NurbsCollector(PointCollector):
         return True
 
     def end(self, what: str) -> None:
-        """The program ends inside the mode: an error, which points at the G6.2."""
+        """Raise the error of a program end inside the curve, at the G6.2."""
         raise self.start.put(self._left(what, self.start.word))
 
-    def _tell(self, words: LineWords) -> None:
-        """The second line tells the form where the first one did not."""
-        if self._told or not (words.rest.keys() & set("UWKR")):
+    def _check_form(self, words: LineWords) -> None:
+        """Check the form by the second line, if the first one does not identify it."""
+        if self._identified or not (words.rest.keys() & set("UWKR")):
             return
-        self._told = True
+        self._identified = True
         if words.rest.keys() & set("UW"):
-            message = "the first knot is missing: in the paper's form G6.2 needs a U word, as its other lines have"
+            message = "the first knot is missing: in the paper's form G6.2 needs a U word"
             raise self.start.fault(PAPER.knot_missing, message)
 
     def _axes(self, words: LineWords) -> list[Word]:
-        """The axis words of a line; the first block with a point names the axes for all."""
+        """The axis words of a line. The first line with a point sets the axes of all."""
         found = self.axes(words)
         for word in found:
             if self._named is not None and word.letter not in self._named:
@@ -245,9 +248,9 @@ class NurbsCollector(PointCollector):
         if self._knot_lines:
             raise fault(
                 form.knots_too_few,
-                f"a control point after {self._knot_lines} of {self._order} lines with a knot alone",
+                f"a control point after {self._knot_lines} of {self._order} lines with only a knot",
                 axes[0],
-                f"the curve ends with {self._order} lines with {form.knot} alone",
+                f"the curve ends with {self._order} lines with only {form.knot}",
             )
         if not knot:
             raise fault(
@@ -290,8 +293,9 @@ class NurbsCollector(PointCollector):
         self._places.append(WordLocation.of(knot, self.here))
 
     def _check_multiplicities(self) -> None:
-        """Both ends of multiplicity order, less inside: anything else leaves an end hanging or
-        tears the curve apart.
+        """Check the knots: multiplicity order at both ends, less inside.
+
+        Otherwise an end is open or the curve is discontinuous.
         """
         order, form = self._order, self.form
         starts = [
@@ -304,8 +308,8 @@ class NurbsCollector(PointCollector):
         if first[1] != order:
             raise self._places[min(first[1], order)].fault(
                 form.end_multiplicity,
-                f"the first knot stands {_often(first[1])}",
-                f"it must stand {_often(order)}: the order",
+                f"the first knot occurs {_often(first[1])}",
+                f"it must occur {_often(order)}: the order",
             )
         if last[1] - last[0] != order:
             count = last[1] - last[0]
@@ -314,35 +318,35 @@ class NurbsCollector(PointCollector):
             )
             raise place.fault(
                 form.end_multiplicity,
-                f"the last knot stands {_often(count)}",
-                f"it must stand {_often(order)}: the order",
+                f"the last knot occurs {_often(count)}",
+                f"it must occur {_often(order)}: the order",
             )
         for begin, end in runs[1:-1]:
             if end - begin > order:
                 raise self._places[begin + order].fault(
                     form.inner_multiplicity,
-                    f"an inner knot stands {_often(end - begin)}",
+                    f"an inner knot occurs {_often(end - begin)}",
                     f"at most {_often(order - 1)}: the order less one",
                 )
             if end - begin == order:
                 raise self._places[end - 1].fault(
                     "nurbs-position-jump",
-                    f"an inner knot that stands {_often(order)} tears the curve apart",
+                    f"an inner knot that occurs {_often(order)} makes the curve discontinuous",
                     f"at most {_often(order - 1)}: the order less one",
                 )
 
     def _left(self, what: str, word: Word) -> GcodeError:
-        """The curve is left before it is complete."""
+        """The error of a curve that is left before it is complete."""
         form, need = self.form, self._order
-        hint = f"the curve ends with {need} lines with {form.knot} alone"
+        hint = f"the curve ends with {need} lines with only {form.knot}"
         if self._knot_lines:
             return fault(
                 form.knots_too_few,
-                f"{what}: {self._knot_lines} of {need} lines with a knot alone",
+                f"{what}: {self._knot_lines} of {need} lines with only a knot",
                 word,
                 hint,
             )
-        return fault(form.left_early, f"{what}: no line with a knot alone yet", word, hint)
+        return fault(form.left_early, f"{what}: no line with only a knot yet", word, hint)
 
 
 def _often(count: int) -> str:

@@ -1,4 +1,4 @@
-"""Knots and lengths of the splines that a program writes.
+"""Knots and lengths of the splines of a program.
 
 Source: Piegl and Tiller, "The NURBS Book", 2nd edition: clamped knots (2.1), de Boor's algorithm
 (A3.1, A4.1), derivatives of a rational curve (4.8).
@@ -13,38 +13,43 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_NODES, _SHARES = np.polynomial.legendre.leggauss(12)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 _TOLERANCE = 1e-11
-"""Part of the control polygon that a piece of a length may be off."""
+"""Error of the length of a piece, as a part of the control polygon."""
 _HALVINGS = 40
 
 
 def clamped(intervals: Sequence[float], degree: int) -> Floats:
-    """Knots from 0 on: an interval each piece of the curve, (pieces,); both ends stand degree + 1
-    times. (pieces + 2 degree + 1,)
+    """Return clamped knots from 0, (pieces + 2 degree + 1,).
+
+    Args:
+        intervals: (pieces,) parameter interval of each piece.
+        degree: Degree; both ends have multiplicity degree + 1.
     """
     steps = np.cumsum([0.0, *intervals])
     return np.concatenate([np.zeros(degree), steps, np.full(degree, steps[-1])])
 
 
 def clamped_uniform(points: int, degree: int) -> Floats:
-    """Knots of a curve of so many control points whose pieces are all one long. (points + degree +
-    1,)
-    """
+    """Return knots with equal intervals for a number of control points, (points + degree + 1,)."""
     return clamped([1.0] * (points - degree), degree)
 
 
 def bezier_knots(degree: int) -> Floats:
-    """Knots of a single piece from 0 to 1, (2 degree + 2,)."""
+    """Return the knots of one piece from 0 to 1, (2 degree + 2,)."""
     return clamped([1.0], degree)
 
 
 def length(knots: Floats, control_points: Floats, weights: Floats) -> float:
-    """Length of a NURBS in mm, to 1e-10 of the length of its control polygon or better, cusps
-    included.
+    """Return the length of a NURBS in mm, cusps included.
 
-    knots (points + degree + 1,), control_points (points, axes) in mm, weights (points,) > 0. Each
-    piece is measured by Gauss's rule, and again in halves, until both agree.
+    Each piece is measured by Gaussian quadrature, and again in halves, until both agree. The error
+    is at most 1e-10 of the length of the control polygon.
+
+    Args:
+        knots: (points + degree + 1,).
+        control_points: (points, axes), mm.
+        weights: (points,), more than 0.
     """
     degree = len(knots) - len(control_points) - 1
     form = np.column_stack([control_points * weights[:, None], weights])
@@ -61,7 +66,7 @@ def _piece(knots: Floats, form: Floats, degree: int, span: int, tolerance: float
 
     def measured(a: float, b: float) -> float:
         half = (b - a) / 2
-        return half * float(_SHARES @ _speed(knots, form, degree, span, a + half + half * _NODES))
+        return half * float(_WEIGHTS @ _speed(knots, form, degree, span, a + half + half * _NODES))
 
     total = 0.0
     a, b = float(knots[span]), float(knots[span + 1])
@@ -78,8 +83,9 @@ def _piece(knots: Floats, form: Floats, degree: int, span: int, tolerance: float
 
 
 def _speed(knots: Floats, form: Floats, degree: int, span: int, u: Floats) -> Floats:
-    """|dr/du| at the parameters u (n,) of one piece; form (points, axes + 1) are the weighted
-    control points and the weights.
+    """|dr/du| of one piece at the parameters u (n,).
+
+    ``form`` (points, axes + 1) holds the weighted control points and the weights.
     """
     d = [np.broadcast_to(row, (len(u), form.shape[1])) for row in form[span - degree : span + 1]]
     slope = np.zeros((len(u), form.shape[1]))
@@ -89,8 +95,8 @@ def _speed(knots: Floats, form: Floats, degree: int, span: int, u: Floats) -> Fl
         following = []
         for at in range(degree - level + 1):
             low, high = knots[span - degree + level + at], knots[span + 1 + at]
-            share = ((u - low) / (high - low))[:, None]
-            following.append((1 - share) * d[at] + share * d[at + 1])
+            fraction = ((u - low) / (high - low))[:, None]
+            following.append((1 - fraction) * d[at] + fraction * d[at + 1])
         d = following
     value = d[0]
     point = value[:, :-1] / value[:, -1:]

@@ -164,7 +164,12 @@ class Feed:
 
 @lru_cache(maxsize=1024)
 def feed_of(number: float, scale: float) -> Feed:
-    """Return the feed of an F word: ``number`` program units of ``scale`` mm, or degrees, a minute."""
+    """Return the feed of an F word.
+
+    Args:
+        number: Program units, or degrees, a minute.
+        scale: mm of a program unit.
+    """
     return Feed(per_second(number * scale), per_second(number))
 
 

@@ -1,6 +1,6 @@
 """Segments: compressed grid moves, and their player in the integer arithmetic of an 8-bit board.
 
-Grid moves are played in slots. Slot k lasts interval + k * add, so that a segment follows a constant
+Grid moves are played in slots. Slot k lasts interval + k * add, so a segment follows a constant
 or linearly changing speed. The axes of the ``always`` mask step at the end of each slot. An axis
 that steps less often has a phase: the time to its next step, counted in slots. Its period may
 change from step to step, as it does along a curve.
@@ -9,7 +9,7 @@ change from step to step, as it does along a curve.
       always   |------x----|-----x----|----x----|----x---|---x---|   phase 1.8, period 2.6 slots
       phase    1.8        0.8        2.4       1.4       0.4         below 1: a step, + period
     even              .          xy         .         .       xy     the step joins that of its slot
-    placed            .       y  x          .         .   y   x      or is at 0.8 and 0.4 of the slot
+    placed            .       y  x          .         .   y   x      or is at 0.8, 0.4 of the slot
 
 Algorithms that step the fastest axis in every move give even segments. Algorithms that step each
 axis where it crosses a grid line give placed segments. Other moves are ``packed`` (one mask per

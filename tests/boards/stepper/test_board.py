@@ -92,7 +92,7 @@ def check(simulator: Simulator, folder: Path) -> None:
         assert off_plan_us(cycles, pulses["time_ns"]) <= CLOSE_US
 
 
-def test_a_program_comes_out_of_the_pins_as_planned(small: Path, tmp_path: Path) -> None:
+def test_pins_make_the_planned_moves(small: Path, tmp_path: Path) -> None:
     report, simulator = played(small, tmp_path, machine())
     assert report.ok
     check(simulator, tmp_path)
@@ -100,7 +100,7 @@ def test_a_program_comes_out_of_the_pins_as_planned(small: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize("program", [None, PROGRAMS / "trident.nc"], ids=["small", "trident"])
-def test_the_pins_take_as_long_as_estimated(
+def test_pins_take_the_estimated_time(
     program: Path | None, small: Path, tmp_path: Path
 ) -> None:
     """Both end on the grid: the last edge is the end of the motion."""
@@ -144,7 +144,7 @@ def test_shipped_programs(name: str, algorithm: Algorithm, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("name", SENSING)
-def test_programs_that_need_senses_are_refused(name: str, tmp_path: Path) -> None:
+def test_programs_that_need_sensors_are_refused(name: str, tmp_path: Path) -> None:
     report, simulator = played(PROGRAMS / name, tmp_path, load_machine("default"))
     assert [fault.diagnostic.code for fault in report.faults] == ["board-senseless"]
     assert not len(simulator.moves()[0])
@@ -189,7 +189,7 @@ braking has the rest, at worst.
         ),
     ],
 )
-def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(
+def test_hold_takes_horizon_and_braking_time(
     tmp_path: Path, text: str, moment: float, braking: float
 ) -> None:
     (tmp_path / "p.ngc").write_text(f"G21 G90 G17\n{text}\nM2\n")
@@ -200,7 +200,7 @@ def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(
     board = Stepper(port, machine(), "the simulator", clock=port)
 
     def on_sent(sent: object) -> None:
-        if not asked and board._stream.running and board._stream.played_ns * 1e-9 > moment:
+        if not asked and board._sender.running and board._sender.played_ns * 1e-9 > moment:
             asked.append(simulator.cycle)
             control.hold()
         if getattr(sent, "held", False):
@@ -226,7 +226,7 @@ def test_a_hold_takes_the_horizon_and_the_braking_and_no_longer(
 
 
 @pytest.mark.parametrize("moment", np.linspace(0.1, 0.45, share(50, 2)).tolist())
-def test_held_and_resumed(small: Path, tmp_path: Path, moment: float) -> None:
+def test_hold_and_resume_change_no_step(small: Path, tmp_path: Path, moment: float) -> None:
     """The same edges in the same order as a run that nobody held, and rest soon after the wish."""
     with_hold, without = tmp_path / "a", tmp_path / "b"
     with_hold.mkdir()
@@ -239,7 +239,7 @@ def test_held_and_resumed(small: Path, tmp_path: Path, moment: float) -> None:
     rests: list[int] = []
 
     def on_sent(sent: object) -> None:
-        if not held_at and board._stream.running and board._stream.played_ns * 1e-9 > moment:
+        if not held_at and board._sender.running and board._sender.played_ns * 1e-9 > moment:
             held_at.append(simulator.cycle)
             control.hold()
         if getattr(sent, "held", False):
@@ -260,7 +260,7 @@ def test_held_and_resumed(small: Path, tmp_path: Path, moment: float) -> None:
     reference.close()
 
 
-def test_the_next_program_begins_where_the_machine_stands(small: Path, tmp_path: Path) -> None:
+def test_next_program_begins_at_the_current_position(small: Path, tmp_path: Path) -> None:
     simulator = Simulator()
     port = SimulatorPort(simulator)
     (tmp_path / "next.ngc").write_text("G21 G90\nG0 X0 Y0 Z0\nM2\n")
@@ -305,7 +305,7 @@ M2
 
 
 @pytest.mark.parametrize("kind", [2, 3])
-def test_a_probe_ends_at_the_grid_move(tmp_path: Path, kind: int) -> None:
+def test_probe_ends_at_its_grid_move(tmp_path: Path, kind: int) -> None:
     (tmp_path / "probe.ngc").write_text(PROBING_PROGRAM.format(kind=kind))
     simulator = Simulator()
     port = SimulatorPort(simulator)
@@ -327,7 +327,7 @@ def test_a_probe_ends_at_the_grid_move(tmp_path: Path, kind: int) -> None:
 
 
 @pytest.mark.parametrize("behind", ["", "G4 P0.1\n", "M5\n"])
-def test_nothing_moves_behind_the_contact(tmp_path: Path, behind: str) -> None:
+def test_no_motion_follows_the_contact(tmp_path: Path, behind: str) -> None:
     """The program ends there: what was left of the move is not made up for."""
     (tmp_path / "probe.ngc").write_text(f"G21 G90\nG38.2 X20 F300\n{behind}M2\n")
     simulator = Simulator()
@@ -342,7 +342,7 @@ def test_nothing_moves_behind_the_contact(tmp_path: Path, behind: str) -> None:
     simulator.close()
 
 
-def test_a_probe_that_finds_nothing(tmp_path: Path) -> None:
+def test_probe_without_contact(tmp_path: Path) -> None:
     (tmp_path / "probe.ngc").write_text(
         "G21 G90\nG38.3 X2 F600\nG1 X[2 + #5070] F600\nG38.2 X4 F600\nM2\n"
     )
@@ -356,7 +356,7 @@ def test_a_probe_that_finds_nothing(tmp_path: Path) -> None:
     simulator.close()
 
 
-def test_a_probe_in_contact_from_the_start(tmp_path: Path) -> None:
+def test_probe_with_contact_at_its_start(tmp_path: Path) -> None:
     (tmp_path / "probe.ngc").write_text("G21 G90\nG38.2 X2 F600\nM2\n")
     simulator = Simulator()
     simulator.set_pin(PROBE_PIN, 0)
@@ -372,7 +372,7 @@ def test_a_probe_in_contact_from_the_start(tmp_path: Path) -> None:
 CHANGE = "G21 G90\nG1 X1 F600\nT2 M6\nG1 X2\nM2\n"
 
 
-def test_a_tool_change_waits_for_the_operator(tmp_path: Path) -> None:
+def test_tool_change_waits_for_the_operator(tmp_path: Path) -> None:
     """At rest, until somebody resumes; where nobody can, it goes on, as on the board in the box."""
     (tmp_path / "change.ngc").write_text(CHANGE)
     control, rests = Control(), []

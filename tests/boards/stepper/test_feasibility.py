@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cnc.boards.stepper.driver import Stepper
-from cnc.boards.stepper.feasibility import LATE_NS, FeasibilityCheck
+from cnc.boards.stepper.feasibility import LATE_NS, StepperFeasibility
 from cnc.cli import exit_code
 from cnc.machine.models import Machine
 from cnc.model.diagnostics import CncError
@@ -22,15 +22,15 @@ from tests.support.session.runs import check_with, run_with
 LEAST_NS = 18_000
 
 
-def bear(gap_ns: int, rows: int, baud: int = 1_000_000) -> FeasibilityCheck:
-    feasibility = FeasibilityCheck(3, LEAST_NS, baud)
+def bear(gap_ns: int, rows: int, baud: int = 1_000_000) -> StepperFeasibility:
+    feasibility = StepperFeasibility(3, LEAST_NS, baud)
     time_ns, step = line(rows, gap_ns)
     for part in chunks(time_ns, step):
         feasibility.add(part)
     return feasibility
 
 
-def test_a_burst_may_be_late_and_a_long_one_may_not() -> None:
+def test_short_bursts_pass_and_long_ones_are_refused() -> None:
     """n moves g apart are n * (least - g) late."""
     rows = LATE_NS // (LEAST_NS - 10_000)
     assert bear(10_000, rows).most_late_ns == (rows - 1) * (LEAST_NS - 10_000) + LEAST_NS - 10_000
@@ -41,10 +41,10 @@ def test_a_burst_may_be_late_and_a_long_one_may_not() -> None:
     assert bear(LEAST_NS, 20_000).most_late_ns == 0
 
 
-def test_moves_without_order_fit_a_fast_wire_and_not_a_slow_one() -> None:
+def test_random_moves_need_a_fast_line() -> None:
     time_ns, step = wander(1, 4_000, 60_000)
-    fast = FeasibilityCheck(3, LEAST_NS, 1_000_000)
-    slow = FeasibilityCheck(3, LEAST_NS, 40_000)
+    fast = StepperFeasibility(3, LEAST_NS, 1_000_000)
+    slow = StepperFeasibility(3, LEAST_NS, 40_000)
     for part in chunks(time_ns, step):
         fast.add(part)
 
@@ -58,8 +58,8 @@ def test_moves_without_order_fit_a_fast_wire_and_not_a_slow_one() -> None:
     assert caught.value.diagnostic.hint
 
 
-def test_nothing_to_bear() -> None:
-    feasibility = FeasibilityCheck(3, LEAST_NS, 1_000_000)
+def test_empty_chunk_passes() -> None:
+    feasibility = StepperFeasibility(3, LEAST_NS, 1_000_000)
     feasibility.add(
         PulseChunk(np.zeros(0, np.int64), np.zeros((0, 3), np.int8), np.zeros(0, np.int32))
     )
@@ -92,7 +92,7 @@ PROGRAM = "G21 G90\nG1 X1 F600\nG1 X8.1 Y7.3 Z6.77 F4000\nM2\n"
 
 
 @pytest.mark.parametrize(("algorithm", "codes"), [(None, []), ("crossings", ["board-too-dense"])])
-def test_the_board_is_spared_what_the_check_refuses(
+def test_refused_programs_do_not_reach_the_board(
     tmp_path: Path, algorithm, codes: list[str]
 ) -> None:
     (tmp_path / "p.ngc").write_text(PROGRAM)
@@ -123,7 +123,7 @@ def test_the_board_is_spared_what_the_check_refuses(
         ("xy", 10, ""),
     ],
 )
-def test_a_machine_that_is_none_for_the_board(
+def test_unsuitable_machine_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], letters: str, velocity: int, code: str
 ) -> None:
     """Its file alone tells, without a board: too fast, or with axes that are not the board's, in

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from cnc.api import Callbacks, Outputs, run
 from cnc.boards.stepper.driver import Stepper
-from cnc.boards.stepper.protocol import Kind, frame
+from cnc.boards.stepper.frames import frame
+from cnc.boards.stepper.protocol import Kind
 from cnc.machine.models import Machine
 from cnc.model.blocks import Spindle
 from cnc.model.diagnostics import BoardError
@@ -122,7 +123,7 @@ EVERY_BUILD = [(axes, baud) for axes in (1, 2, 3, 4) for baud in (250_000, 500_0
 
 
 @pytest.mark.parametrize(("axes", "baud"), share(EVERY_BUILD, [(3, 1_000_000), *BUILDS]))
-def test_every_build_fits_the_chip(axes: int, baud: int) -> None:
+def test_all_builds_fit_the_chip(axes: int, baud: int) -> None:
     made = subprocess.run(
         ["avr-size", built(axes, baud) / "stepper.elf"], capture_output=True, text=True, check=True
     )
@@ -131,7 +132,7 @@ def test_every_build_fits_the_chip(axes: int, baud: int) -> None:
     assert data + bss <= 1536, "1.6 kB, and not just so"
 
 
-def test_a_speed_that_the_chip_does_not_make_exactly_is_refused() -> None:
+def test_inexact_baud_rate_is_refused() -> None:
     command = [
         "make",
         "-C",
@@ -146,7 +147,7 @@ def test_a_speed_that_the_chip_does_not_make_exactly_is_refused() -> None:
 
 
 @pytest.mark.parametrize(("axes", "baud"), share(EVERY_BUILD[6:], BUILDS))
-def test_every_build_plays_as_planned(axes: int, baud: int) -> None:
+def test_all_builds_play_as_planned(axes: int, baud: int) -> None:
     """Moves without any order, then from rest to rest at a speed that 250 000 baud can feed."""
     simulator = Simulator(axes, baud)
     port = SimulatorPort(simulator)
@@ -198,7 +199,7 @@ def test_a_program_of_four_axes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("axes", "pulse_us", "setup_us"), [(3, 5, 5), (3, 20, 12), (4, 3, 25)])
-def test_pulses_are_as_long_as_asked_and_directions_there_before(
+def test_pulse_length_and_direction_setup(
     axes: int, pulse_us: int, setup_us: int
 ) -> None:
     """From the first move on, with turns at every chance, and moves that come sooner than they can
@@ -240,7 +241,7 @@ def test_pulses_are_as_long_as_asked_and_directions_there_before(
 
 
 @pytest.mark.parametrize(("pulse_us", "setup_us"), [(20, 20), (60, 60), (10, 30)])
-def test_steps_as_near_as_long_pulses_allow_come_at_their_time(
+def test_closest_steps_of_long_pulses_are_on_time(
     simulator: Simulator, pulse_us: int, setup_us: int
 ) -> None:
     known = with_axes(3, step_pulse=pulse_us * 1e-6, direction_setup=setup_us * 1e-6)
@@ -288,7 +289,7 @@ class Noise(SimulatorPort):
 
 
 @pytest.mark.parametrize("pause", [1e-3, 60e-6])
-def test_noise_on_the_switches_costs_no_step_at_full_speed(
+def test_noise_on_switches_loses_no_step(
     simulator: Simulator, pause: float
 ) -> None:
     """An interrupt that looks at the inputs must not keep the ends of pulses waiting until the next
@@ -321,7 +322,7 @@ def test_noise_on_the_switches_costs_no_step_at_full_speed(
 
 @pytest.mark.parametrize(("pin", "within"), [(EMERGENCY_STOP_PIN, 200e-6), (LIMIT_X, 100e-6)])
 @pytest.mark.parametrize("seed", range(share(40, 3)))
-def test_a_switch_ends_the_motion_soon_whatever_else_goes_on(
+def test_switch_ends_the_motion_under_load(
     pin: int, within: float, seed: int
 ) -> None:
     """At full speed, at any cycle, while bytes come as fast as the line has them, and statuses go
@@ -359,7 +360,7 @@ def test_a_switch_ends_the_motion_soon_whatever_else_goes_on(
 
 @pytest.mark.parametrize(("pin", "within"), [(EMERGENCY_STOP_PIN, 200e-6), (LIMIT_X, 100e-6)])
 @pytest.mark.parametrize("seed", share(list(range(40)), [2, 9, 10]))
-def test_a_contact_that_bounces_ends_the_motion_as_soon(pin: int, within: float, seed: int) -> None:
+def test_bouncing_contact_ends_the_motion_as_fast(pin: int, within: float, seed: int) -> None:
     """A change that comes while the board looks at the one before is not forgotten."""
     simulator = Simulator()
     host = Host(simulator)
@@ -401,7 +402,7 @@ NORMALLY_CLOSED = {
         ("limits", 12, "board-limit"),
     ],
 )
-def test_a_wire_that_breaks_stops_the_machine(
+def test_broken_wire_stops_the_machine(
     simulator: Simulator, name: str, pin: int, code: str
 ) -> None:
     """Normally closed, the switch holds its input low; broken, the pull-up makes it high."""
@@ -425,7 +426,7 @@ def test_a_wire_that_breaks_stops_the_machine(
     assert again.value.diagnostic.code == code
 
 
-def test_which_level_a_switch_has_is_for_the_machine_file_to_say(simulator: Simulator) -> None:
+def test_machine_file_sets_the_level_of_switches(simulator: Simulator) -> None:
     """Told wrongly, every switch is pressed; told otherwise, the alarm that this made is gone."""
     names = tuple(NORMALLY_CLOSED)
     with (
@@ -439,11 +440,11 @@ def test_which_level_a_switch_has_is_for_the_machine_file_to_say(simulator: Simu
             simulator.set_pin(pin, 0)
     simulator.run(0.05)
     with board(simulator, known=with_axes(3, normally_closed=names)) as driver:
-        assert driver._ask().inputs == 0
+        assert driver._supervisor.ask().inputs == 0
 
 
 @pytest.mark.parametrize("inverted", [False, True])
-def test_the_drivers_are_on_with_the_level_that_they_want(
+def test_machine_file_sets_the_level_of_the_enable_pin(
     simulator: Simulator, inverted: bool
 ) -> None:
     """From the start of a program on, alarms included; configured again, they stay as they are."""
@@ -453,7 +454,7 @@ def test_the_drivers_are_on_with_the_level_that_they_want(
     with board(simulator, known=known) as driver:
         assert simulator.level(ENABLE_PIN) == (not inverted)
         driver.start(np.zeros(3, np.int64))
-        driver._rest(0)
+        driver._supervisor.rest(0)
         assert simulator.level(ENABLE_PIN) == inverted
         simulator.set_pin(EMERGENCY_STOP_PIN, 0)
         simulator.run(0.01)
@@ -473,10 +474,10 @@ PROGRAM = "G21 G90\nG1 X20 Y10 F2000\nM2\n"
 def wait(simulator: Simulator, driver: Stepper, seconds: float) -> None:
     until = simulator.now + seconds
     while simulator.now < until:
-        driver._pump(0.002)
+        driver._supervisor.pump(0.002)
 
 
-def test_the_hold_button_holds_and_the_resume_button_goes_on(
+def test_buttons_hold_and_resume(
     simulator: Simulator, tmp_path: Path
 ) -> None:
     (tmp_path / "p.ngc").write_text(PROGRAM)
@@ -515,7 +516,7 @@ def test_the_hold_button_holds_and_the_resume_button_goes_on(
     assert (rest - held_at[0]) / FREQUENCY < 0.15 + 0.025 + 0.11
 
 
-def test_a_press_counts_once_however_it_bounces(host: Host) -> None:
+def test_bouncing_button_counts_once(host: Host) -> None:
     before = host.ask()
     for pin in (HOLD_PIN, RESUME_PIN):
         for bounce in (1e-4, 2e-4, 3e-4, 0.02):
@@ -535,7 +536,7 @@ def test_a_press_counts_once_however_it_bounces(host: Host) -> None:
 @pytest.mark.parametrize(
     ("pin", "code"), [(EMERGENCY_STOP_PIN, "board-emergency-stop"), (None, "board-silent")]
 )
-def test_a_fault_while_the_program_is_held_ends_the_run(
+def test_fault_during_a_hold_ends_the_run(
     tmp_path: Path, pin: int | None, code: str
 ) -> None:
     """Nobody waits for a resume that can't help; time is the link's thread's, as with a real
@@ -580,7 +581,7 @@ def test_a_fault_while_the_program_is_held_ends_the_run(
 # frames
 
 
-def test_what_can_not_be_kept_is_refused(host: Host) -> None:
+def test_invalid_configurations_are_refused(host: Host) -> None:
     for wrong in ({"pulse": 0}, {"pulse": 121}, {"setup": 121}, {"ramp": 0}):
         assert not host.configure(**wrong)
     assert not host.request(Kind.CONFIGURE, bytes(5))
@@ -590,7 +591,7 @@ def test_what_can_not_be_kept_is_refused(host: Host) -> None:
     assert host.ask().state == IDLE
 
 
-def test_a_request_is_carried_out_once(host: Host) -> None:
+def test_request_is_carried_out_once(host: Host) -> None:
     host.stream(straight(10, 200) + END_OF_STREAM, 1)
     run_again = frame(Kind.RUN, 77)
     host.said(run_again)
@@ -605,7 +606,7 @@ def test_a_request_is_carried_out_once(host: Host) -> None:
     assert host.ask().position[:3] == (120, -200, 300)
 
 
-def test_a_frame_that_is_damaged_changes_nothing(host: Host) -> None:
+def test_damaged_frame_has_no_effect(host: Host) -> None:
     """Every single bit of a request and of a piece of the stream: whole for COBS or not, its CRC is
     wrong.
     """
@@ -624,7 +625,7 @@ def test_a_frame_that_is_damaged_changes_nothing(host: Host) -> None:
     assert any(each[0] == Kind.NAK and each[1] == 0 for each in host.frames)
 
 
-def test_a_reset_in_the_middle_moves_nothing_that_came_before(host: Host) -> None:
+def test_reset_discards_earlier_moves(host: Host) -> None:
     """Whatever numbers the frames under way have: they may be those that the board wants after its
     reset.
     """
@@ -644,7 +645,7 @@ def test_a_reset_in_the_middle_moves_nothing_that_came_before(host: Host) -> Non
     assert len(host.simulator.moves()[0]) == made
 
 
-def test_the_driver_notices_a_reset(simulator: Simulator) -> None:
+def test_driver_detects_a_reset(simulator: Simulator) -> None:
     time_ns, step = line(6_000, 50_000)
     reset_at = 0.0
 
@@ -672,7 +673,7 @@ def test_the_driver_notices_a_reset(simulator: Simulator) -> None:
         assert len(simulator.moves()[0]) == len(made)
 
 
-def test_the_driver_notices_a_reset_that_takes_its_time(simulator: Simulator) -> None:
+def test_driver_detects_a_slow_reset(simulator: Simulator) -> None:
     """A bootloader says nothing for a second or more."""
     time_ns, step = line(6_000, 50_000)
     port = SimulatorPort(simulator)
@@ -705,7 +706,7 @@ def test_the_driver_notices_a_reset_that_takes_its_time(simulator: Simulator) ->
     ],
     ids=["no slots", "three phases", "a phase of an axis that always steps", "a long command"],
 )
-def test_a_stream_without_sense_is_an_alarm(host: Host, wrong: bytes) -> None:
+def test_invalid_stream_is_an_alarm(host: Host, wrong: bytes) -> None:
     host.stream(straight(20, 400) + wrong + END_OF_STREAM, 10)
     assert host.request(Kind.RUN)
     host.hear(0.1)
@@ -719,7 +720,7 @@ def test_a_stream_without_sense_is_an_alarm(host: Host, wrong: bytes) -> None:
 
 
 @pytest.mark.parametrize("how", [0, 1])
-def test_a_stop_at_rest_is_an_alarm_and_ends_the_spindle(host: Host, how: int) -> None:
+def test_stop_at_rest_is_an_alarm_and_ends_the_spindle(host: Host, how: int) -> None:
     host.stream(outputs(0b01011, 128) + END_OF_STREAM, 0)
     assert host.request(Kind.RUN)
     host.hear(0.01)
@@ -732,7 +733,7 @@ def test_a_stop_at_rest_is_an_alarm_and_ends_the_spindle(host: Host, how: int) -
     assert not host.simulator.level(ENABLE_PIN), "the drivers hold"
 
 
-def test_a_stop_does_not_hide_an_alarm(host: Host) -> None:
+def test_stop_does_not_replace_an_alarm(host: Host) -> None:
     host.simulator.set_pin(EMERGENCY_STOP_PIN, 0)
     host.hear()
     assert host.request(Kind.STOP, b"\1")
@@ -744,7 +745,7 @@ def test_a_stop_does_not_hide_an_alarm(host: Host) -> None:
 
 
 @pytest.mark.parametrize("touch", [False, True])
-def test_the_outputs_go_off_when_the_host_dies_at_rest(host: Host, touch: bool) -> None:
+def test_outputs_go_off_when_the_host_dies_at_rest(host: Host, touch: bool) -> None:
     """After a probe's touch, too."""
     host.stream(
         outputs(0b01001) + (arm(0x10, 0) + straight(200, 2_000) if touch else b"") + END_OF_STREAM,
@@ -765,7 +766,7 @@ def test_the_outputs_go_off_when_the_host_dies_at_rest(host: Host, touch: bool) 
 
 
 @pytest.mark.parametrize("alarm", ["e-stop", "limit", "silence", "stream"])
-def test_every_alarm_ends_spindle_and_coolant_and_keeps_the_drivers_on(
+def test_all_alarms_end_spindle_and_coolant_but_not_the_drivers(
     host: Host, alarm: str
 ) -> None:
     host.stream(
@@ -793,12 +794,12 @@ def test_every_alarm_ends_spindle_and_coolant_and_keeps_the_drivers_on(
     assert not (host.simulator.edges()[len(quiet) :]["pin"] == SPINDLE_PIN).any()
 
 
-def test_a_board_that_only_speaks_up_about_its_spindle(simulator: Simulator) -> None:
+def test_alarm_at_rest_is_reported(simulator: Simulator) -> None:
     """The driver turns it off with an abort at once, not when the watchdog bites."""
     with board(simulator) as driver:
         driver.start(np.zeros(3, np.int64))
         driver.execute(Spindle("p.nc", 1, "cw", 500.0), 0)
-        driver._rest(1_000_000)
+        driver._supervisor.rest(1_000_000)
         driver.abort()
         edges = len(simulator.edges())
         simulator.run(0.01)
@@ -806,7 +807,7 @@ def test_a_board_that_only_speaks_up_about_its_spindle(simulator: Simulator) -> 
 
 
 @pytest.mark.parametrize("ms", share(list(range(20, 120, 5)), [37, 80]))
-def test_a_host_that_falls_behind_costs_no_place(host: Host, ms: int) -> None:
+def test_slow_host_loses_no_step(host: Host, ms: int) -> None:
     """It asks, so it lives, but the stream ends without saying so: all axes come to rest together,
     and what was made is what is told.
     """
@@ -827,7 +828,7 @@ def test_a_host_that_falls_behind_costs_no_place(host: Host, ms: int) -> None:
     assert gaps[-3:].min() > 2 * 25e-6 * FREQUENCY
 
 
-def test_the_board_waits_a_quarter_of_a_second_for_its_host_and_slows_along_an_s(
+def test_silent_host_ends_the_motion_by_a_ramp(
     host: Host,
 ) -> None:
     """What is left of the speed at x of the ramp is 1 - x^2 (3 - 2 x), to one of its 32 steps; the

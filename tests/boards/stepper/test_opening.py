@@ -10,7 +10,8 @@ import pytest
 
 from cnc.boards.registry import board_names, open_board
 from cnc.boards.stepper.driver import Stepper
-from cnc.boards.stepper.protocol import Kind, frame, unframed
+from cnc.boards.stepper.frames import frame, unframed
+from cnc.boards.stepper.protocol import Kind
 from cnc.machine.models import Axis
 from cnc.model.diagnostics import BoardError, UsageError
 from tests.support.boards.stepper_rig import board, machine
@@ -68,7 +69,7 @@ def welcome(version: int = 1, axes: int = 3, least: int = 36) -> bytes:
         (welcome(least=2000), "board-step-rate"),
     ],
 )
-def test_what_answers_is_no_board_for_this_machine(words: bytes, code: str) -> None:
+def test_unsuitable_boards_are_reported(words: bytes, code: str) -> None:
     peer = Peer(words)
     with pytest.raises(BoardError) as caught:
         Stepper(peer, machine(), "PORT", clock=peer)
@@ -89,7 +90,7 @@ def simulator() -> Iterator[Simulator]:
 
 
 @pytest.mark.parametrize(("pin", "code"), [(14, "board-emergency-stop"), (10, "board-limit")])
-def test_a_switch_that_is_pressed(simulator: Simulator, pin: int, code: str) -> None:
+def test_pressed_switch_is_reported(simulator: Simulator, pin: int, code: str) -> None:
     """Before anything moves; a limit switch does not keep the machine from being homed, so it
     counts when a program starts.
     """
@@ -101,7 +102,7 @@ def test_a_switch_that_is_pressed(simulator: Simulator, pin: int, code: str) -> 
     assert not len(simulator.moves()[0])
 
 
-def test_a_fourth_axis(simulator: Simulator) -> None:
+def test_fourth_axis(simulator: Simulator) -> None:
     axes = machine().axes
     port = SimulatorPort(simulator)
     with pytest.raises(BoardError) as caught:
@@ -109,7 +110,7 @@ def test_a_fourth_axis(simulator: Simulator) -> None:
     assert caught.value.diagnostic.code == "board-axes"
 
 
-def test_axes_in_another_order(simulator: Simulator) -> None:
+def test_axes_in_another_order_are_refused(simulator: Simulator) -> None:
     """They would turn each other's motors."""
     axes = machine().axes
     port = SimulatorPort(simulator)
@@ -124,7 +125,7 @@ def test_axes_in_another_order(simulator: Simulator) -> None:
     assert "X Z Y" in caught.value.diagnostic.message
 
 
-def test_an_axis_that_is_too_fast(simulator: Simulator) -> None:
+def test_too_fast_axis_is_refused(simulator: Simulator) -> None:
     axes = machine().axes
     port = SimulatorPort(simulator)
     fast = Axis(steps_per_mm=400, max_velocity=200, max_acceleration=400, max_jerk=15000)
@@ -134,7 +135,7 @@ def test_an_axis_that_is_too_fast(simulator: Simulator) -> None:
     assert "80000" in caught.value.diagnostic.message
 
 
-def test_it_comes_up_after_a_reset(simulator: Simulator) -> None:
+def test_board_is_opened_after_a_reset(simulator: Simulator) -> None:
     """An Uno is reset when its port is opened: what it was told in the meantime it has not
     heard.
     """
@@ -146,7 +147,7 @@ def test_it_comes_up_after_a_reset(simulator: Simulator) -> None:
     with_board.close()
 
 
-def test_a_position_survives_a_new_host_but_no_reset(simulator: Simulator) -> None:
+def test_position_survives_a_new_host_but_not_a_reset(simulator: Simulator) -> None:
     with board(simulator) as driver:
         driver.start(np.array([100, -200, 300]))
         driver.finish()
@@ -157,7 +158,7 @@ def test_a_position_survives_a_new_host_but_no_reset(simulator: Simulator) -> No
         assert driver.known_steps == (None, None, None)
 
 
-def test_the_port_has_to_be_named_and_to_be_there(tmp_path: Path) -> None:
+def test_port_must_be_named_and_exist(tmp_path: Path) -> None:
     assert "stepper" in board_names()
     with pytest.raises(UsageError) as caught:
         open_board(machine(), kind="stepper")

@@ -12,10 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cnc.boards.stepper.frames import crc16, frame, unframed
 from cnc.boards.stepper.protocol import (
     HELLO_SEQUENCE,
-    LONGEST_FRAME,
-    MOST_IN_FLIGHT,
+    MAX_FRAME,
+    MAX_IN_FLIGHT,
     VERSION,
     Alarm,
     Kind,
@@ -23,14 +24,11 @@ from cnc.boards.stepper.protocol import (
     Status,
     StepperLink,
     Welcome,
-    crc16,
-    frame,
-    unframed,
 )
 from tests.support.paths import ROOT
 
 
-def test_the_crc_is_the_catalogue_s() -> None:
+def test_crc_equals_the_check_value_of_the_catalogue() -> None:
     """CRC-16/MCRF4XX in the catalogue of parametrised CRC algorithms: its check value."""
     assert crc16(b"123456789") == 0x6F91
 
@@ -46,20 +44,20 @@ def by_bits(data: bytes) -> int:
 
 
 @given(st.binary(max_size=60))
-def test_the_crc_is_that_of_its_polynomial(data: bytes) -> None:
+def test_crc_equals_polynomial_division(data: bytes) -> None:
     assert crc16(data) == by_bits(data)
     assert crc16(data + crc16(data).to_bytes(2, "little")) == 0
 
 
 @given(st.integers(0, 255), st.integers(0, 255), st.binary(max_size=50))
-def test_frames_come_back_and_have_one_zero(kind: int, sequence: int, payload: bytes) -> None:
+def test_frames_decode_and_have_one_zero(kind: int, sequence: int, payload: bytes) -> None:
     data_sent = frame(kind, sequence, payload)
     assert data_sent.index(0) == len(data_sent) - 1
     assert unframed(data_sent[:-1]) == (kind, sequence, payload)
 
 
 @given(st.binary(min_size=0, max_size=50), st.data())
-def test_a_changed_frame_is_none(payload: bytes, data: st.DataObject) -> None:
+def test_changed_frame_is_rejected(payload: bytes, data: st.DataObject) -> None:
     data_sent = bytearray(frame(1, 7, payload)[:-1])
     at = data.draw(st.integers(0, len(data_sent) - 1))
     data_sent[at] ^= data.draw(st.integers(1, 255))
@@ -68,13 +66,13 @@ def test_a_changed_frame_is_none(payload: bytes, data: st.DataObject) -> None:
 
 
 @given(st.binary(max_size=80))
-def test_anything_may_come(data: bytes) -> None:
+def test_random_bytes_raise_nothing(data: bytes) -> None:
     link = StepperLink()
     link.receive(data, 0.0)
     unframed(data)
 
 
-def test_a_hello_does_nothing_to_grbl() -> None:
+def test_hello_has_no_bytes_that_grbl_obeys() -> None:
     """Neither a real-time command (GRBL 1.1, "Real-time Commands": ! ~ ? Ctrl-X and 0x80 up) nor
     the end of a line.
     """
@@ -85,15 +83,15 @@ def test_a_hello_does_nothing_to_grbl() -> None:
     assert not set(data_sent) & (set(b"!~?\x18\r\n$") | set(range(0x80, 0x100)))
 
 
-def test_an_unknown_version_is_known_by_its_number_alone() -> None:
+def test_welcome_of_another_version_has_only_its_number() -> None:
     link = StepperLink()
     assert link.receive(frame(Kind.WELCOME, 0, b"cnc\x09"), 0.0) == [Welcome(9)]
 
 
-def test_the_words_of_another_board_are_kept() -> None:
+def test_bytes_of_another_board_are_kept() -> None:
     link = StepperLink()
     link.receive(b"\r\nGrbl 1.1h ['$' for help]\r\n", 0.0)
-    assert b"Grbl 1.1h" in link.murmur
+    assert b"Grbl 1.1h" in link.foreign_bytes
     assert link.heard_at is None
 
 
@@ -119,7 +117,7 @@ class ModelBoard:
             self.incoming[:] = rest
             if not part:
                 continue
-            found = unframed(part) if len(part) <= LONGEST_FRAME else None
+            found = unframed(part) if len(part) <= MAX_FRAME else None
             if found is None or found[0] != Kind.DATA:
                 answers += self.nak()
             else:
@@ -173,7 +171,7 @@ def spoilt(data: bytes, chance: float, dice: random.Random) -> bytes:
 
 @pytest.mark.parametrize("chance", [0.0, 0.001, 0.01])
 @pytest.mark.parametrize("seed", range(10))
-def test_the_stream_arrives_whole_and_in_order(chance: float, seed: int) -> None:
+def test_stream_arrives_complete_and_in_order(chance: float, seed: int) -> None:
     dice = random.Random(seed)
     link, board = StepperLink(), ModelBoard(room=200, pace=30)
     stream = dice.randbytes(6000)
@@ -192,7 +190,7 @@ def test_the_stream_arrives_whole_and_in_order(chance: float, seed: int) -> None
             link.stream(stream[sent : sent + size], 0)
             sent = min(sent + size, len(stream))
         out = link.outgoing(now)
-        assert len(out) <= 2 * MOST_IN_FLIGHT
+        assert len(out) <= 2 * MAX_IN_FLIGHT
         back = board.receive(spoilt(out, chance, dice))
         link.receive(spoilt(back, chance, dice), now)
         link.receive(spoilt(board.plays(), chance, dice), now)
@@ -201,7 +199,7 @@ def test_the_stream_arrives_whole_and_in_order(chance: float, seed: int) -> None
     assert (link.resent == 0) == (chance == 0.0)
 
 
-def test_a_status_says_all_of_it() -> None:
+def test_status_contains_all_fields() -> None:
     link = StepperLink()
     link.request(Kind.RUN, b"", 0.0)
     payload = (
@@ -249,7 +247,7 @@ def counted(enumeration: str) -> dict[str, int]:
     return found
 
 
-def test_the_page_tells_the_types_that_both_sides_have() -> None:
+def test_documented_types_are_those_of_both_sides() -> None:
     told = {name: number for name, (number, _) in ROWS.items()}
     assert told == {kind.name: kind.value for kind in Kind}
     in_c = re.findall(r"enum \{ ((?:DATA|ACK) .*?) \}", (FIRMWARE / "link.c").read_text())
@@ -266,12 +264,12 @@ def test_the_page_tells_the_types_that_both_sides_have() -> None:
         ("DATA", "<H"),
     ],
 )
-def test_the_page_tells_how_long_they_are(name: str, form: str) -> None:
+def test_documented_lengths_are_those_of_the_code(name: str, form: str) -> None:
     assert size(ROWS[name][1].replace(", stream 0 to 40", "")) == struct.calcsize(form)
 
 
 @pytest.mark.parametrize(("word", "known"), [("state", State), ("alarm", Alarm)])
-def test_the_page_tells_the_numbers_of(word: str, known: type[State] | type[Alarm]) -> None:
+def test_documented_numbers_are_those_of_the_code(word: str, known: type[State] | type[Alarm]) -> None:
     sentence = re.search(rf"\b{word}: (0 [^.]*)\.", PAGE, re.S)
     assert sentence is not None
     assert [int(number) for number in re.findall(r"\b(\d) [a-z]", sentence[1])] == [

@@ -76,7 +76,7 @@ def cncrun(*arguments: str) -> subprocess.Popen[str]:
     )
 
 
-def test_a_program_and_a_port_in_use(terminal: Terminal, tmp_path: Path) -> None:
+def test_program_and_port_in_use(terminal: Terminal, tmp_path: Path) -> None:
     (tmp_path / "p.ngc").write_text("G21 G90\nG1 X4 Y-3 F1200\nG1 X8 Y1 Z2\nM2\n")
     arguments = (
         str(tmp_path / "p.ngc"),
@@ -100,7 +100,7 @@ def test_a_program_and_a_port_in_use(terminal: Terminal, tmp_path: Path) -> None
     assert terminal.position() == [8 * 400, 1 * 400, 2 * 400]
 
 
-def test_boards_knows_it(terminal: Terminal) -> None:
+def test_boards_command_reports_the_board(terminal: Terminal) -> None:
     with cncrun("boards", terminal.name) as listed:
         out, error = listed.communicate(timeout=60)
     assert listed.returncode == 0, error
@@ -112,7 +112,7 @@ def test_boards_knows_it(terminal: Terminal) -> None:
     assert terminal.position() == [0, 0, 0]
 
 
-def test_a_host_that_is_killed(terminal: Terminal, tmp_path: Path) -> None:
+def test_killed_host_leaves_the_machine_on_its_path(terminal: Terminal, tmp_path: Path) -> None:
     (tmp_path / "p.ngc").write_text("G21 G90\nG1 X200 Y100 F2000\nM2\n")
     arguments = (
         str(tmp_path / "p.ngc"),

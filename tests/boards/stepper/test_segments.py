@@ -191,7 +191,7 @@ def runs(draw):
     st.sampled_from([0, 0, 500, 10_000, 25_001]),
     st.data(),
 )
-def test_anything_comes_out_as_it_went_in(run, tolerance_ns, spacing_ns, data):
+def test_random_moves_are_reproduced(run, tolerance_ns, spacing_ns, data):
     time_ns, step = run
     cuts = (
         tuple(sorted(data.draw(st.lists(st.integers(1, len(step) - 1), max_size=3, unique=True))))
@@ -203,7 +203,7 @@ def test_anything_comes_out_as_it_went_in(run, tolerance_ns, spacing_ns, data):
 
 @settings(max_examples=share(300, 25), deadline=None)
 @given(runs())
-def test_the_description_is_enough_to_play_them(run):
+def test_documented_format_plays_the_same_moves(run):
     time_ns, step = run
     data, _ = encoded(time_ns, step)
     time, again = played(data, 4)
@@ -232,19 +232,19 @@ def test_pauses_of_hours():
     check(time_ns, np.ones((len(time_ns), 1), np.int8))
 
 
-def test_moves_of_one_moment_stay_apart():
+def test_simultaneous_moves_are_spaced():
     step = np.eye(4, dtype=np.int8)[np.arange(400) % 4]
     check(np.full(400, 10**6), step)
     check(np.full(400, 10**6), step, spacing_ns=20_000)
 
 
-def test_programs_of_hours_are_in_time():
+def test_moves_after_hours_are_on_time():
     start = 30 * 3600 * 10**9
     place, step = cutting((700, 300))
     check(start + smooth_time(place, 0.2), step)
 
 
-def test_flushed_moves_wait_for_nothing():
+def test_flushed_moves_do_not_wait():
     place, step = cutting((700, 300))
     time_ns = smooth_time(place, 0.2)
     encoder = SegmentEncoder(2)
@@ -256,7 +256,7 @@ def test_flushed_moves_wait_for_nothing():
     check(time_ns, step, cuts=(100, 500), flushes=(0,))
 
 
-def test_memory_does_not_grow():
+def test_memory_is_bounded():
     encoder, decoder = SegmentEncoder(3), SegmentDecoder(3)
     place, step = fastest_leads((100_000, 70_123, 31_111))
     time_ns = np.round(place * 10 * 1e9).astype(np.int64)
@@ -289,7 +289,7 @@ def test_memory_does_not_grow():
         b"\x01",
     ],
 )
-def test_what_is_no_segment_is_refused(bad):
+def test_invalid_segments_are_refused(bad):
     good = b"\x01\x00\x00\x00\x01\x00\x00\x01"
     assert list(split(good)) == [good]
     for take in (lambda data: list(split(data)), lambda data: list(SegmentDecoder(4).play(data))):
@@ -298,12 +298,12 @@ def test_what_is_no_segment_is_refused(bad):
 
 
 @pytest.mark.parametrize("arguments", [(0,), (5,), (3, 499), (3, 2000, -1), (3, 2000, 16_384_000)])
-def test_what_no_board_has_is_refused(arguments):
+def test_invalid_encoder_arguments_are_refused(arguments):
     with pytest.raises(ValueError):
         SegmentEncoder(*arguments)
 
 
-def test_commands_stand_between_segments_and_take_no_time():
+def test_commands_between_segments_take_no_time():
     segment = b"\x02\x00\x00\x64\x00\x00\x00\x01"
     items = [command(1, 3, 200), segment, command(0), segment, command(2, 16, 0, end=True)]
     data = b"".join(items)
@@ -317,7 +317,7 @@ def test_commands_stand_between_segments_and_take_no_time():
 @given(
     st.lists(st.tuples(st.integers(1, 10**10), st.integers(0, 3 * 10**9)), min_size=1, max_size=5)
 )
-def test_pauses_end_when_they_should(gaps):
+def test_pauses_end_on_time(gaps):
     """Moves with pauses asked for between them come at their times, and each pause is over within a
     tick.
     """

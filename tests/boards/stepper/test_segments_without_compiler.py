@@ -7,5 +7,5 @@ from tests.support.soak import check_without_compiler
 FILES = [Path(__file__).parent / name for name in ("test_segments.py", "test_windows.py")]
 
 
-def test_the_same_without_the_compiler() -> None:
+def test_segments_without_the_compiler() -> None:
     check_without_compiler(*FILES, some="flushed or refused")

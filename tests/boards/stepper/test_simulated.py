@@ -61,7 +61,7 @@ def send_all(driver: Stepper, time_ns, step, between=lambda: None) -> None:
 
 
 @pytest.mark.parametrize("gap_ns", [LEAST_NS, 20_000, 100_000])
-def test_a_straight_move_of_three_axes(simulator: Simulator, gap_ns: int) -> None:
+def test_straight_move_of_three_axes(simulator: Simulator, gap_ns: int) -> None:
     time_ns, step = line(min(12_000, 240_000_000 // gap_ns), gap_ns)
     play(simulator, time_ns, step)
     cycles, made = simulator.moves()
@@ -71,7 +71,7 @@ def test_a_straight_move_of_three_axes(simulator: Simulator, gap_ns: int) -> Non
 
 @pytest.mark.parametrize("baud", share((1_000_000, 500_000), (500_000,)))
 @pytest.mark.parametrize("shares", [(1.0, 1.0, 1.0), (1.0, -0.63, 0.277)])
-def test_fifty_thousand_moves_a_second_that_turn_every_forty(
+def test_fifty_thousand_moves_per_second_with_reversals(
     baud: int, shares: tuple[float, ...]
 ) -> None:
     """Segments of 40 moves: all axes step in each, or one in each and the others between."""
@@ -96,7 +96,7 @@ def test_from_rest_to_rest(simulator: Simulator) -> None:
 
 
 @pytest.mark.parametrize("seed", range(share(40, 3)))
-def test_moves_without_any_order(simulator: Simulator, seed: int) -> None:
+def test_random_moves(simulator: Simulator, seed: int) -> None:
     time_ns, step = wander(seed, 1_000, 60_000)
     play(simulator, time_ns, step)
     cycles, made = simulator.moves()
@@ -104,7 +104,7 @@ def test_moves_without_any_order(simulator: Simulator, seed: int) -> None:
     assert off_plan_us(cycles, time_ns) <= CLOSE_US
 
 
-def test_pulses_are_as_long_as_they_should_be_and_directions_settle(simulator: Simulator) -> None:
+def test_default_pulse_length_and_direction_setup(simulator: Simulator) -> None:
     time_ns, step = wander(7, 500, LEAST_NS)
     play(simulator, time_ns, step)
     edges = simulator.edges()
@@ -122,7 +122,7 @@ def test_pulses_are_as_long_as_they_should_be_and_directions_settle(simulator: S
         assert ahead.min() >= 5e-6 * FREQUENCY - 8
 
 
-def test_commands_come_at_their_time(simulator: Simulator) -> None:
+def test_commands_are_on_time(simulator: Simulator) -> None:
     time_ns, step = line(100, 500_000)
     with board(simulator) as driver:
         driver.start(ORIGIN)
@@ -155,7 +155,7 @@ def test_commands_come_at_their_time(simulator: Simulator) -> None:
 @pytest.mark.parametrize("chance", [0.001, 0.01])
 @pytest.mark.parametrize("faults", FAULTS)
 @pytest.mark.parametrize("seed", range(share(50, 1)))
-def test_a_bad_cable_loses_no_step(chance: float, faults: str, seed: int) -> None:
+def test_bad_cable_loses_no_step(chance: float, faults: str, seed: int) -> None:
     simulator = Simulator()
     time_ns, step = eased(5_000, 60_000)
     fault = ""
@@ -203,13 +203,13 @@ class Killed(Exception):
 
 
 @pytest.mark.parametrize("moment", np.linspace(0.1, 0.6, share(50, 4)).tolist())
-def test_a_host_that_dies_leaves_the_machine_on_its_path(
+def test_dead_host_leaves_the_machine_on_its_path(
     simulator: Simulator, moment: float
 ) -> None:
     time_ns, step = eased(6_000, 50_000)
     with board(simulator) as driver:
         driver.start(ORIGIN)
-        port = driver._connection.port
+        port = driver._supervisor.connection.port
         until = simulator.now + moment * time_ns[-1] * 1e-9
 
         def write(data: bytes) -> None:
@@ -231,14 +231,14 @@ def test_a_host_that_dies_leaves_the_machine_on_its_path(
         port.write = simulator.send
 
 
-def test_a_ramp_is_smooth(simulator: Simulator) -> None:
+def test_ramp_is_smooth(simulator: Simulator) -> None:
     """The speed falls over the ramp, and never at more than the S's steepest slope."""
     time_ns, step = line(8_000, 50_000, (1.0,) * 3)
     with board(simulator) as driver:
         driver.start(ORIGIN)
         for part in chunks(time_ns[:4_000], step[:4_000]):
             driver.send(part)
-        driver._halt()
+        driver._supervisor.halt()
         assert driver.position_steps.tolist() == stands_at(simulator.moves()[1])
     cycles, _ = simulator.moves()
     t = (cycles - cycles[0]) / FREQUENCY
@@ -257,7 +257,7 @@ def test_a_ramp_is_smooth(simulator: Simulator) -> None:
     ("pin", "code", "within"),
     [(14, "board-emergency-stop", 200e-6), (9, "board-limit", 100e-6), (12, "board-limit", 100e-6)],
 )
-def test_a_switch_ends_the_motion(simulator: Simulator, pin: int, code: str, within: float) -> None:
+def test_switch_ends_the_motion(simulator: Simulator, pin: int, code: str, within: float) -> None:
     time_ns, step = eased(6_000, 50_000)
     with board(simulator) as driver:
         driver.start(ORIGIN)
@@ -280,7 +280,7 @@ def test_a_switch_ends_the_motion(simulator: Simulator, pin: int, code: str, wit
 
 
 @pytest.mark.parametrize("seed", range(share(20, 1)))
-def test_moves_that_come_faster_than_the_link_end_in_a_ramp(
+def test_moves_faster_than_the_line_end_in_a_ramp(
     simulator: Simulator, seed: int
 ) -> None:
     """More bytes than a megabaud carries: no move is ever late and made up for by a burst, the
@@ -301,7 +301,7 @@ def test_moves_that_come_faster_than_the_link_end_in_a_ramp(
     assert_played(cycles, time_ns)
 
 
-def test_a_spike_on_a_switch_does_not(simulator: Simulator) -> None:
+def test_spike_on_a_switch_does_not_end_the_motion(simulator: Simulator) -> None:
     time_ns, step = line(3_000, 50_000)
     with board(simulator) as driver:
         driver.start(ORIGIN)
@@ -313,11 +313,11 @@ def test_a_spike_on_a_switch_does_not(simulator: Simulator) -> None:
     np.testing.assert_array_equal(simulator.moves()[1], step)
 
 
-def test_the_spindle_stops_when_the_host_is_silent(simulator: Simulator) -> None:
+def test_spindle_stops_when_the_host_is_silent(simulator: Simulator) -> None:
     with board(simulator) as driver:
         driver.start(ORIGIN)
         driver.execute(Spindle("p.nc", 1, "cw", 500.0), 0)
-        driver._rest(1_000_000)
+        driver._supervisor.rest(1_000_000)
         simulator.run(0.2)
         assert status(simulator).alarm.name == "NONE"
         simulator.run(0.3)
@@ -348,7 +348,7 @@ class LooseCable(SimulatorPort):
 
 
 @pytest.mark.parametrize("seed", range(share(50, 4)))
-def test_a_cable_that_is_pulled_and_put_back(simulator: Simulator, seed: int) -> None:
+def test_reconnected_cable(simulator: Simulator, seed: int) -> None:
     """For 10 ms to 5 s: nothing has happened, or the error comes within a second, with the last
     line, and nothing moves after that.
     """
@@ -392,15 +392,15 @@ def test_a_cable_that_is_pulled_and_put_back(simulator: Simulator, seed: int) ->
     driver.close()
 
 
-def test_the_decoder_knows_what_goes_over_the_wire(simulator: Simulator) -> None:
+def test_decoder_plays_the_bytes_sent(simulator: Simulator) -> None:
     """The stream that reached the board, played by the Python decoder: the same moves as on the
     pins.
     """
     time_ns, step = wander(3, 800, 40_000)
     with board(simulator) as driver:
         sent = bytearray()
-        stream = driver._link.stream
-        driver._link.stream = lambda data, *rest, **more: (
+        stream = driver._supervisor.connection.link.stream
+        driver._supervisor.connection.link.stream = lambda data, *rest, **more: (
             sent.extend(data),
             stream(data, *rest, **more),
         )[1]

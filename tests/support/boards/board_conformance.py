@@ -62,7 +62,7 @@ class PulseBoardConformance:
         if line is not None:
             assert caught.value.diagnostic.line == line
 
-    def test_is_a_pulse_sink_and_tells_what_it_can(self, board: PulseSink) -> None:
+    def test_capabilities(self, board: PulseSink) -> None:
         assert isinstance(board, PulseSink)
         can = board.capabilities
         assert isinstance(can, Capabilities)
@@ -71,7 +71,7 @@ class PulseBoardConformance:
         assert can.max_step_rate == pytest.approx(1e9 / self.least)
         assert can.tick_ns > 0
 
-    def test_follows_the_pulses(self, fresh: PulseSink) -> None:
+    def test_position_follows_the_pulses(self, fresh: PulseSink) -> None:
         board = fresh
         board.start(np.array([10, -5, 0]))
         board.send(
@@ -83,12 +83,12 @@ class PulseBoardConformance:
         board.finish()
         assert board.position_steps.tolist() == [11, -6, 1]
 
-    def test_takes_an_empty_chunk(self, board: PulseSink) -> None:
+    def test_empty_chunk_is_accepted(self, board: PulseSink) -> None:
         board.send(chunk())
         board.finish()
         assert board.position_steps.tolist() == [0, 0, 0]
 
-    def test_runs_again_after_finish(self, board: PulseSink) -> None:
+    def test_second_program_after_finish(self, board: PulseSink) -> None:
         board.send(chunk((2 * self.least, (1, 0, 0))))
         board.finish()
         board.start(np.array([1, 0, 0]))
@@ -96,7 +96,7 @@ class PulseBoardConformance:
         board.finish()
         assert board.position_steps.tolist() == [2, 0, 0]
 
-    def test_commands_in_order(self, board: PulseSink) -> None:
+    def test_commands_are_in_order(self, board: PulseSink) -> None:
         board.execute(Spindle("p.nc", 3, "cw", 1000.0), 0)
         board.send(chunk((10, (1, 0, 0)), line=4))
         board.execute(Dwell("p.nc", 5, 0.5), 100)
@@ -105,15 +105,15 @@ class PulseBoardConformance:
             board.execute(Dwell("p.nc", 6, 0.5), 50)
         assert caught.value.diagnostic.code == "board-order"
 
-    def test_time_may_not_run_backwards(self, board: PulseSink) -> None:
+    def test_decreasing_time_is_refused(self, board: PulseSink) -> None:
         self.fails(board, "board-order", 2, chunk((10, (1, 0, 0)), (9, (0, 1, 0))))
         assert board.position_steps.tolist() == [1, 0, 0]
         assert board.confirmed_line == 1
 
-    def test_nor_between_chunks(self, board: PulseSink) -> None:
+    def test_decreasing_time_between_chunks_is_refused(self, board: PulseSink) -> None:
         self.fails(board, "board-order", 9, chunk((10, (1, 0, 0))), chunk((9, (0, 1, 0)), line=9))
 
-    def test_pulses_of_an_axis_too_close(self, board: PulseSink) -> None:
+    def test_too_close_pulses_are_refused(self, board: PulseSink) -> None:
         self.fails(
             board,
             "board-step-rate",
@@ -122,7 +122,7 @@ class PulseBoardConformance:
         )
         assert board.position_steps.tolist() == [1, 1, 0]
 
-    def test_also_between_chunks(self, board: PulseSink) -> None:
+    def test_too_close_pulses_between_chunks_are_refused(self, board: PulseSink) -> None:
         self.fails(
             board,
             "board-step-rate",
@@ -132,13 +132,13 @@ class PulseBoardConformance:
             chunk((self.least - 2, (1, 0, 0)), line=8),
         )
 
-    def test_a_nanosecond_of_rounding_is_allowed(self, board: PulseSink) -> None:
+    def test_rounding_of_a_nanosecond_is_allowed(self, board: PulseSink) -> None:
         board.send(chunk((0, (1, 0, 0)), (self.least - 1, (1, 0, 0))))
         board.send(chunk((2 * self.least - 2, (1, 0, 0))))
         assert board.position_steps.tolist() == [3, 0, 0]
 
     @pytest.mark.parametrize("step", [(0, 0, 0), (2, 0, 0), (0, -2, 1), (-128, 0, 0)])
-    def test_steps_are_single_and_no_row_is_empty(
+    def test_invalid_steps_are_refused(
         self, board: PulseSink, step: tuple[int, int, int]
     ) -> None:
         self.fails(board, "board-step", 2, chunk((0, (1, 0, 0)), (self.least, step)))
@@ -151,19 +151,19 @@ class PulseBoardConformance:
             PulseChunk(np.zeros(1), np.ones((1, 3), np.int8), np.zeros(1, np.int32)),  # type: ignore[arg-type]
         ],
     )
-    def test_wrong_shape_and_type(self, board: PulseSink, bad: PulseChunk) -> None:
+    def test_wrong_shape_or_type_is_refused(self, board: PulseSink, bad: PulseChunk) -> None:
         self.fails(board, "board-format", None, bad)
 
-    def test_too_many_axes(self, fresh: PulseSink) -> None:
+    def test_wrong_number_of_axes_is_refused(self, fresh: PulseSink) -> None:
         with pytest.raises(BoardError) as caught:
             fresh.start(np.zeros(AXES + 1, dtype=np.int64))
         assert caught.value.diagnostic.code == "board-format"
 
-    def test_refuses_pulses_before_the_start(self, fresh: PulseSink) -> None:
+    def test_pulses_before_the_start_are_refused(self, fresh: PulseSink) -> None:
         self.fails(fresh, "board-not-started", None, chunk((0, (1, 0, 0))))
 
     @pytest.mark.parametrize("how", ["stop", "abort", "close", "fault"])
-    def test_refuses_everything_once_stopped(self, board: PulseSink, how: str) -> None:
+    def test_stopped_board_refuses_all_calls(self, board: PulseSink, how: str) -> None:
         board.send(chunk((0, (1, 0, 0))))
         if how == "fault":
             self.fails(board, "board-order", None, chunk((-1, (1, 0, 0))))

@@ -1,10 +1,11 @@
-"""What has to hold of every program, whatever it says: the checks of the fuzz.
+"""Checks that hold for every program, for random tests.
 
-No traceback, no hang; an error says in plain words what is wrong, at a place that is in the text;
-blocks are finite and go on where the last one ended; and no accepted word is ignored. The last is
-seen from outside: the numbers of an accepted line are changed one by one, and what the program does
-or leaves behind has to change with them (or it is refused). A code is taken for others of its modal
-group.
+- There is no traceback and no hang.
+- An error has a message without internal names, and a place in the text.
+- Blocks are finite and begin where the last one ended.
+- No accepted word is ignored. To check this, each word of an accepted line is changed: numbers to
+  others, codes to others of their modal group. The blocks or the final state must then change, or
+  the line must be refused.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ from tests.support.gcode.fuzzing import Author, Program
 from tests.support.gcode.gcode_cases import read
 
 SECONDS = 5.0
-"""CPU time that a program may take: most take a thousandth of a second."""
+"""Limit of the CPU time of a program. Most take a millisecond."""
 LIMITS = Limits(repeated_lines=500, depth=10)
 TOOLS = tuple(
     ToolEntry(number, number, {"X": 0.5, "Z": 10.0 * number}, diameter=0.5 * number)
@@ -60,20 +61,18 @@ PLAIN = re.compile(
     r"\b(?:Token|None|True|False|nan|inf|[A-Z]+_[A-Z_]+|__\w+|lark|python|object "
     r"at|self)\b|Error\b|\\x|\bdict\b|<class"
 )
-"""What no message may say: names from inside."""
+"""Internal names, which no message may contain."""
 IDLE = frozenset("NO")
-"""Line and program numbers mean nothing."""
+"""Line and program numbers have no effect."""
 IDLE_CODES = frozenset((G.G15, G.G67, G.G69))
-"""Codes that end what can't be in effect: they stand in the headers of posts."""
+"""Codes that cancel modes which are not supported. Post-processors write them at the start."""
 IDLE_WITH = {"Q": {"G64"}}
-"""Q of G64 gives leave that is not taken."""
+"""Q of G64 allows a simplification that is not made."""
 
 
 @contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Raise TimeoutError in the block when it takes longer than this (CPU time, where the platform
-    has such a clock).
-    """
+    """Raise TimeoutError in the block after this CPU time, if the platform has such a timer."""
     if not hasattr(signal, "setitimer"):
         yield
         return
@@ -102,8 +101,8 @@ def blocks_of(what: Program, **options: Any) -> list[Block]:
     return list(read(text, axes=what.axes, dialect=what.dialect, **options))
 
 
-def sound(blocks: list[Block], axes: tuple[str, ...]) -> None:
-    """What every list of blocks keeps."""
+def check_blocks(blocks: list[Block], axes: tuple[str, ...]) -> None:
+    """Assert what holds for every list of blocks."""
     position = np.zeros(len(axes))
     for block in blocks:
         match block:
@@ -157,8 +156,8 @@ def sound(blocks: list[Block], axes: tuple[str, ...]) -> None:
         assert block.file
 
 
-def plainly_said(found: Diagnostic, lines: tuple[str, ...]) -> None:
-    """An error has a code, a place in the text and words for people."""
+def check_message(found: Diagnostic, lines: tuple[str, ...]) -> None:
+    """Assert that an error has a code, a place in the text and a message without internal names."""
     assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", found.code), found
     assert found.file, found
     if found.file != "test.nc":
@@ -173,16 +172,14 @@ def plainly_said(found: Diagnostic, lines: tuple[str, ...]) -> None:
     assert not PLAIN.search(re.sub("#<[^>]*>", "", f"{found.message} {found.hint}")), found
 
 
-# What a program does and leaves behind
+# Blocks and final state of a program
 
 _UNSEEN = (Word, Statement, Diagnostic)
-"""What speaks of the text, not of its meaning."""
+"""Objects that hold text, not meaning."""
 
 
-def picture(thing: Any, seen: set[int] | None = None) -> Any:
-    """Everything inside an object of the interpreter, as plain tuples; text and functions left
-    out.
-    """
+def snapshot(thing: Any, seen: set[int] | None = None) -> Any:
+    """All data inside an object of the interpreter as plain tuples, without text and functions."""
     seen = set() if seen is None else seen
     if thing is None or isinstance(thing, str | int | float):
         return repr(thing)
@@ -193,11 +190,11 @@ def picture(thing: Any, seen: set[int] | None = None) -> Any:
     if isinstance(thing, dict):
         seen.add(id(thing))
         return tuple(
-            (repr(key) if isinstance(key, str | int | float) else "", picture(value, seen))
+            (repr(key) if isinstance(key, str | int | float) else "", snapshot(value, seen))
             for key, value in thing.items()
         )
     if isinstance(thing, list | tuple):
-        return tuple(picture(each, seen) for each in thing)
+        return tuple(snapshot(each, seen) for each in thing)
     if isinstance(thing, set | frozenset):
         return tuple(sorted(repr(each) for each in thing))
     seen.add(id(thing))
@@ -207,7 +204,7 @@ def picture(thing: Any, seen: set[int] | None = None) -> Any:
         else _slots(thing) or list(getattr(thing, "__dict__", ()))
     )
     return tuple(
-        (name, picture(getattr(thing, name, None), seen))
+        (name, snapshot(getattr(thing, name, None), seen))
         for name in names
         if name not in ("_prepared", "text_of", "here", "_here")
     )
@@ -223,9 +220,7 @@ def _slots(thing: Any) -> list[str]:
 
 
 def known(dialect: str) -> Parameters:
-    """Parameters with which every coordinate system has an origin of its own, so that it matters
-    which one is in use.
-    """
+    """Parameters that give each coordinate system another origin, so that its choice matters."""
     origins = {5221 + 20 * system + axis: 0.5 + system for system in range(9) for axis in range(9)}
     homes = {first + axis: 3.25 + axis for first in (5161, 5181) for axis in range(9)}
     return Parameters(origins | homes, macro=dialects.load(dialect).flavour == "macro-b")
@@ -233,7 +228,7 @@ def known(dialect: str) -> Parameters:
 
 @dataclass(slots=True)
 class Outcome:
-    """``blocks`` and ``state`` of an accepted program; ``error`` of a refused one."""
+    """Blocks and state of an accepted program, or the error of a refused one."""
 
     blocks: list[Block]
     state: Any
@@ -245,11 +240,11 @@ class Outcome:
             return False
         if self.error is not None and other.error is not None:
             return (self.error.code, self.error.line) == (other.error.code, other.error.line)
-        return bool(self.state == other.state and picture(self.blocks) == picture(other.blocks))
+        return bool(self.state == other.state and snapshot(self.blocks) == snapshot(other.blocks))
 
 
 def outcome(what: Program) -> Outcome:
-    """Run a program from a state in which everything counts."""
+    """Run a program from a start at which every word has an effect."""
     made: list[Any] = []
     whole = program.Interpreter
 
@@ -268,7 +263,7 @@ def outcome(what: Program) -> Outcome:
         program.Interpreter = whole  # type: ignore[misc]
     return Outcome(
         blocks,
-        (picture(made[0]), [(found.code, found.line) for found in warnings]),
+        (snapshot(made[0]), [(found.code, found.line) for found in warnings]),
         made[0].ended,
         None,
     )
@@ -278,7 +273,7 @@ def outcome(what: Program) -> Outcome:
 
 
 def _others(word: Word) -> list[str]:
-    """What to write instead of a word."""
+    """Words to write instead of a word."""
     if word.letter not in "GM":
         numbers = (
             word.number + 4.0,
@@ -309,7 +304,7 @@ def _assigned_otherwise(text: str, column: int, length: int) -> str:
 
 
 def variants(text: str, syntax: Syntax) -> Iterator[tuple[str, list[str]]]:
-    """Every word and assignment of a line, and the lines that have something else in its place."""
+    """Yield each word and assignment of a line, with lines in which it is replaced."""
     statement = parse_line(text, syntax)
     computed = {index for index, _ in statement.computed}
     codes = {word.written for word in statement.words if word.letter in "GM"}
@@ -342,7 +337,7 @@ def variants(text: str, syntax: Syntax) -> Iterator[tuple[str, list[str]]]:
 
 
 def every_word_matters(what: Program) -> int:
-    """Check the last line of an accepted program; the number of words that were changed."""
+    """Check the last line of an accepted program; return the number of words checked."""
     spoken = dialects.load(what.dialect)
     syntax = Syntax(
         spoken.flavour, siemens=spoken.siemens, dollar=spoken.dollar, dialect=spoken.name
@@ -361,7 +356,7 @@ def every_word_matters(what: Program) -> int:
 
 @dataclass(slots=True)
 class Tally:
-    """What a fuzz met."""
+    """Counts of a random test."""
 
     programs: int = 0
     accepted: int = 0
@@ -369,7 +364,7 @@ class Tally:
     codes: set[str] = field(default_factory=set)
 
     def add(self, other: Tally) -> None:
-        """Another share of the work."""
+        """Add the counts of another task."""
         self.programs += other.programs
         self.accepted += other.accepted
         self.words += other.words
@@ -377,24 +372,25 @@ class Tally:
 
 
 def check(what: Program) -> Diagnostic | None:
-    """Run one program; its error, if it is refused."""
+    """Run and check a program; return its error if it is refused."""
 
-    def said(odd: Diagnostic) -> None:
-        plainly_said(odd, what.lines)
+    def check_warning(odd: Diagnostic) -> None:
+        check_message(odd, what.lines)
         assert odd.severity in ("warning", "note"), odd
 
     with limited(SECONDS):
         try:
-            sound(blocks_of(what, warn=said), what.axes)
+            check_blocks(blocks_of(what, warn=check_warning), what.axes)
         except CncError as refused:
-            plainly_said(refused.diagnostic, what.lines)
+            check_message(refused.diagnostic, what.lines)
             return refused.diagnostic
     return None
 
 
 def check_words(what: Program, author: Author, error: Diagnostic | None) -> int:
-    """Try a line behind an accepted program, or behind what comes before the error; the number of
-    words that were changed.
+    """Check the words of a line after an accepted program, or after the lines before an error.
+
+    Returns the number of words checked.
     """
     line = author.expand("tail").split("\n")[0]
     if error is not None:
@@ -408,10 +404,9 @@ def check_words(what: Program, author: Author, error: Diagnostic | None) -> int:
 
 
 def check_seeds(first: int, count: int, words_of: int = 10) -> Tally:
-    """A share of the fuzz: that many programs, and the words of a line behind every
-    ``words_of``-th, or behind what is accepted of it.
+    """Check the programs of some seeds, and the words of a line after every ``words_of``-th.
 
-    What goes wrong is raised with the seed of its program.
+    Raises an AssertionError with the seed of a program that fails.
     """
     tally = Tally()
     for seed in range(first, first + count):

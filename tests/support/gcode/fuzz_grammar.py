@@ -246,9 +246,7 @@ Parts = list[str | tuple[str, bool]]
 
 
 def _read(text: str) -> dict[str, list[Parts]]:
-    """A table as names and alternatives, each a list of text and (name, whether it may be left
-    out).
-    """
+    """Parse a table; each alternative is a list of text and of (name, whether it is optional)."""
     table: dict[str, list[Parts]] = {}
     for line in text.replace("\\\n     ", "").replace("\n   |", " |").strip().split("\n"):
         if not line:

@@ -1,4 +1,4 @@
-"""Random programs of the whole language: mostly sense, some nonsense, some of it mutated."""
+"""Random programs of the whole language; some make no sense, some are mutated."""
 
 from __future__ import annotations
 
@@ -72,13 +72,13 @@ NUMBERS = (
 XYZ = ("x", "y", "z")
 AXES = (*[XYZ] * 9, *[(*XYZ, "a")] * 3, *[(*XYZ, "a", "b", "c", "u", "v", "w")] * 3, ("x", "z"))
 DEEPEST = 4
-"""Blocks within blocks."""
+"""Blocks within each other."""
 SHIPPED = sorted(ROOT.glob("programs/*.nc"))
 
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A program, the machine that it is for and the dialect that it is read in."""
+    """A program with the axes of its machine and its dialect."""
 
     lines: tuple[str, ...]
     axes: tuple[str, ...]
@@ -86,13 +86,13 @@ class Program:
     block_delete: bool = False
 
     def with_last(self, line: str) -> Program:
-        """The same with another last line."""
+        """The same program with another last line."""
         return replace(self, lines=(*self.lines[:-1], line))
 
 
 @lru_cache(maxsize=1)
 def _shipped() -> list[str]:
-    """Lines of the programs that come with this one."""
+    """Lines of the example programs."""
     return [
         line
         for file in SHIPPED
@@ -108,7 +108,7 @@ def _codes(dialect: str) -> list[str]:
 
 
 class Author:
-    """Writes programs; equal seeds, equal programs."""
+    """Writes programs. Equal seeds give equal programs."""
 
     def __init__(self, seed: int) -> None:
         self.random = random.Random(seed).random
@@ -119,14 +119,14 @@ class Author:
         self.table = FLAVOURS["ngc"]
 
     def pick(self, among: tuple[str, ...] | list[str]) -> str:
-        """One of them."""
+        """A random element."""
         return among[int(self.random() * len(among))]
 
     def below(self, end: int) -> int:
-        """A whole number from 0."""
+        """A random whole number from 0 to below ``end``."""
         return int(self.random() * end)
 
-    # Names that are no rules of the grammar
+    # Names without a rule in the grammar
 
     def _n(self) -> str:
         kind = self.random()
@@ -178,7 +178,7 @@ class Author:
         return self.pick(["good", "broken", "deep", "again", "other", "no-such", "../good", "Good"])
 
     def _nurbs(self) -> str:
-        """A G6.2 whose knots are mostly in order."""
+        """A G6.2 with knots that are mostly ascending."""
         order = 2 + self.below(4)
         count = order + self.below(4)
         knots = [0] * order + sorted(1 + self.below(8) for _ in range(count - order)) + [9] * order
@@ -193,7 +193,7 @@ class Author:
         return "\n".join([first, *lines[1:], *(f"{knot}{u}" for u in knots[count:])])
 
     def _curve(self) -> str:
-        """G5, G5.1, G5.2 to G5.3 or BSPLINE as they should be, but for numbers."""
+        """G5, G5.1, G5.2 to G5.3 or BSPLINE, correct except for numbers."""
         plane, first, second, i, j = (
             ("G17", "X", "Y", "I", "J"),
             ("G18", "Z", "X", "K", "I"),
@@ -231,7 +231,7 @@ class Author:
     # Lines and programs
 
     def expand(self, name: str) -> str:
-        """Text for a name of the grammar."""
+        """A random expansion of a name of the grammar."""
         rule = self.table.get(name)
         if rule is None:
             return str(getattr(self, f"_{name}")())
@@ -254,7 +254,7 @@ class Author:
         return "".join(written)
 
     def mutate(self, line: str) -> str:
-        """A few slips of the pen."""
+        """Make a few random typing errors."""
         for _ in range(1 + self.below(3)):
             at = self.below(len(line) + 1)
             match self.below(6):
@@ -273,7 +273,7 @@ class Author:
         return line
 
     def program(self) -> Program:
-        """A program in a dialect of its own, or now and then in another one."""
+        """A random program; now and then it is written in another dialect than its own."""
         self.dialect, self.axes = self.pick(dialects.NAMES), AXES[self.below(len(AXES))]
         written = self.pick(dialects.NAMES) if self.random() < 0.05 else self.dialect
         flavour = dialects.load(written).flavour
@@ -300,7 +300,7 @@ class Author:
         return Program(tuple(lines), self.axes, self.dialect, self.random() < 0.05)
 
     def shuffle(self, lines: list[str]) -> None:
-        """Take a line out, or let two change places, or write one twice."""
+        """Delete, swap or repeat a line."""
         one, other = self.below(len(lines)), self.below(len(lines))
         match self.below(3):
             case 0:

@@ -1,4 +1,4 @@
-"""Programs as text, blocks as plain tuples: what the tests of this room share."""
+"""Helpers of the language's tests: run programs from text, and compare blocks as tuples."""
 
 from __future__ import annotations
 
@@ -49,9 +49,7 @@ def run(source: str, **options: Any) -> list[Block]:
 
 
 def rows(blocks: list[Block]) -> Iterator[Row]:
-    """Blocks as tuples; feeds in mm/min, None for a traverse. Runs of straight moves one tuple a
-    move.
-    """
+    """Blocks as tuples, one for each straight move; feeds in mm/min."""
     for block in blocks:
         match block:
             case Polyline():
@@ -105,9 +103,7 @@ def rows(blocks: list[Block]) -> Iterator[Row]:
 
 
 def block_summaries(source: str, **options: Any) -> list[str]:
-    """The blocks of a program in short: ``rapid 4 5 -1``, ``line 4 5 -1 F600``; numbers to six
-    digits behind the point.
-    """
+    """The blocks of a program as text, such as ``line 4 5 -1 F600``, with up to six decimals."""
     out = []
     for kind, *values in rows(run(source, **options)):
         words = [
@@ -123,7 +119,7 @@ def block_summaries(source: str, **options: Any) -> list[str]:
 
 
 def flat(row: Row) -> list[Any]:
-    """A row with its lists opened."""
+    """A row without nested lists."""
     out: list[Any] = []
     for item in row:
         out += flat(tuple(item)) if isinstance(item, list | tuple) else [item]
@@ -131,7 +127,7 @@ def flat(row: Row) -> list[Any]:
 
 
 def assert_rows_equal(found: list[Row], expected: list[Row], *, abs: float = 1e-12) -> None:
-    """Equal rows, numbers to rounding."""
+    """Assert that rows are equal, numbers to within rounding errors."""
     assert [row[0] for row in found] == [row[0] for row in expected]
     for got, want in zip(found, expected, strict=True):
         for a, b in zip(flat(got), flat(want), strict=True):
@@ -140,12 +136,12 @@ def assert_rows_equal(found: list[Row], expected: list[Row], *, abs: float = 1e-
 
 
 def assert_blocks(source: str, *expected: Row, **options: Any) -> None:
-    """The program has exactly these blocks."""
+    """Assert that the program has exactly these blocks."""
     assert_rows_equal(list(rows(run(source, **options))), list(expected))
 
 
 def error_of(source: str, **options: Any) -> Diagnostic:
-    """The diagnostic of a program that must be refused."""
+    """The diagnostic of a program, which must be refused."""
     with pytest.raises(GcodeError) as caught:
         run(source, **options)
     return caught.value.diagnostic
@@ -154,7 +150,7 @@ def error_of(source: str, **options: Any) -> Diagnostic:
 def assert_diagnostic_at(
     found: Diagnostic, code: str, marked: str, *, file: str = "test.nc"
 ) -> None:
-    """The diagnostic has the code, and stands in the text of ``file`` where the mark ¦ is."""
+    """Assert that a diagnostic has the code, and the place of the mark ¦ in the text of ``file``."""
     before = marked[: marked.index("¦")]
     place = before.count("\n") + 1, len(before) - before.rfind("\n")
     assert (found.code, found.file, found.line, found.column) == (code, file, *place), (
@@ -167,14 +163,14 @@ def assert_diagnostic_at(
 
 
 def assert_error_at(code: str, marked: str, **options: Any) -> Diagnostic:
-    """The diagnostic of a program that must be refused where the mark ¦ is."""
+    """Assert that a program is refused at the mark ¦; return the diagnostic."""
     found = error_of(marked.replace("¦", ""), **options)
     assert_diagnostic_at(found, code, marked)
     return found
 
 
 def end_of(source: str, **options: Any) -> list[float]:
-    """Where a program of straight moves ends."""
+    """The end position of a program of straight moves."""
     block = run(source, **options)[-1]
     assert isinstance(block, Polyline)
     return np.asarray(block.points[-1]).tolist()
