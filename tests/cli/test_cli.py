@@ -1,4 +1,4 @@
-"""The command line: exit codes, what stands last on standard error, which outputs appear."""
+"""The command line: exit codes, last messages, outputs."""
 
 import json
 import os
@@ -32,7 +32,7 @@ def program(tmp_path):
 
 @pytest.fixture
 def cncrun(capfd):
-    """Carry out a command line here; exit code, standard output, standard error."""
+    """Return a function that gives exit code, standard output and standard error."""
 
     def carry_out(*arguments: str) -> tuple[int, str, str]:
         code = cli.exit_code(arguments)
@@ -43,9 +43,7 @@ def cncrun(capfd):
 
 
 def last_message(err: str, code: str) -> str:
-    """The diagnostic at the end: its first line names the code, and nothing follows but the source
-    line, the caret and the help.
-    """
+    """Return the first line of the last diagnostic; only source line, caret and help follow."""
     lines = err.rstrip("\n").split("\n")
     first = max(number for number, line in enumerate(lines) if f"{code}: " in line)
     assert all(line.startswith("  ") for line in lines[first + 1 :])
@@ -65,11 +63,11 @@ def test_a_good_program_runs(cncrun, program):
     assert "checked, nothing moved" in out
 
 
-def test_quiet_says_nothing(cncrun, program):
+def test_quiet_prints_nothing(cncrun, program):
     assert cncrun(program(GOOD), "--quiet") == (0, "", "")
 
 
-def test_a_fault_of_the_program_is_1_with_place_caret_and_help(cncrun, program):
+def test_a_program_error_is_1_with_place_caret_and_help(cncrun, program):
     file = program("G21 G90\nG1 X10 F600\nG2 X20 Y5 I5 J9\nM2\n")
     for command in ([], ["check"]):
         code, out, err = cncrun(*command, file)
@@ -92,7 +90,7 @@ def test_outside_the_travel_is_1_before_anything_moves(cncrun, program, monkeypa
     assert "  G2 X60 Y300 (Y 325) I25 J0\n         ^~~~\n" in err
 
 
-def test_a_move_to_the_very_limit_is_no_fault(cncrun, program):
+def test_a_move_to_the_limit_is_accepted(cncrun, program):
     assert cncrun(program("G21 G90 G1 X410 Y310 F6000\nG1 X-10 Y-10\nM2\n"), "--quiet") == (
         0,
         "",
@@ -101,10 +99,8 @@ def test_a_move_to_the_very_limit_is_no_fault(cncrun, program):
     assert cncrun(program("G21 G90 G1 X410.001 F6000\nM2\n"), "--quiet")[0] == 1
 
 
-def test_a_spindle_that_would_drive_the_tool_too_fast(cncrun, program):
-    """Z goes 50 mm/s: 1 mm a turn at 3000 turns a minute, and no more; without the spindle a feed
-    is only lowered.
-    """
+def test_spindle_synchronised_motion_above_the_speed_limit_is_rejected(cncrun, program):
+    """Z reaches 50 mm/s at 1 mm per revolution and 3000 rpm, and no more."""
     assert (
         cncrun("check", program("G21 S3000 M3\nG33 Z-5 K1\nG1 Z0 F60000\nM2\n"), "--quiet")[0] == 0
     )
@@ -116,7 +112,7 @@ def test_a_spindle_that_would_drive_the_tool_too_fast(cncrun, program):
     assert "50.5 mm/s, 1.01 times" in message
 
 
-def test_many_warnings_are_cut_short_and_a_loop_gives_one(cncrun, program):
+def test_many_warnings_are_counted_and_a_loop_gives_one(cncrun, program):
     loop = "#1 = 0\no1 while [#1 LT 9]\nM3\n#1 = [#1 + 1]\no1 endwhile\n"
     file = program(loop + "M3\n" * 102 + "M2\n")
     code, _, err = cncrun("check", file)
@@ -127,7 +123,7 @@ def test_many_warnings_are_cut_short_and_a_loop_gives_one(cncrun, program):
     assert "warnings" not in cncrun("check", file, "--quiet")[2]
 
 
-def test_many_places_outside_the_travel_are_cut_short(cncrun, program):
+def test_many_places_outside_the_travel_are_counted(cncrun, program):
     code, _, err = cncrun("check", program("G21 G90 F6000\n" + "G1 X500\nG1 X501\n" * 20 + "M2\n"))
     assert code == 1
     assert "20 more places outside the travel are not shown" in err
@@ -188,7 +184,7 @@ def test_a_bad_machine_file_is_2(cncrun, program):
     )
 
 
-def test_an_error_of_ours_is_no_traceback_unless_asked_for(cncrun, program, monkeypatch):
+def test_an_internal_error_shows_a_traceback_only_with_verbose(cncrun, program, monkeypatch):
     def broken(*_, **__):
         raise RuntimeError("oh")
 
@@ -246,7 +242,7 @@ def test_the_other_formats(cncrun, program, tmp_path):
     assert vcd.read_text().startswith("$timescale 1 ns $end\n")
 
 
-def test_a_hyphen_is_standard_output_and_the_summary_moves_over(cncrun, program):
+def test_a_hyphen_is_standard_output_and_the_summary_uses_standard_error(cncrun, program):
     code, out, err = cncrun("check", program(GOOD), "--json", "-")
     assert code == 0
     assert json.loads(out)["program"].endswith("p.nc")
@@ -268,7 +264,7 @@ def test_a_hyphen_is_standard_input(command):
     assert len(done.stdout.splitlines()) == 4
 
 
-def test_a_faulty_program_writes_its_errors_and_nothing_else(cncrun, program, tmp_path):
+def test_a_faulty_program_writes_only_its_errors(cncrun, program, tmp_path):
     file = program("G21 G90\nG1 X10 F600\nG2 X20 Y5 I5 J9\nM2\n")
     target = tmp_path / "out"
     target.mkdir()
@@ -367,7 +363,7 @@ def test_the_operator_stops_a_run(cncrun, program, monkeypatch):
 
 
 def test_the_operator_stops_before_anything_moves(program):
-    """Reading from a pipe that never ends."""
+    """The program comes from a pipe that never ends."""
     command = [sys.executable, "-m", "cnc.cli", "-"]
     with subprocess.Popen(
         command, cwd=ROOT, stdin=subprocess.PIPE, stderr=subprocess.PIPE
@@ -393,7 +389,7 @@ def test_the_operator_stops_before_anything_moves(program):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a shell with pipes")
-def test_whoever_reads_our_output_may_go_away(program):
+def test_a_closed_output_pipe_is_141(program):
     file = program("G21 G90 F6000\n" + "G1 X100\nG1 X0\n" * 5000 + "M2\n")
     command = [sys.executable, "-m", "cnc.cli", "check", file, "--blocks", "-"]
     with subprocess.Popen(
@@ -408,7 +404,7 @@ def test_whoever_reads_our_output_may_go_away(program):
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["check", "--help"], ["--version"]])
-def test_help_imports_nothing_that_takes_long(arguments):
+def test_help_imports_no_numerics(arguments):
     code = (
         "import sys; from cnc.cli import exit_code; code = exit_code(sys.argv[1:]);"
         "slow = {'numba', 'lark', 'numpy', 'pydantic', 'llvmlite', 'scipy'} & set(sys.modules);"
@@ -426,7 +422,7 @@ def test_help_imports_nothing_that_takes_long(arguments):
     assert done.stdout
 
 
-def test_help_says_what_there_is(cncrun):
+def test_help_lists_the_options(cncrun):
     _, out, _ = cncrun("--help")
     for word in (
         "check",

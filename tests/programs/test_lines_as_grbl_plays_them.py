@@ -1,6 +1,4 @@
-"""Programs of known geometry as lines, played as GRBL plays them: the same motion, in the same
-order, in the travel and without errors.
-"""
+"""Lines of programs with known geometry, carried out in GRBL's arithmetic: the same motion."""
 
 import math
 

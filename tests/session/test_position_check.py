@@ -1,6 +1,4 @@
-"""A GRBL board that does not stand where the last run left it runs no program until it is homed or
-its position is confirmed.
-"""
+"""The position check of a GRBL board: a program runs only from a confirmed position."""
 
 from __future__ import annotations
 
@@ -43,9 +41,7 @@ def program(tmp_path: Path) -> Path:
 
 
 def tool(box: GrblSimulator) -> tuple[float, ...]:
-    """Where the tool is in the world, from where it was at first; the board counts from its last
-    start.
-    """
+    """Return the position of the tool from its first position; the board counts from its start."""
     began = box.core.environment.of_travels(*box.core.per_axis(130)).offset
     return tuple(
         round(p + o - b, 3)
@@ -54,7 +50,7 @@ def tool(box: GrblSimulator) -> tuple[float, ...]:
 
 
 def ran(box: GrblSimulator, program: Path, **arguments: object) -> Report:
-    """A run on a port that leaves DTR up, as ours do."""
+    """Run a program on a port that keeps DTR high, as the serial port does."""
     port = GrblSimulatorPort(box, hang_up=False)
     board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
     board.connect()
@@ -65,7 +61,7 @@ def ran(box: GrblSimulator, program: Path, **arguments: object) -> Report:
 
 
 def refused(report: Report) -> str:
-    """The message of the one fault, which is that the position is lost, and its hint."""
+    """Return message and hint of the only fault, ``position-lost``."""
     (fault,) = report.faults
     assert fault.diagnostic.code == "position-lost", fault.diagnostic
     assert fault.exit_code == 3
@@ -97,7 +93,7 @@ def test_two_runs_in_a_row_do_not_shift(program: Path, capsys: pytest.CaptureFix
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
-def test_a_stopped_run_is_gone_on_with_where_it_was(
+def test_a_stopped_run_continues_at_its_position(
     program: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
@@ -169,7 +165,7 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
         )
 
 
-def test_a_fresh_board_has_nothing_to_disagree_with(program: Path) -> None:
+def test_a_board_without_a_record_is_accepted(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     kept = LastPosition.read("the box")
@@ -178,9 +174,7 @@ def test_a_fresh_board_has_nothing_to_disagree_with(program: Path) -> None:
 
 
 @pytest.mark.parametrize("how", ["power", "another sender"])
-def test_a_board_that_stands_elsewhere_is_refused_until_it_is_confirmed(
-    program: Path, how: str
-) -> None:
+def test_another_position_is_refused_until_it_is_confirmed(program: Path, how: str) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     if how == "power":
@@ -203,7 +197,7 @@ def test_a_board_that_stands_elsewhere_is_refused_until_it_is_confirmed(
     assert ran(box, program).ok
 
 
-def test_less_than_a_step_is_no_difference(program: Path) -> None:
+def test_a_difference_below_one_step_is_accepted(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     step = 1.0 / 250.0
@@ -213,10 +207,8 @@ def test_less_than_a_step_is_no_difference(program: Path) -> None:
     assert "Y2.992" in refused(ran(box, program))
 
 
-def test_a_restart_where_the_last_run_ended_at_zero_is_one_too(program: Path) -> None:
-    """Nobody knows whether the tool was moved while the board was off, and the second opening does
-    not show the restart.
-    """
+def test_a_restart_at_zero_is_refused_too(program: Path) -> None:
+    """The tool may have moved while the board was off, and a second opening shows no restart."""
     box = GrblSimulator(settings=FAST)
     program.write_text("G21 G90\nG1 X3 F900\nG0 X0\nM2\n")
     assert ran(box, program).ok
@@ -226,7 +218,7 @@ def test_a_restart_where_the_last_run_ended_at_zero_is_one_too(program: Path) ->
     assert ran(box, program, trust_position=True).ok
 
 
-def test_homing_finds_the_position_again(program: Path, tmp_path: Path) -> None:
+def test_homing_restores_the_position(program: Path, tmp_path: Path) -> None:
     box = GrblSimulator(settings=SWITCHES)
     homing = tmp_path / "home.nc"
     homing.write_text("$H\n")
@@ -306,7 +298,7 @@ def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
     assert not stopped.moves
 
 
-def test_a_board_that_refuses_to_home_stands_where_it_stood(program: Path) -> None:
+def test_a_board_that_refuses_to_home_keeps_its_position(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     for _ in range(2):
@@ -324,7 +316,7 @@ def test_a_board_that_refuses_to_home_stands_where_it_stood(program: Path) -> No
 
 
 @pytest.mark.parametrize("code", ["port-lost", "board-restarted"])
-def test_a_run_that_ends_blind_leaves_a_lost_position(program: Path, code: str) -> None:
+def test_a_run_without_a_final_report_leaves_a_lost_position(program: Path, code: str) -> None:
     box = GrblSimulator(settings=FAST)
 
     def on_sent(sent: Progress) -> None:
@@ -353,8 +345,8 @@ def test_after_a_fault_that_leaves_the_position_known_the_next_run_begins(progra
     assert ran(box, program).ok
 
 
-def test_the_checkpoint_counts_where_no_run_has_an_end(program: Path) -> None:
-    """The record of the board was lost, or its computer died."""
+def test_the_checkpoint_is_used_if_the_run_has_no_recorded_end(program: Path) -> None:
+    """The record of the board is missing, or the computer crashed during the run."""
     box, control = GrblSimulator(settings=FAST), Control()
     first = ran(box, program, control=control, callbacks=stopping(control, 10.0))
     assert first.resume_line == 5
@@ -370,7 +362,7 @@ def test_the_checkpoint_counts_where_no_run_has_an_end(program: Path) -> None:
     assert "was stopped at X1" in refused(ran(box, program, from_line=5))
 
 
-def test_a_check_on_the_board_neither_asks_nor_changes_anything(program: Path) -> None:
+def test_a_check_on_the_board_ignores_and_keeps_the_record(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     kept = LastPosition.read("the box")
@@ -385,7 +377,7 @@ def test_a_check_on_the_board_neither_asks_nor_changes_anything(program: Path) -
     refused(ran(box, program))
 
 
-def test_what_can_not_be_read_is_none_and_what_can_not_be_written_stops_nothing(
+def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_run(
     program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     LastPosition("a/b", {"x": 1.0}, "end").write()
@@ -406,7 +398,7 @@ def test_what_can_not_be_read_is_none_and_what_can_not_be_written_stops_nothing(
     assert LastPosition.read("the box") is None
 
 
-def test_where_positions_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_folder_of_positions(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert last_position.folder() == tmp_path / "cnc" / "positions"
     monkeypatch.delenv("XDG_STATE_HOME")
