@@ -11,7 +11,7 @@ import pytest
 
 from cnc.gcode import dialects
 from cnc.gcode.program.interpreter import Interpreter
-from cnc.gcode.program.plain_lines import StraightLane
+from cnc.gcode.program.plain_lines import StraightRuns
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.parser import Syntax
 from cnc.gcode.syntax.source_text import Text
@@ -60,7 +60,7 @@ class Reader:
         spoken = dialects.load(dialect)
         start = [0.1 * (index + 1) for index in range(len(axes))]
         self.interpreter = Interpreter("t", axes, spoken, start, Parameters(), None)
-        self.lane = StraightLane(self.interpreter) if fast else None
+        self.runs = StraightRuns(self.interpreter) if fast else None
         self.syntax = Syntax(spoken.flavour)
         self.runs = self.executed = 0
         self.error = ""
@@ -69,7 +69,7 @@ class Reader:
         line = 1
         while window := self.text.window(line):
             index = line - window.first
-            count = self.lane.run(window, index) if self.lane and window.straight[index] else 0
+            count = self.runs.run(window, index) if self.runs and window.straight[index] else 0
             self.runs += count
             if not count:
                 try:
