@@ -12,7 +12,6 @@ from typing import Annotated, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
-from cnc import __version__
 from cnc.cli.checking import check_listed, check_one, find_programs
 from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
 from cnc.cli.keyboard import Keyboard
@@ -35,6 +34,7 @@ from cnc.cli.progress import ProgressDisplay
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
 from cnc.model.operator_control import Control, HomingStopped
+from cnc.version import __version__
 
 app = App(
     name="cncrun",
@@ -276,7 +276,7 @@ def home(
             on_axis=None if terminal.quiet else lambda axis: print(axis.description, flush=True),
         )
     if not terminal.quiet:
-        from cnc.report.summary import position
+        from cnc.report.number_format import position
 
         known = {axis.upper(): value for axis, value in positions.items() if value is not None}
         print("the machine stands at", *(f"{axis}{position(at)}" for axis, at in known.items()))

@@ -4,12 +4,15 @@ Compiled code is kept beside the sources, or in the user's cache folder where th
 read-only, or else in a private folder under the system's temporary folder.
 
     kernels/__pycache__/compiled/
-        curve-1f0c.../       code of the kernels in curve.py
-        fit-77ab.../         code of the kernels in fit.py; it contains code of curve.py
+        path.curve-cpython-312-1f0c.../   code of the kernels in path/curve.py
+        path.fit-cpython-312-77ab.../     code of the kernels in path/fit.py, and of path/curve.py
 
 numba compares a kernel's code with its own file only, but the code contains that of every kernel
 that it calls. So each file has a folder of its own, named by a digest of its text and of the texts
 of all kernel files that it imports. A change compiles only the files that depend on it.
+
+The folders of earlier texts are removed when a process is about to compile. A folder in which code
+was written within the last hour stays, since another process may still use it.
 """
 
 from __future__ import annotations
@@ -17,9 +20,11 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import shutil
 import stat
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -28,6 +33,10 @@ from typing import Any, TypeVar, cast
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 _IMPORT = re.compile(r"^from cnc\.kernels\.([\w.]+) import", re.MULTILINE)
+_SOURCES = Path(__file__).parent
+_TAG = sys.implementation.cache_tag or sys.implementation.name
+_KEPT_S = 3600.0
+"""s. A folder of an earlier text stays so long after code was last written to it."""
 
 
 def _writable(folder: Path) -> bool:
@@ -62,15 +71,17 @@ def _choose_cache_folder() -> Path:
     """Return the folder that holds the compiled code of all kernel files."""
     if "NUMBA_CACHE_DIR" in os.environ:
         return Path(os.environ["NUMBA_CACHE_DIR"])
-    beside = Path(__file__).parent / "__pycache__" / "compiled"
+    beside = _SOURCES / "__pycache__" / "compiled"
     home = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
-    user_cache = home / "cnc" / "compiled"
+    installation = hashlib.sha256(str(_SOURCES).encode()).hexdigest()[:16]
+    user_cache = home / "cnc" / "compiled" / installation
     for folder in (beside, user_cache):
         if _writable(folder):
             return folder
     return _private_folder()
 
 
+_is_ours = "NUMBA_CACHE_DIR" not in os.environ
 _cache_folder = _choose_cache_folder()
 os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder)  # for child processes as well
 
@@ -87,7 +98,6 @@ def _text(file: Path) -> bytes:
 @cache
 def _imported(file: Path) -> frozenset[Path]:
     """Return ``file`` and all kernel files that it imports, directly or not."""
-    folder = Path(__file__).parent
     found: set[Path] = set()
     waiting = [file]
     while waiting:
@@ -95,7 +105,7 @@ def _imported(file: Path) -> frozenset[Path]:
         if here not in found:
             found.add(here)
             names = _IMPORT.findall(_text(here).decode())
-            waiting += [folder.joinpath(*name.split(".")).with_suffix(".py") for name in names]
+            waiting += [_SOURCES.joinpath(*name.split(".")).with_suffix(".py") for name in names]
     return frozenset(found)
 
 
@@ -109,17 +119,57 @@ def _digest(files: frozenset[Path]) -> str:
 
 def _folder_of(source: Path) -> Path:
     """Return the folder for the compiled code of one source file."""
-    return _cache_folder / f"{source.stem}-{_digest(_imported(source))}"
+    name = source.stem
+    if source.is_relative_to(_SOURCES):
+        name = ".".join(source.relative_to(_SOURCES).with_suffix("").parts)
+    return _cache_folder / f"{name}-{_TAG}-{_digest(_imported(source))}"
+
+
+@cache
+def _remove_old_code() -> None:
+    """Remove the compiled code of earlier texts, once in a process.
+
+    The folders of other versions of Python stay, and so do those in which code was written within
+    the last hour. A process that still runs an earlier text makes its folder again when it writes.
+    Two processes may do this at once.
+    """
+    if not _is_ours:
+        return
+    current = {_folder_of(source) for source in _SOURCES.rglob("*.py")}
+    oldest = time.time() - _KEPT_S
+    other_python = re.compile(rf"-(?!{re.escape(_TAG)}-)\w+-\w+-[0-9a-f]{{16}}$")
+    try:
+        folders = [folder for folder in _cache_folder.iterdir() if folder.is_dir()]
+    except OSError:
+        return
+    for folder in folders:
+        is_old = folder not in current and not other_python.search(folder.name)
+        if is_old and _last_written(folder) < oldest:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _last_written(folder: Path) -> float:
+    """Return the time at which anything in ``folder`` was last written, s since the epoch."""
+    times = [0.0]
+    for path in (folder, *folder.rglob("*")):
+        try:
+            times.append(path.stat().st_mtime)
+        except OSError:  # another process has removed it
+            continue
+    return max(times)
 
 
 def njit(function: Kernel) -> Kernel:
     """Compile ``function`` without Python objects, cached on disk.
 
     A constant in a call between kernels has a type of its own, for which numba would compile the
-    called kernel once more: it is taken for a number like any other.
+    called kernel once more. Here it has the type of its value.
     """
     config: Any = numba.config
-    config.CACHE_DIR = str(_folder_of(Path(function.__code__.co_filename)))
+    folder = _folder_of(Path(function.__code__.co_filename))
+    if compiling() and not folder.exists():
+        _remove_old_code()
+    config.CACHE_DIR = str(folder)
     kernel: Any = numba.njit(cache=True, error_model="numpy")(function)
     if compiling():
         template = kernel.get_call_template
@@ -143,5 +193,5 @@ def compiled_mark() -> Path | None:
     """
     if not compiling():
         return None
-    everything = _digest(frozenset(Path(__file__).parent.rglob("*.py")))
+    everything = _digest(frozenset(_SOURCES.rglob("*.py")))
     return _cache_folder / f"all-{everything}-{numba.__version__}"

@@ -1,1 +1,1 @@
-"""Canonical blocks to curves: lines, true arcs and helices, NURBS."""
+"""Curves of canonical blocks: lines, true arcs and helices, NURBS."""

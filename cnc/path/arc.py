@@ -1,4 +1,4 @@
-"""Arcs, helices and slight spirals: the Curve protocol over arc records, one a turn."""
+"""Arcs, helices and slight spirals: the Curve protocol over arc records, one for each turn."""
 
 from __future__ import annotations
 
@@ -13,8 +13,15 @@ from cnc.path.records import Floats, Records, arc_records
 
 
 class Arc(RecordCurve):
-    """From ``start`` to ``end`` (n,) about ``center`` (first and second axis of the plane),
-    ``turns`` counter-clockwise positive.
+    """An arc, helix or spiral.
+
+    Args:
+        axes: names of the axes.
+        start: (n,) mm.
+        end: (n,) mm.
+        plane: its plane.
+        center: first and second axis of the plane, mm.
+        turns: whole and part turns, counter-clockwise positive.
     """
 
     def __init__(
@@ -34,7 +41,7 @@ class Arc(RecordCurve):
         self.turns = turns
 
     def records(self, accuracy: float) -> Iterable[Records]:
-        """One record a turn."""
+        """Yield one record for each turn."""
         first, second = PLANE_AXES[self.plane]
         plane = self.axes.index(first), self.axes.index(second)
         yield from arc_records(
@@ -42,8 +49,9 @@ class Arc(RecordCurve):
         )
 
     def subsegment(self, ua: float, ub: float) -> Self:
-        """The part from ua to ub, its parameter starting at 0 again: the angle runs evenly with u,
-        so the turns are a part of it.
+        """Return the part from ua to ub, its parameter starting at 0 again.
+
+        The angle is proportional to u, and so are the turns.
         """
         u0, u1 = self.u_range
         return type(self)(

@@ -1,21 +1,23 @@
-"""Canonical blocks to a path, as a stream: moving blocks become :class:`PathChunk`, the others pass
-through in their order.
+"""Paths of canonical blocks, as a stream.
 
-    blocks  ──►  records of the pieces, gathered to about a chunk  ──►  held until it is known whether the motion
-                                                                       must rest at their end  ──►  chunks and blocks
+Moving blocks become :class:`PathChunk`; the others pass through in their order.
 
-Motion rests at the end of the stream, before every block that isn't motion (but a message), under
+    blocks  ──►  records of the pieces, gathered to about a chunk
+            ──►  held until it is known whether the motion rests at their end  ──►  chunks, blocks
+
+Motion rests at the end of the stream, before every block without motion (but a message), under
 exact stop (G61.1) at the end of every block and every straight move, and at both ends of a probing
-move. Under G64 each joint of two pieces is given the tolerance in effect, or the smaller one where
-it changes there. PathMode ends here: nothing below asks for it.
+move. Under G64 each joint of two pieces has the tolerance in effect, or the smaller one where it
+changes there. PathMode ends here: no layer below needs it.
 
-A probe passes through, then its move, and no block is read behind it before somebody asks for more:
-by then the board has answered, and the path goes on from where contact was.
+A probe passes through, then its move. No block behind it is read before the consumer asks for more.
+By then the board has answered, and the path goes on from the point of contact.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,15 +48,24 @@ from cnc.path.records import (
 
 MOST_PIECES = 4096
 MOST_NUMBERS = 1 << 18
-"""A chunk is closed when it has this many pieces or this many numbers in its records."""
+"""A chunk is closed when its records are this many, or have this many numbers."""
 ENOUGH = 64
 """Under G64 a chunk is closed with the block when it has this many pieces: they may stand for
 thousands of moves.
 """
 JOIN = 1e-6
-"""mm. A NURBS whose first control point is this near to the position is moved there; farther off is
-an error.
+"""mm. A NURBS whose first control point is this near to the position is moved there. A larger
+distance is an error.
 """
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """Axes of the path: their names, their classes (n,), and the accuracy of arc lengths (mm)."""
+
+    axes: tuple[str, ...]
+    classes: NDArray[np.int64]
+    accuracy: float
 
 
 class _Gatherer:
@@ -103,7 +114,7 @@ class _Gatherer:
         return self.pieces >= MOST_PIECES or self.numbers >= MOST_NUMBERS
 
     def take(self) -> PathChunk:
-        """What was gathered, as one chunk; the gatherer is empty after it."""
+        """Return everything gathered as one chunk, and empty the gatherer."""
         parts = self.parts
         offsets = np.cumsum([0] + [len(part.data) for part in parts[:-1]])
         chunk = PathChunk(
@@ -132,120 +143,159 @@ def build(
     accuracy: float = 1e-12,
     tolerance: float = 0.0,
 ) -> Iterator[PathChunk | Block]:
-    """Yield the path of ``blocks`` in chunks, and the blocks that don't move, in order.
+    """Yield the path of ``blocks`` in chunks, and the blocks without motion, in order.
 
-    axes: names, one a column; start (n,): position before the first block, mm; accuracy: largest
-    error of arc length and its inverse, mm; tolerance: that of G64 without P, mm. Raises GcodeError
-    (``not-finite``, ``nurbs-not-continuous``, ``nurbs-start``) at the block's line.
+    Args:
+        blocks: canonical blocks.
+        axes: names of the axes, one for each column.
+        start: (n,): position before the first block, mm.
+        accuracy: largest error of arc length and its inverse, mm.
+        tolerance: that of G64 without P, mm.
+
+    Raises:
+        GcodeError: ``not-finite``, ``nurbs-not-continuous`` or ``nurbs-start`` at the block's line.
     """
-    classes = axis_classes(axes)
-    position = np.array(start, np.float64)
-    gatherer = _Gatherer(axes)
-    exact_stop = False
-    allowed = 0.0
-    # a chunk and the messages behind it wait here until it is known whether the motion goes on
-    held: list[PathChunk | Block] = []
-
-    fitter: Fitter | None = None
-
-    def gather(fitted: Iterable[Pieces]) -> Iterator[PathChunk | Block]:
-        for pieces in fitted:
-            gatherer.put(pieces, np.zeros(len(pieces.at), np.bool_))
-            if gatherer.full():
-                yield from hold()
-
-    def end_chain() -> Iterator[PathChunk | Block]:
-        """No more moves will be fitted with those so far."""
-        nonlocal fitter
-        if fitter is not None:
-            yield from gather(fitter.flush())
-            fitter = None
-
-    def close() -> Iterator[PathChunk | Block]:
-        """Hold all there is."""
-        yield from end_chain()
-        yield from hold()
-
-    def hold() -> Iterator[PathChunk | Block]:
-        """Hold what was gathered; what was held before it is followed by motion, so it may go."""
-        if gatherer.pieces:
-            chunk = gatherer.take()
-            yield from held
-            held[:] = [chunk]
-
-    def rest() -> Iterator[PathChunk | Block]:
-        """Let go of everything: motion rests here."""
-        yield from close()
-        if held and isinstance(held[0], PathChunk):
-            held[0].stop_after[-1] = True
-            held[0].tolerance[-1] = 0.0
-        yield from held
-        held.clear()
-
-    def limit_last(allowed: float) -> None:
-        """Let the joint behind the last piece so far have no more than this."""
-        last = (
-            gatherer.parts[-1].tolerance
-            if gatherer.pieces
-            else held[0].tolerance
-            if held and isinstance(held[0], PathChunk)
-            else None
-        )
-        if last is not None:
-            last[-1] = min(last[-1], allowed)
-
+    builder = _Builder(axes, start, accuracy, tolerance)
     for block in blocks:
+        yield from builder.add(block)
+    yield from builder.rest()
+
+
+class _Builder:
+    """Builds a path block by block; see :func:`build`."""
+
+    def __init__(
+        self, axes: tuple[str, ...], start: Floats, accuracy: float, tolerance: float
+    ) -> None:
+        self._frame = _Frame(axes, axis_classes(axes), accuracy)
+        self._tolerance = tolerance
+        self._position = np.array(start, np.float64)
+        self._gatherer = _Gatherer(axes)
+        self._fitter: Fitter | None = None
+        self._exact_stop = False
+        self._allowed = 0.0
+        # A chunk and the messages behind it, until it is known whether the motion goes on.
+        self._held: list[PathChunk | Block] = []
+
+    def add(self, block: Block) -> Iterator[PathChunk | Block]:
+        """Add a block, and yield the chunks and blocks that are final."""
         if isinstance(block, Polyline | ArcFeed | NurbsFeed):
-            if block.file != gatherer.file:
-                yield from close()
-                gatherer.file = block.file
-            if isinstance(block, Polyline) and allowed >= LEAST_TOLERANCE:
-                if fitter is None:
-                    fitter = Fitter(classes, allowed, accuracy, position)
-                for points, feeds, lines in _moves(block, position):
-                    yield from gather(fitter.add(points, feeds, lines))
-                if gatherer.pieces >= ENOUGH:
-                    yield from hold()
-                continue
-            yield from end_chain()
-            for records, feeds, lines, stops in _pieces(
-                block, position, axes, classes, accuracy, exact_stop
-            ):
-                gatherer.add(records, feeds, lines, stops, allowed)
-                if gatherer.full():
-                    yield from hold()
+            if block.file != self._gatherer.file:
+                yield from self._close()
+                self._gatherer.file = block.file
+            if isinstance(block, Polyline) and self._allowed >= LEAST_TOLERANCE:
+                yield from self._fit(block)
+            else:
+                yield from self._end_chain()
+                yield from self._gather_block(block, self._exact_stop, self._allowed)
         elif isinstance(block, PathMode):
-            exact_stop = block.control == "exact-stop"
-            before = allowed
-            allowed = (block.tolerance or tolerance) if block.control == "blend" else 0.0
-            if allowed != before:
-                yield from end_chain()
-                limit_last(allowed)
+            yield from self._set_mode(block)
         elif isinstance(block, Probe):
-            yield from rest()
-            yield block
-            gatherer.file = block.file
-            for records, feeds, lines, stops in _pieces(
-                _probing(block), position, axes, classes, accuracy, True
-            ):
-                gatherer.add(records, feeds, lines, stops, 0.0)
-            yield from rest()
-            if block.answer.values is not None:
-                position[:] = block.answer.values[1:]
+            yield from self._probe(block)
         elif isinstance(block, Message):
-            yield from close()
-            held.append(block)
-            if not isinstance(held[0], PathChunk):
-                yield from held
-                held.clear()
+            yield from self._close()
+            self._held.append(block)
+            if not isinstance(self._held[0], PathChunk):
+                yield from self._release()
         else:
-            yield from rest()
+            yield from self.rest()
             yield block
-    yield from rest()
+
+    def rest(self) -> Iterator[PathChunk | Block]:
+        """Yield everything: motion rests here."""
+        yield from self._close()
+        if self._held and isinstance(self._held[0], PathChunk):
+            self._held[0].stop_after[-1] = True
+            self._held[0].tolerance[-1] = 0.0
+        yield from self._release()
+
+    def _fit(self, block: Polyline) -> Iterator[PathChunk | Block]:
+        """Fit straight moves under G64."""
+        if self._fitter is None:
+            classes, accuracy = self._frame.classes, self._frame.accuracy
+            self._fitter = Fitter(classes, self._allowed, accuracy, self._position)
+        for points, feeds, lines in _moves(block, self._position):
+            yield from self._gather(self._fitter.add(points, feeds, lines))
+        if self._gatherer.pieces >= ENOUGH:
+            yield from self._hold()
+
+    def _set_mode(self, block: PathMode) -> Iterator[PathChunk | Block]:
+        """Take over a path mode. A new tolerance ends the chain."""
+        self._exact_stop = block.control == "exact-stop"
+        before = self._allowed
+        blends = block.control == "blend"
+        self._allowed = (block.tolerance or self._tolerance) if blends else 0.0
+        if self._allowed != before:
+            yield from self._end_chain()
+            self._limit_last_joint()
+
+    def _probe(self, block: Probe) -> Iterator[PathChunk | Block]:
+        """Yield a probe and its move; the path goes on from the point of contact."""
+        yield from self.rest()
+        yield block
+        self._gatherer.file = block.file
+        for records, feeds, lines, stops in _pieces(
+            _probing(block), self._position, self._frame, exact_stop=True
+        ):
+            self._gatherer.add(records, feeds, lines, stops, 0.0)
+        yield from self.rest()
+        if block.answer.values is not None:
+            self._position[:] = block.answer.values[1:]
+
+    def _gather_block(
+        self, block: Polyline | ArcFeed | NurbsFeed, exact_stop: bool, allowed: float
+    ) -> Iterator[PathChunk | Block]:
+        """Gather the pieces of a block that is not fitted."""
+        for records, feeds, lines, stops in _pieces(
+            block, self._position, self._frame, exact_stop=exact_stop
+        ):
+            self._gatherer.add(records, feeds, lines, stops, allowed)
+            if self._gatherer.full():
+                yield from self._hold()
+
+    def _gather(self, fitted: Iterable[Pieces]) -> Iterator[PathChunk | Block]:
+        """Gather fitted pieces."""
+        for pieces in fitted:
+            self._gatherer.put(pieces, np.zeros(len(pieces.at), np.bool_))
+            if self._gatherer.full():
+                yield from self._hold()
+
+    def _end_chain(self) -> Iterator[PathChunk | Block]:
+        """End the chain of moves that are fitted together."""
+        if self._fitter is not None:
+            yield from self._gather(self._fitter.flush())
+            self._fitter = None
+
+    def _close(self) -> Iterator[PathChunk | Block]:
+        """End the chain and hold all pieces."""
+        yield from self._end_chain()
+        yield from self._hold()
+
+    def _hold(self) -> Iterator[PathChunk | Block]:
+        """Hold the gathered pieces as a chunk. Motion follows the earlier chunk, so it is final."""
+        if self._gatherer.pieces:
+            chunk = self._gatherer.take()
+            yield from self._release()
+            self._held = [chunk]
+
+    def _release(self) -> Iterator[PathChunk | Block]:
+        """Yield everything that is held."""
+        yield from self._held
+        self._held = []
+
+    def _limit_last_joint(self) -> None:
+        """Reduce the tolerance of the joint behind the last piece to the one in effect."""
+        if self._gatherer.pieces:
+            last = self._gatherer.parts[-1].tolerance
+        elif self._held and isinstance(self._held[0], PathChunk):
+            last = self._held[0].tolerance
+        else:
+            return
+        last[-1] = min(last[-1], self._allowed)
 
 
 def _probing(probe: Probe) -> Polyline:
-    """The move of a probe."""
+    """Return the move of a probe."""
     return Polyline(
         probe.file,
         probe.line,
@@ -258,12 +308,15 @@ def _probing(probe: Probe) -> Polyline:
 def _pieces(
     block: Polyline | ArcFeed | NurbsFeed,
     position: Floats,
-    axes: tuple[str, ...],
-    classes: NDArray[np.int64],
-    accuracy: float,
+    frame: _Frame,
+    *,
     exact_stop: bool,
 ) -> Iterator[tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_]]]:
-    """Records of one block with feed, line and stop of each piece; ``position`` is moved along."""
+    """Yield records of one block, with feed, line and stop of each piece.
+
+    ``position`` (n,) is moved along. exact_stop: motion rests at the end of the block.
+    """
+    axes, classes, accuracy = frame.axes, frame.classes, frame.accuracy
     if isinstance(block, Polyline):
         here = position.copy()
         for moves, feeds, lines in _moves(block, position):
@@ -298,8 +351,9 @@ def _pieces(
 
 
 def _moves(block: Polyline, position: Floats) -> Iterator[tuple[Floats, Floats, NDArray[np.int32]]]:
-    """Ends, feeds and lines of the moves that have a length, MOST_PIECES at a time; ``position`` is
-    moved along.
+    """Yield ends, feeds and lines of the moves that have a length, MOST_PIECES at a time.
+
+    ``position`` (n,) is moved along.
     """
     _check_polyline(block)
     for first in range(0, len(block.points), MOST_PIECES):
@@ -316,7 +370,7 @@ def _moves(block: Polyline, position: Floats) -> Iterator[tuple[Floats, Floats, 
 def _spread(
     block: ArcFeed | NurbsFeed, records: Records, stop: bool
 ) -> tuple[Records, Floats, NDArray[np.int32], NDArray[np.bool_]]:
-    """The block's feed and line for each of its pieces, and a stop after the last if it has one."""
+    """Return records with the feed, line and stop of each piece; a stop comes after the last."""
     count = len(records.at)
     stops = np.zeros(count, np.bool_)
     stops[-1] = stop
@@ -324,7 +378,7 @@ def _spread(
 
 
 def _end_of(records: Records, n: int) -> Floats:
-    """End point (n,) of the last piece."""
+    """Return the end point (n,) of the last piece."""
     at = int(records.at[-1]) + START + n
     return records.data[at : at + n]
 
@@ -342,7 +396,7 @@ def _not_finite(block: Block, line: int) -> GcodeError:
         block,
         "not-finite",
         "a coordinate or feed of this move is not a finite number",
-        "check the values it computes",
+        "check the values that the block computes",
         line,
     )
 
@@ -353,7 +407,7 @@ def _check_finite(block: Block, *arrays: Floats) -> None:
 
 
 def _check_polyline(block: Polyline) -> None:
-    """Points are finite; feeds too, or NaN for a traverse."""
+    """Check that points are finite, and feeds finite or NaN (a traverse)."""
     if np.isfinite(block.points).all() and not np.isinf(block.feeds).any():
         return
     bad = ~np.isfinite(block.points).all(axis=1) | np.isinf(block.feeds)
@@ -361,8 +415,10 @@ def _check_polyline(block: Polyline) -> None:
 
 
 def _joined(block: NurbsFeed, position: Floats) -> Floats:
-    """The control points, the first of them on ``position``; an error if the curve doesn't start
-    there or jumps inside.
+    """Return the control points, with the first one on ``position``.
+
+    Raises:
+        GcodeError: if the curve does not start there, or is not continuous.
     """
     points = np.array(block.control_points, np.float64)
     gap = float(np.abs(points[0] - position).max())
@@ -370,7 +426,7 @@ def _joined(block: NurbsFeed, position: Floats) -> Floats:
         raise _error(
             block,
             "nurbs-start",
-            f"the NURBS starts {gap:.6g} mm from where the motion is",
+            f"the NURBS starts {gap:.6g} mm from the current position",
             "make the first control point the position before the block",
         )
     points[0] = position
@@ -381,15 +437,16 @@ def _joined(block: NurbsFeed, position: Floats) -> Floats:
             block.knots[inner], return_index=True, return_counts=True
         )
         for value, first, count in zip(values, firsts + 1, counts, strict=True):
-            # order equal knots: the curve ends at the control point before them and starts anew at
-            # the last one that they leave over
+            # As many equal knots as the order: the curve ends at the control point before them, and
+            # begins anew at the last one that they leave over.
             if count >= order and block.knots[0] < value < block.knots[-1]:
                 jump = float(np.abs(points[first + count - order] - points[first - 1]).max())
                 if jump > JOIN:
                     raise _error(
                         block,
                         "nurbs-not-continuous",
-                        f"the NURBS jumps {jump:.6g} mm at knot {value:.6g}, which occurs {count} times",
-                        f"a knot inside may occur {block.degree} times at most",
+                        f"the NURBS jumps {jump:.6g} mm at knot {value:.6g}, "
+                        f"which occurs {count} times",
+                        f"give an inner knot at most {block.degree} times",
                     )
     return points

@@ -1,8 +1,8 @@
-"""A stretch of path as arrays: what travels from the path floor down to the pulses.
+"""A section of a path as arrays, from the path layer down to the pulses.
 
-Each piece is smooth inside (a line, an arc or helix, one knot span of a NURBS) and is a record in
+Each piece is smooth inside: a line, an arc or helix, or one knot span of a NURBS. It is a record in
 ``data`` that the kernels of :mod:`cnc.kernels.path.curve` read. Pieces follow each other without a
-gap; where two meet, the direction or the curvature may jump.
+gap. Where two meet, the direction or the curvature may jump.
 """
 
 from __future__ import annotations
@@ -17,12 +17,18 @@ from numpy.typing import NDArray
 class PathChunk:
     """Consecutive pieces of a path.
 
-    axes: names, one a column of every position. kind int64 (m,): LINE, ARC or SPAN of
-    :mod:`cnc.kernels.path.curve`. at int64 (m,): where each piece's record starts in ``data``.
-    length (m,): arc length in mm (degrees for a move of rotary axes alone), > 0. feed (m,): mm/s,
-    NaN for a traverse. line int32 (m,): source lines in ``file``. stop_after bool (m,): motion
-    comes to rest at the end of the piece. tolerance (m,): mm, how far the motion may leave the path
-    at the joint behind the piece (0: not at all).
+    Attributes:
+        axes: names, one for each column of a position.
+        file: source file.
+        kind: (m,): LINE, ARC or SPAN of :mod:`cnc.kernels.path.curve`.
+        at: (m,): index in ``data`` at which the record of each piece begins.
+        data: the records.
+        length: (m,): arc length in mm (degrees for a move of rotary axes alone), > 0.
+        feed: (m,): mm/s, NaN for a traverse.
+        line: (m,): source line in ``file``.
+        stop_after: (m,): whether motion comes to rest at the end of the piece.
+        tolerance: (m,): largest distance of the motion from the path at the joint behind the piece,
+            mm; 0: none.
     """
 
     axes: tuple[str, ...]
@@ -40,7 +46,7 @@ class PathChunk:
         return len(self.kind)
 
     def part(self, first: int, last: int) -> PathChunk:
-        """The pieces [first, last)."""
+        """Return the pieces from ``first`` to before ``last``."""
         each = {
             field.name: getattr(self, field.name)[first:last]
             for field in fields(self)

@@ -1,10 +1,9 @@
 """The Curve protocol, and curves made of piece records.
 
-A curve r(u) runs through the machine's axes over u in [u0, u1]. The verbs are those of kurbo's
-ParamCurve: evaluate, differentiate, measure, bound, cut out. The shells
-:class:`~cnc.path.line.Line`, :class:`~cnc.path.arc.Arc` and :class:`~cnc.path.nurbs.Nurbs` make the
-same records as the builder of paths and ask the same kernels, one point at a time; work on many
-points belongs in a kernel.
+A curve r(u) runs through the machine's axes over u in [u0, u1]. The methods are those of kurbo's
+ParamCurve: evaluate, differentiate, measure, bound, cut out. :class:`~cnc.path.line.Line`,
+:class:`~cnc.path.arc.Arc` and :class:`~cnc.path.nurbs.Nurbs` make the same records as the builder
+of paths. They call the same kernels, one point at a time; work on many points belongs in a kernel.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from cnc.kernels.path import curve as kernels
 from cnc.path.records import Floats, Records, axis_classes
 
 ACCURACY = 1e-9
-"""mm. Of arc lengths where the caller names none."""
+"""mm. Default accuracy of arc lengths."""
 
 
 @runtime_checkable
@@ -43,9 +42,7 @@ class Curve(Protocol):
         ...
 
     def curvature(self, u: float) -> float:
-        """1 / radius in 1/mm, over the metric axes; infinite where the direction turns on the
-        spot.
-        """
+        """Curvature in 1/mm over the metric axes; infinite where the direction jumps."""
         ...
 
     def arclen(self, ua: float, ub: float, accuracy: float = ACCURACY) -> float:
@@ -67,7 +64,14 @@ class Curve(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Pieces:
-    """Records one behind the other, as made to one accuracy."""
+    """Records in order, made to one accuracy.
+
+    Attributes:
+        accuracy: mm.
+        shape: kind, data and index of each record.
+        u: parameter at the start of each piece and at the end of the last.
+        s: arc length there, mm.
+    """
 
     accuracy: float
     shape: list[tuple[int, Floats, int]]
@@ -76,7 +80,7 @@ class _Pieces:
 
 
 class RecordCurve(ABC):
-    """A curve of one or more piece records, which the subclass makes to the accuracy asked for."""
+    """A curve of one or more piece records, which the subclass makes to a given accuracy."""
 
     def __init__(self, axes: tuple[str, ...]) -> None:
         self.axes = axes
@@ -111,7 +115,7 @@ class RecordCurve(ABC):
         return self._made
 
     def _at(self, pieces: _Pieces, u: float) -> tuple[int, Floats, int]:
-        """The piece that u lies in; the later one where two meet."""
+        """Return the piece in which u lies; the later one where two meet."""
         return pieces.shape[min(max(bisect_right(pieces.u, u) - 1, 0), len(pieces.shape) - 1)]
 
     @property

@@ -1,12 +1,11 @@
-"""Straight moves under G64 on their way to records: chains of them become a smooth spline within
-the tolerance.
+"""Smooth splines within the tolerance for chains of straight moves under G64.
 
-    moves ──► chains: feed moves that the same axes measure ──► windows ──► spline (cnc.kernels.path.fit) ──► records (cnc.kernels.path.fit_records)
+    moves ──► chains: feed moves that the same axes measure ──► windows
+          ──► spline (cnc.kernels.path.fit) ──► records (cnc.kernels.path.fit_records)
 
-A chain is fitted in windows of some thousand moves. Of what a window yields, the last spans may
-still change with the moves to come; they are fitted again in the next one, which begins with
-position, slope and second derivative where the spans that were handed out end. So the spline is C2
-throughout whatever comes.
+A chain is fitted in windows of some thousand moves. The last spans of a window may still change
+with later moves; they are fitted again in the next window. It begins with position, slope and
+second derivative at the end of the spans that were issued. So the spline is C2 throughout.
 """
 
 from __future__ import annotations
@@ -18,27 +17,36 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cnc.kernels.path.fit import AT, ENDS, T, find_corners, first_knots, refined
-from cnc.kernels.path.fit_records import write_pieces
+from cnc.kernels.path.fit import Chain, find_corners, first_knots, refined
+from cnc.kernels.path.fit_records import Moves, Spline, Writer, Written, write_pieces
 from cnc.path.records import Floats, Ints, line_records, move_classes
 
 LEAST_TOLERANCE = 1e-6
-"""mm. Less is the exact path."""
+"""mm. A smaller tolerance gives the exact path."""
 CORNER_COSINE = math.cos(math.radians(30.0))
-"""A sharper turn is a corner: the spline ends there."""
+"""A sharper turn is a corner, where the spline ends."""
 REACH = 3.0
-"""Parts of the tolerance: a corner is what still turns as sharply seen from this far."""
+"""Parts of the tolerance: a corner turns as sharply over this distance."""
 WINDOW = 4096
-"""Moves that are fitted at once."""
+"""Moves fitted at once."""
 SPANS_OPEN = 4
-"""Spans at least that are fitted again when the chain goes on."""
-ROOM = 1 << 18
+"""Least number of spans that are fitted again when the chain goes on."""
+NUMBERS = 1 << 18
+"""Numbers in an array of records to begin with."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Pieces that follow each other: kind, place in data, length, feed, line, and tolerance of the
-    joint behind, of each.
+    """Pieces that follow each other, one entry each.
+
+    Attributes:
+        kind: LINE, ARC or SPAN.
+        at: index of the record in ``data``.
+        data: the records.
+        length: mm.
+        feed: mm/s, NaN for a traverse.
+        line: source line.
+        tolerance: of the joint behind the piece, mm.
     """
 
     kind: Ints
@@ -51,8 +59,13 @@ class Pieces:
 
 
 class Fitter:
-    """Fits the moves that it is given in order, all with one tolerance; ``position`` (n,) is where
-    they have got.
+    """Fits splines to moves that come in order, all with one tolerance.
+
+    Args:
+        classes: (n,): class of each axis, see :func:`cnc.path.records.axis_classes`.
+        tolerance: largest distance from the moves, mm.
+        accuracy: largest error of arc lengths, mm.
+        position: (n,): start of the first move, mm.
     """
 
     def __init__(self, classes: Ints, tolerance: float, accuracy: float, position: Floats) -> None:
@@ -62,7 +75,7 @@ class Fitter:
         self._begin(position.copy(), 0)
 
     def _begin(self, position: Floats, metric_class: int) -> None:
-        """Nothing is known but where a chain begins."""
+        """Begin a chain at ``position`` (n,), measured over the axes of ``metric_class``."""
         self._class = metric_class
         self._points = [position[None]]
         self._feeds: list[Floats] = []
@@ -72,7 +85,13 @@ class Fitter:
         self._at_corner = False
 
     def add(self, points: Floats, feeds: Floats, lines: NDArray[np.int32]) -> Iterator[Pieces]:
-        """Moves to points (m, n), none of them of no length, at feeds (m,), NaN for a traverse."""
+        """Add moves, each of some length, and yield the pieces that are final.
+
+        Args:
+            points: (m, n): ends of the moves, mm.
+            feeds: (m,): mm/s, NaN for a traverse.
+            lines: (m,): source lines.
+        """
         ends = np.concatenate((self._points[-1][-1:], points))
         which = np.where(np.isnan(feeds), -1, move_classes(np.diff(ends, axis=0), self._classes))
         borders = np.concatenate(([0], np.flatnonzero(np.diff(which)) + 1, [len(which)]))
@@ -98,96 +117,89 @@ class Fitter:
                     yield from self._fit(open_end=True)
 
     def flush(self) -> Iterator[Pieces]:
-        """What is left: the chain ends here."""
+        """End the chain, and yield the rest of its pieces."""
         if self._moves:
             yield from self._fit(open_end=False)
 
     def _fit(self, *, open_end: bool) -> Iterator[Pieces]:
-        """Hand out the spans of the chain that nothing to come will change; all of them if it ends
-        here.
-        """
-        x, feeds, lines = (
-            np.concatenate(self._points),
-            np.concatenate(self._feeds),
-            np.concatenate(self._lines),
-        )
-        metric = np.flatnonzero(self._classes == self._class)
+        """Yield the spans of the chain that no later move will change; all if the chain ends."""
+        x = np.concatenate(self._points)
+        moves = Moves(np.concatenate(self._feeds), np.concatenate(self._lines).astype(np.int64))
         metrics = self._classes == self._class
+        chain = Chain(x, np.empty(len(x)), np.flatnonzero(metrics), metrics)
         corner = np.empty(len(x), np.bool_)
-        find_corners(x, metric, CORNER_COSINE, REACH * self._tolerance, corner)
+        find_corners(x, chain.metric, CORNER_COSINE, REACH * self._tolerance, corner)
         corner[0] = self._at_corner
-        along = np.empty(len(x))
-        knots, p, bezier = refined(
-            first_knots(x, metric, corner, self._tolerance, along),
-            x,
-            along,
-            metric,
-            metrics,
-            self._tolerance,
-            self._state,
-        )
-        spans = last = len(knots) - 1
-        if open_end:
-            size = np.diff(knots[:, T])
-            safe = knots[-1, T] - knots[1:, T] >= np.maximum(
-                2.0 * size, 2.0 * REACH * self._tolerance
-            )
-            safe[max(spans - SPANS_OPEN, 0) :] = False
-            last = int(np.argmin(safe))
-            if last == 0 and self._moves >= 4 * WINDOW:
-                last = spans
-        here = self._here()
-        room = ROOM
+        knots = first_knots(chain, corner, self._tolerance)
+        spline = Spline(*refined(chain, knots, self._tolerance, self._state))
+        spans = len(spline.knots) - 1
+        last = self._final_spans(spline) if open_end else spans
+        yield from self._write(chain, spline, moves, last)
+        if last == spans:
+            self._begin(x[-1], self._class)
+        elif last > 0:
+            self._go_on(chain, spline, moves, last)
+
+    def _final_spans(self, spline: Spline) -> int:
+        """Return the number of spans that no later move will change."""
+        t = spline.knots["t"]
+        size = np.diff(t)
+        safe = t[-1] - t[1:] >= np.maximum(2.0 * size, 2.0 * REACH * self._tolerance)
+        safe[max(len(size) - SPANS_OPEN, 0) :] = False
+        last = int(np.argmin(safe))
+        return len(size) if last == 0 and self._moves >= 4 * WINDOW else last
+
+    def _write(self, chain: Chain, spline: Spline, moves: Moves, last: int) -> Iterator[Pieces]:
+        """Yield the pieces of the first ``last`` spans."""
+        n = chain.x.shape[1]
+        here, work = self._here(), np.empty((4, n))
+        numbers = NUMBERS
         span = 0
-        lines64 = lines.astype(np.int64)
-        most = len(knots) + len(x)
+        most = len(spline.knots) + len(chain.x)
         while span < last:
-            data = np.empty(room)
-            kind, at, line = (
+            writer = Writer(np.empty(numbers), chain.metric, here, self._accuracy, work)
+            out = Written(
                 np.empty(most, np.int64),
                 np.empty(most, np.int64),
+                np.empty(most),
+                np.empty(most),
                 np.empty(most, np.int64),
+                np.empty(most, np.bool_),
             )
-            length, feed = np.empty(most), np.empty(most)
-            joint = np.empty(most, np.bool_)
-            following, pieces, used = write_pieces(
-                knots, p, bezier, x, along, feeds, lines64, span, last, metric, metrics, here, self._accuracy,
-                data, kind, at, length, feed, line, joint,
-            )  # fmt: skip
+            following, pieces, used = write_pieces(chain, spline, moves, span, last, writer, out)
             if following == span:
-                room *= 2
+                numbers *= 2
                 continue
             span = following
             if pieces:
                 some = slice(pieces)
-                allowed = np.where(joint[some], self._tolerance, 0.0)
                 yield Pieces(
-                    kind[some],
-                    at[some],
-                    data[:used].copy(),
-                    length[some],
-                    feed[some],
-                    line[some].astype(np.int32),
-                    allowed,
+                    out.kind[some],
+                    out.at[some],
+                    writer.data[:used].copy(),
+                    out.length[some],
+                    out.feed[some],
+                    out.line[some].astype(np.int32),
+                    np.where(out.joint[some], self._tolerance, 0.0),
                 )
-        if last == spans:
-            self._begin(x[-1], self._class)
-            return
-        if last == 0:
-            return
-        first = int(knots[last, AT])
-        self._points = [p[last : last + 1], x[first + 1 :]]
-        self._feeds, self._lines = [feeds[first:]], [lines[first:]]
-        self._moves = len(x) - 1 - first
-        self._at_corner = bool(knots[last, ENDS])
-        self._state = np.full((3, x.shape[1]), math.nan)
+
+    def _go_on(self, chain: Chain, spline: Spline, moves: Moves, last: int) -> None:
+        """Keep the moves behind span ``last``, and the state of the spline there."""
+        knot = spline.knots[last]
+        first = int(knot["vertex"])
+        self._points = [spline.p[last : last + 1], chain.x[first + 1 :]]
+        self._feeds = [moves.feed[first:]]
+        self._lines = [moves.line[first:].astype(np.int32)]
+        self._moves = len(chain.x) - 1 - first
+        self._at_corner = bool(knot["ends"])
+        self._state = np.full((3, chain.x.shape[1]), math.nan)
         if not self._at_corner:
-            h, b = knots[last, T] - knots[last - 1, T], bezier[last - 1]
+            h, b = knot["t"] - spline.knots[last - 1]["t"], spline.bezier[last - 1]
             self._state = np.stack(
                 (b[3], 3.0 * (b[3] - b[2]) / h, 6.0 * (b[3] - 2.0 * b[2] + b[1]) / (h * h))
             )
 
     def _here(self) -> Floats:
-        """Where the motion is that was handed out."""
+        """Return the end of the spans issued so far (n,)."""
         begin: Floats = self._points[0][0] if math.isnan(self._state[0, 0]) else self._state[0]
         return begin.copy()

@@ -1,6 +1,4 @@
-"""NURBS: the Curve protocol over span records (equation 1 of Hui, Wei, Gao 2013: degree, knots,
-control points, weights).
-"""
+"""NURBS: the Curve protocol over span records (equation 1 of Hui, Wei, Gao 2013)."""
 
 from __future__ import annotations
 
@@ -16,7 +14,15 @@ from cnc.path.records import Floats, Records, spline_records
 
 
 class Nurbs(RecordCurve):
-    """Knots (points + degree + 1,), control points (m, n), weights (m,) > 0, of degree 1 to 9."""
+    """A NURBS.
+
+    Args:
+        axes: names of the axes.
+        degree: 1 to 9.
+        knots: (m + degree + 1,).
+        control_points: (m, n) mm.
+        weights: (m,): > 0.
+    """
 
     def __init__(
         self,
@@ -33,14 +39,15 @@ class Nurbs(RecordCurve):
         self.weights = np.array(weights, np.float64)
 
     def records(self, accuracy: float) -> Iterable[Records]:
-        """One record a span, two where it has a cusp."""
+        """Yield one record for each span, two where it has a cusp."""
         yield from spline_records(
             self.degree, self.knots, self.control_points, self.weights, self._classes, accuracy
         )
 
     def subsegment(self, ua: float, ub: float) -> Self:
-        """The part from ua to ub with the same parameter, as a NURBS of Bezier spans (degree 3 at
-        least).
+        """Return the part from ua to ub with the same parameter, as a NURBS of Bezier spans.
+
+        Its degree is at least 3.
         """
         n = len(self.axes)
         knots: list[float] = []
@@ -58,13 +65,13 @@ class Nurbs(RecordCurve):
                 behind = row.copy()
                 split(behind, 0, degree, (b - u0) / (u1 - u0), row, 0)
                 split(row, 0, degree, (a - u0) / (b - u0), behind, 0)
-            # one common factor for the weights of a span, so that it fits the span before
+            # A common factor for the weights of a span joins it to the span before.
             if rows:
                 form *= rows[-1][-1, 0] / form[0, 0]
             rows.append(form.T)
             knots.extend([a] * (degree if knots else degree + 1))
         knots.extend([min(ub, self.u_range[1])] * (degree + 1))
-        # the end of a span is the start of the next: one point for both
+        # The end of a span is the start of the next: one point for both.
         homogeneous = np.concatenate([rows[0]] + [row[1:] for row in rows[1:]])
         return type(self)(
             self.axes,

@@ -1,7 +1,7 @@
 """Records of pieces, as :mod:`cnc.kernels.path.curve` reads them, from end points, arcs and NURBS.
 
-A :class:`Records` is a run of pieces that follow each other; the streaming builder and the shells
-of the Curve protocol both make theirs here.
+A :class:`Records` is a run of pieces that follow each other. The streaming builder and the classes
+of the Curve protocol both make their records here.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from cnc.kernels.path.bspline import (
     NOTICEABLE,
     RECORD_ROOM,
     ROOM_PER_AXIS,
+    Nurbs,
     nurbs_records,
 )
 
@@ -29,13 +30,13 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CLASS_OF_LETTER = {"x": 0, "y": 0, "z": 0, "u": 1, "v": 1, "w": 1, "a": 2, "b": 2, "c": 2}
-"""The first of these classes that moves measures the length."""
+"""Classes of axes. The first class that moves measures the length."""
 TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """Pieces of one kind: at int64 (m,) into data, length (m,) mm."""
+    """Pieces of one kind: indices of their records in ``data`` (m,), and lengths (m,) in mm."""
 
     kind: int
     at: Ints
@@ -44,14 +45,15 @@ class Records:
 
 
 def axis_classes(axes: tuple[str, ...]) -> Ints:
-    """Class of each axis (n,): 0 for x y z, 1 for u v w, 2 for a b c."""
+    """Return the class of each axis (n,): 0 for x y z, 1 for u v w, 2 for a b c."""
     return np.array([CLASS_OF_LETTER[axis] for axis in axes], np.int64)
 
 
 @lru_cache(maxsize=16)
 def _metric_columns(classes: bytes) -> Floats:
-    """Row k: the head entries (count, columns) of a record measured over class k, shape (3, 4);
-    ``classes`` as the bytes of the array.
+    """Return the head entries (number of metric axes, columns) of a record for each class, (3, 4).
+
+    classes: the bytes of the array of classes.
     """
     rows = np.full((3, 4), -1.0)
     for k in range(3):
@@ -63,12 +65,13 @@ def _metric_columns(classes: bytes) -> Floats:
 
 
 def moving(start: Floats, points: Floats) -> NDArray[np.bool_]:
-    """Which of the moves start -> points[0] -> points[1] .. (m, n) count: those that end farther
-    than NEGLIGIBLE from the last that did.
+    """Return which of the moves start -> points[0] -> points[1] .. (m, n) have a length.
+
+    Such a move ends farther than NEGLIGIBLE from the end of the last one that had.
     """
     steps = np.abs(np.diff(points, axis=0, prepend=start[None])).max(axis=1, initial=0.0)
     keep: NDArray[np.bool_] = steps > NEGLIGIBLE
-    # a step of exactly nothing can be left out on its own; the tiny ones add up
+    # A step of exactly 0 can be left out on its own. Tiny ones add up.
     if np.any((steps > 0.0) & ~keep):
         last = start
         for i, point in enumerate(points):
@@ -79,7 +82,7 @@ def moving(start: Floats, points: Floats) -> NDArray[np.bool_]:
 
 
 def _lengths(steps: Floats, classes: Ints) -> tuple[Floats, Ints]:
-    """Lengths of moves, steps (m, n), by class (3, m), and the class that counts (m,)."""
+    """Return lengths of moves, steps (m, n), by class (3, m), and the class that measures each."""
     squares = steps * steps
     lengths = np.zeros((3, len(steps)))
     for k in range(3):
@@ -94,15 +97,16 @@ def _lengths(steps: Floats, classes: Ints) -> tuple[Floats, Ints]:
 
 
 def move_classes(steps: Floats, classes: Ints) -> Ints:
-    """The class (m,) that measures each of the moves, steps (m, n)."""
+    """Return the class (m,) that measures each of the moves, steps (m, n)."""
     if not classes.any():
         return np.zeros(len(steps), np.int64)
     return _lengths(steps, classes)[1]
 
 
 def line_records(start: Floats, points: Floats, classes: Ints) -> Records:
-    """Straight moves start (n,) -> points[0] -> .. (m, n), each longer than NEGLIGIBLE (see
-    :func:`moving`).
+    """Return the records of straight moves start (n,) -> points[0] -> .. (m, n).
+
+    Each is longer than NEGLIGIBLE, see :func:`moving`.
     """
     m, n = points.shape
     ends = np.concatenate((start[None], points))
@@ -129,12 +133,19 @@ def arc_records(
     classes: Ints,
     accuracy: float,
 ) -> Iterator[Records]:
-    """An arc, helix or spiral from start to end (n,) about ``center`` in the plane of two columns,
-    ``turns`` counter-clockwise.
+    """Yield the records of an arc, helix or spiral, one for each turn.
 
-    The angle follows from the end points, ``turns`` gives the number of whole turns: so the end is
-    met whatever its rounding. An arc of more than a turn becomes one piece a turn, with the
-    parameter running on.
+    The angle follows from the end points, and ``turns`` gives the number of whole turns. So the end
+    is met whatever its rounding. The parameter runs on from turn to turn.
+
+    Args:
+        start: (n,) mm.
+        end: (n,) mm.
+        plane: columns of the plane.
+        center: coordinates in these columns, mm.
+        turns: counter-clockwise positive.
+        classes: (n,): class of each axis.
+        accuracy: largest error of the inverse arc length, mm.
     """
     i, j = plane
     x0, y0 = float(start[i]) - center[0], float(start[j]) - center[1]
@@ -180,7 +191,7 @@ def arc_records(
         c, s = math.cos(turned), math.sin(turned)
         px, py = ex * c - ey * s, ex * s + ey * c
         swept = sweep / whole
-        # what rounding leaves open at the end of the piece
+        # the gap that rounding leaves at the end of the piece
         half = math.sin(0.5 * swept)
         along = growth - (radius + growth) * 2.0 * half * half
         across = (radius + growth) * 2.0 * half * math.cos(0.5 * swept)
@@ -222,8 +233,16 @@ def spline_records(
     *,
     most: int = 1024,
 ) -> Iterator[Records]:
-    """The spans of a NURBS, in runs of at most ``most`` pieces: knots (m + degree + 1,), points (m,
-    n), weights (m,) > 0.
+    """Yield the records of the spans of a NURBS.
+
+    Args:
+        degree: 1 to 9.
+        knots: (m + degree + 1,).
+        points: (m, n): control points, mm.
+        weights: (m,): > 0.
+        classes: (n,): class of each axis.
+        accuracy: largest error of the inverse arc length, mm.
+        most: largest number of pieces in a run.
     """
     n = points.shape[1]
     knots, points, weights = (
@@ -236,10 +255,11 @@ def spline_records(
     )
     at = np.empty(most, np.int64)
     length = np.empty(most)
+    nurbs = Nurbs(degree, knots, points, weights)
     span = degree
     while span < len(points):
         span, pieces, used = nurbs_records(
-            degree, knots, points, weights, classes, span, position, accuracy, data, 0, at, length
+            nurbs, classes, span, position, accuracy, data, at, length
         )
         if pieces:
             yield Records(

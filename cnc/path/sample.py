@@ -1,6 +1,4 @@
-"""Points along a path, as near to each other as is asked for, for whatever looks at its shape and
-not at its motion.
-"""
+"""Points along a path at a given spacing, for users of its shape alone."""
 
 from __future__ import annotations
 
@@ -17,12 +15,15 @@ Ints = NDArray[np.int64]
 def points_along(
     chunk: PathChunk, spacing: float | Floats, pieces: Ints | None = None
 ) -> tuple[Floats, Ints]:
-    """Points (k, n) of a chunk, or of some of its pieces, and the index (k,) of the piece that each
-    lies on.
+    """Return points (k, n) of a chunk, and the index (k,) of the piece on which each lies.
 
-    Of each piece the parts' ends, at most ``spacing`` (mm of arc length, one or (m,) of each piece;
-    along an arc or a span about that) apart, and its own end; not its start, which is the end of
-    the piece before.
+    Each piece gives points inside and its end. Its start is the end of the piece before.
+
+    Args:
+        chunk: the path.
+        spacing: largest distance of points in mm of arc length, one or (m,); on arcs and spans it
+            holds about.
+        pieces: indices of the pieces; all of them without it.
     """
     chosen = np.arange(len(chunk)) if pieces is None else pieces
     n = len(chunk.axes)

@@ -36,8 +36,8 @@ CODES: dict[Algorithm | None, int] = {
 class ReferencePulse:
     """Turns a plan, chunk by chunk, into grid moves.
 
-    Each grid point is one nearest to the path where its move is due. Of two equally near ones, it is
-    the one from which the axis came while the path goes on, and the even one where the path ends
+    Each grid point is one nearest to the path where its move is due. Of two equally near ones, it
+    is the one from which the axis came while the path goes on, and the even one where the path ends
     (:meth:`settle`).
 
     Args:

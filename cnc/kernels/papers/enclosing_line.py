@@ -1,7 +1,7 @@
 """The procedures of Samad & Wan Yusof (2002) as printed: enclosing lines, and Kiritsis's normals.
 
-:mod:`cnc.kernels.pulses.enclosing_line` and :mod:`cnc.kernels.pulses.kiritsis` explain both, and the
-corrections that are left out here.
+:mod:`cnc.kernels.pulses.enclosing_line` and :mod:`cnc.kernels.pulses.kiritsis` explain both, and
+the corrections that are left out here.
 """
 
 from __future__ import annotations

@@ -1,32 +1,43 @@
-r"""Sampled interpolation of a bare curve as the paper has it: the feed step is limited by chord error
-and normal acceleration, and the look-ahead goes back.
+r"""Sampled interpolation of a bare curve as the paper has it: the feed step is limited by chord
+error and normal acceleration, and the look-ahead goes back.
 
-Hui, Wei, Gao, TELKOMNIKA 11(5), 2013, sections 3.2 and 4. This is the baseline beside the planner and
-:mod:`cnc.kernels.pulses.sampled`. There is no plan: each period T finds its own step, a chord from the
-last sample r(u_i) to the next.
+Hui, Wei, Gao, TELKOMNIKA 11(5), 2013, sections 3.2 and 4. This is the baseline beside the planner
+and :mod:`cnc.kernels.pulses.sampled`. There is no plan: each period T finds its own step, a chord
+from the last sample r(u_i) to the next.
 
-    predictor, equation 3      u~ = (9 u_i - 6 u_(i-1) + u_(i-2)) / 4; by the tangent with fewer than three samples, or where u~ <= u_i
-    equation 4                 dL~ = |r(u~) - r(u_i)|, and h~ is the distance of the curve from that chord at the middle of u
+    predictor, equation 3      u~ = (9 u_i - 6 u_(i-1) + u_(i-2)) / 4
+    equation 4                 dL~ = |r(u~) - r(u_i)|, and h~ is the distance of the curve from that
+                               chord at the middle of u
     chord error, equation 6    dL1 = sqrt(h_max / h~) dL~
-    normal acceleration, 7     dL2 = T/2 sqrt(a_N / (2 h_max)) dL1   (corrected: printed, the root takes in dL1, and the units do not
-                               match; rho = dL1^2 / (8 h_max) and (dL2 / T)^2 = a_N rho give this)
-    equation 8                 dL = min(dL0, dL1, dL2), dL0 by the S-curve: the acceleration grows by J T a period up to A and falls in
-                               time for F
-    corrector, equation 5      u~ = u_i + dL / dL~ (u~ - u_i) until |dL - dL~| / dL <= delta_max (corrected: repeated, for the predictor
-                               is exact for even steps only); bracketed, as the secant of a chord may swing beside a cusp
+    normal acceleration, 7     dL2 = T/2 sqrt(a_N / (2 h_max)) dL1
+    equation 8                 dL = min(dL0, dL1, dL2), dL0 by the S-curve: acceleration grows by
+                               J T a period up to A and falls before F
+    corrector, equation 5      u~ = u_i + dL / dL~ (u~ - u_i) until |dL - dL~| / dL <= delta_max
+
+The predictor goes along the tangent with fewer than three samples, or where u~ <= u_i.
+
+Corrected: as printed the root of equation 7 takes in dL1, and the units do not match; rho = dL1^2 /
+(8 h_max) and (dL2 / T)^2 = a_N rho give the form above. Equation 5 is repeated, for the predictor
+is exact for even steps only. It is bracketed, since the secant of a chord may swing beside a cusp.
 
 Equations 6 to 8 reduce the speed as suddenly as the curve bends. The look-ahead of section 4.2 goes
 back from such a place:
 
-    v |-----------B                    c) The speed falls by more than T A a period until, at A, it no longer does: from A back along
-      |            \_   i                the samples with a speed that grows by T A a period, until it meets them, at B.
-      |              \_ :             d) From B again, slower by (V_B - V_A) / n <= T A a period, n as small as T A permits. The n
-      |                \_               steps fall short of the distance. The rest is made first, by whole periods of V_B and one
-      |__________________A___ s          shorter step, which is put where it fits between its neighbours.
+    v |-----------B
+      |            \_   i
+      |              \_ :             d
+      |                \_
+      |__________________A___ s
+
+c) The speed falls by more than T A a period until, at A, it no longer does: from A back along the
+samples with a speed that grows by T A a period, until it meets them, at B. ) From B again, slower
+by (V_B - V_A) / n <= T A a period, n as small as T A permits. The n steps fall short of the
+distance. The rest is made first, by whole periods of V_B and one shorter step, which is put where
+it fits between its neighbours.
 
 The end of the curve is such a place with V_A = 0. Going back limits the acceleration, and nothing
-limits the jerk. h is limited by the bend of the predicted step; a step that meets a corner detects it
-too late. The plans of :mod:`cnc.planner` keep all of these limits.
+limits the jerk. h is limited by the bend of the predicted step; a step that meets a corner detects
+it too late. The plans of :mod:`cnc.planner` keep all of these limits.
 """
 
 from __future__ import annotations
@@ -47,7 +58,8 @@ SECANTS, CORRECTIONS = 8, 60
 bracket, and that is halved; CORRECTIONS is the limit for both.
 """
 TOLERANCE = 1e-6
-"""By this part a speed may fall more than T A before the look-ahead goes back: rounding is no reason.
+"""By this part a speed may fall more than T A before the look-ahead goes back: rounding is no
+reason.
 """
 TRIES = 16
 """Largest mean number of times that a sample is made."""
@@ -342,7 +354,7 @@ def interpolate(
 
 @njit
 def _periods(v: float, low: float, most: float) -> int:
-    """Return the number of periods (at least 1) from v down to ``low``, by at most ``most`` each."""
+    """Return the number of periods from v down to ``low``, by at most ``most`` each; at least 1."""
     return max(math.ceil((v - low) / most * (1.0 - TOLERANCE)), 1)
 
 

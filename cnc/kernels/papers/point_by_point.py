@@ -1,19 +1,25 @@
-"""Point-by-point comparison in integers, as in Shu et al. 2019: a line from the origin, and a circle
-about it with its radius on the grid.
+"""Point-by-point comparison in integers, as in Shu et al. 2019: a line from the origin, and a
+circle about it with its radius on the grid.
 
-F is the deviation of the grid point: Xe Yi - Xi Ye of a line to (Xe, Ye) (equation 1), x^2 + y^2 - R^2
-of a circle. It is never computed anew, since a step changes it by a difference: -Ye or +Xe on the line
-(equations 6, 7), 2 x dx + 1 and 2 y dy + 1 on the circle. The paper leaves the circle to the reader.
+F is the deviation of the grid point: Xe Yi - Xi Ye of a line to (Xe, Ye) (equation 1), x^2 + y^2 -
+R^2 of a circle. It is never computed anew, since a step changes it by a difference: -Ye or +Xe on
+the line (equations 6, 7), 2 x dx + 1 and 2 y dy + 1 on the circle. The paper leaves the circle to
+the reader.
 
-              ,--+--.            Counter-clockwise (the large circle of figure 6) x and y step along the tangent: one of them towards the
-       2    ,'   |   `.   1      centre, the other away from it. Outside the circle the inward step is taken, inside it the outward step.
+              ,--+--.
+       2    ,'   |   `.   1
     -x, -y |     |     | -x, +y
-         --+-----+-----+--       Clockwise is the mirror image: y changes its sign.
+         --+-----+-----+--
     +x, -y |     |     | +x, +y
        3    `.   |   ,'   4
               `--+--'
 
-Corrected: the moves of rules (1), (2) of section 3.1.1 by figure 6; the full circle ends at its start.
+Counter-clockwise (the large circle of figure 6) x and y step along the tangent: one of them towards
+the centre, the other away from it. Outside the circle the inward step is taken, inside it the
+outward step. Clockwise is the mirror image: y changes its sign.
+
+Corrected: the moves of rules (1), (2) of section 3.1.1 by figure 6; the full circle ends at its
+start.
 """
 
 from __future__ import annotations

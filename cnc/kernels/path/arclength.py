@@ -1,11 +1,12 @@
-"""The table of the arc length: made once a piece, read by curve_arclen and curve_inv_arclen of
-:mod:`cnc.kernels.path.curve`.
+"""The table of the arc length: made once for each piece, read by curve_arclen and curve_inv_arclen
+of :mod:`cnc.kernels.path.curve`.
 
-    s |            ____x      Rows are laid from u0 to u1. A row from a to b is tried: four Gauss-Legendre panels give s at the three
-      |        _x''           quarter points and at b; the degree 7 Hermite interpolant of u(s) through both ends is compared with the u of
-      |    _x''               the quarter points. The difference times |dr/du| is the error in mm; it falls with the eighth power of
-      |x''__________________  the row's length, which tells how long the next trial should be.
-       a   .   .   .   b   u
+    s |            ____x      Rows are laid from u0 to u1. A row from a to b is tried: four panels
+      |        _x''           of Gauss-Legendre give s at the three quarter points and at b. The
+      |    _x''               Hermite interpolant of u(s) of degree 7 through both ends is compared
+      |x''_________________  with the u of the quarter points. The difference times |dr/du| is
+       a   .   .   .   b   u  the error in mm. It falls with the eighth power of the row's length,
+                              which gives the length of the next trial.
 
 A row is kept when the error is below half the accuracy and the interpolant rises all along (the
 Bernstein coefficients of its derivative are positive). Six-point panels on a quarter of such a row
@@ -17,6 +18,7 @@ So the search ends for every curve: a row never gets shorter than 2^-40 of the r
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,22 +38,138 @@ from cnc.kernels.path.curve import (
 )
 
 MAX_ROWS = 1024
-"""Where the accuracy asked for would take more rows it is lowered tenfold, as often as need be."""
+"""Where the accuracy would take more rows, it is lowered tenfold, repeatedly if necessary."""
 SHORTEST = 2.0**-40
+
+
+class Rates(NamedTuple):
+    """Derivatives of u(s) at a place: du/ds, (d2u/ds2) / 2 and (d3u/ds3) / 6.
+
+    They are 0 where the place is not regular, that is where |dr/du| vanishes.
+    """
+
+    regular: bool
+    first: float
+    second: float
+    third: float
+
+
+@njit
+def _rates(kind: int, data: Floats, at: int, u: float, guess: float, work: Floats) -> Rates:
+    """Return the derivatives of u(s) at u.
+
+    guess: about the length of the piece, mm. work: (4, n): work space.
+    """
+    curve_eval(kind, data, at, u, work)
+    d11 = 0.0
+    d12 = 0.0
+    d22_13 = 0.0
+    for k in range(int(data[at + METRICS])):
+        i = int(data[at + METRIC + k])
+        x1 = work[1, i]
+        x2 = work[2, i]
+        d11 += x1 * x1
+        d12 += x1 * x2
+        d22_13 += x2 * x2 + x1 * work[3, i]
+    sigma = math.sqrt(d11)
+    regular = sigma * (data[at + U1] - data[at + U0]) > SINGULAR * guess
+    r1 = 1.0 / sigma if regular else 0.0
+    sigma1 = d12 * r1
+    r2 = -0.5 * sigma1 * r1 * r1 * r1
+    r3 = (4.0 * sigma1 * sigma1 - d22_13) * (r1 * r1 * r1) * (r1 * r1) / 6.0
+    return Rates(regular, r1, r2, r3)
+
+
+@njit
+def _fit_row(
+    kind: int,
+    data: Floats,
+    at: int,
+    row: int,
+    s: float,
+    a: float,
+    b: float,
+    left: Rates,
+    right: Rates,
+    quarters: Floats,
+) -> tuple[float, float, float]:
+    """Write the row of the table from a to b at index ``row``, and measure its error.
+
+    Args:
+        kind: kind of the piece.
+        data: the records.
+        at: index of the piece's record.
+        row: index of the row.
+        s: arc length at a, mm.
+        a: parameter at its start.
+        b: parameter at its end.
+        left: derivatives of u(s) at a.
+        right: derivatives of u(s) at b.
+        quarters: (4,): work space.
+
+    Returns:
+        The arc length of the row (mm), the error of its inverse (mm), and a lower bound on the
+        slope of the interpolant.
+    """
+    du = b - a
+    h = 0.0
+    for k in range(4):
+        h += gauss(kind, data, at, a + 0.25 * k * du, a + 0.25 * (k + 1) * du)
+        quarters[k] = h
+    data[row] = s
+    data[row + 1] = a
+    f1 = left.first * h
+    f2 = left.second * h * h
+    f3 = left.third * h * h * h
+    e0 = du - (f1 + f2 + f3)
+    e1 = right.first * h - (f1 + 2.0 * f2 + 3.0 * f3)
+    e2 = right.second * h * h - (f2 + 3.0 * f3)
+    e3 = right.third * h * h * h - f3
+    data[row + 2] = f1
+    data[row + 3] = f2
+    data[row + 4] = f3
+    data[row + 5] = 35.0 * e0 - 15.0 * e1 + 5.0 * e2 - e3
+    data[row + 6] = -84.0 * e0 + 39.0 * e1 - 14.0 * e2 + 3.0 * e3
+    data[row + 7] = 70.0 * e0 - 34.0 * e1 + 13.0 * e2 - 3.0 * e3
+    data[row + 8] = -20.0 * e0 + 10.0 * e1 - 4.0 * e2 + e3
+    slope = f1
+    for k in range(2, 8):
+        slope -= k * abs(data[row + 1 + k])
+    error = 0.0
+    behind = 0.0
+    for k in range(3):
+        x = quarters[k] / h if h > 0.0 else 0.0
+        u = data[row + 8]
+        for c in range(7, 1, -1):
+            u = u * x + data[row + c]
+        miss = abs(u * x - 0.25 * (k + 1) * du)
+        if miss > 4e-16 * (abs(a) + abs(b)):
+            # |dr/du| near the quarter point: the mean over the faster of the panels beside it
+            faster = max(quarters[k + 1] - quarters[k], quarters[k] - behind)
+            error = max(error, miss * 4.0 * faster / du)
+        behind = quarters[k]
+    return h, error, slope
 
 
 @njit
 def measure(kind: int, data: Floats, at: int, table: int, accuracy: float, work: Floats) -> int:
-    """Lay the table of the piece at ``at``, whose record is complete but for the arc length, from
-    index ``table`` on.
+    """Write the table of a piece, whose record is complete but for the arc length.
 
-    accuracy: largest error of the inverse in mm. work: scratch (4, n). Sets the length and the
-    table's place in the head; returns the index behind the table. ``data`` needs room for 3 + ROW
-    (MAX_ROWS + 1) numbers there.
+    The length and the place of the table are set in the head of the record.
+
+    Args:
+        kind: kind of the piece.
+        data: the records; 3 + ROW (MAX_ROWS + 1) numbers must be free from ``table`` on.
+        at: index of the piece's record.
+        table: index of the table.
+        accuracy: largest error of the inverse arc length, mm.
+        work: (4, n): work space.
+
+    Returns:
+        The index behind the table.
     """
     u0 = data[at + U0]
     u1 = data[at + U1]
-    metrics = int(data[at + METRICS])
     data[at + TABLE] = table - at
     guess = gauss(kind, data, at, u0, u1)
     shortest = SHORTEST * (u1 - u0)
@@ -66,78 +184,17 @@ def measure(kind: int, data: Floats, at: int, table: int, accuracy: float, work:
         a = u0
         b = u0
         step = 0.5 * (u1 - u0)
-        left_regular = False
-        l1 = 0.0
-        l2 = 0.0
-        l3 = 0.0
+        left = Rates(False, 0.0, 0.0, 0.0)
         while a < u1 and rows < MAX_ROWS:
-            # du/ds, (d2u/ds2) / 2 and (d3u/ds3) / 6 at b
-            curve_eval(kind, data, at, b, work)
-            d11 = 0.0
-            d12 = 0.0
-            d22_13 = 0.0
-            for k in range(metrics):
-                i = int(data[at + METRIC + k])
-                x1 = work[1, i]
-                x2 = work[2, i]
-                d11 += x1 * x1
-                d12 += x1 * x2
-                d22_13 += x2 * x2 + x1 * work[3, i]
-            sigma = math.sqrt(d11)
-            regular = sigma * (u1 - u0) > SINGULAR * guess
-            r1 = 1.0 / sigma if regular else 0.0
-            sigma1 = d12 * r1
-            r2 = -0.5 * sigma1 * r1 * r1 * r1
-            r3 = (4.0 * sigma1 * sigma1 - d22_13) * (r1 * r1 * r1) * (r1 * r1) / 6.0
+            right = _rates(kind, data, at, b, guess, work)
             accepted = b == a
             if b > a:
                 du = b - a
-                h = 0.0
-                for k in range(4):
-                    h += gauss(kind, data, at, a + 0.25 * k * du, a + 0.25 * (k + 1) * du)
-                    quarters[k] = h
-                # rounding alone: nothing finer can be asked for
-                least = max(allowed, 2e-15 * (s + h))
                 row = table + 1 + rows * ROW
-                data[row] = s
-                data[row + 1] = a
-                f1 = l1 * h
-                f2 = l2 * h * h
-                f3 = l3 * h * h * h
-                e0 = du - (f1 + f2 + f3)
-                e1 = r1 * h - (f1 + 2.0 * f2 + 3.0 * f3)
-                e2 = r2 * h * h - (f2 + 3.0 * f3)
-                e3 = r3 * h * h * h - f3
-                data[row + 2] = f1
-                data[row + 3] = f2
-                data[row + 4] = f3
-                data[row + 5] = 35.0 * e0 - 15.0 * e1 + 5.0 * e2 - e3
-                data[row + 6] = -84.0 * e0 + 39.0 * e1 - 14.0 * e2 + 3.0 * e3
-                data[row + 7] = 70.0 * e0 - 34.0 * e1 + 13.0 * e2 - 3.0 * e3
-                data[row + 8] = -20.0 * e0 + 10.0 * e1 - 4.0 * e2 + e3
-                slope = f1
-                for k in range(2, 8):
-                    slope -= k * abs(data[row + 1 + k])
-                rising = left_regular and regular and slope > 0.0
-                error = 0.0
-                behind = 0.0
-                for k in range(3):
-                    x = quarters[k] / h if h > 0.0 else 0.0
-                    u = data[row + 8]
-                    for c in range(7, 1, -1):
-                        u = u * x + data[row + c]
-                    miss = abs(u * x - 0.25 * (k + 1) * du)
-                    if miss > 4e-16 * (abs(a) + abs(b)):
-                        # |dr/du| near the quarter point: the mean over the faster of the panels
-                        # beside it
-                        error = max(
-                            error,
-                            miss
-                            * 4.0
-                            * max(quarters[k + 1] - quarters[k], quarters[k] - behind)
-                            / du,
-                        )
-                    behind = quarters[k]
+                h, error, slope = _fit_row(kind, data, at, row, s, a, b, left, right, quarters)
+                # Nothing finer than rounding can be asked for.
+                least = max(allowed, 2e-15 * (s + h))
+                rising = left.regular and right.regular and slope > 0.0
                 accepted = rising and error <= least
                 factor = 0.9 * (least / max(error, 1e-30)) ** 0.125
                 if not accepted and (h <= least or du <= shortest):
@@ -153,16 +210,13 @@ def measure(kind: int, data: Floats, at: int, table: int, accuracy: float, work:
                 elif rising:
                     factor = min(max(factor, 0.1), 0.7)
                 else:
-                    # from a singular end s grows with the square of u at least, and the first row
-                    # must be shorter than the accuracy
-                    factor = 0.5 if left_regular else max(0.7 * math.sqrt(least / h), 1e-4)
+                    # From a singular end s grows with the square of u at least. The first row must
+                    # be shorter than the accuracy.
+                    factor = 0.5 if left.regular else max(0.7 * math.sqrt(least / h), 1e-4)
                 step = du * factor
             if accepted:
                 a = b
-                left_regular = regular
-                l1 = r1
-                l2 = r2
-                l3 = r3
+                left = right
             b = u1 if u1 - a - step < shortest else a + step
         allowed *= 10.0
     end = table + 1 + rows * ROW

@@ -1,8 +1,7 @@
-"""Polynomials in Bernstein form on [0, 1]: values, sub-intervals, and the places where the sign
-changes.
+"""Polynomials in Bernstein form on [0, 1]: values, sub-intervals, and sign changes.
 
-Roots: by the variation diminishing property a polynomial changes its sign at most as often as its
-coefficients do, and the first and last coefficients that are not zero tell the sign just inside the
+By the variation diminishing property a polynomial changes its sign at most as often as its
+coefficients do. The first and the last coefficient that are not zero give the sign just inside the
 ends. Halving by de Casteljau isolates each change; where only one is left Newton's iteration, kept
 inside its bracket, finds it (Farouki, The Bernstein polynomial basis: a centennial retrospective,
 2012, sections 5 and 9).
@@ -16,19 +15,20 @@ from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats
 
 DEPTH = 48
-"""Halvings after which coefficients that still change sign more than once are taken as one multiple
-root.
+"""Number of halvings after which coefficients that still change sign more than once are taken as
+one multiple root.
 """
 STRIDE = 64
-"""Room for one set of coefficients: more than the degree of any polynomial here, 5 p - 5 for a span
-of degree p <= 9, and two more.
+"""Numbers reserved for one set of coefficients: more than the degree of any polynomial here, 5 p -
+5 for a span of degree p <= 9, and two more.
 """
 
 
 @njit
 def unscale(f: Floats, m: int) -> None:
-    """From the homogeneous form f = sum F_i t^i (1-t)^(m-i), in which products are convolutions, to
-    f_i = F_i / C(m, i), in place.
+    """Turn the homogeneous form f = sum F_i t^i (1-t)^(m-i) into f_i = F_i / C(m, i), in place.
+
+    In the homogeneous form products are convolutions.
     """
     choose = 1.0
     for i in range(m + 1):
@@ -38,8 +38,9 @@ def unscale(f: Floats, m: int) -> None:
 
 @njit
 def split(f: Floats, at: int, m: int, t: float, left: Floats, left_at: int) -> None:
-    """Divide f[at : at + m + 1] at t: the coefficients over [0, t] go to ``left``, those over [t,
-    1] take the place of f (de Casteljau).
+    """Divide f[at : at + m + 1] at t (de Casteljau).
+
+    The coefficients over [0, t] go to ``left``; those over [t, 1] replace f.
     """
     for k in range(m + 1):
         left[left_at + k] = f[at]
@@ -49,7 +50,7 @@ def split(f: Floats, at: int, m: int, t: float, left: Floats, left_at: int) -> N
 
 @njit
 def value_slope(f: Floats, at: int, m: int, t: float, scratch: Floats) -> tuple[float, float]:
-    """Value and derivative at t of the polynomial with coefficients f[at : at + m + 1], m >= 1."""
+    """Return value and derivative at t of the polynomial f[at : at + m + 1], m >= 1."""
     for i in range(m + 1):
         scratch[i] = f[at + i]
     for k in range(m - 1):
@@ -61,12 +62,14 @@ def value_slope(f: Floats, at: int, m: int, t: float, scratch: Floats) -> tuple[
 
 @njit
 def sign_changes(f: Floats, m: int, stack: Floats, scratch: Floats, roots: Floats) -> int:
-    """The t inside (0, 1) where the polynomial f[: m + 1] changes its sign, in order, into
-    ``roots``; returns how many there are.
+    """Write the t inside (0, 1) where the polynomial f[: m + 1] changes its sign into ``roots``.
 
-    stack ((DEPTH + 4) STRIDE,) and scratch (STRIDE,) are room to work in. Intervals wait on the
-    stack, the leftmost on top, with their start and width behind the coefficients. ``before`` is
-    the sign just left of the interval in hand, so that a change right between two isn't missed.
+    stack ((DEPTH + 4) STRIDE,) and scratch (STRIDE,) are work space. The stack holds intervals, the
+    leftmost on top, with their start and width behind the coefficients. ``before`` is the sign just
+    left of the current interval, so that a change between two intervals is not missed.
+
+    Returns:
+        Their number.
     """
     for i in range(m + 1):
         stack[i] = f[i]

@@ -1,5 +1,4 @@
-"""From a NURBS to span records: Bernstein form, cusps cut out, arc length measured, turning points
-found.
+"""Records of the spans of a NURBS: Bernstein form, cuts at cusps, arc length, turning points.
 
 One span [a, b] of degree p takes the control points d_0..d_p that touch it. Its Bernstein
 coefficients are values of the span's polar form, F(a, .., a, b, .., b), each by de Boor's recursion
@@ -11,19 +10,25 @@ machine's origin keeps its digits.
 Turning points of axis i are the sign changes of N_i' W - N_i W', whose homogeneous form is (N_x W_y
 - N_y W_x) / p, of degree 2 p - 2.
 
-A cusp is where all metric axes do that at once. sigma^2 = |dr/dt|^2 = E / W^4 with E the sum of the squares of those numerators; where
-E' W - 4 E W' goes from minus to plus, sigma has a minimum. If it is less than HAIRPIN of the mean the span is cut there,
+A cusp is where all metric axes do that at once. sigma^2 = |dr/dt|^2 = E / W^4 with E the sum of the
+squares of those numerators; where E' W - 4 E W' goes from minus to plus, sigma has a minimum. If it
+is less than HAIRPIN of the mean the span is cut there,
 
           ________               ________
-         (                      (                 so that whatever is sharp, or singular, lies at the end of a piece, where
-          `-------.   ->         `----- x         the planner and the tables look. Where sigma is as good as zero, the two control
-          ,-------'               ,----' x        points beside the cut are put on it: it then is zero exactly.
+         (                      (
+          `-------.   ->         `----- x
+          ,-------'               ,----' x
          (________              (________
+
+So every sharp or singular place lies at the end of a piece, where the planner and the tables expect
+it. Where sigma is as good as zero, the two control points beside the cut are put on it: it then
+is zero exactly.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,7 +38,6 @@ from cnc.kernels.path.bernstein import DEPTH, STRIDE, sign_changes, split, unsca
 from cnc.kernels.path.curve import (
     AXES,
     LENGTH,
-    LINE,
     MAX_TURNING_POINTS,
     METRIC,
     METRICS,
@@ -49,27 +53,111 @@ from cnc.kernels.path.curve import (
 
 MAX_DEGREE = 9
 NEGLIGIBLE = 1e-9
-"""mm. Moves no longer than this vanish."""
+"""mm. Moves no longer than this are dropped."""
 NOTICEABLE = 1e-6
-"""mm. Axes that move less than this don't set the length of a move while others move more."""
+"""mm. Axes that move less than this do not measure the length of a move while others move more."""
 HAIRPIN = 1.0 / 32.0
 CUSP = 1e-7
 """Parts of the mean |dr/du|."""
 MAX_CUTS = 8
 ROOM_PER_AXIS = 2 + MAX_DEGREE + 1 + 1 + MAX_TURNING_POINTS
 RECORD_ROOM = START + SPAN_BODY + MAX_DEGREE + 1 + 3 + ROW * (MAX_ROWS + 1)
-"""The longest span record of n axes takes RECORD_ROOM + n ROOM_PER_AXIS numbers."""
+"""The longest span record of n axes has RECORD_ROOM + n ROOM_PER_AXIS numbers."""
+
+
+class Nurbs(NamedTuple):
+    """A NURBS.
+
+    Attributes:
+        degree: 1 to MAX_DEGREE.
+        knots: (m + degree + 1,).
+        points: (m, n): control points, mm.
+        weights: (m,): > 0.
+    """
+
+    degree: int
+    knots: Floats
+    points: Floats
+    weights: Floats
+
+
+class Span(NamedTuple):
+    """A span in Bernstein form.
+
+    Attributes:
+        low: knot at its start.
+        high: knot at its end.
+        degree: degree of the form.
+        metrics: number of its metric axes.
+        cuts: number of places where it is cut.
+    """
+
+    low: float
+    high: float
+    degree: int
+    metrics: int
+    cuts: int
+
+
+class Work(NamedTuple):
+    """Work space for one span.
+
+    Attributes:
+        form: coefficients of W and of N in each axis, STRIDE apart.
+        part: the same of a part of the span.
+        e: coefficients (STRIDE,), like f and h.
+        f: see e.
+        h: see e.
+        stack: for :func:`cnc.kernels.path.bernstein.sign_changes`.
+        cuts: places where the span is cut, from 0 to 1.
+        end: (n,): end of the span, mm.
+        reach: (3,): largest distance of control points from the start, by class of axis, mm.
+        metric: (3,): columns of the metric axes.
+        derivatives: (4, n).
+    """
+
+    form: Floats
+    part: Floats
+    e: Floats
+    f: Floats
+    h: Floats
+    stack: Floats
+    cuts: Floats
+    end: Floats
+    reach: Floats
+    metric: Ints
+    derivatives: Floats
+
+
+@njit
+def _new_work(n: int) -> Work:
+    """Return work space for n axes."""
+    return Work(
+        np.zeros((n + 1) * STRIDE),
+        np.zeros((n + 1) * STRIDE),
+        np.empty(STRIDE),
+        np.empty(STRIDE),
+        np.empty(STRIDE),
+        np.empty((DEPTH + 4) * STRIDE),
+        np.empty(STRIDE),
+        np.empty(n),
+        np.empty(3),
+        np.empty(3, np.int64),
+        np.empty((4, n)),
+    )
 
 
 @njit
 def _bezier(
     degree: int, knots: Floats, points: Floats, weights: Floats, k: int, form: Floats, d: Floats
 ) -> int:
-    """Bernstein coefficients of span k, [knots[k], knots[k + 1]], of degree 3 at least (A5.9);
-    returns the degree.
+    """Write the Bernstein coefficients of span k, of degree 3 at least (A5.9), into ``form``.
 
-    form: the weights' from 0 on, those of axis i of the numerator, measured from points[k -
-    degree], from (i + 1) STRIDE on. d: scratch.
+    Those of the weights come first, from 0 on. Those of axis i of the numerator, measured from
+    points[k - degree], come from (i + 1) STRIDE on. d: (STRIDE,): work space.
+
+    Returns:
+        The degree.
     """
     base = k - degree
     a = knots[k]
@@ -120,11 +208,13 @@ def _metric_axes(form: Floats, p: int, classes: Ints, metric: Ints, reach: Float
 
 @njit
 def _numerator(form: Floats, p: int, at: int, f: Floats) -> int:
-    """N' W - N W' of the N whose coefficients begin at form[at], in homogeneous form, into f;
-    returns its degree.
+    """Write N' W - N W' in homogeneous form into f, for the N that begins at form[at].
 
     With F = sum C(p, i) F_i x^i y^(p - i) the partial derivatives of F are p C(p-1, i) F_(i+1) and
     p C(p-1, i) F_i.
+
+    Returns:
+        Its degree.
     """
     for k in range(2 * p - 1):
         f[k] = 0.0
@@ -140,7 +230,7 @@ def _numerator(form: Floats, p: int, at: int, f: Floats) -> int:
 
 @njit
 def _speed(form: Floats, p: int, metric: Ints, metrics: int, t: float, scratch: Floats) -> float:
-    """|dr/dt| at t."""
+    """Return |dr/dt| at t."""
     w = 1.0
     w1 = 0.0
     square = 0.0
@@ -169,8 +259,12 @@ def _sharp_points(
     stack: Floats,
     cuts: Floats,
 ) -> int:
-    """The t inside (0, 1) where |dr/dt| has a minimum below HAIRPIN of its mean, into cuts; returns
-    how many. e, f, h: scratch.
+    """Write the t inside (0, 1) where |dr/dt| has a minimum below HAIRPIN of its mean into cuts.
+
+    e, f, h: (STRIDE,): work space.
+
+    Returns:
+        Their number.
     """
     m = 2 * p - 2
     for k in range(5 * p):
@@ -191,7 +285,7 @@ def _sharp_points(
         for i in range(m + 1):
             for j in range(m + 1):
                 e[i + j] += f[i] * f[j]
-    # the control polygon is no shorter than the curve: its length stands for the mean of |dr/dt|
+    # The control polygon is no shorter than the curve: its length stands for the mean of |dr/dt|.
     mean = HAIRPIN * polygon
     bound = (mean * heaviest * heaviest) ** 2
     m = 2 * m
@@ -249,8 +343,10 @@ def _turning_points(
     stack: Floats,
     roots: Floats,
 ) -> int:
-    """Count of turning points of each axis, then their u, from data[to] on; returns the index
-    behind them.
+    """Write the number of turning points of each axis, then their u, from data[to] on.
+
+    Returns:
+        The index behind them.
     """
     n = int(data[at + AXES])
     ua = data[at + U0]
@@ -264,7 +360,7 @@ def _turning_points(
         for i in range(p + 1):
             reach = max(reach, abs(form[(c + 1) * STRIDE + i]))
         count = 0
-        # an axis that moves by its own rounding alone doesn't turn
+        # An axis that moves by its own rounding alone does not turn.
         if reach > 4e-16 * heaviest * max(abs(data[at + START + c]), abs(data[at + START + n + c])):
             m = _numerator(form, p, (c + 1) * STRIDE, f)
             unscale(f, m)
@@ -281,123 +377,141 @@ def _turning_points(
 
 
 @njit
+def _measure_from_start(curve: Nurbs, k: int, p: int, work: Work) -> None:
+    """Measure the numerator of span k from the start of the span, and write its end into ``work``.
+
+    The end is exact in the control points where the knots are full.
+    """
+    degree, knots, points, _ = curve
+    form = work.form
+    for c in range(points.shape[1]):
+        at = (c + 1) * STRIDE
+        shift = form[at] / form[0]
+        form[at] = 0.0
+        for i in range(1, p + 1):
+            form[at + i] -= form[i] * shift
+        full = knots[k + 1] == knots[k + degree]
+        work.end[c] = (
+            points[k, c] if full else points[k - degree, c] + (shift + form[at + p] / form[p])
+        )
+
+
+@njit
+def _write_part(
+    span: Span,
+    cut: int,
+    classes: Ints,
+    position: Floats,
+    accuracy: float,
+    data: Floats,
+    at: int,
+    work: Work,
+) -> int:
+    """Write the part of a span up to cut number ``cut``, or to its end, as a record at ``at``.
+
+    The part before the cut goes into ``work.part``; ``work.form`` goes on behind it.
+
+    Returns:
+        The index behind the record.
+    """
+    low, high, p, metrics, count = span
+    form, part, cuts, metric, end = work.form, work.part, work.cuts, work.metric, work.end
+    n = position.shape[0]
+    before = cuts[cut - 1] if cut > 0 else 0.0
+    data[at + U0] = low + cuts[cut - 1] * (high - low) if cut > 0 else low
+    data[at + U1] = low + cuts[cut] * (high - low) if cut < count else high
+    t = (cuts[cut] - before) / (1.0 - before) if cut < count else 1.0
+    singular = (
+        cut < count
+        and _speed(form, p, metric, metrics, t, work.e) < CUSP * work.reach[classes[metric[0]]]
+    )
+    for c in range(n + 1):
+        split(form, c * STRIDE, p, t, part, c * STRIDE)
+    data[at + AXES] = n
+    data[at + METRICS] = metrics
+    for c in range(3):
+        data[at + METRIC + c] = metric[c] if c < metrics else -1
+    to = at + START + 2 * n
+    data[to] = p
+    to += SPAN_BODY
+    for c in range(n):
+        row = (c + 1) * STRIDE
+        data[at + START + c] = position[c]
+        if cut < count:
+            shift = part[row + p] / part[p]
+            position[c] += shift
+            form[row] = 0.0
+            for i in range(1, p + 1):
+                form[row + i] -= form[i] * shift
+            if singular and classes[c] == classes[metric[0]]:
+                part[row + p - 1] = part[p - 1] * shift
+                form[row + 1] = 0.0
+        else:
+            position[c] = end[c]
+        data[at + START + n + c] = position[c]
+    for c in range(n + 1):
+        for i in range(p + 1):
+            data[to] = part[c * STRIDE + i]
+            to += 1
+    kind = SPAN  # a variable: numba compiles a kernel anew for a constant
+    to = measure(kind, data, at, to, accuracy, work.derivatives)
+    data[at + START + 2 * n + 1] = to - at
+    return _turning_points(part, p, data, at, to, work.f, work.e, work.stack, work.h)
+
+
+@njit
 def nurbs_records(
-    degree: int,
-    knots: Floats,
-    points: Floats,
-    weights: Floats,
+    curve: Nurbs,
     classes: Ints,
     first: int,
     position: Floats,
     accuracy: float,
     data: Floats,
-    used: int,
     at_out: Ints,
     length_out: Floats,
 ) -> tuple[int, int, int]:
-    """Records of the spans of a NURBS from span ``first`` (degree to begin with) on, as many as
-    there is room for.
+    """Write the spans of a NURBS as records, until the arrays are full.
 
-    points (m, n) and weights (m,) over all axes; classes (n,): 0 for x y z, 1 for u v w, 2 for a b
-    c; position (n,): where the curve starts, moved along to where it has got; accuracy: of the
-    inverse arc length in mm. Records go into ``data`` from index ``used`` on, their places into
-    at_out, their lengths into length_out. Returns (next span, pieces, used); the curve is through
-    when the next span is m.
+    Args:
+        curve: the NURBS.
+        classes: (n,): class of each axis: 0 for x y z, 1 for u v w, 2 for a b c.
+        first: first span to be written; the degree to begin with.
+        position: (n,): start of that span, mm; moved along.
+        accuracy: largest error of the inverse arc length, mm.
+        data: takes the records.
+        at_out: takes the index of each record in ``data``.
+        length_out: takes the length of each piece, mm.
+
+    Returns:
+        The next span, the number of pieces, and the numbers used of ``data``. The curve is done
+        when the next span is the number of control points.
     """
+    degree, knots, points, weights = curve
     n = points.shape[1]
-    form = np.zeros((n + 1) * STRIDE)
-    part = np.zeros((n + 1) * STRIDE)
-    work = np.empty((4, n))
-    e = np.empty(STRIDE)
-    f = np.empty(STRIDE)
-    h = np.empty(STRIDE)
-    stack = np.empty((DEPTH + 4) * STRIDE)
-    cuts = np.empty(STRIDE)
-    end = np.empty(n)
-    reach = np.empty(3)
-    metric = np.empty(3, np.int64)
-    room = (MAX_CUTS + 1) * (RECORD_ROOM + n * ROOM_PER_AXIS)
+    work = _new_work(n)
+    form = work.form
+    longest = (MAX_CUTS + 1) * (RECORD_ROOM + n * ROOM_PER_AXIS)
     pieces = 0
+    used = 0
     k = first
     while (
-        k < points.shape[0] and pieces + MAX_CUTS < at_out.shape[0] and used + room <= data.shape[0]
+        k < points.shape[0]
+        and pieces + MAX_CUTS < at_out.shape[0]
+        and used + longest <= data.shape[0]
     ):
-        ua = knots[k]
-        ub = knots[k + 1]
-        p = 0
-        kind = LINE  # a variable: numba compiles the kernels below once more for a constant
-        metrics = 0
-        cut = 0
-        count = -1
-        if ub > ua:
-            p = _bezier(degree, knots, points, weights, k, form, e)
-            kind = SPAN
-            # from the start of the span on, which is exact in the control points where the knots
-            # are full
-            for c in range(n):
-                at = (c + 1) * STRIDE
-                shift = form[at] / form[0]
-                form[at] = 0.0
-                for i in range(1, p + 1):
-                    form[at + i] -= form[i] * shift
-                full = knots[k + 1] == knots[k + degree]
-                end[c] = (
-                    points[k, c]
-                    if full
-                    else points[k - degree, c] + (shift + form[at + p] / form[p])
-                )
-            metrics = _metric_axes(form, p, classes, metric, reach)
+        if knots[k + 1] > knots[k]:
+            p = _bezier(degree, knots, points, weights, k, form, work.e)
+            _measure_from_start(curve, k, p, work)
+            metrics = _metric_axes(form, p, classes, work.metric, work.reach)
             if metrics > 0:
-                count = _sharp_points(form, p, metric, metrics, e, f, h, stack, cuts)
-        before = 0.0
-        while cut <= count:
-            # what lies before the cut goes into part, and form goes on behind it
-            at = used
-            data[at + U0] = ua
-            t = 1.0
-            if cut < count:
-                t = (cuts[cut] - before) / (1.0 - before)
-                ua = knots[k] + cuts[cut] * (ub - knots[k])
-                before = cuts[cut]
-            data[at + U1] = ua if cut < count else ub
-            singular = (
-                cut < count
-                and _speed(form, p, metric, metrics, t, e) < CUSP * reach[classes[metric[0]]]
-            )
-            for c in range(n + 1):
-                split(form, c * STRIDE, p, t, part, c * STRIDE)
-            data[at + AXES] = n
-            data[at + METRICS] = metrics
-            for c in range(3):
-                data[at + METRIC + c] = metric[c] if c < metrics else -1
-            to = at + START + 2 * n
-            data[to] = p
-            to += SPAN_BODY
-            for c in range(n):
-                row = (c + 1) * STRIDE
-                data[at + START + c] = position[c]
-                if cut < count:
-                    shift = part[row + p] / part[p]
-                    position[c] += shift
-                    form[row] = 0.0
-                    for i in range(1, p + 1):
-                        form[row + i] -= form[i] * shift
-                    if singular and classes[c] == classes[metric[0]]:
-                        part[row + p - 1] = part[p - 1] * shift
-                        form[row + 1] = 0.0
-                else:
-                    position[c] = end[c]
-                data[at + START + n + c] = position[c]
-            for c in range(n + 1):
-                for i in range(p + 1):
-                    data[to] = part[c * STRIDE + i]
-                    to += 1
-            to = measure(kind, data, at, to, accuracy, work)
-            data[at + START + 2 * n + 1] = to - at
-            used = _turning_points(part, p, data, at, to, f, e, stack, h)
-            at_out[pieces] = at
-            length_out[pieces] = data[at + LENGTH]
-            pieces += 1
-            cut += 1
+                count = _sharp_points(
+                    form, p, work.metric, metrics, work.e, work.f, work.h, work.stack, work.cuts
+                )
+                for cut in range(count + 1):
+                    at_out[pieces] = used
+                    span = Span(knots[k], knots[k + 1], p, metrics, count)
+                    used = _write_part(span, cut, classes, position, accuracy, data, used, work)
+                    length_out[pieces] = data[at_out[pieces] + LENGTH]
+                    pieces += 1
         k += 1
     return k, pieces, used

@@ -1,4 +1,4 @@
-"""Curves as records in flat arrays: position and derivatives, arc length and its inverse, turning
+"""Curves as records in flat arrays: position, derivatives, arc length and its inverse, turning
 points.
 
 A path is made of pieces, each smooth inside. A piece is a record in a float64 array ``data`` that
@@ -8,29 +8,32 @@ starts at index ``at``:
     1, 2    range of the parameter, u0 < u1
     3       arc length in mm
     4..7    number of metric axes (1 to 3) and their columns
-    8       where the table of the arc length begins, counted from ``at``; 0 where u - u0 is itself the arc length, or stands for it
-            (:mod:`cnc.kernels.planner.timed`)
-    9       start point (n), end point (n): exact, and where two pieces meet the same to the last bit
+    8       index of the table of the arc length, counted from ``at``; 0 where u - u0 is itself the
+            arc length, or stands for it (:mod:`cnc.kernels.planner.timed`)
+    9       start point (n), end point (n): exact, and equal to the last bit where two pieces meet
     then    LINE: nothing more
-            ARC:  first and second column of the plane, radius at the start, growth of the radius, sweep (rad, signed), angle of the start,
-                  unit vector from the centre to the start (2), closing vector (2)
-            SPAN: degree p (3..9), where the turning points begin (from ``at``), then p + 1 Bernstein coefficients of the weight function
-                  W and of each axis of N, the numerator measured from the start point
+            ARC:  first and second column of the plane, radius at the start, growth of the radius,
+                  sweep (rad, signed), angle of the start, unit vector from the centre to the start
+                  (2), closing vector (2)
+            SPAN: degree p (3..9), index of the turning points (from ``at``), then p + 1 Bernstein
+                  coefficients of the weight function W and of each axis of N, the numerator
+                  measured from the start point
 
-Arc length is measured over the metric axes (x y z if they move, else u v w, else a b c); the others
-follow along.
+Arc length is measured over the metric axes (x y z if they move, else u v w, else a b c). The others
+move along with them.
 
 LINE. u is the arc length. Each half is measured from its own end, so that both ends are exact and
-an axis that stands still stays put.
+an axis that stands still keeps its position.
 
-ARC. u runs evenly with the angle phi; it is the arc length unless the radius changes on the way (a
-spiral, because programs give the centre with few digits). With w = (u - u0) / (u1 - u0), rho = r0 +
-w dr, e the unit vector to the start and f the one 90 degrees further,
+ARC. u is proportional to the angle phi. It is the arc length unless the radius changes (a spiral,
+because programs give the centre with few digits). With w = (u - u0) / (u1 - u0), rho = r0 + w dr, e
+the unit vector to the start and f the one 90 degrees further,
 
-                 ,-- end                r(u) = start + (rho (cos phi - 1) + w dr) e + rho sin phi f + w c
+                 ,-- end      r(u) = start + (rho (cos phi - 1) + w dr) e + rho sin phi f + w c
                ,'  rho
-      start --e--> centre               c, about 1e-16 of the radius, closes what rounding leaves open at the end.
-                                        cos phi - 1 = -2 sin^2(phi / 2) keeps its digits on a short arc of a large circle.
+      start --e--> centre     c, about 1e-16 of the radius, removes the rounding error at the end.
+                              cos phi - 1 = -2 sin^2(phi / 2) keeps its digits on a short arc of a
+                              large circle.
 
 SPAN. One knot span of a NURBS (equation 1 of Hui, Wei, Gao 2013) on [u0, u1], r(u) = start + N(t) /
 W(t) with t = (u - u0) / (u1 - u0). N and W are kept in Bernstein form, where de Boor's recursion
@@ -38,13 +41,13 @@ turns into de Casteljau's (Piegl & Tiller, The NURBS Book, A1.5 and section 5.3)
 is differentiated as in A4.2. Degrees 1 and 2 are raised to 3 when the record is made.
 
 Table: count k, then k rows (s, u, c1..c7) and a last (s, u). In a row u = u_row + c1 x + .. + c7
-x^7 with x the part of the row's length that lies behind: the Hermite interpolant of u(s) through u,
+x^7 with x the part of the row's length up to the place: the Hermite interpolant of u(s) through u,
 du/ds, d2u/ds2 and d3u/ds3 at both ends (see :mod:`cnc.kernels.path.arclength`).
 
 All kernels take ``kind`` and ``at`` as int (int64: numba compiles anew for an int8, and for a
-constant) and u as float. The innermost ones call no other kernel and have one way out, behind the
-last use of every array: only then does numba drop the counting of references to the arrays, which
-takes longer than a point of a cubic.
+constant) and u as float. The innermost ones call no other kernel and have one exit, behind the last
+use of every array. Only then does numba drop the counting of references to the arrays, which takes
+longer than a point of a cubic.
 """
 
 from __future__ import annotations
@@ -61,8 +64,8 @@ Ints = NDArray[np.int64]
 
 LINE, ARC, SPAN = 0, 1, 2
 MAX_TURNING_POINTS = 16
-"""Room that :func:`curve_turning_points` needs: 2 p - 2 for a span of degree 9; an arc piece is one
-turn at most.
+"""Most turning points of a piece in an axis: 2 p - 2 for a span of degree 9. An arc piece is at
+most one turn.
 """
 
 AXES, U0, U1, LENGTH, METRICS, METRIC, TABLE, START = 0, 1, 2, 3, 4, 5, 8, 9
@@ -95,27 +98,25 @@ GAUSS_W = (
 
 @njit
 def curve_range(kind: int, data: Floats, at: int) -> tuple[float, float]:
-    """The range (u0, u1) of the piece's parameter."""
+    """Return the range (u0, u1) of the parameter of a piece."""
     return data[at + U0], data[at + U1]
 
 
 @njit
 def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
-    """Position and first three derivatives by u: out (4, n), mm and mm per unit of u. Exact at u0
-    and u1; goes on smoothly beyond them.
+    """Write position and first three derivatives by u (mm, mm per unit of u) into out (4, n).
+
+    They are exact at u0 and u1, and continue smoothly beyond them.
     """
     n = out.shape[1]
-    u0 = data[at + U0]
-    u1 = data[at + U1]
-    start = at + START
-    end = start + n
+    u0, u1 = data[at + U0], data[at + U1]
+    start, end = at + START, at + START + n
     per_u = 1.0 / (u1 - u0)
     body = end + n
-    done = u - u0
-    left = u1 - u
+    done, left = u - u0, u1 - u
     if kind == SPAN:
         # The four points of de Casteljau's triangle three rows above its tip are sums of the
-        # coefficients, weighted with the Bernstein polynomials of degree p - 3; the sum runs from
+        # coefficients, weighted with the Bernstein polynomials of degree p - 3. The sum runs from
         # the nearer end, so that each weight follows from the one before without loss.
         p = int(data[body])
         body += SPAN_BODY
@@ -127,25 +128,17 @@ def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
         step = 1 if near else -1
         p2 = p * (p - 1.0)
         inverse = 1.0
-        w1 = 0.0
-        w2 = 0.0
-        w3 = 0.0
+        w1 = w2 = w3 = 0.0
         for c in range(n + 1):
             k = body + c * (p + 1)
-            c0 = data[k]
-            c1 = data[k + 1]
-            c2 = data[k + 2]
-            c3 = data[k + 3]
+            c0, c1, c2, c3 = data[k], data[k + 1], data[k + 2], data[k + 3]
             if m > 0:
                 weight = base
                 for _ in range(m - 1):
                     weight *= base
                 if not near:
                     k += m
-                c0 = 0.0
-                c1 = 0.0
-                c2 = 0.0
-                c3 = 0.0
+                c0 = c1 = c2 = c3 = 0.0
                 for j in range(m + 1):
                     c0 += weight * data[k]
                     c1 += weight * data[k + 1]
@@ -153,11 +146,8 @@ def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
                     c3 += weight * data[k + 3]
                     weight *= ratio * (m - j) / (j + 1)
                     k += step
-            b0 = c0 + t * (c1 - c0)
-            b1 = c1 + t * (c2 - c1)
-            b2 = c2 + t * (c3 - c2)
-            a0 = b0 + t * (b1 - b0)
-            a1 = b1 + t * (b2 - b1)
+            b0, b1, b2 = c0 + t * (c1 - c0), c1 + t * (c2 - c1), c2 + t * (c3 - c2)
+            a0, a1 = b0 + t * (b1 - b0), b1 + t * (b2 - b1)
             f0 = (a0 + t * (a1 - a0)) * inverse
             f1 = p * (a1 - a0) * inverse - w1 * f0
             f2 = p2 * ((b2 - b1) - (b1 - b0)) * inverse - 2.0 * w1 * f1 - w2 * f0
@@ -167,49 +157,39 @@ def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
                 - w3 * f0
             )
             if c == 0:
-                # first the weight function: from now on everything is divided by it
+                # The weight function comes first: all others are divided by it.
                 inverse = 1.0 / f0
-                w1 = f1 * inverse
-                w2 = f2 * inverse
-                w3 = f3 * inverse
+                w1, w2, w3 = f1 * inverse, f2 * inverse, f3 * inverse
             else:
                 i = c - 1
                 out[0, i] = data[start + i] + f0
-                out[1, i] = f1 * per_u
-                out[2, i] = f2 * per_u * per_u
+                out[1, i], out[2, i] = f1 * per_u, f2 * per_u * per_u
                 out[3, i] = f3 * per_u * per_u * per_u
     else:
         for i in range(n):
-            rate = (data[end + i] - data[start + i]) * per_u
-            out[0, i] = (
-                data[start + i] + done * rate if done <= left else data[end + i] - left * rate
-            )
+            a, b = data[start + i], data[end + i]
+            rate = (b - a) * per_u
+            out[0, i] = a + done * rate if done <= left else b - left * rate
             out[1, i] = rate
-            out[2, i] = 0.0
-            out[3, i] = 0.0
+            out[2, i] = out[3, i] = 0.0
     if kind == ARC:
-        i = int(data[body])
-        j = int(data[body + 1])
+        i, j = int(data[body]), int(data[body + 1])
         w = done * per_u
         grown = w * data[body + 3]
         rho = data[body + 2] + grown
         growth = data[body + 3] * per_u
         turn = data[body + 4] * per_u
         half = 0.5 * (w * data[body + 4])
-        sin_half = math.sin(half)
-        cos_half = math.cos(half)
+        sin_half, cos_half = math.sin(half), math.cos(half)
         sin = 2.0 * sin_half * cos_half
         versed = 2.0 * sin_half * sin_half
         cos = 1.0 - versed
-        ex = data[body + 6]
-        ey = data[body + 7]
+        ex, ey = data[body + 6], data[body + 7]
         # along e, along f: the position, then its derivatives
-        a = grown - rho * versed
-        b = rho * sin
+        a, b = grown - rho * versed, rho * sin
         out[0, i] = data[start + i] + (a * ex - b * ey) + w * data[body + 8]
         out[0, j] = data[start + j] + (a * ey + b * ex) + w * data[body + 9]
-        a = growth * cos - rho * turn * sin
-        b = growth * sin + rho * turn * cos
+        a, b = growth * cos - rho * turn * sin, growth * sin + rho * turn * cos
         out[1, i] = a * ex - b * ey + per_u * data[body + 8]
         out[1, j] = a * ey + b * ex + per_u * data[body + 9]
         a = -turn * (2.0 * growth * sin + rho * turn * cos)
@@ -227,7 +207,7 @@ def curve_eval(kind: int, data: Floats, at: int, u: float, out: Floats) -> None:
 
 @njit
 def curve_speed(kind: int, data: Floats, at: int, u: float) -> float:
-    """|dr/du| over the metric axes."""
+    """Return |dr/du| over the metric axes."""
     extent = data[at + U1] - data[at + U0]
     square = extent * extent
     if data[at + TABLE] != 0.0:
@@ -239,8 +219,8 @@ def curve_speed(kind: int, data: Floats, at: int, u: float) -> float:
         if kind == SPAN:
             p = int(data[body])
             body += SPAN_BODY
-            # value and slope of W, then of the numerators, from the four points three rows above
-            # the tip (see curve_eval)
+            # Value and slope of W, then of the numerators, from the four points three rows above
+            # the tip (see curve_eval).
             m = p - 3
             near = t <= 0.5
             base = 1.0 - t if near else t
@@ -297,16 +277,17 @@ def curve_speed(kind: int, data: Floats, at: int, u: float) -> float:
 
 @njit
 def curve_eval_s(kind: int, data: Floats, at: int, u: float, out: Floats) -> int:
-    """Position and first three derivatives by arc length: out (4, n) = q, q', q'', q'''.
+    """Write position and first three derivatives by arc length q, q', q'', q''' into out (4, n).
 
     With r' = dr/du and sigma = |r'| over the metric axes, the chain rule gives q' = r' u', q'' =
     r'' u'^2 + r' u'', q''' = r''' u'^3 + 3 r'' u' u'' + r' u''' where u' = 1 / sigma, u'' = -sigma'
     / sigma^3, u''' = (3 sigma'^2 - sigma sigma'') / sigma^5 and sigma sigma'' = r''.r'' + r'.r''' -
     sigma'^2.
 
-    Returns 0, or 1 where sigma vanishes (an end with repeated control points, a cusp): then q' is
-    the limit of the direction, towards the first control point that differs from the end, and q'' =
-    q''' = 0.
+    Returns:
+        0, or 1 where sigma vanishes (an end with repeated control points, a cusp). There q' is the
+        limit of the direction, towards the first control point that differs from the end, and q'' =
+        q''' = 0.
     """
     curve_eval(kind, data, at, u, out)
     n = out.shape[1]
@@ -342,7 +323,7 @@ def curve_eval_s(kind: int, data: Floats, at: int, u: float, out: Floats) -> int
         scale = 0.0
         far = pole
         for k in range(1, p + 1):
-            # the first control point that lies off the end
+            # The first control point that is not at the end.
             j = k if at_start else p - k
             square = 0.0
             for c in range(int(data[at + METRICS])):
@@ -372,7 +353,7 @@ def curve_eval_s(kind: int, data: Floats, at: int, u: float, out: Floats) -> int
 
 @njit
 def gauss(kind: int, data: Floats, at: int, ua: float, ub: float) -> float:
-    """Arc length from ua to ub by one panel of 6-point Gauss-Legendre."""
+    """Return the arc length from ua to ub by one panel of 6-point Gauss-Legendre."""
     middle = 0.5 * (ua + ub)
     half = 0.5 * (ub - ua)
     total = 0.0
@@ -383,8 +364,9 @@ def gauss(kind: int, data: Floats, at: int, ua: float, ub: float) -> float:
 
 @njit
 def _row(data: Floats, first: int, rows: int, value: float) -> int:
-    """Index of the last of ``rows`` entries, ROW apart from ``first`` on, that is at most
-    ``value``; the first if none is.
+    """Return the index of the last of ``rows`` entries that is at most ``value``.
+
+    The entries are ROW apart, from ``first`` on. The result is the first one if none is so small.
     """
     low = 0
     high = rows
@@ -399,8 +381,9 @@ def _row(data: Floats, first: int, rows: int, value: float) -> int:
 
 @njit
 def curve_arclen(kind: int, data: Floats, at: int, ua: float, ub: float) -> float:
-    """Arc length from ua to ub (negative if ub < ua): by quadrature inside a row of the table, by
-    the table for the rows between.
+    """Return the arc length from ua to ub in mm, negative if ub < ua.
+
+    It comes from quadrature inside a row of the table, and from the table for the rows between.
     """
     length = 0.0
     if data[at + TABLE] != 0.0:
@@ -409,8 +392,8 @@ def curve_arclen(kind: int, data: Floats, at: int, ua: float, ub: float) -> floa
         a = _row(data, table + 2, rows, ua) - 1
         b = _row(data, table + 2, rows, ub) - 1
         if a != b:
-            # from ua to the near edge of its row, then over the rows between; what is left lies in
-            # the row of ub
+            # From ua to the near edge of its row, then over the rows between. The rest lies in the
+            # row of ub.
             a = a + ROW if a < b else a
             b = b if ua < ub else b + ROW
             length = gauss(kind, data, at, ua, data[a + 1]) + (data[b] - data[a])
@@ -421,8 +404,9 @@ def curve_arclen(kind: int, data: Floats, at: int, ua: float, ub: float) -> floa
 
 @njit
 def curve_inv_arclen(kind: int, data: Floats, at: int, s: float) -> float:
-    """The u at arc length s from the piece's start, to the accuracy that the record was made with;
-    beyond its ends the nearer one.
+    """Return the u at arc length s (mm) from the start of a piece, between u0 and u1.
+
+    Its accuracy is that of the record.
     """
     u = data[at + U0]
     if s >= data[at + LENGTH]:
@@ -443,10 +427,12 @@ def curve_inv_arclen(kind: int, data: Floats, at: int, s: float) -> float:
 
 @njit
 def curve_turning_points(kind: int, data: Floats, at: int, axis: int, out: Floats) -> int:
-    """The u strictly inside the piece, in order, where the derivative of ``axis`` changes sign,
-    into out (MAX_TURNING_POINTS,).
+    """Write the u inside a piece where the derivative of ``axis`` changes sign, in order, into out.
 
-    Returns how many there are.
+    ``out`` takes MAX_TURNING_POINTS numbers.
+
+    Returns:
+        Their number.
     """
     if kind == LINE:
         return 0
@@ -501,9 +487,7 @@ def curve_turning_points(kind: int, data: Floats, at: int, axis: int, out: Float
 
 @njit
 def piece_boxes(kind: Ints, at: Ints, data: Floats, low: Floats, high: Floats) -> None:
-    """Smallest and largest coordinate of each piece, low and high (m, n): its ends and its turning
-    points.
-    """
+    """Write the smallest and the largest coordinate of each piece into low and high (m, n), mm."""
     n = low.shape[1]
     turning = np.empty(MAX_TURNING_POINTS)
     point = np.empty((4, n))

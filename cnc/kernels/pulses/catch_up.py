@@ -3,16 +3,20 @@
 They are needed where the motion rests off the grid, where a piece begins a whole BLU ahead of the
 grid point, and where an axis would have to make two steps at once.
 
-3 - - - - - - - - o- -     An axis that is more than a step and a half behind at u would have to make two steps there. So a row for
-                ,':         the first step is written where the axis is exactly that far behind: there the grid points after one step
-2 - - - - - - o' - - -      and after two are equally near. This place belongs to the curve. It depends neither on earlier rows nor on
-             /:   :         the place where a piece is cut.
+3 - - - - - - - - o- -
+                ,':
+2 - - - - - - o' - - -
+             /:   :
 1 - ---o----' : - : -
                   u
+
+An axis that is more than a step and a half behind at u would have to make two steps there. So a row
+for the first step is written where the axis is exactly that far behind: there the grid points after
+one step and after two are equally near. This place belongs to the curve. It depends neither on
+earlier rows nor on the place where a piece is cut.
 """
 
 from __future__ import annotations
-
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats, curve_arclen, curve_eval, curve_range

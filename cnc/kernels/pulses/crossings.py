@@ -3,19 +3,25 @@
 In units of one step (BLU) an axis is at P(u) = q(u) * steps_per_mm. Its grid point is the integer
 nearest to P, so a step is due where P crosses a half-grid line:
 
-      k + 1  - - - - - - - - - - - - -       The axis is cut at its turning points into stretches in which P only rises or only
-                          ,--.               falls. The position at the end of a stretch gives the grid point there, hence the number
-    k + 1/2 ------------o------o-----        of crossings on the way. So no step is lost or made twice, whatever rounding does to the
-                     ,-'        `-.          places of the crossings. The crossings of each axis come in order, and the axes are
-      k      - - --'- - - - - - - -`-        merged by their place on the path.
+      k + 1  - - - - - - - - - - - - -
+                          ,--.
+    k + 1/2 ------------o------o-----
+                     ,-'        `-.
+      k      - - --'- - - - - - - -`-
+
+The axis is cut at its turning points into stretches in which P only rises or only falls. The
+position at the end of a stretch gives the grid point there, hence the number of crossings on the
+way. So no step is lost or made twice, whatever rounding does to the places of the crossings. The
+crossings of each axis come in order, and the axes are merged by their place on the path.
 
 On a line a crossing has a closed form. On arcs and spans it is a zero of the polynomial of a window
 (:mod:`cnc.kernels.pulses.windows`).
 
 A line counts as crossed only when P is beyond it by more than the slack. So an axis that rests on a
-half-grid line while others move gives no pulses, whatever the rounding, and neither does an axis that
-turns back on reaching it. Of two equally near grid points the axis keeps the one from which it came.
-Axes that are within the slack of their lines at the same path point share a row. Both rules keep
+half-grid line while others move gives no pulses, whatever the rounding, and neither does an axis
+that turns back on reaching it. Of two equally near grid points the axis keeps the one from which it
+came. Axes that are within the slack of their lines at the same path point share a row. Both rules
+keep
 |g - P| <= 1/2 + slack at each row and between rows.
 """
 
@@ -63,9 +69,9 @@ AXIS = np.dtype(
         ("twist", np.float64),
     ]
 )
-"""State of an axis in a window: place of its next crossing (inf: none), grid point at the end of its
-stretch, and index of the stretch. Then the last place x examined, with a half-grid line, the position
-less that line, and its first three derivatives by x.
+"""State of an axis in a window: place of its next crossing (inf: none), grid point at the end of
+its stretch, and index of the stretch. Then the last place x examined, with a half-grid line, the
+position less that line, and its first three derivatives by x.
 """
 
 

@@ -1,29 +1,36 @@
 """Reference pulses by enclosing lines (Samad & Wan Yusof, Jurnal Teknologi 37(D), 2002), for any
 number of axes.
 
-A square (in space: a cube) with sides of 2 BLU lies about the grid point P. The interpolator finds the
-point r at which the curve leaves it; the grid point nearest to r is the next one.
+A square (in space: a cube) with sides of 2 BLU lies about the grid point P. The interpolator finds
+the point r at which the curve leaves it; the grid point nearest to r is the next one.
 
-      A4      A3  L2  A2            Only those sides lie ahead to which the tangent points (Table 1). The tangent meets first the side of
-        +------+--o---+             the axis with the smallest d / |r'|, with d the distance to its side. In the plane that is the sign
-        |      |,'    |             of the geometric factor |x'| dy - |y'| dx (Tables 2 and 3, "abs" corrected there).
+      A4      A3  L2  A2
+        +------+--o---+
+        |      |,'    |
      L3 |      P      | L1
-        |    ,'       |             On that side u is found (Table 4, corrected: u only grows). One step along the tangent, as printed,
-        +--,---+------+             misses by the bend of the curve. Here it starts Newton's iteration in a bracket. So r is on the
-      A6      A7  L4  A8            side, and the axis that leaves has no error.
+        |    ,'       |
+        +--,---+------+
+      A6      A7  L4  A8
 
-The other axes round: one with |D| > 1/2 steps as well, D = r - P (Table 5, corrected). Since r is on
-the border of the square there is no null step. Since no axis is beyond its side every |D| after the
-step is at most 1/2.
+Only those sides lie ahead to which the tangent points (Table 1). The tangent meets first the side
+of the axis with the smallest d / |r'|, with d the distance to its side. In the plane that is the
+sign of the geometric factor |x'| dy - |y'| dx (Tables 2 and 3, "abs" corrected there). On that side
+u is found (Table 4, corrected: u only grows). One step along the tangent, as printed, misses by the
+bend of the curve. Here it starts Newton's iteration in a bracket. So r is on the side, and the axis
+that leaves has no error.
+
+The other axes round: one with |D| > 1/2 steps as well, D = r - P (Table 5, corrected). Since r is
+on the border of the square there is no null step. Since no axis is beyond its side every |D| after
+the step is at most 1/2.
 
 Corrections to the paper: the tangent only predicts the side that comes first. If another axis is
 beyond its side at the place found, that axis left before and takes the lead. Windows end where an
 axis turns back inside the square, at a cusp, and at a start or end off the grid
-(:mod:`cnc.kernels.pulses.monotone`). No axis turns inside a window, and the square stays the same from
-one window to the next.
+(:mod:`cnc.kernels.pulses.monotone`). No axis turns inside a window, and the square stays the same
+from one window to the next.
 
-A row is due where r is on the side, so the machine reaches the next grid point when the curve passes
-it.
+A row is due where r is on the side, so the machine reaches the next grid point when the curve
+passes it.
 """
 
 from __future__ import annotations

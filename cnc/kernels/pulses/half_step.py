@@ -1,29 +1,35 @@
-"""Reference pulses by half-step deviation (Shu et al. 2019) on lines and arcs in any number of axes.
+"""Reference pulses by half-step deviation (Shu et al. 2019) on lines and arcs in any number of
+axes.
 
-In units of one step (BLU) the fastest axis, the leader, steps in every row, and each other axis steps
-with it or not. As in the paper it steps to the nearer of two candidates. They are one BLU apart, so
-the nearer one is at most half a BLU from the curve.
+In units of one step (BLU) the fastest axis, the leader, steps in every row, and each other axis
+steps with it or not. As in the paper it steps to the nearer of two candidates. They are one BLU
+apart, so the nearer one is at most half a BLU from the curve.
 
-      g + 1  - - - - - - - C         The leader is x; the rows lie on the grid lines of x. The candidates P + (1, 0) = B and P + (1, 1) = C
-                         ,-'         are equally far from the curve where it passes halfway between them, at D with BD = CD = 1/2.
-                    ,--'   D         Comparing BD with CD compares the distances themselves: BE / CF = BD / CD (figure 3). A tie moves
-      g      - - P - - - - B         the leader alone (equation 9, f >= 0, the corrected end of section 3): here |g - y| > 1/2 + slack.
+      g + 1  - - - - - - - C
+                         ,-'
+                    ,--'   D
+      g      - - P - - - - B
 
-A row lies at the place of the path where the leader is on its grid line. There the leader is exact and
-the others are within half a BLU. Where another axis becomes the fastest, that axis leads (figures 2
-and 6: eight octants in a plane, by the larger coordinate of the end point on a line, by the tangent on
-an arc). If the new leader is a whole BLU behind, a row follows at once. An axis that would have to make
-two steps in a row, as after a start far from the middle of its cell, gets a row of its own before. A
-piece that ends off the grid leaves the grid point there, less than a BLU and a half behind. The next
-piece goes on from it, and the steps of its leader stay even.
+The leader is x; the rows lie on the grid lines of x. The candidates P + (1, 0) = B and P + (1, 1) =
+C are equally far from the curve where it passes halfway between them, at D with BD = CD = 1/2.
+Comparing BD with CD compares the distances themselves: BE / CF = BD / CD (figure 3). A tie moves
+the leader alone (equation 9, f >= 0, the corrected end of section 3): here |g - y| > 1/2 + slack.
 
-LINE. The deviation f of an axis is counted in integers. With the ends of the line on the grid the unit
-is half the leader's travel: then it is the paper's recursion (equations 8 to 10: -2 Ye for each step of
-X, +2 Xe for each step of Y) without any rounding. Otherwise the unit is 2^-52 BLU.
+A row lies at the place of the path where the leader is on its grid line. There the leader is exact
+and the others are within half a BLU. Where another axis becomes the fastest, that axis leads
+(figures 2 and 6: eight octants in a plane, by the larger coordinate of the end point on a line, by
+the tangent on an arc). If the new leader is a whole BLU behind, a row follows at once. An axis that
+would have to make two steps in a row, as after a start far from the middle of its cell, gets a row
+of its own before. A piece that ends off the grid leaves the grid point there, less than a BLU and a
+half behind. The next piece goes on from it, and the steps of its leader stay even.
 
-ARC, with helices, spirals and different scales: see :mod:`cnc.kernels.pulses.half_step_arc`. The paper
-leaves the recursion of arcs to the reader; :mod:`cnc.kernels.papers.half_step` has it for a circle
-whose centre and radius are on the grid.
+LINE. The deviation f of an axis is counted in integers. With the ends of the line on the grid the
+unit is half the leader's travel: then it is the paper's recursion (equations 8 to 10: -2 Ye for
+each step of X, +2 Xe for each step of Y) without any rounding. Otherwise the unit is 2^-52 BLU.
+
+ARC, with helices, spirals and different scales: see :mod:`cnc.kernels.pulses.half_step_arc`. The
+paper leaves the recursion of arcs to the reader; :mod:`cnc.kernels.papers.half_step` has it for a
+circle whose centre and radius are on the grid.
 """
 
 from __future__ import annotations

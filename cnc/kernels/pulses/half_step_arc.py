@@ -1,16 +1,20 @@
 """The arcs of :mod:`cnc.kernels.pulses.half_step`: leader, windows, and the nearer candidate.
 
-Where leader p is the fastest axis, the others are smooth functions of p with a slope of at most one,
-and so is the arc length: polynomials of degree 7 through values and three derivatives at the ends of a
-window, which is shortened until they agree with the arc. So a row takes a few products for each axis,
-no root and no sine.
+Where leader p is the fastest axis, the others are smooth functions of p with a slope of at most
+one, and so is the arc length: polynomials of degree 7 through values and three derivatives at the
+ends of a window, which is shortened until they agree with the arc. So a row takes a few products
+for each axis, no root and no sine.
 
-y, s ^            ,-o b      Window from a to b in which one axis, the leader p, is the fastest: the positions y of the others, the arc
-     |        ,-'            length s and the parameter u as polynomials of p. A row is on each grid line of p, where
-     |     o'                y is compared with the half-grid line next to the grid point.
+y, s ^            ,-o b
+     |        ,-'
+     |     o'
      |   ,'|  |  |  |
      | o a |  |  |  |
      +-----+--+--+--+--> p
+
+Window from a to b in which one axis, the leader p, is the fastest: the positions y of the others,
+the arc length s and the parameter u as polynomials of p. A row is on each grid line of p, where y
+is compared with the half-grid line next to the grid point.
 """
 
 from __future__ import annotations

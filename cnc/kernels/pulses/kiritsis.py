@@ -5,18 +5,21 @@ This is the baseline beside :mod:`cnc.kernels.pulses.enclosing_line`. The tangen
 the curve at the last step, gives the quadrant in which the path goes on. There the grid point P has
 three neighbours ahead, 2^n - 1 in n axes:
 
-       P2 o-----o P3          The distance of each neighbour from the curve is measured along the normal through it. One step of
-          |    ,'             Newton's iteration for (P_i - r(u)) . r'(u) = 0 from the last u gives
+       P2 o-----o P3
+          |    ,'         u_i = u - (P_i - r) . r' / ((P_i - r) . r'' - r' . r')   (2, corrected)
           |  ,' |
-        P o,----o P1              u_i = u - (P_i - r) . r' / ((P_i - r) . r'' - r' . r')                 (2, x_i corrected to x_0)
-        ,'                        |n_i|^2 = |P_i - r(u_i)|^2                                             (3)
+        P o,----o P1      |n_i|^2 = |P_i - r(u_i)|^2                               (3)
+        ,'
        r
-                              and the nearest neighbour is the next grid point.
+
+The distance of each neighbour from the curve is measured along the normal through it. One step of
+Newton's iteration for (P_i - r(u)) . r'(u) = 0 from the last u gives u_i. The nearest neighbour is
+the next grid point.
 
 Correction to the paper: where the nearest neighbour is more than half a BLU from the curve in some
-axis, u_i is refined by further steps. Where it stays so far, or u_i lies behind the last u, the curve
-bends away within a BLU. Then no neighbour ahead may be near the curve, and the step is that of the
-enclosing line.
+axis, u_i is refined by further steps. Where it stays so far, or u_i lies behind the last u, the
+curve bends away within a BLU. Then no neighbour ahead may be near the curve, and the step is that
+of the enclosing line.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
 """Reference pulses of a piece in windows in which no axis turns back.
 
-The interpolators of :mod:`cnc.kernels.pulses.enclosing_line` and :mod:`cnc.kernels.pulses.kiritsis` go
-from grid point to grid point. Their windows (:mod:`cnc.kernels.pulses.windows`) also end wherever an
-axis turns. So each axis has one heading in a window, and the position of its end decides whether a
-line is reached inside:
+The interpolators of :mod:`cnc.kernels.pulses.enclosing_line` and :mod:`cnc.kernels.pulses.kiritsis`
+go from grid point to grid point. Their windows (:mod:`cnc.kernels.pulses.windows`) also end
+wherever an axis turns. So each axis has one heading in a window, and the position of its end
+decides whether a line is reached inside:
 
       y ^      ,---o         o   ends of windows: turning points of x and of y, and the ends of
         |    ,'     `.           the range of one polynomial
         |   o         o
-        |  /          |          The rows of a window are written at once. The grid point passes from
-        +---------------> x      one window to the next, at most one BLU from the curve.
+        |  /          |          The rows of a window are written at once. The grid point goes
+        +---------------> x      from one window to the next, at most one BLU from the curve.
 
 A piece may end off the grid: the next piece goes on from the grid point reached. The rows do not
 depend on the place where a piece is cut.

@@ -1,16 +1,22 @@
 """Reference pulses by point-by-point comparison, the baseline of Shu et al. 2019: each move is of
 one axis, so that the grid points are 4-connected.
 
-The method compares on which side of the curve the grid point P is, by the sign of a deviation F, and
-steps towards the curve or along it. That keeps P within a whole BLU only. Moved by half a step the
-method keeps half a BLU, and so it is used for pieces of path:
+The method compares on which side of the curve the grid point P is, by the sign of a deviation F,
+and steps towards the curve or along it. That keeps P within a whole BLU only. Moved by half a step
+the method keeps half a BLU, and so it is used for pieces of path:
 
-        +-----------+           F is taken at the corner C of the cell about P, (x - 1/2, y + 1/2) for an arc that goes left and up. With
-      C o     ,'    |           the corner inside the circle the arc leaves the cell at the top, so y steps; else at the left, so x steps.
+        +-----------+
+      C o     ,'    |
         |    '      |
-        |   :   P   |           In other words, an axis steps where the curve crosses its next half-grid line, whichever comes first. So
-        |   '.      |           the rows are those of :mod:`cnc.kernels.pulses.crossings`, with one axis in each row where the curve
-        +-----'-----+           passes through a corner. Any number of axes may move, on any curve.
+        |   :   P   |
+        |   '.      |
+        +-----'-----+
+
+F is taken at the corner C of the cell about P, (x - 1/2, y + 1/2) for an arc that goes left and up.
+With the corner inside the circle the arc leaves the cell at the top, so y steps; else at the left,
+so x steps. In other words, an axis steps where the curve crosses its next half-grid line, whichever
+comes first. So the rows are those of :mod:`cnc.kernels.pulses.crossings`, with one axis in each row
+where the curve passes through a corner. Any number of axes may move, on any curve.
 
 The method in integers on the line and the circle of the paper is in
 :mod:`cnc.kernels.papers.point_by_point`.

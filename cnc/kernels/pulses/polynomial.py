@@ -20,8 +20,17 @@ is exact to 1e-9 of a step.
 
 @njit
 def interpolate(
-    poly: Floats, row: int, p0: float, p1: float, p2: float, p3: float, q0: float, q1: float, q2: float, q3: float
-) -> None:  # fmt: skip
+    poly: Floats,
+    row: int,
+    p0: float,
+    p1: float,
+    p2: float,
+    p3: float,
+    q0: float,
+    q1: float,
+    q2: float,
+    q3: float,
+) -> None:
     """Write the Hermite interpolant into row ``row`` of ``poly``.
 
     p0 to p3 are the value, the slope, half of the second derivative and a sixth of the third at 0;

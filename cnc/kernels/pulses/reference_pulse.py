@@ -3,26 +3,32 @@
 A row of the buffers is a grid move: the axes that step together, each by one BLU. Rows are made in
 three passes over the buffers:
 
-    piece by piece     axes that step, and path coordinate      one of the generators below, by the kind of piece
-    phase by phase     time of that path coordinate             :mod:`cnc.kernels.pulses.timing`
-    row by row         limits of the board's step rate          :mod:`cnc.kernels.pulses.spacing`
+    piece by piece   axes that step, and path coordinate   a generator, by the kind of piece
+    phase by phase   time of that path coordinate          :mod:`cnc.kernels.pulses.timing`
+    row by row       limits of the board's step rate       :mod:`cnc.kernels.pulses.spacing`
 
-Every generator takes and returns the same as :func:`cnc.kernels.pulses.crossings.crossing_rows`. The
-grid point passes from one to the next.
+Every generator takes and returns the same as :func:`cnc.kernels.pulses.crossings.crossing_rows`.
+The grid point passes from one to the next.
 
-Half steps (lines, arcs) and enclosing lines (curves) write a row where the fastest axis of the path,
-the leader, comes to its next grid line. The others round there and step with it or not:
+Half steps (lines, arcs) and enclosing lines (curves) write a row where the fastest axis of the
+path, the leader, comes to its next grid line. The others round there and step with it or not:
 
-      |     |     |   ,-o         At a row each axis is within half a BLU of the path. Between two rows the leader is up to a BLU behind,
-      |     | ,o--|---|           any other up to a BLU and a half. The steps of the leader are as even as the motion. The steps of
-      o-----|-'---|---|---- x     another axis wait for it. So two of them may be nearer to each other, by one row, than its speed alone gives.
+      |     |     |   ,-o
+      |     | ,o--|---|
+      o-----|-'---|---|---- x
+
+At a row each axis is within half a BLU of the path. Between two rows the leader is up to a BLU
+behind, any other up to a BLU and a half. The steps of the leader are as even as the motion. The
+steps of another axis wait for it. So two of them may be nearer to each other, by one row, than its
+speed alone gives.
 
 Where the path goes on, a piece that ends off the grid leaves the grid point as it is, and the next
-leader takes over. Where the motion rests, a last row rounds the grid point to the end. The rows do not
-depend on the places where a plan is cut.
+leader takes over. Where the motion rests, a last row rounds the grid point to the end. The rows do
+not depend on the places where a plan is cut.
 
-By crossings, and point by point, each axis steps by itself where it is halfway to its next grid point:
-more rows, no axis ever more than half a BLU off, and steps of every axis as even as the motion.
+By crossings, and point by point, each axis steps by itself where it is halfway to its next grid
+point: more rows, no axis ever more than half a BLU off, and steps of every axis as even as the
+motion.
 """
 
 from __future__ import annotations
@@ -66,11 +72,11 @@ STATE = np.dtype(
         ("dt", np.float64),
     ]
 )
-"""State of a chunk. It begins at whole_ns + seconds. The last row is due at last_ns; the last row that
-has left the buffers was due at released_ns. error: largest |grid point - path| so far, BLU.
+"""State of a chunk. It begins at whole_ns + seconds. The last row is due at last_ns; the last row
+that has left the buffers was due at released_ns. error: largest |grid point - path| so far, BLU.
 
-Zero at the start of a chunk: the piece, whether it has been entered, the parameter reached in it, and
-the width of its next window; the phase, and the time reached in it (s).
+Zero at the start of a chunk: the piece, whether it has been entered, the parameter reached in it,
+and the width of its next window; the phase, and the time reached in it (s).
 """
 
 

@@ -1,23 +1,23 @@
 """Sampled interpolation: the position on the path at every period, by predictor and corrector.
 
-s(t) comes from the plan, so the step ds of a period is known, and the u that makes it is sought. Hui,
-Wei and Gao (2013, section 3.2) predict u from the three samples before and correct it by secants until
-the chord fits to a thousandth; :mod:`cnc.kernels.papers.nurbs_lookahead` has that. Here both halves are
-more accurate:
+s(t) comes from the plan, so the step ds of a period is known, and the u that makes it is sought.
+Hui, Wei and Gao (2013, section 3.2) predict u from the three samples before and correct it by
+secants until the chord fits to a thousandth; :mod:`cnc.kernels.papers.nurbs_lookahead` has that.
+Here both halves are more accurate:
 
-    predictor      u~ = u(s), the table of the piece: to its accuracy at once, however uneven the steps
-    corrector      u = u~ + (ds - L(u_i, u~)) / |r'(u~)| until the rest is rounding; one round as a rule
+    predictor   u~ = u(s), the table of the piece: as accurate as it, however uneven the steps
+    corrector   u = u~ + (ds - L(u_i, u~)) / |r'(u~)| until the rest is rounding; usually one round
 
-L is the arc length from u_i to u~ by a short Gauss quadrature, not the chord (equation 4): chords are
-shorter than arcs, so steps of chords gain a little on s(t) at every bend. Newton's last correction is
-not measured again where its square is rounding. The root stays bracketed, since next to a cusp |r'|
-vanishes.
+L is the arc length from u_i to u~ by a short Gauss quadrature, not the chord (equation 4): chords
+are shorter than arcs, so steps of chords gain a little on s(t) at every bend. Newton's last
+correction is not measured again where its square is rounding. The root stays bracketed, since next
+to a cusp |r'| vanishes.
 
-The step asked for is s(t) less the length made so far. So the rounding of one step is made good by the
-next: there is no drift, and no noise in third differences.
+The step asked for is s(t) less the length made so far. So the rounding of one step is made good by
+the next: there is no drift, and no noise in third differences.
 
-Where u is itself the arc length (lines, arcs) nothing has to be sought, nor on timed pieces, where u
-follows from the clock.
+Where u is itself the arc length (lines, arcs) nothing has to be sought, nor on timed pieces, where
+u follows from the clock.
 """
 
 from __future__ import annotations
@@ -49,11 +49,12 @@ Ints = NDArray[np.int64]
 SNAP = 1e-9
 """mm: a chunk that ends this near to the end of a piece ends with it."""
 TINY = 1e-7
-"""mm: the relative deviation of a shorter step would be the rounding of positions, and counts as 0."""
+"""mm: the relative deviation of a shorter step would be the rounding of positions, and counts as 0.
+"""
 ROUNDING = 2.3e-16
 SETTLED = 1e-16
-"""Relative: the part of a step that a correction leaves, its square times the change of speed along the
-curve.
+"""Relative: the part of a step that a correction leaves, its square times the change of speed along
+the curve.
 """
 
 STATE = np.dtype(
@@ -68,11 +69,11 @@ STATE = np.dtype(
         ("phase", np.int64),
     ]
 )
-"""State of the samples. Kept from chunk to chunk: the path length s at the last sample (mm), and the
-length of the polygon from there to the point reached (mm).
+"""State of the samples. Kept from chunk to chunk: the path length s at the last sample (mm), and
+the length of the polygon from there to the point reached (mm).
 
-Zero at the start of a chunk: the number of its rows so far, the piece, whether it has been entered, the
-arc length made in it (mm), the parameter of the last sample, and the phase.
+Zero at the start of a chunk: the number of its rows so far, the piece, whether it has been entered,
+the arc length made in it (mm), the parameter of the last sample, and the phase.
 """
 
 
@@ -106,7 +107,7 @@ class Samples(NamedTuple):
 def advance(
     kind: int, data: Floats, at: int, u: float, ds: float, guess: float, upto: float
 ) -> tuple[float, float]:
-    """Return the parameter ds mm of arc length after u, at most ``upto``, and the true arc length."""
+    """Return the parameter ds mm behind u, at most ``upto``, and the true arc length between."""
     low = u
     high = upto
     x = guess if low < guess <= high else 0.5 * (low + high)

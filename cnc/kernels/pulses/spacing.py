@@ -1,17 +1,21 @@
 """Limits of the board's step rate: pulses that are taken back at once, and rows too close together.
 
 A graze is an axis that turns back so soon behind a half-grid line that its two pulses would come
-faster than the board allows. Both pulses are removed. Grazes that rest exactly on the line are common
-in real programs, and the slack of the generators deals with them. Those that reach slightly beyond it
-are rare in one move, but sure to occur among a million.
+faster than the board allows. Both pulses are removed. Grazes that rest exactly on the line are
+common in real programs, and the slack of the generators deals with them. Those that reach slightly
+beyond it are rare in one move, but sure to occur among a million.
 
-Rows of different axes may fall due at almost the same time. Where the board needs more time they are
-joined:
+Rows of different axes may fall due at almost the same time. Where the board needs more time they
+are joined:
 
-      x   |      |      |      |         at the time of the later row: there the curve is within half a BLU of the grid point to which both
-      y     |       |      |    |        lead. Two rows of the same axis come so near only where another axis takes the lead: its steps were
-      row ^ ^    ^  ^      ^   ^         those of the other's rows and are its own from then on. Then the second row waits.
+      x   |      |      |      |
+      y     |       |      |    |
+      row ^ ^    ^  ^      ^   ^
                         one  one
+
+at the time of the later row: there the curve is within half a BLU of the grid point to which both
+lead. Two rows of the same axis come so near only where another axis takes the lead: its steps were
+those of the other's rows and are its own from then on. Then the second row waits.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """Times of path coordinates: the inverse of s(t) in a phase of constant jerk, and time stamps.
 
-Rows are dense: over many of them the speed changes by a few hundredths. About a time t_e with speed v,
-acceleration a and jerk j, s - s_e = v (x + alpha x^2 + beta x^3) with x = t - t_e, alpha = a / 2v and
-beta = j / 6v, so that with y = (s - s_e) / v
+Rows are dense: over many of them the speed changes by a few hundredths. About a time t_e with speed
+v, acceleration a and jerk j, s - s_e = v (x + alpha x^2 + beta x^3) with x = t - t_e, alpha = a /
+2v and beta = j / 6v, so that with y = (s - s_e) / v
 
-    x = y - alpha y^2 + (2 alpha^2 - beta) y^3 + .. ,    c_n = 1/n [x^(n-1)] (1 + alpha x + beta x^2)^-n    (Lagrange's inversion)
+    x = y - alpha y^2 + (2 alpha^2 - beta) y^3 + ..
+    c_n = 1/n [x^(n-1)] (1 + alpha x + beta x^2)^-n    (Lagrange's inversion)
 
 which is cut off after y^7: seven products a row, no root and no quotient. The next term is at most
 2871 kappa^7 y^8 with kappa the larger of |alpha| and sqrt|beta|; that limits the range of a series.

@@ -1,11 +1,11 @@
 """Windows: parts of a piece over which polynomials stand for the curve.
 
-A window is a part [ua, ub] of a piece, x = (u - ua) / (ub - ua). Over it the position of each axis in
-BLU, and the arc length, are polynomials of degree 7: the Hermite interpolants through the values and
-first three derivatives at both ends. They are compared with the curve itself at two points inside,
-and the window is shortened until they agree but for rounding. On a cubic the polynomials of the axes
-are exact. On an arc a window spans about 180 steps, whatever the radius. So a crossing costs a few
-products instead of an evaluation of the curve.
+A window is a part [ua, ub] of a piece, x = (u - ua) / (ub - ua). Over it the position of each axis
+in BLU, and the arc length, are polynomials of degree 7: the Hermite interpolants through the values
+and first three derivatives at both ends. They are compared with the curve itself at two points
+inside, and the window is shortened until they agree but for rounding. On a cubic the polynomials of
+the axes are exact. On an arc a window spans about 180 steps, whatever the radius. So a crossing
+costs a few products instead of an evaluation of the curve.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ may vanish by symmetry.
 SHORTEST = 2.0**-20
 """Part of a piece that is not divided any more."""
 ROUNDING = 1e3
-"""A polynomial whose error is up to so many times the allowed one is accepted where a narrower window
-is hardly better: the error is rounding.
+"""A polynomial whose error is up to so many times the allowed one is accepted where a narrower
+window is hardly better: the error is rounding.
 """
 FEW = 8.0
-"""BLU. Beside a cusp the arc length is no polynomial of u at any scale. There the table gives it, over
-so much of the path.
+"""BLU. Beside a cusp the arc length is no polynomial of u at any scale. There the table gives it,
+over so much of the path.
 """
 
 
@@ -134,7 +134,8 @@ def _fit(piece: Piece, ua: float, ub: float, scale: Floats, window: Window) -> t
     for i in range(n):
         k = scale[i]
         interpolate(
-            poly, i, start[0, i] * k, start[1, i] * k * h, start[2, i] * k * h2, start[3, i] * k * h3,
+            poly, i,
+            start[0, i] * k, start[1, i] * k * h, start[2, i] * k * h2, start[3, i] * k * h3,
             end[0, i] * k, end[1, i] * k * h, end[2, i] * k * h2, end[3, i] * k * h3,
         )  # fmt: skip
     farthest = 0.0

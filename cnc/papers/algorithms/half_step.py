@@ -1,7 +1,8 @@
-"""Half-step deviation (Shu et al. 2019) on the data of the paper: a line from the origin and a circle
-about it, both on the grid.
+"""Half-step deviation (Shu et al. 2019) on the data of the paper: a line from the origin and a
+circle about it, both on the grid.
 
-:mod:`cnc.kernels.pulses.half_step` interpolates lines and arcs of a path anywhere, and this line, too.
+:mod:`cnc.kernels.pulses.half_step` interpolates lines and arcs of a path anywhere, and this line,
+too.
 """
 
 from __future__ import annotations

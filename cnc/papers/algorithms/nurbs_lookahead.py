@@ -1,8 +1,8 @@
 """The sampled NURBS interpolator of Hui, Wei and Gao (TELKOMNIKA 11(5), 2013) on a bare curve, from
 rest to rest.
 
-Programs are planned (:mod:`cnc.planner`) and sampled from the plan (:mod:`cnc.pulses.sampled`). This is
-the method of the paper, for comparison.
+Programs are planned (:mod:`cnc.planner`) and sampled from the plan (:mod:`cnc.pulses.sampled`).
+This is the method of the paper, for comparison.
 """
 
 from __future__ import annotations

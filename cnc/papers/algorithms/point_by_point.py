@@ -1,7 +1,8 @@
-"""Point-by-point comparison, the baseline of Shu et al. 2019, on the data of the paper: a line from the
-origin and a circle about it.
+"""Point-by-point comparison, the baseline of Shu et al. 2019, on the data of the paper: a line from
+the origin and a circle about it.
 
-:mod:`cnc.kernels.pulses.point_by_point` interpolates pieces of a path, within half a BLU instead of one.
+:mod:`cnc.kernels.pulses.point_by_point` interpolates pieces of a path, within half a BLU instead of
+one.
 """
 
 from __future__ import annotations
