@@ -57,11 +57,11 @@ class Reader:
         self, lines: list[str], axes: tuple[str, ...], dialect: str, *, fast: bool
     ) -> None:
         self.text = Text.of_lines(lines, "t")
-        spoken = dialects.load(dialect)
+        rules = dialects.load(dialect)
         start = [0.1 * (index + 1) for index in range(len(axes))]
-        self.interpreter = Interpreter("t", axes, spoken, start, Parameters(), None)
+        self.interpreter = Interpreter("t", axes, rules, start, Parameters(), None)
         self.on_arrays = StraightRuns(self.interpreter) if fast else None
-        self.syntax = Syntax(spoken.flavour)
+        self.syntax = Syntax(rules.flavour)
         self.runs = self.executed = 0
         self.error = ""
 
