@@ -1,8 +1,8 @@
 """Random programs of loops, branches and calls, as O-words and as FANUC's macro B.
 
 A small evaluator computes their moves. A program is a tree of tuples, so the evaluator has nothing
-in common with an interpreter of lines. It uses Python's loops, exceptions to leave them, and Python's
-recursion for calls. Numbers stay small and whole, so that floats are exact.
+in common with an interpreter of lines. It uses Python's loops, exceptions to leave them, and
+Python's recursion for calls. Numbers stay small and whole, so that floats are exact.
 """
 
 from __future__ import annotations
