@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import cnc
 from cnc.api import Callbacks, Control, Outputs, check, load_machine, parse, plan, run
 from cnc.boards.loopback import Loopback
 from cnc.cli import progress
@@ -241,3 +242,14 @@ def test_an_answer_of_the_board_is_used_in_the_run_pass(program):
         report = run(program, board=board)
         assert report.ok
         assert board.position_steps[0] == steps * load_machine(None).axes["x"].steps_per_mm
+
+
+def test_the_package_exports_the_public_names_on_first_use():
+    code = (
+        "import sys, cnc; assert not {'numpy', 'numba', 'pydantic'} & set(sys.modules);"
+        "from cnc import *; import cnc.api;"
+        "assert all(getattr(cnc, name) is getattr(cnc.api, name) for name in cnc.__all__)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    with pytest.raises(AttributeError, match="no attribute 'chek'"):
+        cnc.chek  # noqa: B018

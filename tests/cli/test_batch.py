@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from cnc import cli
 from cnc.api import Control, RunOptions, check, check_many
 from cnc.batch import pool
 from cnc.cli import progress
@@ -86,16 +85,6 @@ def write_folder(folder: Path, count: int, longest: int) -> dict[str, str]:
             name.write_bytes(text)
         wanted[str(name)] = code
     return wanted
-
-
-@pytest.fixture
-def cncrun(capfd):
-    def carry_out(*arguments: str) -> tuple[int, str, str]:
-        code = cli.exit_code(arguments)
-        out, err = capfd.readouterr()
-        return code, out, err
-
-    return carry_out
 
 
 def lasting(reports: str) -> list[dict]:
