@@ -141,7 +141,7 @@ def test_abort_on_a_line_board(program: Path, surface: float | None) -> None:
         else GrblSimulator(environment=Environment(surface=((0.0, 0.0, 1.0), surface)))
     )
     port = GrblSimulatorPort(box)
-    board = GrblBoard(port, GRBL, port.clock, "the box")
+    board = GrblBoard(port, GRBL, port.clock, "the simulator")
     board.connect()
     report: Report = run(written(program, PROBED.format(0)), GRBL, board=board)
     board.close()

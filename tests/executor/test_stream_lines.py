@@ -33,7 +33,7 @@ def ran(box: GrblSimulator, tmp_path: Path, text: str, **arguments: object) -> R
     program = tmp_path / "p.nc"
     program.write_text(text)
     port = GrblSimulatorPort(box)
-    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
     board.connect()
     report = run_with(program, MACHINE, board=board, **arguments)
     board.close()
@@ -167,7 +167,7 @@ def test_check_on_the_board_moves_nothing(box: GrblSimulator, tmp_path: Path) ->
     program = tmp_path / "p.nc"
     program.write_text("G1 X10 F600\nG2 X20 I5\nM2\n")
     port = GrblSimulatorPort(box)
-    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
     board.connect()
     board.check_only = True
     assert run(program, MACHINE, board=board).ok

@@ -200,7 +200,7 @@ def test_the_checkpoint_of_a_grbl_board_is_the_line_in_motion(program: Path) -> 
     """The last line that the board has taken may be a planner buffer ahead."""
     box, control = GrblSimulator(), Control()
     port = GrblSimulatorPort(box)
-    board = GrblBoard(port, load_machine("grbl-uno"), port.clock, "the box")
+    board = GrblBoard(port, load_machine("grbl-uno"), port.clock, "the simulator")
     board.connect()
 
     def on_sent(sent: Progress) -> None:

@@ -52,7 +52,7 @@ def tool(box: GrblSimulator) -> tuple[float, ...]:
 def ran(box: GrblSimulator, program: Path, **arguments: object) -> Report:
     """Run a program on a port that keeps DTR high, as the serial port does."""
     port = GrblSimulatorPort(box, hang_up=False)
-    board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
     board.connect()
     try:
         return run_with(program, MACHINE, board=board, **arguments)
@@ -168,7 +168,7 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
 def test_a_board_without_a_record_is_accepted(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
-    kept = LastPosition.read("the box")
+    kept = LastPosition.read("the simulator")
     assert kept is not None
     assert (kept.position, kept.ended, kept.lost) == ({"x": 4.0, "y": 3.0, "z": -1.0}, "end", False)
 
@@ -201,9 +201,9 @@ def test_a_difference_below_one_step_is_accepted(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     step = 1.0 / 250.0
-    LastPosition("the box", {"x": 4.0 + step, "y": 3.0, "z": -1.0}, "end").write()
+    LastPosition("the simulator", {"x": 4.0 + step, "y": 3.0, "z": -1.0}, "end").write()
     assert ran(box, program).ok
-    LastPosition("the box", {"x": 4.0, "y": 3.0 - 2.1 * step, "z": -1.0}, "end").write()
+    LastPosition("the simulator", {"x": 4.0, "y": 3.0 - 2.1 * step, "z": -1.0}, "end").write()
     assert "Y2.992" in refused(ran(box, program))
 
 
@@ -234,7 +234,7 @@ def test_homing_restores_the_position(program: Path, tmp_path: Path) -> None:
 
     def go(name: Path, **arguments: object) -> Report:
         port = GrblSimulatorPort(box, hang_up=False)
-        board = GrblBoard(port, machine, port.clock, "the box", identity="the box")
+        board = GrblBoard(port, machine, port.clock, "the simulator", identity="the simulator")
         board.connect()
         try:
             return run_with(name, machine, board=board, dialect="grbl", **arguments)
@@ -257,7 +257,7 @@ def home_alone(
     box: GrblSimulator, *axes: str, control: Control | None = None
 ) -> dict[str, float | None]:
     port = GrblSimulatorPort(box, hang_up=False)
-    board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
     board.connect()
     try:
         return home(MACHINE, axes, board=board, control=control)
@@ -269,7 +269,7 @@ def test_cncrun_home_homes_a_grbl_board() -> None:
     box = GrblSimulator(settings=SWITCHES)
     for _ in range(2):
         assert home_alone(box) == {"x": -1.0, "y": -1.0, "z": -1.0}
-        kept = LastPosition.read("the box")
+        kept = LastPosition.read("the simulator")
         assert kept is not None and (kept.position, kept.lost) == (
             {"x": -1.0, "y": -1.0, "z": -1.0},
             False,
@@ -288,7 +288,7 @@ def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
     with pytest.raises(BoardError) as caught:
         home_alone(box)
     assert caught.value.diagnostic.code == "board-alarm"
-    kept = LastPosition.read("the box")
+    kept = LastPosition.read("the simulator")
     assert kept is not None and kept.lost
     stopped = GrblSimulator(settings=SWITCHES)
     control = Control()
@@ -328,7 +328,7 @@ def test_a_run_without_a_final_report_leaves_a_lost_position(program: Path, code
 
     report = ran(box, program, callbacks=Callbacks(on_sent=on_sent))
     assert [fault.diagnostic.code for fault in report.faults] == [code]
-    kept = LastPosition.read("the box")
+    kept = LastPosition.read("the simulator")
     assert kept is not None and kept.lost and kept.ended == code
     assert kept.position["x"] > 8.0
     assert f"ended ({code}) at X" in refused(ran(box, program))
@@ -340,7 +340,7 @@ def test_after_a_fault_that_leaves_the_position_known_the_next_run_begins(progra
     box.inject(Error(20), line=14)
     report = ran(box, program)
     assert [fault.diagnostic.code for fault in report.faults] == ["board-error"]
-    kept = LastPosition.read("the box")
+    kept = LastPosition.read("the simulator")
     assert kept is not None and (kept.ended, kept.lost) == ("board-error", False)
     assert ran(box, program).ok
 
@@ -350,7 +350,7 @@ def test_the_checkpoint_is_used_if_the_run_has_no_recorded_end(program: Path) ->
     box, control = GrblSimulator(settings=FAST), Control()
     first = ran(box, program, control=control, callbacks=stopping(control, 10.0))
     assert first.resume_line == 5
-    kept = LastPosition.read("the box")
+    kept = LastPosition.read("the simulator")
     assert kept is not None and kept.ended == "stopped"
     for file in last_position.folder().iterdir():
         file.unlink()
@@ -358,22 +358,22 @@ def test_the_checkpoint_is_used_if_the_run_has_no_recorded_end(program: Path) ->
     assert "was stopped at X1" in refused(ran(box, program, from_line=5))
     for file in last_position.folder().iterdir():
         file.unlink()
-    LastPosition("the box", {"x": 0.0, "y": 0.0, "z": 0.0}).write()
+    LastPosition("the simulator", {"x": 0.0, "y": 0.0, "z": 0.0}).write()
     assert "was stopped at X1" in refused(ran(box, program, from_line=5))
 
 
 def test_a_check_on_the_board_ignores_and_keeps_the_record(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
-    kept = LastPosition.read("the box")
+    kept = LastPosition.read("the simulator")
     box.power_up()
     port = GrblSimulatorPort(box, hang_up=False)
-    board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
     board.connect()
     board.check_only = True
     assert run(program, MACHINE, board=board).ok
     board.close()
-    assert LastPosition.read("the box") == kept
+    assert LastPosition.read("the simulator") == kept
     refused(ran(box, program))
 
 
@@ -395,7 +395,7 @@ def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_ru
     blocked.touch()
     monkeypatch.setenv("XDG_STATE_HOME", str(blocked))
     assert ran(GrblSimulator(settings=FAST), program).ok
-    assert LastPosition.read("the box") is None
+    assert LastPosition.read("the simulator") is None
 
 
 def test_the_folder_of_positions(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -51,7 +51,7 @@ class Operated:
     def run(self, program: Path) -> None:
         box = GrblSimulator(settings=settings_of(ROUTER) | self.settings)
         port = GrblSimulatorPort(box)
-        board = GrblBoard(port, ROUTER, port.clock, "the box")
+        board = GrblBoard(port, ROUTER, port.clock, "the simulator")
         board.connect()
         control, held_at, held, reports = Control(self.feed), 0.0, 0.0, 0
 

@@ -125,11 +125,11 @@ def _home(core: Core) -> Answer:
     return 0
 
 
-def _restore(core: Core, what: str) -> Answer:
+def _restore(core: Core, part: str) -> Answer:
     """``$RST=``, which ends with a reset."""
-    if what not in ("$", "#", "*"):
+    if part not in ("$", "#", "*"):
         return 3
-    yield from write_eeprom(core, lambda: core.eeprom.restore(what))
+    yield from write_eeprom(core, lambda: core.eeprom.restore(part))
     core.say("[MSG:Restoring defaults]")
     core.flags.reset = True
     return 0

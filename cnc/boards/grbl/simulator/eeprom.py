@@ -80,15 +80,15 @@ class Eeprom:
         before, self.build_info = self.build_info, text
         return _changed(_text(before), _text(text))
 
-    def restore(self, what: str) -> int:
+    def restore(self, part: str) -> int:
         """Restore ``$`` settings, ``#`` coordinates or ``*`` all; return the bytes written."""
         written = 0
-        if what in "$*":
+        if part in "$*":
             before, self.settings = self.settings, dict(self._defaults)
             written += _changed(_numbers(before), _numbers(self.settings))
-        if what in "#*":
+        if part in "#*":
             written += sum(self.store(name, ORIGIN) for name in SYSTEMS)
-        if what == "*":
+        if part == "*":
             written += sum(
                 self.store_startup(index, "") for index in range(STARTUP_LINES)
             ) + self.store_build_info("")

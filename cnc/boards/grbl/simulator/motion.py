@@ -188,7 +188,7 @@ def _arc(core: Core, line: CheckedLine) -> Program:
 def _go_home(core: Core, line: CheckedLine) -> Program:
     """Carry out G28 or G30: move to the stored position.
 
-    With axis words, move to these first; only the named axes go on to the stored position.
+    With axis words, move to these first; then only the named axes move to the stored position.
     """
     stored = core.eeprom.systems[line.action]
     if line.axes:

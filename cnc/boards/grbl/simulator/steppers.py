@@ -1,6 +1,6 @@
 r"""The steppers: the running block over time, in closed form.
 
-v ^        ______           at most three phases of constant acceleration, computed anew from the
+v ^        ______           at most three phases of constant acceleration, computed again from the
 |       /      \          present motion whenever the plan, an override or a hold changes the rest;
 |      /        \___      a hold brakes with the block's acceleration, across as many blocks as it
 |_____/________________> t      takes
