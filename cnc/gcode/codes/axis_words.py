@@ -230,7 +230,7 @@ class AxisWords:
         if state.feed_mode == "per-revolution":
             rate *= self.spindle_rpm(end, at) / 60.0
             if rate < MIN_FEED:
-                raise fault("feed-too-slow", "the feed is next to nothing", at)
+                raise fault("feed-too-slow", f"the feed is less than {MIN_FEED:g} mm/s", at)
         return rate
 
     def straight_feed(self, end: list[float], feed: Feed) -> float:
@@ -257,7 +257,9 @@ class AxisWords:
         # A move of length 0 takes no time at any feed.
         rate = per_second(word.number * (length or 1.0))
         if length and rate < MIN_FEED:
-            raise fault("feed-too-slow", f"{word.written}: the feed is next to nothing", word)
+            raise fault(
+                "feed-too-slow", f"{word.written}: the feed is less than {MIN_FEED:g} mm/s", word
+            )
         return rate
 
     def spindle_rpm(self, end: list[float], at: Word) -> float:

@@ -28,7 +28,8 @@ _ARC_WORDS = frozenset("IJKR")
 _CURVES = (G.G5, G.G5_1, G.G5_2, G.G6_2, G.BSPLINE)
 _TAKES_AXES = (G.G10, G.G28, G.G30, G.G52, G.G92)
 """Non-modal codes that take the axis words of their line."""
-_TRAVERSE = G.G0
+# A look-up of a member in its class takes time in each line.
+_TRAVERSE, _FEED, _CANCEL = G.G0, G.G1, G.G80
 _STRAIGHT = (G.G0, G.G1)
 _ARCS = (G.G2, G.G3)
 
@@ -132,7 +133,7 @@ class Motion(AxisWords):
                     and taker.number in (G.G28, G.G30)
                     and self._dialect.home_beside_motion
                 )
-                if code.number != G.G80 and not beside:
+                if code.number != _CANCEL and not beside:
                     raise fault(
                         "axis-words-wanted-twice",
                         f"both {taker.word.written} and {code.word.written} take axis words",
@@ -190,8 +191,8 @@ class Motion(AxisWords):
                     special.word,
                     "such as G53 G0 Z0",
                 )
-        self._state.motion = None if code.number == G.G80 else code.g
-        if code.number == G.G80:
+        self._state.motion = None if code.number == _CANCEL else code.g
+        if code.number == _CANCEL:
             if has_axis:
                 word = words.first_axis()
                 raise fault(
@@ -237,9 +238,9 @@ class Motion(AxisWords):
         if motion is None:
             return
         code = explicit.word if explicit else None
-        if motion == G.G0:
+        if motion is _TRAVERSE:
             self.traverse(self.target(words, "G0", self.position, machine=self._machine_words))
-        elif motion == G.G1:
+        elif motion is _FEED:
             at = code or words.first_axis()
             end = self.target(words, "G1", self.position, machine=self._machine_words)
             self.feed_to(end, self.feed(words, end, self.distance(end), at))

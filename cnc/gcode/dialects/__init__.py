@@ -13,7 +13,7 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Any, Literal
 
-from cnc.gcode.syntax.code_numbers import G, M
+from cnc.gcode.syntax.code_numbers import G_OF_TENTHS, M_OF_NUMBER, G, M
 from cnc.gcode.syntax.parser import Flavour
 from cnc.gcode.syntax.words import Word, fault
 from cnc.model.blocks import PathControl
@@ -114,8 +114,8 @@ class Dialect:
             GcodeError: The dialect does not have it.
         """
         tenths = word.tenths
-        if tenths in self.g:
-            return G(tenths)
+        if tenths is not None and tenths in self.g:
+            return G_OF_TENTHS[tenths]
         raise _refused(word, self, "g", math.nan if tenths is None else tenths / 10)
 
     def check_m(self, word: Word) -> M:
@@ -125,8 +125,8 @@ class Dialect:
             GcodeError: The dialect does not have it.
         """
         number = word.whole
-        if number in self.m and "-" not in word.written:
-            return M(number)
+        if number is not None and number in self.m and "-" not in word.written:
+            return M_OF_NUMBER[number]
         raise _refused(word, self, "m", word.number)
 
 

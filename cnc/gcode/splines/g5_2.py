@@ -167,6 +167,8 @@ class NurbsBlock(PointCollector):
             length = curves.length(knots, np.array(self.points), np.array(self.weights))
             feed = self._unit_feed * (length or 1.0)
             if feed < MIN_FEED:
-                raise self.start.fault("feed-too-slow", "the feed of this curve is next to nothing")
+                raise self.start.fault(
+                    "feed-too-slow", f"the feed of this curve is less than {MIN_FEED:g} mm/s"
+                )
         self._state.motion = None
         self.make(knots, feed)

@@ -92,7 +92,7 @@ Codes = dict[str, Code]
 """The codes of a line by modal group."""
 
 
-_CALLS = (M.M98, M.M99)
+_CALLS, _MACRO_CALL = (M.M98, M.M99), G.G65
 """Codes that the flow of control takes out of a line before it is executed."""
 
 
@@ -105,7 +105,7 @@ def codes_of(g: list[Word], m: list[Word], dialect: Dialect) -> Codes:
     found: Codes = {}
     for word in g:
         number = dialect.check_g(word) if word.letter == "G" else G.BSPLINE
-        if number == G.G65:
+        if number is _MACRO_CALL:
             raise _call_left(word)
         _add(found, GROUP_OF_G[number], Code(number, word))
     for word in m:

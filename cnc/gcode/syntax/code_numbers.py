@@ -146,3 +146,8 @@ class M(IntEnum):
     M73 = 73
     M98 = 98
     M99 = 99
+
+
+# Look-ups in these are faster than calls of the classes.
+G_OF_TENTHS = {code.value: code for code in G}
+M_OF_NUMBER = {code.value: code for code in M}
