@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import logging
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +16,8 @@ from cnc.model.operator_control import Control
 
 if TYPE_CHECKING:
     from cnc.report.result import Report
+
+log = logging.getLogger(__name__)
 
 SUFFIXES = (".nc", ".ngc", ".gcode", ".gc", ".cnc", ".tap", ".mpf")
 """Suffixes of programs in a folder."""
@@ -66,6 +69,9 @@ def check_listed(
         )
         for report in found:
             reports.append(report)
+            log.info("%s", one_line(report))
+            for finding in report.findings:
+                log.info("%s: %s", finding.severity, finding.render())
             for warning in report.warnings:
                 display.warn(warning)
             if not quiet:

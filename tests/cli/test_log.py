@@ -207,6 +207,13 @@ def test_an_internal_error_has_its_traceback_in_the_log(
     assert in_order(log.read_text(), "CRITICAL", "Traceback", "RuntimeError: oh")
 
 
+def test_findings_of_many_programs_are_in_the_log(program: Path, tmp_path: Path) -> None:
+    (tmp_path / "bad.nc").write_text("G1 X5\n")
+    log = tmp_path / "run.log"
+    assert cli.exit_code(["check", str(tmp_path), "--quiet", "--jobs", "1", "--log", str(log)]) == 1
+    assert in_order(log.read_text(), r"bad\.nc", "error: .*bad.nc:1:.* feed-missing", r"p\.nc")
+
+
 @pytest.mark.parametrize(
     "command",
     [
