@@ -1,9 +1,8 @@
-"""Grid moves to segments and back: bytes a move, moves a second, farthest from its time.
+"""Benchmark of segments: bytes per move, moves per second, largest deviation from the time.
 
 python -m benchmarks.segments [PULSES.npz ...]
 
-Without files: lines, circles, and moves without any order. Files are those that ``cncrun --pulses``
-writes.
+Without files it uses lines, circles and random moves. Files are those of ``cncrun --pulses``.
 """
 
 from __future__ import annotations
@@ -85,8 +84,10 @@ def measure(name: str, times: Times, step: Steps) -> None:
     off = np.abs(np.concatenate([at for at, _ in parts]) - times).max()
     segments = sum(1 for _ in split(data))
     print(
-        f"{name:34} {len(step):9} moves  {len(data) / len(step):6.3f} bytes a move  {len(step) / segments:6.1f} moves a segment  "
-        f"encoded {len(step) / encoding / 1e6:6.1f} M/s  played {len(step) / playing / 1e6:6.1f} M/s  at most {off / 1000:.2f} us off"
+        f"{name:34} {len(step):9} moves  {len(data) / len(step):6.3f} bytes a move  "
+        f"{len(step) / segments:6.1f} moves a segment  "
+        f"encoded {len(step) / encoding / 1e6:6.1f} M/s  "
+        f"played {len(step) / playing / 1e6:6.1f} M/s  at most {off / 1000:.2f} us off"
     )
 
 

@@ -65,7 +65,10 @@ def test_boards_of_other_packages_are_found(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_drivers_are_imported_only_when_used() -> None:
-    code = "import sys; from cnc.boards import registry; registry.board_names(); print('cnc.boards.loopback' in sys.modules)"
+    code = (
+        "import sys; from cnc.boards import registry; registry.board_names(); "
+        "print('cnc.boards.loopback' in sys.modules)"
+    )
     assert (
         subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, check=True

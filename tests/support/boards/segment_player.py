@@ -1,6 +1,4 @@
-"""Segments played by the letter of docs/explanation/segments.md, with Python's whole numbers and nothing of the
-kernels.
-"""
+"""A player of segments by docs/explanation/segments.md, in whole numbers and without kernels."""
 
 from __future__ import annotations
 
