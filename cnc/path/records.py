@@ -20,8 +20,8 @@ from cnc.kernels.path.bspline import (
     MAX_CUTS,
     NEGLIGIBLE,
     NOTICEABLE,
-    RECORD_ROOM,
-    ROOM_PER_AXIS,
+    NUMBERS_PER_AXIS,
+    RECORD_NUMBERS,
     Nurbs,
     nurbs_records,
 )
@@ -251,7 +251,7 @@ def spline_records(
     position = points[0].copy()
     most = max(most, MAX_CUTS + 1)
     data = np.empty(
-        (MAX_CUTS + 1) * (RECORD_ROOM + n * ROOM_PER_AXIS) + 512 * min(most, len(points))
+        (MAX_CUTS + 1) * (RECORD_NUMBERS + n * NUMBERS_PER_AXIS) + 512 * min(most, len(points))
     )
     at = np.empty(most, np.int64)
     length = np.empty(most)

@@ -18,7 +18,6 @@ earlier rows nor on the place where a piece is cut.
 
 from __future__ import annotations
 
-
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import Floats, curve_arclen, curve_eval, curve_range
 from cnc.kernels.pulses.grid_moves import Grid, Moves, Piece, grid_after, slack
