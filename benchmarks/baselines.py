@@ -1,11 +1,10 @@
-"""Two other ways to plan a polygon, to be compared with: what peers do, written anew from what is
-known of them.
+"""Two planners of polygons for comparison, written from published descriptions.
 
-:func:`capped` looks ahead over 50 segments and lets no joint be crossed faster than the peak of a
-segment beside it planned from rest to rest, as LinuxCNC's S-curve planner is said to do.
-:func:`trapezoid` knows no jerk: two passes over the whole path, the time that a planner with
-bounded jerk would like to reach. Both cross bends as fast as the normal acceleration allows, and
-stop at corners.
+:func:`capped` looks ahead over 50 segments. It crosses no joint faster than the peak speed of a
+segment beside it from rest to rest, as LinuxCNC's S-curve planner is reported to do.
+:func:`trapezoid` has unlimited jerk and makes two passes over the whole path: a lower bound for
+planners with limited jerk. Both cross bends as fast as the normal acceleration allows, and stop at
+corners.
 """
 
 from __future__ import annotations
@@ -20,12 +19,12 @@ Floats = NDArray[np.float64]
 
 AHEAD = 50
 CORNER = 0.7
-"""rad; a sharper turn is stopped at."""
+"""rad; the motion stops at a sharper turn."""
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """Speed, acceleration along and across the path, jerk: mm, s. ``jerk`` inf: trapezoids."""
+    """Speed, acceleration along and across the path, and jerk, in mm and s."""
 
     feed: float
     accel: float
@@ -33,17 +32,17 @@ class Bounds:
     jerk: float = inf
 
     def ramp_time(self, change: float) -> float:
-        """From one constant speed to another."""
+        """Return the time from one constant speed to another."""
         if change * self.jerk >= self.accel**2:
             return change / self.accel + self.accel / self.jerk
         return 2.0 * sqrt(change / self.jerk)
 
     def ramp(self, v0: float, v1: float) -> float:
-        """Its length."""
+        """Return the length of a ramp."""
         return 0.5 * (v0 + v1) * self.ramp_time(abs(v1 - v0))
 
     def reach(self, v0: float, length: float, most: float) -> float:
-        """Highest speed up to ``most`` that a length can change ``v0`` to."""
+        """Return the highest speed up to ``most`` that a ramp from ``v0`` reaches in a length."""
         if self.ramp(v0, max(v0, most)) <= length:
             return most
         low, high = v0, most
@@ -54,8 +53,9 @@ class Bounds:
 
 
 def joint_speeds(points: Floats, bounds: Bounds) -> Floats:
-    """Speed at each point from the circle through it and its neighbours; 0 at both ends and at
-    corners.
+    """Return the speed at each point from the circle through it and its neighbours.
+
+    It is 0 at both ends and at corners.
     """
     step = np.diff(points, axis=0)
     length = np.sqrt((step**2).sum(axis=1))
@@ -69,8 +69,9 @@ def joint_speeds(points: Floats, bounds: Bounds) -> Floats:
 
 
 def planned(points: Floats, bounds: Bounds, speeds: Floats) -> float:
-    """Time of a path whose points may be crossed at ``speeds``: backward pass, forward pass, the
-    fastest ramps on every segment.
+    """Return the time of a path whose points may be crossed at ``speeds``.
+
+    A backward and a forward pass lower the speeds; every segment has the fastest ramps.
     """
     length = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1)).tolist()
     v = speeds.tolist()
@@ -95,15 +96,13 @@ def planned(points: Floats, bounds: Bounds, speeds: Floats) -> float:
 
 
 def trapezoid(points: Floats, bounds: Bounds) -> float:
-    """Time with unlimited jerk."""
+    """Return the time with unlimited jerk."""
     free = Bounds(bounds.feed, bounds.accel, bounds.normal)
     return planned(points, free, joint_speeds(points, free))
 
 
 def capped(points: Floats, bounds: Bounds) -> float:
-    """Time of a path whose joints are capped by their segments' peaks, and by a stop within what is
-    known ahead.
-    """
+    """Return the time with speeds limited by the peaks of segments, and by a stop within AHEAD."""
     speeds = joint_speeds(points, bounds)
     length = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
     peak = np.array([bounds.reach(0.0, 0.5 * each, bounds.feed) for each in length])

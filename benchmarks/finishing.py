@@ -1,7 +1,8 @@
-"""A finishing program of any length, as a CAM system posts it: a zig-zag over a smooth surface in
-moves of 0.15 mm.
+"""A finishing program of any length, as a CAM system writes it.
 
-python -m benchmarks.finishing MOVES FILE
+It is a zig-zag over a smooth surface in moves of 0.15 mm.
+
+    python -m benchmarks.finishing MOVES FILE
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ FEED = 25.0
 TOLERANCE = 0.01
 """mm: G64 P."""
 DEPTH_CHANGE = 3.0
-"""mm: how far the surface rises and falls."""
+"""mm: amplitude of the surface."""
 
 
 def machine(*, tangential: bool = True, per_axis: bool = False) -> Machine:
-    """100 steps/mm, 1000 mm/s^2 and 50 000 mm/s^3 along the path, for each axis, or both."""
+    """Return a machine with 1000 mm/s^2 and 50 000 mm/s^3 along the path, per axis, or both."""
     axis = Axis(
         steps_per_mm=100.0,
         max_velocity=100.0,
@@ -48,8 +49,9 @@ def machine(*, tangential: bool = True, per_axis: bool = False) -> Machine:
 
 
 def points(moves: int) -> NDArray[np.float64]:
-    """The ends of the moves and, before them, where the first one begins (moves + 1, 3), mm,
-    rounded to a micrometre.
+    """Return the start of the first move and the ends of all (moves + 1, 3), mm.
+
+    They are rounded to a micrometre.
     """
     number = np.arange(moves + 1)
     row, column = np.divmod(number, MOVES_IN_ROW)
@@ -61,7 +63,7 @@ def points(moves: int) -> NDArray[np.float64]:
 
 
 def lines(moves: int, tolerance: float = TOLERANCE) -> Iterator[str]:
-    """The program, line by line, without line ends; words that did not change are left out."""
+    """Yield the lines of the program; words that do not change are left out."""
     x, y, z = points(1)[0].tolist()
     yield from (
         "G21 G90 G17 G94 G40 G49 G80",

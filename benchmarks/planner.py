@@ -1,15 +1,16 @@
-"""What the planner is measured by: how fast its motions are, whether they are legal, what they
-cost.
+"""Speed, legality and cost of plans.
 
     make bench
     python -m benchmarks.planner [--whole] [--moves N...]
 
-The first table: each motion's best time known, the one wanted, ours; the limit that its traces at 1
-ms and at 0.1 ms use most, which differences of positions show, and how much of it (a plan at 0.1 ms
-is another one: the chord error depends on the period); and, in the same run, the time of two other
-planners (``benchmarks/baselines.py``). The second: CPU time of planning a finishing pass of short
-moves, the fitting of its chains included. ``--whole``: a check of a program of a million moves,
-text to pulses, and the memory that it takes.
+The first table has one motion in each line: its best known time, the wanted one and ours. It shows
+the limit that its traces at 1 ms and at 0.1 ms use most, and the share of it that differences of
+positions use. The plans for the two periods differ, since the chord error depends on the period.
+The last columns are the times of two other planners (``benchmarks/baselines.py``).
+
+The second table has the CPU time of planning a finishing pass of short moves, the fitting of its
+chains included. ``--whole`` checks a program of a million moves, from text to pulses, and measures
+its memory.
 """
 
 from __future__ import annotations
@@ -42,11 +43,11 @@ PERIODS = (1e-3, 1e-4)
 MOVES = (10_000, 100_000, 1_000_000)
 WHOLE = 1_000_000
 RUN = 4096
-"""Moves in one block, as a reader hands them on."""
+"""Moves in one block, as the reader makes them."""
 
 
 def bounds_of(machine: Machine, feed: float) -> Bounds:
-    """One bound of each kind, as planners that know no axes have."""
+    """Return one bound of each kind, for planners without limits of axes."""
     path, axis = machine.path, next(iter(machine.axes.values()))
     accel = path.max_tangential_acceleration or axis.max_acceleration or 0.0
     return Bounds(
@@ -55,7 +56,7 @@ def bounds_of(machine: Machine, feed: float) -> Bounds:
 
 
 def row(case: Case, folder: Path) -> str:
-    """A line of the first table."""
+    """Return a line of the first table."""
     found = [examine(case.program, with_period(case.machine, period), folder) for period in PERIODS]
     ours = found[0].duration
     feed = float(case.program.split("F", 1)[1].split()[0]) / 60.0
@@ -66,11 +67,12 @@ def row(case: Case, folder: Path) -> str:
         + [wrong for each in found for wrong in each.wrong]
     )
     others = f"{capped(case.points, bounds):9.3f} {trapezoid(case.points, bounds):9.3f}"
-    return f"{case.name:30} {case.best:8.4f} {case.wanted:8.4f} {ours:8.4f} {ours / case.best:6.3f}  {used} {others}  {verdict or 'ok'}"
+    times = f"{case.best:8.4f} {case.wanted:8.4f} {ours:8.4f} {ours / case.best:6.3f}"
+    return f"{case.name:30} {times}  {used} {others}  {verdict or 'ok'}"
 
 
 def blocks_of(moves: int) -> Iterator[Block]:
-    """A finishing pass without its text."""
+    """Yield the blocks of a finishing pass."""
     points = finishing.points(moves)
     yield PathMode("", 1, "blend", finishing.TOLERANCE)
     for first in range(1, len(points), RUN):
@@ -85,7 +87,7 @@ def blocks_of(moves: int) -> Iterator[Block]:
 
 
 def planning(moves: int, machine: Machine) -> tuple[float, float]:
-    """CPU seconds of fitting and planning, and seconds of motion."""
+    """Return the CPU seconds of fitting and planning, and the seconds of motion."""
     blocks = list(blocks_of(moves))
     start = finishing.points(1)[0]
     began, last = process_time(), 0.0
@@ -96,8 +98,10 @@ def planning(moves: int, machine: Machine) -> tuple[float, float]:
 
 
 def whole(moves: int) -> dict[str, float]:
-    """Of a check of a program of so many moves in a process of its own: CPU seconds after start-up,
-    and the most memory in MB.
+    """Check a program of so many moves in a process of its own.
+
+    Returns:
+        CPU seconds after start-up, the largest memory in MB, and figures of the motion.
     """
     command = [sys.executable, "-m", "benchmarks.planner", "--check", str(moves)]
     shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
@@ -106,7 +110,7 @@ def whole(moves: int) -> dict[str, float]:
 
 
 def check_here(moves: int) -> None:
-    """Write the program, check it once short to have everything loaded, then measure."""
+    """Check a short program to load everything, then measure the long one."""
     with tempfile.TemporaryDirectory(prefix="cnc-") as folder:
         program = Path(folder) / "finishing.nc"
         for length in (2000, moves):
@@ -152,7 +156,8 @@ def main() -> None:
         return
     ensure_compiled(None)
     print(
-        f"{'motion, times in s':30} {'best':>8} {'wanted':>8} {'ours':>8} {'/best':>6}  {'most used at 1 ms':>31}  "
+        f"{'motion, times in s':30} {'best':>8} {'wanted':>8} {'ours':>8} {'/best':>6}  "
+        f"{'most used at 1 ms':>31}  "
         f"{'most used at 0.1 ms':>31} {'capped':>9} {'trapezoid':>9}"
     )
     with tempfile.TemporaryDirectory(prefix="cnc-") as folder:
@@ -160,7 +165,8 @@ def main() -> None:
             print(row(case, Path(folder)), flush=True)
     planning(2000, finishing.machine())
     print(
-        f"\n{'planning, fit included':24} {'moves':>9} {'CPU s':>8} {'us/move':>8} {'moves/s':>9} {'motion s':>9}   wanted: 200 000 moves/s"
+        f"\n{'planning, fit included':24} {'moves':>9} {'CPU s':>8} {'us/move':>8} "
+        f"{'moves/s':>9} {'motion s':>9}   wanted: 200 000 moves/s"
     )
     machines = {
         "limits along the path": finishing.machine(),
@@ -170,16 +176,19 @@ def main() -> None:
         for moves in arguments.moves:
             seconds, motion = planning(moves, machine)
             print(
-                f"{name:24} {moves:9d} {seconds:8.3f} {seconds / moves * 1e6:8.2f} {moves / seconds:9.0f} {motion:9.2f}",
+                f"{name:24} {moves:9d} {seconds:8.3f} {seconds / moves * 1e6:8.2f} "
+                f"{moves / seconds:9.0f} {motion:9.2f}",
                 flush=True,
             )
     if arguments.whole:
         took = whole(WHOLE)
         print(
-            f"\ncheck of {WHOLE} moves, text to pulses, after start-up: {took['duration']:.0f} s of motion, {took['steps']:.0f} steps"
+            f"\ncheck of {WHOLE} moves, text to pulses, after start-up: "
+            f"{took['duration']:.0f} s of motion, {took['steps']:.0f} steps"
         )
         print(
-            f"CPU {took['seconds']:.1f} s (wanted: 15), memory {took['megabytes']:.0f} MB (wanted: 500)"
+            f"CPU {took['seconds']:.1f} s (wanted: 15), "
+            f"memory {took['megabytes']:.0f} MB (wanted: 500)"
         )
 
 

@@ -1,14 +1,13 @@
-"""What it costs to send: CPU time of ``cncrun --board grbl --check-on-board`` for each line,
-against a board in the simulator at wire speed.
+"""CPU time of ``cncrun --board grbl --check-on-board`` for each line.
 
-The board is a process of its own behind a pseudo-terminal, in the wall's time: 115200 baud, GRBL's
-buffer, its time a line. What the command costs before its first line is left out: each program is
-run short and long, and the difference counts.
+The board is the GRBL simulator in a process of its own at a pseudo-terminal, in real time: 115200
+baud, with GRBL's buffer and its time for a line. The start-up time of the command is left out: each
+program is run short and long, and the difference counts.
 
     python -m benchmarks.sending [--lines N] [--repeat N]
 
-``prepared``: short chords that the planner passes on as they are. ``jagged``: corners at each of
-which the plan stops, in which arcs are looked for in vain.
+``prepared``: short chords that the planner passes on unchanged. ``jagged``: corners at which the
+plan stops, with a search for arcs that finds none.
 """
 
 from __future__ import annotations
@@ -29,20 +28,21 @@ SHORT = 200
 
 
 def prepared(count: int) -> Iterator[str]:
-    """Chords of some tenths of a millimetre along a wavy way."""
+    """Yield chords of some tenths of a millimetre along a wavy path."""
     for k in range(count):
-        yield f"X{20 + 15 * math.cos(0.02 * k):.3f} Y{20 + 15 * math.sin(0.023 * k):.3f} Z{-2 + math.sin(0.05 * k):.3f}"
+        x, y = 20 + 15 * math.cos(0.02 * k), 20 + 15 * math.sin(0.023 * k)
+        yield f"X{x:.3f} Y{y:.3f} Z{-2 + math.sin(0.05 * k):.3f}"
 
 
 def jagged(count: int) -> Iterator[str]:
-    """Places that have nothing to do with each other."""
+    """Yield random points."""
     rng = random.Random(1)
     for _ in range(count):
         yield f"X{rng.uniform(0, 40):.3f} Y{rng.uniform(0, 40):.3f} Z{rng.uniform(-4, 0):.3f}"
 
 
-def sent(program: Path) -> tuple[float, int]:
-    """CPU seconds of a run, and lines that came to the board."""
+def cost(program: Path) -> tuple[float, int]:
+    """Return the CPU seconds of a run, and the number of lines that were sent."""
     with tempfile.TemporaryDirectory() as folder:
         lines = Path(folder) / "lines.nc"
         board = subprocess.Popen(
@@ -78,7 +78,7 @@ def sent(program: Path) -> tuple[float, int]:
 
 
 def main() -> None:
-    """Print CPU time a line, and the part of a core that it makes at the wire's rate."""
+    """Print the CPU time of a line, and the load of a core at the rate of the wire."""
     options = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -96,11 +96,12 @@ def main() -> None:
                     path.write_text(
                         "G21 G90 G94\nG1 F1500\n" + "\n".join(program(count)) + "\nM2\n"
                     )
-                    costs.append(sent(path))
+                    costs.append(cost(path))
                 (little, few), (much, many) = costs
                 best = min(best, (much - little) / (many - few))
             print(
-                f"{name:10} {best * 1e3:.3f} ms a line, {best * WIRE:.1%} of a core at {WIRE:.0f} lines/s",
+                f"{name:10} {best * 1e3:.3f} ms a line, "
+                f"{best * WIRE:.1%} of a core at {WIRE:.0f} lines/s",
                 flush=True,
             )
 

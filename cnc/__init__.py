@@ -8,6 +8,8 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, Any
 
+from cnc.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from cnc.api import (
         Block,
@@ -28,8 +30,6 @@ if TYPE_CHECKING:
         plan,
         run,
     )
-
-__version__ = "0.2.0"
 
 __all__ = [
     "Block",

@@ -21,11 +21,11 @@ from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
-from cnc import __version__
 from cnc.batch.task import Task
 from cnc.model.diagnostics import BoardError, CncError, Diagnostic, UsageError
 from cnc.report.result import Report
 from cnc.session.source import InlineProgram, display_name, readable_file
+from cnc.version import __version__
 
 TIMEOUT = 10.0
 """Seconds within which a scheduler must answer."""

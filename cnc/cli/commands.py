@@ -12,7 +12,6 @@ from typing import Annotated, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
-from cnc import __version__
 from cnc.cli.checking import check_listed, check_one, find_programs
 from cnc.cli.exit_status import EXIT_PIPE, end, fail, internal_error, show, usage, write_summary
 from cnc.cli.keyboard import Keyboard
@@ -35,11 +34,13 @@ from cnc.cli.progress import ProgressDisplay
 from cnc.model.choices import DialectName, Pauses
 from cnc.model.diagnostics import EXIT_STOPPED, CncError, Diagnostic, Severity, UsageError
 from cnc.model.operator_control import Control, HomingStopped
+from cnc.version import __version__
 
 app = App(
     name="cncrun",
     help="Run G-code: read it, plan jerk-limited motion over its true curves, and send the pulses "
     "to a board.",
+    help_format="plaintext",  # Markdown would double the time of --help.
     version=__version__,
     result_action="return_value",
     suppress_keyboard_interrupt=False,
@@ -55,7 +56,7 @@ def run(
     program: ProgramOption,
     /,
     *,
-    dry_run: Annotated[bool, option("Only check, as `cncrun check` does.")] = False,
+    dry_run: Annotated[bool, option("Only check, as cncrun check does.")] = False,
     on_board: BoardOptions = BOARD,
     common: CommonOptions = COMMON,
 ) -> int:
@@ -275,7 +276,7 @@ def home(
             on_axis=None if terminal.quiet else lambda axis: print(axis.description, flush=True),
         )
     if not terminal.quiet:
-        from cnc.report.summary import position
+        from cnc.report.number_format import position
 
         known = {axis.upper(): value for axis, value in positions.items() if value is not None}
         print("the machine stands at", *(f"{axis}{position(at)}" for axis, at in known.items()))

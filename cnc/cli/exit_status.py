@@ -105,7 +105,7 @@ def _print_error(text: str) -> None:
 
 
 def _stop_message(report: Report) -> str:
-    from cnc.report.summary import position
+    from cnc.report.number_format import position
 
     if report.board is None or not report.stopped_at_line:
         return "stopped by the operator; nothing has moved"

@@ -13,8 +13,8 @@ import logging
 import platform
 import sys
 
-from cnc import __version__
 from cnc.model.diagnostics import Diagnostic, UsageError
+from cnc.version import __version__
 
 FORMAT = "%(asctime)s.%(msecs)03d %(levelname)-7s %(name)s: %(message)s"
 TIME_FORMAT = "%Y-%m-%d %H:%M:%S"

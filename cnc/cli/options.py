@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Literal, TextIO
 
 from cyclopts import Parameter, validators
 
-from cnc.checks.selection import Selection
 from cnc.cli.log_output import open_log
 from cnc.model.choices import Algorithm, DialectName, Interpolator
 from cnc.model.diagnostics import Diagnostic, UsageError
@@ -198,7 +197,7 @@ class BoardOptions:
         bool,
         option("Do not ask; without a terminal, skip the pauses for the operator (M0, M6)."),
     ] = False
-    home: Annotated[bool, option("Home the machine before the program, as `cncrun home` does.")] = (
+    home: Annotated[bool, option("Home the machine before the program, as cncrun home does.")] = (
         False
     )
     trust_position: Annotated[
@@ -254,6 +253,8 @@ class CheckOptions:
 
     def run_options(self, common: CommonOptions, *, picture: str | None = None) -> RunOptions:
         """Return the options of a check."""
+        from cnc.checks.selection import Selection
+
         return common.run_options(
             selection=Selection(frozenset(_split(self.select)), frozenset(_split(self.ignore))),
             portable=tuple(_split(self.portable)),

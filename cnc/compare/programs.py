@@ -12,8 +12,8 @@ from cnc.compare.match import SAME
 from cnc.compare.track import Recorder, Track
 from cnc.machine.models import Machine
 from cnc.model.choices import DialectName
+from cnc.report.number_format import clock, number, position
 from cnc.report.result import Report
-from cnc.report.summary import clock, number, position
 from cnc.session.observer import Callbacks
 from cnc.session.options import RunOptions
 from cnc.session.program_reader import start_position

@@ -76,22 +76,26 @@ class CommandLines:
                 yield from self._spindle_commands(block)
             case Coolant():
                 yield from self._coolant_commands(block)
-            case Tool(number=tool, change=True):
-                if self._spindle != "off":
-                    self._spindle = "off"
-                    yield "M5", REST
-                yield f"M0 (MSG, put in tool {tool}, then resume)", REST
-            case Stop(optional=True):
-                yield "M1", REST
-            case Stop(pallet=pallet):
-                yield "M0 (MSG, change the pallet, then resume)" if pallet else "M0", REST
-            case End():
-                self._spindle, self._coolant = "off", (False, False)
-                yield "M2", REST
+            case Tool(change=True) | Stop() | End():
+                yield from self._pause_commands(block)
             case SpindleSync(pitch=0.0) | Abort() | Tool() | Overrides() | PathMode() | Held():
                 return
             case _:
                 raise _unsupported(block)
+
+    def _pause_commands(self, block: Tool | Stop | End) -> Iterator[Command]:
+        if isinstance(block, End):
+            self._spindle, self._coolant = "off", (False, False)
+            yield "M2", REST
+        elif isinstance(block, Tool):
+            if self._spindle != "off":
+                self._spindle = "off"
+                yield "M5", REST
+            yield f"M0 (MSG, put in tool {block.number}, then resume)", REST
+        elif block.optional:
+            yield "M1", REST
+        else:
+            yield "M0 (MSG, change the pallet, then resume)" if block.pallet else "M0", REST
 
     def _spindle_commands(self, block: Spindle) -> Iterator[Command]:
         if block.surface_speed:

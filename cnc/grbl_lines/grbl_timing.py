@@ -6,11 +6,11 @@ many as it holds (15 on an Uno). At a junction of two blocks it moves as fast as
 touches both and is ``$11`` away from the corner (Jeon, "Improving Grbl: Cornering Algorithm", 2011;
 gnea/grbl wiki, "Grbl v1.1 Configuration", $11):
 
-       v |   ,----.                      v_j^2 = a $11 sin(theta/2) / (1 - sin(theta/2)),   theta: the angle between the two, pi if straight
-         |  /      \   ,--.
-         | /        `-'    \             backward: v_k^2 <= v_(k+1)^2 + 2 a d, and rest after the last block that is known
-         |/                 \            forward:  v_(k+1)^2 <= v_k^2 + 2 a d
-         +-------------------+---- t     between:  up to the feed, with the acceleration a that the axes allow in that direction
+    v |   ,----.               v_j^2 = a $11 sin(theta/2) / (1 - sin(theta/2)),
+      |  /      \   ,--.              theta: the angle between the two, pi if straight
+      | /        `-'    \      backward: v_k^2 <= v_(k+1)^2 + 2 a d, rest after the last block
+      |/                 \     forward:  v_(k+1)^2 <= v_k^2 + 2 a d
+      +-------------------+ t  between:  up to the feed, with the acceleration a of the axes
 
 Both passes are sums and minima of whole arrays. The backward pass takes as many steps as blocks are
 known ahead. The forward pass, with S the sum of 2 a d so far, is v_k^2 = S_k + min over j <= k of
@@ -78,9 +78,7 @@ class BoardTime:
 
     @property
     def seconds(self) -> float:
-        """Time of all lines at 100 %, until the board rests after the last; valid after
-        :meth:`end`.
-        """
+        """Time of all lines at 100 %, until the board rests; valid after :meth:`end`."""
         return float(self._total[FEEDS.index(1.0)])
 
     def end(self) -> None:

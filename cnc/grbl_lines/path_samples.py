@@ -1,8 +1,12 @@
 r"""Dense samples of the path of a plan, with speed, feed and source line of each interval.
 
-                     cut            cut      Lines must meet exactly at a cut: at corners, at rests, between traverse and feed,
-    ...o..o..o..o..o..O-------------O~~~     where the programmed feed changes, and at both ends of a programmed arc, which is one
-            curve         arc                interval whatever its length. All other points may be passed within the tolerance.
+                     cut            cut
+    ...o..o..o..o..o..O-------------O~~~
+            curve         arc
+
+Lines must meet exactly at a cut: at corners, at rests, between traverse and feed, where the
+programmed feed changes, and at both ends of a programmed arc, which is one interval whatever its
+length. All other points may be passed within the tolerance.
 
 Curves are sampled so densely that chords between the points deviate by a small part of the
 tolerance. The planned speed of an interval is the highest speed of the plan there.
@@ -278,7 +282,8 @@ class PathSampler:
             moves = np.flatnonzero(path.data[at] != path.data[at + n])
             if len(moves):
                 line = int(path.line[run][moves[0]])
-                message = f"a GRBL board moves X, Y and Z only; this line moves {path.axes[column].upper()}"
+                axis = path.axes[column].upper()
+                message = f"a GRBL board moves X, Y and Z only; this line moves {axis}"
                 raise GcodeError(
                     Diagnostic(
                         "axis-not-on-board",

@@ -3,10 +3,10 @@ r"""The path of a program for a board with a planner of its own.
 Such a board rounds corners by itself (GRBL by its junction deviation $11), and its lines may
 deviate by the tolerance. Therefore:
 
-    runs of short moves     become a smooth curve within SMOOTHING of the tolerance, under G61 and under G64. A plan that follows
-                            the chords of a CAM program exactly would have to slow down at each of them
-    longer moves, corners   stay as they are, and are not rounded
-    exact stop (G61.1)      stays: the motion rests at the end of each move
+- Runs of short moves become a smooth curve within SMOOTHING of the tolerance, under G61 and under
+  G64. A plan that follows the chords of a CAM program exactly would slow down at each of them.
+- Longer moves and corners stay as they are, and are not rounded.
+- Exact stop (G61.1) stays: the motion rests at the end of each move.
 
 The rest of the tolerance is used by the Translator.
 """

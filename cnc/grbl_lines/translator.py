@@ -2,8 +2,8 @@ r"""Translation of a plan into lines of G-code for a GRBL 1.1 board.
 
 Arcs stay arcs. All other motion becomes lines and arcs within a tolerance.
 
-    PlanChunk ──► PathSampler ──► pending samples ──► fewest lines and arcs between cuts ──► LineWriter ──► GcodeLine
-    Block ──────────────────────► CommandLines ────────────────────────────────────────────────────────►
+    PlanChunk ──► PathSampler ──► samples ──► fit_moves ──► LineWriter ──► GcodeLine
+    Block ──────► CommandLines ───────────────────────────────────────────►
 
 **Coordinates.** The plan is in machine coordinates. GRBL takes these for straight moves only (G53
 holds for one line and not for arcs), so lines are in work coordinates with G54 selected. The

@@ -5,9 +5,9 @@ settings.md, ``$20``; ALARM:2). It reports its offsets with three decimals only,
 half a micrometre from where the line was meant to lead. An arc that is fitted to a path may bulge
 by the tolerance.
 
-         travel ............................................    points in the margin are moved inside, at most by the
-         margin  _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _    width of the margin; no arc turns back beyond its middle
-                   path  ________________________
+    travel ..............................    points in the margin are moved inside, at most
+    margin  _ _ _ _ _ _ _ _ _ _ _ _ _ _ _    by the width of the margin; no arc turns back
+              path  ____________________       beyond its middle
 """
 
 from __future__ import annotations

@@ -2,31 +2,13 @@ r"""Moves as the shortest lines that GRBL 1.1 reads correctly.
 
 A modal word stands only where the mode changes, an F word where the feed changes, an axis where it
 moves.
-
-An arc is given by its centre (I J K from the start), never by its radius. GRBL takes the radius
-from the start and turns towards the end as it reads it. It refuses (error:33) radii that differ by
-more than 0.005 mm and 0.1 % (gcode.c). Therefore, for an arc up to half a turn:
-
-              centre         the centre is put on the bisector of the two printed points, so that both radii are equal.
-               /|\           The angle that the board computes from the printed numbers is computed before they are sent. Where
-        start / | \ end      rounding would turn a short arc into a full circle, or the reverse, chords are sent instead.
-
-GRBL takes an angle below 5e-7 rad for a full circle (motion_control.c, mc_arc). With 32-bit floats
-the angle between the two ends of a full circle is 0 only within 3e-5 mm / radius, at 300 mm from
-zero: half of the circles of 10 mm would be left out. So a full circle is sent as two halves.
-
-Along the axis across an arc the board adds a part of the climb at each chord and rounds each sum.
-After n chords at height z the error is up to n ulp(z) / 2, until the end point corrects it. So a
-helix of many chords far from zero is sent in several parts.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import replace
 
 from cnc.grbl_lines.moves import Move, PlaneArc, Point
 from cnc.grbl_lines.number_format import (
@@ -36,35 +18,14 @@ from cnc.grbl_lines.number_format import (
     PLANE_COLUMNS,
     PLANE_WORDS,
     feed_word,
-    number,
 )
-from cnc.kernels.grbl_lines.arc_fit import board_chord
+from cnc.grbl_lines.printed_arc import ArcPrinter, Printed
 from cnc.model.line_effects import LineEffect, LineKind
 from cnc.model.streams import GcodeLine
 from cnc.model.units import per_minute, per_second
 
-TURN = 2.0 * math.pi
-SHORTEST_ANGLE = 1e-3
-SHORTEST_ARC = 1e-3
-"""rad, mm. An arc that turns less or is shorter is sent as a line: the board could take it for a
-full circle.
-"""
 LINES_PER_S = 385.0
 """Short lines that GRBL on an AVR takes in a second at any baud rate: it parses and plans each."""
-CHORDS = 0.2
-"""Part of the tolerance for chords that replace a fitted arc where rounded numbers would spoil
-it.
-"""
-COARSE = 0.8
-"""Part of the tolerance that the board's own chords may be from an arc of the program. Beyond it,
-chords are sent instead.
-"""
-DIGITS = 0.02
-"""Part of the tolerance for the effect of rounded numbers on the board's chords."""
-HELIX_SUM, FITTED_HELIX_SUM = 0.5, 0.04
-"""Part of the tolerance that rounding may add up to along a helix of the program, and along one
-that is fitted to a path.
-"""
 BITS_PER_BYTE = 10
 BLOCKS_AHEAD = 15
 """Moves that GRBL's planner holds."""
@@ -75,34 +36,6 @@ MOTION_WORDS = {
     LineKind.CLOCKWISE: "G2",
     LineKind.COUNTERCLOCKWISE: "G3",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Printed:
-    """A point as a line gives it: numbers x, y, z in mm, and their text.
-
-    The text of an axis is None where its position is known only roughly.
-    """
-
-    values: Point
-    texts: tuple[str | None, str | None, str | None]
-
-
-@dataclass(frozen=True, slots=True)
-class _PrintedArc:
-    """An arc as a line gives it, mm and rad.
-
-    end: end point. center, texts: centre from the start along the two axes of the plane, as numbers
-    and as text. radius: from the start. angle: absolute angle that the board computes from these
-    numbers. closed: whether start and end are the same in the plane.
-    """
-
-    end: Printed
-    center: tuple[float, float]
-    texts: tuple[str, str]
-    radius: float
-    angle: float
-    closed: bool
 
 
 class LineWriter:
@@ -119,13 +52,9 @@ class LineWriter:
     def __init__(
         self, offset: Sequence[float], tolerance: float, baud: int, letters: str, chord: float
     ) -> None:
-        self._offset = offset
-        self._chord = chord
-        self._tolerance = tolerance
+        self._arcs = ArcPrinter(offset, tolerance, chord)
         self._byte_time = BITS_PER_BYTE / baud
         self._letters = letters
-        # four digits for the usual hundredth of a millimetre: rounding adds a hundredth of that
-        self._digits = max(3, math.ceil(-math.log10(tolerance / 50.0)))
         self._at = Printed((0.0, 0.0, 0.0), (None, None, None))
         self._motion = self._feed_text = ""
         self._plane = 0
@@ -140,7 +69,7 @@ class LineWriter:
 
     def stands_at(self, point: Point) -> None:
         """Set the position of the board, mm (machine coordinates)."""
-        self._at = self._printed(point)
+        self._at = self._arcs.printed(point)
 
     def position_lost(self) -> None:
         """The board is near its last position only: the next line names all axes."""
@@ -161,7 +90,7 @@ class LineWriter:
             letters: The axes, of "XYZ".
             move: The move to come.
         """
-        coming = self._at.texts if move.arc is not None else self._printed(move.end).texts
+        coming = self._at.texts if move.arc is not None else self._arcs.printed(move.end).texts
         missing = [
             letter
             for letter, here, there in zip(LETTERS, self._at.texts, coming, strict=True)
@@ -194,7 +123,7 @@ class LineWriter:
             feed: mm/s.
             line: Source line.
         """
-        printed = self._printed(end)
+        printed = self._arcs.printed(end)
         letters = self._changed(printed) or [each for each in LETTERS if each in self._letters]
         self._set_feed(feed, feed_word(per_minute(feed)))
         self._motion = ""
@@ -207,7 +136,7 @@ class LineWriter:
         )
 
     def _straight(self, move: Move) -> Iterator[GcodeLine]:
-        printed = self._printed(move.end)
+        printed = self._arcs.printed(move.end)
         letters = self._changed(printed)
         if not letters:
             return
@@ -224,20 +153,16 @@ class LineWriter:
         self._at = printed
 
     def _arc(self, move: Move, arc: PlaneArc) -> Iterator[GcodeLine]:
-        parts = self._arc_parts(move, arc)
+        end = self._arcs.printed(move.end)
+        parts = self._arcs.arc_parts(self._at, end, arc)
         if parts > 1:
             yield from self._in_parts(move, arc, parts)
             return
-        printed = self._printed_arc(move, arc)
-        if self._needs_chords(printed, arc):
-            off = (CHORDS if arc.fitted else COARSE) * self._tolerance
-            radius = printed.radius
-            turn = 2.0 * math.acos(max(1.0 - off / radius, 0.5)) if radius > 0.0 else TURN
-            parts = max(1, math.ceil(abs(arc.sweep) / turn))
-            yield from self._in_parts(move, arc, parts, chords=True)
+        printed = self._arcs.printed_arc(self._at, end, arc)
+        if self._arcs.needs_chords(printed, arc):
+            yield from self._in_parts(move, arc, self._arcs.chords_of(printed, arc), chords=True)
             return
         i, j, across = PLANE_COLUMNS[arc.plane]
-        end = printed.end
         letters = [LETTERS[k] for k in sorted((i, j)) if end.texts[k] != self._at.texts[k]]
         letters += [LETTERS[across]] if end.texts[across] != self._at.texts[across] else []
         centers = [
@@ -256,76 +181,14 @@ class LineWriter:
         )
         self._at = end
 
-    def _arc_parts(self, move: Move, arc: PlaneArc) -> int:
-        """Return the number of lines for an arc, by its angle and its climb."""
-        i, j, across = PLANE_COLUMNS[arc.plane]
-        sweep = abs(arc.sweep)
-        parts = math.ceil(sweep / (0.5 * TURN)) if sweep > 0.75 * TURN else 1
-        end = self._printed(move.end)
-        if end.texts[across] == self._at.texts[across]:
-            return parts
-        height = max(
-            abs(values[across] + self._offset[across]) for values in (end.values, self._at.values)
-        )
-        center = arc.center[0] - self._offset[i], arc.center[1] - self._offset[j]
-        radius = math.dist((self._at.values[i], self._at.values[j]), center)
-        rounding = 0.5 * float(np.spacing(np.float32(height)))
-        share = FITTED_HELIX_SUM if arc.fitted else HELIX_SUM
-        most_chords = max(share * self._tolerance / rounding, 1.0)
-        half = (
-            math.sqrt(self._chord * (2.0 * radius - self._chord))
-            if self._chord < 2.0 * radius
-            else math.inf
-        )
-        return max(parts, math.ceil(0.5 * sweep * radius / half / most_chords))
-
-    def _printed_arc(self, move: Move, arc: PlaneArc) -> _PrintedArc:
-        """Return the numbers of an arc as a line gives them."""
-        i, j, _ = PLANE_COLUMNS[arc.plane]
-        end = self._printed(move.end)
-        here = self._at.values[i], self._at.values[j]
-        there = end.values[i], end.values[j]
-        cx, cy = arc.center[0] - self._offset[i], arc.center[1] - self._offset[j]
-        radius = math.dist(here, (cx, cy))
-        closed = end.texts[i] == self._at.texts[i] and end.texts[j] == self._at.texts[j]
-        if abs(arc.sweep) <= 0.5 * TURN and not closed:
-            # onto the bisector
-            tx, ty = there[0] - here[0], there[1] - here[1]
-            off = (
-                (cx - 0.5 * (here[0] + there[0])) * tx + (cy - 0.5 * (here[1] + there[1])) * ty
-            ) / (tx * tx + ty * ty)
-            cx, cy = cx - off * tx, cy - off * ty
-        texts = number(cx - here[0], self._digits), number(cy - here[1], self._digits)
-        center = float(texts[0]), float(texts[1])
-        angle = abs(angle_read(here, there, center, arc.sweep > 0.0))
-        return _PrintedArc(end, center, texts, radius, angle, closed)
-
-    def _needs_chords(self, printed: _PrintedArc, arc: PlaneArc) -> bool:
-        """Return whether chords must be sent in place of an arc."""
-        sweep, radius = abs(arc.sweep), printed.radius
-        # From the printed numbers the board may make one chord less than from the arc itself.
-        inside = board_chord(
-            math.hypot(printed.center[0], printed.center[1]), printed.angle, self._chord
-        )
-        allowed = (
-            board_chord(radius, sweep, self._chord) + DIGITS * self._tolerance
-            if arc.fitted
-            else COARSE * self._tolerance
-        )
-        return (
-            sweep < SHORTEST_ANGLE
-            or sweep * radius < SHORTEST_ARC
-            or printed.closed
-            or inside > allowed
-            or abs(printed.angle - sweep) * radius > CHORDS * self._tolerance
-        )
-
     def _in_parts(
         self, move: Move, arc: PlaneArc, parts: int, *, chords: bool = False
     ) -> Iterator[GcodeLine]:
         """Yield an arc as several arcs, or as chords."""
         i, j, across = PLANE_COLUMNS[arc.plane]
-        begin = [here + offset for here, offset in zip(self._at.values, self._offset, strict=True)]
+        begin = [
+            here + offset for here, offset in zip(self._at.values, self._arcs.offset, strict=True)
+        ]
         x, y = begin[i] - arc.center[0], begin[j] - arc.center[1]
         part = None if chords else replace(arc, sweep=arc.sweep / parts)
         for k in range(1, parts + 1):
@@ -336,14 +199,6 @@ class LineWriter:
             to[across] += (move.end[across] - begin[across]) * k / parts
             end = move.end if k == parts else (to[0], to[1], to[2])
             yield from self.move(replace(move, end=end, arc=part))
-
-    def _printed(self, point: Point) -> Printed:
-        """Return the coordinates of a line for a point in machine coordinates."""
-        x, y, z = (
-            number(value - offset, self._digits)
-            for value, offset in zip(point, self._offset, strict=True)
-        )
-        return Printed((float(x), float(y), float(z)), (x, y, z))
 
     def _changed(self, printed: Printed) -> list[str]:
         """Return the letters of the axes that a line to a point has to name."""
@@ -432,25 +287,3 @@ def _target(printed: Printed, letters: list[str]) -> tuple[float, float, float]:
         for letter, value in zip(LETTERS, printed.values, strict=True)
     )
     return x, y, z
-
-
-def angle_read(
-    here: tuple[float, float],
-    there: tuple[float, float],
-    center: tuple[float, float],
-    counterclockwise: bool,
-) -> float:
-    """Return the signed angle of an arc as GRBL computes it (mc_arc of motion_control.c).
-
-    Args:
-        here: Start along the two axes of the plane, mm.
-        there: End along them, mm.
-        center: Centre from ``here``, mm.
-        counterclockwise: Sense of the arc.
-    """
-    x0, y0 = -center[0], -center[1]
-    x1, y1 = there[0] - here[0] + x0, there[1] - here[1] + y0
-    angle = math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
-    if counterclockwise:
-        return angle + TURN if angle <= 5e-7 else angle
-    return angle - TURN if angle >= -5e-7 else angle

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from cnc import __version__
 from cnc.model.diagnostics import EXIT_REJECTED, Diagnostic
 from cnc.report.result import Report
+from cnc.version import __version__
 
 SARIF_SCHEMA = (
     "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"

@@ -1,5 +1,8 @@
-"""The audit: every finished plan is looked at again, by other means than it was made with, before
-it is handed on.
+"""The audit: a check of every finished plan, by other means than those that made it.
+
+The kernels (:mod:`cnc.kernels.planner.audit`) compute the largest values that a plan reaches. Here
+they are compared with the limits. A plan that breaks one is an error of the planner: it is never
+sent on.
 """
 
 from __future__ import annotations
@@ -10,43 +13,43 @@ from math import ceil, inf
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.audit import (
     ACCEL,
     CHORD_ERROR,
     ENTRIES,
     FEED,
+    GAPS,
     JERK,
     NORMAL_ACCEL,
     OVERSPEED,
     STEP_DEVIATION,
+    Largest,
     audit_phases,
-    audit_samples,
     continuity,
 )
+from cnc.kernels.planner.audit_samples import audit_samples
 from cnc.model.diagnostics import Diagnostic, MotionLimitError
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
 
 TOLERANCE = 1e-3
-"""How far a value may lie above its limit, relative: what sampling and rounding can show of a legal
-plan.
-"""
+"""Relative; a value may exceed its limit by this, because of sampling and rounding."""
 
 POSITION = 1e-12
-"""mm; the accuracy of the arc lengths that the path comes with, and so of a position at an
-instant.
-"""
+"""mm; the accuracy of the arc lengths of the path, and so of a position at an instant."""
 
 
 class Audit:
-    """Checks plans in the order in which they run and keeps the largest values seen.
+    """Checks plans in the order in which they run, and keeps the largest values.
 
-    feed mm/s, accel mm/s^2, jerk mm/s^3 along the path; normal_accel mm/s^2; chord_error mm;
-    step_deviation (relative); axis_velocity, axis_acceleration, axis_jerk (axes,). ``violations``
-    counts the plans that broke each limit: a legal run has none.
+    Attributes:
+        limits: of the machine.
+        violations: number of plans that broke each limit, by its name; empty for a legal run.
     """
 
     def __init__(self, limits: Limits, *, judges: bool = True) -> None:
+        """Create an audit; with ``judges`` a plan that breaks a limit is a fault."""
         self.limits = limits
         self._judges = judges
         n = len(limits.axis_velocity)
@@ -64,13 +67,12 @@ class Audit:
         )
         axes = np.stack((limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk))
         self._limits = np.concatenate((along, axes.reshape(-1)))
-        # A difference of order k of positions, each known to POSITION, is off by up to 2^k times
-        # that.
+        # The error of a difference of order k of positions is up to 2^k times POSITION.
         order = np.arange(1, 4)
         self._unsure = np.concatenate(
             (np.zeros(ENTRIES), np.repeat(2.0**order * POSITION / limits.period**order, n))
         )
-        # The maxima of all plans, and those of the legal ones: a plan is compared with the latter.
+        # The maxima of all plans, and those of the legal ones, with which the next plan starts.
         self._largest = np.zeros(len(self._limits))
         self._legal = np.zeros(len(self._limits))
         self._index = 0
@@ -127,23 +129,25 @@ class Audit:
         return float(self._largest[STEP_DEVIATION])
 
     def jump(self) -> None:
-        """The machine stands where no plan has ended (a probe made contact): the next plan begins
-        there, at rest.
-        """
+        """Note that the next plan begins at rest at another place: a probe made contact there."""
         self._known = 0
 
     def passed(self, plans: Iterable[PlanChunk]) -> Iterator[PlanChunk]:
-        """Hand on each plan that is legal.
+        """Yield each plan that is legal.
 
         Raises:
-            MotionLimitError: ``plan-illegal``, naming the limit and the source line where the plan begins.
+            MotionLimitError: ``plan-illegal``, with the limit and the source lines of the plan.
         """
         for chunk in plans:
             self.check(chunk)
             yield chunk
 
     def check(self, chunk: PlanChunk) -> None:
-        """Look at one plan and raise if it breaks a limit, if that is for it to judge."""
+        """Check one plan.
+
+        Raises:
+            MotionLimitError: ``plan-illegal`` if it breaks a limit and this audit judges.
+        """
         broken = self._continuity(chunk) + self._values(chunk)
         if not self._judges:
             return
@@ -158,31 +162,19 @@ class Audit:
                     + "; ".join(text for _, text in broken),
                     chunk.path.file,
                     first,
-                    hint="nothing of it was sent to the board; please report the program and the machine file",
+                    hint="nothing of it was sent to the board; "
+                    "please report the program and the machine file",
                 )
             )
 
     def _continuity(self, chunk: PlanChunk) -> list[tuple[str, str]]:
-        """Compare each phase's end with the start of the next."""
-        path, gaps = chunk.path, np.full(5, -inf)
-        s, v, a = chunk.phase_s, chunk.phase_v, chunk.phase_a
-        continuity(
-            path.kind,
-            path.at,
-            path.data,
-            chunk.piece_s,
-            chunk.phase_t,
-            s,
-            v,
-            a,
-            chunk.phase_j,
-            gaps,
-        )
-        highest, strongest = (
-            max(self.limits.max_feed, float(v.max())),
-            max(1.0, float(a.max()), -float(a.min())),
-        )
-        allowed = (1e-9 + 1e-12 * float(s[-1]), 1e-9 * highest, 1e-6 * strongest, 0.0, 1e-9)
+        """Compare the end of each phase with the start of the next."""
+        path, gaps = chunk.path, np.full(GAPS, -inf)
+        continuity(Pieces(path.kind, path.at, path.data), chunk.arrays, gaps)
+        highest = max(self.limits.max_feed, float(chunk.phase_v.max()))
+        strongest = max(1.0, float(chunk.phase_a.max()), -float(chunk.phase_a.min()))
+        end = float(chunk.phase_s[-1])
+        allowed = (1e-9 + 1e-12 * end, 1e-9 * highest, 1e-6 * strongest, 0.0, 1e-9)
         names = ("position", "speed", "acceleration", "time", "standing still")
         return [
             ("continuity", f"{name} jumps by {gap:g}")
@@ -192,38 +184,26 @@ class Audit:
 
     def _values(self, chunk: PlanChunk) -> list[tuple[str, str]]:
         """Raise the maxima to those of the plan, and compare them with the limits."""
-        limits, path = self.limits, chunk.path
-        phases = (
-            chunk.piece_s,
-            chunk.phase_t,
-            chunk.phase_s,
-            chunk.phase_v,
-            chunk.phase_a,
-            chunk.phase_j,
-        )
+        limits, path, plan = self.limits, chunk.path, chunk.arrays
+        pieces = Pieces(path.kind, path.at, path.data)
         values = self._legal.copy()
-        largest, axes = values[:ENTRIES], values[ENTRIES:].reshape(3, -1)
-        audit_phases(
-            path.kind,
-            path.at,
-            path.data,
-            limits.feeds(path),
-            *phases,
-            limits.period,
-            largest,
-            axes[0],
-            axes[1],
-            axes[2],
-        )
-        # Between the plans the machine stands where this one begins: three instants of that are as
-        # good as a long dwell.
+        largest = Largest(values[:ENTRIES], *values[ENTRIES:].reshape(3, -1))
+        audit_phases(pieces, plan, limits.feeds(path), limits.period, largest)
+        # Before this plan the machine rests at its start: three instants are as good as more.
         standing = ceil(chunk.t0 / limits.period) - 3
         if standing > self._index:
             self._index, self._known = standing, 0
         self._index, self._known = audit_samples(
-            path.kind, path.at, path.data, *phases, chunk.t0, limits.period, limits.chord_error, self._index, self._known, self._last,
-            largest, axes[0], axes[1], axes[2],
-        )  # fmt: skip
+            pieces,
+            plan,
+            chunk.t0,
+            limits.period,
+            limits.chord_error,
+            self._index,
+            self._known,
+            self._last,
+            largest,
+        )
         self._largest = np.maximum(self._largest, values)
         sure = values - self._unsure
         broken = ~(sure <= self._limits * (1.0 + TOLERANCE))

@@ -1,13 +1,14 @@
-r"""Corners under a tolerance, before and behind the window; the kernels of the same name tell how.
+r"""Corners under a tolerance: blends before the window, overlapping ramps behind it.
 
-Before it the way round each corner is chosen and blends are put into the path (:class:`Rounding`).
-Behind it, on finished plans, the ramps at a stop on a corner overlap (:class:`Overlaps`). A plan
-may end anywhere: what the next one could still change is held back, the last phase before a stop
-and the first behind it.
+:class:`CornerBlending` works on the path before the window. It chooses the treatment of each corner
+and inserts blends (:mod:`cnc.kernels.planner.corners`). :class:`Overlaps` works on finished plans
+behind the window. It lets the ramps at a stop on a corner overlap
+(:mod:`cnc.kernels.planner.overlap`). A plan may end anywhere, so the part that the next plan may
+still change is held back: the last phase before a stop and the first behind it.
 
         v |``\            ,--
           |   \         ,'
-          |    `.     ,'             emitted | held ...
+          |    `.     ,'             sent on | held back ...
           |______`-.,'______ t
                    |
 """
@@ -21,10 +22,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.path.curve import LINE
+from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.corners import round_corners
 from cnc.kernels.planner.legs import REST, record_end
-from cnc.kernels.planner.overlap import ROOM_OF_CORNER, overlap_room, overlap_stops
-from cnc.kernels.planner.overshoot import PHASES, overshoot
+from cnc.kernels.planner.overlap_stops import (
+    PIECES_OF_CORNER,
+    find_cuts,
+    overlap_size,
+    overlap_stops,
+)
+from cnc.kernels.planner.overshoot import (
+    PHASES_OF_MOVE,
+    choose_overshoots,
+    find_moves,
+    write_overshoots,
+)
+from cnc.kernels.planner.path_arrays import PathArrays
+from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.model.blocks import Block, Message
 from cnc.path.chunk import PathChunk
 from cnc.planner.limits import Limits
@@ -33,30 +47,30 @@ from cnc.planner.plan import PlanChunk
 Floats = NDArray[np.float64]
 
 ACCURACY = 1e-12
-"""mm: of the arc length of blends and its inverse."""
+"""mm; accuracy of the arc length of blends and its inverse."""
 
-BLENDS_ROOM = 1 << 16
-"""Numbers of room for blends to begin with."""
+BLENDS_SIZE = 1 << 16
+"""Size of the space for the records of blends, in numbers, at first."""
 
 SAME = 1e-9
-"""s: plans follow each other without a rest where the clock says no more than this (clocks are sums
-of floats).
-"""
+"""s; there is no rest between plans if their times differ by no more. Times are sums of floats."""
 
 
-class Rounding:
-    """Takes a stream of path and hands it on with blends in its corners.
+class CornerBlending:
+    """Inserts blends into the corners of a path.
 
-    Tolerances that it leaves mark the corners where ramps shall overlap.
+    A tolerance that stays marks a corner where ramps shall overlap.
     """
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._taken = 0.0
+        """Length that the last blend takes off the next chunk, mm."""
 
-    def rounded(self, stream: Iterable[PathChunk | Block]) -> Iterator[PathChunk | Block]:
-        """One chunk behind the stream, as long as the motion goes on: a blend may reach into the
-        next.
+    def blended(self, stream: Iterable[PathChunk | Block]) -> Iterator[PathChunk | Block]:
+        """Yield the stream with blends in its path.
+
+        While the motion goes on this is one chunk behind: a blend may reach into the next chunk.
         """
         held: PathChunk | None = None
         for item in stream:
@@ -76,58 +90,31 @@ class Rounding:
             yield self._with_blends(held, None)
 
     def _with_blends(self, path: PathChunk, following: PathChunk | None) -> PathChunk:
-        """The chunk with its corners decided; ``following`` is what the motion goes on with."""
+        """Return the chunk with its corners decided; ``following`` continues the motion."""
         taken, self._taken = self._taken, 0.0
         if not taken and not path.tolerance.any():
             return path
         limits, own = self._limits, len(path)
-        kind, at, data, length, feed, bound = (
-            path.kind,
-            path.at,
-            path.data,
-            path.length,
-            path.feed,
-            limits.feeds(path),
-        )
+        arrays, bound = path_arrays(path), limits.feeds(path)
         if following is not None:
-            first = slice(0, 1)
-            start = int(following.at[0])
-            record = following.data[
-                start : record_end(int(following.kind[0]), following.data, start)
-            ]
-            kind = np.append(kind, following.kind[first])
-            at = np.append(at, len(data))
-            data = np.append(data, record)
-            length = np.append(length, following.length[first])
-            feed = np.append(feed, following.feed[first])
-            bound = np.append(bound, limits.feeds(following)[first])
-        most = 2 * own
-        room = len(data) + BLENDS_ROOM
+            arrays = _with_first_piece(arrays, following)
+            bound = np.append(bound, limits.feeds(following)[:1])
+        size = len(arrays.pieces.data) + BLENDS_SIZE
         while True:
-            out_kind, out_at = np.empty((2, most), np.int64)
-            out_length, out_feed, out_tolerance = np.empty((3, most))
-            out_line, out_stop, out_data = (
-                np.empty(most, np.int32),
-                np.empty(most, np.bool_),
-                np.empty(room),
-            )
+            out = _empty_path(2 * own, size)
             count, numbers, self._taken = round_corners(
-                own, kind, at, data, length, bound, feed, path.line, path.stop_after, path.tolerance, taken,
-                limits.rules, limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk, ACCURACY,
-                out_kind, out_at, out_data, out_length, out_feed, out_line, out_stop, out_tolerance,
-            )  # fmt: skip
+                own, arrays, bound, taken, limits.arrays, ACCURACY, out
+            )
             if count >= 0:
                 break
-            room *= 2
-        return PathChunk(
-            path.axes, path.file, out_kind[:count], out_at[:count], out_data[:numbers].copy(),
-            out_length[:count], out_feed[:count], out_line[:count], out_stop[:count], out_tolerance[:count],
-        )  # fmt: skip
+            size *= 2
+        return _chunk(path, out, count, numbers)
 
 
 class Overlaps:
-    """Takes plans in the order in which they run and hands them on with the corners cut; all that
-    comes after happens earlier.
+    """Lets the ramps at stops on corners overlap, in plans in the order in which they run.
+
+    All plans behind an overlap begin earlier.
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -137,7 +124,7 @@ class Overlaps:
         self._shorter = 0.0
 
     def passed(self, plans: Iterable[PlanChunk]) -> Iterator[PlanChunk]:
-        """Hand on what nothing can change any more."""
+        """Yield the parts of the plans that no later plan can change."""
         for plan in plans:
             held = self._held
             if held is not None and (
@@ -150,86 +137,148 @@ class Overlaps:
                 continue
             self._held = None
             whole = plan if held is None else _joined(held, plan)
-            kept = _undecided(whole)
+            kept = _first_undecided(whole)
             if kept < len(whole.phase_j):
                 self._held = _part(whole, kept, len(whole.phase_j))
             if kept > 0:
                 yield self._overlapped(_part(whole, 0, kept))
 
     def flush(self) -> Iterator[PlanChunk]:
-        """Hand on what was held: the motion rests where it ends, or nobody knows how it goes on."""
+        """Yield the part that was held back: the motion rests at its end, or nothing follows."""
         held, self._held = self._held, None
         if held is not None:
             yield self._overlapped(held)
 
     def _moved(self, plan: PlanChunk) -> PlanChunk:
-        """The plan at its own time."""
-        return (
-            replace(plan, t0=plan.t0 - self._earlier, s0=plan.s0 - self._shorter)
-            if self._earlier
-            else plan
-        )
+        """Return the plan at its new time."""
+        if not self._earlier:
+            return plan
+        return replace(plan, t0=plan.t0 - self._earlier, s0=plan.s0 - self._shorter)
 
     def _overlapped(self, plan: PlanChunk) -> PlanChunk:
-        """The plan with its stops on corners cut short."""
-        path, limits = plan.path, self._limits
-        most, room = (1 + ROOM_OF_CORNER) * len(path), len(plan.phase_j) + PHASES * len(path) + 1
-        kind, at = np.empty((2, most), np.int64)
-        data = np.empty(len(path.data) + (len(path) + 1) * overlap_room(len(path.axes)))
-        length, feed, tolerance, piece_s = np.empty((4, most + 1))
-        line, stop = np.empty(most, np.int32), np.empty(most, np.bool_)
-        t, s, v, a, j = np.empty((5, room + (1 + ROOM_OF_CORNER) * len(path)))
-        past = np.zeros(len(path))
-        t0, s0, v0, a0, j0 = plan.phase_t, plan.phase_s, plan.phase_v, plan.phase_a, plan.phase_j
-        t1, s1, v1, a1, j1 = np.empty((5, room))
-        reshaped = overshoot(
-            path.kind, path.at, path.data, path.length, limits.feeds(path), path.stop_after, path.tolerance, plan.piece_s,
-            t0, s0, v0, a0, j0, limits.rules, limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk, past, t1, s1, v1, a1, j1,
-        )  # fmt: skip
-        if reshaped:
-            here = slice(reshaped + 1)
-            t0, s0, v0, a0, j0 = t1[here], s1[here], v1[here], a1[here], j1[:reshaped]
-        while True:
-            count, spans, numbers = overlap_stops(
-                path.kind, path.at, path.data, path.length, path.feed, path.line, path.stop_after, path.tolerance, plan.piece_s,
-                t0, s0, v0, a0, j0, past, limits.rules, limits.axis_jerk,
-                kind, at, data, length, feed, line, stop, tolerance, piece_s, t, s, v, a, j,
-            )  # fmt: skip
-            if count >= 0:
-                break
-            # Neighbours have made an overshoot impossible: rare, and then none is made.
-            t0, s0, v0, a0, j0 = (
-                plan.phase_t,
-                plan.phase_s,
-                plan.phase_v,
-                plan.phase_a,
-                plan.phase_j,
-            )
+        """Return the plan with overlaps at its corners."""
+        path, limits = path_arrays(plan.path), self._limits
+        pieces, axes = len(plan.path), len(plan.path.axes)
+        changed, past = self._with_overshoots(plan, path)
+        found, cuts = find_cuts(path, changed, past, limits.arrays)
+        if found < 0:
+            # Neighbours can make an overshoot impossible. That is rare; then there is none.
+            changed = plan.arrays
             past[:] = 0.0
+            found, cuts = find_cuts(path, changed, past, limits.arrays)
         cut = self._moved(plan)
-        if count:
+        if found:
+            most = (1 + PIECES_OF_CORNER) * pieces + 1
+            phases = len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1 + most
+            out = _empty_path(most, len(plan.path.data) + (pieces + 1) * overlap_size(axes))
+            out_plan = _empty_plan(most, phases)
+            count, spans, numbers = overlap_stops(path, changed, past, cuts, out, out_plan)
             cut = PlanChunk(
-                path=PathChunk(
-                    path.axes, path.file, kind[:count], at[:count], data[:numbers].copy(),
-                    length[:count], feed[:count], line[:count], stop[:count], tolerance[:count],
-                ),
-                piece_s=piece_s[: count + 1],
+                path=_chunk(plan.path, out, count, numbers),
+                piece_s=out_plan.piece_s[: count + 1],
                 t0=cut.t0,
                 s0=cut.s0,
-                phase_t=t[: spans + 1],
-                phase_s=s[: spans + 1],
-                phase_v=v[: spans + 1],
-                phase_a=a[: spans + 1],
-                phase_j=j[:spans],
-            )  # fmt: skip
+                phase_t=out_plan.t[: spans + 1],
+                phase_s=out_plan.s[: spans + 1],
+                phase_v=out_plan.v[: spans + 1],
+                phase_a=out_plan.a[: spans + 1],
+                phase_j=out_plan.j[:spans],
+            )
             self._earlier += plan.duration - cut.duration
             self._shorter += float(plan.phase_s[-1] - cut.phase_s[-1])
         return cut
 
+    def _with_overshoots(self, plan: PlanChunk, path: PathArrays) -> tuple[PlanArrays, Floats]:
+        """Return the phases with overshoots, and the time of the overshoot behind each piece, s."""
+        limits, pieces = self._limits, len(plan.path)
+        past = np.zeros(pieces)
+        if limits.along_path:
+            return plan.arrays, past
+        moves = find_moves(path, plan.arrays, limits.feeds(plan.path), limits.arrays)
+        choose_overshoots(path, plan.arrays, moves, limits.arrays, past)
+        out = _empty_plan(pieces, len(plan.phase_j) + PHASES_OF_MOVE * pieces + 1)
+        count = write_overshoots(plan.arrays, moves, past, out)
+        here = slice(count + 1)
+        changed = PlanArrays(
+            plan.piece_s, out.t[here], out.s[here], out.v[here], out.a[here], out.j[:count]
+        )
+        return changed, past
 
-def _undecided(plan: PlanChunk) -> int:
-    """The phase from which on the plan may still change: the last one on its way to rest on a
-    corner, and what follows such a rest.
+
+def path_arrays(path: PathChunk) -> PathArrays:
+    """Return a chunk of path as kernels take it."""
+    return PathArrays(
+        Pieces(path.kind, path.at, path.data),
+        path.length,
+        path.feed,
+        path.line,
+        path.stop_after,
+        path.tolerance,
+    )
+
+
+def _with_first_piece(path: PathArrays, following: PathChunk) -> PathArrays:
+    """Return ``path`` and the first piece of ``following``.
+
+    Of that piece kernels read the curve, its length and its feed.
+    """
+    start, data = int(following.at[0]), path.pieces.data
+    end = record_end(Pieces(following.kind, following.at, following.data), 0)
+    return path._replace(
+        pieces=Pieces(
+            np.append(path.pieces.kind, following.kind[:1]),
+            np.append(path.pieces.at, len(data)),
+            np.append(data, following.data[start:end]),
+        ),
+        length=np.append(path.length, following.length[:1]),
+        feed=np.append(path.feed, following.feed[:1]),
+    )
+
+
+def _empty_path(pieces: int, size: int) -> PathArrays:
+    """Return space for so many pieces, and for records of so many numbers."""
+    return PathArrays(
+        Pieces(np.empty(pieces, np.int64), np.empty(pieces, np.int64), np.empty(size)),
+        np.empty(pieces),
+        np.empty(pieces),
+        np.empty(pieces, np.int32),
+        np.empty(pieces, np.bool_),
+        np.empty(pieces),
+    )
+
+
+def _empty_plan(pieces: int, phases: int) -> PlanArrays:
+    """Return space for a plan over so many pieces, with so many phases."""
+    return PlanArrays(
+        np.empty(pieces + 1),
+        np.empty(phases + 1),
+        np.empty(phases + 1),
+        np.empty(phases + 1),
+        np.empty(phases + 1),
+        np.empty(phases),
+    )
+
+
+def _chunk(like: PathChunk, path: PathArrays, count: int, numbers: int) -> PathChunk:
+    """Return the first ``count`` pieces of ``path``, with records of ``numbers`` numbers."""
+    return PathChunk(
+        like.axes,
+        like.file,
+        path.pieces.kind[:count],
+        path.pieces.at[:count],
+        path.pieces.data[:numbers].copy(),
+        path.length[:count],
+        path.feed[:count],
+        path.line[:count],
+        path.stop_after[:count],
+        path.tolerance[:count],
+    )
+
+
+def _first_undecided(plan: PlanChunk) -> int:
+    """Return the first phase that a later plan may change.
+
+    That is the last phase before a rest on a corner, and the phases behind such a rest.
     """
     last = len(plan.phase_j) - 1
     path = plan.path
@@ -255,19 +304,16 @@ def _undecided(plan: PlanChunk) -> int:
 
 
 def _part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
-    """Phases first .. end - 1 of a plan, over the pieces that they touch."""
+    """Return the phases first .. end - 1 of a plan, over the pieces that they touch."""
     if end - first == len(plan.phase_j):
         return plan
-    piece_s, path = plan.piece_s, plan.path
+    piece_s = plan.piece_s
     begin = max(int(np.searchsorted(piece_s, plan.phase_s[first] + REST, side="right")) - 1, 0)
     after = max(int(np.searchsorted(piece_s, plan.phase_s[end] - REST, side="left")), begin + 1)
     zero = float(piece_s[begin])
-    here, span = slice(begin, after), slice(first, end + 1)
+    span = slice(first, end + 1)
     return PlanChunk(
-        path=PathChunk(
-            path.axes, path.file, path.kind[here], path.at[here], path.data,
-            path.length[here], path.feed[here], path.line[here], path.stop_after[here], path.tolerance[here],
-        ),
+        path=plan.path.part(begin, after),
         piece_s=piece_s[begin : after + 1] - zero,
         t0=plan.t0 + float(plan.phase_t[first]),
         s0=plan.s0 + zero,
@@ -276,12 +322,13 @@ def _part(plan: PlanChunk, first: int, end: int) -> PlanChunk:
         phase_v=plan.phase_v[span],
         phase_a=plan.phase_a[span],
         phase_j=plan.phase_j[first:end],
-    )  # fmt: skip
+    )
 
 
 def _joined(before: PlanChunk, after: PlanChunk) -> PlanChunk:
-    """Two plans that follow each other as one; a phase or a piece that goes on from one to the
-    other is one.
+    """Return two plans that follow each other as one.
+
+    A phase or a piece that continues from one to the other becomes one.
     """
     a, b = before.path, after.path
     pieces = slice(0, len(a) - 1 if after.phase_s[0] > REST else len(a))
@@ -298,7 +345,8 @@ def _joined(before: PlanChunk, after: PlanChunk) -> PlanChunk:
     rest = slice(1 if same else 0, None)
     return PlanChunk(
         path=PathChunk(
-            a.axes, b.file,
+            a.axes,
+            b.file,
             np.concatenate((a.kind[pieces], b.kind)),
             np.concatenate((at[pieces], at_more + len(data))),
             np.concatenate((data, more)),
@@ -316,14 +364,12 @@ def _joined(before: PlanChunk, after: PlanChunk) -> PlanChunk:
         phase_v=np.concatenate((before.phase_v[:-1], after.phase_v[rest])),
         phase_a=np.concatenate((before.phase_a[:-1], after.phase_a[rest])),
         phase_j=np.concatenate((before.phase_j[phases], after.phase_j)),
-    )  # fmt: skip
+    )
 
 
 def _records(path: PathChunk) -> tuple[Floats, NDArray[np.int64]]:
-    """The records of these pieces alone, and where in them each begins."""
+    """Return the records of these pieces alone, and the index of each."""
+    pieces = Pieces(path.kind, path.at, path.data)
     lowest = int(path.at.min())
-    end = max(
-        record_end(int(path.kind[k]), path.data, int(path.at[k]))
-        for k in {len(path) - 1, int(np.argmax(path.at))}
-    )
+    end = max(record_end(pieces, k) for k in {len(path) - 1, int(np.argmax(path.at))})
     return path.data[lowest:end], path.at - lowest

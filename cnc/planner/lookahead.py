@@ -1,9 +1,14 @@
-"""Look-ahead: a stream of path in, a stream of plans out, in one pass and with a window of bounded
-length.
+"""Look-ahead: plans for a stream of path, in one pass and with a window of bounded length.
 
-path ──► corners: blends ──► Window: plans ahead, hands out slices ──► corners: overlaps ──► audit ──► plans
-                                ^
-                             Control: hold, override, between two slices
+    path ──► blends ──► window ──► overlaps ──► audit ──► plans
+           (corners.py)   ^      (corners.py)  (audit.py)
+                          |
+                       control: hold, override, between two slices
+
+- The window (window.py) makes plans with the kernels of :mod:`cnc.kernels.planner.lookahead`, under
+  bounds that are constant on short intervals of the path (intervals.py, phases.py).
+- Where limits for each axis bind on a curve, :mod:`cnc.kernels.planner.refine` makes them faster.
+- For a hold or a lower feed it replaces its plan by one that slows (slowing.py).
 """
 
 from __future__ import annotations
@@ -16,7 +21,7 @@ from cnc.model.blocks import Block, Held, Message, Overrides, Probe, SpindleSync
 from cnc.model.operator_control import Control
 from cnc.path.chunk import PathChunk
 from cnc.planner.audit import Audit
-from cnc.planner.corners import Overlaps, Rounding
+from cnc.planner.corners import CornerBlending, Overlaps
 from cnc.planner.limits import Limits
 from cnc.planner.plan import PlanChunk
 from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
@@ -25,13 +30,9 @@ from cnc.planner.window import LONG, SLICE, STOPS_KNOWN, Window
 class LookAhead:
     """Plans a stream of path at a machine's limits.
 
-    control: what the operator wants; it is looked at between slices of ``slice_s`` seconds. Without
-    one all goes as programmed, in long slices. stops_known: stopping distances that the window
-    holds when it is planned.
-
-    Every plan has passed :attr:`audit`, which keeps the largest values seen. judged: whether a plan
-    that breaks a limit is a fault; it is none where the speeds alone are wanted, because the board
-    plans for itself.
+    Attributes:
+        limits: of the machine.
+        audit: every plan has passed it; it keeps the largest values.
     """
 
     def __init__(
@@ -43,10 +44,21 @@ class LookAhead:
         stops_known: float = STOPS_KNOWN,
         judged: bool = True,
     ) -> None:
+        """Create a planner.
+
+        Args:
+            machine: its limits.
+            control: requests of the operator, read between slices. Without it the motion is as
+                programmed, in long slices.
+            slice_s: length of a slice, s.
+            stops_known: stopping distances that the window holds when it is planned.
+            judged: whether a plan that breaks a limit is a fault. It is none where only the speeds
+                are needed, because the board plans for itself.
+        """
         self.limits = Limits.of(machine)
         self.audit = Audit(self.limits, judges=judged)
         self._window = Window(self.limits, stops_known)
-        self._rounding = Rounding(self.limits)
+        self._blending = CornerBlending(self.limits)
         self._overlaps = Overlaps(self.limits)
         self._control = control
         self._slice_s = LONG if control is None else slice_s
@@ -57,21 +69,20 @@ class LookAhead:
         self._follows_spindle = False
 
     def plan(self, stream: Iterable[PathChunk | Block]) -> Iterator[PlanChunk | Block]:
-        """Yield plans for the path; blocks that aren't motion pass through in order, the motion
-        before them at rest.
+        """Yield plans for the path, and the blocks that are not motion, in order.
 
-        A stretch of path that ends at rest is planned to its end before more of the stream is asked
-        for: what follows a probe isn't known before it has been made. Where the operator holds the
-        motion, :class:`Held` comes again and again until it goes on.
+        The motion rests before such a block. A stretch of path that ends at rest is planned to its
+        end before more of the stream is read: the path behind a probe depends on the probe. While
+        the operator holds the motion, :class:`Held` is yielded again and again.
 
         Raises:
-            MotionLimitError: ``plan-illegal`` where a plan breaks a limit; it is not handed on.
+            MotionLimitError: ``plan-illegal`` where a plan breaks a limit; it is not yielded.
         """
         window = self._window
         previous: PathChunk | None = None
         pending: PathChunk | None = None
         probe: Probe | None = None
-        for item in self._rounding.rounded(stream):
+        for item in self._blending.blended(stream):
             if isinstance(item, PathChunk):
                 if pending is not None:
                     window.add(pending, previous, item)
@@ -99,9 +110,7 @@ class LookAhead:
             yield from self._motion_to_rest(pending, previous)
 
     def ramp_down(self) -> Iterator[PlanChunk]:
-        """Come to rest on the path, soon after the last plan that was handed out; nothing can be
-        planned after that.
-        """
+        """Yield plans that come to rest soon after the last plan; then nothing can be planned."""
         yield from self._taken()
         window = self._window
         if window.moving:
@@ -114,40 +123,38 @@ class LookAhead:
     def _motion_to_rest(
         self, last: PathChunk, previous: PathChunk | None
     ) -> Iterator[PlanChunk | Block]:
-        """The last chunk before a rest of the path."""
+        """Plan the last chunk before a rest of the path."""
         self._window.add(last, previous, None)
         yield from self._motion()
         self._finish_at_rest()
         yield from self._taken()
 
     def _motion(self) -> Iterator[PlanChunk | Block]:
-        """What of the window can be handed out, as the operator wants it."""
+        """Yield the plans that are settled, as the operator requests the motion."""
         window = self._window
         while True:
-            factor = self._wanted()
+            factor = self._requested_factor()
             if factor > 0.0:
                 window.override(factor)
             else:
                 window.stop(resumes=True)
             if not window.prepared():
                 return
-            if factor == 0.0 and not window.moving and not window.goes_round:
+            if factor == 0.0 and not window.moving and not window.passes_corner:
                 window.rest()
                 self._finish_at_rest()
                 yield from self._taken()
                 yield Held(*window.place)
                 continue
-            # Round a corner that is gone round before a hold: no further than its ramp belongs to
-            # it.
+            # At a corner that the motion passes before a hold, take no more than its ramp.
             self._finish(window.take(0.0 if factor == 0.0 and not window.moving else self._slice_s))
             yield from self._taken()
 
-    def _wanted(self) -> float:
-        """The factor of the programmed feeds that the operator wants and the program allows; 0 for
-        a hold.
+    def _requested_factor(self) -> float:
+        """Return the factor of the programmed feeds that is requested and allowed; 0 for a hold.
 
-        As LinuxCNC has it, motion that follows the spindle is neither held nor overridden, M49 and
-        M50 P0 leave the feeds as programmed, and M53 P0 takes no hold.
+        As in LinuxCNC, motion that follows the spindle is neither held nor overridden, M49 and
+        M50 P0 leave the feeds as programmed, and with M53 P0 there is no hold.
         """
         control = self._control
         if control is None or self._follows_spindle:
@@ -157,14 +164,14 @@ class LookAhead:
         return control.feed_override / 100.0 if self._allowed.feed else 1.0
 
     def _finish(self, plans: Iterable[PlanChunk]) -> None:
-        """The one way out of the window: corners are cut, then every plan is audited."""
+        """Let corners overlap in plans of the window, and audit them."""
         self._finished.extend(self.audit.passed(self._overlaps.passed(plans)))
 
     def _finish_at_rest(self) -> None:
-        """No motion follows at once on what was finished last."""
+        """Finish the part of a plan that is held back; the motion rests at its end."""
         self._finished.extend(self.audit.passed(self._overlaps.flush()))
 
     def _taken(self) -> Iterator[PlanChunk]:
-        """Hand out what is finished."""
+        """Yield the finished plans."""
         while self._finished:
             yield self._finished.popleft()

@@ -1,60 +1,59 @@
-"""Plans of a window as arrays of phases: rows of duration, arc length, speed, acceleration and jerk
-at the start of each.
-"""
+"""Plans of a window as arrays of phases (:data:`cnc.kernels.planner.phases.PHASE`)."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
-from numpy.typing import NDArray
 
+from cnc.kernels.planner.intervals import Intervals
 from cnc.kernels.planner.lookahead import PLANNED, START_TOO_FAST, plan_window
+from cnc.kernels.planner.phases import PHASE, Phases
 from cnc.kernels.planner.refine import refine
 from cnc.kernels.planner.scurve import phase_time
-from cnc.planner.limits import Intervals, Limits
-
-Floats = NDArray[np.float64]
-
-DURATION, S, V, A, J = range(5)
-"""Columns of an array of phases."""
+from cnc.planner.intervals import between
+from cnc.planner.limits import Limits
 
 TOUCHING = 1e-6
-"""Relative: a speed this little below its bound is at it."""
+"""Relative: a speed this little below its bound counts as at the bound."""
 
 ROUGHLY = 1.4
-"""How much faster than usual a plan may be that is to be refined in any case."""
+"""A plan that will be refined may be this much faster than the usual bounds allow."""
 
 INSTANT = 1e-7
-"""s; what would be left of a phase beside a cut at a time is not shorter."""
+"""s; a cut in time leaves no shorter part of a phase."""
 
-
-NO_PHASES: Floats = np.empty((0, 5))
+NO_PHASES: Phases = np.empty(0, PHASE)
 
 
 def plan_to_rest(
-    start: float, known: Intervals, v_start: float, limits: Limits, lead: Floats = NO_PHASES
-) -> tuple[int, Floats]:
-    """Plan from ``start``, where the motion has speed ``v_start``, to rest at the end of ``known``:
-    the kernel's status and the phases.
+    start: float, known: Intervals, v_start: float, limits: Limits, lead: Phases = NO_PHASES
+) -> tuple[int, Phases]:
+    """Plan from ``start`` to rest at the end of ``known``.
 
-    lead: phases that lead to the start, over the first of the intervals known, and become part of
-    the plan. Where limits for each axis bind on a curve, the plan is refined. From a speed that the
-    refinement has led to, or where the lead isn't legal, a plan may have to begin with one that
-    only nearly keeps to the limits.
+    Where limits for each axis bind on a curve, the plan is refined. From a speed that the
+    refinement has reached, or with an illegal lead, there may be no plan under the usual bounds.
+    Then the refinement starts with a plan that exceeds them a little.
+
+    Args:
+        start: arc length, mm.
+        known: the intervals.
+        v_start: speed at the start, mm/s.
+        limits: of the machine.
+        lead: phases to the start, over the first of the intervals; they become part of the plan.
+
+    Returns:
+        The status of :func:`cnc.kernels.planner.lookahead.plan_window`, and the phases.
     """
     whole = known
     if len(lead):
-        known = known.between(start, float(known.end[-1]))
+        known = between(known, start, float(known.end[-1]))
     status, phases = _planned(start, known, v_start)
     rough = status == START_TOO_FAST
     if not limits.per_axis or not (rough or status == PLANNED):
-        return (START_TOO_FAST if rises_above(lead, whole) else status), np.concatenate(
-            (lead, phases)
-        )
+        if exceeds_bounds(lead, whole):
+            status = START_TOO_FAST
+        return status, np.concatenate((lead, phases))
     if rough:
-        freer = replace(
-            known,
+        freer = known._replace(
             speed=np.where(known.flat, known.speed, np.minimum(known.top, ROUGHLY * known.speed)),
             accel=np.maximum(known.accel, 0.5 * known.accel[:, -1:]),
             jerk=np.maximum(known.jerk, 0.5 * known.jerk[:, -1:]),
@@ -63,96 +62,97 @@ def plan_to_rest(
         if status != PLANNED:
             return status, phases
     legal, phases = refine(
-        np.concatenate((lead, phases)), whole.end, whole.top, whole.flat, whole.sampled, whole.samples,
-        limits.axis_acceleration, limits.axis_jerk, limits.tangential_acceleration, limits.tangential_jerk, rough or len(lead) > 0,
-    )  # fmt: skip
+        np.concatenate((lead, phases)), whole, limits.arrays, rough or len(lead) > 0
+    )
     return (PLANNED, phases) if legal else (START_TOO_FAST, phases[:0])
 
 
-def _planned(start: float, known: Intervals, v_start: float) -> tuple[int, Floats]:
-    """A plan from bounds that are constant on each interval."""
-    phases = np.empty((8 * len(known) + 16, 5))
-    bound_s = np.concatenate(([start], known.end))
-    status, written = plan_window(
-        bound_s, known.speed, known.accel, known.jerk, known.flat, v_start, phases
-    )
+def _planned(start: float, known: Intervals, v_start: float) -> tuple[int, Phases]:
+    """Plan under bounds that are constant on each interval."""
+    phases = np.empty(8 * len(known.end) + 16, PHASE)
+    status, written = plan_window(start, known, v_start, phases)
     phases = phases[:written]
-    return status, phases[phases[:, DURATION] > 0.0]
+    return status, phases[phases["duration"] > 0.0]
 
 
-def rises_above(phases: Floats, known: Intervals) -> bool:
-    """Whether the speed at the end of a phase is above the bounds of the intervals that the phase
-    touches.
-    """
+def exceeds_bounds(phases: Phases, known: Intervals) -> bool:
+    """Return whether the end of a phase is faster than the bounds of the intervals it touches."""
     if not len(phases):
         return False
-    s, v = np.append(phases[1:, S], end_of(phases)[0]), np.append(phases[1:, V], end_of(phases)[1])
-    first = np.searchsorted(known.end, phases[:, S], side="right")
-    last = np.minimum(np.searchsorted(known.end, s, side="left"), len(known) - 1)
+    end = end_of(phases)
+    s, v = np.append(phases["s"][1:], end[0]), np.append(phases["v"][1:], end[1])
+    first = np.searchsorted(known.end, phases["s"], side="right")
+    last = np.minimum(np.searchsorted(known.end, s, side="left"), len(known.end) - 1)
     return any(
         v[k] > known.speed[first[k] : last[k] + 1].min(initial=np.inf) * (1.0 + TOUCHING)
         for k in range(len(phases))
     )
 
 
-def first_steady(phases: Floats) -> int:
-    """Number of phases up to the first point without acceleration after the start (or all: at
-    rest).
+def first_steady(phases: Phases) -> int:
+    """Return the number of phases up to the first point without acceleration after the start.
+
+    It is the number of all phases if that point is the rest behind them.
     """
-    steady = np.flatnonzero(phases[1:, A] == 0.0)
+    steady = np.flatnonzero(phases["a"][1:] == 0.0)
     return int(steady[0]) + 1 if len(steady) else len(phases)
 
 
-def first_rest(phases: Floats) -> int:
-    """Number of phases up to the first rest after the start."""
-    rests = np.flatnonzero((phases[1:, V] == 0.0) & (phases[1:, A] == 0.0))
+def first_rest(phases: Phases) -> int:
+    """Return the number of phases up to the first rest after the start."""
+    rests = np.flatnonzero((phases["v"][1:] == 0.0) & (phases["a"][1:] == 0.0))
     return int(rests[0]) + 1 if len(rests) else len(phases)
 
 
-def last_bound(phases: Floats, known: Intervals) -> float:
-    """Arc length of the last place, from the plan's start on, where it is as fast as the path
-    allows: behind it the coming rest shows.
+def last_bound(phases: Phases, known: Intervals) -> float:
+    """Return the arc length of the last place at which the plan is as fast as the path allows.
+
+    Behind it the plan slows for its end. It is the start if there is no such place.
     """
-    place, v = phases[:, S], phases[:, V] * (1.0 + TOUCHING)
-    before = np.minimum(np.searchsorted(known.end, place, side="left"), len(known) - 1)
-    after = np.minimum(np.searchsorted(known.end, place, side="right"), len(known) - 1)
+    place, v = phases["s"], phases["v"] * (1.0 + TOUCHING)
+    last = len(known.end) - 1
+    before = np.minimum(np.searchsorted(known.end, place, side="left"), last)
+    after = np.minimum(np.searchsorted(known.end, place, side="right"), last)
     touching = np.flatnonzero(
-        (phases[:, A] == 0.0) & (v >= np.minimum(known.speed[before], known.speed[after]))
+        (phases["a"] == 0.0) & (v >= np.minimum(known.speed[before], known.speed[after]))
     )
     if not len(touching):
         return float(place[0])
     k = int(touching[-1])
-    cruises = phases[k, J] == 0.0 and k + 1 < len(phases)
+    cruises = phases[k]["j"] == 0.0 and k + 1 < len(phases)
     return float(place[k + 1] if cruises else place[k])
 
 
-def cut_steady(phases: Floats, limit: float) -> tuple[Floats, int]:
-    """The phases, and how many of them lead to the last point without acceleration at or before arc
-    length ``limit``.
+def cut_steady(phases: Phases, limit: float) -> tuple[Phases, int]:
+    """Find the last point without acceleration at or before arc length ``limit``.
 
-    A cruise that passes ``limit`` is cut there.
+    Returns:
+        The phases, and the number of them before that point. A cruise that passes ``limit`` is cut
+        there.
     """
-    k = int(np.searchsorted(phases[:, S], limit, side="right")) - 1
-    if k >= 0 and phases[k, A] == 0.0 and phases[k, J] == 0.0 and phases[k, V] > 0.0:
-        t = (limit - float(phases[k, S])) / float(phases[k, V])
-        if INSTANT < t < phases[k, DURATION] - INSTANT:
-            head, tail = cut_inside(phases, k, t)
-            tail[0, S] = limit
-            return np.concatenate((head, tail)), k + 1
-    steady = np.flatnonzero(phases[: max(k, 0) + 1, A] == 0.0)
+    k = int(np.searchsorted(phases["s"], limit, side="right")) - 1
+    if k >= 0:
+        duration, s, v, a, j = phases[k].tolist()
+        if a == 0.0 and j == 0.0 and v > 0.0:
+            t = (limit - s) / v
+            if INSTANT < t < duration - INSTANT:
+                head, tail = cut_inside(phases, k, t)
+                tail[0]["s"] = limit
+                return np.concatenate((head, tail)), k + 1
+    steady = np.flatnonzero(phases["a"][: max(k, 0) + 1] == 0.0)
     return phases, int(steady[-1]) if len(steady) else 0
 
 
-def cut_inside(phases: Floats, k: int, t: float) -> tuple[Floats, Floats]:
-    """Phases up to ``t`` seconds into phase ``k`` and those after it; the array itself becomes the
-    latter.
+def cut_inside(phases: Phases, k: int, t: float) -> tuple[Phases, Phases]:
+    """Return the phases up to ``t`` seconds into phase ``k``, and those behind.
+
+    The second result is a view of ``phases``, which changes.
     """
     head = phases[: k + 1].copy()
-    head[k, DURATION] = t
-    s, v, a, j = head[k, S:].tolist()
-    left = float(phases[k, DURATION]) - t
+    head[k]["duration"] = t
+    duration, s, v, a, j = phases[k].tolist()
     phases[k] = (
-        left,
+        duration - t,
         s + t * (v + t * (0.5 * a + t * j / 6.0)),
         v + t * (a + 0.5 * t * j),
         a + t * j,
@@ -161,9 +161,9 @@ def cut_inside(phases: Floats, k: int, t: float) -> tuple[Floats, Floats]:
     return head, phases[k:]
 
 
-def cut_at_length(phases: Floats, s: float) -> tuple[Floats, Floats]:
-    """Phases before and after arc length ``s``; the array itself becomes the latter."""
-    k = int(np.searchsorted(phases[:, S], s, side="right")) - 1
+def cut_at_length(phases: Phases, s: float) -> tuple[Phases, Phases]:
+    """Return the phases before and behind arc length ``s``; ``phases`` itself changes."""
+    k = int(np.searchsorted(phases["s"], s, side="right")) - 1
     duration, start, v, a, j = phases[k].tolist()
     t = phase_time(v, a, j, duration, s - start)
     if t <= 0.0:
@@ -171,53 +171,56 @@ def cut_at_length(phases: Floats, s: float) -> tuple[Floats, Floats]:
     if t >= duration:
         return phases[: k + 1], phases[k + 1 :]
     head, tail = cut_inside(phases, k, t)
-    tail[0, S] = s
+    tail[0]["s"] = s
     return head, tail
 
 
-def slice_end(phases: Floats, seconds: float, length: float) -> tuple[int, float]:
-    """Where a slice ends that takes at least ``seconds`` and covers at least ``length``: whole
-    phases, and seconds of the one after them.
+def slice_end(phases: Phases, seconds: float, length: float) -> tuple[int, float]:
+    """Find the end of a slice that takes at least ``seconds`` and covers at least ``length`` mm.
 
-    The first phase out of rest and the last one into it are left whole: with them moves may be
-    overlapped at a corner.
+    The first phase out of rest and the last one into it stay whole: moves may overlap at a corner
+    during them.
+
+    Returns:
+        The number of whole phases, and the time in the phase behind them, s.
     """
     rows = 64
     while True:
         part = phases[:rows]
-        elapsed = np.cumsum(part[:, DURATION])
-        near = (elapsed < seconds) | (np.append(part[1:, S], np.inf) - part[0, S] < length)
-        k = int(np.count_nonzero(near))
+        elapsed = np.cumsum(part["duration"])
+        covered = np.append(part["s"][1:], np.inf) - part[0]["s"]
+        k = int(np.count_nonzero((elapsed < seconds) | (covered < length)))
         if k < len(part) - 1 or len(part) == len(phases):
             break
         rows *= 4
     if k >= len(phases) - 1:
         return len(phases), 0.0
     duration, s, v, a, j = part[k].tolist()
-    if v == 0.0 or part[k + 1, V] == 0.0:
+    if v == 0.0 or part[k + 1]["v"] == 0.0:
         return k + 1, 0.0
     t = seconds - (float(elapsed[k]) - duration)
-    covered = float(part[0, S]) + length - s
-    if covered > 0.0:
-        t = max(t, phase_time(v, a, j, duration, covered))
+    left = float(part[0]["s"]) + length - s
+    if left > 0.0:
+        t = max(t, phase_time(v, a, j, duration, left))
     if t < INSTANT and k > 0:
         return k, 0.0
     return (k, t) if INSTANT <= t < duration - INSTANT else (k + 1, 0.0)
 
 
-def release(phases: Floats) -> Floats | None:
-    """The phase that lets go of the acceleration (> 0) at the start of ``phases``, at the jerk at
-    which their ramp does so in the end.
+def release(phases: Phases) -> Phases | None:
+    """Return the phase that ends the acceleration (> 0) at the start of ``phases``.
+
+    Its jerk is that with which their own ramp ends. It is None if there is no such jerk.
     """
-    falling = np.flatnonzero(phases[:, J] < 0.0)
+    falling = np.flatnonzero(phases["j"] < 0.0)
     if not len(falling):
         return None
     _, s, v, a, _ = phases[0].tolist()
-    j = float(phases[falling[0], J])
-    return np.array([[-a / j, s, v, a, j]])
+    j = float(phases[falling[0]]["j"])
+    return np.array([(-a / j, s, v, a, j)], PHASE)
 
 
-def end_of(phases: Floats) -> tuple[float, float]:
-    """Arc length and speed at the end of the phases."""
+def end_of(phases: Phases) -> tuple[float, float]:
+    """Return arc length and speed at the end of the phases."""
     t, s, v, a, j = phases[-1].tolist()
     return s + t * (v + t * (0.5 * a + t * j / 6.0)), v + t * (a + 0.5 * t * j)

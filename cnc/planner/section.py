@@ -1,4 +1,4 @@
-"""A chunk of path in the planner's window, cut into intervals under the limits that hold."""
+"""A chunk of path in the planner's window, cut into intervals under the limits in effect."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from math import inf
 
 import numpy as np
 
+from cnc.kernels.planner.intervals import Intervals
 from cnc.path.chunk import PathChunk
-from cnc.planner.limits import STANDSTILL, Intervals, Limits, intervals, junction_between
+from cnc.planner.intervals import STANDSTILL, intervals_of, junction_between
+from cnc.planner.limits import Limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,27 +21,28 @@ class Stretch:
     previous: PathChunk | None
     following: PathChunk | None
 
-    def bounds(self, limits: Limits) -> Intervals:
-        """Its intervals, from its start."""
-        before = (
-            STANDSTILL
-            if self.previous is None
-            else junction_between(self.previous, self.path, limits)
-        )
-        after = (
-            STANDSTILL
-            if self.following is None
-            else junction_between(self.path, self.following, limits)
-        )
-        return intervals(self.path, limits, before, after)
+    def intervals(self, limits: Limits) -> Intervals:
+        """Return its intervals, with arc lengths from its start."""
+        before = after = STANDSTILL
+        if self.previous is not None:
+            before = junction_between(self.previous, self.path, limits)
+        if self.following is not None:
+            after = junction_between(self.path, self.following, limits)
+        return intervals_of(self.path, limits, before, after)
 
 
 class Section:
-    """A stretch in the window. base: the window's arc length at its start; travelled: the path
-    length before it.
+    """A stretch in the window.
 
-    last_stop, last_open: where it stops last, and where motion in it may come to rest last (-inf:
-    nowhere); top: its largest speed bound.
+    Attributes:
+        stretch: the chunk of path.
+        piece_s: (pieces + 1,): arc length at the ends of the pieces, from its start, mm.
+        base: the window's arc length at its start, mm.
+        travelled: path length before it, mm.
+        intervals: with arc lengths from its start.
+        last_stop: where the motion stops last, from its start, mm; -inf if it does not stop.
+        last_open: the last place at which the motion may come to rest; -inf if there is none.
+        top: its largest speed bound, mm/s.
     """
 
     def __init__(self, stretch: Stretch, limits: Limits, base: float, travelled: float) -> None:
@@ -47,7 +50,7 @@ class Section:
         self.piece_s = np.concatenate(([0.0], np.cumsum(stretch.path.length)))
         self.base = base
         self.travelled = travelled
-        self.intervals = known = stretch.bounds(limits)
+        self.intervals = known = stretch.intervals(limits)
         stops = np.flatnonzero(known.flat & (known.speed == 0.0))
         opens = np.flatnonzero(~known.flat)
         self.last_stop = float(known.end[stops[-1]]) if len(stops) else -inf
@@ -56,5 +59,5 @@ class Section:
 
     @property
     def end(self) -> float:
-        """The window's arc length at its end."""
+        """The window's arc length at its end, mm."""
         return self.base + float(self.piece_s[-1])

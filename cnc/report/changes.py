@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cnc.model.diagnostics import Diagnostic
+from cnc.report.number_format import clock, number, position
 
 if TYPE_CHECKING:
     from cnc.report import models
@@ -46,8 +47,6 @@ class Changes:
 
     def lines(self) -> list[str]:
         """Return the differences as lines of text; none if nothing changed."""
-        from cnc.report.summary import clock, number, position
-
         if not self.known:
             return ["not in the baseline"]
         lines = []

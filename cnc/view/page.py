@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cnc.model.diagnostics import SHOWN_CHARACTERS, Diagnostic, UsageError
 from cnc.outputs.targets import TextTarget
+from cnc.report.number_format import clock, number
 from cnc.report.result import Report
-from cnc.report.summary import clock, number
 from cnc.view.collect import DRAWN_AXES, Picture, Sizes, stock_box, travel_box
 from cnc.view.tables import FINEST, tolerance_shown
 

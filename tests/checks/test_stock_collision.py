@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc import cli
@@ -12,6 +12,7 @@ from cnc.machine.stock import with_stock
 from cnc.model.diagnostics import MachineFileError, UsageError
 from cnc.path.build import build
 from cnc.path.sample import points_along
+from tests.support.soak import share
 
 STOCK = "x10:60, Y10:50,Z-20:0"
 MACHINE = with_stock(load_machine("default"), STOCK)
@@ -73,6 +74,7 @@ def test_the_message_has_position_and_depth(tmp_path):
     assert "3.5 mm deep" in finding.message
 
 
+@settings(max_examples=share(200, 25))
 @given(
     st.lists(
         st.tuples(st.floats(0, 70), st.floats(0, 60), st.floats(-19, 5), st.booleans()),

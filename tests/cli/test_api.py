@@ -1,4 +1,4 @@
-"""The library's front door, and what a terminal shows meanwhile."""
+"""The public functions, the progress display, and the compilation on the first run."""
 
 import re
 import subprocess
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import cnc
 from cnc.api import Callbacks, Control, Outputs, check, load_machine, parse, plan, run
 from cnc.boards.loopback import Loopback
 from cnc.cli import progress
@@ -29,14 +30,14 @@ def program(tmp_path) -> Path:
     return file
 
 
-def test_parse_gives_blocks_as_they_are_read(program):
+def test_parse_yields_blocks_as_they_are_read(program):
     assert [type(block) for block in parse(program)] == [Polyline, Dwell, ArcFeed, Dwell, End]
     program.write_text(TEXT.replace("I5", "I6"))
     with pytest.raises(GcodeError):
         list(parse(program))
 
 
-def test_plan_keeps_the_clock_of_the_report(program):
+def test_the_plan_ends_at_the_duration_of_the_report(program):
     items = list(plan(program))
     chunks = [item for item in items if isinstance(item, PlanChunk)]
     report = check(program)
@@ -56,7 +57,7 @@ def test_a_machine_can_be_given_in_three_ways(program):
         check(program, "no such machine")
 
 
-def test_run_on_a_board_of_one_s_own(program):
+def test_run_accepts_a_board_object(program):
     board = Loopback(3)
     report = run(program, board=board)
     assert report.ok
@@ -84,7 +85,7 @@ def test_faults_are_in_the_report(program):
     ]
 
 
-def test_the_caller_s_own_mistakes_are_raised(program):
+def test_usage_errors_are_raised(program):
     with pytest.raises(UsageError, match="output-format"):
         check_with(program, outputs=Outputs(trace="t.txt"))
     with pytest.raises(UsageError, match="unknown-board"):
@@ -104,7 +105,7 @@ def test_a_program_too_long_to_keep_is_read_again(program, monkeypatch):
     assert again.program == str(program)
 
 
-def test_progress_tells_both_passes(program, monkeypatch):
+def test_progress_is_reported_in_both_passes(program, monkeypatch):
     monkeypatch.setattr("cnc.gcode.program.program.REPORT_INTERVAL", 1)
     seen = []
     run(program, callbacks=Callbacks(on_progress=lambda *what: seen.append(what)))
@@ -136,7 +137,7 @@ def test_a_stop_ends_both_passes(program, monkeypatch, stage):
     assert board.rows == 0
 
 
-def test_the_bar_appears_for_long_programs_alone(capsys, monkeypatch):
+def test_the_bar_appears_only_after_a_delay(capsys, monkeypatch):
     bar = progress._ProgressBar()
     bar.update("checking", 10, None)
     bar.close()
@@ -161,7 +162,7 @@ def test_warnings_are_shown_unless_quiet(capsys):
         assert shown.callbacks().on_warning is None
 
 
-def test_the_first_run_compiles_and_says_so_once(tmp_path, monkeypatch):
+def test_the_first_run_compiles_and_reports_it_once(tmp_path, monkeypatch):
     mark, told = tmp_path / "compiled", []
     monkeypatch.setattr(kernel_cache, "compiled_mark", lambda: mark)
     for _ in range(2):
@@ -170,7 +171,7 @@ def test_the_first_run_compiles_and_says_so_once(tmp_path, monkeypatch):
     assert mark.exists()
 
 
-def test_nobody_goes_on_compiling_for_a_process_that_is_gone():
+def test_the_compiling_process_ends_with_its_parent():
     # Its input ends with the process that holds the other end of it.
     assert (
         subprocess.run(
@@ -182,7 +183,7 @@ def test_nobody_goes_on_compiling_for_a_process_that_is_gone():
     )
 
 
-def test_what_cuts_a_plan_in_slices_is_compiled_with_the_rest(monkeypatch):
+def test_planning_in_slices_is_compiled_too(monkeypatch):
     called, phase_time = [], phases.phase_time
     monkeypatch.setattr(
         phases, "phase_time", lambda *values: called.append(values) or phase_time(*values)
@@ -202,7 +203,7 @@ def test_compiling_is_announced_unless_quiet(capsys):
         assert shown.callbacks().on_compiling is None
 
 
-def test_compiled_code_belongs_to_the_text_of_a_file_and_of_its_imports(tmp_path, monkeypatch):
+def test_compiled_code_depends_on_the_file_and_its_imports(tmp_path, monkeypatch):
     # A called kernel may change without a change of the file of its caller.
     texts = {
         "caller.py": "from cnc.kernels.deep.callee import f",
@@ -228,16 +229,27 @@ def test_compiled_code_belongs_to_the_text_of_a_file_and_of_its_imports(tmp_path
 
 
 class Silent(Loopback):
-    """A board whose probe never makes contact."""
+    """A board whose probe makes no contact."""
 
     def execute(self, block, time_ns):
         expected = super().execute(block, time_ns)
         return expected and (0.0, *expected[1:])
 
 
-def test_what_the_board_answers_decides_how_the_program_goes_on(program):
+def test_an_answer_of_the_board_is_used_in_the_run_pass(program):
     program.write_text("G21 G90\nG38.3 Z-5 F600\no1 if [#5070 EQ 0]\nG0 X7\no1 endif\nG0 Z0\nM2\n")
     for board, steps in ((Loopback(3), 0), (Silent(3), 7)):
         report = run(program, board=board)
         assert report.ok
         assert board.position_steps[0] == steps * load_machine(None).axes["x"].steps_per_mm
+
+
+def test_the_package_exports_the_public_names_on_first_use():
+    code = (
+        "import sys, cnc; assert not {'numpy', 'numba', 'pydantic'} & set(sys.modules);"
+        "from cnc import *; import cnc.api;"
+        "assert all(getattr(cnc, name) is getattr(cnc.api, name) for name in cnc.__all__)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    with pytest.raises(AttributeError, match="no attribute 'chek'"):
+        cnc.chek  # noqa: B018

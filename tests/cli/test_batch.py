@@ -1,6 +1,4 @@
-"""Many programs at once: the same findings on any number of processes, in order, whatever one of
-them holds or does to its process.
-"""
+"""Checks of many programs in parallel: findings, order, faults of workers."""
 
 import io
 import json
@@ -14,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from cnc import cli
 from cnc.api import Control, RunOptions, check, check_many
 from cnc.batch import pool
 from cnc.cli import progress
@@ -25,35 +22,43 @@ from tests.support.soak import share
 GOOD = b"G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
 
 BROKEN = [
-    ("arc-center-missing", "G2 X5"), ("arc-center-missing", "G17 G2 Z5 F100"), ("arc-radius-and-center", "G2 X5 R9 I3"),
-    ("arc-radius-mismatch", "G2 X20 Y5 I5 J9"), ("arc-radius-no-chord", "G2 R5"), ("arc-radius-too-small", "G2 X20 R1"),
-    ("arctangent-second", "G1 X[ATAN[1]]"), ("argument-out-of-range", "G1 X[SQRT[-1]]"), ("argument-out-of-range", "G1 X[LN[0]]"),
-    ("assignment-missing", "#1 5"), ("axis-missing", "G1 A5 F5"), ("axis-words-missing", "G92"), ("block-delete-place", "/ / G0"),
-    ("block-not-closed", "o1 if [1]"), ("bracket-not-closed", "G1 X[1"), ("channel-missing", "M64"), ("character-unknown", "G1 X5 !"),
-    ("code-unknown", "G999"), ("code-unknown", "G28.5"), ("comment-nested", "G1 (to (the) right)"), ("comment-not-closed", "G1 X5 (to"),
+    ("arc-center-missing", "G2 X5"), ("arc-center-missing", "G17 G2 Z5 F100"),
+    ("arc-radius-and-center", "G2 X5 R9 I3"), ("arc-radius-mismatch", "G2 X20 Y5 I5 J9"),
+    ("arc-radius-no-chord", "G2 R5"), ("arc-radius-too-small", "G2 X20 R1"),
+    ("arctangent-second", "G1 X[ATAN[1]]"), ("argument-out-of-range", "G1 X[SQRT[-1]]"),
+    ("argument-out-of-range", "G1 X[LN[0]]"), ("assignment-missing", "#1 5"),
+    ("axis-missing", "G1 A5 F5"), ("axis-words-missing", "G92"), ("block-delete-place", "/ / G0"),
+    ("block-not-closed", "o1 if [1]"), ("bracket-not-closed", "G1 X[1"), ("channel-missing", "M64"),
+    ("character-unknown", "G1 X5 !"), ("code-unknown", "G999"), ("code-unknown", "G28.5"),
+    ("comment-nested", "G1 (to (the) right)"), ("comment-not-closed", "G1 X5 (to"),
     ("cycle-retract-below-bottom", "G81 X5 Z-1 F5 R-5"), ("cycle-word-missing", "G81 X5 Z-1"),
-    ("cycle-word-missing", "G83 X1 Z-5 R1 F100"), ("division-by-zero", "G1 X[1/0]"), ("dwell-time-missing", "G4"),
-    ("expression-without-brackets", "G1 X0/0 F5"), ("feed-missing", "G1 X5"), ("feed-missing", "G93\nG1 X5"), ("feed-missing", "G6.2"),
-    ("feed-not-positive", "F-5"), ("function-unknown", "G1 X[SINE[5]]"), ("label-missing", "O call"), ("letter-missing", "5 5"),
-    ("line-number-bad", "N-5 G0"), ("loop-endless", "o1 while [1]\no1 endwhile"), ("machine-coordinates-motion", "G53 G2 X1 I5"),
-    ("modal-conflict", "G0 G1 X5"), ("modal-conflict", "M70 M73"), ("motion-missing", "X5"), ("number-malformed", "G1 X5.5.5"),
-    ("number-malformed", "G1 X--5"), ("number-missing", "G1 X"), ("number-missing", "G1 X]"),
-    ("number-too-large", "G1 X99999999999999999"), ("nurbs-left-early", "G5.2 X1 Y1 L3"), ("operator-unknown", "G1 X[1 PLUS 2]"),
-    ("parameter-number-missing", "G1 X#"), ("parameter-read-only", "#5400 = 3"), ("parameter-undefined", "G1 X#<nothing>"),
-    ("pitch-missing", "G33 Z5"), ("probe-length", "G38.2 X0 Y0 F5"), ("program-unknown", "M98 P1"), ("soft-limit", "G0 X5000"),
-    ("spindle-stopped", "G33.1 Z5 K1"), ("spindle-stopped", "G95\nG1 X5 F1"), ("spline-tangent-missing", "G5 X1 Y1"),
-    ("state-not-saved", "M72"), ("sub-nested", "o1 sub\no1 sub"), ("sub-not-open", "o1 endsub"), ("sub-unknown", "o<nowhere> call"),
-    ("thread-plane", "G76"), ("tool-not-chosen", "M6"), ("tool-table-missing", "G43 H99"), ("value-out-of-range", "S-5"),
-    ("value-out-of-range", "G10 L2 P99 X5"), ("value-out-of-range", "G4 P-1"), ("value-out-of-range", "G64 P-1"),
-    ("wait-time-missing", "M66 P1 L3"), ("word-repeated", "G1 X5 X6"), ("word-unused", "G21 L5"),
+    ("cycle-word-missing", "G83 X1 Z-5 R1 F100"), ("division-by-zero", "G1 X[1/0]"),
+    ("dwell-time-missing", "G4"), ("expression-without-brackets", "G1 X0/0 F5"),
+    ("feed-missing", "G1 X5"), ("feed-missing", "G93\nG1 X5"), ("feed-missing", "G6.2"),
+    ("feed-not-positive", "F-5"), ("function-unknown", "G1 X[SINE[5]]"),
+    ("label-missing", "O call"), ("letter-missing", "5 5"), ("line-number-bad", "N-5 G0"),
+    ("loop-endless", "o1 while [1]\no1 endwhile"), ("machine-coordinates-motion", "G53 G2 X1 I5"),
+    ("modal-conflict", "G0 G1 X5"), ("modal-conflict", "M70 M73"), ("motion-missing", "X5"),
+    ("number-malformed", "G1 X5.5.5"), ("number-malformed", "G1 X--5"), ("number-missing", "G1 X"),
+    ("number-missing", "G1 X]"), ("number-too-large", "G1 X99999999999999999"),
+    ("nurbs-left-early", "G5.2 X1 Y1 L3"), ("operator-unknown", "G1 X[1 PLUS 2]"),
+    ("parameter-number-missing", "G1 X#"), ("parameter-read-only", "#5400 = 3"),
+    ("parameter-undefined", "G1 X#<nothing>"), ("pitch-missing", "G33 Z5"),
+    ("probe-length", "G38.2 X0 Y0 F5"), ("program-unknown", "M98 P1"), ("soft-limit", "G0 X5000"),
+    ("spindle-stopped", "G33.1 Z5 K1"), ("spindle-stopped", "G95\nG1 X5 F1"),
+    ("spline-tangent-missing", "G5 X1 Y1"), ("state-not-saved", "M72"),
+    ("sub-nested", "o1 sub\no1 sub"), ("sub-not-open", "o1 endsub"),
+    ("sub-unknown", "o<nowhere> call"), ("thread-plane", "G76"), ("tool-not-chosen", "M6"),
+    ("tool-table-missing", "G43 H99"), ("value-out-of-range", "S-5"),
+    ("value-out-of-range", "G10 L2 P99 X5"), ("value-out-of-range", "G4 P-1"),
+    ("value-out-of-range", "G64 P-1"), ("wait-time-missing", "M66 P1 L3"),
+    ("word-repeated", "G1 X5 X6"), ("word-unused", "G21 L5"),
 ]  # fmt: skip
-"""What is to be found, and the faulty line."""
+"""The expected finding, and the faulty line."""
 
 
 def write_folder(folder: Path, count: int, longest: int) -> dict[str, str]:
-    """``count`` programs of every sort, one of ``longest`` lines, and what is to be found in each
-    ("": nothing).
-    """
+    """Write ``count`` programs, one of ``longest`` lines; return the expected finding of each."""
     kinds: list[tuple[str, bytes]] = [
         (code, f"G21 G90 G94\n{line}\nM2\n".encode()) for code, line in BROKEN
     ]
@@ -82,18 +87,8 @@ def write_folder(folder: Path, count: int, longest: int) -> dict[str, str]:
     return wanted
 
 
-@pytest.fixture
-def cncrun(capfd):
-    def carry_out(*arguments: str) -> tuple[int, str, str]:
-        code = cli.exit_code(arguments)
-        out, err = capfd.readouterr()
-        return code, out, err
-
-    return carry_out
-
-
 def lasting(reports: str) -> list[dict]:
-    """What does not depend on the clock of this computer."""
+    """Return the reports without computing times."""
     return [
         {
             key: value
@@ -104,7 +99,7 @@ def lasting(reports: str) -> list[dict]:
     ]
 
 
-def test_the_same_findings_on_one_core_and_two(cncrun, tmp_path):
+def test_one_and_two_processes_give_the_same_findings(cncrun, tmp_path):
     wanted = write_folder(tmp_path / "shop", share(200, len(BROKEN) + 9), share(3_000_000, 5000))
     found = [cncrun("check", *wanted, "--jobs", jobs, "--format", "json") for jobs in ("1", "2")]
     one, two = (lasting(out) for _, out, _ in found)
@@ -122,10 +117,8 @@ def test_the_same_findings_on_one_core_and_two(cncrun, tmp_path):
     assert lasting(json.dumps([check(next(iter(wanted))).as_json()])) == one[:1]
 
 
-def test_each_ends_with_its_exit_code(cncrun, tmp_path):
-    """0 for a good one, 1 for a broken one, 2 for one that is not there; on 1 and 2 the last
-    message is its fault, and says where.
-    """
+def test_exit_codes_of_many_programs(cncrun, tmp_path):
+    """0 for a good program, 1 for a faulty one, 2 for a missing one, with a message at the end."""
     wanted = write_folder(tmp_path / "shop", len(BROKEN) + 9, 1000)
     for name, code in wanted.items():
         ended, out, err = cncrun("check", name, "--quiet")
@@ -139,7 +132,7 @@ def test_each_ends_with_its_exit_code(cncrun, tmp_path):
         assert "Traceback" not in err
 
 
-def test_a_process_that_dies_is_told_and_nothing_is_lost(tmp_path, monkeypatch):
+def test_a_process_that_dies_is_reported_and_no_program_is_lost(tmp_path, monkeypatch):
     """``deadly`` kills its process every time, ``flaky`` the first time only."""
     spoilt = f"""
 import os, cnc.batch.task as task
@@ -175,8 +168,12 @@ task.Task.perform = spoilt
     assert reports[1].exit_code == 1
 
 
-def test_a_fault_of_ours_is_told_and_stops_nothing(tmp_path, monkeypatch):
-    broken = "import cnc.session.program_reader\ndef interpret(text, **_): raise RuntimeError('oh')\ncnc.session.program_reader.interpret = interpret"
+def test_an_internal_error_is_reported_and_the_rest_is_checked(tmp_path, monkeypatch):
+    broken = (
+        "import cnc.session.program_reader as reader\n"
+        "def interpret(text, **_): raise RuntimeError('oh')\n"
+        "reader.interpret = interpret"
+    )
     monkeypatch.setattr(
         pool,
         "START",
@@ -191,7 +188,7 @@ def test_a_fault_of_ours_is_told_and_stops_nothing(tmp_path, monkeypatch):
     assert [report.exit_code for report in reports] == [1, 1]
 
 
-def test_faults_keep_their_kind_on_their_way(tmp_path):
+def test_faults_keep_their_type_when_pickled(tmp_path):
     (tmp_path / "a.nc").write_bytes(b"G2 X20 Y5 I5 J9\n")
     bad, missing = check_many([tmp_path / "a.nc", tmp_path / "b.nc"])
     assert type(bad.faults[0]) is GcodeError
@@ -200,12 +197,13 @@ def test_faults_keep_their_kind_on_their_way(tmp_path):
     assert bad.faults[0].diagnostic == check(tmp_path / "a.nc").faults[0].diagnostic
 
 
-def test_what_is_wrong_with_every_program_is_raised_once(tmp_path, cncrun):
+def test_usage_errors_are_raised_once(tmp_path, cncrun):
     for name in "ab":
         (tmp_path / f"{name}.nc").write_bytes(GOOD)
     (tmp_path / "tools.tbl").write_text("no tools here\n")
     (tmp_path / "m.toml").write_text(
-        '[axes.x]\nsteps_per_mm = 1\nmax_velocity = 5\nmax_acceleration = 1\nmax_jerk = 1\n[program]\ntool_table = "tools.tbl"\n'
+        "[axes.x]\nsteps_per_mm = 1\nmax_velocity = 5\nmax_acceleration = 1\nmax_jerk = 1\n"
+        '[program]\ntool_table = "tools.tbl"\n'
     )
     with pytest.raises(MachineFileError):
         list(check_many([tmp_path / "a.nc", tmp_path / "b.nc"], tmp_path / "m.toml"))
@@ -233,7 +231,7 @@ def test_options_reach_the_workers(tmp_path):
 
 
 @pytest.mark.parametrize("form", ["sarif", "junit", "github"])
-def test_formats_are_printed_and_the_rest_moves_over(cncrun, tmp_path, form):
+def test_a_format_uses_standard_output_and_the_rest_standard_error(cncrun, tmp_path, form):
     bad, good = str(tmp_path / "a.nc"), str(tmp_path / "b.nc")
     Path(bad).write_bytes(b"G2 X20 Y5 I5 J9\n")
     Path(good).write_bytes(GOOD)
@@ -250,7 +248,7 @@ def test_formats_are_printed_and_the_rest_moves_over(cncrun, tmp_path, form):
     assert cncrun("check", good, "--format", form, "--blocks", "-")[0] == 2
 
 
-def test_a_list_in_a_format_and_its_lines_aside(cncrun, tmp_path):
+def test_json_uses_standard_output_and_the_lines_standard_error(cncrun, tmp_path):
     write_folder(tmp_path / "shop", 3, 10)
     code, out, err = cncrun("check", str(tmp_path / "shop"), "--format", "sarif")
     assert code == 1
@@ -262,7 +260,7 @@ def command(*arguments: str) -> list[str]:
     return [sys.executable, "-m", "cnc.cli", "check", *arguments]
 
 
-def test_standard_input_may_be_one_of_many(tmp_path):
+def test_standard_input_can_be_one_of_many(tmp_path):
     (tmp_path / "a.nc").write_bytes(GOOD)
     done = subprocess.run(
         command(str(tmp_path / "a.nc"), "-"), cwd=ROOT, input=GOOD, capture_output=True, check=False
@@ -272,7 +270,7 @@ def test_standard_input_may_be_one_of_many(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs names that are no text")
-def test_a_name_that_is_no_text(tmp_path):
+def test_a_file_name_that_is_not_text(tmp_path):
     for name in b"a.nc", b"caf\xe9.nc":
         (tmp_path / os.fsdecode(name)).write_bytes(GOOD)
     for form in "text", "github":
@@ -298,7 +296,7 @@ def test_modules_beside_the_programs_are_not_imported(tmp_path):
 
 
 def children(process: int) -> list[int]:
-    """Processes that any of its threads started."""
+    """Return the processes that any thread of a process started."""
     return [
         int(each)
         for listed in Path(f"/proc/{process}/task").glob("*/children")
@@ -315,7 +313,7 @@ def alive(process: int) -> bool:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
-def test_no_process_outlives_the_one_that_wants_to_know(tmp_path, how):
+def test_workers_end_with_their_parent(tmp_path, how):
     for number in range(50):  # a second each, or more
         (tmp_path / f"{number}.nc").write_bytes(
             b"#1 = 0\no1 while [#1 LT 1000000]\n#1 = [#1 + 1]\no1 endwhile\nM2\n"
@@ -345,7 +343,7 @@ def test_no_process_outlives_the_one_that_wants_to_know(tmp_path, how):
         time.sleep(0.05)
 
 
-def test_a_bar_counts_programs_on_a_terminal_only(monkeypatch):
+def test_the_bar_counts_programs_on_a_terminal_only(monkeypatch):
     class Terminal(io.StringIO):
         def isatty(self) -> bool:
             return True
@@ -361,9 +359,7 @@ def test_a_bar_counts_programs_on_a_terminal_only(monkeypatch):
 
 
 def test_the_algorithm_reaches_every_worker(tmp_path: Path) -> None:
-    """A line of slope 1/2: as many rows as steps of the one axis by half steps, as many as steps of
-    both by comparing point by point.
-    """
+    """A line of slope 1/2 has fewer rows by half steps than by comparing point by point."""
     programs = []
     for number in range(2):
         programs.append(str(tmp_path / f"{number}.nc"))

@@ -1,4 +1,4 @@
-"""`cncrun boards`: what answers at a port, and the machine file that its settings make."""
+"""The command ``cncrun boards``: devices at ports, and the machine file from GRBL's settings."""
 
 from __future__ import annotations
 
@@ -46,9 +46,7 @@ def loaded(text: str, folder: Path) -> Machine:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
-def test_what_is_printed_is_a_machine_file(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_the_output_is_a_machine_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     with PtyServer(
         GrblSimulator(settings={number: float(value) for number, value in SETTINGS.items()}), 4.0
     ) as server:
@@ -66,13 +64,13 @@ def test_what_is_printed_is_a_machine_file(
     assert (machine.board.kind, machine.board.port) == ("grbl", server.name)
 
 
-def test_settings_that_are_missing_make_no_file() -> None:
+def test_missing_settings_are_an_error() -> None:
     with pytest.raises(BoardError) as caught:
         machine_file("COM3", BoardInfo("1.1h", hal=False), 115200)
     assert caught.value.diagnostic.code == "board-settings"
 
 
-def test_a_name_can_not_break_the_file(tmp_path: Path) -> None:
+def test_names_are_quoted(tmp_path: Path) -> None:
     info = BoardInfo(
         '1.1h"\n[axes',
         hal=True,
@@ -83,7 +81,7 @@ def test_a_name_can_not_break_the_file(tmp_path: Path) -> None:
     assert machine.board.baud == 9600
 
 
-def test_a_port_without_a_board_is_named_and_the_code_says_so(
+def test_a_missing_port_is_named_and_gives_exit_code_3(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     assert exit_code(["boards", str(tmp_path / "ttyUSB0")]) == 3
@@ -92,7 +90,7 @@ def test_a_port_without_a_board_is_named_and_the_code_says_so(
     assert "no-such-port" in shown.err
 
 
-def test_something_else_answers(capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_device_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         import threading
 
@@ -132,14 +130,14 @@ BOARD = Welcome(VERSION, 3, 500, 1020, 36, StepperState.IDLE, True)
         ),
     ],
 )
-def test_every_line_of_another_port_is_a_remark(found: FoundBoard, said: str) -> None:
+def test_a_port_without_a_board_gives_only_comments(found: FoundBoard, said: str) -> None:
     lines = list(port_report(found))
     assert all(line.startswith("#") for line in lines)
     assert said in "\n".join(lines)
 
 
 class Recorded:
-    """A port at which nothing answers, and what is said to it at which speed."""
+    """A silent port that records the bytes sent at each speed."""
 
     def __init__(self) -> None:
         self.baud = 115200
@@ -161,10 +159,8 @@ class Recorded:
         """Nothing to let go of."""
 
 
-def test_nothing_is_said_that_could_move_an_unknown_device(monkeypatch: pytest.MonkeyPatch) -> None:
-    """GRBL's questions and its reset, then a hello without a line end and without a real-time
-    command.
-    """
+def test_nothing_is_sent_that_could_move_an_unknown_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    """GRBL's queries and reset, then a stepper hello without line end and real-time characters."""
     port, clock = Recorded(), 0.0
 
     class Clock:

@@ -1,6 +1,4 @@
-"""Programs on a Dask cluster: the same output as at home, whatever becomes of a worker in the
-middle of it.
-"""
+"""Checks on a Dask cluster: the output of local checks, also if workers die."""
 
 import json
 import os
@@ -20,11 +18,11 @@ from tests.support.paths import ROOT
 
 GOOD = "G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
 SLOW = "#1 = 0\no1 while [#1 LT 100000]\n#1 = [#1 + 1]\no1 endwhile\nM2\n"
-"""A tenth of a second, or more."""
+"""A program that takes at least 0.1 s to check."""
 
 
 def lasting(reports: str) -> list[dict]:
-    """What does not depend on the clock of a computer."""
+    """Return the reports without computing times."""
     clocks = ("timing", "lines_per_s", "steps_per_s")
     return [
         {key: value for key, value in each.items() if key not in clocks}
@@ -34,7 +32,7 @@ def lasting(reports: str) -> list[dict]:
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Address of a scheduler, and processes of its workers."""
+    """Start a cluster; yield the address of its scheduler and the processes of its workers."""
     command = [sys.executable, str(ROOT / "tests/support/cli/farm_cluster.py")]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
@@ -55,9 +53,7 @@ def cluster():
                 process.kill()
 
 
-def test_a_worker_that_dies_loses_nothing_and_doubles_nothing(
-    cluster, tmp_path, capfd, monkeypatch
-):
+def test_a_dead_worker_loses_and_repeats_no_report(cluster, tmp_path, capfd, monkeypatch):
     address, workers = cluster
     kinds = {"good": GOOD, "slow": SLOW, "bad": "G2 X5\n", "sub": "o<part> call\nM2\n"}
     for number in range(16):
@@ -87,7 +83,7 @@ def test_a_worker_that_dies_loses_nothing_and_doubles_nothing(
     assert err == same_err
 
 
-def test_one_program_and_what_is_wrong_with_every_one(cluster, tmp_path, capfd):
+def test_one_program_and_usage_errors_on_a_cluster(cluster, tmp_path, capfd):
     address, _ = cluster
     (tmp_path / "a.nc").write_text(GOOD)
     assert (
@@ -114,13 +110,13 @@ def test_one_program_and_what_is_wrong_with_every_one(cluster, tmp_path, capfd):
     assert cli.exit_code(["check", str(tmp_path), "--scheduler", address, "--jobs", "2"]) == 2
 
 
-def test_a_worker_of_another_version_is_told():
+def test_a_worker_of_another_version_is_reported():
     answer = pickle.loads(zlib.decompress(dask_cluster.perform(b"", "0.0.1")))
     assert isinstance(answer, UsageError)
     assert answer.diagnostic.code == "farm-version"
 
 
-def test_nobody_answers(monkeypatch, tmp_path, capfd):
+def test_an_unreachable_scheduler_is_reported(monkeypatch, tmp_path, capfd):
     (tmp_path / "a.nc").write_text(GOOD)
     monkeypatch.setattr(dask_cluster, "TIMEOUT", 0.5)
     for address in "tcp://127.0.0.1:9", "nonsense://x", "no address":
@@ -128,7 +124,7 @@ def test_nobody_answers(monkeypatch, tmp_path, capfd):
         assert f"farm-unreachable: no scheduler answers at {address}: " in capfd.readouterr().err
 
 
-def test_without_dask_it_says_what_to_install(monkeypatch, tmp_path, capfd):
+def test_without_dask_the_message_names_the_package(monkeypatch, tmp_path, capfd):
     (tmp_path / "a.nc").write_text(GOOD)
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert cli.exit_code(["check", str(tmp_path), "--scheduler", "tcp://127.0.0.1:9"]) == 2

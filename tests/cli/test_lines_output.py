@@ -1,4 +1,4 @@
-"""``--lines``: the program as lines for GRBL, which check reads again as the same motion."""
+"""The output ``--lines``: lines for GRBL with the motion of the program."""
 
 from pathlib import Path
 
@@ -21,7 +21,7 @@ MILL = load_machine(None)
 
 
 def points(program: Path, machine: Machine, dialect: str = "auto") -> np.ndarray:
-    """Points of the motion as programmed, in machine coordinates."""
+    """Return points of the programmed motion, in machine coordinates."""
     blocks = (
         block
         for block in parse(program, machine, dialect=dialect)
@@ -41,7 +41,7 @@ def translated(program: Path, machine: Machine, folder: Path) -> Path:
 @pytest.mark.parametrize(
     "file", [file.name for file in sorted(PROGRAMS.glob("*.nc")) if file.stem != "turned-thread"]
 )
-def test_shipped_programs_are_the_same_motion_when_check_reads_their_lines(file, tmp_path):
+def test_lines_of_shipped_programs_have_the_same_motion(file, tmp_path):
     lines = translated(PROGRAMS / file, MILL, tmp_path)
     assert check_with(lines, MILL, dialect="grbl").ok
     assert (
@@ -75,13 +75,13 @@ def test_lines_are_relative_to_the_part(tmp_path):
         ("G2 X10 I5 F100", ["G0 X0 Y0", "G2 X10 I5 F100"]),
     ],
 )
-def test_the_first_cut_finds_every_axis_where_a_line_has_put_it(program, expected, tmp_path):
+def test_the_first_line_positions_every_axis(program, expected, tmp_path):
     file = tmp_path / "zero.nc"
     file.write_text(f"G21 G90 G17\n{program}\nM2\n")
     assert translated(file, MILL, tmp_path).read_text().splitlines()[1:-1] == expected
 
 
-def test_a_program_that_grbl_can_not_do_ends_at_its_line(tmp_path, capsys):
+def test_a_block_that_grbl_does_not_support_is_an_error_at_its_line(tmp_path, capsys):
     target = tmp_path / "thread.nc"
     assert exit_code(["check", str(PROGRAMS / "turned-thread.nc"), "--lines", str(target)]) == 1
     shown = capsys.readouterr().err
@@ -89,7 +89,7 @@ def test_a_program_that_grbl_can_not_do_ends_at_its_line(tmp_path, capsys):
     assert not target.exists()
 
 
-def test_a_check_for_a_grbl_machine_says_so_too(tmp_path):
+def test_a_check_for_a_grbl_machine_reports_unsupported_blocks(tmp_path):
     program = tmp_path / "output.nc"
     program.write_text("G21 G90\nG1 X1 F100\nM62 P1\nG1 X2\nM2\n")
     report = check_with(program, load_machine("grbl-uno"), dialect="linuxcnc")
@@ -98,7 +98,7 @@ def test_a_check_for_a_grbl_machine_says_so_too(tmp_path):
     ]
 
 
-def test_standard_output_is_the_program_alone(tmp_path, capsys):
+def test_standard_output_contains_only_the_program(tmp_path, capsys):
     program = tmp_path / "line.nc"
     program.write_text("G21 G90\nG1 X1 F100\nM2\n")
     assert exit_code([str(program), "--lines", "-"]) == 0

@@ -65,9 +65,7 @@ def written(program: Path, text: str) -> Path:
     return program
 
 
-def test_certain_abort_moves_nothing(
-    program: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_certain_abort_moves_nothing(program: Path, capfd: pytest.CaptureFixture[str]) -> None:
     written(program, "G21 G90\nG0 X5\n(ABORT, the vice is missing)\nM2\n")
     pulses = program.with_suffix(".npz")
     for words in (["check", str(program)], [str(program), "--pulses", str(pulses)]):
@@ -112,9 +110,7 @@ def test_another_answer_completes_the_program(program: Path) -> None:
     assert board.position_steps[0] == 9 * MILL.axes["x"].steps_per_mm
 
 
-def test_check_without_an_answer_warns(
-    program: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_check_without_an_answer_warns(program: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """What a check assumes, contact, would abort; what stands behind it is checked all the same."""
     written(program, PROBED.format(1))
     assert cli.exit_code(["check", str(program)]) == 0
@@ -145,7 +141,7 @@ def test_abort_on_a_line_board(program: Path, surface: float | None) -> None:
         else GrblSimulator(environment=Environment(surface=((0.0, 0.0, 1.0), surface)))
     )
     port = GrblSimulatorPort(box)
-    board = GrblBoard(port, GRBL, port.clock, "the box")
+    board = GrblBoard(port, GRBL, port.clock, "the simulator")
     board.connect()
     report: Report = run(written(program, PROBED.format(0)), GRBL, board=board)
     board.close()

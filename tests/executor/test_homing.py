@@ -349,9 +349,7 @@ def test_faulty_program_starts_no_homing(bench: Bench, tmp_path: Path) -> None:
     assert not len(rows(bench))
 
 
-def test_machine_without_switches_reports_its_assumption(
-    bench: Bench, tmp_path: Path
-) -> None:
+def test_machine_without_switches_reports_its_assumption(bench: Bench, tmp_path: Path) -> None:
     machine = small(
         axes={
             letter: each.model_copy(update={"homing": None})
@@ -406,7 +404,9 @@ def test_home_command(
         ),
     ],
 )
-def test_invalid_homing_requests_are_refused(machine: Machine, axes: tuple[str, ...], code: str) -> None:
+def test_invalid_homing_requests_are_refused(
+    machine: Machine, axes: tuple[str, ...], code: str
+) -> None:
     with pytest.raises(UsageError) as caught:
         homing_sequence(machine, axes)
     assert caught.value.diagnostic.code == code

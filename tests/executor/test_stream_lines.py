@@ -33,7 +33,7 @@ def ran(box: GrblSimulator, tmp_path: Path, text: str, **arguments: object) -> R
     program = tmp_path / "p.nc"
     program.write_text(text)
     port = GrblSimulatorPort(box)
-    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
     board.connect()
     report = run_with(program, MACHINE, board=board, **arguments)
     board.close()
@@ -52,9 +52,7 @@ def test_program_ends_at_its_end_point(box: GrblSimulator, tmp_path: Path) -> No
     assert [event.value for event in box.events if event.kind == "spindle"] == ["M3 1000", "M5 0"]
 
 
-def test_program_uses_the_offsets_of_the_board(
-    box: GrblSimulator, tmp_path: Path
-) -> None:
+def test_program_uses_the_offsets_of_the_board(box: GrblSimulator, tmp_path: Path) -> None:
     box.core.eeprom.systems["G54"] = (30.0, 20.0, -10.0)
     box.core.eeprom.systems["G55"] = (50.0, 20.0, -10.0)
     report = ran(box, tmp_path, "G54 G0 X1 Y2 Z3\nG55 G1 X1 F900\nG53 G0 Z0\nM2\n")
@@ -63,9 +61,7 @@ def test_program_uses_the_offsets_of_the_board(
     assert report.end_position == pytest.approx({"x": 51.0, "y": 22.0, "z": 0.0})
 
 
-def test_board_keeps_the_offsets_of_the_program(
-    box: GrblSimulator, tmp_path: Path
-) -> None:
+def test_board_keeps_the_offsets_of_the_program(box: GrblSimulator, tmp_path: Path) -> None:
     report = ran(box, tmp_path, "G0 X10 Y5\nG10 L20 P2 X0 Y0\nG10 L2 P3 Z-4.5\nM2\n")
     assert report.ok, report.faults
     assert box.core.eeprom.systems["G55"] == pytest.approx((10.0, 5.0, 0.0))
@@ -100,9 +96,7 @@ def test_connection_fault_has_file_and_line(box: GrblSimulator, tmp_path: Path) 
     assert found.text.startswith("G1 X")
 
 
-def test_different_end_position_is_a_fault(
-    box: GrblSimulator, tmp_path: Path
-) -> None:
+def test_different_end_position_is_a_fault(box: GrblSimulator, tmp_path: Path) -> None:
     text = "G1 X20.05 F600\n"
     assert ran(box, tmp_path, text).ok
     asked = box.core.receiver.received - 80
@@ -173,7 +167,7 @@ def test_check_on_the_board_moves_nothing(box: GrblSimulator, tmp_path: Path) ->
     program = tmp_path / "p.nc"
     program.write_text("G1 X10 F600\nG2 X20 I5\nM2\n")
     port = GrblSimulatorPort(box)
-    board = GrblBoard(port, MACHINE, port.clock, "the box")
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
     board.connect()
     board.check_only = True
     assert run(program, MACHINE, board=board).ok

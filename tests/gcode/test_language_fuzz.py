@@ -16,10 +16,10 @@ from cnc.model.diagnostics import Diagnostic
 from tests.support.gcode.fuzz_checks import (
     Tally,
     check,
+    check_message,
     check_seeds,
     every_word_matters,
     limited,
-    check_message,
 )
 from tests.support.gcode.fuzzing import Author, Program
 from tests.support.soak import share, soaking

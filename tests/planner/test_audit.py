@@ -1,6 +1,4 @@
-"""The audit's maxima against the same written another way: every point of every phase and every
-sample, with nothing left out.
-"""
+"""The audit's maxima, compared with those of every point of every phase and every sample."""
 
 import math
 
@@ -229,7 +227,7 @@ PLANS = [
 
 
 @pytest.mark.parametrize(("blocks", "limits"), PLANS, ids=range(len(PLANS)))
-def test_maxima_are_those_of_looking_everywhere(blocks, limits):
+def test_maxima_equal_those_of_all_points(blocks, limits):
     mill = machine(**limits)
     ahead = LookAhead(mill)
     start = np.zeros(3) if not hasattr(blocks[0], "control_points") else blocks[0].control_points[0]
@@ -254,7 +252,7 @@ def test_maxima_are_those_of_looking_everywhere(blocks, limits):
 
 
 @pytest.mark.parametrize("seed", range(share(200, 20)))
-def test_bounds_hold_all_along(seed):
+def test_derivative_bounds_hold_everywhere(seed):
     """Random spans, bent much and little: no derivative by arc length, and no curvature, passes its
     bound.
     """
@@ -282,7 +280,7 @@ def test_bounds_hold_all_along(seed):
     assert seen
 
 
-def test_bounds_are_sharp_where_little_bends():
+def test_derivative_bounds_are_sharp_on_straight_spans():
     """A span of a circle of radius 50 mm that turns by 2 degrees: the curvature's bound is a few
     percent above it.
     """
@@ -298,7 +296,7 @@ def test_bounds_are_sharp_where_little_bends():
     assert 0.02 <= bounds[3, 1] <= 0.0205
 
 
-def test_limits_of_a_path_are_read():
+def test_limits_that_a_machine_leaves_out_are_infinite():
     """A machine without limits along its path is not compared with them."""
     limits = Limits.of(
         machine(axis=(1000.0, 50000.0)).model_copy(update={"path": PathLimits(max_feed=50.0)})

@@ -1,8 +1,7 @@
-"""Input that is hard or bad: planned legally or refused with a code, never a number that is none,
-never a hang.
+"""Hard and bad input: it is planned legally or refused with a code, without NaN and without a hang.
 
-A kernel that hangs cannot be interrupted: the programs run in a process of their own, which is
-given up after LONGEST seconds.
+A kernel that hangs cannot be interrupted, so the programs run in a process of their own, which is
+killed after LONGEST seconds.
 """
 
 import math
@@ -26,7 +25,7 @@ REFUSALS = {
     "feed of 1e-6": "feed-too-slow",
     "feed of 1e-6 on a curve": "feed-too-slow",
 }
-"""Programs that are refused, and by which code; all others are planned."""
+"""The error codes of programs that are refused; all others are planned."""
 
 
 def nurbs(
@@ -305,7 +304,7 @@ def test_a_sharp_bend_takes_no_longer_than_a_cusp(elsewhere, tmp_path):
 
 
 @pytest.mark.parametrize("machine", EVERYWHERE)
-def test_years_of_motion_are_planned_at_once(machine, tmp_path):
+def test_years_of_motion_are_planned_without_delay(machine, tmp_path):
     """Nothing is counted off period by period where nothing happens."""
     file = tmp_path / "p.nc"
     file.write_text("G21 G90 G94 G17\nG64\nG1 X60 Y80 F0.00006\nG2 X60 Y0 I0 J-40\nM2\n")

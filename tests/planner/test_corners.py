@@ -1,6 +1,4 @@
-"""Corners under a tolerance: as fast as theory says, legal by differences of positions, within the
-tolerance both ways, pulses complete.
-"""
+"""Corners under a tolerance: the theoretical time, legal, within the tolerance, complete pulses."""
 
 import math
 from dataclasses import replace
@@ -12,7 +10,9 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from cnc.kernels.path.curve import SPAN
-from cnc.kernels.planner.overlap import overlap_time
+from cnc.kernels.planner.legs import Turn
+from cnc.kernels.planner.limit_arrays import LimitArrays
+from cnc.kernels.planner.overlap import Leg, overlap_time
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import Held, PathMode
 from cnc.model.operator_control import Control
@@ -85,7 +85,7 @@ def assert_legal(chunks, mill, periods):
         assert speed.max(initial=0.0) <= limits.max_feed * 1.001
 
 
-def test_one_corner_takes_the_time_of_theory():
+def test_one_corner_takes_the_theoretical_time():
     # Rest to rest in 10 mm without a cruise takes 4 (D / 2J)^(1/3) a leg; a turn by 120 degrees
     # saves (24 eps / (J sin 60))^(1/3). The machine's axes are such that both legs have the same
     # jerk.
@@ -166,11 +166,10 @@ def test_unequal_jerks_keep_the_corner_within_the_tolerance(ratio):
     u = np.array([[1.0, 0.0], [math.cos(2.0), math.sin(2.0)]])
     sine = math.sin(1.0)
     j1, j2 = 48000.0, 48000.0 / ratio
-    unlimited = np.full(6, math.inf)
-    unlimited[4] = 1e-3
-    tau = overlap_time(
-        u, sine, sine, j1, j2, 1.0, 1.0, 1e3, 1e3, 0.02, unlimited, np.full(2, math.inf)
-    )
+    free, axes = math.inf, np.full(2, math.inf)
+    unlimited = LimitArrays(free, free, free, free, 1e-3, free, axes, axes, axes)
+    before, after = Leg(j1, 1.0, 1e3), Leg(j2, 1.0, 1e3)
+    tau = overlap_time(u, Turn(sine, sine), before, after, 0.02, unlimited)
     x = np.linspace(0.0, 1.0, 100_001)[:, None]
     motion = tau**3 / 6 * (-j1 * (1 - x) ** 3 * u[0] + j2 * x**3 * u[1])
     nearest = np.linalg.norm(motion, axis=1).min()
@@ -178,7 +177,7 @@ def test_unequal_jerks_keep_the_corner_within_the_tolerance(ratio):
     assert nearest == pytest.approx(0.02, rel=1e-6 if ratio == 1.0 else 0.1)
 
 
-def test_jerks_that_would_add_up_in_an_axis_are_a_stop():
+def test_a_corner_where_jerks_would_add_up_in_an_axis_is_a_stop():
     # Both legs use all of x: at 45 degrees the axes' jerks are in the same sense.
     straight, cut = (
         planned([(10, 10, 0), (20, 0, 0)], 0.0),
@@ -228,7 +227,7 @@ def random_mill(rng):
 
 @settings(max_examples=share(2000, 40), deadline=None)
 @given(seed=st.integers(0, 2**31))
-def test_random_chains(seed):
+def test_random_chains_are_legal_and_within_the_tolerance(seed):
     rng = np.random.default_rng(seed)
     points, mill = random_chain(rng), random_mill(rng)
     tolerance, feed = 10 ** rng.uniform(-3, -0.5), 10 ** rng.uniform(0.7, 2.5)
@@ -265,7 +264,7 @@ def test_random_chains(seed):
 
 @settings(max_examples=share(500, 20), deadline=None)
 @given(seed=st.integers(0, 2**31))
-def test_plans_may_be_cut_anywhere(seed):
+def test_corners_are_the_same_wherever_plans_are_cut(seed):
     rng = np.random.default_rng(seed)
     stops, ahead = planned(
         [(10, 0, 0), (5, 9, 0), (0, 0, 0), (0, -4, 9)], 0.0, feed=10 ** rng.uniform(1, 2.5)
@@ -293,7 +292,7 @@ def test_plans_may_be_cut_anywhere(seed):
     assert sampled(chunks, 1e-3) == pytest.approx(sampled(expected, 1e-3), abs=1e-9)
 
 
-def test_columns_of_the_trace_follow_from_the_positions():
+def test_speed_and_acceleration_of_the_trace_agree_with_its_positions():
     for points in (SQUARE, [(10, 0, 0), (4, 8, 0)]):
         chunks, _ = planned(points, 0.01)
         sampler = Sampled(1e-4, np.zeros(3))
@@ -316,7 +315,7 @@ def test_columns_of_the_trace_follow_from_the_positions():
         assert change[smooth] == pytest.approx(jerk[smooth], abs=0.05 * most)
 
 
-def test_motion_in_common_belongs_to_the_faster_move():
+def test_an_overlap_has_the_line_of_the_faster_move():
     # Feed moves into a traverse of far more jerk and out of it: no sample of the feed moves' lines
     # is faster than their feed.
     axes = {"x": (2400.0, 5000.0), "y": (8000.0, 500_000.0), "z": (1.0, 1.0)}
@@ -342,7 +341,7 @@ def test_motion_in_common_belongs_to_the_faster_move():
     assert (np.diff(line) >= 0).all()
 
 
-def test_the_audit_sees_a_break_at_a_timed_piece():
+def test_the_audit_finds_a_jump_at_a_timed_piece():
     chunks, ahead = planned(SQUARE, 0.01)
     chunk = chunks[0]
     timed = int(np.flatnonzero(chunk.path.kind == SPAN)[0])
@@ -359,7 +358,7 @@ def test_the_audit_sees_a_break_at_a_timed_piece():
 
 @settings(max_examples=share(500, 15), deadline=None)
 @given(seed=st.integers(0, 2**31))
-def test_holds_and_overrides_about_corners(seed):
+def test_holds_and_overrides_near_corners_are_legal(seed):
     rng = np.random.default_rng(seed)
     points, mill, tolerance = random_chain(rng), random_mill(rng), 10 ** rng.uniform(-3, -0.5)
     control = Control()

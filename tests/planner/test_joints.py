@@ -1,8 +1,7 @@
-"""All pairs and triples of moves, joints and path modes at random feeds on random machines:
-planned, and legal by differences.
+"""All pairs and triples of moves, joints and path modes are planned legally.
 
-Every run takes a new seed. A failure names it: ``CNC_SEED=... pytest tests/planner/test_joints.py``
-runs the same programs again.
+Feeds and machines are random. Every run has a new seed, which a failure reports:
+``CNC_SEED=... pytest tests/planner/test_joints.py`` runs the same programs again.
 """
 
 import os
@@ -10,6 +9,7 @@ import secrets
 
 import pytest
 
+from cnc.api import load_machine
 from tests.support.planner.joints import JOINTS, KINDS, MODES, SHAPES, joint_program
 from tests.support.planner.legality import examine
 from tests.support.soak import share
@@ -18,7 +18,7 @@ SEED = int(os.environ.get("CNC_SEED") or secrets.randbelow(10**9))
 TOGETHER = 20
 """Programs in one test."""
 
-REFUSED = {
+CHANGING = {
     "a feed move and a traverse": "G1 X10 F300\nG0 X20\n",
     "a slow retract": "G1 Z2 F600\nG0 Z12\n",
     "a traverse and a feed move": "G0 X10\nG1 X20 F300\n",
@@ -27,18 +27,16 @@ REFUSED = {
 """Simple programs in which the speed bound changes in the middle of a straight line."""
 
 
-@pytest.mark.parametrize("name", REFUSED)
+@pytest.mark.parametrize("name", CHANGING)
 def test_a_speed_bound_that_changes_on_a_straight_line_is_kept(name, tmp_path):
-    from cnc.api import load_machine
-
-    found = examine(f"G21 G90\n{REFUSED[name]}M30\n", load_machine("default"), tmp_path)
+    found = examine(f"G21 G90\n{CHANGING[name]}M30\n", load_machine("default"), tmp_path)
     assert not found.wrong
 
 
 @pytest.mark.parametrize("first", range(0, share(20_000, 160), TOGETHER))
-def test_moves_that_follow_each_other_are_planned_and_legal(first, tmp_path):
+def test_consecutive_moves_are_planned_legally(first, tmp_path):
     for number in range(first, first + TOGETHER):
-        # In every run other shapes, too.
+        # The shapes differ from run to run too.
         text, machine = joint_program(number if share(True, False) else SEED + number, SEED)
         assert not examine(text, machine, tmp_path).wrong, (
             f"CNC_SEED={SEED}, program {number}:\n{text}\n{machine!r}"

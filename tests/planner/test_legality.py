@@ -1,5 +1,6 @@
-"""Text to trace, judged from outside: the table of figures, every shipped program, random programs
-on random machines.
+"""Legality of traces, checked without the planner's mathematics.
+
+The programs are the table of figures, every shipped program, and random programs.
 """
 
 import numpy as np
@@ -21,7 +22,7 @@ LONG = {"drilling.nc", "finishing.nc", "pocket.nc"}
 
 @pytest.mark.parametrize("period", [1e-3, 1e-4])
 @pytest.mark.parametrize("case", TABLE, ids=lambda case: case.name)
-def test_the_table_is_legal(case: Case, period: float, tmp_path):
+def test_the_figures_are_legal_and_fast(case: Case, period: float, tmp_path):
     found = examine(case.program, with_period(case.machine, period), tmp_path)
     assert not found.wrong
     assert found.moved
@@ -78,7 +79,7 @@ STRICTER = {
 
 
 @pytest.mark.parametrize("limit", STRICTER)
-def test_the_judge_sees_each_limit_that_is_broken(limit, tmp_path):
+def test_the_check_finds_each_limit_that_is_broken(limit, tmp_path):
     where, name, value = STRICTER[limit]
     mill = machine()
     part = {name: value}
@@ -101,7 +102,7 @@ WRONG = {
         {name: np.delete(rows[name], range(100, 160), axis=0) for name in ("position", "s", "line")}
     ),
     "end point": lambda rows: rows["position"].__setitem__((-1, 0), 1e-8),
-    "numbers that are none": lambda rows: rows["jerk"].__setitem__(5, np.nan),
+    "numbers that are not finite": lambda rows: rows["jerk"].__setitem__(5, np.nan),
     "a period apart": lambda rows: rows["t"].__setitem__(5, 0.0051),
     "longer than the path length": lambda rows: rows["s"].__imul__(0.999),
     "jerk of": lambda rows: rows["position"].__setitem__((60, 2), 2e-5),
@@ -112,7 +113,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_the_judge_sees_a_trace_that_was_changed(wrong, tmp_path):
+def test_the_check_finds_a_changed_trace(wrong, tmp_path):
     mill = machine(per_axis=True)
     found = examine("G21 G90 G61\nG2 X0 Y0 I5 J0 F9000\nM2\n", mill, tmp_path)
     assert not found.wrong
@@ -129,7 +130,7 @@ def test_the_judge_sees_a_trace_that_was_changed(wrong, tmp_path):
     assert any(wrong in each for each in again.wrong)
 
 
-def test_the_judge_sees_a_last_pulse_that_is_missing(tmp_path):
+def test_the_check_finds_a_missing_last_pulse(tmp_path):
     mill = machine()
     found = examine("G21 G90 G61\nG1 X10 F6000\nM2\n", mill, tmp_path)
     pulses = dict(np.load(tmp_path / "pulses.npz"))

@@ -1,6 +1,4 @@
-"""Plans of whole paths: legal by differences of positions, continuous, streaming, and stopping
-where they must and only there.
-"""
+"""Plans of whole paths: legal, continuous, streamed, and with stops only where they are needed."""
 
 import math
 
@@ -133,7 +131,7 @@ def test_tangent_chains_do_not_stop():
     assert speeds_at(chunks, corner) == pytest.approx(100.0, rel=1e-6)
 
 
-def test_a_jump_of_curvature_shows_no_more_jerk_than_an_axis_has():
+def test_a_jump_of_curvature_keeps_the_jerk_limit_of_the_axes():
     mill = machine(axis=(2400.0, 48000.0))
     blocks = [lines([(20, 0, 0)]), arc((20, 0, 0), (20, 10), 0.25), lines([(30, 30, 0)])]
     chunks, _, _ = planned(blocks, mill)
@@ -159,7 +157,7 @@ def test_exact_stop_stops_at_every_end():
     )
 
 
-def test_other_blocks_come_in_order_with_the_motion_before_them_at_rest():
+def test_other_blocks_keep_their_order_and_the_motion_rests_before_them():
     dwell = Dwell("t.nc", 2, 0.5)
     _, items, _ = planned([lines([(10, 0, 0)]), dwell, lines([(20, 0, 0)], first=3)])
     where = items.index(dwell)
@@ -169,7 +167,7 @@ def test_other_blocks_come_in_order_with_the_motion_before_them_at_rest():
     assert after[0].t0 == pytest.approx(before[-1].t0 + before[-1].duration + 0.5, rel=1e-12)
 
 
-def test_what_ends_at_rest_is_planned_before_more_is_read():
+def test_a_path_to_rest_is_planned_before_more_is_read():
     mill, read = machine(), []
 
     def stream():
@@ -190,7 +188,7 @@ def test_what_ends_at_rest_is_planned_before_more_is_read():
         assert read == list(range(number + 1))
 
 
-def test_chains_cut_into_pieces_take_as_long_as_the_whole():
+def test_a_move_cut_into_pieces_takes_the_same_time():
     whole = sum(c.duration for c in planned([lines([(100, 0, 0)], 50.0)])[0])
     for pieces in (20, 100, 667, 2000, 10000):
         points = np.zeros((pieces, 3))
@@ -237,7 +235,7 @@ def test_a_path_longer_than_the_window_is_planned_to_its_end(count):
     assert sum_of_lengths(chunks) == pytest.approx(length, rel=1e-9)
 
 
-def test_a_short_dwell_is_standing_still():
+def test_the_machine_rests_in_a_short_dwell():
     # Less than a period and not on the grid of instants: differences of positions must not take it
     # for motion.
     mill = machine(axis=(2000.0, 2000.0), period=0.002)
@@ -248,7 +246,7 @@ def test_a_short_dwell_is_standing_still():
         assert audit.axis_jerk[0] <= 2000.0
 
 
-def test_curvature_that_hides_between_samples_is_seen():
+def test_a_peak_of_curvature_between_samples_is_found():
     # A nearly sharp bend in the middle of a long, otherwise straight span.
     for width in (1.0, 0.1, 0.01, 0.001):
         points = [
@@ -263,7 +261,7 @@ def test_curvature_that_hides_between_samples_is_seen():
             assert audit.normal_accel <= 500.0
 
 
-def test_ramp_down_ends_at_rest_soon():
+def test_ramp_down_comes_to_rest_soon():
     mill = machine()
     blocks: list[Block] = [lines([(x, 0, 0) for x in np.linspace(1, 2000, 2000)], 200.0)]
     ahead = LookAhead(mill, Control())
@@ -283,7 +281,7 @@ def test_ramp_down_ends_at_rest_soon():
     )
 
 
-def test_an_illegal_plan_is_not_handed_on():
+def test_an_illegal_plan_is_not_sent_on():
     chunks, _, _ = planned([lines([(100, 0, 0)], 100.0)])
     chunk = chunks[0]
     faster = PlanChunk(

@@ -1,6 +1,4 @@
-"""Hold, resume and override while the motion runs: legal, on the path, soon, and at no feed that
-was not asked for.
-"""
+"""Hold, resume and override during motion: legal, on the path, prompt, at the requested feeds."""
 
 import math
 from collections.abc import Callable
@@ -29,8 +27,9 @@ Plans = list[PlanChunk]
 def driven(
     blocks: list[Block], mill, watch: Callable[[Control, Plans, bool], None]
 ) -> tuple[Plans, list[int]]:
-    """Plans under an operator who looks at what was handed out after every slice, and at every
-    hold. Returns also how many plans came before each hold.
+    """Return the plans under an operator, and the number of plans before each hold.
+
+    ``watch`` is called after every slice and at every hold.
     """
     control, chunks, holds = Control(), [], []
     ahead = LookAhead(mill, control)
@@ -46,7 +45,7 @@ def driven(
 
 
 def assert_on_the_path(chunks: Plans) -> None:
-    """Chunks follow each other in time, place, speed and acceleration."""
+    """Assert that chunks are continuous in time, place, speed and acceleration."""
     clock = travelled = v = a = 0.0
     for chunk in chunks:
         assert chunk.t0 == pytest.approx(clock, abs=1e-9)
@@ -58,7 +57,7 @@ def assert_on_the_path(chunks: Plans) -> None:
 
 
 def assert_legal_by_positions(chunks: Plans, mill) -> None:
-    """Differences of sampled positions of order 1 to 3 stay within each axis's limits."""
+    """Assert that differences of sampled positions keep the limits of each axis."""
     limits, period = Limits.of(mill), mill.path.period
     sampler = Sampled(period, np.zeros(3))
     end = chunks[-1].t0 + chunks[-1].duration
@@ -91,7 +90,7 @@ def random_machine(rng):
 
 
 def speeds(chunk: PlanChunk) -> np.ndarray:
-    """Speed at points throughout the phases."""
+    """Return the speed at points throughout the phases."""
     t = np.diff(chunk.phase_t)[:, None] * np.linspace(0.0, 1.0, 9)
     return (
         chunk.phase_v[:-1, None] + t * (chunk.phase_a[:-1, None] + t * chunk.phase_j[:, None] / 2)
@@ -100,7 +99,7 @@ def speeds(chunk: PlanChunk) -> np.ndarray:
 
 @settings(max_examples=share(500, 25))
 @given(seed=st.integers(0, 2**31))
-def test_random_schedules_on_random_paths_and_machines(seed):
+def test_random_schedules_on_random_paths_are_legal(seed):
     rng = np.random.default_rng(seed)
     mill, blocks = (
         random_machine(rng),
@@ -110,7 +109,7 @@ def test_random_schedules_on_random_paths_and_machines(seed):
     if not plain:
         return
     whole = plain[-1].t0 + plain[-1].duration
-    wishes = sorted(
+    requests = sorted(
         (rng.uniform(0.0, 1.2 * whole), float(rng.choice((0, 0, 1, 10, 30, 70, 100, 150, 200))))
         for _ in range(6)
     )
@@ -119,8 +118,8 @@ def test_random_schedules_on_random_paths_and_machines(seed):
         if held:
             assert chunks == [] or chunks[-1].phase_v[-1] == 0.0
             control.resume()
-        while wishes and chunks and chunks[-1].t0 + chunks[-1].duration >= wishes[0][0]:
-            percent = wishes.pop(0)[1]
+        while requests and chunks and chunks[-1].t0 + chunks[-1].duration >= requests[0][0]:
+            percent = requests.pop(0)[1]
             control.hold() if percent == 0.0 else control.override(percent)
 
     chunks, _ = driven(blocks, mill, operator)
@@ -149,7 +148,7 @@ def ramp(v0: float, v1: float) -> tuple[float, float]:
     ],
 )
 @pytest.mark.parametrize("at", [0.02, 0.05, 0.1, 0.3, 2.0])
-def test_a_hold_comes_to_rest_as_soon_as_theory_has_it(blocks, at):
+def test_a_hold_comes_to_rest_in_the_theoretical_time(blocks, at):
     asked = []
 
     def operator(control: Control, chunks: Plans, held: bool) -> None:
@@ -232,7 +231,7 @@ def test_an_override_takes_effect_at_once(before, after):
     ) <= FEED * after / 100 * (1 + 1e-6)
 
 
-def test_no_feed_but_the_one_asked_for():
+def test_only_requested_feeds_occur():
     """Speeds lie below the programmed feed times the factor but while the motion is slowed, and
     then no higher than it was.
     """
@@ -290,7 +289,7 @@ def test_traverses_are_held_but_not_scaled():
     assert sum(c.duration for c in chunks) > one
 
 
-def test_what_the_program_does_not_allow():
+def test_requests_that_the_program_does_not_allow_have_no_effect():
     """M49: no override. M53 P0: no hold. Neither while the motion follows the spindle."""
     plain = [lines([(100, 0, 0)], FEED)]
     seconds = sum(c.duration for c in driven(plain, machine(), lambda *_: None)[0])
@@ -346,7 +345,7 @@ def grid_moves(
 
 
 @pytest.mark.parametrize("seed", range(share(40, 6)))
-def test_a_hold_near_corners_leaves_the_way_round_them_as_it_is(seed):
+def test_a_hold_near_a_corner_does_not_change_its_path(seed):
     """The grid moves are those of the run that is not held, in their order; it rests when it can,
     or one corner later.
     """
@@ -370,7 +369,7 @@ def test_a_hold_near_corners_leaves_the_way_round_them_as_it_is(seed):
         assert rested - told <= slowest_stop + corner + 1e-3
 
 
-def test_a_hold_before_the_first_move_keeps_it_from_moving():
+def test_a_hold_before_the_first_move_delays_it():
     control = Control()
     control.hold()
     made = LookAhead(machine(), control).plan(path_of([lines([(10, 0, 0)])]))
@@ -392,7 +391,7 @@ def test_overrides_out_of_range_are_refused(percent):
     assert refusal.value.diagnostic.code == "feed-override"
 
 
-def test_a_hold_and_an_override_along_an_axis_that_is_slower_than_the_others():
+def test_a_hold_and_an_override_along_a_slow_axis():
     """The way to slow down is looked for as far as the slow axis needs it."""
     fast = Axis(steps_per_mm=100.0, max_velocity=400.0, max_acceleration=A, max_jerk=J)
     slow = fast.model_copy(update={"max_acceleration": A / 1000.0, "max_jerk": J / 1000.0})

@@ -1,15 +1,17 @@
-"""The pieces that the refinement is made of, by themselves."""
+"""The parts of the refinement: intervals, cells and their motion."""
 
 import numpy as np
 import pytest
 
+from cnc.kernels.planner.cell_motion import cell_phases
 from cnc.kernels.planner.cells import can_gain
-from cnc.kernels.planner.descent import cell_phases
-from cnc.kernels.planner.intervals import interval_at
+from cnc.kernels.planner.intervals import LEVELS, Intervals, SumLimits, interval_at
+from cnc.kernels.planner.phases import PHASE
 from cnc.machine.models import Axis, Machine, PathLimits
 from cnc.model.blocks import PathMode
 from cnc.path.build import build
-from cnc.planner.limits import STANDSTILL, Limits, intervals
+from cnc.planner.intervals import STANDSTILL, intervals_of
+from cnc.planner.limits import Limits
 from cnc.planner.lookahead import LookAhead
 from tests.support.planner.motions import AXES, arc, lines, machine, path_of
 
@@ -20,11 +22,11 @@ END = np.array([1.0, 3.0, 3.0, 4.0])  # the third is a stop
 @pytest.mark.parametrize(
     ("s", "interval"), [(-1.0, 0), (0.0, 0), (1.0, 1), (2.9, 1), (3.0, 3), (4.0, 3), (4.1, 3)]
 )
-def test_interval_at_is_one_of_the_intervals_wherever_the_search_begins(s, interval, start):
+def test_interval_at_finds_the_same_interval_from_every_start_of_the_search(s, interval, start):
     assert interval_at(s, start, END) == interval
 
 
-def test_phases_of_a_cell_lead_from_one_cut_to_the_other():
+def test_phases_of_a_cell_connect_its_cuts():
     x, slope = np.empty(5), np.empty((5, 4))
     cut = np.array([3.0, -10.0, 4.0, 20.0])
     d = 0.3
@@ -45,16 +47,25 @@ def test_phases_of_a_cell_lead_from_one_cut_to_the_other():
 
 
 @pytest.mark.parametrize(("speed", "gains"), [(9.0, True), (9.9, False)])
-def test_a_cruise_may_gain_where_it_is_slower_than_its_bound(speed, gains):
-    rows = np.array([[0.1, 0.5, speed, 0.0, 0.0]])
-    samples = np.zeros((4, 5, 3, 2))
+def test_a_cruise_can_gain_if_it_is_slower_than_its_bound(speed, gains):
+    rows = np.array([(0.1, 0.5, speed, 0.0, 0.0)], PHASE)
+    known = Intervals(
+        end=END,
+        speed=np.full(4, 10.0),
+        top=np.full(4, 10.0),
+        accel=np.full((4, LEVELS), 100.0),
+        jerk=np.full((4, LEVELS), 100.0),
+        flat=np.zeros(4, bool),
+        sampled=np.zeros((4, 2)),
+        samples=np.zeros((4, 5, 3, 2)),
+    )
     limits = np.full(3, 100.0)
-    assert can_gain(rows, 0, 1, END, np.full(4, 10.0), samples, limits, limits) is gains
+    assert can_gain(rows, 0, 1, known, SumLimits(limits, limits)) is gains
 
 
-def test_the_path_at_a_stop_is_the_path_at_its_end():
+def test_samples_at_a_stop_are_those_at_the_end_of_the_path():
     (path,) = path_of([arc((0, 0, 0), (10, 0), -0.25)])
-    known = intervals(path, Limits.of(machine(axis=(2400.0, 48000.0))), STANDSTILL, STANDSTILL)
+    known = intervals_of(path, Limits.of(machine(axis=(2400.0, 48000.0))), STANDSTILL, STANDSTILL)
     assert known.flat[-1] and known.speed[-1] == 0.0
     assert known.samples[-1] == pytest.approx(
         np.broadcast_to(known.samples[-2, -1], known.samples[-1].shape), abs=1e-12
@@ -63,12 +74,17 @@ def test_the_path_at_a_stop_is_the_path_at_its_end():
 
 
 CHAIN = [
-    (-3.921818, -1.181045, -1.661058), (-3.986347, -0.972909, -2.932979), (-4.007835, -0.987751, -3.797937),
-    (-4.019369, -1.015563, -4.229656), (-4.032303, -1.053083, -4.660604), (-4.408661, -2.000944, -10.188829), (-11.928712, -3.220359, 0.0),
-]  # fmt: skip
+    (-3.921818, -1.181045, -1.661058),
+    (-3.986347, -0.972909, -2.932979),
+    (-4.007835, -0.987751, -3.797937),
+    (-4.019369, -1.015563, -4.229656),
+    (-4.032303, -1.053083, -4.660604),
+    (-4.408661, -2.000944, -10.188829),
+    (-11.928712, -3.220359, 0.0),
+]
 
 
-def test_where_derivatives_vary_much_intervals_are_cut_for_the_speed_that_the_refinement_leads_to():
+def test_intervals_are_cut_for_the_speed_that_the_refinement_reaches():
     axes = {
         letter: Axis(steps_per_mm=160.0, max_velocity=v, max_acceleration=a, max_jerk=j)
         for letter, v, a, j in (

@@ -1,6 +1,4 @@
-"""Programs that are held, resumed and overridden while they run, judged from their traces as
-undisturbed ones are.
-"""
+"""Programs that are held, resumed and overridden while they run have legal traces."""
 
 from pathlib import Path
 

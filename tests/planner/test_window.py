@@ -1,14 +1,13 @@
-"""Plans over intervals with constant bounds: legal everywhere, continuous, at rest at the end, and
-no slower than they need be.
-"""
+"""Plans over intervals with constant bounds: legal, continuous, fast, at rest at the end."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cnc.kernels.planner.limits import LEVELS
+from cnc.kernels.planner.intervals import LEVELS, SAMPLES, Intervals
 from cnc.kernels.planner.lookahead import PLANNED, START_TOO_FAST, plan_window
+from cnc.kernels.planner.phases import PHASE
 from tests.support.soak import share
 
 A, J = 2400.0, 48000.0
@@ -19,17 +18,30 @@ def plan(lengths, speeds, flat=None, v_start=0.0, accel=A, jerk=J):
     bound_s = np.concatenate(([0.0], np.cumsum(np.asarray(lengths, float))))
     accels = np.broadcast_to(np.reshape(accel, (-1, 1)), (n, LEVELS)).copy()
     jerks = np.broadcast_to(np.reshape(jerk, (-1, 1)), (n, LEVELS)).copy()
-    phases = np.empty((8 * n + 16, 5))
     flags = np.zeros(n, bool) if flat is None else np.asarray(flat, bool)
-    status, count = plan_window(
-        bound_s, np.asarray(speeds, float), accels, jerks, flags, v_start, phases
+    status, phases = planned(bound_s, np.asarray(speeds, float), accels, jerks, flags, v_start)
+    return status, bound_s, phases[phases["duration"] > 0]
+
+
+def planned(bound_s, speeds, accels, jerks, flat, v_start):
+    n = len(speeds)
+    known = Intervals(
+        end=bound_s[1:].copy(),
+        speed=speeds,
+        top=speeds,
+        accel=accels,
+        jerk=jerks,
+        flat=flat,
+        sampled=np.zeros((n, 2)),
+        samples=np.zeros((n, SAMPLES, 3, 1)),
     )
-    phases = phases[:count]
-    return status, bound_s, phases[phases[:, 0] > 0]
+    phases = np.empty(8 * n + 16, PHASE)
+    status, count = plan_window(bound_s[0], known, v_start, phases)
+    return status, phases[:count]
 
 
 def assert_legal(bound_s, speeds, phases, accel, jerk, v_start=0.0):
-    dt, s, v, a, j = phases.T
+    dt, s, v, a, j = (phases[name] for name in PHASE.names)
     s_end = s + dt * (v + dt * (a / 2 + dt * j / 6))
     v_end = v + dt * (a + dt * j / 2)
     assert v[0] == v_start and a[0] == 0
@@ -40,7 +52,7 @@ def assert_legal(bound_s, speeds, phases, accel, jerk, v_start=0.0):
         t = np.linspace(0, dt[k], 20)
         here = s[k] + t * (v[k] + t * (a[k] / 2 + t * j[k] / 6))
         n = len(speeds)
-        # At a boundary the bounds of both sides count for neither: allow the rounding of its place.
+        # Within the rounding error of a boundary, the bounds of either side are enough.
         left = np.clip(np.searchsorted(bound_s, here - 1e-9, side="right") - 1, 0, n - 1)
         right = np.clip(np.searchsorted(bound_s, here + 1e-9, side="right") - 1, 0, n - 1)
         assert (
@@ -81,20 +93,20 @@ def test_random_windows_are_planned_legally(seed):
     status, bound_s, phases = plan(lengths, speeds, flat, 0.0, accel, jerk)
     assert status == PLANNED
     assert_legal(bound_s, speeds, phases, accel, jerk)
-    ends = np.concatenate((phases[:, 1], [bound_s[-1]]))
+    ends = np.concatenate((phases["s"], [bound_s[-1]]))
     for k in np.flatnonzero(flat):
         inside = (ends[:-1] >= bound_s[k] - 1e-9) & (ends[1:] <= bound_s[k + 1] + 1e-9)
-        assert phases[inside, 0].sum() > 0
-        assert (phases[inside, 3] == 0).all() and (phases[inside, 4] == 0).all()
+        assert phases["duration"][inside].sum() > 0
+        assert (phases["a"][inside] == 0).all() and (phases["j"][inside] == 0).all()
 
 
-def test_a_stop_is_a_flat_interval_without_length():
+def test_a_flat_interval_of_no_length_is_a_stop():
     _, _, both = plan([10.0, 0.0, 10.0], [100.0, 0.0, 100.0], [False, True, False])
     _, _, one = plan([10.0], [100.0])
-    assert both[:, 0].sum() == pytest.approx(2 * one[:, 0].sum(), rel=1e-12)
+    assert both["duration"].sum() == pytest.approx(2 * one["duration"].sum(), rel=1e-12)
 
 
-def test_a_start_that_cannot_be_braked_is_reported():
+def test_a_start_that_is_too_fast_to_stop_is_reported():
     assert plan([0.5], [100.0], v_start=100.0)[0] == START_TOO_FAST
 
 
@@ -102,12 +114,11 @@ def test_intervals_of_one_bound_cost_no_time():
     _, _, whole = plan([100.0], [120.0])
     for pieces in (2, 7, 100, 1000):
         _, _, cut = plan([100.0 / pieces] * pieces, [120.0] * pieces)
-        assert cut[:, 0].sum() == pytest.approx(whole[:, 0].sum(), rel=1e-9)
+        assert cut["duration"].sum() == pytest.approx(whole["duration"].sum(), rel=1e-9)
 
 
 def test_a_valley_is_crossed_at_its_own_speed_with_full_ramps_on_both_sides():
-    # From rest to 200, down to 50 for 1 mm, up to 200 and to rest: every part has a time of its
-    # own.
+    # From rest to 200, down to 50 for 1 mm, up to 200 and to rest.
     _, _, phases = plan([60.0, 1.0, 60.0], [200.0, 50.0, 200.0])
 
     def ramp(v0, v1):
@@ -116,22 +127,19 @@ def test_a_valley_is_crossed_at_its_own_speed_with_full_ramps_on_both_sides():
 
     (t1, d1), (t2, d2) = ramp(0, 200), ramp(200, 50)
     expected = 2 * (t1 + t2 + (60.0 - d1 - d2) / 200.0) + 1.0 / 50.0
-    assert phases[:, 0].sum() == pytest.approx(expected, rel=1e-9)
+    assert phases["duration"].sum() == pytest.approx(expected, rel=1e-9)
 
 
 def test_slower_motion_may_use_more_acceleration():
-    # Where speed takes up the axes, the best top speed is not the highest.
+    # Speed leaves less acceleration here, so that the best top speed is not the highest.
     bound_s = np.array([0.0, 20.0])
     levels = 1 - 0.1 * np.arange(LEVELS)
     accel = (2400 * (1 - 0.97 * levels**2))[None]
     jerk = np.full((1, LEVELS), J)
-    phases = np.empty((24, 5))
-    status, count = plan_window(
-        bound_s, np.array([150.0]), accel, jerk, np.array([False]), 0.0, phases
-    )
+    status, phases = planned(bound_s, np.array([150.0]), accel, jerk, np.array([False]), 0.0)
     assert status == PLANNED
-    fastest = phases[:count, 0].sum()
+    fastest = phases["duration"].sum()
     for m in range(LEVELS):
         _, _, fixed = plan([20.0], [150.0 * levels[m]], accel=accel[0, m])
-        assert fastest <= fixed[:, 0].sum() * (1 + 1e-9)
-    assert fastest < 0.8 * plan([20.0], [150.0], accel=accel[0, 0])[2][:, 0].sum()
+        assert fastest <= fixed["duration"].sum() * (1 + 1e-9)
+    assert fastest < 0.8 * plan([20.0], [150.0], accel=accel[0, 0])[2]["duration"].sum()

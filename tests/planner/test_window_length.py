@@ -1,6 +1,4 @@
-"""The window: how long it is hardly shows in the time, its memory is bounded, and each stretch of
-path is planned about twice.
-"""
+"""Length of the window: a longer one saves little time, and memory and cost are bounded."""
 
 import tracemalloc
 
@@ -79,13 +77,13 @@ def test_each_stretch_is_planned_about_twice(monkeypatch):
     plan, add = cnc.planner.window.plan_to_rest, Window.add
 
     def counted(start, known, *others):
-        planned[0] += len(known)
+        planned[0] += len(known.end)
         return plan(start, known, *others)
 
     def added(self, *chunk):
-        before = self._arrived
+        before = self._plan.arrived
         add(self, *chunk)
-        cut[0] += self._arrived - before
+        cut[0] += self._plan.arrived - before
 
     monkeypatch.setattr(cnc.planner.window, "plan_to_rest", counted)
     monkeypatch.setattr(Window, "add", added)
@@ -114,7 +112,7 @@ def test_memory_does_not_grow_with_the_path():
     assert peak(30) <= 1.2 * peak(10)
 
 
-def test_slices_are_short_when_somebody_may_want_to_change_the_motion():
+def test_slices_are_short_with_an_operator():
     blocks = [lines([(300, 0, 0)], 50.0), arc((300, 0, 0), (300, 50), 1.0, 50.0)]
     plain = list(LookAhead(machine()).plan(path_of(blocks)))
     sliced = list(LookAhead(machine(), Control()).plan(path_of(blocks)))

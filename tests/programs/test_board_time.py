@@ -1,6 +1,4 @@
-"""The time that a GRBL board takes: by the theory of its planner, and by the board in the simulator,
-which was written apart from this.
-"""
+"""The time of a program on a GRBL board: by theory, and in the simulator."""
 
 import math
 from collections import deque
@@ -41,7 +39,7 @@ def seconds(texts: Iterable[str], limits: BoardLimits = LIMITS) -> float:
 
 
 def ramp(length: float, v: float, a: float) -> float:
-    """A move from rest to rest: up to v with a, if there is room."""
+    """Return the time of a move from rest to rest with speed limit v and acceleration a."""
     return length / v + v / a if length >= v * v / a else 2.0 * math.sqrt(length / a)
 
 
@@ -74,17 +72,15 @@ def test_a_right_angle_is_passed_at_the_speed_of_its_junction_deviation():
     assert seconds(["G1 X10 F600", "Y10"]) == pytest.approx(2.0 * leg, rel=1e-9)
 
 
-def test_no_faster_than_can_be_stopped_within_the_blocks_that_it_holds():
-    """Of very short moves in a line the top speed is that from which 15 of them are enough to
-    stop.
-    """
+def test_speed_is_limited_by_the_blocks_ahead():
+    """The top speed of very short moves is that from which 15 of them suffice to stop."""
     texts = [f"G1 X{0.01 * k:.2f} F3000" for k in range(1, 2001)]
     top = math.sqrt(2.0 * 200.0 * 15 * 0.01)
     assert seconds(texts) == pytest.approx(20.0 / top, rel=0.05)
 
 
 def lines_of(program: Path | str, machine: Machine) -> list[str]:
-    """A program's lines, without those at which somebody has to do something."""
+    """Return the lines of a program, without those that wait for the operator."""
     blocks = parse(program, machine, dialect="auto")
     translator = Translator(machine)
     path = smooth_path(
@@ -101,10 +97,8 @@ def lines_of(program: Path | str, machine: Machine) -> list[str]:
     ]
 
 
-def box_seconds(texts: Iterable[str], machine: Machine) -> float:
-    """How long the board in the simulator moves, when its ring of 128 bytes is kept as full as it may
-    be.
-    """
+def simulated_seconds(texts: Iterable[str], machine: Machine) -> float:
+    """Return the time of lines in the simulator, with its ring of 128 bytes kept full."""
     simulator = GrblSimulator(settings=settings_of(machine) | {20: 0.0})
     port = GrblSimulatorPort(simulator, boot_time=0.0)
     while port.read(0.5):
@@ -129,21 +123,21 @@ def box_seconds(texts: Iterable[str], machine: Machine) -> float:
 @pytest.mark.parametrize(
     "file", ["pocket", "trident", "finishing", "engraving", "bezier", "thread-mill", "drilling"]
 )
-def test_shipped_programs_take_as_long_as_on_the_board_in_the_box(file):
+def test_shipped_programs_take_as_long_as_in_the_simulator(file):
     texts = lines_of(PROGRAMS / f"{file}.nc", MILL)
     assert seconds(texts, BoardLimits.of_machine(MILL)) == pytest.approx(
-        box_seconds(texts, MILL), rel=0.05, abs=0.02
+        simulated_seconds(texts, MILL), rel=0.05, abs=0.02
     )
 
 
 @settings(max_examples=share(200, 10))
 @given(seed=st.integers(0, 10**6))
-def test_random_programs_take_as_long_as_on_the_board_in_the_box(seed, tmp_path_factory):
+def test_random_programs_take_as_long_as_in_the_simulator(seed, tmp_path_factory):
     program = tmp_path_factory.mktemp("random") / "p.nc"
     program.write_text(random_program(seed))
     texts = lines_of(program, MILL)
     assert seconds(texts, BoardLimits.of_machine(MILL)) == pytest.approx(
-        box_seconds(texts, MILL), rel=0.05, abs=0.03
+        simulated_seconds(texts, MILL), rel=0.05, abs=0.03
     )
 
 
@@ -163,7 +157,7 @@ def clock_of(texts: list[str], limits: BoardLimits) -> BoardTime:
 
 
 def slowed(texts: list[str], feed: float) -> list[str]:
-    """The lines with every F times a factor."""
+    """Return the lines with every F word times a factor."""
     return [
         " ".join(f"F{float(w[1:]) * feed:.6f}" if w[0] == "F" else w for w in text.split())
         for text in texts
@@ -191,7 +185,7 @@ def test_rapid_overrides_slow_the_traverses_alone():
         )
 
 
-def test_lines_that_take_no_time_take_none_of_what_is_left():
+def test_lines_without_motion_reduce_no_time():
     clock = clock_of(
         ["G21 G90 G94 G17 G54", "(MSG, on)", "G0 X100", "M8", "G4 P5", "G1 X0 F1200"], LIMITS
     )
@@ -200,14 +194,14 @@ def test_lines_that_take_no_time_take_none_of_what_is_left():
     assert [clock.remaining(k) for k in range(7)] == pytest.approx(expected)
 
 
-def test_marks_stay_few_however_long_the_program_is():
+def test_the_number_of_marks_is_bounded():
     texts = [f"G1 X{k % 7} Y{k % 3} F600" for k in range(20000)]
     clock = clock_of(texts, LIMITS)
     assert len(clock._marks) <= 4096
     assert clock.remaining(10000) == pytest.approx(0.5 * clock.seconds, rel=0.01)
 
 
-def test_a_countdown_follows_the_lines_done_and_the_clock_between():
+def test_a_countdown_follows_lines_and_clock():
     clock = clock_of([f"G1 X{100 * k} F600" for k in range(1, 7)], LIMITS)
     count = Countdown(clock)
     whole = clock.seconds
@@ -227,7 +221,7 @@ def test_a_countdown_follows_the_lines_done_and_the_clock_between():
     assert count.left(1001.0, 6, held=False) == 0.0
 
 
-def test_the_settings_of_the_board_count_more_than_the_machine_file():
+def test_settings_of_the_board_override_the_machine_file():
     limits = BoardLimits.of_board(MILL, {110: 600.0, 120: 100.0, 11: 0.02})
     assert limits.rates == (10.0, MILL.axes["y"].max_velocity, MILL.axes["z"].max_velocity)
     assert limits.accelerations == (

@@ -1,6 +1,4 @@
-"""The estimate is what is played: a program on the loopback board takes as long as the check said,
-to a period.
-"""
+"""The estimated time of a program equals its time on the loopback board."""
 
 from pathlib import Path
 
@@ -18,7 +16,7 @@ from tests.support.soak import share
 
 
 class Clock(Loopback):
-    """A board that keeps the times of what it plays."""
+    """A board that keeps the times of its commands and pulses."""
 
     def __init__(self, machine: Machine) -> None:
         super().__init__(len(machine.axes), 1e9 / machine.board.max_step_rate)
@@ -76,7 +74,7 @@ def test_a_shipped_program_takes_as_long_as_estimated(name, machine):
 
 @pytest.mark.parametrize("seed", range(share(300, 6)))
 def test_a_random_program_takes_as_long_as_estimated(seed, tmp_path):
-    """Lines, arcs, splines, dwells, in every mode of path control."""
+    """Lines, arcs, splines and dwells, in every mode of path control."""
     file = tmp_path / "p.nc"
     file.write_text(random_program(seed))
     held(file, load_machine("default"))

@@ -1,6 +1,4 @@
-"""Programs as lines: what a small reader of GRBL's language makes of them is the motion of the
-program, within the tolerance.
-"""
+"""Programs as lines: a reader of GRBL's language finds the motion of the program in them."""
 
 import math
 from collections.abc import Iterable
@@ -56,7 +54,7 @@ def blocks_of(program: str, machine: Machine = MILL) -> list[Block]:
 def translated(
     blocks: Iterable[Block], machine: Machine = MILL, **options: object
 ) -> list[GcodeLine]:
-    """The lines of a program, planned as for a board that takes lines."""
+    """Return the lines of a program, planned as for a board that takes lines."""
     translator = Translator(machine, **options)
     path = smooth_path(
         blocks,
@@ -69,7 +67,7 @@ def translated(
 
 
 def exact(blocks: Iterable[Block], machine: Machine = MILL) -> np.ndarray:
-    """Points of the path as programmed: G61 throughout."""
+    """Return points of the programmed path, with G61 throughout."""
     motion = (block for block in blocks if not isinstance(block, PathMode))
     path = build(motion, axes=machine.axis_names, start=start_position(machine))
     return np.concatenate([path_points(chunk) for chunk in path if isinstance(chunk, PathChunk)])
@@ -110,7 +108,7 @@ def test_shipped_programs_are_the_same_motion(file):
     seed=st.integers(0, 10**6),
     offset=st.tuples(*[st.floats(-100, 100).map(lambda x: round(x, 3))] * 3),
 )
-def test_random_programs_are_the_same_motion_whatever_the_work_offset(seed, offset):
+def test_random_programs_are_the_same_motion_with_any_work_offset(seed, offset):
     blocks = blocks_of(random_program(seed))
     moves = read(translated(blocks, work_offset=offset), start=-np.array(offset))
     assert deviation(motion(moves) + offset, exact(blocks)) <= TOLERANCE
@@ -141,7 +139,7 @@ def test_the_trident_needs_less_than_a_third_of_the_lines_of_chords():
     assert ours <= many / 3
 
 
-def test_true_arcs_stay_one_line_each_in_every_plane_and_circles_two():
+def test_programmed_arcs_are_one_line_and_circles_two():
     program = """G21 G90 G94 G17 F600
 G1 X20 Y0 Z0
 G2 X20 Y0 I-5 J0 (a full circle)
@@ -163,9 +161,7 @@ M2
 
 
 def turned(move: Move, before: np.ndarray, offset: np.ndarray) -> float:
-    """The angle of an arc as GRBL's mc_arc computes it from the text, all of it with 32-bit floats,
-    and full turns told from none.
-    """
+    """Return the angle of an arc as GRBL's mc_arc computes it from the text, with 32-bit floats."""
     f = np.float32
     words = {word[0]: f(word[1:]) for word in move.text.split()}
     here = [f(f(value) + f(shift)) for value, shift in zip(before[:2], offset, strict=False)]
@@ -193,7 +189,7 @@ def turned(move: Move, before: np.ndarray, offset: np.ndarray) -> float:
     ),
 )
 def test_arcs_turn_as_far_with_the_floats_of_a_board(radius, angle, sweep, clockwise, offset):
-    """An arc never becomes a full circle, nor a circle nothing."""
+    """An arc never becomes a full circle, and a full circle never vanishes."""
     sweep = min(sweep, 50.0 / radius) * (-1.0 if clockwise else 1.0)
     center = offset[:2] + radius * np.array([math.cos(angle), math.sin(angle)])
     writer = LineWriter(offset.tolist(), 0.01, 115200, "XYZ", 0.002)
@@ -216,12 +212,13 @@ def test_arcs_turn_as_far_with_the_floats_of_a_board(radius, angle, sweep, clock
 
 
 def test_feeds_are_those_of_the_plan():
-    """Never more than programmed, nor more than a step above the highest planned speed of the
-    stretch.
-    """
+    """A feed exceeds neither the programmed feed nor, by more than a step, the plan."""
     planned: list[float] = []
     machine = load_machine("grbl-uno")
-    program = "G21 G90 G17\nG1 X20 F1500\nG3 X20.4 Y0.4 I0 J0.4\nG1 Y20 F900\nX21\nG2 X23 I1 J0 F2000\nM2\n"
+    program = (
+        "G21 G90 G17\nG1 X20 F1500\nG3 X20.4 Y0.4 I0 J0.4\nG1 Y20 F900\nX21\n"
+        "G2 X23 I1 J0 F2000\nM2\n"
+    )
     lines = translated(blocks_of(program, machine), machine)
     path = smooth_path(
         blocks_of(program, machine),
@@ -331,20 +328,20 @@ def test_commands(block, expected):
         "M3 S100\nG33 Z-1 K1",
     ],
 )
-def test_what_grbl_has_no_words_for_is_refused_at_its_line(block):
+def test_unsupported_commands_are_refused_at_their_line(block):
     with pytest.raises(GcodeError) as caught:
         texts(f"G21 G90\n{block}\nM2\n")
     assert caught.value.diagnostic.code == "not-on-board"
     assert caught.value.diagnostic.line >= 2
 
 
-def test_exact_stops_are_rests():
+def test_exact_stops_bring_the_board_to_rest():
     assert texts("G21 G90 G61.1\nG1 X10 F600\nG1 X20\nG61 G1 X20 Y10\nM2\n") == [
         PREAMBLE, "G1 X10 F600", "G4 P0", "X20", "G4 P0", "Y10", "M2",
     ]  # fmt: skip
 
 
-def test_a_probe_says_where_and_how_and_the_way_on_says_all_axes():
+def test_the_line_after_a_probe_names_all_axes():
     assert texts("G21 G90\nG0 X5 Y5\nG38.2 Z-5 F100\nG0 Z2\nM2\n") == [
         PREAMBLE,
         "G0 X5 Y5",

@@ -105,9 +105,7 @@ def test_positions_lie_on_the_curve_where_the_path_length_says(run, curve):
     assert (trace["position"][:, 2] == 0).all()
 
 
-def test_chord_error_is_a_micrometre_at_most_and_the_paper_s_where_the_normal_acceleration_binds(
-    run, curve
-):
+def test_chord_error_is_at_most_a_micrometre(run, curve):
     _, summary, trace, on_curve = run
     s, points = curve
     rows = np.flatnonzero(on_curve)
@@ -138,7 +136,7 @@ def test_step_deviation_is_a_thousandth_at_most(run):
     assert summary["max"]["step_deviation"] <= 1e-3 * ROUNDING
 
 
-def test_it_starts_and_ends_at_rest_at_the_exact_end_point(run, curve):
+def test_the_run_starts_and_ends_at_rest(run, curve):
     _, summary, trace, _ = run
     assert trace["position"][0].tolist() == [0, 0, 0]
     assert trace["position"][-1] == pytest.approx([10, 0, 0], abs=1e-9)

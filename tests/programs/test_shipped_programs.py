@@ -1,6 +1,4 @@
-"""The shipped programs: what their comments promise, and that the generated one is what its script
-writes.
-"""
+"""The shipped programs: the promises of their comments, and the generated program."""
 
 import runpy
 from pathlib import Path
@@ -38,7 +36,7 @@ def of(kind: type, file: str) -> list:
     return [block for block in blocks(FOLDER / file) if isinstance(block, kind)]
 
 
-def test_one_for_every_family():
+def test_every_family_of_blocks_has_a_program():
     assert {file.name for file in PROGRAMS} >= {
         "trident.nc",
         "trident-as-printed.nc",
@@ -58,7 +56,7 @@ def test_one_for_every_family():
 
 
 @pytest.mark.parametrize("file", PROGRAMS, ids=lambda file: file.name)
-def test_it_ends_with_the_spindle_off(file):
+def test_programs_end_with_the_spindle_off(file):
     found = blocks(file)
     assert isinstance(found[-1], End)
     states = [block.state for block in found if isinstance(block, Spindle)]
@@ -92,14 +90,14 @@ def test_fanuc_nurbs_has_a_full_circle_and_a_curve_in_space():
 
 
 def distance_from(center: tuple[float, float], curve: NurbsFeed) -> np.ndarray:
-    """Of points along a curve, in XY."""
+    """Return the distances of points along a curve from a point, in XY."""
     u = np.linspace(curve.knots[0], curve.knots[-1], 101)
     top = BSpline(curve.knots, curve.control_points * curve.weights[:, None], curve.degree)(u)
     points = top / BSpline(curve.knots, curve.weights, curve.degree)(u)[:, None]
     return np.hypot(points[:, 0] - center[0], points[:, 1] - center[1])
 
 
-def test_the_disc_of_cubics_is_as_round_as_it_says():
+def test_the_disc_of_cubics_is_round():
     curves = of(NurbsFeed, "bezier.nc")
     off = np.abs(np.array([distance_from((60.0, 60.0), curve) for curve in curves[:4]]) - 30.0)
     assert 0.008 < off.max() < 0.0083
@@ -117,7 +115,7 @@ def test_the_circle_of_ngc_nurbs_is_exact():
     assert (wave.degree, len(wave.control_points)) == (3, 8)
 
 
-def test_the_b_splines_have_the_knots_and_weights_written():
+def test_the_b_splines_have_their_knots_and_weights():
     plain, weighted, square, space = of(NurbsFeed, "siemens-bspline.nc")
     assert plain.control_points.tolist() == weighted.control_points.tolist()
     assert (plain.weights.tolist(), weighted.weights.tolist()) == ([1] * 6, [1, 2, 1, 0.5, 1, 1])
@@ -126,14 +124,14 @@ def test_the_b_splines_have_the_knots_and_weights_written():
     assert space.knots.tolist() == pytest.approx([0, 0, 0, 0, 0.2, 0.4, 0.7, 0.7, 1, 1, 1, 1])
 
 
-def test_the_thread_has_turns_in_one_block_and_in_many():
+def test_the_thread_has_turns_in_one_and_in_many_blocks():
     turns = [arc.turns for arc in of(ArcFeed, "thread-mill.nc")]
     assert 6.0 in turns
     assert turns.count(1.0) >= 6
     assert of(Tool, "thread-mill.nc")[0].number == 7
 
 
-def test_the_finishing_pass_is_what_its_script_writes(tmp_path):
+def test_the_finishing_pass_equals_the_output_of_its_script(tmp_path):
     script = runpy.run_path(str(FOLDER / "make_finishing.py"))
     assert "\n".join(script["lines"]()) + "\n" == (FOLDER / "finishing.nc").read_text()
 

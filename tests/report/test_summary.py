@@ -8,8 +8,9 @@ from rich.console import Console
 
 from cnc.machine.load import load_machine
 from cnc.model.diagnostics import BoardError, Diagnostic, GcodeError, UsageError
+from cnc.report.number_format import clock, number, position
 from cnc.report.result import Extremes, Report, Timing
-from cnc.report.summary import clock, number, one_line, position, print_summary
+from cnc.report.summary import one_line, print_summary
 
 MACHINE = load_machine("default")
 FAULT = GcodeError(Diagnostic("no-feed", "no feed", "p.nc", 4, 2))

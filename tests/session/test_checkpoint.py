@@ -1,6 +1,4 @@
-"""After a fault the record beside the program says where to go on, and going on there makes the
-part.
-"""
+"""The checkpoint of an interrupted run, and runs that continue there."""
 
 from __future__ import annotations
 
@@ -25,6 +23,7 @@ from cnc.session import checkpoint
 from cnc.session.checkpoint import Checkpoint, CheckpointWriter
 from tests.support.boards.stepper_rig import machine
 from tests.support.boards.stepper_simulator import Simulator, SimulatorPort
+from tests.support.session.runs import run_with
 from tests.support.soak import share
 
 PROGRAM = (
@@ -32,9 +31,7 @@ PROGRAM = (
     + "".join(f"G1 X{k} Y{k % 3} F1200\n" for k in range(1, 9))
     + "G0 Z5\nM2\n"
 )
-from tests.support.session.runs import run_with
-
-"""Line k + 4 leads to X k."""
+"""Line k + 4 moves to X k."""
 
 
 @pytest.fixture
@@ -64,11 +61,11 @@ def on_board(simulator: Simulator, program: Path, **more: object) -> Report:
 
 
 class Died(BaseException):
-    """The program is gone."""
+    """Stands for the death of the process."""
 
 
 def trouble(simulator: Simulator, kind: str, control: Control):
-    """What happens when X has come to 4 mm."""
+    """Return the callback that causes a fault when X has reached 4 mm."""
     received = simulator.received
 
     def on_sent(sent: Progress) -> None:
@@ -88,7 +85,7 @@ def trouble(simulator: Simulator, kind: str, control: Control):
 
 
 @pytest.mark.parametrize("kind", share(["e-stop", "stopped", "cable", "died"], ["e-stop", "died"]))
-def test_a_run_goes_on_where_it_was_broken_off(
+def test_an_interrupted_run_continues_at_its_checkpoint(
     simulator: Simulator, program: Path, kind: str
 ) -> None:
     control = Control()
@@ -145,7 +142,9 @@ def test_a_run_goes_on_where_it_was_broken_off(
     assert not second.warnings
 
 
-def test_what_does_not_fit_the_record_is_told(simulator: Simulator, program: Path) -> None:
+def test_a_checkpoint_that_does_not_fit_gives_a_warning(
+    simulator: Simulator, program: Path
+) -> None:
     control = Control()
     on_board(
         simulator,
@@ -171,7 +170,7 @@ def test_what_does_not_fit_the_record_is_told(simulator: Simulator, program: Pat
     assert "run-unfinished" in codes()
 
 
-def test_the_board_in_the_box_keeps_one_too(
+def test_the_loopback_board_has_a_checkpoint(
     program: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     report = run(program, board=Loopback(3, fail_after=2_000))
@@ -186,7 +185,7 @@ def test_the_board_in_the_box_keeps_one_too(
     assert not Path(f"{program}.checkpoint").exists()
 
 
-def test_in_a_subprogram_the_call_is_where_to_go_on(tmp_path: Path) -> None:
+def test_a_run_that_ends_in_a_subprogram_continues_at_the_call(tmp_path: Path) -> None:
     program = tmp_path / "p.ngc"
     program.write_text(
         "G21 G90\nG1 X1 F600\no1 sub\nG1 Y2 F600\nG1 X9\no1 endsub\nG1 Z1\no1 call\nM2\n"
@@ -197,11 +196,11 @@ def test_in_a_subprogram_the_call_is_where_to_go_on(tmp_path: Path) -> None:
     assert report.resume_line == record(program)["line"] == 8
 
 
-def test_a_grbl_board_says_the_line_that_it_moves_along(program: Path) -> None:
-    """Not the last one that it has taken: that lies up to a planner's length ahead."""
+def test_the_checkpoint_of_a_grbl_board_is_the_line_in_motion(program: Path) -> None:
+    """The last line that the board has taken may be a planner buffer ahead."""
     box, control = GrblSimulator(), Control()
     port = GrblSimulatorPort(box)
-    board = GrblBoard(port, load_machine("grbl-uno"), port.clock, "the box")
+    board = GrblBoard(port, load_machine("grbl-uno"), port.clock, "the simulator")
     board.connect()
 
     def on_sent(sent: Progress) -> None:
@@ -222,8 +221,10 @@ def test_a_grbl_board_says_the_line_that_it_moves_along(program: Path) -> None:
     assert report.resume_line >= 7
 
 
-def test_a_whole_record_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whenever it is looked at, from the first writing on."""
+def test_a_reader_never_sees_a_partial_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file is read again and again, from its first version on."""
     monkeypatch.setattr(checkpoint, "WRITE_INTERVAL", 0.001)
     name = str(tmp_path / "p.ngc")
     recorder = CheckpointWriter(Checkpoint(name, "0" * 64, "m", "b"), ("x", "y"))
@@ -245,7 +246,7 @@ def test_a_whole_record_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert Checkpoint.read(name) is None
 
 
-def test_a_folder_that_can_not_be_written_to_stops_nothing(tmp_path: Path) -> None:
+def test_a_checkpoint_that_cannot_be_written_does_not_stop_the_run(tmp_path: Path) -> None:
     recorder = CheckpointWriter(
         Checkpoint(str(tmp_path / "no" / "p.ngc"), "0" * 64, "m", "b"), ("x",)
     )

@@ -1,6 +1,4 @@
-"""--from-line: the rest of the program is what it would have been, and the way there is at a safe
-height.
-"""
+"""Runs that begin at a later line: state, safe moves to the line, and the rest of the program."""
 
 from __future__ import annotations
 
@@ -89,7 +87,7 @@ WORDS = st.sampled_from(
     ),
     st.data(),
 )
-def test_the_rest_is_what_it_would_have_been(
+def test_the_program_from_the_line_is_unchanged(
     parts: list[tuple[str, int, int, int]], data: st.DataObject
 ) -> None:
     lines = [form.format(a=a, b=b, c=c, f=100 * c) for form, a, b, c in parts]
@@ -115,7 +113,7 @@ def test_the_rest_is_what_it_would_have_been(
     assert at == pytest.approx(before[-1])
 
 
-def test_spindle_coolant_feed_and_offsets_are_restored_before_the_tool_goes_down() -> None:
+def test_spindle_coolant_feed_and_offsets_are_restored_before_the_plunge() -> None:
     text = HEAD + "G10 L2 P2 X30\nG55\nX1 F1200\nY7\nX3\nG0 Z5\nM2\n"
     begun, restart = from_line(text, 11)
     kinds = [type(block) for block in begun]
@@ -157,9 +155,7 @@ def test_spindle_coolant_feed_and_offsets_are_restored_before_the_tool_goes_down
         ("G1 X5 F100\n", 9, "from-line"),
     ],
 )
-def test_where_a_line_can_not_be_reached_safely_it_is_refused(
-    text: str, line: int, code: str
-) -> None:
+def test_a_line_that_cannot_be_reached_safely_is_refused(text: str, line: int, code: str) -> None:
     with pytest.raises(CncError) as caught:
         from_line(text + "M2\n", line)
     assert caught.value.diagnostic.code == code
@@ -214,40 +210,38 @@ M99
         (AFTER, 6, [6]),
     ],
 )
-def test_calls_are_part_of_the_line_that_they_stand_at_and_loops_begin_the_first_time(
+def test_a_call_belongs_to_its_line_and_a_loop_begins_at_its_first_pass(
     text: str, line: int, expected: list[int]
 ) -> None:
     begun, _ = from_line(text, line)
     assert [number for number, _ in moves(begun)][-len(expected) :] == expected
     whole = [point for _, point in moves(blocks(text))]
     assert [point for _, point in moves(begun)][-len(expected) :] == whole[-len(expected) :]
-    # what comes before is the way there alone: up, across, down
+    # Only the moves to the line come before: up, across, down.
     assert len(moves(begun)) - len(expected) <= 3
 
 
 @pytest.mark.parametrize(("text", "line"), [(SUB, 2), (SUB, 3), (SUB, 4), (AFTER, 9), (AFTER, 10)])
-def test_a_line_of_a_subprogram_is_no_place_to_begin(text: str, line: int) -> None:
+def test_a_run_cannot_begin_in_a_subprogram(text: str, line: int) -> None:
     with pytest.raises(CncError) as caught:
         from_line(text, line)
     assert caught.value.diagnostic.code == "from-line-unknown"
     assert "subprogram" in caught.value.diagnostic.message
 
 
-def test_where_nothing_has_moved_before_nothing_leads_there() -> None:
+def test_without_earlier_motion_there_are_no_moves_to_the_line() -> None:
     begun, restart = from_line("G21 G90\nG1 Z-1 F100\nX5\nM2\n", 2)
     assert [number for number, _ in moves(begun)] == [2, 3]
     assert not any("lift" in told or "go to" in told for told in restart.steps)
 
 
-def test_there_is_no_line_0() -> None:
+def test_line_0_is_refused() -> None:
     with pytest.raises(CncError):
         RestartPoint(0, "p.nc", AXES, None)
 
 
 @pytest.mark.parametrize("board", ["loopback", "grbl-sim"])
-def test_every_board_begins_there_and_ends_where_the_program_does(
-    board: str, tmp_path: Path
-) -> None:
+def test_a_run_from_a_line_ends_at_the_end_of_the_program(board: str, tmp_path: Path) -> None:
     program = tmp_path / "p.nc"
     program.write_text(
         "G21 G90\nG0 Z5\nM3 S500\nG1 Z-1 F300\nG1 X10 F900\nY10\nX0\nG0 Z5\nM5\nM2\n"

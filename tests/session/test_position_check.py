@@ -1,6 +1,4 @@
-"""A GRBL board that does not stand where the last run left it runs no program until it is homed or
-its position is confirmed.
-"""
+"""The position check of a GRBL board: a program runs only from a confirmed position."""
 
 from __future__ import annotations
 
@@ -43,9 +41,7 @@ def program(tmp_path: Path) -> Path:
 
 
 def tool(box: GrblSimulator) -> tuple[float, ...]:
-    """Where the tool is in the world, from where it was at first; the board counts from its last
-    start.
-    """
+    """Return the position of the tool from its first position; the board counts from its start."""
     began = box.core.environment.of_travels(*box.core.per_axis(130)).offset
     return tuple(
         round(p + o - b, 3)
@@ -54,9 +50,9 @@ def tool(box: GrblSimulator) -> tuple[float, ...]:
 
 
 def ran(box: GrblSimulator, program: Path, **arguments: object) -> Report:
-    """A run on a port that leaves DTR up, as ours do."""
+    """Run a program on a port that keeps DTR high, as the serial port does."""
     port = GrblSimulatorPort(box, hang_up=False)
-    board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
     board.connect()
     try:
         return run_with(program, MACHINE, board=board, **arguments)
@@ -65,7 +61,7 @@ def ran(box: GrblSimulator, program: Path, **arguments: object) -> Report:
 
 
 def refused(report: Report) -> str:
-    """The message of the one fault, which is that the position is lost, and its hint."""
+    """Return message and hint of the only fault, ``position-lost``."""
     (fault,) = report.faults
     assert fault.diagnostic.code == "position-lost", fault.diagnostic
     assert fault.exit_code == 3
@@ -97,7 +93,7 @@ def test_two_runs_in_a_row_do_not_shift(program: Path, capsys: pytest.CaptureFix
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals here")
-def test_a_stopped_run_is_gone_on_with_where_it_was(
+def test_a_stopped_run_continues_at_its_position(
     program: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with PtyServer(GrblSimulator(settings=FAST), 4.0) as server:
@@ -169,18 +165,16 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
         )
 
 
-def test_a_fresh_board_has_nothing_to_disagree_with(program: Path) -> None:
+def test_a_board_without_a_record_is_accepted(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
-    kept = LastPosition.read("the box")
+    kept = LastPosition.read("the simulator")
     assert kept is not None
     assert (kept.position, kept.ended, kept.lost) == ({"x": 4.0, "y": 3.0, "z": -1.0}, "end", False)
 
 
 @pytest.mark.parametrize("how", ["power", "another sender"])
-def test_a_board_that_stands_elsewhere_is_refused_until_it_is_confirmed(
-    program: Path, how: str
-) -> None:
+def test_another_position_is_refused_until_it_is_confirmed(program: Path, how: str) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     if how == "power":
@@ -203,20 +197,18 @@ def test_a_board_that_stands_elsewhere_is_refused_until_it_is_confirmed(
     assert ran(box, program).ok
 
 
-def test_less_than_a_step_is_no_difference(program: Path) -> None:
+def test_a_difference_below_one_step_is_accepted(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     step = 1.0 / 250.0
-    LastPosition("the box", {"x": 4.0 + step, "y": 3.0, "z": -1.0}, "end").write()
+    LastPosition("the simulator", {"x": 4.0 + step, "y": 3.0, "z": -1.0}, "end").write()
     assert ran(box, program).ok
-    LastPosition("the box", {"x": 4.0, "y": 3.0 - 2.1 * step, "z": -1.0}, "end").write()
+    LastPosition("the simulator", {"x": 4.0, "y": 3.0 - 2.1 * step, "z": -1.0}, "end").write()
     assert "Y2.992" in refused(ran(box, program))
 
 
-def test_a_restart_where_the_last_run_ended_at_zero_is_one_too(program: Path) -> None:
-    """Nobody knows whether the tool was moved while the board was off, and the second opening does
-    not show the restart.
-    """
+def test_a_restart_at_zero_is_refused_too(program: Path) -> None:
+    """The tool may have moved while the board was off, and a second opening shows no restart."""
     box = GrblSimulator(settings=FAST)
     program.write_text("G21 G90\nG1 X3 F900\nG0 X0\nM2\n")
     assert ran(box, program).ok
@@ -226,7 +218,7 @@ def test_a_restart_where_the_last_run_ended_at_zero_is_one_too(program: Path) ->
     assert ran(box, program, trust_position=True).ok
 
 
-def test_homing_finds_the_position_again(program: Path, tmp_path: Path) -> None:
+def test_homing_restores_the_position(program: Path, tmp_path: Path) -> None:
     box = GrblSimulator(settings=SWITCHES)
     homing = tmp_path / "home.nc"
     homing.write_text("$H\n")
@@ -242,7 +234,7 @@ def test_homing_finds_the_position_again(program: Path, tmp_path: Path) -> None:
 
     def go(name: Path, **arguments: object) -> Report:
         port = GrblSimulatorPort(box, hang_up=False)
-        board = GrblBoard(port, machine, port.clock, "the box", identity="the box")
+        board = GrblBoard(port, machine, port.clock, "the simulator", identity="the simulator")
         board.connect()
         try:
             return run_with(name, machine, board=board, dialect="grbl", **arguments)
@@ -265,7 +257,7 @@ def home_alone(
     box: GrblSimulator, *axes: str, control: Control | None = None
 ) -> dict[str, float | None]:
     port = GrblSimulatorPort(box, hang_up=False)
-    board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
     board.connect()
     try:
         return home(MACHINE, axes, board=board, control=control)
@@ -277,7 +269,7 @@ def test_cncrun_home_homes_a_grbl_board() -> None:
     box = GrblSimulator(settings=SWITCHES)
     for _ in range(2):
         assert home_alone(box) == {"x": -1.0, "y": -1.0, "z": -1.0}
-        kept = LastPosition.read("the box")
+        kept = LastPosition.read("the simulator")
         assert kept is not None and (kept.position, kept.lost) == (
             {"x": -1.0, "y": -1.0, "z": -1.0},
             False,
@@ -296,7 +288,7 @@ def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
     with pytest.raises(BoardError) as caught:
         home_alone(box)
     assert caught.value.diagnostic.code == "board-alarm"
-    kept = LastPosition.read("the box")
+    kept = LastPosition.read("the simulator")
     assert kept is not None and kept.lost
     stopped = GrblSimulator(settings=SWITCHES)
     control = Control()
@@ -306,7 +298,7 @@ def test_a_homing_that_fails_or_is_stopped_leaves_the_position_lost() -> None:
     assert not stopped.moves
 
 
-def test_a_board_that_refuses_to_home_stands_where_it_stood(program: Path) -> None:
+def test_a_board_that_refuses_to_home_keeps_its_position(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
     for _ in range(2):
@@ -324,7 +316,7 @@ def test_a_board_that_refuses_to_home_stands_where_it_stood(program: Path) -> No
 
 
 @pytest.mark.parametrize("code", ["port-lost", "board-restarted"])
-def test_a_run_that_ends_blind_leaves_a_lost_position(program: Path, code: str) -> None:
+def test_a_run_without_a_final_report_leaves_a_lost_position(program: Path, code: str) -> None:
     box = GrblSimulator(settings=FAST)
 
     def on_sent(sent: Progress) -> None:
@@ -336,7 +328,7 @@ def test_a_run_that_ends_blind_leaves_a_lost_position(program: Path, code: str) 
 
     report = ran(box, program, callbacks=Callbacks(on_sent=on_sent))
     assert [fault.diagnostic.code for fault in report.faults] == [code]
-    kept = LastPosition.read("the box")
+    kept = LastPosition.read("the simulator")
     assert kept is not None and kept.lost and kept.ended == code
     assert kept.position["x"] > 8.0
     assert f"ended ({code}) at X" in refused(ran(box, program))
@@ -348,17 +340,17 @@ def test_after_a_fault_that_leaves_the_position_known_the_next_run_begins(progra
     box.inject(Error(20), line=14)
     report = ran(box, program)
     assert [fault.diagnostic.code for fault in report.faults] == ["board-error"]
-    kept = LastPosition.read("the box")
+    kept = LastPosition.read("the simulator")
     assert kept is not None and (kept.ended, kept.lost) == ("board-error", False)
     assert ran(box, program).ok
 
 
-def test_the_checkpoint_counts_where_no_run_has_an_end(program: Path) -> None:
-    """The record of the board was lost, or its computer died."""
+def test_the_checkpoint_is_used_if_the_run_has_no_recorded_end(program: Path) -> None:
+    """The record of the board is missing, or the computer crashed during the run."""
     box, control = GrblSimulator(settings=FAST), Control()
     first = ran(box, program, control=control, callbacks=stopping(control, 10.0))
     assert first.resume_line == 5
-    kept = LastPosition.read("the box")
+    kept = LastPosition.read("the simulator")
     assert kept is not None and kept.ended == "stopped"
     for file in last_position.folder().iterdir():
         file.unlink()
@@ -366,26 +358,26 @@ def test_the_checkpoint_counts_where_no_run_has_an_end(program: Path) -> None:
     assert "was stopped at X1" in refused(ran(box, program, from_line=5))
     for file in last_position.folder().iterdir():
         file.unlink()
-    LastPosition("the box", {"x": 0.0, "y": 0.0, "z": 0.0}).write()
+    LastPosition("the simulator", {"x": 0.0, "y": 0.0, "z": 0.0}).write()
     assert "was stopped at X1" in refused(ran(box, program, from_line=5))
 
 
-def test_a_check_on_the_board_neither_asks_nor_changes_anything(program: Path) -> None:
+def test_a_check_on_the_board_ignores_and_keeps_the_record(program: Path) -> None:
     box = GrblSimulator(settings=FAST)
     assert ran(box, program).ok
-    kept = LastPosition.read("the box")
+    kept = LastPosition.read("the simulator")
     box.power_up()
     port = GrblSimulatorPort(box, hang_up=False)
-    board = GrblBoard(port, MACHINE, port.clock, "the box", identity="the box")
+    board = GrblBoard(port, MACHINE, port.clock, "the simulator", identity="the simulator")
     board.connect()
     board.check_only = True
     assert run(program, MACHINE, board=board).ok
     board.close()
-    assert LastPosition.read("the box") == kept
+    assert LastPosition.read("the simulator") == kept
     refused(ran(box, program))
 
 
-def test_what_can_not_be_read_is_none_and_what_can_not_be_written_stops_nothing(
+def test_an_unreadable_record_is_none_and_an_unwritable_one_does_not_stop_the_run(
     program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     LastPosition("a/b", {"x": 1.0}, "end").write()
@@ -403,10 +395,10 @@ def test_what_can_not_be_read_is_none_and_what_can_not_be_written_stops_nothing(
     blocked.touch()
     monkeypatch.setenv("XDG_STATE_HOME", str(blocked))
     assert ran(GrblSimulator(settings=FAST), program).ok
-    assert LastPosition.read("the box") is None
+    assert LastPosition.read("the simulator") is None
 
 
-def test_where_positions_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_folder_of_positions(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert last_position.folder() == tmp_path / "cnc" / "positions"
     monkeypatch.delenv("XDG_STATE_HOME")

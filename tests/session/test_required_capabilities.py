@@ -1,6 +1,4 @@
-"""What a board has no hands for, and who goes on after a pause: found before anything moves, by one
-table for all boards.
-"""
+"""Capabilities that a program requires, checked before anything moves."""
 
 from __future__ import annotations
 
@@ -22,9 +20,7 @@ MACHINE = load_machine("stepper-uno")
 
 
 class Moving(Loopback):
-    """The board in the box, but as a machine with a stepper board is: it moves, feels only the
-    probe, and has that board's outputs.
-    """
+    """A loopback board with the capabilities of a stepper board: it moves and reads probes."""
 
     wired = 3
 
@@ -74,7 +70,7 @@ def ran(
         ("M48", "", ""),
     ],
 )
-def test_words_that_the_board_can_not_carry_out(
+def test_words_that_the_board_cannot_carry_out_are_refused(
     tmp_path: Path, words: str, three: str, four: str
 ) -> None:
     for board, code in ((Moving, three), (MovingFour, four)):
@@ -94,7 +90,7 @@ def test_words_that_the_board_can_not_carry_out(
     )
 
 
-def test_a_rotary_axis_is_the_fourth_of_the_machine_or_an_error(tmp_path: Path) -> None:
+def test_a_rotary_axis_must_be_the_fourth(tmp_path: Path) -> None:
     report, _ = ran(tmp_path, "G1 A5 F600")
     assert report.exit_code == 1
     axes = {
@@ -112,9 +108,7 @@ PAUSES = [
 
 
 @pytest.mark.parametrize(("words", "why"), PAUSES)
-def test_a_pause_waits_for_the_operator_or_is_refused_or_left_out(
-    tmp_path: Path, words: str, why: str
-) -> None:
+def test_a_pause_waits_or_is_refused_or_skipped(tmp_path: Path, words: str, why: str) -> None:
     refused, made = ran(tmp_path, words, pauses="refuse", control=Control())
     assert [fault.diagnostic.code for fault in refused.faults] == ["needs-operator"]
     assert refused.faults[0].diagnostic.line == 2
@@ -132,7 +126,7 @@ def test_a_pause_waits_for_the_operator_or_is_refused_or_left_out(
 
 
 @pytest.mark.parametrize("words", [words for words, _ in PAUSES])
-def test_the_command_line_asks_for_a_terminal(
+def test_a_pause_needs_a_terminal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str
 ) -> None:
     boards: list[Moving] = []

@@ -1,6 +1,4 @@
-"""What a machine remembers from one program to the next, and what a board must be able to do,
-through the front door.
-"""
+"""Parameters and tools between programs, subroutine files, and answers of a board."""
 
 from __future__ import annotations
 
@@ -36,7 +34,7 @@ def program(machine: Path, *lines: str) -> Path:
     return file
 
 
-def test_parameters_outlive_a_run(machine: Path) -> None:
+def test_parameters_are_saved_after_a_run(machine: Path) -> None:
     kept = machine.parent / "cnc.var"
     assert (
         run(program(machine, "#100 = [#100 + 0.1]", "G10 L2 P1 X3", "G0 X1"), machine).end_position[
@@ -50,7 +48,7 @@ def test_parameters_outlive_a_run(machine: Path) -> None:
     assert read_parameters(kept)[100] == 0.2
 
 
-def test_a_check_keeps_nothing(machine: Path) -> None:
+def test_a_check_saves_nothing(machine: Path) -> None:
     report = check(program(machine, "#100 = 5", "T1 M6", "G10 L1 P1 Z99", "G0 X#100"), machine)
     assert report.ok
     assert report.end_position["x"] == 5.0
@@ -59,19 +57,19 @@ def test_a_check_keeps_nothing(machine: Path) -> None:
 
 
 @pytest.mark.parametrize("fault", ["G0 X[1/0]", "G1 X1"])
-def test_a_faulty_program_keeps_nothing(machine: Path, fault: str) -> None:
+def test_a_faulty_program_saves_nothing(machine: Path, fault: str) -> None:
     assert not run(program(machine, "#100 = 5", fault), machine).ok
     assert not (machine.parent / "cnc.var").exists()
 
 
-def test_a_board_that_fails_keeps_nothing(machine: Path) -> None:
+def test_a_failed_run_saves_nothing(machine: Path) -> None:
     assert not run(
         program(machine, "#100 = 5", "G0 X10"), machine, board=Loopback(3, fail_after=7)
     ).ok
     assert not (machine.parent / "cnc.var").exists()
 
 
-def test_tools_outlive_a_run(machine: Path) -> None:
+def test_tools_are_saved_after_a_run(machine: Path) -> None:
     report = run(program(machine, "T1 M6 G43", "G10 L1 P2 Z33.5", "G0 Z1"), machine)
     assert report.end_position["z"] == 41.25
     table = ToolTable.load(machine.parent / "tool.tbl")
@@ -87,7 +85,7 @@ def test_tools_outlive_a_run(machine: Path) -> None:
     assert second.offsets == {"Z": 33.5}
 
 
-def test_a_tool_table_that_nobody_changed_is_left_alone(machine: Path) -> None:
+def test_an_unchanged_tool_table_is_not_written(machine: Path) -> None:
     table = machine.parent / "tool.tbl"
     before = table.read_bytes()
     run(program(machine, "T1 M6 G43", "G0 Z1"), machine)
@@ -125,7 +123,7 @@ def test_limits_of_the_machine_file(machine: Path) -> None:
 
 
 @pytest.mark.parametrize(("name", "text"), [("tool.tbl", "T1 Z\n"), ("cnc.var", "100 x\n")])
-def test_a_broken_file_of_the_machine_is_named(machine: Path, name: str, text: str) -> None:
+def test_an_unreadable_state_file_is_named(machine: Path, name: str, text: str) -> None:
     (machine.parent / name).write_text(text)
     with pytest.raises((MachineFileError, UsageError)) as caught:
         check(program(machine, "G0 X1"), machine)
@@ -133,7 +131,7 @@ def test_a_broken_file_of_the_machine_is_named(machine: Path, name: str, text: s
     assert (Path(found.file).name, found.line) == (name, 1)
 
 
-def test_the_board_is_asked_and_the_program_goes_by_its_answer(machine: Path) -> None:
+def test_the_answer_of_the_board_decides_how_the_program_continues(machine: Path) -> None:
     lines = "M66 P1 L0", "G0 X[#5399 + 1]"
     assert check(program(machine, *lines), machine).end_position["x"] == 1.0
     board = Sensing(3)
@@ -142,7 +140,7 @@ def test_the_board_is_asked_and_the_program_goes_by_its_answer(machine: Path) ->
 
 
 class Sensing(Loopback):
-    """Sees every input at 7."""
+    """A board whose inputs are all 7."""
 
     def execute(self, block, time_ns):  # type: ignore[no-untyped-def]
         expected = super().execute(block, time_ns)
@@ -157,12 +155,10 @@ class Sensing(Loopback):
     ("wrong", "code"),
     [("G1 X[100 + #5399]", "soft-limit"), ("G1 X[9 + 1 / [#5399 - 7]]", "division-by-zero")],
 )
-def test_a_program_that_goes_wrong_by_an_answer_comes_to_rest_on_its_path(
+def test_a_fault_after_an_answer_brings_the_motion_to_rest_on_the_path(
     machine: Path, wrong: str, code: str
 ) -> None:
-    """The first pass, without the answer, found nothing wrong; the moves before the fault are under
-    way when it is found.
-    """
+    """The check pass has no answer, so it finds no fault. The motion has begun when it occurs."""
     machine.write_text(MACHINE.replace("[axes.y]", "travel = [0, 100]\n[axes.y]") + FILES)
     lines = [
         "F3000",
@@ -185,7 +181,7 @@ def test_a_program_that_goes_wrong_by_an_answer_comes_to_rest_on_its_path(
 
 
 @pytest.mark.parametrize("line", ["M66 P1 L3 Q2", "G38.2 X5 F100", "S100 M3 G33 Z1 K1"])
-def test_a_board_that_senses_nothing_refuses_what_needs_sensing(machine: Path, line: str) -> None:
+def test_a_board_without_inputs_refuses_probes_and_inputs(machine: Path, line: str) -> None:
     target = machine.parent / "p.npz"
     (fault,) = run(program(machine, "G0 X1", line), machine, board="file", port=str(target)).faults
     assert (fault.diagnostic.code, fault.diagnostic.line) == ("board-senseless", 2)

@@ -18,8 +18,8 @@ class Meaning(NamedTuple):
 
 
 _OURS = (
-    "the translator wrote a line that the board does not accept; please report the program and this "
-    "message"
+    "the translator wrote a line that the board does not accept; please report the program and "
+    "this message"
 )
 _LINK = (
     "bytes may have been lost: use a shorter USB cable without a hub, away from the spindle cable"

@@ -1,11 +1,11 @@
 """Faults of a GRBL board, found from its answers and reports. No I/O.
 
-answer or report                           | found by                                 | found within
--------------------------------------------+------------------------------------------+--------------------------------------
-error, ALARM, a welcome, an extra ok       | this module                              | at once
-ok, one by one                             | marks (:mod:`cnc.boards.grbl.protocol`)  | half a second and a move
-none, or status reports only               | :mod:`cnc.boards.grbl.liveness`          | 2 s
-position                                   | :mod:`cnc.boards.grbl.position_tracker`  | the motion ahead (1.5 s), two reports
+answer or report               | found by         | found within
+-------------------------------+------------------+--------------------------------------
+error, ALARM, welcome, extra ok| this module      | at once
+ok, one by one                 | marks (protocol) | half a second and a move
+none, or status reports only   | liveness         | 2 s
+position                       | position_tracker | the motion ahead (1.5 s), two reports
 """
 
 from __future__ import annotations
@@ -14,20 +14,19 @@ import math
 from collections.abc import Sequence
 
 from cnc.boards.grbl import faults
-from cnc.boards.grbl.liveness import LivenessMonitor
-from cnc.boards.grbl.position_tracker import TOLERANCE, PositionTracker
-from cnc.boards.grbl.protocol import (
+from cnc.boards.grbl.events import (
     Alarmed,
     Confirmed,
     Event,
-    GrblProtocol,
     Lost,
     Rejected,
     Reported,
     Started,
-    State,
     UnexpectedReply,
 )
+from cnc.boards.grbl.liveness import LivenessMonitor
+from cnc.boards.grbl.position_tracker import TOLERANCE, PositionTracker
+from cnc.boards.grbl.protocol import GrblProtocol, State
 from cnc.boards.grbl.settings import ACCELERATIONS, ARC_TOLERANCE, RATES, STEPS, BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.grbl.tracked_moves import AxisLimits

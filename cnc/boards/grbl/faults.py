@@ -67,8 +67,8 @@ def restarted(line: int) -> BoardError:
 def locked(line: int) -> BoardError:
     """Return the fault of a board that was in alarm before the run."""
     hint = (
-        "home the machine with cncrun home or a program that begins with $H, or unlock the board with "
-        "$X if its position is right"
+        "home the machine with cncrun home or a program that begins with $H, or unlock the board "
+        "with $X if its position is right"
     )
     return board_error("board-locked", "the board is locked by an alarm", line=line, hint=hint)
 
@@ -93,7 +93,7 @@ def question_lost(line: int) -> BoardError:
 def unanswered(line: int) -> BoardError:
     """Return the fault of a board at rest with an unanswered line."""
     message = (
-        f"the board is at rest and has not answered line {line}: the line or its answer was lost"
+        f"the board is at rest and has not answered line {line}: the line, or its answer, was lost"
     )
     return board_error("reply-missing", message, line=line, hint=CABLE)
 
@@ -112,8 +112,8 @@ def stuck(seconds: float, line: int) -> BoardError:
 def off_path(position: Sequence[float], off: float, line: int) -> BoardError:
     """Return the fault of a board beside its moves; ``off``: distance in mm."""
     message = (
-        f"the board is at {shown(position)}, {off:.3g} mm off its toolpath: bytes of line {line}, or "
-        "of a line soon after, were lost"
+        f"the board is at {shown(position)}, {off:.3g} mm off its toolpath: bytes of line {line}, "
+        "or of a line soon after, were lost"
     )
     return board_error("off-path", message, line=line, hint=CABLE)
 
@@ -121,10 +121,35 @@ def off_path(position: Sequence[float], off: float, line: int) -> BoardError:
 def elsewhere(position: Sequence[float], off: float, line: int) -> BoardError:
     """Return the fault of a board that rests beside the end of its moves."""
     message = (
-        f"the board stands at {shown(position)}, {off:.3g} mm from the end of line {line}: bytes were "
-        "lost"
+        f"the board stands at {shown(position)}, {off:.3g} mm from the end of line {line}: bytes "
+        "were lost"
     )
     return board_error("position-differs", message, line=line, hint=CABLE)
+
+
+def not_grbl(name: str, received: Sequence[str], *, garbled: bool) -> BoardError:
+    """Return the fault of a port without the welcome of a GRBL board.
+
+    Args:
+        name: Name of the port.
+        received: The lines that came.
+        garbled: Whether other bytes came.
+    """
+    readable = next((text for text in received if text.isascii() and text.isprintable()), None)
+    if readable is not None:
+        return board_error(
+            "board-not-grbl",
+            f"the board at {name} is not a GRBL board: it sends {readable[:60]!r}",
+            hint="name the port of a board with GRBL 1.1 or grblHAL, or flash this board",
+        )
+    if received or garbled:
+        return board_error(
+            "board-not-grbl",
+            f"the board at {name} sends unreadable bytes",
+            hint="set board.baud in the machine file: 115200 for GRBL 1.1",
+        )
+    hint = "check that it is switched on, the port (cncrun boards lists the ports) and board.baud"
+    return board_error("no-answer", f"no board answers at {name}", hint=hint)
 
 
 def silent(name: str) -> BoardError:

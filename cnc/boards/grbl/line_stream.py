@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cnc.boards.grbl import faults
+from cnc.boards.grbl.events import Event, Reported, Started
 from cnc.boards.grbl.fault_monitor import FULL_OVERRIDE, FaultMonitor
 from cnc.boards.grbl.line_kinds import Kind, bare
 from cnc.boards.grbl.link import ANSWER, GrblLink
 from cnc.boards.grbl.messages import Feedback
 from cnc.boards.grbl.operator_requests import MIN_OVERRIDE, OperatorRequests
-from cnc.boards.grbl.protocol import Event, Reported, Started
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import PortLost
 from cnc.boards.protocols import OnReport, board_error

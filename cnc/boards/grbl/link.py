@@ -13,20 +13,18 @@ import logging
 from collections.abc import Callable
 
 from cnc.boards.grbl import faults
-from cnc.boards.grbl.messages import Feedback, Other, Setting, Welcome
-from cnc.boards.grbl.protocol import (
+from cnc.boards.grbl.events import (
     Alarmed,
     Confirmed,
     Event,
-    GrblProtocol,
-    RealTime,
     Rejected,
     Reported,
     SentLine,
     Started,
-    State,
     UnexpectedReply,
 )
+from cnc.boards.grbl.messages import Feedback, Other, Setting, Welcome
+from cnc.boards.grbl.protocol import GrblProtocol, RealTime, State
 from cnc.boards.grbl.settings import BoardInfo
 from cnc.boards.grbl.status import Status
 from cnc.boards.port import Clock, Port
@@ -45,7 +43,8 @@ SILENCE = 2.0
 WELCOME_TIMEOUT = 6.0
 """Seconds for the welcome of a board that has just been connected: boot loaders take up to 2."""
 RESET_AFTER = 2.6
-"""Seconds without a byte after which the board is reset: in a critical alarm GRBL hears only a reset.
+"""Seconds without a byte after which the board is reset: in a critical alarm GRBL hears nothing
+else.
 """
 RAISE_DTR_AFTER = 3.4
 """Seconds without a byte after which DTR is raised: some boards send only then. A board that this
@@ -194,8 +193,8 @@ class GrblLink:
         self.write(self.protocol.send(command, 0))
         if not self.until(done, ANSWER):
             hint = (
-                "switch the board off and on; if that does not help, its firmware is not GRBL 1.1 or "
-                "grblHAL"
+                "switch the board off and on; if that does not help, its firmware is not GRBL 1.1 "
+                "or grblHAL"
             )
             raise board_error(
                 "no-answer",
@@ -384,26 +383,4 @@ class GrblLink:
                     reset = True
                 elif isinstance(event, Other):
                     received.append(event.text)
-        raise self._not_grbl(received)
-
-    def _not_grbl(self, received: list[str]) -> BoardError:
-        """Return the fault of a board without a welcome, by the lines that it sent."""
-        readable = next((text for text in received if text.isascii() and text.isprintable()), None)
-        if readable is not None:
-            hint = "name the port of a board with GRBL 1.1 or grblHAL, or flash this board"
-            return board_error(
-                "board-not-grbl",
-                f"the board at {self.name} is not a GRBL board: it sends {readable[:60]!r}",
-                hint=hint,
-            )
-        if received or self.protocol.partial:
-            hint = "set board.baud in the machine file: 115200 for GRBL 1.1"
-            return board_error(
-                "board-not-grbl",
-                f"the board at {self.name} sends unreadable bytes",
-                hint=hint,
-            )
-        hint = (
-            "check that it is switched on, the port (cncrun boards lists the ports) and board.baud"
-        )
-        return board_error("no-answer", f"no board answers at {self.name}", hint=hint)
+        raise faults.not_grbl(self.name, received, garbled=bool(self.protocol.partial))

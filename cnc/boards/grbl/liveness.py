@@ -14,7 +14,7 @@ The status, asked for five times a second, shows the difference:
 from __future__ import annotations
 
 from cnc.boards.grbl import faults
-from cnc.boards.grbl.protocol import SentLine
+from cnc.boards.grbl.events import SentLine
 from cnc.boards.grbl.status import Status
 from cnc.model.diagnostics import BoardError
 

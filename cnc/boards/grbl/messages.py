@@ -2,13 +2,13 @@
 
 Source: "Grbl v1.1 Interface", response and push messages::
 
-ok  error:20                        a reply, one to each line sent                  Reply
-ALARM:2                             the board has stopped by itself                 Alarm
-Grbl 1.1h ['$' for help]            the board has just started                      Welcome
-<Run|MPos:1.000,2.000,0.000|FS:500,0>   the answer to ``?``                         Report (:mod:`cnc.boards.grbl.status`)
-$110=500.000                        a setting                                       Setting
-[MSG:Pgm End]  [PRB:1.0,2.0,3.0:1]  all other information                           Feedback
->G54G20:ok                          a start-up line of the board, no reply          Other
+ok  error:20                            a reply, one to each line sent        Reply
+ALARM:2                                 the board has stopped by itself       Alarm
+Grbl 1.1h ['$' for help]                the board has just started            Welcome
+<Run|MPos:1.000,2.000,0.000|FS:500,0>   the answer to ``?``                   Report
+$110=500.000                            a setting                             Setting
+[MSG:Pgm End]  [PRB:1.0,2.0,3.0:1]      all other information                 Feedback
+>G54G20:ok                              a start-up line of the board          Other
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """A line in brackets: ``kind`` (MSG, GC, PRB, VER, OPT, G54, ..) and ``text`` after the colon."""
+    """A line in brackets: ``kind`` (MSG, GC, PRB, VER, ..), and ``text`` after the colon."""
 
     kind: str
     text: str

@@ -5,7 +5,7 @@ A line that loses a few of its bytes may still be a line that the board accepts:
 the moves that were sent:
 
                       o--------->o
-                     /            \ x      x is off all of them: the board has read another line than was sent
+                     /            \ x      x is off all of them: the board has read a wrong line
             ---o--*-o              o--
                   `-- the last position: the board continues from here, never back
 

@@ -6,8 +6,8 @@ Character counting: the board keeps received bytes in a buffer, and answers each
 when it has taken it out. So the buffer holds at most the bytes of the unanswered lines. As long as
 these are fewer than its size, no byte is lost:
 
-    sent, unanswered:   G1X1Y2F500 | G1X3 | $G | G1X5Y1 |     a line end is one byte: 11 + 5 + 3 + 7 bytes
-                            ^ the next ok is for this one
+    unanswered:   G1X1Y2F500 | G1X3 | $G | G1X5Y1 |     11 + 5 + 3 + 7 bytes with line ends
+                      ^ the next ok is for this line
 
 A lost line (or two lines that became one), or a lost answer, would assign every later answer to the
 wrong line. An ``ok`` does not name its line, but the answer to ``$G`` can be recognised. So a
@@ -34,9 +34,19 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import Enum
 
+from cnc.boards.grbl.events import (
+    Alarmed,
+    Confirmed,
+    Event,
+    Lost,
+    Rejected,
+    Reported,
+    SentLine,
+    Started,
+    UnexpectedReply,
+)
 from cnc.boards.grbl.line_kinds import Kind, bare, kind_of, seconds_of
 from cnc.boards.grbl.messages import (
     OK,
@@ -47,10 +57,9 @@ from cnc.boards.grbl.messages import (
     Other,
     Reply,
     Report,
-    Setting,
     Welcome,
 )
-from cnc.boards.grbl.status import Status, StatusReader
+from cnc.boards.grbl.status import StatusReader
 
 RX_BYTES = 128
 """Receive buffer of GRBL 1.1 on an AVR; every board has that much."""
@@ -100,97 +109,6 @@ class State(Enum):
     FAILED = "failed"
     RESETTING = "resetting"
 
-
-@dataclass(slots=True)
-class SentLine:
-    """An unanswered line.
-
-    Attributes:
-        text: The line.
-        line: Its source line.
-        size: Bytes with the line end.
-        kind: Its kind.
-        seconds: Longest time that it takes without motion.
-        mark: Whether it is a mark.
-        seen: Whether the board has reported its modes to the mark.
-        expected: Feed and speed at the mark, by the lines before it.
-    """
-
-    text: str
-    line: int
-    size: int
-    kind: Kind
-    seconds: float = 0.0
-    mark: bool = False
-    seen: bool = False
-    expected: Mapping[str, float] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Confirmed:
-    """The board accepted a line."""
-
-    sent: SentLine
-
-
-@dataclass(frozen=True, slots=True)
-class Rejected:
-    """The board refused a line."""
-
-    sent: SentLine
-    code: int
-
-
-@dataclass(frozen=True, slots=True)
-class Alarmed:
-    """The board raised an alarm; ``sent`` is the oldest unanswered line, or None."""
-
-    code: int
-    sent: SentLine | None
-
-
-@dataclass(frozen=True, slots=True)
-class Started:
-    """The board started; ``expected``: after a reset, or at the beginning."""
-
-    welcome: Welcome
-    expected: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Lost:
-    """Lines or answers were lost after source line ``after`` and not later than ``until``."""
-
-    after: int
-    until: int
-
-
-@dataclass(frozen=True, slots=True)
-class UnexpectedReply:
-    """An answer without an unanswered line."""
-
-    code: int
-
-
-@dataclass(frozen=True, slots=True)
-class Reported:
-    """The answer to ``?``."""
-
-    status: Status
-
-
-Event = (
-    Confirmed
-    | Rejected
-    | Alarmed
-    | Started
-    | Lost
-    | UnexpectedReply
-    | Reported
-    | Feedback
-    | Setting
-    | Other
-)
 
 AFTER_ALARM = {
     State.UNKNOWN: State.UNKNOWN,
@@ -295,7 +213,7 @@ class GrblProtocol:
         return self._since_mark
 
     def mark_fits(self) -> bool:
-        """Return whether a mark may be sent: one at a time, and not with a writer or system command."""
+        """Return whether a mark may be sent: one at a time, without writers or system lines."""
         if (
             self.state is not State.READY
             or self._marks
@@ -391,7 +309,7 @@ class GrblProtocol:
         return self._lost(next(sent.line for sent in self._unanswered if sent.mark))
 
     def _as_expected(self, expected: Mapping[str, float], reported: Mapping[str, str]) -> bool:
-        """Return whether the board has feed and speed as sent; it may report the feed in inches."""
+        """Return whether feed and speed are as sent; the feed may be in inches."""
         unit = self.status_reader.unit
         for letter, value in expected.items():
             scale = unit if letter == "F" else 1.0

@@ -140,7 +140,7 @@ class ArcMove:
         turned, whole = (angle if self.turn > 0.0 else -angle) % math.tau, abs(self.turn)
         # A point beside the arc that is nearer to its start lies before it.
         along = (turned - math.tau if turned - whole > math.tau - turned else turned) / whole
-        # On a helix the height says more about the place the steeper it is.
+        # On a steep helix the height determines the place, on a flat one the angle.
         rises = [
             0.0 if column in self.plane else b - a
             for column, (a, b) in enumerate(zip(self.start, self.end, strict=True))

@@ -12,6 +12,7 @@ from cnc.gcode.codes.system_parameters import feed_word
 from cnc.gcode.state.block_buffer import BlockBuffer
 from cnc.gcode.state.coordinates import SYSTEM_CODES, Coordinates
 from cnc.gcode.state.modal_groups import FEED_MODES, PLANES, ModalState
+from cnc.gcode.state.position_parameters import bind_numbers
 from cnc.gcode.state.source_location import SourceLocation
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
@@ -65,10 +66,10 @@ def bind(
     }
     for group, read in groups.items():
         parameters.bind(numbers.MODAL_CODES + group, read)
-    coordinates.bind_numbers(numbers.MACHINE_POSITION, position, lambda: state.scale)
+    bind_numbers(coordinates, numbers.MACHINE_POSITION, position, lambda: state.scale)
     for first in (numbers.BLOCK_END, numbers.CURRENT_POSITION):
-        coordinates.bind_numbers(
-            first, lambda: coordinates.to_program(position()), lambda: state.scale
+        bind_numbers(
+            coordinates, first, lambda: coordinates.to_program(position()), lambda: state.scale
         )
     # A program may set these two and read them again; they have no other effect here.
     for number in (numbers.NO_SINGLE_BLOCK, numbers.NO_OVERRIDES):

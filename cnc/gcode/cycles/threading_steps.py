@@ -12,6 +12,7 @@ r"""Steps of threads: the passes of G76, rigid tapping (G33.1) and one synchroni
 
 The whole pass is shifted away from the workpiece by the remaining depth. So the stroke from its
 start to the bottom is the same in every pass.
+
 In pass n the tool is ``first * n ** (1 / degression)`` beyond the peak, up to the full depth. With
 degression 1 every pass has the same depth, with 2 the same area. Source: LinuxCNC 2.9, "G-codes",
 G76.
@@ -161,7 +162,7 @@ def tap_rigidly(
 ) -> Iterator[Step]:
     """G33.1: in and out at ``pitch`` mm a revolution.
 
-    The spindle reverses for the way out, where it turns ``faster`` times as fast.
+    The spindle reverses for the retract, where it turns ``faster`` times as fast.
     """
     if end != start:
         yield Synchronise(pitch)

@@ -4,13 +4,13 @@ The next move in the plane determines the end of a move. So each move is held ba
 the blocks between (moves across the plane, dwells, spindle codes), which take place at its end.
 Never more than one move in the plane is held.
 
-First move: from the uncompensated point to beside the end of the programmed move; an arc leads in
-tangentially.
-Outside corner: an arc about the corner; for a traverse, straight moves outside that arc.
-Inside corner: both moves end where their offsets cross. A corner that the tool does not fit into is
-an error.
-Each move: an error if the tool cuts into the move before or after it anywhere else.
-G40: the last move ends beside its end point; the next move leads from there to its own end.
+- First move: from the uncompensated point to beside the end of the programmed move; an arc leads
+  in tangentially.
+- Outside corner: an arc about the corner; for a traverse, straight moves outside that arc.
+- Inside corner: both moves end where their offsets cross. A corner that the tool does not fit into
+  is an error.
+- Each move: an error if the tool cuts into the move before or after it anywhere else.
+- G40: the last move ends beside its end point; the next move leads from there to its own end.
 
 Source: LinuxCNC, "Cutter compensation", and NISTIR 6556, appendix A. Two rules of LinuxCNC are not
 used. Its traverses go straight across outside corners, which cuts the corner if the tool is down.

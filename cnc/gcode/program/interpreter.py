@@ -37,6 +37,7 @@ from cnc.gcode.state.modal_groups import (
     codes_of,
     feed_of,
 )
+from cnc.gcode.state.position_parameters import bind_position
 from cnc.gcode.state.source_location import SourceLocation, Warn
 from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.state.unused_words import UnusedWords
@@ -121,7 +122,7 @@ class Interpreter:
         drilling.register(self.motion, dialect, self.modal, performer)
         threading.register(self.motion, dialect, self.modal, performer)
         probing.register(self.motion, self.modal, self.here, self.out, parameters)
-        self.coordinates.bind(lambda: self.motion.position, lambda: self.modal.scale)
+        bind_position(self.coordinates, lambda: self.motion.position, lambda: self.modal.scale)
         system_parameters.bind(parameters, self.modal, self.here)
         if parameters.macro:
             macro_variables.bind(

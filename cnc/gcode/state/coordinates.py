@@ -6,6 +6,7 @@
 is G92's and stays when another system is selected. ``tool`` is the length offset. ``local`` is G52
 in dialects where it is an offset of its own; elsewhere G52 sets the shift. FANUC adds an external
 offset to every origin.
+
 The values are stored in the parameters 5161 to 5390. They take effect as in LinuxCNC: a coordinate
 system when another one is selected or when G10 sets the one in use, the shift with G92.3.
 
@@ -17,12 +18,12 @@ system".
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.model import parameter_numbers as numbers
-from cnc.model.blocks import AXIS_LETTERS, ROTARY_LETTERS
+from cnc.model.blocks import AXIS_LETTERS
 
 EXTERNAL = -1
 """Index of the offset that is added to every system (FANUC's P0)."""
@@ -41,6 +42,7 @@ class Coordinates:
         rotation: Degrees, counter-clockwise.
         system: Index of the system in use, 0 for G54.
         systems: Number of systems without G54.1's.
+        axes: Letters of the machine's axes.
     """
 
     def __init__(
@@ -66,7 +68,7 @@ class Coordinates:
         self.system = 0
         self.rotation = 0.0
         self.zero: list[float] = []
-        self._axes = axes
+        self.axes = axes
         self._fanuc = fanuc
         self._values = parameters.values
         self._places = [AXIS_LETTERS.index(axis) for axis in axes]
@@ -85,47 +87,6 @@ class Coordinates:
         )
         number = self._values.get(numbers.CURRENT_SYSTEM, 1.0)
         self._use(int(number) - 1 if number in range(1, systems + 1) else 0)
-
-    def bind(self, here: Callable[[], list[float]], scale: Callable[[], float]) -> None:
-        """Show the position as parameters: 5420 to 5428 and their names.
-
-        Args:
-            here: Returns the programmed machine position.
-            scale: Returns the mm of a program unit.
-        """
-        bind = self.parameters.bind
-        for place, letter in enumerate(AXIS_LETTERS):
-            index = self._axes.index(letter) if letter in self._axes else None
-            relative = self._reading(index, letter, lambda: self.to_program(here()), scale)
-            bind(numbers.POSITION + place, relative)
-            bind(f"_{letter}", relative)
-            bind(f"_abs_{letter}", self._reading(index, letter, here, scale))
-        bind(
-            "_coord_system",
-            lambda: float(
-                SYSTEM_CODES[self.system] if self.system < len(SYSTEM_CODES) else G.G54_1
-            ),
-        )
-
-    def bind_numbers(
-        self, first: int, position: Callable[[], list[float]], scale: Callable[[], float]
-    ) -> None:
-        """Show a position in mm as one parameter for each axis of the machine."""
-        for index, letter in enumerate(self._axes):
-            self.parameters.bind(first + index, self._reading(index, letter, position, scale))
-
-    @staticmethod
-    def _reading(
-        index: int | None,
-        letter: str,
-        position: Callable[[], list[float]],
-        scale: Callable[[], float],
-    ) -> Callable[[], float]:
-        if index is None:
-            return lambda: 0.0
-        if letter in ROTARY_LETTERS:
-            return lambda: position()[index]
-        return lambda: position()[index] / scale()
 
     # Conversion
 
@@ -210,7 +171,7 @@ class Coordinates:
 
     def end(self) -> None:
         """Select the first system without a local offset at the program end (M2, M30)."""
-        self._local = [0.0] * len(self._axes)
+        self._local = [0.0] * len(self.axes)
         self._values[numbers.CURRENT_SYSTEM] = 1.0
         self._use(0)
 
@@ -321,12 +282,12 @@ class Coordinates:
 
     def clear_shift(self) -> None:
         """Delete the shift in effect and the stored one (G92.1)."""
-        self._set_shift([0.0] * len(self._axes), 0.0)
+        self._set_shift([0.0] * len(self.axes), 0.0)
 
     def suspend_shift(self) -> None:
         """Suspend the shift; the stored one stays for G92.3 (G92.2)."""
         self._values[numbers.SHIFT_IN_EFFECT] = 0.0
-        self._shift = [0.0] * len(self._axes)
+        self._shift = [0.0] * len(self.axes)
         self._update_zero()
 
     def restore_shift(self) -> None:

@@ -15,12 +15,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from cnc import __version__
 from cnc.gcode.syntax import line_templates
 from cnc.gcode.syntax.expressions import Builder
 from cnc.gcode.syntax.statement import Statement
 from cnc.gcode.syntax.syntax_errors import describe
 from cnc.gcode.syntax.words import fault
+from cnc.version import __version__
 
 if TYPE_CHECKING:
     from lark import Lark

@@ -4,11 +4,11 @@ Each line or arc is as long as the tolerance allows. It begins and ends at point
 arc lies in one of the planes XY, ZX, YZ and may climb along the axis across it. Of all arcs from
 point S to point E, the arc nearest to the points between and to their midpoints is chosen:
 
-               n ^   . P              With the origin midway between S and E, a half their distance and the centre (0, h):
-                 |.     .             P = (x, y) lies on the circle where x^2 + y^2 - a^2 - 2 h y = 0. This is 2 r times the
-        S -------+------- E           distance from the circle; its sum of squares over all P is least for
-            a   h|    a
-                 C                        h = sum(y (x^2 + y^2 - a^2)) / (2 sum(y^2)).
+           n ^   . P        The origin is midway between S and E, a is half their distance, and
+             |.     .       the centre is (0, h). P = (x, y) lies on the circle where
+    S -------+------- E     x^2 + y^2 - a^2 - 2 h y = 0. This is 2 r times the distance from the
+        a   h|    a         circle. Its sum of squares over all P is least for
+             C                  h = sum(y (x^2 + y^2 - a^2)) / (2 sum(y^2)).
 
 The board replaces an arc by chords. For a sweep phi it makes n = floor(phi r / (2 sqrt(c (2 r -
 c)))) chords, at least one, with c its own tolerance (GRBL's $12). They lie up to r (1 - cos(phi /
@@ -158,21 +158,13 @@ def arc_stays_inside(
 
 
 @njit
-def arc_fits(
-    points: Floats,
-    first: int,
-    last: int,
-    columns: tuple[int, int, int],
-    limits: FitLimits,
-    out: Floats,
+def fit_circle(
+    points: Floats, first: int, last: int, i: int, j: int, tolerance: float, out: Floats
 ) -> bool:
-    """Return whether an arc fits the points from first to last.
+    """Fit the circle through the first and the last point that is nearest to the others.
 
-    columns: first and second axis of its plane, and the axis across. out (3,): set to centre and
-    signed sweep.
+    i, j: columns of its plane. out (3,): set to centre and radius. Returns whether there is one.
     """
-    i, j, across = columns
-    tolerance = limits.tolerance
     mx = 0.5 * (points[first, i] + points[last, i])
     my = 0.5 * (points[first, j] + points[last, j])
     tx = points[last, i] - mx
@@ -202,6 +194,31 @@ def arc_fits(
         return False
     cx = mx - h * ty
     cy = my + h * tx
+    out[0] = cx
+    out[1] = cy
+    out[2] = radius
+    return True
+
+
+@njit
+def arc_fits(
+    points: Floats,
+    first: int,
+    last: int,
+    columns: tuple[int, int, int],
+    limits: FitLimits,
+    out: Floats,
+) -> bool:
+    """Return whether an arc fits the points from first to last.
+
+    columns: first and second axis of its plane, and the axis across. out (3,): set to centre and
+    signed sweep.
+    """
+    i, j, across = columns
+    tolerance = limits.tolerance
+    if not fit_circle(points, first, last, i, j, tolerance, out):
+        return False
+    cx, cy, radius = out[0], out[1], out[2]
     # the side of the chord on which the path runs gives the sense: below it (y < 0) is
     # counter-clockwise
     ahead = 0.5 * (points[first + 1, i] + points[first, i]) - points[first, i]

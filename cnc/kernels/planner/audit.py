@@ -1,409 +1,284 @@
-"""Largest values that a plan reaches, from the plan itself and from the positions it gives at a
-fixed period.
+"""Largest values that a plan reaches, for comparison with the limits.
 
-Two ways, neither of which shares a formula with the planner:
+They come from two sources; neither shares a formula with the planner:
 
-- at points throughout every phase, each axis's velocity, acceleration and jerk by the chain rule from the curve and the phase;
-- at the sampling period T, the differences of successive positions, which see jumps at junctions as well.
+- velocity, acceleration and jerk of each axis by the chain rule, from the curve and the phase, at
+  points throughout every phase;
+- differences of successive positions at the sampling period, which show jumps at junctions too
+  (:mod:`cnc.kernels.planner.audit_samples`).
 
-Where the hull of a piece's control points (:mod:`cnc.kernels.planner.hull`) shows that its
-derivatives can't raise any maximum seen before, they are not looked at inside the piece: the maxima
-are the same as if they were. Positions are looked at everywhere.
+The hull of a piece's control points (:mod:`cnc.kernels.planner.hull`) bounds its derivatives. Where
+these bounds cannot raise any maximum, the inside of the piece is skipped; the maxima are the same.
+Positions are sampled everywhere.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.path.curve import (
-    AXES,
-    LINE,
-    METRIC,
-    METRICS,
-    SPAN,
-    SPAN_BODY,
-    START,
-    U0,
-    U1,
-    curve_eval,
-    curve_eval_s,
-    curve_inv_arclen,
-)
+from cnc.kernels.path.curve import AXES, LINE, METRIC, METRICS, curve_eval_s, curve_inv_arclen
+from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.hull import BOUNDS, derivative_bounds
+from cnc.kernels.planner.phases import phase_at
+from cnc.kernels.planner.plan_arrays import PlanArrays
 from cnc.kernels.planner.timed import is_timed, timed_motion
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FEED, ACCEL, JERK, NORMAL_ACCEL, CHORD_ERROR, STEP_DEVIATION, OVERSPEED = range(7)
-"""Entries of ``largest``; OVERSPEED is the largest ratio of speed to the feed that the piece may
-have.
+"""Entries of ``Largest.along``. OVERSPEED is the largest ratio of the speed to the feed that the
+piece may have.
 """
 ENTRIES = 7
 
+POSITION_GAP, SPEED_GAP, ACCEL_GAP, TIME_GAP, STANDSTILL_GAP = range(5)
+"""Entries of the gaps that :func:`continuity` finds."""
+GAPS = 5
+
 POINTS = 8
-"""Least number of points looked at in a phase."""
+"""Least number of points examined in a phase."""
 
 TIMED_POINTS = 64
 """The same in a timed piece, where the jerk along the path may have a sharp peak."""
 
 CLOSE = 1e-3
-"""mm; motion so slow that it covers less than this in many periods is looked at this often along
-the path instead.
-"""
+"""mm; motion that covers less than this in many periods is examined at this distance instead."""
 
 JOINT = 1e-9
-"""mm; a phase that starts this little before a junction starts at it, one that ends this little
-after it ends there: what rounding may leave of the arc lengths in a window of many metres, and far
-less than anything that moves can show.
+"""mm; a phase that starts or ends this near to a junction starts or ends at it. This is more than
+the rounding error of the arc lengths in a window of many metres, and too short to matter.
 """
+
+
+class Largest(NamedTuple):
+    """The largest values so far.
+
+    Attributes:
+        along: (ENTRIES,): values along the path.
+        axis_v: (axes,): speed of each axis, mm/s.
+        axis_a: (axes,): acceleration, mm/s^2.
+        axis_j: (axes,): jerk, mm/s^3.
+    """
+
+    along: Floats
+    axis_v: Floats
+    axis_a: Floats
+    axis_j: Floats
 
 
 @njit
-def phase_at(dt: float, s: float, v: float, a: float, j: float) -> tuple[float, float, float]:
-    """Arc length, speed and acceleration after ``dt`` in a constant-jerk phase."""
-    return s + dt * (v + dt * (0.5 * a + dt * j / 6.0)), v + dt * (a + 0.5 * dt * j), a + dt * j
+def next_piece(piece: int, s: float, piece_s: Floats) -> int:
+    """Return the piece that contains arc length ``s``, searched forward from ``piece``."""
+    while piece + 2 < len(piece_s) and s > piece_s[piece + 1]:
+        piece += 1
+    return piece
+
+
+@njit
+def cannot_raise(
+    v: float, a: float, j: float, feed: float, bounds: Floats, largest: Largest
+) -> bool:
+    """Return whether a phase cannot raise any maximum on a piece.
+
+    Args:
+        v: largest speed of the phase.
+        a: its largest acceleration, >= 0.
+        j: its largest jerk, >= 0.
+        feed: largest feed of the piece, mm/s.
+        bounds: of the derivatives of the piece.
+        largest: the maxima.
+    """
+    n = len(largest.axis_v)
+    along = largest.along
+    result = (
+        v <= along[FEED]
+        and a <= along[ACCEL]
+        and j <= along[JERK]
+        and v <= along[OVERSPEED] * feed
+        and bounds[n, 1] * v * v <= along[NORMAL_ACCEL]
+    )
+    for i in range(n):
+        d1 = bounds[i, 0]
+        d2 = bounds[i, 1] * v
+        d3 = bounds[i, 2] * v * v
+        result = (
+            result
+            and d1 * v <= largest.axis_v[i]
+            and d2 * v + d1 * a <= largest.axis_a[i]
+            and d3 * v + 3.0 * d2 * a + d1 * j <= largest.axis_j[i]
+        )
+    return result
+
+
+@njit
+def raise_maxima(
+    pieces: Pieces,
+    piece: int,
+    q: Floats,
+    v: float,
+    a: float,
+    j: float,
+    feed: float,
+    largest: Largest,
+) -> None:
+    """Raise the maxima to the values at one point of a piece.
+
+    Args:
+        pieces: the path.
+        piece: the index of the piece.
+        q: (4, axes): its derivatives there.
+        v: speed along it, mm/s.
+        a: acceleration along it.
+        j: jerk along it.
+        feed: its largest feed, mm/s.
+        largest: the maxima.
+    """
+    kind, data, at = pieces.kind[piece], pieces.data, pieces.at[piece]
+    along = largest.along
+    if is_timed(kind, data, at):
+        speed, tangential, change, normal = timed_motion(data, at, q, v)
+    else:
+        squared = 0.0
+        for i in range(int(data[at + METRICS])):
+            squared += q[2, int(data[at + METRIC + i])] ** 2
+        speed, tangential, change, normal = v, a, j, v * v * math.sqrt(squared)
+    along[FEED] = max(along[FEED], speed)
+    along[ACCEL] = max(along[ACCEL], abs(tangential))
+    along[JERK] = max(along[JERK], abs(change))
+    along[OVERSPEED] = max(along[OVERSPEED], speed / feed)
+    along[NORMAL_ACCEL] = max(along[NORMAL_ACCEL], normal)
+    for i in range(q.shape[1]):
+        largest.axis_v[i] = max(largest.axis_v[i], abs(q[1, i] * v))
+        largest.axis_a[i] = max(largest.axis_a[i], abs(q[2, i] * v * v + q[1, i] * a))
+        largest.axis_j[i] = max(
+            largest.axis_j[i], abs(q[3, i] * v * v * v + 3.0 * q[2, i] * v * a + q[1, i] * j)
+        )
 
 
 @njit
 def audit_phases(
-    kind: Ints, at: Ints, data: Floats, feed: Floats, piece_s: Floats, phase_t: Floats, phase_s: Floats, phase_v: Floats,
-    phase_a: Floats, phase_j: Floats, period: float, largest: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats,
-) -> None:  # fmt: skip
-    """Raise ``largest`` and the axes' maxima (n,) to what the plan reaches at points throughout its
-    phases.
+    pieces: Pieces, plan: PlanArrays, feed: Floats, period: float, largest: Largest
+) -> None:
+    """Raise the maxima to the values that the plan reaches at points throughout its phases.
+
+    Args:
+        pieces: the path of the motion.
+        plan: its phases.
+        feed: (pieces,): largest feed of each, mm/s.
+        period: s.
+        largest: the maxima.
     """
-    n = len(axis_v)
+    kind, data, piece_s = pieces.kind, pieces.data, plan.piece_s
+    n = len(largest.axis_v)
     q = np.zeros((4, n))
     bounds = np.zeros((n + 1, BOUNDS))
     piece = 0
     bounded = -1
-    for k in range(len(phase_j)):
-        duration = phase_t[k + 1] - phase_t[k]
-        j = phase_j[k]
-        v_most = max(phase_v[k], phase_v[k + 1])
-        a_most = max(abs(phase_a[k]), abs(phase_a[k] + duration * j))
-        if phase_a[k] * j < 0.0:
-            v_most = max(v_most, phase_v[k] - 0.5 * phase_a[k] * phase_a[k] / j)
-        steady = phase_a[k] == 0.0 and j == 0.0
-        # A whole phase may lie that near to a junction.
-        inside = min(JOINT, 0.5 * (phase_s[k + 1] - phase_s[k]))
-        while piece + 1 < len(kind) and phase_s[k] + inside > piece_s[piece + 1]:
-            piece += 1
-        least = TIMED_POINTS if is_timed(kind[piece], data, at[piece]) else POINTS
-        points = max(least, int(min(duration / period, (phase_s[k + 1] - phase_s[k]) / CLOSE)))
-        looked_at = -1
-        dull = False
+    for k in range(len(plan.j)):
+        duration = plan.t[k + 1] - plan.t[k]
+        s0, v0, a0, j = plan.s[k], plan.v[k], plan.a[k], plan.j[k]
+        length = plan.s[k + 1] - s0
+        v_most = max(v0, plan.v[k + 1])
+        a_most = max(abs(a0), abs(a0 + duration * j))
+        if a0 * j < 0.0:
+            v_most = max(v_most, v0 - 0.5 * a0 * a0 / j)
+        steady = a0 == 0.0 and j == 0.0
+        # The phase may be shorter than JOINT.
+        inside = min(JOINT, 0.5 * length)
+        piece = next_piece(piece, s0 + inside, piece_s)
+        least = TIMED_POINTS if is_timed(kind[piece], data, pieces.at[piece]) else POINTS
+        points = max(least, int(min(duration / period, length / CLOSE)))
+        examined = -1
+        skip = False
         for m in range(points + 1):
-            s, v, a = phase_at(duration * m / points, phase_s[k], phase_v[k], phase_a[k], j)
+            s, v, a = phase_at(duration * m / points, s0, v0, a0, j)
             if m == points:
-                # as exact as the junction that may be there
-                s = phase_s[k + 1]
-            # At a junction the phase that starts there belongs to the piece after it, the one that
-            # ends there to the piece before.
-            ahead = inside if m == 0 else -inside
-            while piece + 1 < len(kind) and s + ahead > piece_s[piece + 1]:
-                piece += 1
-            here = kind[piece]
-            where = at[piece]
-            if looked_at != piece:
-                looked_at = piece
+                # As exact as the junction that may be there.
+                s = plan.s[k + 1]
+            # At a junction the phase that starts there belongs to the piece behind it, the one that
+            # ends there to the piece before it.
+            piece = next_piece(piece, s + (inside if m == 0 else -inside), piece_s)
+            if examined != piece:
+                examined = piece
                 if bounded != piece:
                     bounded = piece
-                    derivative_bounds(here, data, where, bounds)
-                dull = (
-                    not is_timed(here, data, where)
-                    and v_most <= largest[FEED]
-                    and a_most <= largest[ACCEL]
-                    and abs(j) <= largest[JERK]
-                    and v_most <= largest[OVERSPEED] * feed[piece]
-                    and bounds[n, 1] * v_most * v_most <= largest[NORMAL_ACCEL]
+                    derivative_bounds(kind[piece], data, pieces.at[piece], bounds)
+                skip = not is_timed(kind[piece], data, pieces.at[piece]) and cannot_raise(
+                    v_most, a_most, abs(j), feed[piece], bounds, largest
                 )
-                for i in range(n):
-                    d1 = bounds[i, 0]
-                    d2 = bounds[i, 1] * v_most
-                    d3 = bounds[i, 2] * v_most * v_most
-                    dull = (
-                        dull
-                        and d1 * v_most <= axis_v[i]
-                        and d2 * v_most + d1 * a_most <= axis_a[i]
-                        and d3 * v_most + 3.0 * d2 * a_most + d1 * abs(j) <= axis_j[i]
-                    )
-            elif dull and m < points:
+            elif skip and m < points:
                 continue
             local = min(max(s - piece_s[piece], 0.0), piece_s[piece + 1] - piece_s[piece])
+            here, where = kind[piece], pieces.at[piece]
             curve_eval_s(here, data, where, curve_inv_arclen(here, data, where, local), q)
-            if is_timed(here, data, where):
-                speed, along, change, normal = timed_motion(data, where, q, v)
-            else:
-                squared = 0.0
-                for i in range(int(data[where + METRICS])):
-                    squared += q[2, int(data[where + METRIC + i])] ** 2
-                speed, along, change, normal = v, a, j, v * v * math.sqrt(squared)
-            largest[FEED] = max(largest[FEED], speed)
-            largest[ACCEL] = max(largest[ACCEL], abs(along))
-            largest[JERK] = max(largest[JERK], abs(change))
-            largest[OVERSPEED] = max(largest[OVERSPEED], speed / feed[piece])
-            largest[NORMAL_ACCEL] = max(largest[NORMAL_ACCEL], normal)
-            for i in range(n):
-                axis_v[i] = max(axis_v[i], abs(q[1, i] * v))
-                axis_a[i] = max(axis_a[i], abs(q[2, i] * v * v + q[1, i] * a))
-                axis_j[i] = max(
-                    axis_j[i], abs(q[3, i] * v * v * v + 3.0 * q[2, i] * v * a + q[1, i] * j)
-                )
-            # a line at constant speed is the same all along
-            dull = dull or (here == LINE and steady)
+            raise_maxima(pieces, piece, q, v, a, j, feed[piece], largest)
+            # A line at constant speed has the same values everywhere.
+            skip = skip or (kind[piece] == LINE and steady)
 
 
 @njit
-def _cubic_point(data: Floats, at: int, u: float, out: Floats) -> None:
-    """Position at u of a span of degree 3 into the last row of out: without the derivatives, which
-    take most of the time.
+def along_axes(v: float, a: float, q: Floats) -> None:
+    """Replace derivatives by arc length ``q`` (4, axes) by velocity and acceleration of the axes.
+
+    They are written to rows 1 and 2. v, a: the motion along the path.
     """
-    n = out.shape[1]
-    start = at + START
-    x = (u - data[at + U0]) / (data[at + U1] - data[at + U0])
-    y = 1.0 - x
-    c0 = y * y * y
-    c1 = 3.0 * y * y * x
-    c2 = 3.0 * y * x * x
-    c3 = x * x * x
-    k = start + 2 * n + SPAN_BODY
-    inverse = 1.0 / (c0 * data[k] + c1 * data[k + 1] + c2 * data[k + 2] + c3 * data[k + 3])
-    row = out.shape[0] - 1
-    for i in range(n):
-        k += 4
-        out[row, i] = (
-            data[start + i]
-            + (c0 * data[k] + c1 * data[k + 1] + c2 * data[k + 2] + c3 * data[k + 3]) * inverse
-        )
+    for i in range(q.shape[1]):
+        q[2, i] = q[2, i] * v * v + q[1, i] * a
+        q[1, i] *= v
 
 
 @njit
-def _step_and_sagitta(
-    kind: Ints,
-    at: Ints,
-    data: Floats,
-    piece_s: Floats,
-    first: int,
-    piece: int,
-    s_before: float,
-    s: float,
-    last: Floats,
-    q: Floats,
-) -> tuple[float, float]:
-    """Length of the step from last[0] to last[4] through the junctions between them, and how far
-    the curve leaves the chord of the two.
-    """
-    length = 0.0
-    apart = 0.0
-    chord = 0.0
-    for m in range(int(data[at[piece] + METRICS])):
-        c = int(data[at[piece] + METRIC + m])
-        chord += (last[4, c] - last[0, c]) ** 2
-        last[3, c] = last[0, c]
-    for k in range(first, piece + 1):
-        # In the middle of the step's part on this piece, then at the piece's end.
-        begin = max(s_before, piece_s[k])
-        end = min(s, piece_s[k + 1])
-        for half in range(2):
-            inside = 0.5 * (begin + end) if half == 0 else end
-            curve_eval(
-                kind[k], data, at[k], curve_inv_arclen(kind[k], data, at[k], inside - piece_s[k]), q
-            )
-            along = 0.0
-            squared = 0.0
-            step = 0.0
-            for m in range(int(data[at[k] + METRICS])):
-                c = int(data[at[k] + METRIC + m])
-                along += (q[0, c] - last[0, c]) * (last[4, c] - last[0, c])
-                squared += (q[0, c] - last[0, c]) ** 2
-                step += (q[0, c] - last[3, c]) ** 2
-            if chord > 0.0:
-                squared -= along * along / chord
-            apart = max(apart, squared)
-            if half == 1:
-                length += math.sqrt(step)
-                for m in range(int(data[at[k] + METRICS])):
-                    c = int(data[at[k] + METRIC + m])
-                    last[3, c] = q[0, c]
-    return length, math.sqrt(apart)
-
-
-@njit
-def audit_samples(
-    kind: Ints, at: Ints, data: Floats, piece_s: Floats, phase_t: Floats, phase_s: Floats, phase_v: Floats, phase_a: Floats,
-    phase_j: Floats, t0: float, period: float, shortest: float, index: int, known: int, last: Floats, largest: Floats,
-    axis_v: Floats, axis_a: Floats, axis_j: Floats,
-) -> tuple[int, int]:  # fmt: skip
-    """Raise the maxima to what differences of positions show at the instants ``index * period`` on,
-    up to the plan's end.
-
-    last (5, n): positions at the instants before, newest in row 0, of which ``known`` are valid;
-    rows 3 and 4 are scratch. The step deviation and the chord error count in steps longer than
-    ``shortest`` (on a shorter one they are no length to speak of) within which the motion doesn't
-    stop: a stop is a corner, and there a sample belongs to neither side. For the same reason the
-    step deviation doesn't count where the ramps at a corner overlap. Returns the next index and the
-    number of valid rows.
-    """
-    n = len(axis_v)
-    q = np.zeros((4, n))
-    bounds = np.zeros((n + 1, BOUNDS))
-    per_v = 1.0 / period
-    per_a = per_v * per_v
-    per_j = per_a * per_v
-    bent = math.inf
-    bounded = -1
-    piece = 0
-    phase = 0
-    s_before = -1.0
-    piece_before = 0
-    end = t0 + phase_t[-1]
-    while index * period <= end:
-        t = max(index * period - t0, 0.0)
-        stopped = False
-        while phase + 1 < len(phase_j) and t > phase_t[phase + 1]:
-            phase += 1
-            stopped = stopped or phase_v[phase] == 0.0
-        s = phase_at(
-            t - phase_t[phase], phase_s[phase], phase_v[phase], phase_a[phase], phase_j[phase]
-        )[0]
-        while piece + 1 < len(kind) and s > piece_s[piece + 1]:
-            piece += 1
-        local = min(max(s - piece_s[piece], 0.0), piece_s[piece + 1] - piece_s[piece])
-        here = kind[piece]
-        where = at[piece]
-        u = curve_inv_arclen(here, data, where, local)
-        if here == SPAN and data[where + START + 2 * n] == 3.0:
-            _cubic_point(data, where, u, last)
-        else:
-            curve_eval(here, data, where, u, q)
-            for i in range(n):
-                last[4, i] = q[0, i]
-        for i in range(n):
-            v = last[4, i] - last[0, i]
-            a = v - (last[0, i] - last[1, i])
-            j = a - (last[0, i] - 2.0 * last[1, i] + last[2, i])
-            if known > 0:
-                axis_v[i] = max(axis_v[i], abs(v) * per_v)
-            if known > 1:
-                axis_a[i] = max(axis_a[i], abs(a) * per_a)
-            if known > 2:
-                axis_j[i] = max(axis_j[i], abs(j) * per_j)
-        step = s - s_before
-        if s_before >= 0.0 and not stopped and step > shortest:
-            if piece != bounded:
-                bounded = piece
-                derivative_bounds(here, data, where, bounds)
-                bent = bounds[n, 1] / 8.0
-            if piece == piece_before and step * step * bent <= largest[CHORD_ERROR]:
-                # the chord alone: a curve bent no more than that leaves it by less than what was
-                # seen before
-                chord = 0.0
-                for m in range(int(data[where + METRICS])):
-                    c = int(data[where + METRIC + m])
-                    chord += (last[4, c] - last[0, c]) * (last[4, c] - last[0, c])
-                largest[STEP_DEVIATION] = max(
-                    largest[STEP_DEVIATION], abs(math.sqrt(chord) - step) / step
-                )
-            else:
-                chord, apart = _step_and_sagitta(
-                    kind, at, data, piece_s, piece_before, piece, s_before, s, last, q
-                )
-                corner = False
-                for k in range(piece_before, piece + 1):
-                    corner = corner or is_timed(kind[k], data, at[k])
-                if not corner:
-                    largest[STEP_DEVIATION] = max(largest[STEP_DEVIATION], abs(chord - step) / step)
-                largest[CHORD_ERROR] = max(largest[CHORD_ERROR], apart)
-        for i in range(n):
-            last[2, i] = last[1, i]
-            last[1, i] = last[0, i]
-            last[0, i] = last[4, i]
-        s_before = s
-        piece_before = piece
-        known = min(known + 1, 3)
-        index += 1
-        steady = (
-            phase_a[phase] == 0.0
-            and phase_j[phase] == 0.0
-            and phase_v[phase] > 0.0
-            and not is_timed(here, data, where)
-        )
-        if known == 3 and steady:
-            # A crawl shows the same differences over and over: look at a few instants, then go on
-            # to where the path may have changed.
-            skipped = int(CLOSE / (phase_v[phase] * period)) - 2 * POINTS
-            left = int((phase_t[phase + 1] + t0 - index * period) / period) - 2 * POINTS
-            if min(skipped, left) > 0:
-                index += min(skipped, left)
-                known = 0
-                s_before = -1.0
-    return index, known
-
-
-@njit
-def continuity(
-    kind: Ints, at: Ints, data: Floats, piece_s: Floats, phase_t: Floats, phase_s: Floats, phase_v: Floats, phase_a: Floats,
-    phase_j: Floats, gaps: Floats,
-) -> None:  # fmt: skip
+def continuity(pieces: Pieces, plan: PlanArrays, gaps: Floats) -> None:
     """Integrate each phase and compare its end with the start of the next.
 
-    gaps (5,): raised to the largest jumps of position, speed and acceleration, and to how far a
-    duration and a speed lie below zero; what is NaN stays NaN.
-
     The plan's coordinate changes its meaning at the ends of timed pieces: its rate may jump where
-    the motion doesn't. There velocity and acceleration are compared in every axis.
+    the motion does not. There position, velocity and acceleration are compared in every axis.
+
+    Args:
+        pieces: the path of the motion.
+        plan: its phases.
+        gaps: (GAPS,): raised to the largest jumps of position, speed and acceleration, and to the
+            largest negative duration and speed. NaN stays NaN.
     """
+    kind, data, at, piece_s = pieces.kind, pieces.data, pieces.at, plan.piece_s
+    gap = np.zeros(GAPS)
     n = int(data[at[0] + AXES])
     q = np.zeros((2, 4, n))
-    gap = np.zeros(5)
-    last = len(phase_j)
+    last = len(plan.j)
     piece = 0
     for k in range(last + 1):
-        gap[4] = -phase_v[k]
+        s, v, a = plan.s[k], plan.v[k], plan.a[k]
+        gap[STANDSTILL_GAP] = -v
         if k > 0:
-            dt = phase_t[k] - phase_t[k - 1]
+            dt = plan.t[k] - plan.t[k - 1]
             s_end, v_end, a_end = phase_at(
-                dt, phase_s[k - 1], phase_v[k - 1], phase_a[k - 1], phase_j[k - 1]
+                dt, plan.s[k - 1], plan.v[k - 1], plan.a[k - 1], plan.j[k - 1]
             )
-            gap[0] = abs(s_end - phase_s[k])
-            gap[1] = abs(v_end - phase_v[k])
-            gap[2] = abs(a_end - phase_a[k])
-            gap[3] = -dt
-            s = phase_s[k]
-            while piece + 1 < len(kind) and s - JOINT > piece_s[piece + 1]:
-                piece += 1
-            after = piece
-            while after + 1 < len(kind) and s + JOINT > piece_s[after + 1]:
-                after += 1
+            gap[POSITION_GAP] = abs(s_end - s)
+            gap[SPEED_GAP] = abs(v_end - v)
+            gap[ACCEL_GAP] = abs(a_end - a)
+            gap[TIME_GAP] = -dt
+            piece = next_piece(piece, s - JOINT, piece_s)
+            after = next_piece(piece, s + JOINT, piece_s)
             if k < last and (
                 is_timed(kind[piece], data, at[piece]) or is_timed(kind[after], data, at[after])
             ):
-                gap[1] = 0.0
-                gap[2] = 0.0
+                gap[SPEED_GAP] = 0.0
+                gap[ACCEL_GAP] = 0.0
                 for side in range(2):
-                    here = piece if side == 0 else after
-                    v = v_end if side == 0 else phase_v[k]
-                    a = a_end if side == 0 else phase_a[k]
-                    local = min(max(s - piece_s[here], 0.0), piece_s[here + 1] - piece_s[here])
-                    curve_eval_s(
-                        kind[here],
-                        data,
-                        at[here],
-                        curve_inv_arclen(kind[here], data, at[here], local),
-                        q[side],
-                    )
-                    for i in range(n):
-                        q[side, 2, i] = q[side, 2, i] * v * v + q[side, 1, i] * a
-                        q[side, 1, i] *= v
+                    m = piece if side == 0 else after
+                    local = min(max(s - piece_s[m], 0.0), piece_s[m + 1] - piece_s[m])
+                    u = curve_inv_arclen(kind[m], data, at[m], local)
+                    curve_eval_s(kind[m], data, at[m], u, q[side])
+                    along_axes(v_end if side == 0 else v, a_end if side == 0 else a, q[side])
                 for order in range(3):
                     for i in range(n):
                         gap[order] = max(gap[order], abs(q[1, order, i] - q[0, order, i]))
-        for m in range(5):
+        for m in range(GAPS):
             if gaps[m] == gaps[m] and not gap[m] <= gaps[m]:
                 gaps[m] = gap[m]

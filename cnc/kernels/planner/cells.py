@@ -1,9 +1,8 @@
-"""A plan cut into cells to be refined: what of it may gain, where the cuts lie, and what holds
-between them.
+"""A plan cut into cells for refinement.
 
 A cell is a stretch of path for the descent of :mod:`cnc.kernels.planner.descent`, about as long in
-time as those near it. Stretches of constant speed at junctions and the middle of a cruise that
-can't be faster stay apart.
+time as the cells near it. Two kinds of phases are not refined: stretches of constant speed at
+junctions, and the middle of a cruise at the largest speed.
 """
 
 from __future__ import annotations
@@ -14,115 +13,119 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.planner.intervals import derivatives, interval_at
+from cnc.kernels.planner.cell_motion import Cells
+from cnc.kernels.planner.intervals import Intervals, SumLimits, derivatives, interval_at
+from cnc.kernels.planner.phases import Phases, phase_at
 
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 RAMP_CELLS = 5
+"""Cells in the longest jerk phase of a stretch; the others are about as long in time."""
+
 PLATEAU = 0.3
-"""Cells in the longest jerk phase of a stretch, or in this part of its longest phase of constant
-acceleration; the others are about as long in time.
-"""
+"""This part of the longest phase of constant acceleration counts as a jerk phase."""
 
 SPANNED = 6
-"""Intervals that a cell may reach over."""
+"""Largest number of ends of intervals inside a cell."""
 
 COARSEST = 4.0
-"""How much longer than the others a cell in the middle of a cruise may be."""
+"""A cell in the middle of a cruise may be this much longer than the others."""
 
 TINY = 0.15
-"""A phase shorter than this part of a cell is made part of its neighbours' cells."""
+"""A phase shorter than this part of a cell becomes part of the cell before."""
 
 FASTEST = 0.985
+"""A speed above this part of its bound gains almost nothing from refinement."""
+
 STEEPEST = 0.85
-"""Speed, and acceleration or jerk, above these parts of their bounds on a straight path: there is
-next to nothing to gain.
-"""
+"""The same for acceleration and jerk, as parts of their bounds on a straight path."""
 
 
 @njit
-def separate(
-    phases: Floats, end: Floats, top: Floats, flat: Flags, rows: Floats, apart: Flags
-) -> int:
-    """Copy the phases to ``rows``, a long cruise in three; ``apart`` marks those that stay as they
-    are. Returns how many there are.
+def separate(phases: Phases, known: Intervals, rows: Phases, fixed: Flags) -> int:
+    """Copy ``phases`` to ``rows``, a long cruise in three parts, and mark those that stay as is.
 
-    Those are stretches of constant speed at junctions, and the middle of a cruise that can't be
-    faster. rows (3 p, 5), apart (3 p,): room for them.
+    Args:
+        phases: (p,): the plan.
+        known: the intervals of the path.
+        rows: (3 p,): receives the copy.
+        fixed: (3 p,): receives whether a row stays as is.
+
+    Returns:
+        The number of rows.
     """
+    end, top, flat = known.end, known.top, known.flat
     count = 0
     k = 0
-    n = len(phases)
-    for i in range(n):
-        rows[count] = phases[i]
-        apart[count] = False
-        if phases[i, 3] == 0.0 and phases[i, 4] == 0.0 and phases[i, 2] > 0.0:
-            finish = phases[i, 1] + phases[i, 0] * phases[i, 2]
-            k = interval_at(0.5 * (phases[i, 1] + finish), k, end)
-            apart[count] = flat[k]
+    for i in range(len(phases)):
+        row = phases[i]
+        rows[count] = row
+        fixed[count] = False
+        if row["a"] == 0.0 and row["j"] == 0.0 and row["v"] > 0.0:
+            start, v = row["s"], row["v"]
+            finish = start + row["duration"] * v
+            k = interval_at(0.5 * (start + finish), k, end)
+            fixed[count] = flat[k]
             if not flat[k]:
-                k = interval_at(phases[i, 1], k, end)
-                fastest = phases[i, 2] >= FASTEST * top[k]
+                k = interval_at(start, k, end)
+                fastest = v >= FASTEST * top[k]
                 while fastest and k + 1 < len(end) and end[k] < finish:
                     k += 1
-                    fastest = phases[i, 2] >= FASTEST * top[k]
+                    fastest = v >= FASTEST * top[k]
                 if fastest:
-                    before = 0.0
-                    m = i - 1
-                    while m >= 0 and (phases[m, 3] != 0.0 or phases[m, 4] != 0.0):
-                        before += phases[m, 0]
-                        m -= 1
-                    after = 0.0
-                    m = i + 1
-                    while m < n and (phases[m, 3] != 0.0 or phases[m, 4] != 0.0):
-                        after += phases[m, 0]
-                        m += 1
-                    spare = phases[i, 0] - before - after
+                    before = ramp_beside(phases, i, -1)
+                    after = ramp_beside(phases, i, 1)
+                    spare = row["duration"] - before - after
                     if spare > 0.0:
                         if before > 0.0:
-                            rows[count, 0] = before
+                            rows[count]["duration"] = before
                             count += 1
-                            rows[count] = phases[i]
-                            rows[count, 1] += before * phases[i, 2]
-                        rows[count, 0] = spare
-                        apart[count] = True
+                            rows[count] = row
+                            rows[count]["s"] += before * v
+                        rows[count]["duration"] = spare
+                        fixed[count] = True
                         if after > 0.0:
                             count += 1
-                            rows[count] = phases[i]
-                            rows[count, 0] = after
-                            rows[count, 1] = finish - after * phases[i, 2]
-                            apart[count] = False
+                            rows[count] = row
+                            rows[count]["duration"] = after
+                            rows[count]["s"] = finish - after * v
+                            fixed[count] = False
         count += 1
     return count
 
 
 @njit
-def can_gain(
-    rows: Floats,
-    first: int,
-    last: int,
-    end: Floats,
-    top: Floats,
-    samples: Floats,
-    limit_a: Floats,
-    limit_j: Floats,
-) -> bool:
-    """Whether the motion of some row is slower than the speed bounds, or the ramp's limits on a
-    straight path, would let it be.
+def ramp_beside(phases: Phases, i: int, direction: int) -> float:
+    """Return the duration, s, of the ramp behind (1) or before (-1) phase ``i``."""
+    total = 0.0
+    m = i + direction
+    while 0 <= m < len(phases) and (phases[m]["a"] != 0.0 or phases[m]["j"] != 0.0):
+        total += phases[m]["duration"]
+        m += direction
+    return total
+
+
+@njit
+def can_gain(rows: Phases, first: int, last: int, known: Intervals, limits: SumLimits) -> bool:
+    """Return whether refinement can make some row of [first, last) faster.
+
+    That is so if the speed is below its bounds, or if a ramp is below the limits that would hold on
+    a straight path.
     """
+    end, top, samples = known.end, known.top, known.samples
     axes = samples.shape[3]
-    k = interval_at(rows[first, 1], np.searchsorted(end, rows[first, 1]), end)
+    k = interval_at(rows[first]["s"], np.searchsorted(end, rows[first]["s"]), end)
     for r in range(first, last):
-        duration, s, v, a, j = rows[r, 0], rows[r, 1], rows[r, 2], rows[r, 3], rows[r, 4]
-        finish = s + duration * (v + duration * (0.5 * a + duration * j / 6.0))
+        row = rows[r]
+        s, v, a, j = row["s"], row["v"], row["a"], row["j"]
+        finish = phase_at(row["duration"], s, v, a, j)[0]
         k = interval_at(s, k, end)
         lowest = top[k]
-        highest = limit_j[axes] if j != 0.0 else limit_a[axes]
+        highest = limits.j[axes] if j != 0.0 else limits.a[axes]
         while True:
             lowest = min(lowest, top[k])
             for i in range(axes):
-                limit = limit_j[i] if j != 0.0 else limit_a[i]
+                limit = limits.j[i] if j != 0.0 else limits.a[i]
                 if samples[k, 2, 0, i] != 0.0:
                     highest = min(highest, limit / abs(samples[k, 2, 0, i]))
             if not (k + 1 < len(end) and end[k] < finish):
@@ -139,43 +142,53 @@ def can_gain(
 
 @njit
 def place_cuts(
-    rows: Floats, first: int, last: int, end: Floats, s: Floats, v: Floats, a: Floats, write: bool
+    rows: Phases, first: int, last: int, known: Intervals, cells: Cells, write: bool
 ) -> int:
-    """Cut the motion of the rows [first, last) into cells: arc length, speed and acceleration at
-    the cuts.
+    """Cut the motion of the rows [first, last) into cells.
 
-    They are written only where ``write`` says so. Returns the number of cells.
+    Args:
+        rows: the phases.
+        first: the first of them in the range.
+        last: the one behind the range.
+        known: the intervals of the path.
+        cells: receives arc length, speed and acceleration at the cuts.
+        write: whether to write them, or only to count.
+
+    Returns:
+        The number of cells.
     """
+    end = known.end
     ramp = 0.0
     whole = 0.0
     for r in range(first, last):
-        whole += rows[r, 0]
-        if rows[r, 4] != 0.0:
-            ramp = max(ramp, rows[r, 0])
-        elif rows[r, 3] != 0.0:
-            ramp = max(ramp, PLATEAU * rows[r, 0])
+        duration = rows[r]["duration"]
+        whole += duration
+        if rows[r]["j"] != 0.0:
+            ramp = max(ramp, duration)
+        elif rows[r]["a"] != 0.0:
+            ramp = max(ramp, PLATEAU * duration)
     usual = (ramp if ramp > 0.0 else 0.25 * whole) / RAMP_CELLS
     count = 0
-    k = interval_at(rows[first, 1], np.searchsorted(end, rows[first, 1]), end)
+    k = interval_at(rows[first]["s"], np.searchsorted(end, rows[first]["s"]), end)
     for r in range(first, last):
-        duration, s0, v0, a0, j = rows[r, 0], rows[r, 1], rows[r, 2], rows[r, 3], rows[r, 4]
+        row = rows[r]
+        duration, s0, v0, a0, j = row["duration"], row["s"], row["v"], row["a"], row["j"]
         if duration < TINY * usual and r > first:
             continue
         steady = a0 == 0.0 and j == 0.0
         least = duration / max(math.ceil(duration / usual), 1.0)
         t = 0.0
         while True:
-            here = s0 + t * (v0 + t * (0.5 * a0 + t * j / 6.0))
+            here, v, a = phase_at(t, s0, v0, a0, j)
             if write:
-                s[count] = here
-                v[count] = v0 + t * (a0 + 0.5 * t * j)
-                a[count] = a0 + t * j
+                cells.s[count] = here
+                cells.v[count] = v
+                cells.a[count] = a
             count += 1
             k = interval_at(here, k, end)
             size = min(least + 0.3 * min(t, duration - t), COARSEST * least) if steady else least
             while size > least / 16.0:
-                ahead = t + size
-                reached = s0 + ahead * (v0 + ahead * (0.5 * a0 + ahead * j / 6.0))
+                reached = phase_at(t + size, s0, v0, a0, j)[0]
                 if k + SPANNED >= len(end) or reached <= end[k + SPANNED]:
                     break
                 size *= 0.5
@@ -183,41 +196,31 @@ def place_cuts(
                 break
             t += size
     if write:
-        r = last - 1
-        duration, v0, a0, j = rows[r, 0], rows[r, 2], rows[r, 3], rows[r, 4]
-        s[count] = rows[r, 1] + duration * (v0 + duration * (0.5 * a0 + duration * j / 6.0))
-        v[count] = v0 + duration * (a0 + 0.5 * duration * j)
-        a[count] = 0.0
+        row = rows[last - 1]
+        s, v, _ = phase_at(row["duration"], row["s"], row["v"], row["a"], row["j"])
+        cells.s[count] = s
+        cells.v[count] = v
+        cells.a[count] = 0.0
     return count
 
 
 @njit
-def describe(
-    cells: int,
-    s: Floats,
-    end: Floats,
-    top: Floats,
-    sampled: Floats,
-    samples: Floats,
-    d: Floats,
-    cell_top: Floats,
-    q: Floats,
-) -> None:
-    """Length of each cell, speed bounds (middle, end) and derivatives of the path (start, middle,
-    end) in it.
-    """
+def describe(cells: Cells, known: Intervals) -> None:
+    """Compute length, speed bounds and derivatives of the path of each cell from its cuts."""
+    end, top = known.end, known.top
+    s, cell_top, q = cells.s, cells.top, cells.q
     k = interval_at(s[0], np.searchsorted(end, s[0]), end)
-    for m in range(cells):
-        d[m] = s[m + 1] - s[m]
+    for m in range(len(cells.length)):
+        cells.length[m] = s[m + 1] - s[m]
         k = interval_at(s[m], k, end)
-        derivatives(k, s[m], sampled, samples, q[m, 0])
+        derivatives(k, s[m], known, q[m, 0])
         middle = 0.5 * (s[m] + s[m + 1])
         k = interval_at(middle, k, end)
-        derivatives(k, middle, sampled, samples, q[m, 1])
+        derivatives(k, middle, known, q[m, 1])
         cell_top[m, 0] = top[k]
         k = interval_at(s[m + 1], k, end)
         cell_top[m, 1] = top[k]
         if k > 0 and s[m + 1] <= end[k - 1]:
             k -= 1
             cell_top[m, 1] = min(cell_top[m, 1], top[k])
-        derivatives(k, s[m + 1], sampled, samples, q[m, 2])
+        derivatives(k, s[m + 1], known, q[m, 2])

@@ -1,16 +1,20 @@
-"""The way round each corner between two straight moves under a tolerance: as it is, ramps that
-overlap, or a blend.
+"""The best treatment of each corner between two straight moves that has a tolerance.
 
-A blend is the Bezier curve of C - d u1, C, C, C + d u2, C being the corner: its curvature is
-nothing at both ends, and its distance from the corner is d/4 sin(theta/2) for a turn by theta. It
-is planned as any curve is. Small turns are blended, sharp ones are stops whose ramps overlap
-(:mod:`cnc.kernels.planner.overlap`), and beyond 135 degrees the motion stops on the corner.
+Three are compared by their time: the corner as it is, ramps that overlap, and a blend.
+
+- A blend is the Bezier curve of C - d u1, C, C, C + d u2, where C is the corner and u1, u2 are the
+  directions. Its curvature is 0 at both ends, and its distance from the corner is d/4 sin(theta/2)
+  for a turn by theta. It is planned as any curve is. It suits small turns.
+- At a sharp turn the motion stops, and the ramps on both sides of the stop overlap
+  (:mod:`cnc.kernels.planner.overlap`).
+- Beyond 135 degrees the motion stops on the corner.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.arclength import MAX_ROWS, measure
@@ -23,135 +27,163 @@ from cnc.kernels.path.curve import (
     START,
     TABLE,
     Floats,
-    Ints,
     curve_eval_s,
 )
-from cnc.kernels.planner.legs import LEGS_SHARE, SHARPEST, directions, line_bounds, write_line
-from cnc.kernels.planner.limits import joint, speed_bounds
-from cnc.kernels.planner.overlap import overlap_time
+from cnc.kernels.planner.legs import (
+    LEGS_SHARE,
+    SHARPEST,
+    LineBounds,
+    directions,
+    line_bounds,
+    write_line,
+)
+from cnc.kernels.planner.limit_arrays import LimitArrays
+from cnc.kernels.planner.limits import piece_junction, speed_bounds
+from cnc.kernels.planner.overlap import Leg, overlap_time
+from cnc.kernels.planner.path_arrays import PathArrays
 from cnc.kernels.planner.scurve import ramp_distance, ramp_shape, ramp_time, reachable_speed
 from cnc.kernels.planner.timed import (
-    ROOM_OF_TIMED,
-    ROOM_OF_TIMED_PER_AXIS,
+    TIMED_SIZE,
+    TIMED_SIZE_PER_AXIS,
     timed_length,
     write_cubic,
     write_turns,
 )
 
-Flags = NDArray[np.bool_]
-Lines = NDArray[np.int32]
-
-BLEND_LOOKS = 9
-"""Places at which the speed in a blend is looked at."""
+BLEND_POINTS = 9
+"""Points at which the speed in a blend is bounded."""
 
 BETTER = 1e-3
-"""The part of the time that a blend has to save."""
+"""A blend has to save this part of the time."""
 
-BLEND_ROOM = 3 + ROW * (MAX_ROWS + 1)
-"""Numbers that the table of a blend may take."""
+BLEND_TABLE = 3 + ROW * (MAX_ROWS + 1)
+"""Largest size of the arc-length table of a blend, in numbers."""
 
 STAY, OVERLAP, BLEND = 0, 1, 2
-"""Ways round a corner: as it is, ramps that overlap, a curve."""
+"""Treatments of a corner: as it is, ramps that overlap, a curve."""
+
+
+class Scratch(NamedTuple):
+    """Arrays that are used again for each corner.
+
+    Attributes:
+        u: (2, axes): directions of the legs.
+        q: (4, axes): derivatives of a curve.
+        pair: (2, 4, axes): derivatives on both sides of a junction.
+        ends: (3, axes): start, middle (measured from the start) and end of a blend.
+    """
+
+    u: Floats
+    q: Floats
+    pair: Floats
+    ends: Floats
 
 
 @njit
-def half_time(v: float, distance: float, top: float, a: float, j: float) -> float:
-    """Time from the middle of a move to the end of ``distance`` where the speed is ``v``: its ramp,
-    and what the top speed leaves of it.
+def half_time(v: float, distance: float, bounds: LineBounds) -> float:
+    """Return the time from the middle of a move to the end of ``distance``, s.
+
+    The motion has no acceleration in the middle; at the end its speed is ``v``.
     """
+    top, a, j = bounds.v, bounds.a, bounds.j
     peak = max(v, min(top, reachable_speed(v, distance, a, j)))
     return ramp_time(v, peak, a, j) + max(distance - ramp_distance(v, peak, a, j), 0.0) / peak
 
 
 @njit
-def blend_speed(
-    data: Floats,
-    at: int,
-    feed: float,
-    rules: Floats,
-    axis_v: Floats,
-    axis_a: Floats,
-    axis_j: Floats,
-    q: Floats,
-) -> float:
-    """The constant speed at which the cubic at ``at`` can be crossed. q: scratch (4, n)."""
-    data[at + TABLE] = 1.0  # derivatives by arc length, please
+def blend_speed(data: Floats, at: int, feed: float, limits: LimitArrays, q: Floats) -> float:
+    """Return the constant speed at which the cubic at ``at`` can be crossed, mm/s.
+
+    q (4, axes): scratch.
+    """
+    data[at + TABLE] = 1.0  # selects derivatives by arc length
     v = feed
-    for k in range(BLEND_LOOKS):
-        curve_eval_s(SPAN, data, at, k / (BLEND_LOOKS - 1.0), q)
-        v = min(v, speed_bounds(data, at, q, feed, rules, axis_v, axis_a, axis_j)[0])
+    for k in range(BLEND_POINTS):
+        curve_eval_s(SPAN, data, at, k / (BLEND_POINTS - 1.0), q)
+        v = min(v, speed_bounds(data, at, q, feed, limits)[0])
     data[at + TABLE] = 0.0
     return v
 
 
 @njit
 def choose(
-    kind: Ints, at: Ints, data: Floats, length: Floats, bound: Floats, k: int, eps: float, rules: Floats, axis_v: Floats, axis_a: Floats,
-    axis_j: Floats, blend: int, out_data: Floats, u: Floats, q: Floats, pair: Floats, ends: Floats,
-) -> tuple[int, float]:  # fmt: skip
-    """The fastest way round the corner behind line k and what a blend takes off both lines, mm; the
-    blend is written at out_data[blend].
+    path: PathArrays,
+    k: int,
+    bound: Floats,
+    limits: LimitArrays,
+    out_data: Floats,
+    blend: int,
+    scratch: Scratch,
+) -> tuple[int, float]:
+    """Choose the fastest treatment of the corner behind line ``k``.
 
-    Each way is given the time from the middle of the one line to the middle of the other, with no
-    acceleration there. u (2, n), q (4, n), pair (2, 4, n), ends (3, n): scratch.
+    Each is rated by the time from the middle of the one line to the middle of the other, without
+    acceleration at both.
+
+    Args:
+        path: the path.
+        k: the line before the corner.
+        bound: largest feed of each piece, mm/s.
+        limits: of the machine.
+        out_data: receives the record of a blend, without its table, at index ``blend``.
+        blend: that index.
+        scratch: scratch.
+
+    Returns:
+        STAY, OVERLAP or BLEND, and the length that a blend takes off both lines, mm.
     """
-    n = len(axis_v)
-    a = at[k]
-    b = at[k + 1]
-    sine, widest = directions(data, a, data, b, u)
-    if sine > 1.0:
+    data, a, b = path.pieces.data, path.pieces.at[k], path.pieces.at[k + 1]
+    length1, length2 = path.length[k], path.length[k + 1]
+    u, q = scratch.u, scratch.q
+    turn = directions(data, a, data, b, u)
+    if turn.sine > 1.0:
         return STAY, 0.0
-    straight, flat = joint(
-        kind[k],
-        data,
-        a,
-        length[k],
+    junction = piece_junction(
+        path.pieces,
+        k,
         bound[k],
-        kind[k + 1],
-        data,
-        b,
-        length[k + 1],
+        path.pieces,
+        k + 1,
         bound[k + 1],
-        rules,
-        axis_v,
-        axis_a,
-        axis_j,
-        pair,
+        min(length1, length2),
+        limits,
+        scratch.pair,
     )
-    if not flat:
+    if not junction.flat:
         return STAY, 0.0
-    v1, a1, j1 = line_bounds(u[0], bound[k], rules, axis_v, axis_a, axis_j)
-    v2, a2, j2 = line_bounds(u[1], bound[k + 1], rules, axis_v, axis_a, axis_j)
-    half1 = 0.5 * length[k]
-    half2 = 0.5 * length[k + 1]
-    best = half_time(straight, half1, v1, a1, j1) + half_time(straight, half2, v2, a2, j2)
+    straight = junction.speed
+    line1 = line_bounds(u[0], bound[k], limits)
+    line2 = line_bounds(u[1], bound[k + 1], limits)
+    half1 = 0.5 * length1
+    half2 = 0.5 * length2
+    best = half_time(straight, half1, line1) + half_time(straight, half2, line2)
     choice = STAY
+    eps = path.tolerance[k]
     if straight == 0.0:
-        t1 = ramp_shape(min(v1, reachable_speed(0.0, half1, a1, j1)), a1, j1)[0]
-        t2 = ramp_shape(min(v2, reachable_speed(0.0, half2, a2, j2)), a2, j2)[0]
-        room1 = LEGS_SHARE * length[k]
-        room2 = LEGS_SHARE * length[k + 1]
-        saved = overlap_time(u, sine, widest, j1, j2, t1, t2, room1, room2, eps, rules, axis_j)
+        v1 = min(line1.v, reachable_speed(0.0, half1, line1.a, line1.j))
+        v2 = min(line2.v, reachable_speed(0.0, half2, line2.a, line2.j))
+        before = Leg(line1.j, ramp_shape(v1, line1.a, line1.j)[0], LEGS_SHARE * length1)
+        after = Leg(line2.j, ramp_shape(v2, line2.a, line2.j)[0], LEGS_SHARE * length2)
+        saved = overlap_time(u, turn, before, after, eps, limits)
         if saved > 0.0:
             best -= saved
             choice = OVERLAP
     taken = 0.0
-    if sine <= SHARPEST:
-        d = min(4.0 * eps / widest, LEGS_SHARE * length[k], LEGS_SHARE * length[k + 1])
-        for i in range(n):
+    if turn.sine <= SHARPEST:
+        ends = scratch.ends
+        d = min(4.0 * eps / turn.widest, LEGS_SHARE * length1, LEGS_SHARE * length2)
+        for i in range(u.shape[1]):
             corner = data[b + START + i]
             ends[0, i] = corner - d * u[0, i]
             ends[1, i] = d * u[0, i]
             ends[2, i] = corner + d * u[1, i]
         write_cubic(out_data, blend, a, ends[0], ends[1], ends[1], ends[2])
         v = min(
-            reachable_speed(0.0, length[k] - d, a1, j1),
-            reachable_speed(0.0, length[k + 1] - d, a2, j2),
+            reachable_speed(0.0, length1 - d, line1.a, line1.j),
+            reachable_speed(0.0, length2 - d, line2.a, line2.j),
         )
-        v = blend_speed(
-            out_data, blend, min(v, bound[k], bound[k + 1]), rules, axis_v, axis_a, axis_j, q
-        )
-        time = half_time(v, half1 - d, v1, a1, j1) + half_time(v, half2 - d, v2, a2, j2)
+        v = blend_speed(out_data, blend, min(v, bound[k], bound[k + 1]), limits, q)
+        time = half_time(v, half1 - d, line1) + half_time(v, half2 - d, line2)
         time += timed_length(SPAN, out_data, blend, 1.0, q) / v
         if time < best * (1.0 - BETTER):
             choice = BLEND
@@ -160,89 +192,83 @@ def choose(
 
 
 @njit
-def round_corners(
-    own: int, kind: Ints, at: Ints, data: Floats, length: Floats, bound: Floats, feed: Floats, line: Lines, stop_after: Flags,
-    tolerance: Floats, taken: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats, accuracy: float,
-    out_kind: Ints, out_at: Ints, out_data: Floats, out_length: Floats, out_feed: Floats, out_line: Lines, out_stop: Flags,
-    out_tolerance: Floats,
-) -> tuple[int, int, float]:  # fmt: skip
-    """Choose the fastest way round each corner of a chunk of path, and put in the blends.
+def is_cornered(path: PathArrays, k: int) -> bool:
+    """Return whether a corner with a tolerance between two lines is behind piece ``k``."""
+    kind = path.pieces.kind
+    return (
+        path.tolerance[k] > 0.0
+        and not path.stop_after[k]
+        and k + 1 < len(kind)
+        and kind[k] == LINE
+        and kind[k + 1] == LINE
+    )
 
-    kind .. tolerance: its pieces, as in PathChunk, ``own`` of them, and maybe the one that follows;
-    bound: largest feed of each, infinite for a traverse. taken: mm that a blend has taken off the
-    first. accuracy: largest error of the inverse arc length of blends, mm. out_*: room for twice
-    the pieces, and for data. Where ramps shall overlap the tolerance stays, elsewhere it becomes 0.
-    Returns (pieces, numbers, mm taken off the piece that follows); (-1, 0, 0) where there was no
-    room for the data.
+
+@njit
+def round_corners(
+    own: int,
+    path: PathArrays,
+    bound: Floats,
+    taken: float,
+    limits: LimitArrays,
+    accuracy: float,
+    out: PathArrays,
+) -> tuple[int, int, float]:
+    """Choose the treatment of each corner of a chunk of path, and insert the blends.
+
+    Where ramps shall overlap, the tolerance stays; elsewhere it becomes 0.
+
+    Args:
+        own: number of pieces of the chunk.
+        path: these pieces, and perhaps the one behind them.
+        bound: largest feed of each, mm/s; infinite for a traverse.
+        taken: length that a blend has taken off the first piece, mm.
+        limits: of the machine.
+        accuracy: largest error of the inverse arc length of blends, mm.
+        out: space for twice the pieces, and for their records.
+
+    Returns:
+        The numbers of pieces and of numbers of the result, and the length taken off the piece
+        behind it, mm; (-1, 0, 0) if ``out`` has no space for the records.
     """
-    n = len(axis_v)
-    u = np.zeros((2, n))
-    q = np.zeros((4, n))
-    pair = np.zeros((2, 4, n))
-    ends = np.zeros((3, n))
-    used = len(data)
-    out_data[:used] = data
+    n = len(limits.axis_velocity)
+    scratch = Scratch(np.zeros((2, n)), np.zeros((4, n)), np.zeros((2, 4, n)), np.zeros((3, n)))
+    pieces, data, at = out.pieces, out.pieces.data, out.pieces.at
+    used = len(path.pieces.data)
+    data[:used] = path.pieces.data
     count = 0
     for k in range(own):
-        if used + BLEND_ROOM + ROOM_OF_TIMED + n * ROOM_OF_TIMED_PER_AXIS + START + 2 * n > len(
-            out_data
-        ):
+        if used + BLEND_TABLE + TIMED_SIZE + n * TIMED_SIZE_PER_AXIS + START + 2 * n > len(data):
             return -1, 0, 0.0
         choice = STAY
         reach = 0.0
-        cornered = (
-            tolerance[k] > 0.0
-            and not stop_after[k]
-            and k + 1 < len(kind)
-            and kind[k] == LINE
-            and kind[k + 1] == LINE
-        )
         blend = used + START + 2 * n
-        if cornered:
-            choice, reach = choose(
-                kind,
-                at,
-                data,
-                length,
-                bound,
-                k,
-                tolerance[k],
-                rules,
-                axis_v,
-                axis_a,
-                axis_j,
-                blend,
-                out_data,
-                u,
-                q,
-                pair,
-                ends,
-            )
-        out_kind[count] = kind[k]
-        out_at[count] = at[k]
+        if is_cornered(path, k):
+            choice, reach = choose(path, k, bound, limits, data, blend, scratch)
+        pieces.kind[count] = path.pieces.kind[k]
+        at[count] = path.pieces.at[k]
         if taken > 0.0 or reach > 0.0:
-            out_at[count] = used
-            used = write_line(out_data, used, at[k], taken, reach)
-        out_length[count] = out_data[out_at[count] + LENGTH]
-        out_feed[count] = feed[k]
-        out_line[count] = line[k]
-        out_stop[count] = stop_after[k]
-        out_tolerance[count] = tolerance[k] if choice == OVERLAP else 0.0
+            at[count] = used
+            used = write_line(data, used, path.pieces.at[k], taken, reach)
+        out.length[count] = data[at[count] + LENGTH]
+        out.feed[count] = path.feed[k]
+        out.line[count] = path.line[k]
+        out.stop_after[count] = path.stop_after[k]
+        out.tolerance[count] = path.tolerance[k] if choice == OVERLAP else 0.0
         count += 1
         taken = 0.0
         if choice == BLEND:
             taken = reach
-            out_kind[count] = SPAN
-            out_at[count] = blend
-            end = measure(
-                SPAN, out_data, blend, blend + START + 2 * n + SPAN_BODY + 4 * (n + 1), accuracy, q
-            )
-            used = write_turns(out_data, blend, end)
-            out_length[count] = out_data[blend + LENGTH]
+            pieces.kind[count] = SPAN
+            at[count] = blend
+            table = blend + START + 2 * n + SPAN_BODY + 4 * (n + 1)
+            end = measure(SPAN, data, blend, table, accuracy, scratch.q)
+            used = write_turns(data, blend, end)
+            out.length[count] = data[blend + LENGTH]
             slower = bound[k] <= bound[k + 1]
-            out_feed[count] = feed[k] if slower else feed[k + 1]
-            out_line[count] = line[k]
-            out_stop[count] = False
-            out_tolerance[count] = 0.0
+            out.feed[count] = path.feed[k] if slower else path.feed[k + 1]
+            out.line[count] = path.line[k]
+            out.stop_after[count] = False
+            out.tolerance[count] = 0.0
             count += 1
     return count, used, taken

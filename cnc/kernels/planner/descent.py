@@ -1,118 +1,143 @@
-r"""The fastest motion through a row of cells: an interior-point descent over constant-jerk phases.
+"""The fastest motion through a row of cells: an interior-point descent over constant-jerk phases.
 
-      s0      s1      s2        Cells lie between cuts, at fixed arc lengths. What is looked for are speed and acceleration at the
-      +---+---+---+---+---      cuts. Two phases of equal duration h and constant jerk lead through a cell; with d = s1 - s0 they follow
-       j1  j2  j1  j2           in closed form:   h (v0 + v1) - h^2 (a1 - a0) / 3 = d,
-       h   h   h   h                              j1 = (v1 - v0) / h^2 - 2 a0 / h - (a1 - a0) / (2 h),   j2 = (a1 - a0) / h - j1.
-
-So any values at the cuts are a continuous motion with exact constant-jerk phases, and a constraint
-binds neighbours only. Minimised is
+The unknowns are speed and acceleration at the cuts between cells
+(:mod:`cnc.kernels.planner.cell_motion`). Any values there are a motion, and a constraint couples
+neighbours only. The descent minimises
 
     weight * time - sum log(1 - constraint / limit)
 
-by Newton's method with the Gauss-Newton part of the barrier's Hessian: block tridiagonal with
-blocks of 2 x 2, so that a step costs O(n). The speeds move along v^2, in which the constraints are
-nearly linear. Where the motion to begin with touches or breaks a limit, all limits are lifted for
-the time being, and lowered as the motion gets off them.
+by Newton's method with the Gauss-Newton part of the barrier's Hessian. That is block tridiagonal
+with blocks of 2 x 2, so that a step costs O(n). The speeds change along v^2, in which the
+constraints are nearly linear. If the first motion is at or beyond a limit, all limits are raised at
+first, and lowered again as the motion leaves them.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
+from cnc.kernels.planner.cell_motion import A_MIDDLE, J1, J2, V_MIDDLE, Cells, H, cell_phases
+from cnc.kernels.planner.intervals import SumLimits
 
 Floats = NDArray[np.float64]
 
 STEPS = 40
+"""Largest number of Newton steps for one weight."""
+
 HALVINGS = 20
-"""Newton steps for one weight at most, and trials along one."""
+"""Largest number of lengths that are tried for one step."""
 
 CENTRED = 0.1
-"""The descent for one weight ends when a step promises less than this per cell."""
+"""The descent for one weight ends when a step would gain less than this for each cell."""
 
 NEAR = 0.99999
+"""Limits are raised if the first motion uses more than this share of one."""
+
 LIFT = 0.003
+"""Limits are raised by this share at least."""
+
 HIGH = 1e6
-"""How much of a limit may be taken up to start without lifting, by how much they are lifted at
-least, and out of the way.
-"""
+"""Limits raised by this share do not bind."""
 
 TOUCH = 1e-4
-"""Relative: a limit is broken where it is passed by more than this."""
+"""Relative: a motion may exceed a limit by this."""
+
+
+class NewtonSystem(NamedTuple):
+    """The linear system of a Newton step over n cells.
+
+    Attributes:
+        diagonal: (n + 1, 2, 2): blocks of the Hessian, of which the upper halves count.
+        upper: (n + 1, 2, 2): the blocks beside the diagonal.
+        gradient: (n + 1, 2).
+        step: (n + 1, 2): the solution.
+    """
+
+    diagonal: Floats
+    upper: Floats
+    gradient: Floats
+    step: Floats
 
 
 @njit
-def cell_phases(
-    v0: float, a0: float, v1: float, a1: float, d: float, x: Floats, slope: Floats
-) -> bool:
-    """The two phases through a cell of length ``d``: x = h, j1, j2, speed and acceleration between
-    them; False if none lead forward.
+def start_with_time(weight: float, h: float, dx: Floats, rest: Floats, block: Floats) -> None:
+    """Set gradient and Hessian of a cell to those of its time.
 
-    slope (5, 4): derivatives of x by v0, a0, v1, a1.
+    Args:
+        weight: of the time.
+        h: half the duration of the cell, s.
+        dx: (5, 4): the derivatives of :func:`cell_phases`.
+        rest: (4,): receives the gradient.
+        block: (4, 4): receives the Hessian.
     """
-    da = a1 - a0
-    total = v0 + v1
-    square = total * total - 4.0 / 3.0 * d * da
-    if not (square > 0.0 and total > 0.0):
-        return False
-    root = math.sqrt(square)
-    h = 2.0 * d / (total + root)
-    r = 1.0 / h
-    slope[0, 0] = slope[0, 2] = -h / root
-    slope[0, 3] = h * h / (3.0 * root)
-    slope[0, 1] = -slope[0, 3]
-    dv = v1 - v0
-    j1 = (dv * r - 2.0 * a0 - 0.5 * da) * r
-    j2 = da * r - j1
-    by_h = (-2.0 * dv * r + 2.0 * a0 + 0.5 * da) * r * r
-    for i in range(4):
-        slope[1, i] = by_h * slope[0, i]
-    slope[1, 0] -= r * r
-    slope[1, 1] -= 1.5 * r
-    slope[1, 2] += r * r
-    slope[1, 3] -= 0.5 * r
-    for i in range(4):
-        slope[2, i] = -da * r * r * slope[0, i] - slope[1, i]
-    slope[2, 1] -= r
-    slope[2, 3] += r
-    middle = a0 + h * j1
-    for i in range(4):
-        slope[3, i] = middle * slope[0, i] + 0.5 * h * h * slope[1, i]
-        slope[4, i] = j1 * slope[0, i] + h * slope[1, i]
-    slope[3, 0] += 1.0
-    slope[3, 1] += h
-    slope[4, 1] += 1.0
-    x[0] = h
-    x[1] = j1
-    x[2] = j2
-    x[3] = v0 + h * (a0 + 0.5 * h * j1)
-    x[4] = middle
-    # Where the acceleration rises through nothing the speed is lowest.
-    lowest = x[3]
-    if a0 < 0.0 < middle:
-        lowest = v0 - a0 * a0 / (2.0 * j1)
-    elif middle < 0.0 < a1:
-        lowest = x[3] - middle * middle / (2.0 * j2)
-    return lowest > 0.0
+    curved = 6.0 * weight / h
+    for m in range(4):
+        rest[m] = 2.0 * weight * dx[H, m]
+        for o in range(4):
+            block[m, o] = curved * dx[H, m] * dx[H, o]
+
+
+@njit
+def constraint_slope(p: int, by_v: float, by_a: float, by_j: float, dx: Floats, c: Floats) -> None:
+    """Compute the derivatives of a constraint by the variables of a cell.
+
+    Args:
+        p: the point: 0 for the start, 1 and 2 for the middle, 3 for the end.
+        by_v: derivative of the constraint by the speed there.
+        by_a: by the acceleration.
+        by_j: by the jerk.
+        dx: (5, 4): the derivatives of :func:`cell_phases`.
+        c: (4,): receives the result.
+    """
+    jerk_row = J1 if p < 2 else J2
+    for m in range(4):
+        c[m] = by_j * dx[jerk_row, m]
+    if p == 0:
+        c[0] += by_v
+        c[1] += by_a
+    elif p == 3:
+        c[2] += by_v
+        c[3] += by_a
+    else:
+        for m in range(4):
+            c[m] += by_v * dx[V_MIDDLE, m] + by_a * dx[A_MIDDLE, m]
 
 
 @njit
 def merit(
-    first: int, last: int, v: Floats, a: Floats, d: Floats, top: Floats, share: Floats, q: Floats, limit_a: Floats, limit_j: Floats,
-    weight: float, lift: float, slopes: bool, diagonal: Floats, upper: Floats, gradient: Floats,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Value of what is minimised over the cells [first, last), the largest constraint, and the
-    time; infinite beyond a (lifted) limit.
+    first: int,
+    last: int,
+    cells: Cells,
+    limits: SumLimits,
+    weight: float,
+    lift: float,
+    slopes: bool,
+    system: NewtonSystem,
+) -> tuple[float, float, float]:
+    """Evaluate the function that the descent minimises, over the cells [first, last).
 
-    top (cells, 2): speed bounds in the middle and at the end of each cell. q (cells, 3, 3, axes):
-    derivatives of the path at its start, in its middle and at its end. share: part of the limits of
-    acceleration and jerk that a cell may use. With ``slopes`` the gradient and the Hessian's blocks
-    are written as well.
+    Args:
+        first: the first cell of the range.
+        last: the cell behind it.
+        cells: the cells and the motion.
+        limits: for the sums.
+        weight: of the time.
+        lift: share by which the limits are raised.
+        slopes: whether to write the gradient and the blocks of the Hessian to ``system``.
+        system: receives them.
+
+    Returns:
+        The value, the largest constraint, and the time; infinite beyond a raised limit.
     """
+    v, a, share, q = cells.v, cells.a, cells.share, cells.q
+    length, top = cells.length, cells.top
+    limit_a, limit_j = limits.a, limits.j
+    diagonal, upper, gradient = system.diagonal, system.upper, system.gradient
     x = np.empty(5)
     dx = np.empty((5, 4))
     c = np.empty(4)
@@ -127,19 +152,15 @@ def merit(
         upper[first:last] = 0.0
         gradient[first : last + 1] = 0.0
     for k in range(first, last):
-        if not cell_phases(v[k], a[k], v[k + 1], a[k + 1], d[k], x, dx):
+        if not cell_phases(v[k], a[k], v[k + 1], a[k + 1], length[k], x, dx):
             return math.inf, math.inf, math.inf
-        time += 2.0 * x[0]
+        time += 2.0 * x[H]
         allowed = (1.0 + lift) * share[k]
         product = 1.0
         if slopes:
-            curved = 6.0 * weight / x[0]
-            for m in range(4):
-                rest[m] = 2.0 * weight * dx[0, m]
-                for o in range(4):
-                    block[m, o] = curved * dx[0, m] * dx[0, o]
+            start_with_time(weight, x[H], dx, rest, block)
         for p in range(4):
-            # start, end of the first phase, start of the second, end
+            # Start, end of the first phase, start of the second, end.
             if p == 0:
                 speed = v[k]
                 accel = a[k]
@@ -147,9 +168,9 @@ def merit(
                 speed = v[k + 1]
                 accel = a[k + 1]
             else:
-                speed = x[3]
-                accel = x[4]
-            jerk = x[1] if p < 2 else x[2]
+                speed = x[V_MIDDLE]
+                accel = x[A_MIDDLE]
+            jerk = x[J1] if p < 2 else x[J2]
             place = (p + 1) // 2
             for i in range(axes):
                 q1 = q[k, place, 0, i]
@@ -180,18 +201,7 @@ def merit(
                         return math.inf, math.inf, math.inf
                     product *= slack
                     if slopes:
-                        row = 1 if p < 2 else 2
-                        for m in range(4):
-                            c[m] = by_j * dx[row, m]
-                        if p == 0:
-                            c[0] += by_v
-                            c[1] += by_a
-                        elif p == 3:
-                            c[2] += by_v
-                            c[3] += by_a
-                        else:
-                            for m in range(4):
-                                c[m] += by_v * dx[3, m] + by_a * dx[4, m]
+                        constraint_slope(p, by_v, by_a, by_j, dx, c)
                         pull = 2.0 * taken / slack
                         stiff = 2.0 * (1.0 + taken * taken) / (slack * slack)
                         for m in range(4):
@@ -207,7 +217,7 @@ def merit(
                 product *= slack
                 if slopes:
                     for m in range(4):
-                        c[m] = taken / speed * dx[3, m] if p == 1 else 0.0
+                        c[m] = taken / speed * dx[V_MIDDLE, m] if p == 1 else 0.0
                     if p == 3:
                         c[2] = taken / speed
                     for m in range(4):
@@ -216,27 +226,37 @@ def merit(
                             block[m, o] += c[m] * c[o] / (slack * slack)
         value -= math.log(product)
         if slopes:
-            for m in range(4):
-                gradient[k + m // 2, m % 2] += rest[m]
-                for o in range(m, 4):
-                    if o < 2:
-                        diagonal[k, m, o] += block[m, o]
-                    elif m < 2:
-                        upper[k, m, o - 2] += block[m, o]
-                    else:
-                        diagonal[k + 1, m - 2, o - 2] += block[m, o]
+            add_to_system(k, rest, block, system)
     return value + weight * time, worst * (1.0 + lift), time
 
 
 @njit
-def newton_step(
-    first: int, last: int, diagonal: Floats, upper: Floats, gradient: Floats, step: Floats
-) -> float:
-    """The step from the block tridiagonal system, its ends held; returns how fast the merit falls
-    along it. The matrices are used up.
+def add_to_system(k: int, rest: Floats, block: Floats, system: NewtonSystem) -> None:
+    """Add a cell's gradient ``rest`` (4,) and Hessian ``block`` (4, 4) to the system.
 
-    diagonal (n + 1, 2, 2), of which the upper halves count; upper (n, 2, 2).
+    Their variables are speed and acceleration at the cell's start and end.
     """
+    diagonal, upper, gradient = system.diagonal, system.upper, system.gradient
+    for m in range(4):
+        gradient[k + m // 2, m % 2] += rest[m]
+        for o in range(m, 4):
+            if o < 2:
+                diagonal[k, m, o] += block[m, o]
+            elif m < 2:
+                upper[k, m, o - 2] += block[m, o]
+            else:
+                diagonal[k + 1, m - 2, o - 2] += block[m, o]
+
+
+@njit
+def newton_step(first: int, last: int, system: NewtonSystem) -> float:
+    """Solve the block tridiagonal system with fixed ends; its matrices are overwritten.
+
+    Returns:
+        The slope of the merit along the step.
+    """
+    diagonal, upper, gradient = system.diagonal, system.upper, system.gradient
+    step = system.step
     slope = 0.0
     step[first] = 0.0
     step[last] = 0.0
@@ -277,34 +297,38 @@ def newton_step(
 
 
 @njit
-def centre(
-    first: int, last: int, v: Floats, a: Floats, d: Floats, top: Floats, share: Floats, q: Floats, limit_a: Floats, limit_j: Floats,
-    weight: float,
-) -> float:  # fmt: skip
-    """Move v and a at the cuts inside [first, last] to where time, at a weight per cell and time,
-    and barrier balance.
+def centre(first: int, last: int, cells: Cells, limits: SumLimits, weight: float) -> float:
+    """Move speed and acceleration at the cuts inside [first, last] to the minimum for one weight.
 
-    Returns the largest constraint: at most 1, or the limits could not be kept.
+    Args:
+        first: the first cell of the range.
+        last: the cell behind it.
+        cells: the cells; ``v`` and ``a`` change.
+        limits: for the sums.
+        weight: of the time, per cell and relative to the time at the start.
+
+    Returns:
+        The largest constraint: more than 1 if the limits could not be kept.
     """
-    cells = last - first
-    diagonal = np.zeros((last + 1, 2, 2))
-    upper = np.zeros((last + 1, 2, 2))
-    gradient = np.zeros((last + 1, 2))
-    step = np.zeros((last + 1, 2))
+    v, a = cells.v, cells.a
+    system = NewtonSystem(
+        np.zeros((last + 1, 2, 2)),
+        np.zeros((last + 1, 2, 2)),
+        np.zeros((last + 1, 2)),
+        np.zeros((last + 1, 2)),
+    )
+    step = system.step
     v2 = v.copy()
     a2 = a.copy()
-    _, worst, time = merit(
-        first, last, v, a, d, top, share, q, limit_a, limit_j, 0.0, HIGH, False, diagonal, upper, gradient
-    )  # fmt: skip
+    trial = Cells(cells.s, v2, a2, cells.length, cells.top, cells.share, cells.q)
+    _, worst, time = merit(first, last, cells, limits, 0.0, HIGH, False, system)
     if not time < math.inf:
         return math.inf
     lift = 0.0 if worst < NEAR else 1.5 * max(worst - 1.0, 0.0) + LIFT
-    weight *= cells / time
+    weight *= (last - first) / time
     for _ in range(STEPS):
-        before, worst, _ = merit(
-            first, last, v, a, d, top, share, q, limit_a, limit_j, weight, lift, True, diagonal, upper, gradient
-        )  # fmt: skip
-        slope = newton_step(first, last, diagonal, upper, gradient, step)
+        before, worst, _ = merit(first, last, cells, limits, weight, lift, True, system)
+        slope = newton_step(first, last, system)
         if not slope < 0.0:
             break
         part = 1.0
@@ -313,9 +337,7 @@ def centre(
             for k in range(first + 1, last):
                 v2[k] = math.sqrt(max(v[k] * (v[k] + 2.0 * part * step[k, 0]), 0.0))
                 a2[k] = a[k] + part * step[k, 1]
-            after, reached, _ = merit(
-                first, last, v2, a2, d, top, share, q, limit_a, limit_j, weight, lift, False, diagonal, upper, gradient
-            )  # fmt: skip
+            after, reached, _ = merit(first, last, trial, limits, weight, lift, False, system)
             if after < before + 0.1 * part * slope:
                 moved = True
                 break
@@ -331,6 +353,6 @@ def centre(
                 lift = 0.0
             elif part > 0.4:
                 lift -= 0.5 * (1.0 + lift - worst)
-        elif -slope < CENTRED * cells:
+        elif -slope < CENTRED * (last - first):
             break
     return worst if lift == 0.0 else max(worst, 1.0 + TOUCH)

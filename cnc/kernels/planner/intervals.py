@@ -1,15 +1,9 @@
-"""Where motion is on the intervals of a path, how the path runs there, and what part of the limits
-a phase takes up.
-
-end, top (n,): where each interval ends (arc length, mm) and the speed, mm/s, that no motion over it
-exceeds. sampled (n, 2): from where to where its ``samples`` (n, 5, 3, axes) of the path's first
-three derivatives reach. limit_a mm/s^2, limit_j mm/s^3 (axes + 1,): of each axis, and last of the
-motion along the path.
-"""
+"""Intervals of a path with constant bounds, and the share of the limits that a phase uses there."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +13,57 @@ from cnc.kernels.planner.scurve import phase_time
 
 Floats = NDArray[np.float64]
 
-DENSE = 4
-"""Equal parts of a phase at whose ends it is looked at."""
+LEVELS = 7
+"""Levels of speed for the bounds on acceleration and jerk: 1, 0.9 ... 0.4 of the speed bound."""
+
+SAMPLES = 5
+"""Points at which the path is sampled in an interval, evenly spaced, its ends included."""
+
+PARTS = 4
+"""A phase is examined at the ends of this many equal parts."""
+
+
+class Intervals(NamedTuple):
+    """A stretch of path as intervals with constant bounds.
+
+    Attributes:
+        end: (n,): arc length at the end of each, mm.
+        speed: (n,): bound that leaves acceleration and jerk for a change of speed in any direction,
+            mm/s.
+        top: (n,): speed that no motion exceeds, mm/s.
+        accel: (n, LEVELS): bounds on tangential acceleration at falling levels of speed, mm/s^2.
+        jerk: (n, LEVELS): bounds on tangential jerk, mm/s^3.
+        flat: (n,) bool: crossed at constant speed. A stop is a flat interval of length 0 and
+            speed 0.
+        sampled: (n, 2): arc lengths of the first and the last sample, mm.
+        samples: (n, SAMPLES, 3, axes): the first three derivatives of the path by arc length.
+    """
+
+    end: Floats
+    speed: Floats
+    top: Floats
+    accel: Floats
+    jerk: Floats
+    flat: NDArray[np.bool_]
+    sampled: Floats
+    samples: Floats
+
+
+class SumLimits(NamedTuple):
+    """Limits for the exact sums of acceleration and jerk; the last entry is for the path itself.
+
+    Attributes:
+        a: (axes + 1,): mm/s^2.
+        j: (axes + 1,): mm/s^3.
+    """
+
+    a: Floats
+    j: Floats
 
 
 @njit
 def interval_at(s: float, start: int, end: Floats) -> int:
-    """The interval that arc length ``s`` lies in, searched from interval ``start`` on, or back from
-    there.
-    """
+    """Return the interval that contains arc length ``s``, searched from interval ``start``."""
     k = min(start, len(end) - 1)
     while k > 0 and s < end[k - 1]:
         k -= 1
@@ -37,10 +73,12 @@ def interval_at(s: float, start: int, end: Floats) -> int:
 
 
 @njit
-def derivatives(k: int, s: float, sampled: Floats, samples: Floats, out: Floats) -> None:
-    """q', q'', q''' at ``s`` in interval ``k``, from the quartic through its five samples; the last
-    column stands for the path itself.
+def derivatives(k: int, s: float, known: Intervals, out: Floats) -> None:
+    """Write q', q'', q''' at ``s`` in interval ``k`` to ``out`` (3, axes + 1).
+
+    They follow the quartic through the five samples. The last column is for the path itself.
     """
+    sampled, samples = known.sampled, known.samples
     axes = samples.shape[3]
     extent = sampled[k, 1] - sampled[k, 0]
     x = min(max((s - sampled[k, 0]) / extent, 0.0), 1.0) if extent > 0.0 else 0.0
@@ -63,19 +101,41 @@ def derivatives(k: int, s: float, sampled: Floats, samples: Floats, out: Floats)
 
 
 @njit
-def phase_worst(
-    duration: float, s: float, v: float, a: float, j: float, s_end: float, k: int, end: Floats, top: Floats, sampled: Floats,
-    samples: Floats, limit_a: Floats, limit_j: Floats, q: Floats,
-) -> tuple[float, float, int]:  # fmt: skip
-    """The largest part of a limit that a phase takes up, at points throughout it and on both sides
-    of each end of an interval.
+def largest_shares(
+    duration: float,
+    s: float,
+    v: float,
+    a: float,
+    j: float,
+    s_end: float,
+    k: int,
+    known: Intervals,
+    limits: SumLimits,
+    q: Floats,
+) -> tuple[float, float, int]:
+    """Return the largest shares of the limits that a phase uses.
 
-    The speed is looked at where it is greatest, too: at the instant without acceleration, which may
-    lie between the points.
+    The phase is examined at points throughout it, and on both sides of each end of an interval. Its
+    speed is examined where it is greatest too: at the instant without acceleration.
 
-    Returns that of the limits of acceleration and jerk, that of the speed bounds, and the interval
-    in which the phase ends. q: scratch.
+    Args:
+        duration: of the phase, s.
+        s: arc length at its start, mm.
+        v: speed there.
+        a: acceleration there.
+        j: its jerk.
+        s_end: arc length at its end, mm.
+        k: an interval near its start.
+        known: the intervals of the path.
+        limits: for the sums.
+        q: (3, axes + 1): scratch.
+
+    Returns:
+        The share of the limits of acceleration and jerk, that of the speed bounds, and the interval
+        in which the phase ends.
     """
+    end, top = known.end, known.top
+    limit_a, limit_j = limits.a, limits.j
     worst = 0.0
     fastest = 0.0
     t_before = 0.0
@@ -83,14 +143,14 @@ def phase_worst(
     turn = -a / j if a * j < 0.0 else math.inf
     k = interval_at(s, k, end)
     m = 0
-    while m <= DENSE:
-        t_next = duration * m / DENSE
+    while m <= PARTS:
+        t_next = duration * m / PARTS
         turns = turn < t_next
         if turns:
             t_next = turn
         s_next = (
             s_end
-            if m == DENSE and not turns
+            if m == PARTS and not turns
             else s + t_next * (v + t_next * (0.5 * a + t_next * j / 6.0))
         )
         t = t_next
@@ -117,7 +177,7 @@ def phase_worst(
                     break
                 k += 1
             fastest = max(fastest, speed / top[k])
-            derivatives(k, here, sampled, samples, q)
+            derivatives(k, here, known, q)
             for i in range(q.shape[1]):
                 worst = max(worst, abs(q[0, i] * accel + q[1, i] * speed * speed) / limit_a[i])
                 worst = max(

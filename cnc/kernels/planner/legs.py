@@ -1,8 +1,9 @@
-"""The straight moves beside a corner: their directions and bounds, and what is left of them."""
+"""The straight moves beside a corner, its legs: directions, bounds, and shortened records."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.curve import (
@@ -18,27 +19,51 @@ from cnc.kernels.path.curve import (
     U1,
     Floats,
 )
+from cnc.kernels.path.pieces import Pieces
+from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.limits import UNSEEN
 
 SHARPEST = math.sin(math.radians(135.0) / 2.0)
-"""Sine of half the largest turn at which the motion doesn't stop on the corner."""
+"""Sine of half the largest turn at which the motion need not stop on the corner."""
 
 LEGS_SHARE = 0.49
 """The part of a move that either of its corners may take."""
 
 REST = 1e-9
-"""mm, mm/s: what rounding leaves of a distance and a speed of nothing."""
+"""mm, mm/s: rounding error of a distance and a speed of 0."""
+
+
+class Turn(NamedTuple):
+    """The turn by theta at a corner.
+
+    Attributes:
+        sine: sin(theta/2); 2 if the two moves are measured over different axes.
+        widest: the sine that counts for the tolerance: at least ``sine``, and more if axes that do
+            not measure the path turn more.
+    """
+
+    sine: float
+    widest: float
+
+
+class LineBounds(NamedTuple):
+    """Largest speed (mm/s), acceleration and jerk along a straight move."""
+
+    v: float
+    a: float
+    j: float
 
 
 @njit
-def directions(
-    data_a: Floats, at_a: int, data_b: Floats, at_b: int, u: Floats
-) -> tuple[float, float]:
-    """Directions of two lines, per mm of path, into ``u`` (2, n).
+def directions(data_a: Floats, at_a: int, data_b: Floats, at_b: int, u: Floats) -> Turn:
+    """Return the turn from one line to another, and write their directions.
 
-    Returns sin(theta/2) and the sine that counts for the tolerance: no less than the former, more
-    where axes that don't measure the path turn more; both 2 where the lines are measured over
-    different axes.
+    Args:
+        data_a: records that contain the first line.
+        at_a: index of its record.
+        data_b: records that contain the second line.
+        at_b: index of its record.
+        u: (2, axes): receives the directions, per mm of path.
     """
     n = u.shape[1]
     for i in range(n):
@@ -51,36 +76,41 @@ def directions(
         i = int(data_a[at_a + METRIC + m])
         squared += (u[1, i] - u[0, i]) ** 2
     if not same:
-        return 2.0, 2.0
+        return Turn(2.0, 2.0)
     sine = 0.5 * math.sqrt(squared)
     widest = sine
     for i in range(n):
         widest = max(widest, 0.5 * abs(u[1, i] - u[0, i]))
-    return sine, widest
+    return Turn(sine, widest)
 
 
 @njit
-def line_bounds(
-    u: Floats, feed: float, rules: Floats, axis_v: Floats, axis_a: Floats, axis_j: Floats
-) -> tuple[float, float, float]:
-    """Largest speed (mm/s), acceleration and jerk along a line of direction ``u`` (n,), no faster
-    than ``feed``.
-    """
+def line_bounds(u: Floats, feed: float, limits: LimitArrays) -> LineBounds:
+    """Return the bounds of a line of direction ``u`` (axes,), no faster than ``feed`` mm/s."""
     v = feed
-    a = rules[0]
-    j = rules[1]
+    a = limits.tangential_acceleration
+    j = limits.tangential_jerk
     for i in range(len(u)):
         if u[i] != 0.0:
-            v = min(v, axis_v[i] / abs(u[i]))
-            a = min(a, axis_a[i] / abs(u[i]))
-            j = min(j, axis_j[i] / abs(u[i]))
-    return v, a * (1.0 - UNSEEN), j * (1.0 - 2.0 * UNSEEN)
+            v = min(v, limits.axis_velocity[i] / abs(u[i]))
+            a = min(a, limits.axis_acceleration[i] / abs(u[i]))
+            j = min(j, limits.axis_jerk[i] / abs(u[i]))
+    return LineBounds(v, a * (1.0 - UNSEEN), j * (1.0 - 2.0 * UNSEEN))
 
 
 @njit
 def write_line(data: Floats, at: int, like: int, from_start: float, from_end: float) -> int:
-    """Write what is left of the line at ``like`` without so much at its start and end (mm); returns
-    the index behind the record.
+    """Write the record of a line, shortened.
+
+    Args:
+        data: the records.
+        at: index of the new record.
+        like: index of the record of the whole line.
+        from_start: length taken off its start, mm.
+        from_end: length taken off its end, mm.
+
+    Returns:
+        The index behind the new record.
     """
     n = int(data[like])
     length = data[like + LENGTH]
@@ -97,8 +127,9 @@ def write_line(data: Floats, at: int, like: int, from_start: float, from_end: fl
 
 
 @njit
-def record_end(kind: int, data: Floats, at: int) -> int:
-    """Index behind the record of a piece."""
+def record_end(pieces: Pieces, k: int) -> int:
+    """Return the index behind the record of piece ``k``."""
+    kind, data, at = pieces.kind[k], pieces.data, pieces.at[k]
     n = int(data[at])
     body = at + START + 2 * n
     end = body

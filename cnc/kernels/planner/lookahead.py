@@ -1,41 +1,44 @@
 r"""Look-ahead over a window of intervals with constant bounds.
 
 The path is cut into intervals k with bounds on speed V[k], tangential acceleration A[k, .] and jerk
-J[k, .] (the last two for levels of speed: slower motion on a curve leaves more of an axis to the
-tangential part). The plan is a chain of *nodes* at zero acceleration joined by seven-phase profiles
-(:mod:`cnc.kernels.planner.scurve`):
+J[k, .]. The last two are for levels of speed: slower motion on a curve leaves more of an axis to
+the tangential part. The plan is a chain of *nodes* at zero acceleration joined by seven-phase
+profiles (:mod:`cnc.kernels.planner.scurve`):
 
-      v                 ____________________            1. Forced nodes first: stops, and junctions that are crossed at constant speed.
-        V   ___________|                    |_____      2. A span between two nodes gets the fastest profile for its ends and length. Ends
-           |         __------____                 |        too far apart in speed for their distance: the faster one is lowered.
-           |      __/  profile   \__              |     3. If the profile breaks the speed bound of an interval, the lowest such bound
-        ---|___--/                  \\--___________|        becomes a node: its whole plateau in a valley, one end of it on a flank.
-             o node                     o node             Both new spans go back to 2.
+      v                 ____________________
+        V   ___________|                    |_____
+           |         __------____                 |
+           |      __/  profile   \__              |
+        ---|___--/                  \\--___________|
+             o node                     o node
 
-       A span whose bounds on acceleration and jerk are uneven is cut where that saves time: each
-       part has the bounds of its own.
+1. Forced nodes come first: stops, and junctions that are crossed at constant speed.
+2. A span between two nodes gets the fastest profile for its ends and length. If the speeds of its
+   ends are too far apart for the distance, the faster one is lowered.
+3. If the profile exceeds the speed bound of an interval, the lowest such bound becomes a node: its
+   whole plateau in a valley, one end of it on a flank. Both new spans go back to step 2.
 
-Lowest bound first means that a node stands where the path itself forces a low speed, and a profile
-spans everything that doesn't bind. Every profile is legal on every interval that it crosses, so the
-chain is legal; taking fewer nodes is what makes it fast.
+A span whose bounds on acceleration and jerk are uneven is cut where that saves time: each part has
+its own bounds.
+
+Since the lowest bound comes first, a node stands where the path itself forces a low speed, and a
+profile spans everything that does not bind. Every profile is legal on every interval that it
+crosses, so the chain is legal. It is fast because it has few nodes.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.planner.scurve import (
-    peak_speed,
-    ramp_distance,
-    ramp_distance_to_speed,
-    ramp_time,
-    reachable_speed,
-    write_profile,
-)
+from cnc.kernels.planner.intervals import Intervals
+from cnc.kernels.planner.phases import Phases, write_phase
+from cnc.kernels.planner.scurve import reachable_speed, write_profile
+from cnc.kernels.planner.spans import best_cut, best_profile, lowest_violation, span_bounds
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -43,256 +46,228 @@ Ints = NDArray[np.int64]
 PLANNED = 0
 START_TOO_FAST = 1
 NOT_FINISHED = 2
+"""Status of a plan. START_TOO_FAST: by these bounds the motion cannot slow in time from its start.
+NOT_FINISHED: the search did not end, which is an error in this module.
+"""
 
-FREE = -1
+UNUSED = -1
 FIXED = 0
 FORCED = 1
 FOUND = 2
+"""Kinds of nodes: the start, those that the path forces, those at a bound that was exceeded."""
 
 UNEVEN = 0.7
-"""A span whose bounds are below this part of the widest in it may gain from being cut."""
-
-WORTHWHILE = 0.005
-"""The part of its time that a cut has to save."""
-
-SLACK = 1e-12
-"""Relative: what rounding may add to a distance or a speed before it counts as too much."""
+"""A span is cut only if some of its bounds are below this part of the largest."""
 
 
-@njit
-def level_of(ratio: float, levels: int) -> int:
-    """Index of the lowest level of speed that still covers ``ratio`` of an interval's speed bound;
-    levels fall evenly from 1.
+class Chain(NamedTuple):
+    """Nodes of a plan and the spans behind them, as a linked list in arrays of one size.
+
+    Attributes:
+        first: the bound at which a node begins: bound k is the start of interval k.
+        last: the bound at which it ends.
+        following: the next node; -1 for none.
+        preceding: the node before; -1 for none.
+        kind: UNUSED, FIXED, FORCED or FOUND.
+        v: speed at the node, mm/s.
+        cap: largest speed in the span behind the node, mm/s.
+        peak: largest speed in the profile of that span, mm/s.
+        accel: its acceleration.
+        jerk: its jerk.
+        stack: spans to be examined, by their node.
+        queued: whether a span is on the stack.
     """
-    if ratio >= 1.0:
-        return 0
-    return min(int((1.0 - ratio) * 10.0 + 1e-9), levels - 1)
+
+    first: Ints
+    last: Ints
+    following: Ints
+    preceding: Ints
+    kind: Ints
+    v: Floats
+    cap: Floats
+    peak: Floats
+    accel: Floats
+    jerk: Floats
+    stack: Ints
+    queued: NDArray[np.bool_]
 
 
 @njit
-def span_bounds(
-    speed: Floats, accel: Floats, jerk: Floats, first: int, last: int, v: float
-) -> tuple[float, float]:
-    """Least acceleration and jerk bounds over the intervals [first, last) for motion no faster than
-    ``v``.
+def push(chain: Chain, pending: int, i: int) -> int:
+    """Put the span behind node ``i`` on the stack, unless it is there; return the new height.
+
+    Node -1, and the last one, have no span.
     """
-    levels = accel.shape[1]
-    least_a = math.inf
-    least_j = math.inf
-    for k in range(first, last):
-        m = level_of(v / speed[k], levels) if speed[k] > 0.0 else 0
-        least_a = min(least_a, accel[k, m])
-        least_j = min(least_j, jerk[k, m])
-    return least_a, least_j
-
-
-@njit
-def profile_time(v0: float, v1: float, distance: float, peak: float, a: float, j: float) -> float:
-    """Duration of the ramps v0 -> peak -> v1 and the cruise between them."""
-    if peak <= 0.0:
-        return math.inf
-    cruise = distance - ramp_distance(v0, peak, a, j) - ramp_distance(peak, v1, a, j)
-    return ramp_time(v0, peak, a, j) + ramp_time(peak, v1, a, j) + max(cruise, 0.0) / peak
-
-
-@njit
-def best_profile(
-    speed: Floats,
-    accel: Floats,
-    jerk: Floats,
-    first: int,
-    last: int,
-    v0: float,
-    v1: float,
-    distance: float,
-    top: float,
-) -> tuple[float, float, float, float]:
-    """Fastest profile over the choice of a top speed: a lower one may leave more acceleration.
-    Returns (peak, accel, jerk, time).
-
-    The time is infinite where no ramp between the ends fits. The bounds that hold at an interval's
-    full speed hold at any lower one, so they are the first to be tried; a lower top speed may leave
-    more of an axis to the acceleration, at the cost of the jerk bound.
-    """
-    least = max(v0, v1)
-    best = (least, 0.0, 0.0, math.inf)
-    tight_a, tight_j = span_bounds(speed, accel, jerk, first, last, math.inf)
-    for m in range(-1, accel.shape[1]):
-        cap = max(least, top * (1.0 - 0.1 * max(m, 0)))
-        a, j = tight_a, tight_j
-        if m >= 0:
-            a, j = span_bounds(speed, accel, jerk, first, last, cap)
-            if a == tight_a and j == tight_j:
-                continue
-        if ramp_distance(v0, v1, a, j) <= distance * (1.0 + SLACK):
-            peak = peak_speed(v0, v1, distance, cap, a, j)
-            time = profile_time(v0, v1, distance, peak, a, j)
-            if time < best[3]:
-                best = (peak, a, j, time)
-        if cap == least:
-            break
-    return best
-
-
-@njit
-def best_split(
-    bound_s: Floats,
-    speed: Floats,
-    accel: Floats,
-    jerk: Floats,
-    first: int,
-    last: int,
-    v0: float,
-    v1: float,
-    time: float,
-) -> tuple[int, float]:
-    """Where a span of uneven bounds is best cut in two, each part with its own bounds, and the
-    speed there; (-1, 0) if that saves nothing.
-
-    Bounds are tight where the path bends, mostly towards the ends of a span: the places tried are
-    1, 2, 4 ... intervals from either end.
-    """
-    found = -1
-    speed_there = 0.0
-    best = time * (1.0 - WORTHWHILE)
-    step = 1
-    while step < last - first:
-        for side in range(2):
-            at = first + step if side == 0 else last - step
-            limit = min(speed[at - 1], speed[at])
-            a0, j0 = span_bounds(speed, accel, jerk, first, at, math.inf)
-            a1, j1 = span_bounds(speed, accel, jerk, at, last, math.inf)
-            d0 = bound_s[at] - bound_s[first]
-            d1 = bound_s[last] - bound_s[at]
-            v = min(limit, reachable_speed(v0, d0, a0, j0), reachable_speed(v1, d1, a1, j1))
-            if ramp_distance(v0, v, a0, j0) > d0 * (1.0 + SLACK) or ramp_distance(
-                v, v1, a1, j1
-            ) > d1 * (1.0 + SLACK):
-                continue
-            before = best_profile(
-                speed, accel, jerk, first, at, v0, v, d0, max(v0, v, speed[first:at].max())
-            )
-            after = best_profile(
-                speed, accel, jerk, at, last, v, v1, d1, max(v, v1, speed[at:last].max())
-            )
-            if before[3] + after[3] < best:
-                best = before[3] + after[3]
-                found = at
-                speed_there = v
-        step *= 2
-    return found, speed_there
-
-
-@njit
-def lowest_violation(
-    bound_s: Floats,
-    speed: Floats,
-    first: int,
-    last: int,
-    v0: float,
-    v1: float,
-    peak: float,
-    a: float,
-    j: float,
-) -> int:
-    """The interval in [first, last) with the lowest speed bound that the profile breaks, or -1."""
-    start = bound_s[first]
-    end = bound_s[last]
-    found = -1
-    lowest = peak * (1.0 - SLACK)
-    for k in range(first, last):
-        v = speed[k]
-        if v >= lowest:
-            continue
-        # The profile is above v between the point where the rise passes v and the point where the
-        # fall does.
-        rise = start if v0 >= v else start + ramp_distance_to_speed(v0, peak, a, j, v)
-        fall = end if v1 >= v else end - ramp_distance_to_speed(v1, peak, a, j, v)
-        tolerance = SLACK * (end - start) + 1e-15 * abs(end)
-        if min(fall, bound_s[k + 1]) - max(rise, bound_s[k]) > tolerance:
-            found = k
-            lowest = v
-    return found
-
-
-@njit
-def push(todo: Ints, queued: NDArray[np.int8], pending: int, i: int) -> int:
-    """Put span ``i`` on the stack of spans to look at, once; returns the new height."""
-    if i < 0 or queued[i]:
+    if i < 0 or chain.following[i] < 0 or chain.queued[i]:
         return pending
-    queued[i] = 1
-    todo[pending] = i
+    chain.queued[i] = True
+    chain.stack[pending] = i
     return pending + 1
 
 
 @njit
-def plan_window(
-    bound_s: Floats,
-    speed: Floats,
-    accel: Floats,
-    jerk: Floats,
-    flat: NDArray[np.bool_],
-    v_start: float,
-    phases: Floats,
-) -> tuple[int, int]:
-    """Plan the window from speed ``v_start`` (zero acceleration) to rest at its end.
-
-    bound_s (n + 1,): arc length at the intervals' ends; speed (n,); accel, jerk (n, levels); flat
-    (n,): crossed at constant speed (a stop is a flat interval of no length at speed 0). phases (8 n
-    + 16, 5): room for the result, rows of duration, s, v, a, j.
-
-    Returns (status, phase count). START_TOO_FAST: by these bounds the motion can't be slowed in
-    time from the fixed start.
-    """
-    n = len(speed)
-    room = 2 * n + 4
-    lo = np.zeros(room, np.int64)
-    hi = np.zeros(room, np.int64)
-    following = np.full(room, -1, np.int64)
-    preceding = np.full(room, -1, np.int64)
-    kind = np.full(room, FREE, np.int64)
-    todo = np.zeros(room, np.int64)
-    queued = np.zeros(room, np.int8)
-    v = np.zeros(room)
-    cap = np.full(room, math.inf)
-    peak = np.zeros(room)
-    span_a = np.zeros(room)
-    span_j = np.zeros(room)
-
+def forced_nodes(known: Intervals, v_start: float) -> tuple[Chain, int]:
+    """Return a chain of the start, the forced nodes and the end, and the number of its nodes."""
+    n = len(known.speed)
+    space = 2 * n + 4
+    chain = Chain(
+        np.zeros(space, np.int64),
+        np.zeros(space, np.int64),
+        np.full(space, -1, np.int64),
+        np.full(space, -1, np.int64),
+        np.full(space, UNUSED, np.int64),
+        np.zeros(space),
+        np.full(space, math.inf),
+        np.zeros(space),
+        np.zeros(space),
+        np.zeros(space),
+        np.zeros(space, np.int64),
+        np.zeros(space, np.bool_),
+    )
     count = 1
-    kind[0] = FIXED
-    v[0] = v_start
+    chain.kind[0] = FIXED
+    chain.v[0] = v_start
     for k in range(n):
-        if flat[k]:
-            lo[count] = k
-            hi[count] = k + 1
-            kind[count] = FORCED
-            v[count] = speed[k]
+        if known.flat[k]:
+            chain.first[count] = k
+            chain.last[count] = k + 1
+            chain.kind[count] = FORCED
+            chain.v[count] = known.speed[k]
             count += 1
-    lo[count] = hi[count] = n
-    kind[count] = FORCED
+    chain.first[count] = n
+    chain.last[count] = n
+    chain.kind[count] = FORCED
     count += 1
+    for i in range(count):
+        chain.following[i] = i + 1 if i + 1 < count else -1
+        chain.preceding[i] = i - 1
+    return chain, count
+
+
+@njit
+def lower(chain: Chain, pending: int, i: int, v: float) -> int:
+    """Lower the speed of node ``i``, examine the spans beside it again; return the new height."""
+    chain.v[i] = v
+    pending = push(chain, pending, chain.preceding[i])
+    return push(chain, pending, i)
+
+
+@njit
+def node_at(
+    bound_s: Floats, known: Intervals, chain: Chain, i: int, worst: int
+) -> tuple[int, int, float]:
+    """Return the node at the bound of interval ``worst``, which the span behind ``i`` exceeds.
+
+    Returns:
+        The bounds at which it begins and ends, and its speed; (-1, -1, bound) if the whole span
+        has the bound.
+    """
+    speed = known.speed
+    k = chain.following[i]
+    first = chain.last[i]
+    last = chain.first[k]
+    bound = speed[worst]
+    left = worst
+    while left > first and speed[left - 1] == bound:
+        left -= 1
+    right = worst + 1
+    while right < last and speed[right] == bound:
+        right += 1
+    higher_left = left > first and speed[left - 1] > bound
+    higher_right = right < last and speed[right] > bound
+    if not higher_left and not higher_right:
+        return -1, -1, bound
+    new_first = left if higher_left else right
+    new_last = right if higher_right else left
+    a, j = span_bounds(known, first, new_first, math.inf)
+    v = min(bound, reachable_speed(chain.v[i], bound_s[new_first] - bound_s[first], a, j))
+    a, j = span_bounds(known, new_last, last, math.inf)
+    v = min(v, reachable_speed(chain.v[k], bound_s[last] - bound_s[new_last], a, j))
+    return new_first, new_last, v
+
+
+@njit
+def insert(chain: Chain, free: int, i: int, first: int, last: int, v: float) -> None:
+    """Insert node ``free`` behind node ``i``."""
+    k = chain.following[i]
+    chain.first[free] = first
+    chain.last[free] = last
+    chain.v[free] = v
+    chain.kind[free] = FOUND
+    chain.following[free] = k
+    chain.preceding[free] = i
+    chain.following[i] = free
+    chain.preceding[k] = free
+    chain.cap[i] = math.inf
+    chain.cap[free] = math.inf
+
+
+@njit
+def write_chain(bound_s: Floats, chain: Chain, phases: Phases) -> int:
+    """Write the phases of a finished chain; return their number."""
+    written = 0
+    i = 0
+    while i >= 0:
+        start = bound_s[chain.first[i]]
+        end = bound_s[chain.last[i]]
+        v = chain.v[i]
+        if end > start:
+            write_phase(phases, written, (end - start) / v, start, v, 0.0, 0.0)
+            written += 1
+        k = chain.following[i]
+        if k >= 0 and chain.first[k] > chain.last[i]:
+            written = write_profile(
+                v,
+                chain.v[k],
+                end,
+                bound_s[chain.first[k]],
+                chain.peak[i],
+                chain.accel[i],
+                chain.jerk[i],
+                phases,
+                written,
+            )
+        i = k
+    return written
+
+
+@njit
+def plan_window(start: float, known: Intervals, v_start: float, phases: Phases) -> tuple[int, int]:
+    """Plan a window from speed ``v_start`` and zero acceleration to rest at its end.
+
+    Args:
+        start: arc length at the start, mm.
+        known: the n intervals behind the start.
+        v_start: mm/s.
+        phases: (8 n + 16,): space for the result.
+
+    Returns:
+        The status (PLANNED, START_TOO_FAST or NOT_FINISHED) and the number of phases.
+    """
+    speed, accel, jerk = known.speed, known.accel, known.jerk
+    n = len(speed)
+    bound_s = np.empty(n + 1)
+    bound_s[0] = start
+    bound_s[1:] = known.end
+    chain, free = forced_nodes(known, v_start)
+    kind, v, cap = chain.kind, chain.v, chain.cap
     pending = 0
-    for i in range(count - 1, -1, -1):
-        following[i] = i + 1 if i + 1 < count else -1
-        preceding[i] = i - 1
-        if following[i] >= 0:
-            pending = push(todo, queued, pending, i)
-    free = count  # nodes that were taken out are used again
-    splits = 0
-    # A span is looked at again when a neighbour changes, a few times at most; the bound only guards
-    # against a fault here.
+    for i in range(free - 1, -1, -1):
+        pending = push(chain, pending, i)
+    cuts = 0
+    # A span is examined again when a neighbour changes, a few times at most; this bound is never
+    # reached without an error in the search.
     for _ in range(1000 * (n + 4)):
         if pending == 0:
             break
         pending -= 1
-        i = todo[pending]
-        queued[i] = 0
-        if kind[i] == FREE:
+        i = chain.stack[pending]
+        chain.queued[i] = False
+        if kind[i] == UNUSED:
             continue
-        k = following[i]
-        first = hi[i]
-        last = lo[k]
+        k = chain.following[i]
+        first = chain.last[i]
+        last = chain.first[k]
         faster, slower = (i, k) if v[i] > v[k] else (k, i)
         distance = bound_s[last] - bound_s[first]
         if last == first:
@@ -300,114 +275,63 @@ def plan_window(
                 continue
             if kind[faster] == FIXED:
                 return START_TOO_FAST, 0
-            v[faster] = v[slower]
-            pending = push(todo, queued, pending, preceding[faster])
-            if following[faster] >= 0:
-                pending = push(todo, queued, pending, faster)
+            pending = lower(chain, pending, faster, v[slower])
             continue
         top = max(min(speed[first:last].max(), cap[i]), v[faster])
-        peak[i], span_a[i], span_j[i], time = best_profile(
-            speed, accel, jerk, first, last, v[i], v[k], distance, top
-        )
-        if time == math.inf and v[faster] > 0.0:
+        profile = best_profile(known, first, last, v[i], v[k], distance, top)
+        chain.peak[i] = profile.peak
+        chain.accel[i] = profile.accel
+        chain.jerk[i] = profile.jerk
+        if profile.time == math.inf and v[faster] > 0.0:
             if kind[faster] == FIXED:
                 return START_TOO_FAST, 0
-            before = preceding[faster]
+            before = chain.preceding[faster]
             if kind[faster] == FOUND:
-                # It stood where a bound was broken; with what is lower now there may be nothing to
-                # break.
-                after = following[faster]
-                following[before] = after
-                preceding[after] = before
-                kind[faster] = FREE
+                # The node stood where a bound was exceeded; at the lower speed perhaps none is.
+                after = chain.following[faster]
+                chain.following[before] = after
+                chain.preceding[after] = before
+                kind[faster] = UNUSED
                 free = min(free, faster)
             else:
-                a, j = span_bounds(speed, accel, jerk, first, last, math.inf)
-                v[faster] = max(
-                    v[slower], min(v[faster], reachable_speed(v[slower], distance, a, j))
-                )
-                if following[faster] >= 0:
-                    pending = push(todo, queued, pending, faster)
+                a, j = span_bounds(known, first, last, math.inf)
+                reached = reachable_speed(v[slower], distance, a, j)
+                v[faster] = max(v[slower], min(v[faster], reached))
+                pending = push(chain, pending, faster)
             cap[before] = math.inf
-            pending = push(todo, queued, pending, before)
+            pending = push(chain, pending, before)
             continue
-        worst = lowest_violation(
-            bound_s, speed, first, last, v[i], v[k], peak[i], span_a[i], span_j[i]
-        )
+        worst = lowest_violation(bound_s, speed, first, last, v[i], v[k], profile)
         if worst < 0:
-            if splits >= n or (
-                span_a[i] >= UNEVEN * accel[first:last, 0].max()
-                and span_j[i] >= UNEVEN * jerk[first:last, 0].max()
+            if cuts >= n or (
+                profile.accel >= UNEVEN * accel[first:last, 0].max()
+                and profile.jerk >= UNEVEN * jerk[first:last, 0].max()
             ):
                 continue
-            new_lo, new_v = best_split(bound_s, speed, accel, jerk, first, last, v[i], v[k], time)
-            new_hi = new_lo
-            if new_lo < 0:
+            new_first, new_v = best_cut(bound_s, known, first, last, v[i], v[k], profile.time)
+            new_last = new_first
+            if new_first < 0:
                 continue
-            splits += 1
+            cuts += 1
         else:
-            bound = speed[worst]
-            left = worst
-            while left > first and speed[left - 1] == bound:
-                left -= 1
-            right = worst + 1
-            while right < last and speed[right] == bound:
-                right += 1
-            higher_left = left > first and speed[left - 1] > bound
-            higher_right = right < last and speed[right] > bound
-            if not higher_left and not higher_right:
-                if bound >= v[faster]:
-                    cap[i] = bound
+            new_first, new_last, new_v = node_at(bound_s, known, chain, i, worst)
+            if new_first < 0:
+                if new_v >= v[faster]:
+                    cap[i] = new_v
                 elif kind[faster] == FIXED:
                     return START_TOO_FAST, 0
                 else:
-                    # A bound below the speed at an end of its own span: the end must come down.
-                    v[faster] = bound
-                    pending = push(todo, queued, pending, preceding[faster])
-                    if following[faster] >= 0:
-                        pending = push(todo, queued, pending, faster)
-                pending = push(todo, queued, pending, i)
+                    # The bound is below the speed at an end of its own span.
+                    pending = lower(chain, pending, faster, new_v)
+                pending = push(chain, pending, i)
                 continue
-            new_lo = left if higher_left else right
-            new_hi = right if higher_right else left
-            a, j = span_bounds(speed, accel, jerk, first, new_lo, math.inf)
-            new_v = min(bound, reachable_speed(v[i], bound_s[new_lo] - bound_s[first], a, j))
-            a, j = span_bounds(speed, accel, jerk, new_hi, last, math.inf)
-            new_v = min(new_v, reachable_speed(v[k], bound_s[last] - bound_s[new_hi], a, j))
-        while free < room and kind[free] != FREE:
+        while free < len(kind) and kind[free] != UNUSED:
             free += 1
-        if free >= room:
+        if free >= len(kind):
             return NOT_FINISHED, 0
-        lo[free] = new_lo
-        hi[free] = new_hi
-        v[free] = new_v
-        kind[free] = FOUND
-        following[free] = k
-        preceding[free] = i
-        following[i] = free
-        preceding[k] = free
-        cap[i] = cap[free] = math.inf
-        pending = push(todo, queued, pending, free)
-        pending = push(todo, queued, pending, i)
+        insert(chain, free, i, new_first, new_last, new_v)
+        pending = push(chain, pending, free)
+        pending = push(chain, pending, i)
     if pending > 0:
         return NOT_FINISHED, 0
-
-    written = 0
-    i = 0
-    while i >= 0:
-        start = bound_s[lo[i]]
-        end = bound_s[hi[i]]
-        if end > start:
-            phases[written, 0] = (end - start) / v[i]
-            phases[written, 1] = start
-            phases[written, 2] = v[i]
-            phases[written, 3] = 0.0
-            phases[written, 4] = 0.0
-            written += 1
-        k = following[i]
-        if k >= 0 and lo[k] > hi[i]:
-            written = write_profile(
-                v[i], v[k], end, bound_s[lo[k]], peak[i], span_a[i], span_j[i], phases, written
-            )
-        i = k
-    return PLANNED, written
+    return PLANNED, write_chain(bound_s, chain, phases)

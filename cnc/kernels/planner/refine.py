@@ -1,5 +1,4 @@
-r"""The fastest motion near a plan: an interior-point descent over constant-jerk phases, legal in
-every axis.
+r"""The fastest motion near a plan, legal in every axis.
 
 The plan of :mod:`cnc.kernels.planner.lookahead` keeps to bounds that combine the largest speed with
 the largest acceleration of a stretch and the worst directions of both. On a curve that costs up to
@@ -7,21 +6,21 @@ half of the time, because velocity, acceleration and jerk of an axis,
 
     q' v,    q'' v^2 + q' a,    q''' v^3 + 3 q'' v a + q' j,
 
-partly cancel: out of a tight bend -kappa^2 v^3 leaves room for j. Here the exact sums are held
-within their limits.
+partly cancel: out of a tight bend -kappa^2 v^3 leaves more jerk for j. The refinement holds the
+exact sums within their limits, by an interior-point descent over constant-jerk phases.
 
-    plan ──► cells (cnc.kernels.planner.cells) ──► rounds of descent (cnc.kernels.planner.descent) ──► phases
-                                              ^  heavier time, tighter cells   |
-                                              '── between the points of each ◄─'  (cnc.kernels.planner.intervals)
+    plan ──► cells ──► rounds of descent ──► phases
+    (cells.py)     ^  heavier time, tighter cells   |   (descent.py)
+                   '── between the points of each ◄─'   (intervals.py)
 
 The weight of the time rises from round to round until the barrier costs little. The descent holds
-the limits at four points of a cell; what it misses between them is looked for when it is near its
-end, and the cell is allowed less in the rounds that follow.
+the limits at four points of a cell. When it is near its end, the motion is checked between those
+points, and a cell that exceeds a limit there is allowed less in the next rounds.
 
-Why this and not the classic sequential linear program over v^2 on a grid: there each step has to be
-turned into phases, which breaks limits between the grid's points; here every step is a motion.
-Against a fine nonlinear optimum with the same limits it takes 0.3 to 0.5 % longer, for 8 us a cell
-on a curve that binds; a plan in which no curve costs time isn't touched.
+The classic alternative is a sequential linear program over v^2 on a grid. There each step has to be
+turned into phases, which breaks limits between the points of the grid; here every step is a motion.
+Compared with a fine nonlinear optimum under the same limits the result takes 0.3 to 0.5 % longer.
+It costs 8 us a cell on a curve that binds; a plan in which no curve costs time is left as it is.
 """
 
 from __future__ import annotations
@@ -32,128 +31,91 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
+from cnc.kernels.planner.cell_motion import A_MIDDLE, J1, J2, V_MIDDLE, Cells, H, cell_phases
 from cnc.kernels.planner.cells import can_gain, describe, place_cuts, separate
-from cnc.kernels.planner.descent import HIGH, TOUCH, cell_phases, centre, merit
-from cnc.kernels.planner.intervals import interval_at, phase_worst
+from cnc.kernels.planner.descent import HIGH, TOUCH, NewtonSystem, centre, merit
+from cnc.kernels.planner.intervals import Intervals, SumLimits, interval_at, largest_shares
+from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.limits import UNSEEN
+from cnc.kernels.planner.phases import PHASE, Phases, write_phase
 
 Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 WINDOW = 400
 """Cells that are refined together; of a longer stretch the first half is kept each time, and the
-rest refined with what follows.
+rest refined with the cells behind it.
 """
 
 FIRST_WEIGHT = 2.0
 LAST_WEIGHT = 2592.0
 WEIGHT_STEP = 6.0
-"""The weight of the time, per cell and the time itself: to begin with, at the end, and from one
-round to the next.
+"""The weight of the time, per cell and relative to the time: in the first round, in the last, and
+its factor from one round to the next.
 """
 
 CHECKED_FROM = 50.0
-"""From this weight on the motion is good enough to see what the constraints miss between their
-points.
-"""
+"""From this weight on the motion is good enough to be checked between the points of the cells."""
 
 MARGIN = 5e-5
 JERK_MARGIN = 2.0 * UNSEEN
-"""Parts of the limits kept free: for the interpolation of the path's derivatives, for jumps of
-curvature that show in differences.
+"""Shares of the limits of acceleration and jerk that stay free: for the interpolation of the path's
+derivatives, and for jumps of curvature that show in differences.
 """
 
 ROUNDS = 20
+"""Largest number of rounds: five, and more for cells whose limits had to be tightened."""
+
 SETBACKS = 4
-"""Rounds at most: five, and again for cells whose limits had to be tightened; and how often that is
-done to better a legal motion.
-"""
+"""Number of rounds with an illegal motion after which the last legal one is kept."""
 
 TIGHT = 0.8
-"""A cell that takes up less than this of every limit isn't looked at more closely."""
+"""A cell that uses less than this share of every limit is not tightened."""
 
 WORTHWHILE = 0.002
-"""The part of a stretch's time that has to be saved."""
+"""A refinement has to save this part of a stretch's time."""
 
 
 @njit
-def tighten(
-    first: int, last: int, s: Floats, v: Floats, a: Floats, d: Floats, cell_top: Floats, share: Floats, q: Floats, end: Floats, top: Floats,
-    sampled: Floats, samples: Floats, limit_a: Floats, limit_j: Floats,
-) -> float:  # fmt: skip
-    """Look between the points at which constraints are held. Where more is taken up there, the cell
-    is allowed less from now on.
+def tighten(first: int, last: int, cells: Cells, known: Intervals, limits: SumLimits) -> float:
+    """Examine the motion between the points at which the descent holds the constraints.
 
-    Returns the largest part of a limit that is taken up.
+    A cell that uses more of a limit there is allowed less from now on.
+
+    Returns:
+        The largest share of a limit that is used.
     """
+    s, v, a, share = cells.s, cells.v, cells.a, cells.share
     x = np.empty(5)
     dx = np.empty((5, 4))
-    scratch = np.empty((3, q.shape[3]))
-    no_blocks = np.empty((0, 2, 2))
-    no_gradient = np.empty((0, 2))
-    k = interval_at(s[first], np.searchsorted(end, s[first]), end)
+    scratch = np.empty((3, cells.q.shape[3]))
+    no_system = NewtonSystem(
+        np.empty((0, 2, 2)), np.empty((0, 2, 2)), np.empty((0, 2)), np.empty((0, 2))
+    )
+    k = interval_at(s[first], np.searchsorted(known.end, s[first]), known.end)
     largest = 0.0
     for m in range(first, last):
-        if not cell_phases(v[m], a[m], v[m + 1], a[m + 1], d[m], x, dx):
+        if not cell_phases(v[m], a[m], v[m + 1], a[m + 1], cells.length[m], x, dx):
             return math.inf
-        h = x[0]
-        half = s[m] + h * (v[m] + h * (0.5 * a[m] + h * x[1] / 6.0))
-        one, fast_one, k = phase_worst(
-            h,
-            s[m],
-            v[m],
-            a[m],
-            x[1],
-            half,
-            k,
-            end,
-            top,
-            sampled,
-            samples,
-            limit_a,
-            limit_j,
-            scratch,
-        )
-        two, fast_two, k = phase_worst(
-            h,
-            half,
-            x[3],
-            x[4],
-            x[2],
-            s[m + 1],
-            k,
-            end,
-            top,
-            sampled,
-            samples,
-            limit_a,
-            limit_j,
-            scratch,
-        )
-        seen = max(one, two)
-        fastest = max(fast_one, fast_two)
+        h = x[H]
+        half = s[m] + h * (v[m] + h * (0.5 * a[m] + h * x[J1] / 6.0))
+        seen = 0.0
+        fastest = 0.0
+        for p in range(2):
+            from_s = s[m] if p == 0 else half
+            from_v = v[m] if p == 0 else x[V_MIDDLE]
+            from_a = a[m] if p == 0 else x[A_MIDDLE]
+            jerk = x[J1] if p == 0 else x[J2]
+            until = half if p == 0 else s[m + 1]
+            worst, fast, k = largest_shares(
+                h, from_s, from_v, from_a, jerk, until, k, known, limits, scratch
+            )
+            seen = max(seen, worst)
+            fastest = max(fastest, fast)
         largest = max(largest, seen, fastest)
         if fastest > 1.0:
-            cell_top[m] /= fastest * (1.0 + TOUCH)
+            cells.top[m] /= fastest * (1.0 + TOUCH)
         if seen > TIGHT:
-            _, held, _ = merit(
-                m,
-                m + 1,
-                v,
-                a,
-                d,
-                cell_top,
-                share,
-                q,
-                limit_a,
-                limit_j,
-                0.0,
-                HIGH,
-                False,
-                no_blocks,
-                no_blocks,
-                no_gradient,
-            )
+            _, held, _ = merit(m, m + 1, cells, limits, 0.0, HIGH, False, no_system)
             held = max(held * share[m], TIGHT)
             if seen > held * (1.0 + TOUCH):
                 share[m] = min(share[m], (1.0 - TOUCH) * held / seen)
@@ -161,38 +123,22 @@ def tighten(
 
 
 @njit
-def descend(
-    first: int, last: int, s: Floats, v: Floats, a: Floats, d: Floats, cell_top: Floats, share: Floats, q: Floats, end: Floats, top: Floats,
-    sampled: Floats, samples: Floats, limit_a: Floats, limit_j: Floats,
-) -> bool:  # fmt: skip
-    """Bring the cells [first, last) near to the least time, from any motion; whether a legal one
-    was found.
+def descend(first: int, last: int, cells: Cells, known: Intervals, limits: SumLimits) -> bool:
+    """Bring the motion of the cells [first, last) near to the least time, from any motion.
+
+    Returns:
+        Whether a legal motion was found.
     """
+    v, a = cells.v, cells.a
     weight = FIRST_WEIGHT
     good = 0.0
     setbacks = 0
     good_v = v[first : last + 1].copy()
     good_a = a[first : last + 1].copy()
     for _ in range(ROUNDS):
-        legal = centre(first, last, v, a, d, cell_top, share, q, limit_a, limit_j, weight) <= 1.0
+        legal = centre(first, last, cells, limits, weight) <= 1.0
         if weight > CHECKED_FROM:
-            seen = tighten(
-                first,
-                last,
-                s,
-                v,
-                a,
-                d,
-                cell_top,
-                share,
-                q,
-                end,
-                top,
-                sampled,
-                samples,
-                limit_a,
-                limit_j,
-            )
+            seen = tighten(first, last, cells, known, limits)
             legal = legal and seen <= 1.0 + TOUCH
             if legal and weight > good:
                 good = weight
@@ -203,7 +149,7 @@ def descend(
                 break
         elif not legal:
             break
-        # Where the barrier counts there is room to get off limits that have become tighter.
+        # A low weight lets the motion leave limits that have become tighter.
         weight = weight * WEIGHT_STEP if legal else FIRST_WEIGHT * WEIGHT_STEP
     v[first : last + 1] = good_v
     a[first : last + 1] = good_a
@@ -211,155 +157,155 @@ def descend(
 
 
 @njit
-def write_cell(
-    s: float,
-    v0: float,
-    a0: float,
-    v1: float,
-    a1: float,
-    d: float,
-    x: Floats,
-    dx: Floats,
-    out: Floats,
-    count: int,
-) -> int:
-    """Append the phases of a cell to ``out``, one in which the acceleration changes its sign in
-    two; returns the new count.
+def write_cell(cells: Cells, m: int, x: Floats, dx: Floats, out: Phases, count: int) -> int:
+    """Append the phases of cell ``m`` to ``out``; return the new count.
+
+    A phase in which the acceleration changes its sign becomes two. x (5,), dx (5, 4): scratch.
     """
-    cell_phases(v0, a0, v1, a1, d, x, dx)
+    s, a1 = cells.s[m], cells.a[m + 1]
+    cell_phases(cells.v[m], cells.a[m], cells.v[m + 1], a1, cells.length[m], x, dx)
+    h = x[H]
     for p in range(2):
-        t = x[0]
-        v = v0 if p == 0 else x[3]
-        a = a0 if p == 0 else x[4]
-        j = x[1 + p]
-        behind = x[4] if p == 0 else a1
-        out[count] = (t, s, v, a, j)
+        v = cells.v[m] if p == 0 else x[V_MIDDLE]
+        a = cells.a[m] if p == 0 else x[A_MIDDLE]
+        j = x[J1] if p == 0 else x[J2]
+        behind = x[A_MIDDLE] if p == 0 else a1
+        write_phase(out, count, h, s, v, a, j)
         count += 1
         if a * behind < 0.0:
             t = -a / j
-            out[count - 1, 0] = t
-            out[count] = (
-                x[0] - t,
-                s + t * (v + t * (0.5 * a + t * j / 6.0)),
-                v + 0.5 * t * a,
-                0.0,
-                j,
-            )
+            out[count - 1]["duration"] = t
+            turn = s + t * (v + t * (0.5 * a + t * j / 6.0))
+            write_phase(out, count, h - t, turn, v + 0.5 * t * a, 0.0, j)
             count += 1
-        t = x[0]
-        s += t * (v + t * (0.5 * a + t * j / 6.0))
+        s += h * (v + h * (0.5 * a + h * j / 6.0))
     return count
 
 
 @njit
+def sum_limits(limits: LimitArrays) -> SumLimits:
+    """Return the limits of each axis and of the path, less the margins."""
+    axes = len(limits.axis_acceleration)
+    a = np.empty(axes + 1)
+    j = np.empty(axes + 1)
+    for i in range(axes):
+        a[i] = limits.axis_acceleration[i] * (1.0 - MARGIN)
+        j[i] = limits.axis_jerk[i] * (1.0 - JERK_MARGIN)
+    a[axes] = limits.tangential_acceleration * (1.0 - 1e-6)
+    j[axes] = limits.tangential_jerk * (1.0 - 1e-6)
+    return SumLimits(a, j)
+
+
+@njit
+def empty_cells(n: int, axes: int) -> Cells:
+    """Return arrays for ``n`` cells; each may use all of the limits."""
+    return Cells(
+        np.empty(n + 1),
+        np.empty(n + 1),
+        np.empty(n + 1),
+        np.empty(n),
+        np.empty((n, 2)),
+        np.ones(n),
+        np.empty((n, 3, 3, axes + 1)),
+    )
+
+
+@njit
+def duration_of(cells: Cells, x: Floats, dx: Floats) -> float:
+    """Return the duration of the motion through all cells, s; x (5,), dx (5, 4): scratch."""
+    v, a = cells.v, cells.a
+    total = 0.0
+    for m in range(len(cells.length)):
+        cell_phases(v[m], a[m], v[m + 1], a[m + 1], cells.length[m], x, dx)
+        total += 2.0 * x[H]
+    return total
+
+
+@njit
 def refine(
-    phases: Floats, end: Floats, top: Floats, flat: Flags, sampled: Floats, samples: Floats, axis_a: Floats, axis_j: Floats,
-    tangential_a: float, tangential_j: float, rough: bool,
-) -> tuple[bool, Floats]:  # fmt: skip
+    phases: Phases, known: Intervals, machine: LimitArrays, rough: bool
+) -> tuple[bool, Phases]:
     """Make a plan faster where curves cost time.
 
-    phases (p, 5): rows of duration, s, v, a, j. end, top, flat (n,): where the intervals that it
-    runs over end, the speed that no motion over them exceeds, and whether they are crossed at
-    constant speed. sampled (n, 2): from where to where their ``samples`` (n, 5, 3, axes) of q',
-    q'', q''' reach. axis_a, axis_j (axes,), tangential_a, tangential_j: limits in mm/s^2 and
-    mm/s^3, infinite where there is none. rough: the plan itself need not be legal. Returns whether
-    the result is, and its phases.
+    Args:
+        phases: (p,): the plan.
+        known: the intervals from its start to its end.
+        machine: the limits.
+        rough: whether the plan itself may be illegal.
+
+    Returns:
+        Whether the result is legal, and its phases.
     """
-    axes = len(axis_a)
-    limit_a = np.empty(axes + 1)
-    limit_j = np.empty(axes + 1)
-    for i in range(axes):
-        limit_a[i] = axis_a[i] * (1.0 - MARGIN)
-        limit_j[i] = axis_j[i] * (1.0 - JERK_MARGIN)
-    limit_a[axes] = tangential_a * (1.0 - 1e-6)
-    limit_j[axes] = tangential_j * (1.0 - 1e-6)
-    rows = np.empty((3 * len(phases), 5))
-    apart = np.empty(3 * len(phases), np.bool_)
-    total = separate(phases, end, top, flat, rows, apart)
-    out = np.empty((2 * total + 256, 5))
+    limits = sum_limits(machine)
+    axes = len(machine.axis_acceleration)
+    finish = known.end[-1]
+    rows = np.empty(3 * len(phases), PHASE)
+    fixed = np.empty(3 * len(phases), np.bool_)
+    total = separate(phases, known, rows, fixed)
+    out = np.empty(2 * total + 256, PHASE)
     count = 0
     x = np.empty(5)
     dx = np.empty((5, 4))
-    q_here = np.empty((3, axes + 1))
+    scratch = np.empty((3, axes + 1))
+    cells = empty_cells(0, axes)
     legal = True
     place = 0
     first = 0
     while first < total:
         last = first + 1
-        if not apart[first]:
-            while last < total and not apart[last] and rows[last, 2] > 0.0:
+        if not fixed[first]:
+            while last < total and not fixed[last] and rows[last]["v"] > 0.0:
                 last += 1
-        cells = 0
-        if not apart[first] and (
-            rough or can_gain(rows, first, last, end, top, samples, limit_a, limit_j)
-        ):
-            cells = place_cuts(rows, first, last, end, x, x, x, False)
+        number = 0
+        if not fixed[first] and (rough or can_gain(rows, first, last, known, limits)):
+            number = place_cuts(rows, first, last, known, cells, False)
         refined = False
-        if cells > 1:
-            s = np.empty(cells + 1)
-            v = np.empty(cells + 1)
-            a = np.empty(cells + 1)
-            d = np.empty(cells)
-            cell_top = np.empty((cells, 2))
-            share = np.ones(cells)
-            q = np.empty((cells, 3, 3, axes + 1))
-            place_cuts(rows, first, last, end, s, v, a, True)
-            if last < total:
-                s[cells] = rows[last, 1]
-                v[cells] = rows[last, 2]
-            else:
-                s[cells] = end[-1]
-                v[cells] = 0.0
-            describe(cells, s, end, top, sampled, samples, d, cell_top, q)
+        if number > 1:
+            cells = empty_cells(number, axes)
+            place_cuts(rows, first, last, known, cells, True)
+            cells.s[number] = rows[last]["s"] if last < total else finish
+            cells.v[number] = rows[last]["v"] if last < total else 0.0
+            describe(cells, known)
+            # A window at a time.
             refined = True
             done = 0
-            while refined and done < cells:
-                until = min(done + WINDOW, cells)
-                refined = descend(
-                    done,
-                    until,
-                    s,
-                    v,
-                    a,
-                    d,
-                    cell_top,
-                    share,
-                    q,
-                    end,
-                    top,
-                    sampled,
-                    samples,
-                    limit_a,
-                    limit_j,
-                )
-                done = until if until == cells else done + WINDOW // 2
+            while refined and done < number:
+                until = min(done + WINDOW, number)
+                refined = descend(done, until, cells, known, limits)
+                done = until if until == number else done + WINDOW // 2
             if refined:
                 before = 0.0
                 for r in range(first, last):
-                    before += rows[r, 0]
-                after = 0.0
-                for m in range(cells):
-                    cell_phases(v[m], a[m], v[m + 1], a[m + 1], d[m], x, dx)
-                    after += 2.0 * x[0]
+                    before += rows[r]["duration"]
+                after = duration_of(cells, x, dx)
                 refined = rough or after < before * (1.0 - WORTHWHILE)
-        needed = count + 4 * cells + (last - first) + 2 * total
+        needed = count + 4 * number + (last - first) + 2 * total
         if needed > len(out):
-            grown = np.empty((2 * needed, 5))
+            grown = np.empty(2 * needed, PHASE)
             grown[:count] = out[:count]
             out = grown
         if refined:
-            for m in range(cells):
-                count = write_cell(s[m], v[m], a[m], v[m + 1], a[m + 1], d[m], x, dx, out, count)
+            for m in range(number):
+                count = write_cell(cells, m, x, dx, out, count)
         else:
             for r in range(first, last):
-                out[count] = rows[r]
+                row = rows[r]
+                out[count] = row
                 count += 1
                 if rough:
-                    reached = rows[r + 1, 1] if r + 1 < total else end[-1]
-                    worst, fastest, place = phase_worst(
-                        rows[r, 0], rows[r, 1], rows[r, 2], rows[r, 3], rows[r, 4], reached, place,
-                        end, top, sampled, samples, limit_a, limit_j, q_here,
-                    )  # fmt: skip
+                    reached = rows[r + 1]["s"] if r + 1 < total else finish
+                    worst, fastest, place = largest_shares(
+                        row["duration"],
+                        row["s"],
+                        row["v"],
+                        row["a"],
+                        row["j"],
+                        reached,
+                        place,
+                        known,
+                        limits,
+                        scratch,
+                    )
                     legal = legal and max(worst, fastest) <= 1.0 + TOUCH
         first = last
     return legal, out[:count]

@@ -1,15 +1,21 @@
-r"""S-curve ramps: speed changes at bounded acceleration and jerk that start and end at zero
-acceleration.
+r"""S-curve ramps: changes of speed at bounded acceleration and jerk.
 
-A ramp between speeds v0 and v1 has up to three phases (jerk, constant acceleration, jerk back); a
-profile over a length is a ramp up, a cruise and a ramp down: the seven phases of Hui, Wei and Gao
-(2013), section 4.1.
+A ramp starts and ends with zero acceleration. Between speeds v0 and v1 it has up to three phases:
+jerk, constant acceleration, opposite jerk. A profile over a length is a ramp up, a cruise and a
+ramp down: the seven phases of Hui, Wei and Gao (2013), section 4.1.
 
-        a                                     with dv = |v1 - v0|
-      A |    ________                           dv >= A^2/J:  t = dv/A + A/J          (the plateau is reached)
-        |   /        \                          else:         t = 2 sqrt(dv/J)        (triangle)
-        |  /          \                         distance = t (v0 + v1) / 2             (a ramp is symmetric about its middle)
+        a
+      A |    ________
+        |   /        \
+        |  /          \
         +-/------------\----- t
+
+With dv = |v1 - v0| the ramp takes
+
+    t = dv/A + A/J       if dv >= A^2/J, where the acceleration A is reached,
+    t = 2 sqrt(dv/J)     otherwise, with a triangle of acceleration.
+
+It is symmetric about its middle, so that its length is t (v0 + v1) / 2.
 """
 
 from __future__ import annotations
@@ -20,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
+from cnc.kernels.planner.phases import Phases, write_phase
 
 Floats = NDArray[np.float64]
 
@@ -27,13 +34,16 @@ PEAK_ITERATIONS = 100
 """Bisection halves the bracket to neighbouring floats in fewer steps than this."""
 
 ROUNDING = 1e-13
-"""Relative: more than what rounding adds to a speed in these formulas."""
+"""Relative; larger than the rounding error of a speed in these formulas."""
 
 
 @njit
 def ramp_shape(change: float, accel: float, jerk: float) -> tuple[float, float, float]:
-    """Durations of a ramp's jerk phases (each) and constant phase, and its top acceleration, for a
-    given change of speed.
+    """Return the shape of a ramp for a change of speed.
+
+    Returns:
+        The duration of each of its two jerk phases, that of its phase of constant acceleration, and
+        its largest acceleration.
     """
     if change * jerk >= accel * accel:
         t_jerk = accel / jerk
@@ -44,23 +54,23 @@ def ramp_shape(change: float, accel: float, jerk: float) -> tuple[float, float, 
 
 @njit
 def ramp_time(v0: float, v1: float, accel: float, jerk: float) -> float:
-    """Duration of the ramp between two speeds."""
+    """Return the duration of the ramp between two speeds."""
     t_jerk, t_const, _ = ramp_shape(abs(v1 - v0), accel, jerk)
     return 2.0 * t_jerk + t_const
 
 
 @njit
 def ramp_distance(v0: float, v1: float, accel: float, jerk: float) -> float:
-    """Distance covered by the ramp between two speeds, whichever is the larger."""
+    """Return the length of the ramp between two speeds, rising or falling."""
     return 0.5 * (v0 + v1) * ramp_time(v0, v1, accel, jerk)
 
 
 @njit
 def reachable_speed(v0: float, distance: float, accel: float, jerk: float) -> float:
-    """Largest speed that a ramp from ``v0`` reaches within ``distance``; by symmetry the largest
-    from which one brakes to ``v0``.
+    """Return the largest speed that a ramp from ``v0`` reaches within ``distance``.
 
-    It is rounded down by more than the arithmetic's own rounding, so that the ramp fits.
+    By symmetry it is also the largest speed from which a ramp slows to ``v0``. It is rounded down
+    by more than its rounding error, so that the ramp fits.
     """
     if distance <= 0.0:
         return v0
@@ -71,8 +81,8 @@ def reachable_speed(v0: float, distance: float, accel: float, jerk: float) -> fl
         v1 = 0.5 * (math.sqrt(discriminant) - plateau)
         if v1 - v0 >= plateau:
             return max(v0, v1 * (1.0 - ROUNDING))
-    # Without: with x = sqrt((v1 - v0) / jerk), jerk x^3 + 2 v0 x = distance. Convex for x > 0, so
-    # Newton from above converges one-sidedly.
+    # Without it, with x = sqrt((v1 - v0) / jerk): jerk x^3 + 2 v0 x = distance. This is convex for
+    # x > 0, so Newton's method converges from above.
     x = (distance / jerk) ** (1.0 / 3.0)
     if v0 > 0.0:
         x = min(x, distance / (2.0 * v0))
@@ -88,8 +98,9 @@ def reachable_speed(v0: float, distance: float, accel: float, jerk: float) -> fl
 def peak_speed(
     v0: float, v1: float, distance: float, cap: float, accel: float, jerk: float
 ) -> float:
-    """Largest speed up to ``cap`` for which the ramps v0 -> peak -> v1 fit into ``distance``; they
-    must fit for the larger of v0 and v1.
+    """Return the largest speed up to ``cap`` with which the ramps v0 -> peak -> v1 fit.
+
+    They must fit into ``distance`` with the larger of v0 and v1 for a peak.
     """
     if ramp_distance(v0, cap, accel, jerk) + ramp_distance(cap, v1, accel, jerk) <= distance:
         return cap
@@ -111,9 +122,7 @@ def peak_speed(
 
 @njit
 def ramp_distance_to_speed(v0: float, v1: float, accel: float, jerk: float, v: float) -> float:
-    """Distance from the start at which the rising ramp v0 -> v1 passes speed ``v`` (v0 <= v <=
-    v1).
-    """
+    """Return the distance from the start at which the rising ramp v0 -> v1 has speed ``v``."""
     t_jerk, t_const, top = ramp_shape(v1 - v0, accel, jerk)
     gained = v - v0
     by_jerk = 0.5 * jerk * t_jerk * t_jerk
@@ -129,10 +138,12 @@ def ramp_distance_to_speed(v0: float, v1: float, accel: float, jerk: float, v: f
 
 @njit
 def write_ramp(
-    v0: float, v1: float, accel: float, jerk: float, s: float, phases: Floats, count: int
+    v0: float, v1: float, accel: float, jerk: float, s: float, phases: Phases, count: int
 ) -> tuple[int, float]:
-    """Append the phases of a ramp that starts at ``s`` to ``phases`` (rows: duration, s, v, a, j);
-    returns (count, s at the end).
+    """Append the phases of a ramp from ``v0`` to ``v1`` that starts at arc length ``s``.
+
+    Returns:
+        The new count of phases, and the arc length at the end of the ramp.
     """
     change = abs(v1 - v0)
     if change == 0.0:
@@ -142,28 +153,16 @@ def write_ramp(
     a = sign * top
     j = sign * jerk
     end = s + 0.5 * (v0 + v1) * (2.0 * t_jerk + t_const)
-    phases[count, 0] = t_jerk
-    phases[count, 1] = s
-    phases[count, 2] = v0
-    phases[count, 3] = 0.0
-    phases[count, 4] = j
+    write_phase(phases, count, t_jerk, s, v0, 0.0, j)
     count += 1
     s += t_jerk * (v0 + j * t_jerk * t_jerk / 6.0)
     v = v0 + 0.5 * j * t_jerk * t_jerk
     if t_const > 0.0:
-        phases[count, 0] = t_const
-        phases[count, 1] = s
-        phases[count, 2] = v
-        phases[count, 3] = a
-        phases[count, 4] = 0.0
+        write_phase(phases, count, t_const, s, v, a, 0.0)
         count += 1
         s += t_const * (v + 0.5 * a * t_const)
         v = v1 - 0.5 * j * t_jerk * t_jerk
-    phases[count, 0] = t_jerk
-    phases[count, 1] = s
-    phases[count, 2] = v
-    phases[count, 3] = a
-    phases[count, 4] = -j
+    write_phase(phases, count, t_jerk, s, v, a, -j)
     return count + 1, end
 
 
@@ -176,23 +175,19 @@ def write_profile(
     peak: float,
     accel: float,
     jerk: float,
-    phases: Floats,
+    phases: Phases,
     count: int,
 ) -> int:
-    """Append ramp, cruise and ramp over [start, end] with the given peak speed; returns the new
-    count.
+    """Append ramp, cruise and ramp over [start, end] with the given peak speed.
 
-    What rounding leaves of the length goes into the cruise, so that the last phase ends on ``end``.
+    The cruise takes up the rounding of the length, so that the last phase ends at ``end``. Returns
+    the new count of phases.
     """
     down = ramp_distance(peak, v1, accel, jerk)
     count, s = write_ramp(v0, peak, accel, jerk, start, phases, count)
     cruise = (end - down) - s
     if cruise > 0.0 and peak > 0.0:
-        phases[count, 0] = cruise / peak
-        phases[count, 1] = s
-        phases[count, 2] = peak
-        phases[count, 3] = 0.0
-        phases[count, 4] = 0.0
+        write_phase(phases, count, cruise / peak, s, peak, 0.0, 0.0)
         count += 1
         s = end - down
     count, s = write_ramp(peak, v1, accel, jerk, s, phases, count)
@@ -201,8 +196,9 @@ def write_profile(
 
 @njit
 def phase_time(v: float, a: float, j: float, duration: float, distance: float) -> float:
-    """Time within a constant-jerk phase at which ``distance`` has been covered: bracketed Newton,
-    speed being >= 0 throughout.
+    """Return the time at which a phase has covered ``distance``, by Newton's method in a bracket.
+
+    The phase starts with speed ``v`` and acceleration ``a``; its speed is never negative.
     """
     low = 0.0
     high = duration

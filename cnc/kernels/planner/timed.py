@@ -1,19 +1,25 @@
-r"""Timed pieces: where one move begins before the one before it has ended, the path is what the two
-motions add up to.
+r"""Timed pieces: the path while two moves overlap in time.
 
-A ramp to rest ends with a phase of constant jerk, a ramp from rest begins with one. While both run
-every axis has a constant jerk, so that its position is a cubic of time: a SPAN of degree 3 and
-weight 1 whose parameter runs evenly with the time.
+Where a move begins before the one before it has ended, the path is the sum of two motions. A ramp
+to rest ends with a phase of constant jerk, a ramp from rest begins with one. While both run, every
+axis has a constant jerk, so that its position is a cubic of time: a SPAN of degree 3 and weight 1
+whose parameter is proportional to the time.
 
-        .....d1....,C      With C the corner, u1 and u2 the directions, J1 and J2 the jerks and tau the time in common,
-        ------.__     :      r(t) = C - u1 J1 (tau - t)^3 / 6 + u2 J2 t^3 / 6,
-                 `\   : d2   the Bezier curve of C - d1 u1, C, C, C + d2 u2 with d = J tau^3 / 6.
+        .....d1....,C
+        ------.__     :
+                 `\   : d2
                    \  :
                     | :
                     | '
 
-Such a record has no table of the arc length (entry TABLE is 0): the plan's coordinate along the
-piece is its parameter, and one phase without acceleration crosses it. |dr/du| is not 1 there, so
+With the corner C, the directions u1 and u2, the jerks J1 and J2 and the duration tau of the overlap
+
+    r(t) = C - u1 J1 (tau - t)^3 / 6 + u2 J2 t^3 / 6,
+
+which is the Bezier curve of C - d1 u1, C, C, C + d2 u2 with d = J tau^3 / 6.
+
+Such a record has no table of the arc length: its entry TABLE is 0. The plan's coordinate along the
+piece is its parameter, and one phase without acceleration crosses it. There |dr/du| is not 1, so
 speed, tangential acceleration and jerk follow from the derivatives.
 """
 
@@ -39,22 +45,22 @@ from cnc.kernels.path.curve import (
 )
 
 ACCURACY = 1e-10
-"""Relative: how well two halves of a part, each measured by Gauss-Legendre of 6 points, agree with
-the whole. They are 2^12 times as good. Where one axis has much less jerk than the other, the speed
-changes all at once.
+"""Relative: largest difference between the length of a part and that of its two halves, all by
+Gauss-Legendre of 6 points. The halves are 2^12 times as accurate. Where one axis has much less jerk
+than the other, the speed changes abruptly.
 """
 
 SMALLEST = 1e-6
-"""Parts of a timed piece are not made smaller than this part of it."""
+"""Smallest part of a timed piece that is measured by itself, relative."""
 
-ROOM_OF_TIMED = START + SPAN_BODY + 4
-ROOM_OF_TIMED_PER_AXIS = 2 + 4 + 1 + 2
-"""A record of n axes takes ROOM_OF_TIMED + n ROOM_OF_TIMED_PER_AXIS numbers at most."""
+TIMED_SIZE = START + SPAN_BODY + 4
+TIMED_SIZE_PER_AXIS = 2 + 4 + 1 + 2
+"""A record of n axes has at most TIMED_SIZE + n TIMED_SIZE_PER_AXIS numbers."""
 
 
 @njit
 def is_timed(kind: int, data: Floats, at: int) -> bool:
-    """Whether the piece is crossed by the clock rather than by its length."""
+    """Return whether the coordinate along the piece is proportional to time, not arc length."""
     return kind == SPAN and data[at + TABLE] == 0.0
 
 
@@ -62,11 +68,15 @@ def is_timed(kind: int, data: Floats, at: int) -> bool:
 def timed_motion(
     data: Floats, at: int, q: Floats, rate: float
 ) -> tuple[float, float, float, float]:
-    """Speed, tangential acceleration and jerk and normal acceleration where a timed piece has
-    derivatives ``q`` (4, n) by its parameter.
+    """Return speed, tangential acceleration, tangential jerk and normal acceleration.
 
-    rate: du/dt. With r the position, v = |r'|: v' = r'.r'' / v and v'' = (r''.r'' + r'.r''' - v'^2)
-    / v.
+    With r the position and v = |r'|: v' = r'.r'' / v and v'' = (r''.r'' + r'.r''' - v'^2) / v.
+
+    Args:
+        data: the records.
+        at: index of the record of the timed piece.
+        q: (4, axes): its derivatives by its parameter u.
+        rate: du/dt.
     """
     d11 = 0.0
     d12 = 0.0
@@ -92,7 +102,7 @@ def timed_motion(
 
 @njit
 def timed_length(kind: int, data: Floats, at: int, u: float, q: Floats) -> float:
-    """Path length of a timed piece from its start to parameter ``u``. q: scratch (4, n)."""
+    """Return the path length from the start to parameter ``u``, mm; q (4, axes) is scratch."""
     here = data[at + U0]
     step = u - here
     smallest = SMALLEST * step
@@ -115,7 +125,7 @@ def timed_length(kind: int, data: Floats, at: int, u: float, q: Floats) -> float
 
 @njit
 def _part_length(kind: int, data: Floats, at: int, u: float, step: float, q: Floats) -> float:
-    """Of the part of a timed piece from parameter ``u`` on, by one Gauss-Legendre rule."""
+    """Return the length of [u, u + step], mm, by one Gauss-Legendre rule."""
     total = 0.0
     for k in range(6):
         curve_eval(kind, data, at, u + 0.5 * step * (1.0 + GAUSS_X[k]), q)
@@ -130,11 +140,19 @@ def _part_length(kind: int, data: Floats, at: int, u: float, step: float, q: Flo
 def write_cubic(
     data: Floats, at: int, like: int, start: Floats, first: Floats, second: Floats, end: Floats
 ) -> int:
-    """Write all of a record of a cubic on [0, 1] but for its length, table and turning points at
-    index ``at``; returns the index behind.
+    """Write the record of a cubic on [0, 1] without its length, table and turning points.
 
-    start, end (n,): its ends; first, second (n,): the two Bernstein coefficients between, measured
-    from the start. Metric axes are those of the record at ``like``.
+    Args:
+        data: the records.
+        at: index of the new record.
+        like: index of a record with the same metric axes.
+        start: (axes,): its start.
+        end: (axes,): its end.
+        first: (axes,): its second Bernstein coefficient, measured from the start.
+        second: (axes,): its third.
+
+    Returns:
+        The index behind it.
     """
     n = len(start)
     body = at + START + 2 * n
@@ -159,8 +177,10 @@ def write_cubic(
 
 @njit
 def write_turns(data: Floats, at: int, to: int) -> int:
-    """Write the turning points of a cubic's record from index ``to`` on, behind everything else of
-    it; returns the index behind them.
+    """Write the turning points of a cubic's record, the last part of it, from index ``to`` on.
+
+    Returns:
+        The index behind them.
     """
     n = int(data[at])
     body = at + START + 2 * n
@@ -177,7 +197,7 @@ def write_turns(data: Floats, at: int, to: int) -> int:
         under = b * b - a * c
         data[counts + i] = 0.0
         if under > 0.0:
-            # with y = x / (1 - x): c y^2 + 2 b y + a = 0, in the form that loses no digits
+            # With y = x / (1 - x): c y^2 + 2 b y + a = 0, in the form without cancellation.
             big = -(b + math.copysign(math.sqrt(under), b))
             y1 = a / big
             y2 = big / c if c != 0.0 else math.inf
@@ -200,11 +220,13 @@ def write_timed(
     end: Floats,
     q: Floats,
 ) -> int:
-    """Write the record of a timed piece, from :func:`write_cubic`'s arguments; returns the index
-    behind it. q: scratch (4, n).
+    """Write the record of a timed piece: the arguments of :func:`write_cubic`.
 
-    The parameter is scaled to the piece's length, so that coordinates behind the piece are path
-    lengths again.
+    The parameter is scaled to the length of the piece, so that coordinates behind it are path
+    lengths again. q (4, axes): scratch.
+
+    Returns:
+        The index behind it.
     """
     behind = write_cubic(data, at, like, start, first, second, end)
     extent = timed_length(SPAN, data, at, 1.0, q)

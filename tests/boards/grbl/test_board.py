@@ -1,6 +1,4 @@
-"""The GRBL sender on the board in the simulator: it streams without losing a byte, and tells every way in
-which a board can fail.
-"""
+"""The GRBL driver on the simulator: no byte is lost, and every way to end a run is reported."""
 
 from __future__ import annotations
 
@@ -41,13 +39,13 @@ class TestGrblHal(LineBoardConformance):
         return connected(GrblSimulator(GRBLHAL))
 
 
-class TestGrblSim(LineBoardConformance):
+class TestGrblSimulator(LineBoardConformance):
     def make(self) -> LineSink:
         return GrblSimulatorBoard.from_machine(MACHINE)
 
 
 def mixed(count: int, seed: int) -> list[str]:
-    """Lines of all lengths: moves, short and long, arcs, dwells, remarks, offsets to EEPROM."""
+    """Lines of all lengths: short and long moves, arcs, dwells, remarks, offset writes."""
     rng = random.Random(seed)
     lines = [PREAMBLE]
     for _ in range(count):
@@ -56,9 +54,9 @@ def mixed(count: int, seed: int) -> list[str]:
         if kind < 0.55:
             lines.append(f"G1X{x:.3f}Y{y:.3f}F{rng.randint(900, 2000)}")
         elif kind < 0.75:
-            lines.append(
-                f"G1 X{x:.4f} Y{y:.4f} Z{-rng.random():.4f} F{rng.randint(900, 2000)} ({'x' * rng.randint(0, 30)})"
-            )
+            z, feed = -rng.random(), rng.randint(900, 2000)
+            remark = "x" * rng.randint(0, 30)
+            lines.append(f"G1 X{x:.4f} Y{y:.4f} Z{z:.4f} F{feed} ({remark})")
         elif kind < 0.9:
             lines.append(f"X{x:.1f}")
         elif kind < 0.99:
@@ -68,7 +66,7 @@ def mixed(count: int, seed: int) -> list[str]:
     return lines
 
 
-def test_the_ring_never_overflows_with_bursts_of_real_time_bytes_around_the_lines() -> None:
+def test_real_time_bursts_do_not_overflow_the_ring() -> None:
     simulator = GrblSimulator()
     board = started(simulator)
     rng = random.Random(5)
@@ -82,8 +80,8 @@ def test_the_ring_never_overflows_with_bursts_of_real_time_bytes_around_the_line
     assert simulator.core.lines >= share(10_000, 700)
 
 
-def test_check_mode_goes_as_fast_as_the_wire() -> None:
-    """Lines of 26 bytes at 115200 baud: 443 a second is all that the wire can carry."""
+def test_check_mode_reaches_the_rate_of_the_wire() -> None:
+    """Lines of 26 bytes at 115200 baud: the wire carries 443 a second."""
     simulator = GrblSimulator()
     board = connected(simulator)
     board.check_only = True
@@ -101,7 +99,7 @@ def test_check_mode_goes_as_fast_as_the_wire() -> None:
     assert rate >= 0.95 * 115200 / 10 / 26
 
 
-def test_offsets_to_eeprom_amid_motion_lose_nothing() -> None:
+def test_offset_writes_during_motion_lose_no_bytes() -> None:
     simulator = GrblSimulator()
     board = started(simulator)
     feed(board, PREAMBLE)
@@ -113,7 +111,7 @@ def test_offsets_to_eeprom_amid_motion_lose_nothing() -> None:
     assert simulator.core.eeprom.systems["G56"][0] == 39.0
 
 
-def test_an_operators_stop_keeps_the_position_and_throws_no_alarm() -> None:
+def test_a_stop_keeps_the_position_without_an_alarm() -> None:
     for seed in range(share(50, 6)):
         rng = random.Random(seed)
         simulator = GrblSimulator()
@@ -141,7 +139,7 @@ def test_an_operators_stop_keeps_the_position_and_throws_no_alarm() -> None:
         assert [event.value for event in simulator.events if event.kind == "alarm"] == []
 
 
-def test_hold_and_resume_lose_nothing() -> None:
+def test_hold_and_resume_keep_all_motion() -> None:
     simulator = GrblSimulator()
     control = Control()
     seen: list[str] = []
@@ -177,13 +175,13 @@ def test_the_feed_override_is_reached_and_held(percent: int) -> None:
     assert simulator.core.planner.feed_override == 100
 
 
-def test_an_override_that_grbl_does_not_have_is_refused_before_anything_moves() -> None:
+def test_an_unsupported_override_is_refused_before_motion() -> None:
     with pytest.raises(BoardError) as caught:
         started(GrblSimulator(), Control(5.0))
     assert caught.value.diagnostic.code == "override-refused"
 
 
-def test_a_machine_that_was_moved_since_it_was_asked_does_not_start() -> None:
+def test_a_machine_that_was_moved_does_not_start() -> None:
     simulator = GrblSimulator()
     board = connected(simulator)
     simulator.write(b"G1 X1 F600\n")
@@ -197,7 +195,7 @@ def said(state: str, override: int = 100, phase: int = -1) -> Status:
     return Status(state, phase, (0.0, 0.0, 0.0), None, (override, 100, 100))
 
 
-def test_wishes_become_bytes_and_are_said_again_if_they_get_lost() -> None:
+def test_lost_requests_are_repeated() -> None:
     control = Control()
     requests = OperatorRequests(control)
     assert requests.commands(said("Run"), 0.0, 0.1) == b""
@@ -213,7 +211,7 @@ def test_wishes_become_bytes_and_are_said_again_if_they_get_lost() -> None:
     assert not control.held
 
 
-def test_a_hold_at_the_machine_is_the_operators_until_he_goes_on_here_or_there() -> None:
+def test_a_hold_at_the_machine_becomes_a_hold_of_the_operator() -> None:
     control = Control()
     requests = OperatorRequests(control)
     assert requests.commands(said("Hold", phase=0), 1.0, 1.1) == b""
@@ -236,7 +234,7 @@ def test_a_hold_at_the_machine_is_the_operators_until_he_goes_on_here_or_there()
         (100, 100, b""),
     ],
 )
-def test_the_override_goes_by_tens_and_ones(wanted: int, now: int, byte: bytes) -> None:
+def test_the_override_changes_in_steps_of_ten_and_one(wanted: int, now: int, byte: bytes) -> None:
     requests = OperatorRequests(Control(wanted))
     assert requests.commands(said("Run", now), 1.0, 1.1) == byte
     assert requests.commands(said("Run", now), 1.2, 1.3) == b""
@@ -262,7 +260,7 @@ def test_a_program_stop_waits_for_the_operator() -> None:
     assert board.position[0] == pytest.approx(2.0, abs=0.002)
 
 
-def test_a_long_dwell_and_a_long_move_are_no_faults() -> None:
+def test_a_long_dwell_and_a_long_move_are_not_faults() -> None:
     simulator = GrblSimulator()
     board = started(simulator)
     feed(board, PREAMBLE, "G4 P45", "G1 X5 F2", "G4 P8", "G1 X6 F600")
@@ -271,7 +269,7 @@ def test_a_long_dwell_and_a_long_move_are_no_faults() -> None:
     assert board.position[0] == pytest.approx(6.0, abs=0.002)
 
 
-def test_a_probe_answers_where_it_touched_and_a_miss_is_told() -> None:
+def test_a_probe_returns_its_contact_and_a_miss_is_reported() -> None:
     simulator = GrblSimulator(environment=Environment(surface=((0.0, 0.0, 1.0), -4.0)))
     board = started(simulator)
     feed(board, PREAMBLE, "G38.2 Z-8 F120")
@@ -286,7 +284,7 @@ def test_a_probe_answers_where_it_touched_and_a_miss_is_told() -> None:
     assert (found.code, found.line) == ("probe-no-contact", 5)
 
 
-def test_soft_limits_of_the_board_stop_a_line_without_an_answer() -> None:
+def test_a_soft_limit_alarm_is_reported() -> None:
     simulator = GrblSimulator(settings={20: 1, 22: 1, 130: 50, 131: 50, 132: 50})
     board = connected(simulator)
     board.link.ask("$X")
@@ -297,7 +295,7 @@ def test_soft_limits_of_the_board_stop_a_line_without_an_answer() -> None:
     assert "ALARM:2" in found.message
 
 
-def test_a_locked_board_is_not_unlocked_by_itself() -> None:
+def test_a_locked_board_is_not_unlocked() -> None:
     simulator = GrblSimulator(settings={22: 1})
     board = started(simulator)
     with pytest.raises(BoardError) as caught:
@@ -306,7 +304,7 @@ def test_a_locked_board_is_not_unlocked_by_itself() -> None:
     assert "$H" in caught.value.diagnostic.hint
 
 
-def test_homing_takes_its_time() -> None:
+def test_long_homing_is_not_a_fault() -> None:
     simulator = GrblSimulator(settings={22: 1, 20: 1})
     board = started(simulator)
     feed(board, "$H", PREAMBLE)
@@ -316,7 +314,7 @@ def test_homing_takes_its_time() -> None:
     assert board.position == pytest.approx((-1.0, -1.0, -1.0), abs=0.002)
 
 
-def test_another_offset_than_that_of_g54_is_found_before_anything_moves() -> None:
+def test_a_wrong_offset_is_found_before_motion() -> None:
     simulator = GrblSimulator()
     simulator.core.eeprom.systems["G54"] = (1.0, 2.0, 3.0)
     board = started(simulator)
@@ -329,7 +327,7 @@ def test_another_offset_than_that_of_g54_is_found_before_anything_moves() -> Non
     assert not simulator.moves
 
 
-def test_a_line_too_long_is_not_sent() -> None:
+def test_a_line_that_is_too_long_is_not_sent() -> None:
     simulator = GrblSimulator()
     board = started(simulator)
     with pytest.raises(BoardError) as caught:
@@ -339,8 +337,9 @@ def test_a_line_too_long_is_not_sent() -> None:
 
 
 class Device:
-    """A device that is no GRBL board: it says ``greeting`` and echoes what it is asked, or says
-    nothing.
+    """A device that is not a GRBL board.
+
+    It sends ``greeting`` and echoes received bytes, or sends nothing.
     """
 
     def __init__(self, greeting: bytes, answer: bytes = b"") -> None:
@@ -384,9 +383,7 @@ class Device:
         (b"<Run|MPos:1.000,0.000,0.000|FS:500,0>\r\n", b"", "board-busy"),
     ],
 )
-def test_what_is_no_grbl_board_is_refused_before_anything_moves(
-    greeting: bytes, answer: bytes, code: str
-) -> None:
+def test_other_boards_are_refused_before_motion(greeting: bytes, answer: bytes, code: str) -> None:
     device = Device(greeting, answer)
     board = GrblBoard(device, MACHINE, device, "/dev/ttyUSB0")
     with pytest.raises(BoardError) as caught:
@@ -398,7 +395,7 @@ def test_what_is_no_grbl_board_is_refused_before_anything_moves(
     assert set(device.heard) <= set(b"?\x18\n")
 
 
-def test_an_unplugged_board_names_the_last_line_and_does_not_go_on() -> None:
+def test_unplugging_reports_the_last_line_and_stops_the_run() -> None:
     simulator = GrblSimulator()
     board = started(simulator)
     feed(board, PREAMBLE, "G1 X2 F300", "G1 X4", "G1 X6", "G1 X8")
@@ -413,7 +410,7 @@ def test_an_unplugged_board_names_the_last_line_and_does_not_go_on() -> None:
         feed(board, "G1 X1")
 
 
-def test_a_board_that_restarts_by_itself_is_noticed() -> None:
+def test_a_restart_of_the_board_is_reported() -> None:
     simulator = GrblSimulator()
     board = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F300")
@@ -424,7 +421,7 @@ def test_a_board_that_restarts_by_itself_is_noticed() -> None:
     assert caught.value.diagnostic.code in ("board-restarted", "off-path", "reply-lost")
 
 
-def test_what_the_board_tells_of_itself() -> None:
+def test_firmware_settings_and_offsets_are_read() -> None:
     info = BoardInfo("1.1h", hal=False)
     info.take(
         [
@@ -445,13 +442,13 @@ def test_what_the_board_tells_of_itself() -> None:
 
 
 @pytest.mark.parametrize("told", ["V", "V,15", "V,15,x", "V,,", "", "V,15,3"])
-def test_a_buffer_that_is_not_told_is_the_least_there_is(told: str) -> None:
+def test_an_unreported_buffer_size_is_the_smallest(told: str) -> None:
     info = BoardInfo("1.1h", hal=False)
     info.take([Feedback("OPT", told)])
     assert info.rx_bytes == 128
 
 
-def test_grblhal_tells_a_larger_buffer_which_is_used() -> None:
+def test_the_larger_buffer_of_grblhal_is_used() -> None:
     simulator = GrblSimulator(GRBLHAL)
     board = started(simulator)
     assert board.info.hal

@@ -1,5 +1,6 @@
-"""The GRBL sender and every fault that the simulator knows, at random moments: told in time, at its line,
-and nothing moves after it.
+"""The GRBL driver and every fault of the simulator at random times.
+
+Each fault is reported in time, at its line, and the machine is at rest afterwards.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import replace
 
 import pytest
 
-from cnc.boards.grbl.protocol import Reported
+from cnc.boards.grbl.events import Reported
 from cnc.boards.grbl.simulator.faults import (
     Alarm,
     Corrupt,
@@ -50,7 +51,7 @@ FAULTS: list[tuple[str, Callable[[random.Random], Fault], set[str]]] = [
 
 
 @pytest.mark.parametrize(("name", "make", "codes"), FAULTS, ids=[name for name, _, _ in FAULTS])
-def test_every_fault_is_told_in_time_and_nothing_moves_after_it(
+def test_faults_are_reported_in_time_and_motion_ends(
     name: str, make: Callable[[random.Random], Fault], codes: set[str]
 ) -> None:
     for seed in range(share(40, 4)):
@@ -88,9 +89,7 @@ def test_every_fault_is_told_in_time_and_nothing_moves_after_it(
 
 
 def on_its_way(simulator: GrblSimulator, when: float) -> int:
-    """Source line, of a program of moves behind one line of modes, that the machine was on at a
-    time.
-    """
+    """Source line of the move at a position, in a program of moves after one line of modes."""
     return sum(move.begin_time <= when for move in simulator.moves)
 
 
@@ -105,7 +104,7 @@ def on_its_way(simulator: GrblSimulator, when: float) -> int:
     ],
     ids=["zigzag", "chords", "arcs", "to and fro"],
 )
-def test_no_more_motion_is_sent_ahead_than_the_planner_has_use_for(
+def test_motion_ahead_is_limited_without_loss_of_speed(
     lines: list[str], settings: dict[int, float] | None
 ) -> None:
     times = []
@@ -128,10 +127,8 @@ def test_no_more_motion_is_sent_ahead_than_the_planner_has_use_for(
     assert times[0][1] < 4.0
 
 
-def test_a_report_that_is_wrong_once_is_none_twice_is_a_fault() -> None:
-    """An AVR reads its position while it steps: a number may be half the old and half the new
-    one.
-    """
+def test_two_wrong_reports_are_a_fault() -> None:
+    """An AVR reads its position while it steps: a number may be half old and half new."""
     simulator = GrblSimulator()
     board = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F300")
@@ -149,7 +146,7 @@ def test_a_report_that_is_wrong_once_is_none_twice_is_a_fault() -> None:
     assert (caught.value.diagnostic.code, caught.value.diagnostic.line) == ("off-path", 2)
 
 
-def test_a_line_that_goes_less_far_than_it_was_sent_is_found_before_a_pause() -> None:
+def test_a_shortened_move_is_found_before_a_pause() -> None:
     simulator = GrblSimulator()
     board = started(simulator)
     feed(board, PREAMBLE)
@@ -168,7 +165,7 @@ def end_of(lines: Sequence[str]) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize("code", range(1, 11))
-def test_alarms_have_their_number_meaning_and_advice(code: int) -> None:
+def test_alarms_have_number_meaning_and_advice(code: int) -> None:
     simulator = GrblSimulator()
     board = started(simulator)
     feed(board, PREAMBLE, "G1 X5 F200")
@@ -181,7 +178,7 @@ def test_alarms_have_their_number_meaning_and_advice(code: int) -> None:
     )  # GRBL had forgotten the reset that came while it told of its limit
 
 
-def test_after_an_error_nothing_queued_behind_it_moves() -> None:
+def test_queued_lines_do_not_move_after_an_error() -> None:
     simulator = GrblSimulator()
     board = started(simulator)
     feed(board, PREAMBLE, "G1 X1 F300")

@@ -1,6 +1,4 @@
-"""Opening a board's port leaves DTR as it is, so a board that stands somewhere still knows where
-afterwards.
-"""
+"""Opening the port of a board leaves DTR as it is, so that the board keeps its position."""
 
 from __future__ import annotations
 
@@ -35,7 +33,7 @@ def listen(port: GrblSimulatorPort, seconds: float) -> bytes:
 
 
 def moved(simulator: GrblSimulator) -> None:
-    """Open a port that keeps DTR up, go to X5, set offsets in both memories, and close it."""
+    """Open a port that keeps DTR up, move to X5, set offsets in both memories, and close it."""
     port = GrblSimulatorPort(simulator, hang_up=False)
     listen(port, BOOT_TIME + 0.2)
     port.write(b"G0X5\nG92X1\nG10L2P2Y3\n")
@@ -47,7 +45,7 @@ def moved(simulator: GrblSimulator) -> None:
 # The simulator
 
 
-def test_a_rise_of_dtr_resets_the_simulator_and_a_line_that_stays_up_does_not() -> None:
+def test_only_a_rise_of_dtr_resets_the_simulator() -> None:
     simulator = GrblSimulator(settings=FAST)
     moved(simulator)
     again = GrblSimulatorPort(simulator)
@@ -68,7 +66,7 @@ def test_a_rise_of_dtr_resets_the_simulator_and_a_line_that_stays_up_does_not() 
     assert simulator.core.eeprom.systems["G55"][1] == 3.0
 
 
-def test_a_board_that_was_unplugged_starts_anew() -> None:
+def test_an_unplugged_board_restarts() -> None:
     simulator = GrblSimulator(settings=FAST)
     moved(simulator)
     simulator.inject(Unplug())
@@ -102,7 +100,7 @@ def test_a_second_opening_does_not_reset_the_board() -> None:
 
 
 @TERMINALS
-def test_a_program_that_lets_dtr_fall_resets_the_simulator_behind_a_terminal() -> None:
+def test_a_program_that_drops_dtr_resets_the_simulator_at_a_terminal() -> None:
     import termios
 
     with PtyServer(GrblSimulator(settings=FAST), 10.0) as server:
@@ -123,7 +121,7 @@ def test_a_program_that_lets_dtr_fall_resets_the_simulator_behind_a_terminal() -
 
 
 class Opened:
-    """Stands for pyserial's object on Windows: the lines that it has when it opens the port."""
+    """The object of pyserial on Windows, with its modem lines at the opening of the port."""
 
     def __init__(self) -> None:
         self.dtr = self.rts = True
@@ -149,12 +147,10 @@ class Opened:
         (False, "/dev/ttyUSB0", (True, True)),
     ],
 )
-def test_no_line_is_toggled(
+def test_opening_toggles_no_modem_line(
     monkeypatch: pytest.MonkeyPatch, lowered: bool, name: str, lines: tuple[bool, bool]
 ) -> None:
-    """On Windows they are down from the first opening on; elsewhere they are as the system has them
-    when it opens a port: up.
-    """
+    """On Windows they are down from the first opening on; elsewhere they stay as they are."""
     opened = Opened()
     monkeypatch.setattr(serial_port, "LINES_LOW", lowered)
     monkeypatch.setattr("serial.serial_for_url", lambda *_, **__: opened)
@@ -166,7 +162,7 @@ def test_no_line_is_toggled(
 
 
 @TERMINALS
-def test_a_new_terminal_is_another_board_and_the_same_one_is_the_same() -> None:
+def test_each_terminal_is_a_board_of_its_own() -> None:
     with PtyServer(GrblSimulator()) as server:
         name, first = server.name, identity(server.name)
         link = open_port(name, 115200)
@@ -178,7 +174,7 @@ def test_a_new_terminal_is_another_board_and_the_same_one_is_the_same() -> None:
 
 
 @TERMINALS
-def test_a_board_is_known_by_its_serial_number_then_by_its_port(
+def test_a_board_is_identified_by_serial_number_or_port(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     device, link = tmp_path / "ttyACM0", tmp_path / "usb-Arduino-if00"
@@ -206,7 +202,7 @@ def connected(simulator: GrblSimulator) -> GrblBoard:
     return board
 
 
-def test_a_restart_at_the_opening_is_noticed_and_none_is_made() -> None:
+def test_a_restart_at_opening_is_detected() -> None:
     simulator = GrblSimulator(settings=FAST)
     assert connected(simulator).restarted
     moved(simulator)
@@ -217,8 +213,8 @@ def test_a_restart_at_the_opening_is_noticed_and_none_is_made() -> None:
     assert connected(simulator).restarted
 
 
-def test_a_greeting_without_a_restart_is_none() -> None:
-    """grblHAL greets whoever connects over the network."""
+def test_a_welcome_without_a_restart_is_not_a_restart() -> None:
+    """grblHAL greets each new network connection."""
     simulator = GrblSimulator(GRBLHAL, settings=FAST)
     moved(simulator)
     simulator.core.say(GRBLHAL.banner)
@@ -229,9 +225,7 @@ def test_a_greeting_without_a_restart_is_none() -> None:
 
 
 class NativeUsb:
-    """A board that sends only while DTR is up, on a system where opening its port leaves DTR
-    down.
-    """
+    """A board that sends only while DTR is up, where opening its port leaves DTR down."""
 
     def __init__(self, simulator: GrblSimulator) -> None:
         self.port = GrblSimulatorPort(simulator, lowered=True)
@@ -252,7 +246,7 @@ class NativeUsb:
         self.port.close()
 
 
-def test_a_board_that_sends_only_with_dtr_up_is_found() -> None:
+def test_a_board_that_needs_dtr_is_found() -> None:
     simulator = GrblSimulator(settings=FAST)
     moved(simulator)
     port = NativeUsb(simulator)
@@ -262,7 +256,7 @@ def test_a_board_that_sends_only_with_dtr_up_is_found() -> None:
     assert board.position == (5.0, 0.0, 0.0)
 
 
-def test_a_line_that_is_down_stays_down_for_a_board_that_answers() -> None:
+def test_dtr_stays_down_for_a_board_that_answers() -> None:
     simulator = GrblSimulator(settings=FAST)
     moved(simulator)
     port = GrblSimulatorPort(simulator, lowered=True)
@@ -272,7 +266,7 @@ def test_a_line_that_is_down_stays_down_for_a_board_that_answers() -> None:
     assert board.position == (5.0, 0.0, 0.0)
 
 
-def test_lines_are_raised_only_where_they_are_down(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_lowered_lines_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:
     for lowered in (False, True):
         opened = Opened()
         monkeypatch.setattr(serial_port, "LINES_LOW", lowered)

@@ -1,6 +1,4 @@
-"""The board followed along the lines that it was sent: on its way it is never taken to be off it,
-and off it it is found out.
-"""
+"""Positions along the moves that were sent: on the toolpath no fault, beside it always one."""
 
 from __future__ import annotations
 
@@ -25,8 +23,9 @@ PLANES = {"G17": (0, 1), "G18": (2, 0), "G19": (1, 2)}
 def arc(
     start: Point, plane: str, radius: float, first: float, sweep: float, rise: float
 ) -> tuple[str, list[Point]]:
-    """A line and the way that it means, by the definition of an arc: G3 turns the first axis of the
-    plane towards the second.
+    """Return the line of an arc, and its points by definition.
+
+    G3 turns the first axis of the plane towards the second.
     """
     i, j = PLANES[plane]
     across = 3 - i - j
@@ -61,7 +60,7 @@ Program = list[tuple[int, int, int] | tuple[str, float, float, float, float]]
 
 
 def meant(program: Program) -> list[tuple[str, list[Point]]]:
-    """Lines with the way that each means, in the board's G54."""
+    """Return lines with their points, in the board's G54."""
     at: Point = (0.0, 0.0, 0.0)
     lines: list[tuple[str, list[Point]]] = []
     for move in program:
@@ -87,7 +86,7 @@ def machine(point: Point) -> Point:
 
 
 @given(PROGRAMS, st.integers(1, 150), st.integers(0, 2**31))
-def test_a_board_on_its_way_is_on_it_and_is_never_taken_to_be_further(
+def test_a_board_on_its_toolpath_is_never_assumed_further(
     program: Program, stride: int, seed: int
 ) -> None:
     rng = random.Random(seed)
@@ -104,7 +103,7 @@ def test_a_board_on_its_way_is_on_it_and_is_never_taken_to_be_further(
 
 
 @given(PROGRAMS, st.floats(0.5, 3.0), st.floats(0, math.tau), st.floats(0, math.pi))
-def test_a_board_off_its_way_is_as_far_from_it_as_is_told(
+def test_the_distance_from_the_toolpath_is_correct(
     program: Program, far: float, a: float, b: float
 ) -> None:
     lines = [("", [(0.0, 0.0, 0.0)]), *meant(program)]
@@ -146,7 +145,7 @@ def followed(lines: list[tuple[str, list[Point]]]) -> PositionTracker:
         (["G4 P100"], 0.0),
     ],
 )
-def test_the_time_that_lies_ahead(lines: list[str], seconds: float) -> None:
+def test_the_time_of_the_motion_ahead(lines: list[str], seconds: float) -> None:
     follower = PositionTracker(
         PLANNER, (0.0, 0.0, 0.0), TOLERANCE, AxisLimits((20.0,) * 3, (20.0,) * 3)
     )
@@ -156,7 +155,7 @@ def test_the_time_that_lies_ahead(lines: list[str], seconds: float) -> None:
     assert follower.seconds == pytest.approx(seconds)
 
 
-def test_overrides_stretch_the_moves_that_they_are_for() -> None:
+def test_overrides_scale_feeds_and_traverses() -> None:
     follower = PositionTracker(
         PLANNER, (0.0, 0.0, 0.0), TOLERANCE, AxisLimits((20.0,) * 3, (20.0,) * 3)
     )
@@ -174,7 +173,7 @@ def test_overrides_stretch_the_moves_that_they_are_for() -> None:
 
 
 @pytest.mark.parametrize("line", ["G91", "G1 X1 R2", "G53 G0 X1", "$H", "G20", "X"])
-def test_what_is_not_understood_is_not_judged(line: str) -> None:
+def test_after_an_unknown_line_nothing_is_a_fault(line: str) -> None:
     follower = PositionTracker(PLANNER, (0.0, 0.0, 0.0))
     follower.begin((0.0, 0.0, 0.0))
     reader = LineReader()
@@ -187,7 +186,7 @@ def test_what_is_not_understood_is_not_judged(line: str) -> None:
     assert follower.off((2.0, 0.0, 0.0), 0) == 1.0
 
 
-def test_a_probe_may_end_early_but_not_beside_its_way() -> None:
+def test_a_probe_may_end_early_on_its_toolpath() -> None:
     follower = PositionTracker(PLANNER, (0.0, 0.0, 0.0))
     follower.begin((0.0, 0.0, 0.0))
     follower.send(LineReader().read("G38.2 Z-10 F100", 1))

@@ -1,6 +1,4 @@
-"""The conversation with a GRBL board: every message of the interface's documentation, in any
-pieces, among any noise; bytes are counted.
-"""
+"""The protocol of a GRBL board: every documented message, in any pieces."""
 
 from __future__ import annotations
 
@@ -12,6 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.boards.grbl.codes import ALARMS, ALARMS_HAL, ERRORS, alarm_meaning, error_meaning
+from cnc.boards.grbl.events import (
+    Alarmed,
+    Confirmed,
+    Lost,
+    Rejected,
+    Reported,
+    Started,
+    UnexpectedReply,
+)
 from cnc.boards.grbl.line_kinds import kind_of, seconds_of
 from cnc.boards.grbl.messages import (
     Alarm,
@@ -25,18 +32,7 @@ from cnc.boards.grbl.messages import (
     Welcome,
     message,
 )
-from cnc.boards.grbl.protocol import (
-    MARK_BYTES,
-    Alarmed,
-    Confirmed,
-    GrblProtocol,
-    Lost,
-    Rejected,
-    Reported,
-    Started,
-    State,
-    UnexpectedReply,
-)
+from cnc.boards.grbl.protocol import MARK_BYTES, GrblProtocol, State
 from cnc.boards.grbl.status import StatusReader
 
 DOCUMENTED: list[tuple[str, Message]] = [
@@ -89,7 +85,7 @@ def test_messages_come_in_any_pieces(said: list[tuple[str, Message]], seed: int)
 
 
 @given(st.lists(st.binary(max_size=300), max_size=8), st.data())
-def test_noise_is_no_end_of_the_world(noise: list[bytes], data: st.DataObject) -> None:
+def test_noise_does_not_break_the_protocol(noise: list[bytes], data: st.DataObject) -> None:
     protocol = ready()
     for piece in noise:
         if protocol.fits("G1X1"):
@@ -111,12 +107,10 @@ def test_noise_is_no_end_of_the_world(noise: list[bytes], data: st.DataObject) -
     st.lists(st.integers(1, 79), min_size=1, max_size=300),
     st.integers(0, 2**32),
 )
-def test_never_more_than_the_buffer_holds_and_every_line_gets_through(
+def test_the_buffer_never_overflows_and_all_lines_arrive(
     rx: int, lengths: list[int], seed: int
 ) -> None:
-    """A ring that holds one byte less than its size, as rings do, and a board that answers when it
-    likes.
-    """
+    """A ring that holds one byte less than its size, and a board that answers at any time."""
     order = random.Random(seed)
     protocol = ready()
     protocol.rx_bytes = rx
@@ -143,7 +137,7 @@ def test_never_more_than_the_buffer_holds_and_every_line_gets_through(
     assert protocol.confirmed_line == len(lines)
 
 
-def test_the_budget_of_grbl_is_used_to_its_last_line() -> None:
+def test_the_buffer_of_grbl_is_used_completely() -> None:
     protocol = ready()
     count = 0
     while protocol.fits("G1X10.000Y10.000F1000Z1.0"):
@@ -154,7 +148,7 @@ def test_the_budget_of_grbl_is_used_to_its_last_line() -> None:
     assert protocol.mark_fits()
 
 
-def test_a_line_longer_than_the_budget_goes_alone() -> None:
+def test_a_line_longer_than_the_buffer_is_sent_alone() -> None:
     protocol = ready()
     protocol.rx_bytes = 32
     assert protocol.fits("X" * 70)
@@ -195,7 +189,7 @@ def test_a_line_longer_than_the_budget_goes_alone() -> None:
         ("G43.1 Z1", "plain"),
     ],
 )
-def test_what_a_line_needs(text: str, kind: str) -> None:
+def test_kinds_of_lines(text: str, kind: str) -> None:
     assert kind_of(text) == kind
 
 
@@ -212,7 +206,7 @@ def test_seconds_of_a_dwell() -> None:
         st.sampled_from(["G1X1", "$110=5", "G10L2P1X1", "$H", "G28.1"]), min_size=1, max_size=30
     )
 )
-def test_writers_and_system_commands_are_under_way_alone(lines: list[str]) -> None:
+def test_writers_and_system_commands_are_sent_alone(lines: list[str]) -> None:
     protocol, under_way = ready(), deque()
     for text in lines:
         while not protocol.fits(text):
@@ -223,7 +217,7 @@ def test_writers_and_system_commands_are_under_way_alone(lines: list[str]) -> No
         assert len(under_way) == 1 or all(kind_of(each) == "plain" for each in under_way)
 
 
-def test_an_error_belongs_to_the_oldest_line_and_nothing_after_it_counts() -> None:
+def test_an_error_belongs_to_the_oldest_line() -> None:
     protocol = ready()
     for line in (7, 8, 9):
         protocol.send("G1X1", line)
@@ -273,7 +267,7 @@ def test_states(before: State, said: bytes, after: State) -> None:
     assert protocol.state is after
 
 
-def test_an_answer_to_nothing_and_a_restart_are_told() -> None:
+def test_unexpected_replies_and_restarts_are_events() -> None:
     assert ready().receive(b"ok\r\n") == [UnexpectedReply(0)]
     (event,) = ready().receive(WELCOME)
     assert isinstance(event, Started)
@@ -283,7 +277,7 @@ def test_an_answer_to_nothing_and_a_restart_are_told() -> None:
 @settings(max_examples=60)
 @given(st.integers(1, 60), st.integers(0, 59), st.sampled_from([5, 20]))
 def test_a_lost_answer_is_found_by_the_next_mark(count: int, lost: int, every: int) -> None:
-    """A board that answers at once, but for the one answer that is swallowed."""
+    """A board that answers at once, except for one lost answer."""
     lost %= count
     protocol = ready()
     protocol.rx_bytes = 4096
@@ -302,7 +296,7 @@ def test_a_lost_answer_is_found_by_the_next_mark(count: int, lost: int, every: i
     assert found.until - found.after <= every
 
 
-def test_a_mark_that_is_answered_in_its_place_finds_nothing() -> None:
+def test_a_mark_that_is_answered_in_order_shows_no_fault() -> None:
     protocol = ready()
     protocol.send("G1 X1 F1500", 1)
     protocol.mark()
@@ -327,8 +321,8 @@ def test_a_mark_shows_whether_the_feed_arrived(told: str, fine: bool) -> None:
 
 
 @pytest.mark.parametrize("behind", [b"", b"ok\r\n", b"[GC:G1 F500 S0]\r\nok\r\n"])
-def test_a_mark_that_is_refused_is_over(behind: bytes) -> None:
-    """A half line before it made one of both, and the board goes on."""
+def test_a_refused_mark_is_removed(behind: bytes) -> None:
+    """Half a line before it made one line of both, and the board continues."""
     protocol = ready()
     protocol.send("G1X1", 1)
     protocol.mark()
@@ -338,7 +332,7 @@ def test_a_mark_that_is_refused_is_over(behind: bytes) -> None:
     assert protocol.state is State.FAILED
 
 
-def test_marks_cost_three_bytes_and_one_is_under_way() -> None:
+def test_one_mark_of_three_bytes_at_a_time() -> None:
     protocol = ready()
     assert protocol.mark() == b"$G\n"
     assert protocol.used == MARK_BYTES == 3
@@ -372,7 +366,7 @@ def test_status_fields_in_any_order_and_number(order: list[str], left_out: set[s
     assert not status.at_rest
 
 
-def test_what_comes_now_and_then_is_remembered() -> None:
+def test_fields_that_are_not_repeated_are_kept() -> None:
     reader = StatusReader()
     assert reader.read("Idle|WPos:1.000,1.000,1.000|F:0") is not None
     first = reader.read("Idle|WPos:1.000,1.000,1.000|FS:0,0|WCO:10.000,0.000,-5.000")
@@ -398,14 +392,14 @@ def test_inches() -> None:
 
 
 @given(st.text(alphabet="IdleRun|MPosWCO:.,0123456789-FSBfOv<>", max_size=60))
-def test_a_garbled_report_is_none(text: str) -> None:
+def test_a_damaged_report_is_ignored(text: str) -> None:
     StatusReader().read(text)
 
 
 @pytest.mark.parametrize(
     "text", ["", "Idle|MPos:1.0,x,0", "Idle|Ov:1,2", "12|MPos:0,0,0", "Idle|Bf:15"]
 )
-def test_these_are_garbled(text: str) -> None:
+def test_damaged_reports(text: str) -> None:
     protocol = ready()
     assert not any(
         isinstance(event, Reported) for event in protocol.receive(f"<{text}>\r\n".encode())
@@ -422,7 +416,7 @@ def test_every_code_has_a_meaning_and_advice() -> None:
             assert all(alarm_meaning(code, hal=hal)), code
 
 
-def test_the_same_number_means_something_else_on_grblhal() -> None:
+def test_grblhal_has_other_meanings_of_some_codes() -> None:
     assert "second limit switch" in alarm_meaning(10, hal=False).fault
     assert "emergency stop" in alarm_meaning(10, hal=True).fault
     assert "second limit switch" in alarm_meaning(15, hal=True).fault

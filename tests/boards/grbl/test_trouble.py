@@ -1,6 +1,4 @@
-"""The GRBL sender in trouble: whatever the line garbles, whenever the board falls silent, it ends
-in time, with the truth or a fault.
-"""
+"""The GRBL driver with damaged messages and silent boards: each run ends well or in a fault."""
 
 from __future__ import annotations
 
@@ -10,8 +8,9 @@ from collections.abc import Callable
 import pytest
 
 from cnc.boards.grbl.driver import GrblBoard
+from cnc.boards.grbl.events import SentLine
 from cnc.boards.grbl.liveness import STUCK, LivenessMonitor
-from cnc.boards.grbl.protocol import SentLine, State
+from cnc.boards.grbl.protocol import State
 from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Alarm, Drop, Error, Freeze, Swallow, Unplug
 from cnc.boards.grbl.simulator.firmware_profile import GRBL, GRBLHAL, FirmwareProfile
@@ -31,9 +30,7 @@ END = (4.5, 3.25, 0.0)
 
 
 class Wire:
-    """A port with something between it and the board: ``heard`` may change what the board says,
-    ``said`` what it is told.
-    """
+    """A port that may change bytes: ``heard`` of the board, ``said`` of the driver."""
 
     def __init__(self, simulator: GrblSimulator) -> None:
         self.port = GrblSimulatorPort(simulator)
@@ -69,7 +66,7 @@ def started(simulator: GrblSimulator, control: Control | None = None) -> tuple[G
 
 
 def fault(board: GrblBoard, *lines: str) -> BoardError | None:
-    """What a program ends in."""
+    """Return the fault in which a program ends."""
     try:
         feed(board, *lines)
         board.finish()
@@ -78,14 +75,14 @@ def fault(board: GrblBoard, *lines: str) -> BoardError | None:
     return None
 
 
-def moves_no_more(simulator: GrblSimulator) -> bool:
+def assert_at_rest(simulator: GrblSimulator) -> bool:
     stands, moved = simulator.position, len(simulator.moves)
     simulator.advance(simulator.now + 10.0)
     return (simulator.position, len(simulator.moves)) == (stands, moved)
 
 
 @pytest.mark.parametrize("wrong", ["drop", "flip", "double", "noise"])
-def test_whatever_happens_to_what_the_board_says_the_run_ends_well_or_in_a_fault(
+def test_any_damage_to_messages_ends_in_success_or_a_fault(
     wrong: str,
 ) -> None:
     for seed in range(share(60, 6)):
@@ -121,11 +118,11 @@ def test_whatever_happens_to_what_the_board_says_the_run_ends_well_or_in_a_fault
         else:
             assert error.exit_code == 3
             assert simulator.now - begins < 25.0
-            assert moves_no_more(simulator), seed
+            assert assert_at_rest(simulator), seed
 
 
 class Damage:
-    """Strikes the first line that reads ``text``."""
+    """Damages the first line with the text ``text``."""
 
     def __init__(
         self, wrong: str, text: bytes, rng: random.Random, simulator: GrblSimulator
@@ -149,10 +146,8 @@ class Damage:
 
 
 @pytest.mark.parametrize("wrong", ["drop", "flip", "double"])
-def test_a_line_that_is_damaged_on_its_way_is_told_in_time_and_named(wrong: str) -> None:
-    """Bytes of one line are lost, changed by a bit, or come twice; on a fresh board moves take
-    seconds.
-    """
+def test_a_damaged_line_is_reported_in_time_with_its_number(wrong: str) -> None:
+    """Bytes of a line are lost, changed or doubled; moves of a new board take seconds."""
     for seed in range(share(40, 6)):
         rng = random.Random(f"{wrong} {seed}")
         simulator = GrblSimulator((GRBL, GRBLHAL)[seed % 2], settings=(None, ROUTER)[seed // 2 % 2])
@@ -174,17 +169,15 @@ def test_a_line_that_is_damaged_on_its_way_is_told_in_time_and_named(wrong: str)
         assert simulator.now - damage.struck <= LATEST, (seed, error)
         # where it leaves its way is told by five reports a second
         assert -4 <= error.diagnostic.line - (victim + 1) <= 2, (seed, error)
-        assert moves_no_more(simulator), seed
+        assert assert_at_rest(simulator), seed
 
 
 @pytest.mark.parametrize("make", [Unplug, Freeze])
 @pytest.mark.parametrize("profile", [GRBL, GRBLHAL])
-def test_a_board_that_goes_away_at_any_moment_of_its_life_is_noticed(
+def test_a_board_lost_at_any_time_is_reported(
     make: Callable[[], Unplug | Freeze], profile: FirmwareProfile
 ) -> None:
-    """Greeting, settings, offsets to EEPROM, a dwell, a probe, a pause, a hold: somewhere in
-    there.
-    """
+    """During welcome, settings, offset writes, a dwell, a probe, a pause, a hold."""
     lines = [
         PREAMBLE,
         "G10 L2 P2 X1",
@@ -203,7 +196,7 @@ def test_a_board_that_goes_away_at_any_moment_of_its_life_is_noticed(
         simulator = GrblSimulator(profile, environment=Environment(surface=((0.0, 0.0, 1.0), -2.0)))
         struck = rng.uniform(0.0, 32.0)
         simulator.inject(make(), time=struck)
-        error = lived(simulator, lines)
+        error = life(simulator, lines)
         if error is None:
             assert simulator.now < struck
             continue
@@ -216,10 +209,8 @@ def test_a_board_that_goes_away_at_any_moment_of_its_life_is_noticed(
         ), seed
 
 
-def lived(simulator: GrblSimulator, lines: list[str]) -> BoardError | None:
-    """A board from its greeting to its end; the operator goes on after two seconds wherever it
-    waits for him.
-    """
+def life(simulator: GrblSimulator, lines: list[str]) -> BoardError | None:
+    """Connect a board and run lines; the operator resumes two seconds after each pause."""
     control = Control()
     held: list[float] = []
 
@@ -244,7 +235,7 @@ def lived(simulator: GrblSimulator, lines: list[str]) -> BoardError | None:
     return None
 
 
-def test_an_answer_to_an_offset_that_gets_lost_is_missed() -> None:
+def test_a_lost_answer_to_an_offset_is_found() -> None:
     simulator = GrblSimulator()
     board, _ = started(simulator)
     feed(board, PREAMBLE, "G1 X1 F400")
@@ -258,7 +249,7 @@ def test_an_answer_to_an_offset_that_gets_lost_is_missed() -> None:
 
 
 @pytest.mark.parametrize("arrives", [b"", b"\n", b"$"])
-def test_a_homing_command_that_gets_lost_is_missed(arrives: bytes) -> None:
+def test_a_lost_homing_command_is_found(arrives: bytes) -> None:
     simulator = GrblSimulator(settings={22: 1})
     board, wire = started(simulator)
     wire.said = lambda data: arrives if data == b"$H\n" else data
@@ -270,7 +261,7 @@ def test_a_homing_command_that_gets_lost_is_missed(arrives: bytes) -> None:
     assert not simulator.moves
 
 
-def test_noise_without_an_end_is_no_answer() -> None:
+def test_endless_noise_is_not_an_answer() -> None:
     simulator = GrblSimulator()
     board, wire = started(simulator)
     feed(board, *PROGRAM[:4])
@@ -283,7 +274,7 @@ def test_noise_without_an_end_is_no_answer() -> None:
 
 
 @pytest.mark.parametrize("text", [b"$I\n", b"$$\n", b"$#\n"])
-def test_a_board_that_starts_twice_is_asked_again(text: bytes) -> None:
+def test_a_board_that_starts_twice_is_connected(text: bytes) -> None:
     simulator = GrblSimulator()
     wire = Wire(simulator)
     again = [text]
@@ -302,7 +293,7 @@ def test_a_board_that_starts_twice_is_asked_again(text: bytes) -> None:
     assert len(board.position) == 3
 
 
-def test_answers_left_over_from_before_do_not_count() -> None:
+def test_answers_from_before_are_ignored() -> None:
     simulator = GrblSimulator()
     wire = Wire(simulator)
     extra = [b"ok\r\nok\r\n"]
@@ -313,7 +304,7 @@ def test_answers_left_over_from_before_do_not_count() -> None:
     assert fault(board, *PROGRAM[:3]) is None
 
 
-def test_an_answer_too_many_stops_everything() -> None:
+def test_an_extra_answer_stops_the_run() -> None:
     simulator = GrblSimulator()
     board, wire = started(simulator)
     feed(board, *PROGRAM[:2])
@@ -322,19 +313,19 @@ def test_an_answer_too_many_stops_everything() -> None:
     error = fault(board, *PROGRAM[2:])
     assert error is not None
     assert error.diagnostic.code == "reply-lost"
-    assert moves_no_more(simulator)
+    assert assert_at_rest(simulator)
 
 
-def test_a_conversation_out_of_step_never_waits() -> None:
+def test_a_failed_protocol_never_waits() -> None:
     simulator = GrblSimulator()
     board, _ = started(simulator)
     feed(board, *PROGRAM[:3])
     board.link.protocol.state = State.FAILED
     assert fault(board, *PROGRAM[3:]) is not None
-    assert moves_no_more(simulator)
+    assert assert_at_rest(simulator)
 
 
-def test_an_alarm_whose_message_gets_lost_is_seen_in_the_reports() -> None:
+def test_an_alarm_without_a_message_is_found_in_the_reports() -> None:
     simulator = GrblSimulator()
     board, wire = started(simulator)
     feed(board, PREAMBLE, "G1 X5 F300")
@@ -347,7 +338,7 @@ def test_an_alarm_whose_message_gets_lost_is_seen_in_the_reports() -> None:
     assert simulator.now - struck <= LATEST
 
 
-def test_an_alarm_while_the_operator_stops_is_told() -> None:
+def test_an_alarm_during_a_stop_is_reported() -> None:
     simulator = GrblSimulator()
     board, _ = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F400")
@@ -357,10 +348,10 @@ def test_an_alarm_while_the_operator_stops_is_told() -> None:
         board.stop()
     assert caught.value.diagnostic.code == "board-alarm"
     assert "ALARM:1" in caught.value.diagnostic.message
-    assert moves_no_more(simulator)
+    assert assert_at_rest(simulator)
 
 
-def test_an_alarm_on_top_of_an_error_is_told_too() -> None:
+def test_an_alarm_after_an_error_is_reported_too() -> None:
     simulator = GrblSimulator()
     board, _ = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F400", "G1 X8")
@@ -379,7 +370,7 @@ def test_an_alarm_on_top_of_an_error_is_told_too() -> None:
     assert "then: the board stopped with ALARM:1" in error.diagnostic.message
 
 
-def test_a_board_that_freezes_while_the_operator_stops_is_told() -> None:
+def test_a_frozen_board_during_a_stop_is_reported() -> None:
     simulator = GrblSimulator()
     board, _ = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F400")
@@ -393,8 +384,8 @@ def test_a_board_that_freezes_while_the_operator_stops_is_told() -> None:
     assert simulator.now - asked < 10.0
 
 
-def test_a_second_wish_to_stop_stops_again() -> None:
-    """Ctrl-C twice: the second may come while the first is being carried out."""
+def test_a_second_stop_request_stops_again() -> None:
+    """Ctrl-C twice: the second may come during the first stop."""
     simulator = GrblSimulator()
     board, _ = started(simulator)
     feed(board, PREAMBLE, "G1 X9 F400", "G1 X0")
@@ -412,16 +403,16 @@ def test_a_second_wish_to_stop_stops_again() -> None:
         board.stop()
     board.abort()
     assert simulator.core.state == "Idle"
-    assert moves_no_more(simulator)
+    assert assert_at_rest(simulator)
 
 
 @pytest.mark.parametrize("inches", [0, 1])
 @pytest.mark.parametrize("mask", [0, 1, 2, 3, 255])
 @pytest.mark.parametrize("profile", [GRBL, GRBLHAL])
-def test_reports_of_every_kind_are_followed(
+def test_reports_of_every_kind_are_tracked(
     profile: FirmwareProfile, mask: int, inches: int
 ) -> None:
-    """``$10``: machine or work positions, with and without the buffer's state; ``$13``: inches."""
+    """``$10``: machine or work positions, with and without the buffer; ``$13``: inches."""
     simulator = GrblSimulator(profile, settings={10: mask, 13: inches})
     simulator.core.eeprom.systems["G54"] = (-3.0, 2.0, 1.0)
     board, _ = started(simulator)
@@ -437,12 +428,12 @@ def test_reports_of_every_kind_are_followed(
     error = fault(board, "G1 X8.5 Y1 F400")
     assert error is not None
     assert error.diagnostic.code == "off-path"
-    assert moves_no_more(simulator)
+    assert assert_at_rest(simulator)
 
 
 @pytest.mark.parametrize("late", [0.05, 0.3])
-def test_a_board_that_answers_late_is_no_fault(late: float) -> None:
-    """A radio link, a hub, a busy computer."""
+def test_late_answers_are_not_a_fault(late: float) -> None:
+    """A radio link, a hub, or a busy computer."""
     simulator = GrblSimulator()
     board, wire = started(simulator)
     waiting: list[tuple[float, bytes]] = []
@@ -459,7 +450,7 @@ def test_a_board_that_answers_late_is_no_fault(late: float) -> None:
     assert board.position == pytest.approx(simulator.position, abs=0.003)
 
 
-def test_a_board_that_says_run_and_stands_still_is_stuck_even_if_nothing_is_due() -> None:
+def test_a_board_in_state_run_without_motion_is_stuck() -> None:
     liveness = LivenessMonitor()
     liveness.begin(0.0)
     for k in range(int(STUCK) + 3):
@@ -469,7 +460,7 @@ def test_a_board_that_says_run_and_stands_still_is_stuck_even_if_nothing_is_due(
     assert (found.diagnostic.code, found.diagnostic.line) == ("board-stuck", 7)
 
 
-def test_a_dwell_and_a_spindle_have_their_time() -> None:
+def test_dwells_and_spindle_starts_get_more_time() -> None:
     for kind, seconds, patience in (
         ("plain", 0.0, 2.0),
         ("dwell", 9.0, 11.0),

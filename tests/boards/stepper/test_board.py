@@ -100,9 +100,7 @@ def test_pins_make_the_planned_moves(small: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("program", [None, PROGRAMS / "trident.nc"], ids=["small", "trident"])
-def test_pins_take_the_estimated_time(
-    program: Path | None, small: Path, tmp_path: Path
-) -> None:
+def test_pins_take_the_estimated_time(program: Path | None, small: Path, tmp_path: Path) -> None:
     """Both end on the grid: the last edge is the end of the motion."""
     known = machine()
     report, simulator = played(program or small, tmp_path, known)

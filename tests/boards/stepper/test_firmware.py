@@ -199,9 +199,7 @@ def test_a_program_of_four_axes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("axes", "pulse_us", "setup_us"), [(3, 5, 5), (3, 20, 12), (4, 3, 25)])
-def test_pulse_length_and_direction_setup(
-    axes: int, pulse_us: int, setup_us: int
-) -> None:
+def test_pulse_length_and_direction_setup(axes: int, pulse_us: int, setup_us: int) -> None:
     """From the first move on, with turns at every chance, and moves that come sooner than they can
     be made.
     """
@@ -289,9 +287,7 @@ class Noise(SimulatorPort):
 
 
 @pytest.mark.parametrize("pause", [1e-3, 60e-6])
-def test_noise_on_switches_loses_no_step(
-    simulator: Simulator, pause: float
-) -> None:
+def test_noise_on_switches_loses_no_step(simulator: Simulator, pause: float) -> None:
     """An interrupt that looks at the inputs must not keep the ends of pulses waiting until the next
     ones are due.
 
@@ -322,9 +318,7 @@ def test_noise_on_switches_loses_no_step(
 
 @pytest.mark.parametrize(("pin", "within"), [(EMERGENCY_STOP_PIN, 200e-6), (LIMIT_X, 100e-6)])
 @pytest.mark.parametrize("seed", range(share(40, 3)))
-def test_switch_ends_the_motion_under_load(
-    pin: int, within: float, seed: int
-) -> None:
+def test_switch_ends_the_motion_under_load(pin: int, within: float, seed: int) -> None:
     """At full speed, at any cycle, while bytes come as fast as the line has them, and statuses go
     out.
     """
@@ -477,9 +471,7 @@ def wait(simulator: Simulator, driver: Stepper, seconds: float) -> None:
         driver._supervisor.pump(0.002)
 
 
-def test_buttons_hold_and_resume(
-    simulator: Simulator, tmp_path: Path
-) -> None:
+def test_buttons_hold_and_resume(simulator: Simulator, tmp_path: Path) -> None:
     (tmp_path / "p.ngc").write_text(PROGRAM)
     port = SimulatorPort(simulator)
     driver = Stepper(port, machine(), "the simulator", clock=port)
@@ -536,9 +528,7 @@ def test_bouncing_button_counts_once(host: Host) -> None:
 @pytest.mark.parametrize(
     ("pin", "code"), [(EMERGENCY_STOP_PIN, "board-emergency-stop"), (None, "board-silent")]
 )
-def test_fault_during_a_hold_ends_the_run(
-    tmp_path: Path, pin: int | None, code: str
-) -> None:
+def test_fault_during_a_hold_ends_the_run(tmp_path: Path, pin: int | None, code: str) -> None:
     """Nobody waits for a resume that can't help; time is the link's thread's, as with a real
     port.
     """
@@ -766,9 +756,7 @@ def test_outputs_go_off_when_the_host_dies_at_rest(host: Host, touch: bool) -> N
 
 
 @pytest.mark.parametrize("alarm", ["e-stop", "limit", "silence", "stream"])
-def test_all_alarms_end_spindle_and_coolant_but_not_the_drivers(
-    host: Host, alarm: str
-) -> None:
+def test_all_alarms_end_spindle_and_coolant_but_not_the_drivers(host: Host, alarm: str) -> None:
     host.stream(
         outputs(0b11011, 200) + b"".join(straight(100, 2_000) for _ in range(5)),
         500,

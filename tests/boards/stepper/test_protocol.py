@@ -269,7 +269,9 @@ def test_documented_lengths_are_those_of_the_code(name: str, form: str) -> None:
 
 
 @pytest.mark.parametrize(("word", "known"), [("state", State), ("alarm", Alarm)])
-def test_documented_numbers_are_those_of_the_code(word: str, known: type[State] | type[Alarm]) -> None:
+def test_documented_numbers_are_those_of_the_code(
+    word: str, known: type[State] | type[Alarm]
+) -> None:
     sentence = re.search(rf"\b{word}: (0 [^.]*)\.", PAGE, re.S)
     assert sentence is not None
     assert [int(number) for number in re.findall(r"\b(\d) [a-z]", sentence[1])] == [

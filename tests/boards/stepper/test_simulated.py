@@ -203,9 +203,7 @@ class Killed(Exception):
 
 
 @pytest.mark.parametrize("moment", np.linspace(0.1, 0.6, share(50, 4)).tolist())
-def test_dead_host_leaves_the_machine_on_its_path(
-    simulator: Simulator, moment: float
-) -> None:
+def test_dead_host_leaves_the_machine_on_its_path(simulator: Simulator, moment: float) -> None:
     time_ns, step = eased(6_000, 50_000)
     with board(simulator) as driver:
         driver.start(ORIGIN)
@@ -280,9 +278,7 @@ def test_switch_ends_the_motion(simulator: Simulator, pin: int, code: str, withi
 
 
 @pytest.mark.parametrize("seed", range(share(20, 1)))
-def test_moves_faster_than_the_line_end_in_a_ramp(
-    simulator: Simulator, seed: int
-) -> None:
+def test_moves_faster_than_the_line_end_in_a_ramp(simulator: Simulator, seed: int) -> None:
     """More bytes than a megabaud carries: no move is ever late and made up for by a burst, the
     board comes to rest and says so.
     """

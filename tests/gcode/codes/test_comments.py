@@ -1,5 +1,6 @@
-"""Values in the text of comments. The expected texts are LinuxCNC's, but for what its manual
-promises and it does not keep.
+"""Parameter values in comments.
+
+The expected texts are LinuxCNC's, or its manual's where they differ.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def test_comments_of_a_program() -> None:
     ]
 
 
-def test_an_abort_says_why_in_the_programs_own_words() -> None:
+def test_an_abort_reports_its_text() -> None:
     found = error_of("#1=2.5\nG0 X1\nG1 Y2 F60 (Abort , tool %d#1 at #<_x> is #<gone>)")
     assert found.message == "the program aborts itself: tool 2 at 1 is ######"
     assert (found.line, found.column, found.length) == (3, 11, 39)
@@ -72,7 +73,7 @@ def test_an_abort_says_why_in_the_programs_own_words() -> None:
     assert run("/(ABORT, now)", block_delete=True) == []
 
 
-def test_the_moves_before_an_abort_are_made_and_rest() -> None:
+def test_the_moves_before_an_abort_are_made() -> None:
     blocks = interpret(
         Text.of_lines(["F60", "G41.1 D2", "G1 X10", "X20", "(ABORT, now) X30"], "test.nc")
     )
@@ -84,10 +85,13 @@ def test_the_moves_before_an_abort_are_made_and_rest() -> None:
         next(blocks)
 
 
-ASKED = "M66 P1 L0\no1 while [#1 LT 3]\n#1=[#1+1]\no2 if [#5399 EQ {}]\n(ABORT, input %d#5399)\no2 endif\no1 endwhile\nG0 X1"
+ASKED = (
+    "M66 P1 L0\no1 while [#1 LT 3]\n#1=[#1+1]\no2 if [#5399 EQ {}]\n(ABORT, input %d#5399)\n"
+    "o2 endif\no1 endwhile\nG0 X1"
+)
 
 
-def test_an_answer_that_nobody_gave_aborts_nothing() -> None:
+def test_an_assumed_answer_does_not_abort() -> None:
     """What is read goes on, so that the lines behind are looked at too; the warning comes once."""
     told: list[Diagnostic] = []
     blocks = run(ASKED.format(0), warn=told.append)
@@ -101,7 +105,7 @@ def test_an_answer_that_nobody_gave_aborts_nothing() -> None:
     assert not told
 
 
-def test_an_answer_that_was_given_aborts() -> None:
+def test_a_real_answer_aborts() -> None:
     reading = interpret(Text.of_lines(ASKED.format(7).split("\n"), "test.nc"))
     asked = next(reading)
     assert isinstance(asked, WaitInput)

@@ -1,4 +1,4 @@
-"""Programs with G40 to G42.1: blocks worked out by hand, and what is refused, where."""
+"""Programs with G40 to G42.1: blocks computed by hand, and errors with their places."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def test_a_square() -> None:
     )
 
 
-def test_what_stands_between_happens_in_its_place() -> None:
+def test_blocks_between_moves_keep_their_place() -> None:
     source = """\
 G41 D2
 G1 X10 F60
@@ -157,7 +157,8 @@ M30
     kinds = [type(block).__name__ for block in found]
     assert (
         " ".join(kinds)
-        == "Polyline Spindle Message Dwell PathMode Polyline Stop Coolant Polyline DigitalOutput Spindle End"
+        == "Polyline Spindle Message Dwell PathMode Polyline Stop Coolant Polyline DigitalOutput "
+        "Spindle End"
     )
     first, second, third = (block for block in found if isinstance(block, Polyline))
     assert first.points.tolist() == [[10, 2, 0], [18, 2, 0], [18, 2, -1]]
@@ -270,7 +271,7 @@ def test_an_error_in_the_file_before(tmp_path: Path) -> None:
     )
 
 
-def test_a_radius_of_nothing_is_worth_a_warning() -> None:
+def test_a_radius_of_0_is_a_warning() -> None:
     said: list[Diagnostic] = []
     run("G41\nG1 F60 X20\n", warn=said.append)
     assert [(one.code, one.line, one.column) for one in said] == [
@@ -350,7 +351,7 @@ def test_not_in_every_dialect(dialect: str, source: str) -> None:
     assert error_of(source, dialect=dialect).code == "code-not-in-dialect"
 
 
-def test_fanuc_wants_the_number_once() -> None:
+def test_fanuc_needs_the_offset_number_once() -> None:
     assert error_of("G41 G1 X10. F60.", dialect="fanuc").code == "compensation-offset-missing"
 
 

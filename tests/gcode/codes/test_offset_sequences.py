@@ -1,5 +1,6 @@
-"""Random programs of offset codes against a model of its own: complex numbers for X and Y, and a
-zero point for Z.
+"""Random programs of offset codes against a second model.
+
+The model uses a complex number for X and Y, and a zero point for Z.
 """
 
 from __future__ import annotations
@@ -84,67 +85,90 @@ def words_of(rng: random.Random) -> dict[str, float]:
     return {letter: round(rng.uniform(-100, 100), rng.randint(0, 4)) for letter in letters}
 
 
-def line(rng: random.Random, model: Model, dialect: str) -> tuple[str, bool]:
-    """A random line, carried out on the model; and whether it moves."""
+Line = tuple[str, bool]
+"""A line of a program, and whether it moves."""
+MOVES, SYSTEMS = ("G0", "G91", "G53", "G28.1"), ("L2", "R", "L20", "G5x")
+SHIFTS = ("G92", "G92.1", "G92.2", "G92.3", "G52")
+
+
+def line(rng: random.Random, model: Model, dialect: str) -> Line:
+    """A random line, executed on the model."""
     words, full = words_of(rng), dialect == "linuxcnc"
-    what = rng.choice(
+    kind = rng.choice(
         ["G0", "G91", "G53", "L2", "L20", "G92", "G92.1", "G5x", "G28.1"]
         + ["R", "G52", "G92.2", "G92.3", "G43", "G43.1", "G43.2", "L10"] * full
     )
     system = rng.randrange(model.systems)
-    if what in ("G0", "G91"):
-        model.move(words, what == "G0")
-        return f"{'G90' if what == 'G0' else 'G91'} G0 {text(words)}", True
-    if what == "G53":
+    if kind in MOVES:
+        return move_line(kind, words, model), True
+    if kind in SYSTEMS:
+        return system_line(rng, kind, words, model, system), False
+    if kind in SHIFTS:
+        return shift_line(kind, words, model), False
+    return tool_line(rng, kind, words, model), False
+
+
+def move_line(kind: str, words: dict[str, float], model: Model) -> str:
+    if kind in ("G0", "G91"):
+        model.move(words, kind == "G0")
+        return f"{'G90' if kind == 'G0' else 'G91'} G0 {text(words)}"
+    if kind == "G53":
         model.here = model.here.given(words)
-        return f"G90 G53 G0 {text(words)}", True
-    if what == "L2":
+        return f"G90 G53 G0 {text(words)}"
+    # G28 moves through a point; the axes are those of the program.
+    model.homes[28] = model.here
+    model.move(words, absolute=True)
+    angle = model.angles[model.current]
+    rest = (model.homes[28] - model.here).turned(-angle)
+    keep = {"X": rest.xy.real, "Y": rest.xy.imag, "Z": rest.z}
+    model.here += Place().given({letter: keep[letter] for letter in words}).turned(angle)
+    return f"G28.1\nG90 G28 {text(words)}"
+
+
+def system_line(
+    rng: random.Random, kind: str, words: dict[str, float], model: Model, system: int
+) -> str:
+    if kind == "L2":
         model.origins[system] = model.origins[system].given(words)
-        return f"G10 L2 P{system + 1} {text(words)}", False
-    if what == "R":
+        return f"G10 L2 P{system + 1} {text(words)}"
+    if kind == "R":
         model.angles[system] = rng.choice([0.0, 90.0, 30.0, -12.5])
-        return f"G10 L2 P{system + 1} R{model.angles[system]}", False
-    if what == "L20":
+        return f"G10 L2 P{system + 1} R{model.angles[system]}"
+    if kind == "L20":
         wanted = model.program(system).given(words)
         model.origins[system] = (
             model.here - model.tool - (wanted + model.shift).turned(model.angles[system])
         )
-        return f"G10 L20 P{system + 1} {text(words)}", False
-    if what == "G92":
+        return f"G10 L20 P{system + 1} {text(words)}"
+    model.current = system
+    return ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")[system]
+
+
+def shift_line(kind: str, words: dict[str, float], model: Model) -> str:
+    if kind == "G92":
         model.shift = model.kept = model.shift + model.program() - model.program().given(words)
-        return f"G92 {text(words)}", False
-    if what == "G92.1":
-        model.shift, model.kept = Place(), Place()
-        return what, False
-    if what == "G92.2":
-        model.shift = Place()
-        return what, False
-    if what == "G92.3":
-        model.shift = model.kept
-        return what, False
-    if what == "G52":
+        return f"G92 {text(words)}"
+    if kind == "G52":
         model.shift = model.kept = model.shift.given(words)
-        return f"G52 {text(words)}", False
-    if what == "G5x":
-        model.current = system
-        return ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")[system], False
-    if what == "G28.1":
-        # Stored, and gone to by way of a point; the axes are those of the program.
-        model.homes[28] = model.here
-        model.move(words, absolute=True)
-        angle = model.angles[model.current]
-        way = (model.homes[28] - model.here).turned(-angle)
-        keep = {"X": way.xy.real, "Y": way.xy.imag, "Z": way.z}
-        model.here += Place().given({letter: keep[letter] for letter in words}).turned(angle)
-        return f"G28.1\nG90 G28 {text(words)}", True
-    if what == "G43.1":
+        return f"G52 {text(words)}"
+    if kind == "G92.1":
+        model.shift, model.kept = Place(), Place()
+    elif kind == "G92.2":
+        model.shift = Place()
+    else:
+        model.shift = model.kept
+    return kind
+
+
+def tool_line(rng: random.Random, kind: str, words: dict[str, float], model: Model) -> str:
+    if kind == "G43.1":
         model.tool = model.tool.given(words)
-        return f"G43.1 {text(words)}", False
+        return f"G43.1 {text(words)}"
     tool = rng.choice(list(TOOLS))
     place = Place(complex(*TOOLS[tool][:2]), TOOLS[tool][2])
-    if what == "L10":
-        # The tool that gives the position these coordinates, put on, and the table as it was
-        # before.
+    if kind == "L10":
+        # The offset that gives the position these coordinates, in effect; then the table is as it
+        # was before.
         angle = model.angles[model.current]
         bare = model.here - model.origins[model.current]
         wanted = (bare.turned(-angle) - model.shift).given(words)
@@ -153,9 +177,9 @@ def line(rng: random.Random, model: Model, dialect: str) -> tuple[str, bool]:
         changed = {"X": needed.xy.real, "Y": needed.xy.imag, "Z": needed.z}
         model.tool = before.given({letter: changed[letter] for letter in words}).turned(angle)
         x, y, z = TOOLS[tool]
-        return f"G10 L10 P{tool} {text(words)}\nG43 H{tool}\nG10 L1 P{tool} X{x} Y{y} Z{z}", False
-    model.tool = place if what == "G43" else model.tool + place
-    return f"{what} H{tool}", False
+        return f"G10 L10 P{tool} {text(words)}\nG43 H{tool}\nG10 L1 P{tool} X{x} Y{y} Z{z}"
+    model.tool = place if kind == "G43" else model.tool + place
+    return f"{kind} H{tool}"
 
 
 @pytest.mark.parametrize("dialect", ["linuxcnc", "grbl"])

@@ -1,4 +1,4 @@
-"""Polar coordinates: where @ and ^ lead, and where they can't stand."""
+"""Polar coordinates: positions, and codes that do not allow them."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ PROGRAMS = {
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_where_they_lead(name: str) -> None:
+def test_positions(name: str) -> None:
     source, wanted = PROGRAMS[name]
     assert block_summaries(source) == wanted
 
 
-def test_an_increment_counts_from_the_distance_and_the_angle_of_the_position() -> None:
+def test_increments_count_from_the_polar_position() -> None:
     """A spiral: 12 steps of 30 degrees and 1 mm."""
     found = list(rows(run("G0 X1\nG91\n" + "@1 ^30\n" * 12)))[1:]
     for index, (_, x, y, _) in enumerate(found, start=1):
@@ -80,16 +80,16 @@ ERRORS = {
 
 
 @pytest.mark.parametrize("name", ERRORS)
-def test_where_they_can_not_stand(name: str) -> None:
+def test_not_allowed(name: str) -> None:
     assert_error_at(*ERRORS[name])
 
 
 @pytest.mark.parametrize(
     ("dialect", "code"), [("grbl", "syntax-not-in-dialect"), ("fanuc", "character-unknown")]
 )
-def test_other_dialects_have_none(dialect: str, code: str) -> None:
+def test_other_dialects_have_no_polar_coordinates(dialect: str, code: str) -> None:
     assert error_of("G0 @5", dialect=dialect).code == code
 
 
-def test_a_machine_without_y_has_none() -> None:
+def test_a_machine_without_y_has_no_polar_coordinates() -> None:
     assert error_of("G0 @5", axes=("x", "z")).code == "axis-missing"

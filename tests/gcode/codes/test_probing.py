@@ -1,6 +1,4 @@
-"""Probing: the blocks, what a program knows after them without a board and with one, and programs
-that must be refused.
-"""
+"""Probing: blocks, parameters with and without a board, and errors."""
 
 from __future__ import annotations
 
@@ -57,20 +55,20 @@ def answered(source: str, *values: float) -> Iterator[Block]:
         yield block
 
 
-def test_the_program_goes_on_from_where_contact_was() -> None:
+def test_the_program_continues_from_the_contact() -> None:
     found = list(
         rows(list(answered("G38.2 Z-1\nG91\nG0 Z1\nG90\nG0 X#5063 Y#5070", 1.0, 1.0, 2.0, 0.25)))
     )
     assert found[2:] == [("rapid", 1.0, 2.0, 1.25), ("rapid", 0.25, 1.0, 1.25)]
 
 
-def test_a_failed_probe_is_known_to_the_program() -> None:
+def test_a_failed_probe_sets_its_parameter() -> None:
     found = list(rows(list(answered("G38.3 Z-1\nG0 X[#5070+7] Y#5063", 0.0, 1.0, 2.0, -1.0))))
     assert found[2:] == [("rapid", 7.0, -1.0, -1.0)]
 
 
 @pytest.mark.parametrize("code", ["G38.3", "G38.5"])
-def test_a_probe_that_may_fail_finds_nothing_where_it_is(code: str) -> None:
+def test_a_probe_of_length_0_makes_no_contact(code: str) -> None:
     found = list(rows(run(f"{BEGIN}#5070=1\n{code} Z3\nG0 X[#5070+7] Y#5063")))
     assert found[1:] == [("rapid", 7.0, 3.0, 3.0)]
 
@@ -92,7 +90,7 @@ WRONG: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
+def test_errors_are_reported_at_the_word(name: str) -> None:
     code, source = WRONG[name]
     assert_error_at(code, BEGIN + source, axes=("x", "y", "z", "a"))
 

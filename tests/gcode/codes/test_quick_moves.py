@@ -1,6 +1,4 @@
-"""The quick way to make a move gives what the full order of execution gives, bit for bit, and
-refuses what it refuses.
-"""
+"""The fast path of moves gives the results and errors of the full interpretation, bit for bit."""
 
 from dataclasses import replace
 
@@ -97,14 +95,14 @@ def plain(block):
 
 
 @given(programs)
-def test_both_ways_agree(groups):
+def test_fast_path_and_full_interpretation_agree(groups):
     lines = [line for group in groups for line in group]
     quick, slow = outcome(lines, quick=True), outcome(lines, quick=False)
     assert [plain(block) for block in quick[0]] == [plain(block) for block in slow[0]]
     assert quick[1:] == slow[1:]
 
 
-def test_the_quick_way_is_taken():
+def test_the_fast_path_is_used():
     """Else the comparison would compare the full way with itself."""
     interpreter = Interpreter(
         "p", ("x", "y", "z"), dialects.load("auto"), [0.0] * 3, Parameters(), None

@@ -1,6 +1,4 @@
-"""Canned cycles as programs: what every word and mode does to them, worked out by hand, and
-programs that must be refused.
-"""
+"""Programs with canned cycles: blocks computed by hand for every word and mode, and errors."""
 
 from __future__ import annotations
 
@@ -366,7 +364,7 @@ def test_fanuc(name: str) -> None:
     )
 
 
-def test_the_default_level_is_the_dialect_s() -> None:
+def test_the_default_retract_level_by_dialect() -> None:
     source = BEGIN + "G81 X4 Y5 Z-1 R1"
     assert block_summaries(source + "\nM2", dialect="linuxcnc")[:6] == STARTED + hole(
         4, 5, 3, 1, -1, 1
@@ -423,7 +421,7 @@ WRONG: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
+def test_errors_are_reported_at_the_word(name: str) -> None:
     code, source = WRONG[name]
     assert_error_at(code, BEGIN.replace("G0", "G0 A0") + source, axes=("x", "y", "z", "a"))
 
@@ -440,7 +438,7 @@ def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
         ("spindle-stopped", "M5\n¦G76 X4. Z-1. R1. Q1."),
     ],
 )
-def test_what_fanuc_refuses(code: str, source: str) -> None:
+def test_errors_of_fanuc(code: str, source: str) -> None:
     assert_error_at(code, "G21 F600. S1000 M3\n" + source, dialect="fanuc")
 
 
@@ -526,9 +524,9 @@ def model(
         yield current, made, known
 
 
-@settings(max_examples=share(20000, 400), deadline=None)
+@settings(max_examples=share(20000, 150), deadline=None)
 @given(series())
-def test_series_against_the_rules_written_twice(
+def test_series_against_a_second_implementation(
     program: list[tuple[str, str, str, dict[str, int]]],
 ) -> None:
     text = "F600\nG0 Z5\n"

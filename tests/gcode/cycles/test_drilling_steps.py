@@ -1,6 +1,4 @@
-"""Canned cycles as steps: each against its moves written out by hand, and properties over random
-holes.
-"""
+"""Steps of canned cycles: against moves written by hand, and properties of random holes."""
 
 from __future__ import annotations
 
@@ -85,23 +83,23 @@ TABLE: list[tuple[int, Hole, HoleSettings, list[Step]]] = [
     TABLE,
     ids=lambda value: str(value) if isinstance(value, int) else "",
 )
-def test_what_each_cycle_does(
+def test_the_steps_of_each_cycle(
     cycle: int, hole: Hole, settings: HoleSettings, expected: list[Step]
 ) -> None:
     assert list(steps(cycle, START, [hole], settings)) == OVER + expected
 
 
-def test_below_r_the_tool_rises_before_it_goes_across() -> None:
+def test_below_r_the_tool_rises_before_it_moves_across() -> None:
     found = list(steps(810, (0, 0, -7), [LOW], HoleSettings(feed=10)))
     assert found == [Rapid((0, 0, 1)), Rapid((4, 5, 1)), cut(-1), up(1)]
 
 
-def test_above_r_the_tool_goes_across_where_it_is() -> None:
+def test_above_r_the_tool_moves_across_at_its_height() -> None:
     found = list(steps(810, (0, 0, 9), [LOW], HoleSettings(feed=10)))
     assert found == [Rapid((4, 5, 9)), Rapid((4, 5, 1)), cut(-1), up(1)]
 
 
-def test_between_holes_the_tool_stays_where_the_last_one_ended() -> None:
+def test_between_holes_the_tool_keeps_its_height() -> None:
     second = Hole(6, 5, -1, 1, 3)
     found = list(steps(810, START, [HIGH, second], HoleSettings(feed=10)))
     assert found[4:6] == [Rapid((6, 5, 3)), Rapid((6, 5, 1))]
@@ -111,14 +109,14 @@ def test_between_holes_the_tool_stays_where_the_last_one_ended() -> None:
     ("top", "bottom", "peck", "count"),
     [(1, -1, 0.1, 20), (0.3, 0, 0.1, 3), (1, -1, 0.75, 3), (1, 1, 1, 1), (0, -1, 1, 1)],
 )
-def test_the_number_of_bites_is_not_spoilt_by_rounding(
+def test_rounding_does_not_change_the_number_of_pecks(
     top: float, bottom: float, peck: float, count: int
 ) -> None:
     """1 - 20 * 0.1 is not -1 to the bit."""
     assert peck_count(top, bottom, peck) == count
 
 
-def test_a_bite_shorter_than_the_clearance_never_goes_above_r() -> None:
+def test_a_short_peck_does_not_retract_above_r() -> None:
     for cycle in (730, 830):
         found = list(
             steps(cycle, (4, 5, 1), [LOW], HoleSettings(feed=10, peck=0.1, clearance=0.25))
@@ -158,7 +156,7 @@ CYCLES = (730, 740, 760, 810, 820, 830, 840, 850, 860, 880, 890)
     settings=settings_of_holes,
     height=heights,
 )
-def test_no_traverse_goes_into_material(
+def test_no_traverse_enters_material(
     cycle: int, many: list[Hole], settings: HoleSettings, height: float
 ) -> None:
     """Sideways only at R or above (fine boring: its shift in the hole), down by traverse only to R

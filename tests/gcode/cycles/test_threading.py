@@ -1,4 +1,4 @@
-"""G33, G33.1 and G76 as programs: blocks worked out by hand, and programs that must be refused."""
+"""Programs with G33, G33.1 and G76: blocks computed by hand, and errors."""
 
 from __future__ import annotations
 
@@ -235,12 +235,12 @@ WRONG: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_program_is_refused_at_the_word(name: str) -> None:
+def test_errors_are_reported_at_the_word(name: str) -> None:
     code, source = WRONG[name]
     assert_error_at(code, LATHE + source, axes=("x", "y", "z", "a"))
 
 
-def test_the_slide_takes_from_both_tapers() -> None:
+def test_the_slide_shortens_both_tapers() -> None:
     """Drive line 10, tapers of 5 at both ends: nothing is left once the slide takes its part."""
     assert error_of(LATHE + "G76 P1 Z-5 I-1 J.4 K.8 Q30 E5 L3").code == "thread-slide"
     assert block_summaries(LATHE + "G76 P1 Z-5 I-1 J.8 K.8 E5 L3")

@@ -1,6 +1,4 @@
-"""Threads as steps: passes against a second way to compute them, and one thread against figures of
-LinuxCNC's own interpreter.
-"""
+"""Steps of threads: against a second computation, and one thread against LinuxCNC's interpreter."""
 
 from __future__ import annotations
 
@@ -96,7 +94,7 @@ def test_an_internal_thread_is_the_mirror_image() -> None:
 
 
 @pytest.mark.parametrize(("degression", "count"), [(1.0, 4), (1.5, 8), (2.0, 16), (2.5, 32)])
-def test_the_number_of_passes_is_not_spoilt_by_rounding(degression: float, count: int) -> None:
+def test_rounding_does_not_change_the_number_of_passes(degression: float, count: int) -> None:
     """0.2 mm of 0.8 mm: 4 ** degression passes."""
     assert passes(thread(degression=degression)) == count
 
@@ -136,7 +134,7 @@ threads = st.builds(
 
 @settings(max_examples=share(5000, 200), deadline=None)
 @given(threads)
-def test_depths_by_adding_up_what_every_pass_takes(case: Thread) -> None:
+def test_depths_by_summation(case: Thread) -> None:
     """depth ** degression grows by first ** degression a pass: the meaning of degression (2: area),
     added up.
     """
@@ -186,7 +184,7 @@ def test_a_synchronised_move() -> None:
     assert not list(follow((0, 0, 3), (0, 0, 3), 1.5, 10.0))
 
 
-def test_rigid_tapping_comes_back_faster_and_the_other_way_round() -> None:
+def test_rigid_tapping_returns_faster_in_reverse() -> None:
     assert list(tap_rigidly((0, 0, 3), (0, 0, -1), 2.0, 10.0, "cw", 1.5)) == [
         Synchronise(2.0),
         Cut((0, 0, -1), 20.0),

@@ -31,7 +31,7 @@ def point(center: complex, radius: float, angle: float) -> tuple[float, float]:
     st.floats(1e-4, math.tau - 1e-4),
     st.booleans(),
 )
-def test_the_centre_format_sweeps_what_the_angles_say(
+def test_the_centre_format_sweeps_the_angle(
     center: complex, radius: float, angle: float, sweep: float, clockwise: bool
 ) -> None:
     start, end = (
@@ -111,7 +111,7 @@ def test_the_tolerance_is_wider_in_inches() -> None:
 
 
 @pytest.mark.parametrize(("end", "good"), [(10.0025, True), (10.0026, False)])
-def test_how_far_r_may_fall_short(end: float, good: bool) -> None:
+def test_the_tolerance_of_r(end: float, good: bool) -> None:
     """0.00127 mm of half the chord."""
     if good:
         (block,) = run(f"G3 X{end} R5 F60")
@@ -122,7 +122,7 @@ def test_how_far_r_may_fall_short(end: float, good: bool) -> None:
         assert error_of(f"G3 X{end} R5 F60").code == "arc-radius-too-small"
 
 
-def test_turns_of_an_arc_that_only_nearly_closes() -> None:
+def test_turns_of_a_nearly_closed_arc() -> None:
     (block,) = run("G3 X0.00000005 I5 F60")
     assert isinstance(block, ArcFeed)
     assert block.turns == 1.0
@@ -139,7 +139,7 @@ def test_turns_of_an_arc_that_only_nearly_closes() -> None:
     "words",
     ["G17\nG2 X2. Y0. I1. J0. K0.", "G18\nG2 X2. Z0. I1. J0. K0.", "G19\nG2 Y2. Z0. I0. J1. K0."],
 )
-def test_the_axis_across_the_plane_may_be_named_with_0(dialect: str, words: str) -> None:
+def test_a_centre_word_of_0_across_the_plane(dialect: str, words: str) -> None:
     before, line = words.split("\n")
     (found,) = (
         block
@@ -162,6 +162,6 @@ def test_the_axis_across_the_plane_may_be_named_with_0(dialect: str, words: str)
 @pytest.mark.parametrize(
     ("dialect", "word"), [("linuxcnc", "K0"), ("auto", "K0.5"), ("grbl", "K0.5"), ("fanuc", "K.5")]
 )
-def test_the_axis_across_the_plane_is_refused(dialect: str, word: str) -> None:
+def test_a_centre_word_across_the_plane_is_refused(dialect: str, word: str) -> None:
     fault = error_of(f"F60\nG2 X2. Y0. I1. J0. {word}\nM2", dialect=dialect)
     assert (fault.code, fault.line, fault.column) == ("word-unused", 2, 20)

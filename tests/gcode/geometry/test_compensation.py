@@ -1,6 +1,4 @@
-"""Compensated contours against rows worked out by hand: every kind of corner, entry, exit, and what
-comes between the moves.
-"""
+"""Compensated contours against rows computed by hand: corners, entry, exit, blocks between."""
 
 from __future__ import annotations
 
@@ -85,7 +83,7 @@ def test_a_full_circle_keeps_its_centre(
         ("right", Arc(15, 5, 10, 5, 0.25), ("arc", 17, 5, 0, 10, 5, 7, 0.25)),
     ],
 )
-def test_tangent_moves_pass_straight(side: str, arc: Arc, expected: Row) -> None:
+def test_tangent_moves_have_no_corner(side: str, arc: Arc, expected: Row) -> None:
     y = 2.0 if side == "left" else -2.0
     found = record([Line(5, 0), Line(10, 0), arc], side, 2.0)
     same(found.rows, [("line", 5, y, 0), ("line", 10, y, 0), expected])
@@ -146,7 +144,7 @@ def test_inside_corner_of_two_arcs() -> None:
 # The cusp is 1e-4 rad off: the second arc begins below the first, or above, where its centre is
 # lower or higher by 5e-4.
 @pytest.mark.parametrize("off", [-5e-4, 5e-4])
-def test_a_cusp_not_quite_exact(off: float) -> None:
+def test_an_inexact_cusp(off: float) -> None:
     half = math.sqrt(25 - off * off)
     second = Arc(10 + 2 * half, 0, 10 + half, off, -0.5 - math.asin(off / 5) / math.pi)
     moves: list[Move] = [Line(0, 0), Arc(10, 0, 5, 0, -0.5), second]
@@ -168,7 +166,7 @@ def test_outside_corner_of_two_arcs() -> None:
     same(found.rows, expected)
 
 
-def test_the_way_back_goes_around_the_end() -> None:
+def test_a_reversal_goes_around_the_end() -> None:
     moves: list[Move] = [Line(10, 0), Line(20, 0), Line(5, 0)]
     found = record(moves, "left", 2.0)
     same(
@@ -182,7 +180,7 @@ def test_the_way_back_goes_around_the_end() -> None:
     )
 
 
-def test_what_comes_between_happens_where_the_move_before_ends() -> None:
+def test_blocks_between_take_place_at_the_end_of_the_move() -> None:
     moves: list[Move] = [
         Line(10, 0),
         Line(20, 0),
@@ -207,7 +205,7 @@ def test_what_comes_between_happens_where_the_move_before_ends() -> None:
     assert found.lines == [1, 2, 3, 4, 5, 6, 7, 7]
 
 
-def test_moves_across_the_plane_before_the_entry_stay_where_they_are() -> None:
+def test_moves_across_the_plane_before_the_entry() -> None:
     found = record(
         [Line(0, 0, 5, rapid=True), "dwell", Line(0, 0, -1), Line(10, 0), Line(20, 0)], "right", 2.0
     )
@@ -225,7 +223,7 @@ def test_moves_across_the_plane_before_the_entry_stay_where_they_are() -> None:
 
 # The tool's centre leaves the arc of radius 2 along the lines that touch it every 45 degrees: they
 # meet at 2 / cos 22.5 from the corner.
-def test_a_traverse_stays_outside_of_the_corner() -> None:
+def test_a_traverse_stays_outside_the_corner() -> None:
     found = record([Line(10, 0, rapid=True), Line(20, 0), Line(20, -10, rapid=True)], "left", 2.0)
     far = 2 / math.cos(math.pi / 8)
     vertices = [20 + cmath.rect(far, math.radians(angle)) for angle in (67.5, 22.5)]
@@ -235,7 +233,7 @@ def test_a_traverse_stays_outside_of_the_corner() -> None:
 
 
 @pytest.mark.parametrize(("angle", "arcs"), [(0.049, 0), (0.051, 1)])
-def test_slight_outside_corners_run_on_to_where_the_lines_cross(angle: float, arcs: int) -> None:
+def test_slight_outside_corners_extend_to_the_crossing(angle: float, arcs: int) -> None:
     found = record(
         [Line(10, 0), Line(20, 0), Line(20 + 10 * math.cos(angle), -10 * math.sin(angle))],
         "left",
@@ -294,7 +292,7 @@ def test_slight_outside_corner_of_line_and_arc() -> None:
         ),
     ],
 )
-def test_the_ways_to_a_full_circle_and_from_it(
+def test_lead_in_and_lead_out_of_a_full_circle(
     side: Literal["left", "right"],
     turns: float,
     way_in: list[Move],
@@ -341,7 +339,7 @@ def test_a_negative_radius_swaps_the_sides(side: str, radius: float, y: float) -
     )
 
 
-def test_no_radius_no_change() -> None:
+def test_a_radius_of_0_changes_nothing() -> None:
     moves: list[Move] = [
         Line(1, 0),
         Arc(1, 0, 0, 0, 1.0),
@@ -389,7 +387,7 @@ def test_the_next_move_after_g40_leads_out() -> None:
     same(recorder.rows, [("line", 10, 2, 0), ("line", 20, 2, 0), ("line", 30, -5, 0)])
 
 
-def test_on_again_without_leading_out() -> None:
+def test_restart_without_lead_out() -> None:
     recorder = Recorder()
     compensation = Compensation(recorder, HERE)
     for side in ("left", "right"):
@@ -399,7 +397,7 @@ def test_on_again_without_leading_out() -> None:
     same(recorder.rows, [("line", 20, 2, 0), ("line", 40, -2, 0)])
 
 
-def test_g40_without_a_move_leaves_nothing_behind() -> None:
+def test_g40_without_a_move() -> None:
     compensation = Compensation(Recorder(), HERE)
     compensation.start("left", 2.0, "XY", (0, 1), [1.0, 2.0, 3.0])
     compensation.stop()
@@ -447,7 +445,7 @@ def test_feeds_stay_those_of_the_program() -> None:
     assert found.feeds == [1.0, 2.0, 3.0, 3.0, 4.0]
 
 
-def test_other_axes_go_where_they_are_sent() -> None:
+def test_other_axes_move_as_programmed() -> None:
     recorder = Recorder()
     compensation = Compensation(recorder, HERE)
     compensation.start("left", 2.0, "XY", (0, 1), [0.0, 0.0, 0.0, 0.0])
@@ -462,7 +460,7 @@ def test_other_axes_go_where_they_are_sent() -> None:
 
 # An arc whose end is 0.01 mm off its circle becomes an arc of a circle; of a nearly full one, two.
 @pytest.mark.parametrize(("angle", "pieces"), [(90.0, 1), (200.0, 1), (300.0, 1), (359.0, 2)])
-def test_an_arc_off_its_circle_is_made_true(angle: float, pieces: int) -> None:
+def test_an_inexact_arc_becomes_an_exact_one(angle: float, pieces: int) -> None:
     end = cmath.rect(10.01, math.radians(angle) - math.pi / 2)
     found = record(
         [Line(0, -10), Arc(end.real, end.imag, 0, 0, angle / 360, z=-3.6)],
@@ -483,7 +481,7 @@ def test_an_arc_off_its_circle_is_made_true(angle: float, pieces: int) -> None:
     assert sum(row[7] for row in arcs) == pytest.approx(angle / 360, abs=1e-3)
 
 
-def test_what_waits_is_bounded() -> None:
+def test_the_number_of_waiting_blocks_is_limited() -> None:
     compensation = Compensation(Recorder(), HERE)
     compensation.start("left", 2.0, "XY", (0, 1), [0.0, 0.0, 0.0])
     compensation.move([10.0, 0.0, 0.0], FEED, 1)

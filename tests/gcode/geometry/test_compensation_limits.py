@@ -1,4 +1,4 @@
-"""What can't be cut, where it is refused; and what holds for every contour that is accepted."""
+"""Contours that can't be cut, and properties of all contours that can."""
 
 from __future__ import annotations
 
@@ -207,7 +207,7 @@ def test_an_arc_does_not_lead_out(move: Arc) -> None:
     assert (found.code, found.column) == ("compensation-exit", WORD.column)
 
 
-def test_on_while_on() -> None:
+def test_start_while_on() -> None:
     compensation = Compensation(Recorder(), HERE)
     compensation.start("left", 2.0, "XY", (0, 1), [0.0, 0.0, 0.0])
     with pytest.raises(GcodeError, match="compensation-already-on"):
@@ -431,7 +431,7 @@ def test_memory_does_not_grow() -> None:
         assert len(recorder.rows) >= 2 * (step - 1)
 
 
-def test_a_contour_closed_by_an_entry_far_away() -> None:
+def test_a_contour_closed_by_a_distant_entry() -> None:
     assert record([Line(500.0, 0.0), Line(1000.0, 0.0)], "right", 0.001).rows[0][1:3] == (
         500.0,
         -0.001,

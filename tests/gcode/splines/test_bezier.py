@@ -1,6 +1,4 @@
-"""G5 and G5.1: Bezier curves in every plane, seen from start and end, going on in the direction of
-the one before.
-"""
+"""G5 and G5.1: Bezier curves in every plane, and their continuation."""
 
 from __future__ import annotations
 
@@ -81,7 +79,7 @@ def test_every_plane(plane: str, words: str, control: list[list[float]]) -> None
     ]
 
 
-def test_a_coordinate_left_out_stays_and_an_offset_left_out_of_a_quadratic_is_0() -> None:
+def test_missing_coordinates_and_offsets() -> None:
     assert curve("G0 X1 Y2 Z3\nG5 X5 I1 J1 P0 Q0 F60").control_points[-1].tolist() == [5, 2, 3]
     assert curve("G5.1 X5 J3 F60").control_points[1].tolist() == [0, 3, 0]
     assert curve("G5.1 Y5 I3 F60").control_points[1].tolist() == [3, 0, 0]
@@ -110,10 +108,13 @@ def test_a_g92_shift_moves_the_points_and_not_the_offsets() -> None:
 
 
 @pytest.mark.parametrize("plane", ["G17", "G18", "G19"])
-def test_rotation_turns_the_whole_curve(plane: str) -> None:
+def test_rotation_rotates_the_whole_curve(plane: str) -> None:
     letters = {"G17": "XY", "G18": "ZX", "G19": "YZ"}[plane]
     offsets = "".join({"X": "I", "Y": "J", "Z": "K"}[letter] for letter in letters)
-    source = f"G0 X3 Y4 Z5\n{plane} G5 {letters[0]}9 {letters[1]}-7 {offsets[0]}1 {offsets[1]}2 P3 Q4 F60\nG5 {letters[0]}1 P1 Q1"
+    source = (
+        f"G0 X3 Y4 Z5\n{plane} G5 {letters[0]}9 {letters[1]}-7 {offsets[0]}1 {offsets[1]}2 "
+        f"P3 Q4 F60\nG5 {letters[0]}1 P1 Q1"
+    )
     angle = math.radians(30.0)
     turn = np.array(
         [[math.cos(angle), math.sin(angle), 0], [-math.sin(angle), math.cos(angle), 0], [0, 0, 1]]
@@ -131,13 +132,13 @@ def test_it_is_modal() -> None:
     assert list(rows(run(again.format("")))) == list(rows(run(again.format("G5.1 "))))
 
 
-def test_two_cubics_join_at_one_speed() -> None:
+def test_two_cubics_join_with_equal_derivatives() -> None:
     one, two = curves_of("G5 X10 Y5 I4 J6 P-3 Q2 F60\n(note)\nM8\nG21 G94 G90\nG5 X20 Y0 P-1 Q-1")
     left = one.control_points[3] - one.control_points[2]
     assert (two.control_points[1] - two.control_points[0]).tolist() == left.tolist() == [3, -2, 0]
 
 
-def test_what_was_kept_is_a_way_of_the_machine() -> None:
+def test_the_stored_tangent_is_in_machine_directions() -> None:
     units, shift = curves_of("G5 X10 Y5 I4 J6 P-3 Q2 F60\nG20\nG92 X0\nG5 X1 Y0 P-1 Q-1")
     assert (shift.control_points[1] - shift.control_points[0]).tolist() == [3, -2, 0]
     assert shift.control_points[-1].tolist() == [35.4, 0.0, 0.0]
@@ -154,7 +155,7 @@ def test_one_offset_is_not_enough(code: str, words: str) -> None:
 @pytest.mark.parametrize(
     "between", ["G0 X1 Y1", "G1 X2", "G2 X2 Y1 I.5", "G0 X1", "G5.1 X2 I1", "G18", "G53 G0 X1 Y1"]
 )
-def test_only_right_after_another_cubic(between: str) -> None:
+def test_no_offset_only_directly_after_another_cubic(between: str) -> None:
     back = "\nG17" if between != "G18" else ""
     end = "Z2" if between == "G18" else "X2"
     assert_error_at(
@@ -162,11 +163,11 @@ def test_only_right_after_another_cubic(between: str) -> None:
     )
 
 
-def test_a_plane_chosen_and_left_again_is_no_matter() -> None:
+def test_a_plane_change_and_back_keeps_the_tangent() -> None:
     assert len(curves_of("G5 X1 Y1 I0 J3 P0 Q-3 F60\nG18\nG17\nG5 X2 P0 Q-3")) == 2
 
 
-def test_inverse_time_counts_the_length_of_the_curve() -> None:
+def test_inverse_time_uses_the_length_of_the_curve() -> None:
     length = 2 * math.sqrt(17) + math.asinh(4) / 2
     assert curve("G0 X-2 Y4\nG93 G5.1 X2 I2 J-8 F3").feed == pytest.approx(
         length * 3 / 60, rel=1e-12
@@ -179,7 +180,7 @@ def test_feed_per_revolution() -> None:
     assert curve("G95 M3 S600 F.1\nG5 X9 I3 J3 P-3 Q0").feed == pytest.approx(1.0, rel=1e-15)
 
 
-def test_both_beside_other_moves() -> None:
+def test_between_other_moves() -> None:
     assert_blocks(
         "F60 G1 X1\nG5.1 X2 J1\nG1 X3",
         ("line", 1, 0, 0, 60),
@@ -188,18 +189,18 @@ def test_both_beside_other_moves() -> None:
     )
 
 
-def test_other_axes_rest() -> None:
+def test_other_axes_do_not_move() -> None:
     block = curve("G0 X1 A30 U4\nG5 X5 I1 J1 P0 Q0 F60", axes=("x", "y", "z", "a", "u"))
     assert block.control_points[:, 3:].tolist() == [[30, 4]] * 4
 
 
 @pytest.mark.parametrize("dialect", ["auto", "linuxcnc", "paper"])
 @pytest.mark.parametrize("code", ["G5 X1 I1 J0 P0 Q1", "G5.1 X1 I1", "G05.1 X1 I1"])
-def test_the_dialects_that_have_them(dialect: str, code: str) -> None:
+def test_dialects_with_bezier_curves(dialect: str, code: str) -> None:
     assert len(curves_of(f"F60\n{code}\nM2", dialect=dialect)) == 1
 
 
 @pytest.mark.parametrize("dialect", ["grbl", "fanuc"])
 @pytest.mark.parametrize("code", ["G5 X1 I1 J0 P0 Q1", "G5.1 X1 I1", "G5.2", "G5.3"])
-def test_the_dialects_that_have_not(dialect: str, code: str) -> None:
+def test_dialects_without_bezier_curves(dialect: str, code: str) -> None:
     assert_error_at("code-not-in-dialect", f"F60\n¦{code}\nM2", dialect=dialect)

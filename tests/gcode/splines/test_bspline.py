@@ -1,6 +1,4 @@
-"""BSPLINE: control points, intervals and weights in Siemens' words to a NURBS with clamped
-knots.
-"""
+"""BSPLINE: Siemens' control points, intervals and weights as a NURBS with clamped knots."""
 
 from __future__ import annotations
 
@@ -38,7 +36,7 @@ def test_degree_2() -> None:
     assert block.knots.tolist() == [0, 0, 0, 1, 2, 3, 4, 4, 4]
 
 
-def test_the_first_point_may_stand_in_the_first_line() -> None:
+def test_the_first_line_may_have_the_first_point() -> None:
     rest = POLYGON.split("\n", 1)[1]
     one, two = (
         curve(f"F300\nBSPLINE SD=2 X10 Y20 PW=3\n{rest}"),
@@ -56,18 +54,18 @@ def test_an_interval_belongs_to_the_piece_that_its_point_completes() -> None:
     assert square.knots.tolist() == [0, 0, 0, 0.5, 0.75, 2.75, 2.75, 2.75]
 
 
-def test_intervals_left_out_are_1() -> None:
+def test_missing_intervals_are_1() -> None:
     block = curve("F60\nBSPLINE SD=2\nX1 Y1\nX2 Y0\nX3 Y2 PL=3\nX4 Y0\nM2")
     assert block.knots.tolist() == [0, 0, 0, 1, 4, 5, 5, 5]
 
 
-def test_one_length_for_all_may_stand_in_every_line() -> None:
+def test_one_length_for_all_intervals_is_allowed_in_every_line() -> None:
     lines = [f"{line} PL=2.5" for line in POLYGON.split("\n")]
     block = curve("\n".join(["F60\nBSPLINE", *lines, "M2"]))
     assert block.knots.tolist() == [0, 0, 0, 0, 2.5, 5, 7.5, 7.5, 7.5, 7.5]
 
 
-def test_an_interval_of_nothing_is_a_multiple_knot() -> None:
+def test_an_interval_of_0_is_a_multiple_knot() -> None:
     block = curve("F60\nBSPLINE\nX1 Y1\nX2 Y0\nX3 Y2 PL=1\nX4 Y0 PL=0\nX5 Y0 PL=0\nX6 Y1 PL=1\nM2")
     assert block.knots.tolist() == [0, 0, 0, 0, 1, 1, 1, 2, 2, 2, 2]
     corner = points_on(block, np.array([0.5]))
@@ -116,7 +114,7 @@ def test_against_geomdl(seed: int) -> None:
         "G5.1 X9 I1",
     ],
 )
-def test_what_completes_a_curve(end: str) -> None:
+def test_completion_of_a_curve(end: str) -> None:
     block = curves_of(f"%\nF300\nBSPLINE\n{POLYGON}\n{end}")[0]
     assert block.control_points.tolist() == POINTS
 
@@ -133,7 +131,7 @@ def test_two_curves_in_a_row() -> None:
     assert two.control_points.tolist() == [[50, 0, 0], [60, 1, 0], [70, 2, 0], [80, 3, 0]]
 
 
-def test_incremental_inches_rotation_and_what_is_left_out() -> None:
+def test_increments_inches_rotation_and_missing_words() -> None:
     steps = "F60\nG91\nBSPLINE\nX10 Y20\nX10 Y20\nX10 Y-10\nX10 Y15\nX10 Y-45\nM2"
     assert curve(steps).control_points.tolist() == POINTS
     inches = curve(f"F60\nG20\nBSPLINE\n{POLYGON}\nM2")
@@ -155,7 +153,7 @@ def test_incremental_inches_rotation_and_what_is_left_out() -> None:
         "F60X1Y1SD=2BSPLINE",
     ],
 )
-def test_ways_to_write_it(line: str) -> None:
+def test_spellings(line: str) -> None:
     assert curve(f"{line}\nX2 Y0 PW=[1/2]\nM2").weights.tolist() == [1, 1, 0.5]
 
 
@@ -222,11 +220,11 @@ CASES: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_error_stands_at_its_place(name: str) -> None:
+def test_errors_are_reported_at_their_place(name: str) -> None:
     code, marked = CASES[name]
     assert_error_at(code, marked, axes=("x", "y", "z", "a", "u"))
 
 
 @pytest.mark.parametrize("dialect", ["linuxcnc", "grbl", "fanuc", "paper"])
-def test_the_dialects_that_have_it_not(dialect: str) -> None:
+def test_dialects_without_bspline(dialect: str) -> None:
     assert error_of("F60\nBSPLINE SD=2 X1", dialect=dialect).code == "syntax-not-in-dialect"

@@ -33,7 +33,7 @@ def test_knots_by_hand() -> None:
     assert curves.bezier_knots(2).tolist() == [0, 0, 0, 1, 1, 1]
 
 
-def test_a_straight_line_is_as_long_as_its_ends_are_apart() -> None:
+def test_length_of_a_straight_line() -> None:
     for degree in range(1, 6):
         points = np.linspace([1.0, 2.0, 3.0], [4.0, -2.0, 15.0], degree + 3)
         found = curves.length(
@@ -77,7 +77,7 @@ def test_cusps() -> None:
     )
 
 
-def test_nothing_has_no_length() -> None:
+def test_length_of_a_point() -> None:
     assert curves.length(curves.bezier_knots(3), np.full((4, 3), 7.0), np.ones(4)) == 0.0
 
 

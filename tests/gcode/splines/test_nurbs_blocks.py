@@ -1,4 +1,4 @@
-"""G5.2 to G5.3: control points and weights to a NURBS with clamped uniform knots."""
+"""G5.2 to G5.3: control points and weights as a NURBS with clamped uniform knots."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ ALONG = np.linspace(0.0, 1.0, 41)
 
 def test_the_documented_example() -> None:
     block = curve(
-        "G0 X0 Y0 (rapid move)\nF10 (set feed rate)\nG5.2 P1 L3\n X0 Y1 P1\n X2 Y2 P1\n X2 Y0 P1\n X0 Y0 P2\nG5.3\nM2"
+        "G0 X0 Y0 (rapid move)\nF10 (set feed rate)\nG5.2 P1 L3\n X0 Y1 P1\n X2 Y2 P1\n X2 Y0 P1\n"
+        " X0 Y0 P2\nG5.3\nM2"
     )
     assert (block.degree, block.line) == (2, 3)
     assert block.knots.tolist() == [0, 0, 0, 1, 2, 3, 3, 3]
@@ -39,7 +40,7 @@ def test_points_of_the_documented_example_as_linuxcnc_moves_through_them() -> No
     ]
 
 
-def test_what_may_be_left_out() -> None:
+def test_optional_words() -> None:
     full = curve("F60\nG5.2 P1 L3\nX0 Y1 P1\nX1 Y1 P1\nG5.3")
     for short in (
         "F60\nG5.2\nX0 Y1\nX1 Y1\nG5.3",
@@ -53,7 +54,7 @@ def test_what_may_be_left_out() -> None:
         assert other.feed == full.feed
 
 
-def test_whose_weight_the_first_p_is() -> None:
+def test_the_point_of_the_first_weight() -> None:
     assert curve("F60\nG5.2 P5\nX0 Y1 P2\nX1 Y1\nG5.3").weights.tolist() == [5, 2, 1]
     assert curve("F60\nG5.2 X0 Y1 P2\nX1 Y1 P3\nG5.3").weights.tolist() == [1, 2, 3]
 
@@ -99,7 +100,7 @@ def test_points_in_space_whatever_the_plane(plane: str) -> None:
 
 
 @pytest.mark.parametrize("letters", [f"{a}{b}" for a, b in itertools.permutations("XYZ", 2)])
-def test_two_axes_and_the_third_rests(letters: str) -> None:
+def test_two_axes_without_the_third(letters: str) -> None:
     a, b = letters
     block = curve(f"F60\nG0 X1 Y2 Z3\nG5.2\n{a}4 {b}5\n{a}7 {b}8\nG5.3")
     expected = np.array([[1.0, 2, 3]] * 3)
@@ -108,7 +109,7 @@ def test_two_axes_and_the_third_rests(letters: str) -> None:
     assert block.control_points.tolist() == expected.tolist()
 
 
-def test_incremental_points_count_from_where_the_curve_begins() -> None:
+def test_incremental_points_count_from_the_start_of_the_curve() -> None:
     blocks = list(rows(run("F60\nG91 G0 X5 Y5\nG5.2 P1 L3\nX0 Y1 P1\nX1 Y1 P1\nG5.3\nG0 X1")))
     assert blocks[1][3] == [[5, 5, 0], [5, 6, 0], [6, 6, 0]]
     assert blocks[2] == ("rapid", 7.0, 6.0, 0.0)
@@ -129,13 +130,13 @@ def test_inches_and_rotation() -> None:
     )
 
 
-def test_the_last_feed_before_the_end_counts_for_the_whole() -> None:
+def test_the_last_feed_holds_for_the_whole_curve() -> None:
     assert curve("F60\nG5.2 F90\nX0 Y1 F120\nX1 Y1 F180\nG5.3").feed == 3.0
     blocks = list(rows(run("F60\nG5.2\nX0 Y1\nX1 Y1 F180\nG5.3\nG1 X5")))
     assert [row[-1] for row in blocks] == [180, 180]
 
 
-def test_inverse_time_counts_the_length_of_the_curve() -> None:
+def test_inverse_time_uses_the_length_of_the_curve() -> None:
     block = curve("G93\nG5.2 L2 F2\nX3 Y4\nX3 Y16\nG5.3")
     assert block.feed == pytest.approx(17 * 2 / 60, rel=1e-13)
 
@@ -176,13 +177,14 @@ def test_two_curves() -> None:
 
 
 @pytest.mark.parametrize("dialect", ["auto", "linuxcnc", "paper"])
-def test_the_dialects_that_have_it(dialect: str) -> None:
+def test_dialects_with_g5_2(dialect: str) -> None:
     assert curve("F60\nG05.2 L2\nX3 Y4\nG05.3\nM2", dialect=dialect).degree == 1
 
 
-def test_control_points_out_of_a_loop_and_a_subroutine() -> None:
+def test_control_points_from_a_loop_and_a_subroutine() -> None:
     block = curve(
-        "F60\no<point> sub\nX#1 Y#2 P#3\no<point> endsub\nG5.2 L3\n#5 = 0\no1 while [#5 LT 3]\n#5 = [#5 + 1]\nX#5 Y[#5 * #5]\n"
+        "F60\no<point> sub\nX#1 Y#2 P#3\no<point> endsub\nG5.2 L3\n#5 = 0\n"
+        "o1 while [#5 LT 3]\n#5 = [#5 + 1]\nX#5 Y[#5 * #5]\n"
         "o1 endwhile\no<point> call [9] [8] [7]\nG5.3"
     )
     assert block.control_points.tolist() == [[0, 0, 0], [1, 1, 0], [2, 4, 0], [3, 9, 0], [9, 8, 0]]
@@ -190,12 +192,12 @@ def test_control_points_out_of_a_loop_and_a_subroutine() -> None:
     assert block.line == 5
 
 
-def test_an_error_in_a_subroutine_stands_there_and_one_of_the_curve_at_its_beginning() -> None:
+def test_places_of_errors_in_a_subroutine() -> None:
     assert_error_at("nurbs-foreign-word", "F60\no1 sub\n¦M8\no1 endsub\nG5.2\no1 call\nG5.3")
     assert_error_at("nurbs-left-early", "F60\no1 sub\n¦G5.2\nX1 Y1\no1 endsub\no1 call")
 
 
-def test_the_position_is_that_where_the_curve_begins_until_it_is_made() -> None:
+def test_the_position_stays_until_the_curve_is_complete() -> None:
     blocks = list(rows(run("F60\nG0 X4\nG5.2 L2\nX5 Y#5420\nX6 Y#5420\nG5.3\nG0 X#5421")))
     assert blocks[1][3] == [[4, 0, 0], [5, 4, 0], [6, 4, 0]]
     assert blocks[2] == ("rapid", 4, 4, 0)

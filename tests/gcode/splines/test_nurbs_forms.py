@@ -1,4 +1,4 @@
-"""G6.2 in both forms: the same curve, and what modes and units do to its control points."""
+"""G6.2 in both forms: equal curves, and the effect of modes and units on control points."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_defaults_are_cubic_with_weights_of_one() -> None:
     assert_rows_equal(list(rows(run(short.replace("U", "K")))), list(rows(run(short))), abs=0)
 
 
-def test_fanuc_may_leave_out_the_first_point_and_knot() -> None:
+def test_fanuc_without_the_first_point_and_knot() -> None:
     full = "G0 X10\n" + fanuc(weights=[1] * 7)
     short = full.replace("G06.2 P4 K0 X10 Y0 R1 F18000", "G06.2 P4 F18000")
     knot_only = full.replace("G06.2 P4 K0 X10 Y0 R1 F18000", "G06.2 P4 X10 Y0 F18000")
@@ -98,12 +98,12 @@ def test_comments_blank_lines_numbers_and_block_delete_inside() -> None:
     assert a.control_points.tolist() == b.control_points.tolist()
 
 
-def test_a_left_out_coordinate_stays_with_the_point_before() -> None:
+def test_a_missing_coordinate_is_that_of_the_point_before() -> None:
     block = curve("G06.2 K2 U0 X0 Y0 F60\nU0 X5\nU0 Y7\nU1\nU1\nU1")
     assert block.control_points.tolist() == [[0, 0, 0], [5, 0, 0], [5, 7, 0]]
 
 
-def test_axes_that_are_not_named_rest() -> None:
+def test_missing_axes_do_not_move() -> None:
     block = curve("G0 Z4\nG06.2 K1 U0 X0 F60\nU0 X5\nU1\nU1")
     assert block.control_points.tolist() == [[0, 0, 4], [5, 0, 4]]
 
@@ -145,7 +145,7 @@ def test_the_curve_starts_exactly_at_the_position() -> None:
     assert block.control_points[0, 0] == 10.00005
 
 
-def test_inner_knots_may_stand_up_to_the_degree() -> None:
+def test_inner_knots_have_a_multiplicity_up_to_the_degree() -> None:
     block = curve(paper([(n, 0) for n in range(5)], [1] * 5, [0, 0, 0, 1, 1, 2, 2, 2], 2))
     assert block.knots.tolist() == [0, 0, 0, 1, 1, 2, 2, 2]
 
@@ -155,7 +155,7 @@ def test_no_curve_under_cutter_compensation(code: str) -> None:
     assert error_of(f"{code}\n{paper()}").code == "nurbs-wrong-mode"
 
 
-def test_axes_of_a_machine_named_like_knots_are_left_alone() -> None:
+def test_axes_with_the_letters_of_knots_do_not_move() -> None:
     """U, V, W are knots and weights inside the mode, and axes outside."""
     axes = ("x", "y", "z", "u", "w")
     block = curve("G0 X10 U7 W8\n" + paper(), axes=axes)
@@ -165,7 +165,10 @@ def test_axes_of_a_machine_named_like_knots_are_left_alone() -> None:
 def test_knots_and_weights_are_no_distances_without_a_decimal_point() -> None:
     """In FANUC's dialect a distance without a point is worth a warning, the first of them."""
     found: list[Diagnostic] = []
-    source = "G00 X10.\nG06.2 P4 K0 X10. Y0. R1 F600.\nK0 X20. R2\nK0 X30.\nK0 X40.\nK1\nK1\nK1\nK1\nG00 {}"
+    source = (
+        "G00 X10.\nG06.2 P4 K0 X10. Y0. R1 F600.\nK0 X20. R2\nK0 X30.\nK0 X40.\nK1\nK1\nK1\nK1\n"
+        "G00 {}"
+    )
     run(source.format("X5."), dialect="fanuc", warn=found.append)
     assert not found
     run(source.format("X5."), dialect="fanuc", warn=found.append)

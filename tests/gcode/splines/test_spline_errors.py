@@ -1,6 +1,4 @@
-"""Programs with a fault in a spline: each with its error, at its line and column. The mark ¦ stands
-before the offending place.
-"""
+"""Errors in splines, each with its line and column. The mark ¦ is before the place of the error."""
 
 from __future__ import annotations
 
@@ -121,12 +119,12 @@ CASES: dict[str, tuple[str, str]] = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_error_stands_at_its_place(name: str) -> None:
+def test_errors_are_reported_at_their_place(name: str) -> None:
     code, marked = CASES[name]
     assert_error_at(code, marked, axes=("x", "y", "z", "a", "u"))
 
 
-def test_an_axis_that_the_machine_has_not() -> None:
+def test_an_axis_that_the_machine_lacks() -> None:
     assert_error_at("axis-missing", "G5 X1 ¦Y1 I0 J3 P0 Q-3 F60", axes=("x", "z"))
     assert_error_at("axis-missing", "G5 X1 I0 ¦J3 P0 Q-3 F60", axes=("x", "z"))
     assert_error_at("axis-missing", "G5.2 F60\nX1 ¦Y1", axes=("x", "z"))

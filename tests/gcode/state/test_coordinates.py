@@ -1,6 +1,4 @@
-"""Coordinate systems as pure state: golden values by formula, and properties over random
-offsets.
-"""
+"""Coordinate systems: values computed by formula, and properties with random offsets."""
 
 from __future__ import annotations
 
@@ -11,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cnc.gcode.state.coordinates import EXTERNAL, Coordinates
+from cnc.gcode.state.position_parameters import bind_position
 from cnc.gcode.syntax.code_numbers import G
 from cnc.gcode.syntax.parameters import Parameters
 
@@ -31,7 +30,7 @@ def test_no_offsets_no_change() -> None:
     assert plain.to_machine([1.0, 2.0, 3.0]) == [1.0, 2.0, 3.0] == plain.to_program([1.0, 2.0, 3.0])
 
 
-def test_everything_at_once() -> None:
+def test_all_offsets_together() -> None:
     """machine = tool + origin + R(30) (program + shift), worked out by hand."""
     place = fresh()
     place.set_origin(0, {0: 100.0, 1: 200.0, 2: 300.0}, rotation=30.0)
@@ -55,30 +54,30 @@ def test_quarter_turns_are_exact(angle: float, x: float, y: float) -> None:
     assert place.to_program([x, y, 3.0]) == [1.0, 2.0, 3.0]
 
 
-def test_rotary_and_further_axes_do_not_turn() -> None:
+def test_rotary_and_additional_axes_are_not_rotated() -> None:
     place = fresh(axes=("c", "y", "u", "x"))
     place.set_origin(0, {}, rotation=90.0)
     assert place.to_machine([7.0, 2.0, 8.0, 1.0]) == [7.0, 1.0, 8.0, -2.0]
 
 
-def test_a_machine_without_y_does_not_turn() -> None:
+def test_a_machine_without_y_has_no_rotation() -> None:
     place = fresh({5230: 90.0}, axes=("x", "z"))
     assert not place.can_rotate
     assert place.to_machine([1.0, 2.0]) == [1.0, 2.0]
 
 
-def test_stored_numbers_are_in_effect_from_the_start() -> None:
+def test_stored_values_are_in_effect_from_the_start() -> None:
     place = fresh({5220: 3.0, 5261: 10.0, 5263: 30.0, 5270: 90.0, 5210: 1.0, 5211: 1.0, 5212: 2.0})
     assert place.system == 2
     assert place.to_machine([0.0, 0.0, 0.0]) == [10.0 - 2.0, 1.0, 30.0]
 
 
 @pytest.mark.parametrize("number", [0.0, 10.0, 2.5, -1.0, math.nan])
-def test_a_stored_system_that_is_none_is_the_first(number: float) -> None:
+def test_an_invalid_stored_system_is_the_first(number: float) -> None:
     assert fresh({5220: number}).system == 0
 
 
-def test_a_stored_shift_waits_for_its_flag() -> None:
+def test_a_stored_shift_needs_its_flag() -> None:
     place = fresh({5210: 0.0, 5211: 5.0})
     assert place.zero == [0.0, 0.0, 0.0]
     place.restore_shift()
@@ -86,7 +85,7 @@ def test_a_stored_shift_waits_for_its_flag() -> None:
     assert place.parameters.values[5210] == 1.0
 
 
-def test_a_number_assigned_waits_for_the_next_choice() -> None:
+def test_an_assigned_value_takes_effect_at_the_next_selection() -> None:
     place = fresh()
     place.parameters.values[5221] = 10.0
     place.select(0)
@@ -137,7 +136,7 @@ def test_origin_here_under_a_rotation_keeps_the_other_coordinate() -> None:
     assert [place.parameters.values[5221], place.parameters.values[5222]] == [0.0, 15.0]
 
 
-def test_origin_here_of_another_system_counts_its_own_rotation() -> None:
+def test_origin_here_of_another_system_uses_its_rotation() -> None:
     place = fresh()
     place.set_origin(1, {0: 3.0}, rotation=180.0)
     place.set_shift_here({0: 0.0}, [2.0, 0.0, 0.0])
@@ -172,7 +171,7 @@ def test_suspend_and_restore() -> None:
     assert place.zero == [0.0, 0.0, 0.0]
 
 
-def test_local_offset_of_its_own() -> None:
+def test_local_offset() -> None:
     place = fresh(fanuc=True)
     place.set_shift_here({0: 0.0}, [10.0, 0.0, 0.0])
     place.set_local({0: 1.0, 1: 2.0})
@@ -185,7 +184,7 @@ def test_local_offset_of_its_own() -> None:
     assert place.zero == [5.0, 0.0, 0.0]
 
 
-def test_external_offset_counts_everywhere() -> None:
+def test_external_offset_is_added_to_every_system() -> None:
     place = fresh(fanuc=True)
     place.set_origin(1, {0: 100.0})
     place.set_origin(EXTERNAL, {0: 1.0, 2: 3.0})
@@ -194,8 +193,8 @@ def test_external_offset_counts_everywhere() -> None:
     assert place.zero == [101.0, 0.0, 3.0]
 
 
-def test_tool_for_under_a_rotation_keeps_the_other_way() -> None:
-    """The old offset's Y, seen in program directions, stays; X gets what makes the coordinate 5."""
+def test_tool_for_under_a_rotation_keeps_the_other_direction() -> None:
+    """The old offset's Y in program directions stays; X makes the coordinate 5."""
     place = fresh()
     place.set_origin(0, {}, rotation=90.0)
     # Machine (-2, 1) is program (1, 2). Tool (2.54, 0) is (0, -2.54) in program directions; its X
@@ -204,7 +203,7 @@ def test_tool_for_under_a_rotation_keeps_the_other_way() -> None:
     assert tool == {0: 2.54, 1: -4.0}
 
 
-def test_tool_for_a_fixture_knows_no_shift() -> None:
+def test_tool_for_a_fixture_ignores_the_shift() -> None:
     place = fresh()
     place.set_origin(8, {2: 2.0})
     place.set_shift_here({2: 0.0}, [0.0, 0.0, 50.0])
@@ -220,10 +219,10 @@ def test_home_positions() -> None:
     assert place.home(G.G30) == [1.0, 2.0, 3.0]
 
 
-def test_live_parameters() -> None:
+def test_position_parameters() -> None:
     place = fresh(axes=("x", "z", "a"))
     place.set_origin(0, {0: 25.4, 2: 90.0})
-    place.bind(lambda: [50.8, 25.4, 100.0], lambda: 25.4)
+    bind_position(place, lambda: [50.8, 25.4, 100.0], lambda: 25.4)
     parameters = place.parameters
     assert [parameters.number(5420 + n, 1) for n in range(9)] == [
         1.0,
@@ -252,7 +251,7 @@ POINTS = st.lists(NUMBERS, min_size=3, max_size=3)
 
 
 @given(POINTS, POINTS, POINTS, POINTS, st.floats(-720, 720))
-def test_there_and_back(
+def test_conversion_round_trip(
     point: list[float], origin: list[float], shift: list[float], tool: list[float], angle: float
 ) -> None:
     place = fresh()
@@ -275,10 +274,10 @@ def test_there_and_back(
     st.floats(-720, 720),
     st.sampled_from(["L20", "G92", "L10"]),
 )
-def test_the_position_gets_the_values_asked_for(
+def test_the_position_gets_the_given_values(
     point: list[float], origin: list[float], values: dict[int, float], angle: float, way: str
 ) -> None:
-    """G10 L20, G92 and G10 L10: the axes given show their values, the others what they showed."""
+    """G10 L20, G92 and G10 L10: the given axes have their values, the others do not change."""
     place = fresh()
     place.set_origin(0, dict(enumerate(origin)), rotation=angle)
     before = place.to_program(point)

@@ -1,4 +1,4 @@
-"""The tool table: its file, its errors, and the parameters that show the tool in the spindle."""
+"""Tool table: the file, its errors, and the parameters of the tool in the spindle."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_every_word_in_any_order(tmp_path: Path) -> None:
         ("TOOLNO POCKET LENGTH", "number-missing", 1),
     ],
 )
-def test_a_wrong_line_is_named(tmp_path: Path, line: str, code: str, column: int) -> None:
+def test_a_wrong_line_is_reported(tmp_path: Path, line: str, code: str, column: int) -> None:
     with pytest.raises(MachineFileError) as caught:
         load(tmp_path, f"; tools\nT2 P2 D3\n{line}\n")
     found = caught.value.diagnostic
@@ -69,7 +69,7 @@ def test_a_wrong_line_is_named(tmp_path: Path, line: str, code: str, column: int
     assert caught.value.exit_code == 2
 
 
-def test_a_table_that_is_not_there(tmp_path: Path) -> None:
+def test_a_missing_table(tmp_path: Path) -> None:
     with pytest.raises(MachineFileError) as caught:
         ToolTable.load(tmp_path / "none.tbl")
     assert caught.value.diagnostic.code == "tool-table-unreadable"
@@ -87,14 +87,14 @@ def test_wear_adds_to_radius_and_length() -> None:
     )
 
 
-def test_what_a_program_writes_is_read_back() -> None:
+def test_a_changed_tool_is_read_back() -> None:
     table = ToolTable([ToolEntry(1, diameter=6.0)])
     table.put(ToolEntry(1, diameter=5.0))
     assert table.tool(1) == ToolEntry(1, diameter=5.0)
     assert table.changed
 
 
-def test_a_table_is_read_again_but_for_what_was_written(tmp_path: Path) -> None:
+def test_reload_keeps_changed_tools(tmp_path: Path) -> None:
     table = load(tmp_path, TABLE)
     table.put(ToolEntry(4))
     load(tmp_path, "T1 D7\nT4 D8")
@@ -105,7 +105,7 @@ def test_a_table_is_read_again_but_for_what_was_written(tmp_path: Path) -> None:
     assert len(bare) == 1
 
 
-def test_only_what_was_written_changes_in_the_file(tmp_path: Path) -> None:
+def test_save_changes_only_the_lines_of_changed_tools(tmp_path: Path) -> None:
     table, path = load(tmp_path, TABLE), tmp_path / "tool.tbl"
     first = table.tool(1)
     assert first is not None
@@ -128,7 +128,7 @@ def test_only_what_was_written_changes_in_the_file(tmp_path: Path) -> None:
     st.dictionaries(st.sampled_from("XYZABCUVW"), st.floats(allow_nan=False, allow_infinity=False)),
     st.floats(-1e9, 1e9),
 )
-def test_a_saved_tool_is_read_back_to_the_bit(
+def test_a_saved_tool_is_read_back_exactly(
     tmp_path_factory: pytest.TempPathFactory, offsets: dict[str, float], diameter: float
 ) -> None:
     path = tmp_path_factory.mktemp("tools") / "tool.tbl"

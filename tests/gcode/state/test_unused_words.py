@@ -1,4 +1,4 @@
-"""F, S and T words that nothing uses: told where they stand, in whatever way the lines are read."""
+"""Notes on unused F, S and T words, on every path that reads lines."""
 
 import pytest
 from hypothesis import given
@@ -55,7 +55,7 @@ def found(text: str, dialect: str = "linuxcnc") -> list[tuple[str, int, int, str
         ("M70\nF500\nM72\nF600\nG1 X5\nM2", []),
     ],
 )
-def test_words_that_nothing_uses(text, wanted, padding):
+def test_unused_words_are_reported(text, wanted, padding):
     lines = padding.count("\n") + 1 if padding else 0
     before = f"{padding}\n{text}" if padding else text
     assert found(before) == [
@@ -63,7 +63,7 @@ def test_words_that_nothing_uses(text, wanted, padding):
     ]
 
 
-def test_the_end_of_the_file_is_an_end():
+def test_the_end_of_the_file_ends_the_program():
     assert found("%\nF500\nG0 X5\n%") == [(NOTHING, 2, 1, "F500")]
     assert found("F500\nG0 X5", "grbl") == [(NOTHING, 1, 1, "F500")]
 
@@ -72,7 +72,7 @@ def test_a_dialect_without_tool_changes_has_no_use_for_t():
     assert found("T1\nT2\nM2", "grbl") == []
 
 
-def test_a_note_says_what_came_instead():
+def test_a_note_names_the_replacement():
     told = []
     for _ in interpret(
         Text.of_lines(["(F7) F500 (F8)", "G0 X1 F 6 0", "G1 X2", "M2"], "p"), warn=told.append
@@ -98,7 +98,7 @@ WORDS = st.lists(
 
 
 @given(WORDS)
-def test_the_lane_of_arrays_tells_the_same_as_line_by_line(words):
+def test_the_array_path_reports_the_same_as_line_by_line(words):
     """A comment that is a message makes every line the grammar's."""
     lines = ["F1 G1 X100", *(word.format(index) for index, word in enumerate(words)), "M2"]
     slowly = [f"{line} (msg, x)" for line in lines]

@@ -138,9 +138,7 @@ class PulseBoardConformance:
         assert board.position_steps.tolist() == [3, 0, 0]
 
     @pytest.mark.parametrize("step", [(0, 0, 0), (2, 0, 0), (0, -2, 1), (-128, 0, 0)])
-    def test_invalid_steps_are_refused(
-        self, board: PulseSink, step: tuple[int, int, int]
-    ) -> None:
+    def test_invalid_steps_are_refused(self, board: PulseSink, step: tuple[int, int, int]) -> None:
         self.fails(board, "board-step", 2, chunk((0, (1, 0, 0)), (self.least, step)))
 
     @pytest.mark.parametrize(

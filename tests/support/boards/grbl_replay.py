@@ -1,14 +1,14 @@
-"""What GRBL 1.1 makes of lines, to the last bit, and whether that is the same motion as another.
+"""Execution of lines in the arithmetic of GRBL 1.1, and the comparison of two motions.
 
-Facts are those of GRBL's documentation and of the behaviour of its sources (gcode.c,
-motion_control.c, nuts_bolts.c), all in 32-bit floats: numbers are read as integers and scaled by
-powers of ten; offsets are added when a line is read; an arc starts from where the machine is, with
-the radius that I J K give, is cut into chords by ``$12``, turned by an approximation that is put
-right every twelfth chord, and its last chord goes to the end as it was read.
+The facts are those of GRBL's documentation and of the behaviour of its sources (gcode.c,
+motion_control.c, nuts_bolts.c), all in 32-bit floats. Numbers are read as integers and scaled by
+powers of ten. Offsets are added when a line is read. An arc starts at the machine's position with
+the radius that I J K give. It is cut into chords by ``$12``, turned by an approximation that is
+corrected at every twelfth chord, and its last chord ends at the end point as read.
 
-The motions are compared by their Frechet distance (Alt, Godau 1995): how short a leash may be on
-which two walkers, neither of whom ever turns back, can go along both. Unlike a distance of sets it
-sees what comes in another order, twice, or never.
+The motions are compared by their Frechet distance (Alt, Godau 1995): the shortest leash with which
+two walkers who never turn back can follow both. Unlike a distance of sets it detects parts that
+come in another order, twice, or never.
 """
 
 import math
@@ -26,11 +26,11 @@ TENTH, HUNDREDTH = F(0.1), F(0.01)
 
 
 class Refused(Exception):
-    """The board would say error or alarm."""
+    """The board would answer error or alarm."""
 
 
 def read_number(text: str) -> np.float32:
-    """A number as GRBL reads it: eight digits count."""
+    """Return a number as GRBL reads it: with eight digits."""
     whole, _, part = text.lstrip("+-").partition(".")
     digits = (whole + part).lstrip("0")
     exponent = -len(part)
@@ -54,11 +54,11 @@ def hypot(x: np.float32, y: np.float32) -> np.float32:
 
 @dataclass
 class Replay:
-    """A board that stands at ``at`` (machine mm), whose work coordinates lie at ``offset``.
+    """A board at ``at`` (machine mm) with the work offset ``offset``.
 
-    arc_tolerance: ``$12``. travel: lowest and highest of each axis, or None. points: where the
-    motion so far went; sources: number of the line of each; feeds: mm/min of each way to a point
-    (nan: traverse). arcs: line, plane and radius of each arc.
+    arc_tolerance: ``$12``. travel: lowest and highest position of each axis, or None. points: the
+    motion so far; sources: the line of each point; feeds: mm/min to each point (NaN: traverse).
+    arcs: line, plane and radius of each arc.
     """
 
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -82,7 +82,7 @@ class Replay:
         self.feeds.append(math.nan)
 
     def read(self, text: str) -> None:
-        """One line."""
+        """Execute a line."""
         self.lines += 1
         if len(text) + 1 > 80:
             raise Refused(f"overflow: {text}")
@@ -194,7 +194,7 @@ class Replay:
 
 
 def replayed(texts: list[str], **board: object) -> Replay:
-    """The board behind all the lines."""
+    """Return the board after all lines."""
     replay = Replay(**board)  # type: ignore[arg-type]
     for text in texts:
         replay.read(text)
@@ -203,7 +203,7 @@ def replayed(texts: list[str], **board: object) -> Replay:
 
 @njit(cache=True)
 def _free(p, a, b, eps):  # type: ignore[no-untyped-def]
-    """Part [low, high] of the segment from a to b that lies within eps of p; low > high: none."""
+    """Return the part [low, high] of the segment a b within eps of p; low > high: none."""
     dd = da = aa = 0.0
     for k in range(3):
         d = b[k] - a[k]
@@ -222,7 +222,7 @@ def _free(p, a, b, eps):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _reaches(p, q, eps):  # type: ignore[no-untyped-def]
-    """How far along p two walkers on a leash of ``eps`` come, len(p) when both come to the end."""
+    """Return how far along p walkers on a leash ``eps`` come; len(p) when both reach the end."""
     n, m = len(p), len(q)
     low, high = np.ones(m), np.zeros(m)
     first, last = 0, 0
@@ -284,19 +284,19 @@ def _ended(points: np.ndarray) -> np.ndarray:
 
 
 def same_motion(one: np.ndarray, other: np.ndarray, leash: float) -> bool:
-    """Whether the Frechet distance of two polylines (k, 3) is no more than ``leash``."""
+    """Return whether the Frechet distance of two polylines (k, 3) is at most ``leash``."""
     p, q = _ended(one), _ended(other)
     return bool(np.linalg.norm(p[-1] - q[-1]) <= leash and _reaches(p, q, leash) == len(p))
 
 
 def parted_at(one: np.ndarray, other: np.ndarray, leash: float) -> np.ndarray:
-    """The first point of ``one`` that can't be passed."""
+    """Return the first point of ``one`` that can't be passed."""
     p = _ended(one)
     return p[min(_reaches(p, _ended(other), leash), len(p) - 1)]
 
 
 def leash_of(one: np.ndarray, other: np.ndarray, most: float = 10.0) -> float:
-    """The Frechet distance, to a hundredth of a micrometre above."""
+    """Return the Frechet distance, rounded up to a hundredth of a micrometre."""
     low, high = 0.0, most
     if not same_motion(one, other, most):
         return math.inf

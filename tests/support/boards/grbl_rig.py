@@ -1,4 +1,4 @@
-"""A GRBL sender at a board in the simulator."""
+"""The GRBL driver on the GRBL simulator."""
 
 from __future__ import annotations
 
@@ -14,11 +14,9 @@ from tests.support.boards.line_board_conformance import ORIGIN, feed
 
 MACHINE = load_machine("grbl-uno")
 ROUTER = {110: 5000.0, 111: 5000.0, 120: 250.0, 121: 250.0}
-"""Settings of a hobby router: moves of some mm take a third of a second. On a fresh board they take
-seconds.
-"""
+"""Settings of a hobby router: moves of some mm take a third of a second, not seconds."""
 LATEST = 5.0
-"""Seconds from a fault to its report."""
+"""Longest time from a fault to its report, s."""
 
 
 def connected(simulator: GrblSimulator) -> GrblBoard:
@@ -40,7 +38,7 @@ def started(
 
 
 def outcome(board: GrblBoard, lines: Sequence[str], first: int = 1) -> BoardError | None:
-    """The fault in which a program ends."""
+    """Return the fault in which a program ends; None without one."""
     try:
         feed(board, *lines, first=first)
         board.finish()

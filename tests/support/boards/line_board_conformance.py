@@ -1,5 +1,6 @@
-"""What every board that takes lines must do, whatever is behind it. The test of a driver subclasses
-:class:`LineBoardConformance`.
+"""The conformance tests of boards that take lines.
+
+The test of a driver subclasses :class:`LineBoardConformance`.
 """
 
 from __future__ import annotations
@@ -31,12 +32,10 @@ def feed(board: LineSink, *texts: str, first: int = 1) -> None:
 
 
 class LineBoardConformance:
-    """Subclass and give :meth:`make`."""
+    """Subclass and implement :meth:`make`."""
 
     def make(self) -> LineSink:
-        """A fresh board with AXES axes at machine zero, free to go 10 mm each way, whose offsets
-        are zero.
-        """
+        """Return a new board with AXES axes at zero, 10 mm of travel each way, no offsets."""
         raise NotImplementedError
 
     @pytest.fixture
@@ -51,7 +50,7 @@ class LineBoardConformance:
         fresh.start(ORIGIN)
         return fresh
 
-    def test_is_a_line_sink_and_tells_what_it_can(self, fresh: LineSink) -> None:
+    def test_is_a_line_sink_with_capabilities(self, fresh: LineSink) -> None:
         assert isinstance(fresh, LineSink)
         can = fresh.capabilities
         assert isinstance(can, Capabilities)
@@ -70,7 +69,7 @@ class LineBoardConformance:
             "G92",
         }
 
-    def test_goes_where_the_lines_say(self, board: LineSink) -> None:
+    def test_moves_to_the_end_of_the_lines(self, board: LineSink) -> None:
         feed(board, PREAMBLE, "G0 X2 Y1", "G1 Z-1 F600", "G3 X4 Y3 I0 J2", "G1 X5")
         board.finish()
         assert board.position == pytest.approx((5.0, 3.0, -1.0), abs=0.002)
@@ -97,7 +96,7 @@ class LineBoardConformance:
         assert 0.0 <= x <= 8.0
         assert (y, z) == pytest.approx((0.0, 0.0), abs=0.002)
 
-    def test_a_wish_to_stop_lets_nobody_wait(self, fresh: LineSink) -> None:
+    def test_a_stop_request_ends_all_waiting(self, fresh: LineSink) -> None:
         control = Control()
         fresh.connect_operator(control, lambda: None)
         fresh.start(ORIGIN)
@@ -107,7 +106,7 @@ class LineBoardConformance:
         fresh.stop()
         assert fresh.position == pytest.approx((0.0, 0.0, 0.0), abs=0.002)
 
-    def test_lines_that_are_only_checked_move_nothing(self, fresh: LineSink) -> None:
+    def test_check_only_moves_nothing(self, fresh: LineSink) -> None:
         fresh.check_only = True
         fresh.connect_operator(Control(), lambda: None)
         fresh.start(ORIGIN)

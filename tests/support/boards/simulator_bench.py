@@ -1,4 +1,4 @@
-"""A bench for the board in the simulator: send, let time pass, see what came."""
+"""A test bench for the GRBL simulator: send lines, advance time, read answers."""
 
 from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.firmware_profile import GRBL, FirmwareProfile
@@ -6,11 +6,11 @@ from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 
 BYTE = 10 / 115200
-"""Seconds of a byte on the wire."""
+"""Time of a byte on the wire, s."""
 
 
 class Bench:
-    """A board that has been switched on."""
+    """A simulated board with power."""
 
     def __init__(
         self,
@@ -23,19 +23,19 @@ class Bench:
         self.welcome = self.hear(2.0)
 
     def hear(self, seconds: float) -> list[str]:
-        """Lines that come within that time."""
+        """Return the lines that come within a time."""
         end, heard = self.simulator.now + seconds, b""
         while self.simulator.now < end:
             heard += self.port.read(end - self.simulator.now)
         return [line for line in heard.decode("latin-1").split("\r\n") if line]
 
     def send(self, text: str | bytes, seconds: float = 1.0) -> list[str]:
-        """Send bytes, or a text in Latin-1; lines that come within that time."""
+        """Send bytes, or a text in Latin-1; return the lines that come within a time."""
         self.port.write(text if isinstance(text, bytes) else text.encode("latin-1"))
         return self.hear(seconds)
 
     def reply(self, line: str, seconds: float = 1.0) -> str:
-        """The answer to one line."""
+        """Return the answer to one line."""
         (reply,) = (
             heard
             for heard in self.send(line + "\n", seconds)
@@ -44,12 +44,12 @@ class Bench:
         return reply
 
     def status(self) -> dict[str, str]:
-        """A status report by field; the state is field ``state``."""
+        """Return a status report by field; the state is field ``state``."""
         (report,) = (heard for heard in self.send("?", 0.02) if heard.startswith("<"))
         state, *fields = report[1:-1].split("|")
         return {"state": state} | dict(field.split(":", 1) for field in fields)
 
     def finish(self) -> None:
-        """Until the motion has ended."""
+        """Wait until the motion has ended."""
         while self.simulator.core.planner.blocks or self.simulator.core.state == "Run":
             self.hear(0.25)

@@ -1,4 +1,4 @@
-"""The planner's figures: motions whose best legal time is known, and the time that ours may take.
+"""The planner's figures: motions with their best known legal time, and the time that ours may take.
 
 ``best`` are feasible motions found by a nonlinear optimum on a fine grid with exact constant-jerk
 intervals, or theory where it has a formula. Lengths mm, times s. Programs start at machine zero, so
@@ -24,7 +24,7 @@ TRIDENT_KNOTS = (0, 0, 0, 0, 0.25, 0.5, 0.75, 1, 1, 1, 1)
 
 @dataclass(frozen=True)
 class Case:
-    """A program for a machine, the best time known, and the longest that is wanted."""
+    """A program for a machine, the best known time, and the longest that is accepted."""
 
     name: str
     machine: Machine
@@ -32,7 +32,7 @@ class Case:
     best: float
     wanted: float
     points: NDArray[np.float64]
-    """The path as a polygon, for planners that know no curves."""
+    """The path as a polygon, for planners without curves."""
 
 
 def machine(
@@ -44,7 +44,7 @@ def machine(
     feed: float = 300.0,
     period: float = 1e-3,
 ) -> Machine:
-    """Limits along the path, or of each axis and none along the path."""
+    """Return a machine with limits along the path, or with limits of each axis only."""
     axis = Axis(
         steps_per_mm=100.0,
         max_velocity=1000.0,
@@ -66,14 +66,14 @@ def machine(
 
 
 def with_period(case: Machine, period: float) -> Machine:
-    """The same machine with another period; its chord error stays."""
+    """Return the same machine with another period and the same chord error."""
     return case.model_copy(update={"path": case.path.model_copy(update={"period": period})})
 
 
 def chain(
     points: NDArray[np.float64], feed: float, mode: str = f"G64 P{TOLERANCE:g}", digits: int = 4
 ) -> str:
-    """Straight moves through points after the first, which is where the machine stands."""
+    """Return straight moves from the first of the points through all others."""
     moves = (
         " ".join(f"{letter}{value:.{digits}f}" for letter, value in zip("XYZ", point, strict=False))
         for point in points[1:].tolist()
@@ -84,18 +84,18 @@ def chain(
 
 
 def circle(radius: float, feed: float) -> str:
-    """A full circle from the machine's zero."""
+    """Return a full circle from the machine's zero."""
     return f"G21 G90 G94 G17\nG61\nG2 X0 Y0 I{radius:g} J0 F{60 * feed:g}\nM2\n"
 
 
 def ring(radius: float, chord: float) -> NDArray[np.float64]:
-    """The same as a polygon of equal chords."""
+    """Return the same circle as a polygon of equal chords."""
     angle = np.linspace(0.0, 2 * math.pi, round(2 * math.pi * radius / chord) + 1)
     return np.stack((radius - radius * np.cos(angle), radius * np.sin(angle)), axis=1)
 
 
 def trident() -> str:
-    """The symmetric trident of Hui, Wei and Gao (2013), its first point at zero."""
+    """Return the symmetric trident of Hui, Wei and Gao (2013) with its first point at zero."""
     rows = [
         f"U{knot:g} X{x - 10:g} Y{y:g} W1"
         for knot, (x, y) in zip(TRIDENT_KNOTS, TRIDENT, strict=False)
@@ -107,7 +107,7 @@ def trident() -> str:
 
 
 def trident_points(count: int = 2000) -> NDArray[np.float64]:
-    """Along the trident, by de Boor's recurrence."""
+    """Return points along the trident, by de Boor's recurrence."""
 
     def basis(i: int, degree: int, u: NDArray[np.float64]) -> NDArray[np.float64]:
         knots = TRIDENT_KNOTS
@@ -131,15 +131,16 @@ def trident_points(count: int = 2000) -> NDArray[np.float64]:
 
 
 def straight(piece: float, length: float = 100.0) -> NDArray[np.float64]:
-    """A straight line cut in pieces."""
+    """Return a straight line cut into pieces."""
     points = np.zeros((math.ceil(length / piece - 1e-9) + 1, 2))
     points[:, 0] = np.minimum(np.arange(len(points)) * piece, length)
     return points
 
 
 def finishing(moves: int = 4000, length: float = 630.0) -> NDArray[np.float64]:
-    """A finishing pass over a wavy surface: rows, joined by half circles, cut in moves of equal
-    length and rounded to four digits.
+    """Return a finishing pass over a wavy surface: rows joined by half circles.
+
+    The moves have equal length; their ends are rounded to four digits.
     """
     radius, row = 1.5, 40.0
     rows = 20
@@ -164,7 +165,7 @@ def finishing(moves: int = 4000, length: float = 630.0) -> NDArray[np.float64]:
 
 
 def cases() -> Iterator[Case]:
-    """The table."""
+    """Yield the cases of the table."""
     line = straight(100.0)
     ten, curve = ring(10.0, 0.05), trident_points()
     yield Case("line 100 mm", machine(), chain(line, 300.0, "G61"), 0.50833, 0.5084, line)

@@ -1,9 +1,8 @@
-"""Programs of two or three moves: every kind of move, joint, feed and path mode, on random
-machines.
+"""Programs of two or three moves with all kinds of moves, joints and path modes.
 
     mode, (kind, feed) joint (kind, feed) [joint (kind, feed)]
 
-A joint says how the second move's direction follows from the first one's: on the same line, back
+A joint determines the direction of the second move from that of the first: on the same line, back
 along it, at an angle, or along the tangent. Kinds and joints are enumerated; feeds, lengths,
 tolerances and machines are random by seed.
 """
@@ -34,14 +33,14 @@ SLOWEST = 1.0 / 60.0
 """mm/s: F1."""
 
 DECADES = 3.0
-"""Feeds in one program differ by up to 1 : 1000, and the limits of machines as well."""
+"""Feeds in one program differ by up to 1 : 1000, and so do the limits of machines."""
 
 LONGEST = 20.0
-"""s that a move may take at its feed; slower moves are made shorter."""
+"""s; a move that would take longer at its feed is made shorter."""
 
 
 def machine_number(number: int, seed: int) -> Machine:
-    """One of MACHINES machines: limits along the path, of the axes, or both, over three decades."""
+    """Return a machine with limits along the path, of the axes, or both, over three decades."""
     rng = np.random.default_rng((seed, number))
     acceleration = 10 ** rng.uniform(1.5, 1.5 + DECADES)
     jerk = acceleration / 10 ** rng.uniform(-2.5, -0.5)
@@ -72,7 +71,7 @@ def machine_number(number: int, seed: int) -> Machine:
 
 
 class Chain:
-    """Writes moves that follow each other, each in a direction that its joint gives."""
+    """Writes consecutive moves, each in the direction that its joint gives."""
 
     def __init__(self, rng: np.random.Generator, mode: str, fastest: float) -> None:
         self.rng = rng
@@ -125,9 +124,7 @@ class Chain:
         self.here = np.round(there, 9)
 
     def arc(self, length: float, feed: float) -> None:
-        """An arc in the XY plane (a helix where the direction rises) that begins in the direction
-        ahead.
-        """
+        """Write an arc in the XY plane, or a helix, that begins in the direction ahead."""
         flat = float(np.hypot(self.ahead[0], self.ahead[1]))
         if flat < 0.1:
             self.ahead = np.array([1.0, 0.0, 0.0])
@@ -158,9 +155,7 @@ class Chain:
         self.ahead = np.array([*end, self.ahead[2]])
 
     def nurbs(self, length: float, feed: float) -> None:
-        """A cubic with five points that begins in the direction ahead, straight where the seed
-        wants it.
-        """
+        """Write a cubic of five points that begins in the direction ahead; it may be straight."""
         bend = length * float(self.rng.choice((0.0, 10 ** self.rng.uniform(-3.0, -0.5))))
         points = [self.here, self.here + 0.25 * length * self.ahead]
         points += [
@@ -181,8 +176,9 @@ class Chain:
 
 
 def joint_program(number: int, seed: int) -> tuple[str, Machine]:
-    """Program ``number`` of a series: shapes and modes in turn, machines and the rest at random by
-    ``seed``.
+    """Return program ``number`` of a series and its machine.
+
+    Shapes come in turn; the rest is random by ``seed``.
     """
     rng = np.random.default_rng((seed, number))
     kinds, joints = SHAPES[number % len(SHAPES)]

@@ -1,14 +1,13 @@
-"""Is a motion legal? An answer from the files that a check writes, by mathematics that the planner
-has no part in.
+"""Check of the legality of a motion from output files, without the planner's mathematics.
 
-The blocks file says what was programmed, the trace where the machine was at every period, the pulse
-file when its last step came. Velocity, acceleration and jerk are differences of the positions; the
-distance from the path is that from lines, arcs and NURBS made anew (scipy's B-splines). A
-difference of order n is a weighted mean of the n-th derivative over n periods, so a motion that
-keeps a limit shows no larger one, however long the period.
+The blocks file has the programmed path, the trace the position at every period, and the pulse file
+the time of the last step. Velocity, acceleration and jerk are differences of the positions. The
+distance from the path is that from lines, arcs and NURBS (scipy's B-splines). A difference of order
+n is a weighted mean of the n-th derivative over n periods, so a motion that keeps a limit shows no
+larger one for any period.
 
-A finer trace needs a machine with a shorter period: some limits depend on it (the chord error, how
-fast a joint is crossed), so the motion is planned anew and need not be the same.
+A finer trace needs a machine with a shorter period. Some limits depend on it (the chord error, the
+speed at a joint), so the motion for it is another one.
 """
 
 from __future__ import annotations
@@ -27,24 +26,23 @@ from cnc.api import Outputs, RunOptions, check, start_position
 from cnc.machine.models import Machine
 
 ALLOWED = 1e-3
-"""A value may lie this much above its limit, relative."""
+"""Relative; a value may exceed its limit by this."""
 APART = 1e-6
-"""mm; a point may lie this much farther from the path than the tolerance."""
+"""mm; a point may be this much farther from the path than the tolerance."""
 NOISE = 1e-12
-"""mm that a position may be off by its arc length's accuracy and by rounding."""
+"""mm; error of a position, from the accuracy of the arc length and from rounding."""
 SLICES_S, SLICES_LENGTH = 0.2, 0.02
-"""s, mm: how far the motion may go on without what the operator wishes; the length counts at a
-crawl.
-"""
+"""s, mm; an operator's request may take effect this late. The length counts for slow motion."""
 WINDOW = 4
-"""Programmed pieces more, before and after, that a row may belong to by its source line."""
+"""A row may belong to so many more programmed pieces before and after its source line."""
 PLANES = {"XY": ("x", "y"), "ZX": ("z", "x"), "YZ": ("y", "z")}
 
 
 @dataclass
 class Piece:
-    """A programmed move: ``curve`` maps u of 0..1 (n,) to points (n, axes); a straight one is known
-    by ``start`` and ``end`` alone.
+    """A programmed move.
+
+    ``curve`` maps u of 0..1 (n,) to points (n, axes); it is None for a straight move.
     """
 
     line: int
@@ -56,16 +54,17 @@ class Piece:
     corners: tuple[float, ...] = ()
 
     def points(self, count: int) -> np.ndarray:
-        """Points along a curve, and where it may have corners inside."""
+        """Return points along a curve, and its possible corners."""
         u = np.unique(np.concatenate((np.linspace(0.0, 1.0, count), self.corners)))
         return np.stack((self.start, self.end)) if self.curve is None else self.curve(u)
 
     def distance(self, points: np.ndarray, *, everywhere: bool = False) -> np.ndarray:
-        """Of points from the curve: the nearest chords of many, even in u and along the curve, and
-        golden sections on what they span.
+        """Return the distance of points from the curve.
 
-        The nearest chords are those of the nearest ends of chords, unless ``everywhere``: where the
-        curve comes by twice, one time with shorter chords, those are not always the same.
+        The nearest of many chords, even in u and along the curve, are found first; golden sections
+        between their ends follow. The nearest chords are those of the nearest ends of chords,
+        unless ``everywhere``. The two differ where the curve passes a point twice, once with
+        shorter chords.
         """
         u = np.linspace(0.0, 1.0, 4097)
         along = np.concatenate(([0.0], np.cumsum(_lengths(np.diff(self.curve(u), axis=0)))))
@@ -106,7 +105,7 @@ class Piece:
 
 @dataclass
 class Findings:
-    """What a trace shows: each largest value as a part of its limit, and what is wrong."""
+    """Findings of a check: each largest value as a part of its limit, and the errors."""
 
     duration: float = 0.0
     ratios: dict[str, float] = field(default_factory=dict)
@@ -117,15 +116,16 @@ class Findings:
 
     @property
     def largest(self) -> tuple[str, float]:
-        """The limit that is used most, and how much of it."""
+        """The limit that is used most, and the part of it."""
         return max(self.ratios.items(), key=lambda item: item[1], default=("nothing", 0.0))
 
 
 def examine(
     text: str, machine: Machine, folder: Path, *, judged_by: Machine | None = None
 ) -> Findings:
-    """Check a program with a machine, and judge the files that this writes into ``folder`` by its
-    limits, or by another's.
+    """Check a program with a machine, and the files that this writes to ``folder``.
+
+    They are compared with the limits of the machine, or of ``judged_by``.
     """
     program, blocks, trace, pulses = (
         folder / name for name in ("program.nc", "blocks.jsonl", "trace.npz", "pulses.npz")
@@ -145,7 +145,7 @@ def examine(
 
 
 Override = tuple[np.ndarray, np.ndarray]
-"""Machine times from which on feeds are scaled, the first of them 0, and by how much."""
+"""Machine times from which on feeds are scaled, the first of them 0, and the factors."""
 NEVER: Override = np.zeros(1), np.ones(1)
 
 
@@ -157,8 +157,15 @@ def judge(
     duration: float,
     override: Override = NEVER,
 ) -> Findings:
-    """The files of a check or a run, how long it says that the motion takes, and how feeds were
-    overridden.
+    """Compare the files of a check or a run with the limits of a machine.
+
+    Args:
+        blocks: the blocks file.
+        trace: the trace.
+        pulses: the pulse file.
+        machine: its limits.
+        duration: duration of the motion in the report, s.
+        override: the feed override during the motion.
     """
     found = Findings(duration)
     rows = dict(np.load(trace).items())
@@ -166,7 +173,7 @@ def judge(
     if not all(
         np.isfinite(rows[name]).all() for name in ("t", "position", "s", "feed", "accel", "jerk")
     ):
-        found.wrong.append("the trace has numbers that are none")
+        found.wrong.append("the trace has numbers that are not finite")
         return found
     found.moved = bool(path)
     _judge_clock(rows, np.load(pulses), machine, duration, found)
@@ -180,7 +187,7 @@ def judge(
 
 
 def programmed(blocks: list[dict], machine: Machine) -> list[Piece]:
-    """The moves of a blocks file."""
+    """Return the moves of a blocks file."""
     axes = machine.axis_names
     here, tolerance = np.array(start_position(machine), float), 0.0
     pieces: list[Piece] = []
@@ -279,8 +286,9 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
 def _judge_clock(
     rows: dict, pulses: dict, machine: Machine, duration: float, found: Findings
 ) -> None:
-    """Rows are a period apart and end with the motion; the last pulse lies in it, from there on
-    half a step is the most that is left.
+    """Check that rows are a period apart and end with the motion, and check the last pulse.
+
+    The last pulse is within the motion; behind it at most half a step is left.
     """
     period, t, p = machine.path.period, rows["t"], rows["position"]
     if abs(float(rows["period"]) - period) > 1e-15 or np.abs(
@@ -302,7 +310,7 @@ def _judge_clock(
 
 
 def _judge_limits(rows: dict, machine: Machine, found: Findings) -> None:
-    """Differences against limits."""
+    """Compare differences of the positions with the limits."""
     period, p, s, path = machine.path.period, rows["position"], rows["s"], machine.path
     noise = [0.0] + [
         2.0**order * (NOISE + 4.0 * np.spacing(np.abs(p).max(initial=1.0))) / period**order
@@ -332,8 +340,8 @@ def _judge_limits(rows: dict, machine: Machine, found: Findings) -> None:
     note("tangential acceleration", np.diff(s, 2), 2, path.max_tangential_acceleration, s_noise)
     note("tangential jerk", np.diff(s, 3), 3, path.max_jerk, s_noise)
 
-    # The path length against the positions, and the normal acceleration from them; around a stop
-    # the directions before and after mix.
+    # The path length and the normal acceleration are compared with the positions. Near a stop the
+    # directions before and after mix.
     step, ds = np.diff(p, axis=0), np.diff(s)
     moving = ds > _crawl(machine)
     chord = _lengths(step)
@@ -349,9 +357,7 @@ def _judge_limits(rows: dict, machine: Machine, found: Findings) -> None:
 
 
 def _crawl(machine: Machine) -> float:
-    """A step that shorter ones may follow or precede where the motion comes to rest between two
-    samples.
-    """
+    """Return a length of steps; a shorter one may be beside a rest between two samples, mm."""
     jerk = min(
         machine.path.max_jerk or math.inf,
         math.sqrt(sum((axis.max_jerk or math.inf) ** 2 for axis in machine.axes.values())),
@@ -362,7 +368,7 @@ def _crawl(machine: Machine) -> float:
 def _judge_path(
     rows: dict, path: list[Piece], machine: Machine, override: Override, found: Findings
 ) -> None:
-    """The trace against the programmed path, and the path against the trace."""
+    """Compare the trace with the programmed path, and the path with the trace."""
     p, line, ds = rows["position"], rows["line"], np.diff(rows["s"])
     first, last = _belongs(line, np.array([piece.line for piece in path]))
     tolerance = np.array([piece.tolerance for piece in path])
@@ -381,7 +387,7 @@ def _judge_path(
             by_curve.setdefault(int(k), []).append(rows_here[piece == k])
     for everywhere in (False, True):
         for k, some in by_curve.items():
-            # Only where nothing was near enough already.
+            # Only for rows that are not near enough to another piece.
             wanted = np.concatenate(some)
             wanted = wanted[best[wanted] > allowed[wanted] + 0.5 * APART]
             if len(wanted):
@@ -395,8 +401,8 @@ def _judge_path(
             f"{best[worst]:.3g} mm from the path at {rows['t'][worst]:.4f} s (line {line[worst]})"
         )
 
-    # A sample's step against the path that it covers, but at corners: those that are stopped at,
-    # and those that a tolerance rounds.
+    # The step between samples is compared with the path that it covers, except at corners with a
+    # stop or a tolerance.
     chord = _lengths(np.diff(p, axis=0))
     moving = ds > _crawl(machine)
     inside = np.zeros(len(ds), bool)
@@ -408,8 +414,8 @@ def _judge_path(
             / machine.path.step_deviation
         )
 
-    # Speed against the feed of any piece that the step may lie on; a traverse has none, the axes
-    # limit it.
+    # The speed is compared with the feed of any piece that the step may lie on. A traverse has
+    # none: the axes limit it.
     feed = np.array([piece.feed for piece in path])
     lo, hi = np.minimum(first[:-1], first[1:]), np.maximum(last[:-1], last[1:])
     highest = _range_max(feed, lo, hi)
@@ -430,8 +436,8 @@ def _judge_path(
     found.ratios["feed"] = max(0.0, float(over.max(initial=0.0)))
 
     # Every programmed corner and points along every curve lie within the tolerance of the polygon
-    # of samples, which itself cuts a bend by the chord error at most, and a corner that is stopped
-    # at by the steps about it.
+    # of samples. That polygon cuts a bend by the chord error at most, and a corner with a stop by
+    # the steps beside it.
     tree = cKDTree(p)
     for k, piece in enumerate(path):
         targets = piece.points(33)
@@ -445,7 +451,7 @@ def _judge_path(
         reach = max(t.tolerance for t in path[max(k - 1, 0) : k + 2])
         allow = reach + machine.path.chord_error + APART
         for far in np.flatnonzero(apart > allow + slack):
-            # the nearest samples may be those of another stretch, where the motion is slower
+            # The nearest samples may be those of another stretch, where the motion is slower.
             apart[far] = _from_segments(
                 np.broadcast_to(targets[far], p[1:].shape), p[:-1], p[1:]
             ).min()
@@ -464,11 +470,11 @@ def _judge_path(
 def _in_force(
     override: Override, t: np.ndarray, s: np.ndarray, used: np.ndarray, letting_go: float
 ) -> np.ndarray:
-    """The factor of its feed that each step may use, of which it does use a part.
+    """Return the factor of its feed that each step may use.
 
-    A wish takes effect where the motion that the board has or is about to get ends: two slices.
-    From there on acceleration may be let go of, for so long, and then no step is faster than the
-    fastest by then until feeds are as they were wished.
+    A request takes effect at the end of the motion that the board has or is about to get: two
+    slices. Then the acceleration may end within ``letting_go`` seconds. After that no step is
+    faster than the fastest so far, until the feeds are as requested.
     """
     since, factors = override
     now = factors[np.searchsorted(since, t[1:], side="right") - 1]
@@ -491,20 +497,19 @@ def _in_force(
 
 
 def _letting_go(machine: Machine) -> float:
-    """s; twice as long as any acceleration takes to come to nothing where nothing else needs
-    jerk.
-    """
+    """Return twice the longest time in which an acceleration ends at full jerk, s."""
     limits = [(machine.path.max_tangential_acceleration, machine.path.max_jerk)]
     limits += [(axis.max_acceleration, axis.max_jerk) for axis in machine.axes.values()]
     return 2.0 * max(a / j for a, j in limits if a is not None and j is not None)
 
 
 def _belongs(line: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and last piece that each row may lie on.
+    """Return the first and the last piece that each row may lie on.
 
-    They follow each other as the rows' source lines do. Where moves become one curve a row's line
-    is that of any of them: it may lie between the pieces of the line before its own and those of
-    the second after it (a rounded corner reaches into what follows), and WINDOW pieces more.
+    Pieces are in the order of the source lines of the rows. Where moves become one curve, the line
+    of a row is that of any of them. So a row may lie between the pieces of the line before its own
+    and those of the second line behind it, since a blend reaches into the next move, and WINDOW
+    pieces more.
     """
     runs = np.append(0, np.flatnonzero(np.diff(line)) + 1)
     begins, ends = np.empty(len(runs), np.int64), np.empty(len(runs), np.int64)
@@ -523,7 +528,7 @@ def _belongs(line: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _range_max(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Largest of values[low..high] for each pair."""
+    """Return the largest of values[low..high] for each pair."""
     best = values[low]
     for offset in range(1, int((high - low).max()) + 1):
         best = np.maximum(best, values[np.minimum(low + offset, high)])
@@ -531,7 +536,7 @@ def _range_max(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndar
 
 
 def _from_segments(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Distance of each point from the segment a..b of its own."""
+    """Return the distance of each point from its own segment a..b."""
     along = b - a
     square = (along**2).sum(axis=1)
     part = np.divide(

@@ -1,4 +1,4 @@
-"""Random motions, machines and a second look at plans, shared by the planner's tests."""
+"""Random motions and machines, and sampled plans, for the planner's tests."""
 
 import math
 
@@ -25,8 +25,9 @@ def machine(
     chord_error=0.001,
     deviation=None,
 ):
-    """A three-axis machine; ``axis`` is (acceleration, jerk) of each axis, or None for limits along
-    the path alone.
+    """Return a three-axis machine.
+
+    ``axis`` is (acceleration, jerk) of each axis, or None for limits along the path only.
     """
     a, j = axis if axis else (None, None)
     each = Axis(steps_per_mm=100.0, max_velocity=velocity, max_acceleration=a, max_jerk=j)
@@ -53,7 +54,7 @@ def lines(points, feed=100.0, first=1):
 
 
 def arc(start, center, turns, feed=100.0, rise=0.0, line=1):
-    """An arc in the XY plane."""
+    """Return an arc in the XY plane."""
     start, center = np.asarray(start, float), np.asarray(center, float)
     radius = math.dist(start[:2], center)
     angle = math.atan2(start[1] - center[1], start[0] - center[0]) + 2 * math.pi * turns
@@ -72,7 +73,7 @@ def arc(start, center, turns, feed=100.0, rise=0.0, line=1):
 
 
 def nurbs(points, weights=None, degree=3, feed=100.0, line=1):
-    """A clamped uniform NURBS."""
+    """Return a clamped uniform NURBS."""
     points = np.asarray(points, float)
     n = len(points)
     inner = np.arange(1, n - degree) / (n - degree)
@@ -89,7 +90,7 @@ def nurbs(points, weights=None, degree=3, feed=100.0, line=1):
 
 
 def random_blocks(rng: np.random.Generator, count: int = 8) -> list[Block]:
-    """Lines, chains of tangent lines and arcs, helices, NURBS, dwells, changes of path mode."""
+    """Return random moves of all kinds, dwells and changes of the path mode."""
     blocks: list[Block] = []
     here = np.zeros(3)
     size = 10 ** rng.uniform(-1, 1.3)
@@ -101,7 +102,7 @@ def random_blocks(rng: np.random.Generator, count: int = 8) -> list[Block]:
                 blocks.append(lines(points, feed, line))
                 here = points[-1]
             case 1:
-                # Nearly straight: small turns that a CAM program has by the thousand.
+                # Nearly straight, with the small turns that CAM programs have by the thousand.
                 turn = np.cumsum(rng.normal(0, 10 ** rng.uniform(-6, -1.5), 20))
                 step = size * 0.1 * np.stack((np.cos(turn), np.sin(turn), np.zeros(20)), axis=1)
                 points = here + np.cumsum(step, axis=0)

@@ -1,6 +1,4 @@
-"""Random programs and the machines to run them on, by seed: moves of every kind, every path mode,
-limits over three decades.
-"""
+"""Random programs and machines by seed: all kinds of moves, all path modes, limits of 3 decades."""
 
 import math
 
@@ -13,7 +11,7 @@ MODES = ("G61", "G61.1", "G64", "G64 P0")
 
 
 def random_machine(rng: np.random.Generator, period: float) -> tuple[Machine, float]:
-    """A machine, and the size in mm of moves that it makes within a second or so."""
+    """Return a machine, and the length in mm of moves that it makes in about a second."""
     accel, seconds = 10 ** rng.uniform(1.5, 4.5), 10 ** rng.uniform(-2.5, -0.5)
     jerk, velocity = accel / seconds, 10 ** rng.uniform(1, 3)
     limits = str(rng.choice(["path", "axes", "both"]))
@@ -58,7 +56,7 @@ class Job:
         return str(self.rng.choice((*MODES, *[f"G64 P{tolerance:.5f}"] * 4)))
 
     def feed(self) -> str:
-        """Of a move that takes no more than a few seconds."""
+        """Return a feed with which a move takes at most a few seconds."""
         return f"F{60 * self.size * 10 ** self.rng.uniform(-0.5, 2.5):.4f}"
 
     def go(self, there: np.ndarray, head: str, tail: str = "") -> None:
@@ -91,9 +89,7 @@ class Job:
             self.go(self.near(scale), "G1", feed)
 
     def chain(self) -> None:
-        """Chords of a smooth curve, as CAM writes it: now straight, now turning, with a corner here
-        and there.
-        """
+        """Write chords of a smooth curve, as a CAM system does, with a few corners."""
         count, feed = int(self.rng.integers(10, 120)), self.feed()
         chord = max(self.size * 10 ** self.rng.uniform(-2.5, -1), 2e-4)
         bend = np.cumsum(self.rng.normal(0, 10 ** self.rng.uniform(-3, -1.2), count))
@@ -127,7 +123,7 @@ class Job:
         )
 
     def tangent(self) -> None:
-        """A line, an arc that goes on in its direction, and another line."""
+        """Write a line, an arc tangent to it, and a line tangent to the arc."""
         heading, radius = (
             self.rng.uniform(0, 2 * math.pi),
             self.size * 10 ** self.rng.uniform(-1, 0),
@@ -154,7 +150,8 @@ class Job:
             return
         knots = [0.0] * (degree + 1) + inner.tolist() + [1.0] * (degree + 1)
         self.lines.append(
-            f"G06.2 K{degree} U0 X{self.here[0]:.4f} Y{self.here[1]:.4f} Z{self.here[2]:.4f} W1 {self.feed()}"
+            f"G06.2 K{degree} U0 X{self.here[0]:.4f} Y{self.here[1]:.4f} Z{self.here[2]:.4f} "
+            f"W1 {self.feed()}"
         )
         for knot in knots[1:count]:
             self.go(self.near(0.5), f"U{knot:.3f}", f"W{10 ** self.rng.uniform(-0.7, 0.7):.3f}")
@@ -180,7 +177,7 @@ class Job:
 
 
 def random_job(seed: int) -> tuple[str, Machine]:
-    """The program and the machine of a seed."""
+    """Return the program and the machine of a seed."""
     rng = np.random.default_rng(seed)
     machine, size = random_machine(rng, float(rng.choice((1e-3, 1e-4))))
     return Job(rng, size).write(), machine

@@ -1,6 +1,4 @@
-"""Random programs for boards that take lines, and where they lead, by geometry alone: nothing of
-the project reads them here.
-"""
+"""Random programs for boards that take lines, with their paths by geometry alone."""
 
 import math
 from collections.abc import Callable
@@ -197,7 +195,8 @@ class Geometry:
 
 
 KINDS: list[Callable[[Geometry], None]] = [
-    Geometry.line, Geometry.run, Geometry.arc, Geometry.tiny_arc, Geometry.tiny_spiral, Geometry.nurbs, Geometry.drill,
+    Geometry.line, Geometry.run, Geometry.arc, Geometry.tiny_arc, Geometry.tiny_spiral,
+    Geometry.nurbs, Geometry.drill,
 ]  # fmt: skip
 
 

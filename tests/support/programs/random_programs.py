@@ -1,4 +1,4 @@
-"""Random programs of lines, arcs in all planes, helices and NURBS within a box, by seed."""
+"""Random programs of lines, arcs in all planes, helices and NURBS, by seed."""
 
 import math
 
@@ -65,9 +65,9 @@ class Writer:
         if self.rng.random() < 0.4:
             there[across] = self.target(2.0)[across]
         words = " ".join(word(axis, value) for axis, value in there.items())
-        self.lines.append(
-            f"{code} {'G3' if sweep > 0 else 'G2'} {words} {word(i, offset[0])} {word(j, offset[1])} {self.feed()}"
-        )
+        turn = "G3" if sweep > 0 else "G2"
+        center = f"{word(i, offset[0])} {word(j, offset[1])}"
+        self.lines.append(f"{code} {turn} {words} {center} {self.feed()}")
         self.go(there)
 
     def nurbs(self) -> None:

@@ -1,6 +1,4 @@
-"""``python -m cnc.boards.grbl.simulator``: a GRBL board behind a pseudo-terminal, until it is
-interrupted or unplugged.
-"""
+"""Serve the GRBL simulator at a pseudo-terminal, until it is interrupted or unplugged."""
 
 from __future__ import annotations
 
@@ -9,22 +7,22 @@ import os
 import sys
 
 from cnc.boards.grbl.simulator.eeprom import setting_text
-from cnc.boards.grbl.simulator.faults import Appointment, parse_fault
+from cnc.boards.grbl.simulator.faults import ScheduledFault, parse_fault
 from cnc.boards.grbl.simulator.firmware_profile import FIRMWARES, GRBL_SETTINGS
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
 from cnc.boards.grbl.simulator.pty_server import PtyServer
 
 
 def setting(text: str) -> tuple[int, float]:
-    """``110=5000``."""
+    """Return number and value of ``110=5000``."""
     number, _, value = text.removeprefix("$").partition("=")
     if int(number) not in GRBL_SETTINGS:
         raise ValueError(number)
     return int(number), float(value)
 
 
-def fault(text: str) -> Appointment:
-    """See :func:`cnc.boards.grbl.simulator.faults.parse_fault`."""
+def fault(text: str) -> ScheduledFault:
+    """Return a fault, see :func:`cnc.boards.grbl.simulator.faults.parse_fault`."""
     try:
         return parse_fault(text)
     except ValueError as error:
@@ -32,13 +30,15 @@ def fault(text: str) -> Appointment:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Serve; the exit code."""
+    """Serve the simulator, and return the exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m cnc.boards.grbl.simulator", description=__doc__
     )
-    parser.add_argument("--flavour", choices=FIRMWARES, default="grbl", help="which firmware")
     parser.add_argument(
-        "--factor", type=float, default=1.0, help="how much faster than the wall its clock runs"
+        "--flavour", choices=FIRMWARES, default="grbl", help="the firmware to simulate"
+    )
+    parser.add_argument(
+        "--factor", type=float, default=1.0, help="speed of its clock relative to real time"
     )
     parser.add_argument(
         "--setting",
@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
         action="append",
         default=[],
         metavar="N=VALUE",
-        help="a $ setting, any number of them",
+        help="a $ setting; may be repeated",
     )
     parser.add_argument(
         "--fault",
@@ -54,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
         action="append",
         default=[],
         metavar="KIND[:N][@byte|line|time:N]",
-        help="what goes wrong",
+        help="a fault; may be repeated",
     )
     chosen = parser.parse_args(arguments)
     if not chosen.factor > 0.0:
@@ -66,9 +66,10 @@ def main(arguments: list[str] | None = None) -> int:
         simulator.inject(each.fault, byte=each.byte, line=each.line, time=each.time)
     with PtyServer(simulator, chosen.factor) as server:
         changed = ", ".join(setting_text(number, value) for number, value in chosen.setting)
+        settings = f" with {changed}" if changed else ""
         sys.stdout.write(f"{server.name}\n")
         sys.stderr.write(
-            f"a {chosen.flavour} board at {server.name}{f' with {changed}' if changed else ''}; end it with Ctrl-C\n"
+            f"a simulated {chosen.flavour} board at {server.name}{settings}; stop it with Ctrl-C\n"
         )
         sys.stdout.flush()
         try:

@@ -1,7 +1,7 @@
-"""Arcs become chords whose middle is no further from the circle than ``$12`` (settings.md,
-``$12``).
+"""Arcs as chords whose middle is at most ``$12`` from the circle (settings.md, ``$12``).
 
-sagitta e of a chord over the angle 2b on radius r:   e = r (1 - cos b)   =>   chord^2 = 4 (2 r e - e^2)
+Sagitta e of a chord over the angle 2b on radius r: e = r (1 - cos b), so that
+chord^2 = 4 (2 r e - e^2).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from cnc.boards.grbl.simulator.planner import Point
 
 FULL_TURN = 2.0 * math.pi
 SAME_ANGLE = 5e-7
-"""Radians below which start and end are one, and the arc a full circle."""
+"""rad between start and end below which the arc is a full circle."""
 
 
 def chords(
@@ -23,7 +23,16 @@ def chords(
     clockwise: bool,
     tolerance: float,
 ) -> list[Point]:
-    """Ends of the chords of an arc or helix; ``center`` is relative to the start, in the plane."""
+    """Return the ends of the chords of an arc or helix.
+
+    Args:
+        start: Start point, mm.
+        end: End point, mm.
+        center: Centre from the start along the two axes of the plane, mm.
+        plane: First, second and normal axis.
+        clockwise: Sense of the arc.
+        tolerance: ``$12``, mm.
+    """
     first, second, normal = plane
     i, j = center
     radius = math.hypot(i, j)

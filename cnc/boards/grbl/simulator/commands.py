@@ -1,5 +1,6 @@
-"""``$`` commands (commands.md): settings, reports, jogs, homing, check mode, sleep. Each returns an
-error code, 0 for ok.
+"""``$`` commands (commands.md): settings, reports, jogs, homing, check mode, sleep.
+
+Each handler returns an error code, 0 for ok.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from dataclasses import replace
 from cnc.boards.grbl.simulator import report
 from cnc.boards.grbl.simulator.core import BUSY, Core, Wait
 from cnc.boards.grbl.simulator.eeprom import LONGEST_TEXT, STARTUP_LINES
-from cnc.boards.grbl.simulator.modal import AXES, NUMBER, Modes, Refused, check, sort
+from cnc.boards.grbl.simulator.line_check import check_line
+from cnc.boards.grbl.simulator.modal import AXES, NUMBER, Modes, Refused, sort_words
 from cnc.boards.grbl.simulator.motion import home, move_to, perform, within_travel, write_eeprom
 
 Answer = Generator[Wait, None, int]
@@ -23,28 +25,25 @@ JOG_COMMANDS = {"distance", "units", "other"}
 
 
 def system_command(core: Core, text: str) -> Answer:
-    """A line that begins with ``$``, upper case, without spaces."""
+    """Carry out a line that begins with ``$``, in upper case without spaces."""
     body = text[1:]
-    if body == "":
-        core.say(report.HELP)
-        return 0
     if body.startswith("J"):
         return (yield from _jog(core, body[1:]))
     if body == "$":
         if core.state in ("Run", "Hold"):
             return 8
         return (yield from _print(core, report.settings_list(core)))
-    if body == "G":
-        core.say(report.parser_state(core))
-        return 0
-    if body == "C":
-        return _check_mode(core)
-    if body == "X":
-        return _unlock(core)
+    if body in IN_ANY_STATE:
+        return IN_ANY_STATE[body](core)
     if body[0] in "$GCX":
         return 3
     if core.state not in ("Idle", "Alarm"):
         return 8
+    return (yield from _command_at_rest(core, body))
+
+
+def _command_at_rest(core: Core, body: str) -> Answer:
+    """Carry out a command that needs state Idle or Alarm."""
     if body in REPORTS:
         return (yield from _print(core, REPORTS[body](core)))
     if body == "H":
@@ -65,10 +64,22 @@ def system_command(core: Core, text: str) -> Answer:
 
 
 def _print(core: Core, lines: list[str]) -> Answer:
-    """Line by line, each as soon as the ring has room."""
+    """Print line by line, each as soon as the ring has space."""
     for line in lines:
         core.say(line)
         yield BUSY
+    return 0
+
+
+def _help(core: Core) -> int:
+    """``$``."""
+    core.say(report.HELP)
+    return 0
+
+
+def _parser_state(core: Core) -> int:
+    """``$G``."""
+    core.say(report.parser_state(core))
     return 0
 
 
@@ -95,6 +106,14 @@ def _unlock(core: Core) -> int:
     return 0
 
 
+IN_ANY_STATE: dict[str, Callable[[Core], int]] = {
+    "": _help,
+    "G": _parser_state,
+    "C": _check_mode,
+    "X": _unlock,
+}
+
+
 def _home(core: Core) -> Answer:
     """``$H``, and the start-up lines after it."""
     if not core.setting[22]:
@@ -106,11 +125,11 @@ def _home(core: Core) -> Answer:
     return 0
 
 
-def _restore(core: Core, what: str) -> Answer:
+def _restore(core: Core, part: str) -> Answer:
     """``$RST=``, which ends with a reset."""
-    if what not in ("$", "#", "*"):
+    if part not in ("$", "#", "*"):
         return 3
-    yield from write_eeprom(core, lambda: core.eeprom.restore(what))
+    yield from write_eeprom(core, lambda: core.eeprom.restore(part))
     core.say("[MSG:Restoring defaults]")
     core.flags.reset = True
     return 0
@@ -144,7 +163,7 @@ def _set(core: Core, body: str) -> Answer:
 
 
 def _startup_line(core: Core, body: str) -> Answer:
-    """``$Nx=line``: run it to see whether it is right, then keep it."""
+    """``$Nx=line``: run the line to check it, then store it."""
     index, _, text = body.partition("=")
     if not index.isdecimal() or not index.isascii() or int(index) >= STARTUP_LINES:
         return 3
@@ -159,9 +178,9 @@ def _startup_line(core: Core, body: str) -> Answer:
 
 
 def run_line(core: Core, text: str) -> Answer:
-    """A line of the program: check it, carry it out."""
+    """Check a line of the program, and carry it out."""
     try:
-        line = check(text, core.modes, core.place)
+        line = check_line(text, core.modes, core.place)
     except Refused as refused:
         return refused.code
     yield from perform(core, line)
@@ -169,7 +188,7 @@ def run_line(core: Core, text: str) -> Answer:
 
 
 def run_startup_lines(core: Core) -> Answer:
-    """What ``$N`` keeps, echoed with its answer on the same line."""
+    """Run the stored start-up lines; each is echoed with its answer."""
     for text in core.eeprom.startup:
         if text:
             core.print(f">{text}:")
@@ -180,21 +199,19 @@ def run_startup_lines(core: Core) -> Answer:
 
 
 def _jog(core: Core, body: str) -> Answer:
-    """``$J=``: a motion that leaves the parser's modes alone (jogging.md). Errors 8, 15, 16, 22 and
-    those of its words.
-    """
+    """``$J=``: a motion that keeps the parser's modes. Errors 8, 15, 16, 22, those of words."""
     if core.state not in ("Idle", "Jog"):
         return 8
     if not body.startswith("="):
         return 3
     try:
-        found = sort(body[1:], core.profile.mist)
+        found = sort_words(body[1:], core.profile.mist)
         if not set(found.values) & set(AXES) and not set(found.commands) - JOG_COMMANDS:
             return 26
         if not found.values.get("F"):
             return 22
         modes: Modes = replace(core.modes, motion="G1", feed_mode="G94")
-        line = check(body[1:], modes, core.place)
+        line = check_line(body[1:], modes, core.place)
         if set(found.values) & set("ST"):
             return 36
         if set(found.commands) - JOG_COMMANDS or found.commands.get("other", "G53") != "G53":

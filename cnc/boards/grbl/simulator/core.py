@@ -1,5 +1,6 @@
-"""What the parts of the simulator share: memory, rings, planner, steppers, the state of the machine, and
-the record of what it did.
+"""State that the parts of the simulator share.
+
+Memory, rings, planner, steppers, the state of the machine, and the record of its actions.
 """
 
 from __future__ import annotations
@@ -11,19 +12,20 @@ from dataclasses import dataclass, field, replace
 
 from cnc.boards.grbl.simulator.eeprom import ORIGIN, Eeprom
 from cnc.boards.grbl.simulator.environment import Environment
-from cnc.boards.grbl.simulator.firmware_profile import FirmwareProfile
-from cnc.boards.grbl.simulator.modal import Modes, Place
+from cnc.boards.grbl.simulator.firmware_profile import STEPS, FirmwareProfile
+from cnc.boards.grbl.simulator.line_check import ParserPosition
+from cnc.boards.grbl.simulator.modal import Modes
 from cnc.boards.grbl.simulator.planner import Move, Planner, Point
 from cnc.boards.grbl.simulator.steppers import Steppers
 from cnc.boards.grbl.simulator.wire import Receiver, Transmitter
 
 NEW_LINE = "\r\n"
 CRITICAL = (1, 2)
-"""Alarms after which nothing but a reset is heard (interface.md, ``[MSG:Reset to continue]``)."""
+"""Alarms after which only a reset is accepted (interface.md, ``[MSG:Reset to continue]``)."""
 
 
 class Abort(Exception):
-    """A reset: thrown into the main program where it waits."""
+    """A reset, raised in the main program where it waits."""
 
 
 def _always() -> bool:
@@ -32,10 +34,9 @@ def _always() -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """What the main program waits for: a condition, or a moment if that comes first.
+    """A wait of the main program for a condition or a time, whichever comes first.
 
-    serves: real-time commands are carried out meanwhile, and neither a hold nor a lock lets it go
-    on.
+    serves: real-time commands are served meanwhile, and a hold or a lock keeps the program waiting.
     """
 
     condition: Callable[[], bool] = _always
@@ -44,20 +45,19 @@ class Wait:
 
 
 BUSY = Wait(serves=False)
-"""Until the processor has done what it has to do."""
+"""Wait until the processor is free."""
 Program = Generator[Wait, None, None]
 
 
 class Abandon(Exception):
-    """An alarm that ends the line in hand, and nothing else: thrown into the main program where it
-    waits.
-    """
+    """An alarm that ends the present line only, raised in the main program where it waits."""
 
 
 @dataclass(slots=True)
 class Flags:
-    """Real-time commands that wait to be carried out: the same one twice is once (commands.md,
-    "Realtime commands").
+    """Pending real-time commands.
+
+    The same command twice counts once (commands.md, "Realtime commands").
     """
 
     status: bool = False
@@ -73,8 +73,9 @@ class Flags:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something the board did that is no motion: spindle, coolant, dwell, alarm, reset, error,
-    line, hold, resume, pause, end, eeprom.
+    """An action of the board that is not motion.
+
+    Spindle, coolant, dwell, alarm, reset, error, line, hold, resume, pause, end, eeprom.
     """
 
     time: float
@@ -83,7 +84,7 @@ class Event:
 
 
 class Core:
-    """The board but for its program. Every attribute may be read by tests at any time."""
+    """The board without its program. Tests may read every attribute at any time."""
 
     def __init__(self, profile: FirmwareProfile, baud: float, environment: Environment) -> None:
         self.profile = profile
@@ -106,7 +107,7 @@ class Core:
         self.force_reset()
 
     def force_reset(self) -> None:
-        """What a reset sets back: everything but position, state and memory."""
+        """Reset everything but position, state and memory."""
         self.flags = Flags()
         self.aborted = self.abandoned = self.answering = self.locked = self.locking = False
         self.hold_complete = self.jog_cancelling = self.soft_limit_stop = self.resuming = False
@@ -132,7 +133,7 @@ class Core:
         return self.eeprom.settings
 
     def per_axis(self, first: int) -> Point:
-        """Three settings that follow each other: 100 steps/mm, 110 mm/min, 120 mm/s^2, 130 mm."""
+        """Return the settings of X, Y and Z from the number of the first."""
         return (self.setting[first], self.setting[first + 1], self.setting[first + 2])
 
     @property
@@ -141,9 +142,9 @@ class Core:
         return self.steppers.state(self.now)[0]
 
     @property
-    def place(self) -> Place:
+    def place(self) -> ParserPosition:
         """Where the parser stands."""
-        return Place(
+        return ParserPosition(
             self.parsed,
             self.eeprom.systems | {"G92": self.shift},
             self.tool_length,
@@ -165,7 +166,7 @@ class Core:
         )
 
     def note(self, kind: str, value: str = "") -> None:
-        """Into the record."""
+        """Record an event."""
         self.events.append(Event(self.now, kind, value))
 
     def say(self, text: str) -> None:
@@ -173,15 +174,15 @@ class Core:
         self.print(text + NEW_LINE)
 
     def print(self, text: str) -> None:
-        """Print; the processor is busy until all of it is in the ring."""
+        """Print text; the processor is busy until all of it is in the ring."""
         self.cpu_free = max(self.cpu_free, self.transmitter.send(text.encode("latin-1"), self.now))
 
     def work(self, seconds: float) -> None:
-        """The processor is busy; yield BUSY to let the time pass."""
+        """Make the processor busy; yield BUSY to let the time pass."""
         self.cpu_free = max(self.cpu_free, self.now) + seconds
 
     def reply(self, code: int) -> None:
-        """The answer to a line: ok (0) or an error."""
+        """Answer a line: ok (0) or an error."""
         if code:
             self.note("error", str(code))
         if self.swallow:
@@ -190,37 +191,38 @@ class Core:
         self.say(f"error:{code}" if code else "ok")
 
     def alarm(self, code: int) -> None:
-        """Raise an alarm; it is told as soon as real-time commands are served."""
+        """Raise an alarm; it is reported when real-time commands are served."""
         self.flags.alarm = code
 
     def sync_position(self) -> None:
-        """The parser goes on from where the machine stands: on a whole step, but at a switch that
-        homing looks for.
+        """Set the parser's position to that of the machine.
+
+        It is on a whole step, except while homing looks for a switch.
         """
         if self.state != "Home":
             self.steppers.position = self.on_grid(self.steppers.position)
         self.parsed = self.planned = self.steppers.position
 
     def on_grid(self, point: Point) -> Point:
-        """The nearest point that whole steps reach."""
+        """Return the nearest point that whole steps reach."""
         x, y, z = (
             math.floor(value * steps + 0.5) / steps
-            for value, steps in zip(point, self.per_axis(100), strict=True)
+            for value, steps in zip(point, self.per_axis(STEPS), strict=True)
         )
         return (x, y, z)
 
     def at(self, time: float, action: Callable[[], None]) -> None:
-        """Do something later, unless a reset comes first."""
+        """Schedule an action, unless a reset comes first."""
         self._timer_count += 1
         heapq.heappush(self._timers, (time, self._timer_count, action))
 
     @property
     def timer(self) -> float:
-        """When the next of those is due."""
+        """When the next scheduled action is due."""
         return self._timers[0][0] if self._timers else math.inf
 
     def run_timer(self) -> None:
-        """Do what is due."""
+        """Carry out the action that is due."""
         heapq.heappop(self._timers)[2]()
 
     def set_spindle(self, state: str, speed: float) -> None:
@@ -243,19 +245,17 @@ class Core:
             self.override_counter = 0
 
     def outputs_off(self) -> None:
-        """Spindle and coolants off, now; the parser's modes stay."""
+        """Switch spindle and coolants off at once; the parser's modes stay."""
         self.set_spindle("M5", 0.0)
         self.set_coolant(False, False)
 
     def outputs_on(self) -> None:
-        """Spindle and coolants as the parser's modes have them."""
+        """Switch spindle and coolants to the parser's modes."""
         self.set_spindle(self.modes.spindle, self.modes.speed)
         self.set_coolant(self.modes.flood, self.modes.mist)
 
     def toggle_coolant(self, mist: bool) -> None:
-        """The override of a coolant, which changes the parser's mode with it (commands.md, 0xA0,
-        0xA1).
-        """
+        """Override a coolant, which also changes the parser's mode (commands.md, 0xA0, 0xA1)."""
         modes = self.modes
         self.modes = (
             replace(modes, mist=not modes.mist) if mist else replace(modes, flood=not modes.flood)
@@ -263,13 +263,13 @@ class Core:
         self.set_coolant(self.modes.flood, self.modes.mist)
 
     def start_cycle(self) -> None:
-        """Begin to move, if there is something to move and the machine rests."""
+        """Begin to move, if a motion waits and the machine rests."""
         if self.state == "Idle" and self.planner.blocks:
             self.state = "Jog" if self.planner.blocks[0].kind == "jog" else "Run"
             self.steppers.start(self.now)
 
     def motion_event(self) -> None:
-        """A block has ended, come to rest, or tripped something."""
+        """Handle a block that has ended, come to rest, or tripped a switch or the probe."""
         kind = self.planner.blocks[0].kind
         happened = self.steppers.settle(self.now)
         if happened == "tripped":
@@ -280,7 +280,7 @@ class Core:
             self._rested(kind, held=True)
 
     def _rested(self, kind: str, held: bool) -> None:
-        """The motion has come to rest."""
+        """Handle the end of the motion."""
         if self.jog_cancelling or (held and kind == "probe" and self.probe_succeeded):
             self.steppers.flush()
             self.sync_position()
@@ -296,7 +296,7 @@ class Core:
                 self.outputs_off()
 
     def _tripped(self, kind: str) -> None:
-        """A probe has touched, or a switch has been reached."""
+        """Handle a probe contact or a switch."""
         if kind == "probe":
             self.probe_position = self.position
             self.probe_succeeded = True
@@ -308,7 +308,7 @@ class Core:
             self.alarm(1)
 
     def stop_dead(self) -> None:
-        """All motion and the outputs off at once."""
+        """Stop all motion at once, and switch the outputs off."""
         self.steppers.halt(self.now)
         self.outputs_off()
 

@@ -1,15 +1,15 @@
-"""What a board remembers without power: settings, offsets, start-up lines, build info; and what a
-write costs.
+"""The EEPROM of the board: settings, offsets, start-up lines, build info; and the time of a write.
 
-A byte of EEPROM is written only where it differs, in 3.4 ms each
-(:data:`cnc.boards.grbl.simulator.wire.EEPROM_BYTE_TIME`); numbers are kept as single floats, every
-record with one byte of checksum.
+A byte is written only where it differs, in 3.4 ms each
+(:data:`cnc.boards.grbl.simulator.wire.EEPROM_BYTE_TIME`). Numbers are single floats, and every
+record has one byte of checksum.
 """
 
 from __future__ import annotations
 
 import struct
 
+from cnc.boards.grbl.simulator.firmware_profile import RATES, STEPS
 from cnc.boards.grbl.simulator.modal import Refused
 from cnc.boards.grbl.simulator.planner import Point
 
@@ -22,14 +22,12 @@ WHOLE = (0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 32)
 NO_DECIMALS = (*WHOLE, 30, 31)
 SWITCHES = (4, 5, 6, 13, 20, 21, 22, 32)
 LARGEST = 3.4e38
-"""Of a single float, nearly."""
+"""Approximately the largest single float."""
 ORIGIN: Point = (0.0, 0.0, 0.0)
 
 
 class Eeprom:
-    """The memory. ``damaged``: names of records whose checksum is wrong (error 7 when they are
-    read).
-    """
+    """The memory. ``damaged``: names of records with a wrong checksum (error 7)."""
 
     def __init__(self, defaults: dict[int, float]) -> None:
         self._defaults = dict(defaults)
@@ -42,7 +40,7 @@ class Eeprom:
     def set(
         self, number: int, value: float, max_step_rate_hz: float | None, variable_spindle: bool
     ) -> int:
-        """``$number=value``; bytes written. Errors 3, 4, 6, 10, 12, 17."""
+        """Store ``$number=value``, and return the bytes written. Errors 3, 4, 6, 10, 12, 17."""
         settings = dict(self.settings)
         if number not in settings:
             raise Refused(3)
@@ -59,7 +57,7 @@ class Eeprom:
         if number == 32 and value and not variable_spindle:
             raise Refused(17)
         settings[number] = value
-        fastest = max(settings[100 + axis] * settings[110 + axis] for axis in range(3)) / 60.0
+        fastest = max(settings[STEPS + axis] * settings[RATES + axis] for axis in range(3)) / 60.0
         if max_step_rate_hz is not None and number >= 100 and fastest > max_step_rate_hz:
             raise Refused(12)
         if number == 22 and not value:
@@ -68,29 +66,29 @@ class Eeprom:
         return _changed(_numbers(before), _numbers(settings))
 
     def store(self, name: str, value: Point) -> int:
-        """A coordinate system or stored position; bytes written."""
+        """Store a coordinate system or position, and return the bytes written."""
         before, self.systems[name] = self.systems[name], value
         return _changed(_point(before), _point(value))
 
     def store_startup(self, index: int, text: str) -> int:
-        """A start-up line; bytes written."""
+        """Store a start-up line, and return the bytes written."""
         before, self.startup[index] = self.startup[index], text
         return _changed(_text(before), _text(text))
 
     def store_build_info(self, text: str) -> int:
-        """What ``$I`` shows; bytes written."""
+        """Store the text of ``$I``, and return the bytes written."""
         before, self.build_info = self.build_info, text
         return _changed(_text(before), _text(text))
 
-    def restore(self, what: str) -> int:
-        """``$RST=``: ``$`` the settings, ``#`` the coordinates, ``*`` everything; bytes written."""
+    def restore(self, part: str) -> int:
+        """Restore ``$`` settings, ``#`` coordinates or ``*`` all; return the bytes written."""
         written = 0
-        if what in "$*":
+        if part in "$*":
             before, self.settings = self.settings, dict(self._defaults)
             written += _changed(_numbers(before), _numbers(self.settings))
-        if what in "#*":
+        if part in "#*":
             written += sum(self.store(name, ORIGIN) for name in SYSTEMS)
-        if what == "*":
+        if part == "*":
             written += sum(
                 self.store_startup(index, "") for index in range(STARTUP_LINES)
             ) + self.store_build_info("")
@@ -98,7 +96,7 @@ class Eeprom:
 
 
 def setting_text(number: int, value: float) -> str:
-    """A setting as ``$$`` prints it."""
+    """Return a setting as ``$$`` prints it."""
     return f"${number}={value:.0f}" if number in NO_DECIMALS else f"${number}={value:.3f}"
 
 
@@ -114,7 +112,7 @@ def _point(point: Point) -> bytes:
 
 
 def _single(value: float) -> bytes:
-    """As a single float; what is too large for one is the largest."""
+    """Return a single float; a larger number becomes the largest."""
     return struct.pack("<f", min(max(value, -LARGEST), LARGEST))
 
 
@@ -123,6 +121,6 @@ def _text(text: str) -> bytes:
 
 
 def _changed(before: bytes, after: bytes) -> int:
-    """Bytes that differ, the checksum with them."""
+    """Return the number of bytes that differ, with the checksum."""
     changed = sum(a != b for a, b in zip(before, after, strict=True))
     return changed + (sum(before) % 256 != sum(after) % 256)

@@ -1,8 +1,8 @@
-"""What is around the board: switches at the ends of the axes, a workpiece for the probe, a door.
+"""The surroundings of the simulated board: limit switches, a workpiece for the probe, a door.
 
-The board counts its steps from wherever it was switched on; the environment knows where that was.
-``offset`` is environment position minus machine position. The switches are ``travel`` apart; homing finds
-them at ``high`` (or ``low``, where ``$23`` says so).
+The board counts its steps from where it was switched on. The environment knows that position:
+``offset`` is true position minus machine position. The switches are ``travel`` apart; homing finds
+them at ``high`` (or ``low``, by ``$23``).
 """
 
 from __future__ import annotations
@@ -16,11 +16,17 @@ AXES = "XYZ"
 
 @dataclass(slots=True)
 class Environment:
-    """low, high: environment positions of the switches, mm. broken: axes whose switch never trips. stuck:
-    axes whose switch never lets go.
+    """Switches, workpiece and door.
 
-    surface: (normal, distance): the probe touches where normal . machine position <= distance;
-    None: nothing to touch.
+    Attributes:
+        low: True position of the lower switches, mm.
+        high: True position of the upper switches, mm.
+        offset: True position minus machine position, mm.
+        broken: Axes whose switch never trips.
+        stuck: Axes whose switch never lets go.
+        surface: (normal, distance): the probe touches where normal . machine position <= distance;
+            None without a workpiece.
+        door_open: Whether the safety door is open.
     """
 
     low: Point = (-200.0, -200.0, -200.0)
@@ -33,40 +39,40 @@ class Environment:
 
     @classmethod
     def of_travels(cls, x: float, y: float, z: float) -> Environment:
-        """Switches as far apart as the board thinks, the machine between them."""
+        """Return switches as far apart as the board's travels, with the machine in the middle."""
         return cls(low=(-x, -y, -z), offset=(-x / 2.0, -y / 2.0, -z / 2.0))
 
     def touches(self, position: Point) -> bool:
-        """Whether the probe touches at a machine position."""
+        """Return whether the probe touches at a machine position."""
         if self.surface is None:
             return False
         normal, distance = self.surface
         return sum(n * p for n, p in zip(normal, position, strict=True)) <= distance + 1e-9
 
     def contact(self, move: Move, towards: bool) -> float | None:
-        """Way along a block at which the probe begins to touch (``towards``) or lets go."""
+        """Return the path length of a block at which the probe touches or lets go."""
         if self.surface is None:
             return None
         normal, distance = self.surface
         rate = sum(n * u for n, u in zip(normal, move.unit, strict=True))
         if rate == 0.0 or (rate < 0.0) != towards:
             return None
-        way = (distance - sum(n * p for n, p in zip(normal, move.start, strict=True))) / rate
-        return way if 0.0 <= way < move.length else None
+        along = (distance - sum(n * p for n, p in zip(normal, move.start, strict=True))) / rate
+        return along if 0.0 <= along < move.length else None
 
     def switch(self, move: Move) -> float | None:
-        """Way along a block at which the first switch trips."""
-        ways = []
+        """Return the path length of a block at which the first switch trips; None without."""
+        distances = []
         for index, axis in enumerate(AXES):
             unit, start = move.unit[index], move.start[index] + self.offset[index]
             if unit and axis not in self.broken:
-                way = ((self.high if unit > 0.0 else self.low)[index] - start) / unit
-                if way < move.length:
-                    ways.append(max(way, 0.0))
-        return min(ways, default=None)
+                along = ((self.high if unit > 0.0 else self.low)[index] - start) / unit
+                if along < move.length:
+                    distances.append(max(along, 0.0))
+        return min(distances, default=None)
 
     def tripped(self, position: Point) -> str:
-        """Axes whose switch is pressed at a machine position."""
+        """Return the axes whose switch is pressed at a machine position."""
         pressed = []
         for index, axis in enumerate(AXES):
             at = position[index] + self.offset[index]

@@ -1,7 +1,7 @@
-"""Faults on demand: what goes wrong, and when.
+"""Faults on demand, and when they happen.
 
 simulator.inject(Drop(3), byte=200)        from the 200th byte that the host sends
-simulator.inject(Swallow(1), line=40)      the next reply once the 40th line has come
+simulator.inject(Swallow(1), line=40)      the next reply after the 40th line
 simulator.inject(Unplug(), time=2.5)       2.5 s after the simulator was made
 simulator.inject(Alarm(3))                 now
 """
@@ -21,7 +21,7 @@ class Drop:
 
 @dataclass(frozen=True, slots=True)
 class Duplicate:
-    """The next ``count`` bytes towards the board come twice."""
+    """The next ``count`` bytes towards the board arrive twice."""
 
     count: int = 1
 
@@ -42,35 +42,33 @@ class Swallow:
 
 @dataclass(frozen=True, slots=True)
 class Freeze:
-    """The main program hangs: nothing is answered, planned motion runs out, bytes still fill the
-    ring.
-    """
+    """The main program hangs: no answers; planned motion runs out; bytes still fill the ring."""
 
     seconds: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
 class Unplug:
-    """The cable is pulled. The board goes on."""
+    """The cable is unplugged. The board continues."""
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """An alarm, with the stop that goes with it."""
+    """An alarm with its stop."""
 
     code: int
 
 
 @dataclass(frozen=True, slots=True)
 class Error:
-    """The next line is not carried out, but answered by this error."""
+    """The next line is not carried out, but answered with this error."""
 
     code: int
 
 
 Fault = Drop | Duplicate | Corrupt | Swallow | Freeze | Unplug | Alarm | Error
 WRONG_BIT = 0x04
-"""What a corrupted byte differs by: a letter becomes another, a digit another or a sign."""
+"""The wrong bit of a corrupted byte: a letter becomes another, a digit another or a sign."""
 
 
 COUNTED: dict[str, type[Drop | Duplicate | Corrupt | Swallow]] = {
@@ -83,10 +81,8 @@ KINDS = (*COUNTED, "freeze", "unplug", "alarm", "error")
 
 
 @dataclass(frozen=True, slots=True)
-class Appointment:
-    """A fault and its moment, as :meth:`cnc.boards.grbl.simulator.grbl_simulator.GrblSimulator.inject` takes
-    them.
-    """
+class ScheduledFault:
+    """A fault and when it happens, as GrblSimulator.inject takes them."""
 
     fault: Fault
     byte: int | None = None
@@ -94,12 +90,16 @@ class Appointment:
     time: float | None = None
 
 
-def parse_fault(text: str) -> Appointment:
-    """``kind[:amount][@byte|line|time:number]``, such as ``drop:3@line:40``, ``unplug@time:2.5``.
-    ValueError if it is not of that form.
+def parse_fault(text: str) -> ScheduledFault:
+    """Return the fault of ``kind[:amount][@byte|line|time:number]``.
+
+    Examples: ``drop:3@line:40``, ``unplug@time:2.5``.
+
+    Raises:
+        ValueError: The text does not have this form.
     """
-    what, _, moment = text.partition("@")
-    name, _, amount = what.partition(":")
+    kind, _, moment = text.partition("@")
+    name, _, amount = kind.partition(":")
     if name not in KINDS:
         raise ValueError(f"no fault is called {name!r}; known are {', '.join(KINDS)}")
     if name == "freeze":
@@ -112,24 +112,24 @@ def parse_fault(text: str) -> Appointment:
         fault = COUNTED[name](int(amount or "1"))
     where, _, number = moment.partition(":")
     if not moment:
-        return Appointment(fault)
+        return ScheduledFault(fault)
     if where == "time":
-        return Appointment(fault, time=float(number))
+        return ScheduledFault(fault, time=float(number))
     if where == "byte":
-        return Appointment(fault, byte=int(number))
+        return ScheduledFault(fault, byte=int(number))
     if where == "line":
-        return Appointment(fault, line=int(number))
+        return ScheduledFault(fault, line=int(number))
     raise ValueError(f"a fault happens at a byte, a line or a time, not at {where!r}")
 
 
 class ByteFaults:
-    """What happens to bytes on their way to the board."""
+    """Faults of bytes on the wire to the board."""
 
     def __init__(self) -> None:
         self.drop = self.duplicate = self.corrupt = 0
 
     def pass_on(self, byte: int) -> tuple[int, ...]:
-        """What of a byte arrives."""
+        """Return the bytes that arrive for one byte."""
         if self.drop:
             self.drop -= 1
             return ()

@@ -1,6 +1,4 @@
-"""The main program: start, then one line at a time, for ever (interface.md, "Grbl Response
-Messages").
-"""
+"""The main program: start, then one line at a time (interface.md, "Grbl Response Messages")."""
 
 from __future__ import annotations
 
@@ -9,17 +7,16 @@ from cnc.boards.grbl.simulator.core import BUSY, Abandon, Abort, Core, Program, 
 from cnc.boards.grbl.simulator.report import settings_list
 
 LINE_TIME_A_BYTE = 30e-6
-"""Seconds that an AVR takes for a byte of a line: a check run of 26-byte lines is bound by the
-wire, a short line answered in 0.8 ms.
+"""Seconds that an AVR needs for a byte of a line.
+
+A check run of 26-byte lines is then limited by the wire, and a short line is answered in 0.8 ms.
 """
 LINE_ENDS = b"\r\n"
 STORED = "settings"
 
 
 class LineBuffer:
-    """Bytes to lines: no spaces, no comments, capitals; ``overflowed`` if there was more than
-    fits.
-    """
+    """Assembles lines: no spaces, no comments, capitals; ``overflowed``: the line was too long."""
 
     def __init__(self, capacity: int, pairs: bool) -> None:
         self._capacity = capacity
@@ -35,7 +32,7 @@ class LineBuffer:
         self._comment = ""
 
     def feed(self, byte: int) -> bool:
-        """One more byte; whether the line is complete."""
+        """Take one byte, and return whether the line is complete."""
         self.bytes += 1
         if byte in LINE_ENDS:
             if self._pairs and self.bytes == 1 and self._end not in (0, byte):
@@ -59,9 +56,7 @@ class LineBuffer:
 
 
 class Firmware:
-    """The program on the board's processor. ``run`` never ends; a reset is an Abort thrown into
-    it.
-    """
+    """The program of the processor. ``run`` never ends; a reset raises Abort in it."""
 
     def __init__(self, core: Core) -> None:
         self.core = core
@@ -71,7 +66,7 @@ class Firmware:
         """Whether a byte that was fed while :attr:`reading` has ended a line."""
 
     def run(self) -> Program:
-        """Power-up, then a start after every reset."""
+        """Power up, then start again after every reset."""
         core = self.core
         if core.setting[22]:
             core.state = "Alarm"
@@ -90,7 +85,7 @@ class Firmware:
                 continue
 
     def _start(self) -> Program:
-        """Everything but position and memory as after power-up; then the welcome."""
+        """Set all but position and memory as after power-up, and print the welcome."""
         core = self.core
         self.reading = False
         core.force_reset()
@@ -114,7 +109,7 @@ class Firmware:
         yield from run_startup_lines(core)
 
     def _lines(self) -> Program:
-        """Read and answer lines."""
+        """Read lines, and answer them."""
         core, ring, buffer = self.core, self.core.receiver.ring, self.buffer
         while True:
             complete = False
@@ -137,7 +132,7 @@ class Firmware:
             yield from self._answer(text, overflowed)
 
     def _answer(self, text: str, overflowed: bool) -> Program:
-        """Carry out a line and reply. A reset on the way is a reply, too: the late ok."""
+        """Carry out a line and reply. A reset meanwhile causes a late ok."""
         core = self.core
         core.note("line", text)
         core.answering = True
@@ -155,7 +150,7 @@ class Firmware:
                 code = 0
         if text[:1] != "$" or not code:
             core.last_error = code
-        # an alarm that came too late to break the line off has nothing else to break off
+        # an alarm that came too late to end this line must not end another one
         core.answering = core.abandoned = False
         core.reply(code)
         yield BUSY

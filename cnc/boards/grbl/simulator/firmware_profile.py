@@ -99,7 +99,7 @@ GRBLHAL = FirmwareProfile(
     eeprom_blinds=False,
     estop_alarm=10,
     mist=True,
-    build_lines=("[AXS:3:XYZ]", "[NEWOPT:ENUMS,RT+]", "[FIRMWARE:grblHAL]", "[DRIVER:the box]"),
+    build_lines=("[AXS:3:XYZ]", "[NEWOPT:ENUMS,RT+]", "[FIRMWARE:grblHAL]", "[DRIVER:simulator]"),
 )
 """grblHAL as its core is shipped; a ring of 1024 holds one byte less."""
 

@@ -1,12 +1,12 @@
-"""The board: its parts, and the one clock that moves them.
+"""The simulated board: its parts, and the clock that advances them.
 
-Nothing happens by itself: :meth:`GrblSimulator.advance` goes from event to event in the order of time,
-each the earliest of
+Nothing happens by itself. :meth:`GrblSimulator.advance` goes from event to event in the order of
+time. An event is one of
 
     a byte is off the wire | the processor is free | a wait is over | a block ends | a timer | a
     fault
 
-so a run depends on nothing but the bytes, their moments, and the faults asked for.
+so a run depends only on the bytes, their times, and the faults.
 """
 
 from __future__ import annotations
@@ -38,19 +38,15 @@ from cnc.boards.grbl.simulator.planner import Move, Point
 
 BAUD = 115200
 BOOT_TIME = 1.5
-"""Seconds from a reset by DTR to the welcome: the Arduino's boot loader waits for a new program
-first.
-"""
+"""Seconds of the Arduino's boot loader, from a reset by DTR to the welcome."""
 PROBE_ALARMS = (4, 5)
 WITHOUT_RESET = (*CRITICAL, *PROBE_ALARMS)
-"""Alarms that do not come with a reset of the firmware: those that wait for one, and the
-probe's.
-"""
+"""Alarms without a reset of the firmware: those that wait for one, and those of the probe."""
 
 
 @dataclass(slots=True)
-class Due:
-    """A fault that waits for its moment."""
+class PendingFault:
+    """A fault that waits for its byte, line or time."""
 
     fault: Fault
     byte: int | None
@@ -59,8 +55,18 @@ class Due:
 
 
 class GrblSimulator:
-    """A GRBL board, not yet switched on. ``settings``: ``$`` settings that differ from a fresh
-    board's. ``environment``: what is around it.
+    """A GRBL board without power.
+
+    Args:
+        profile: The firmware.
+        baud: Speed of the link, bit/s.
+        settings: ``$`` settings that differ from those of a new board.
+        environment: Switches, workpiece and door around the board.
+
+    Attributes:
+        plugged: Whether the cable is connected.
+        dtr: Whether the host's DTR line is up. Its rise resets the processor through a capacitor,
+            as on every Arduino.
     """
 
     def __init__(
@@ -81,17 +87,14 @@ class GrblSimulator:
         self.firmware = Firmware(self.core)
         self.plugged = True
         self.dtr = False
-        """Whether the host's DTR line is up. Its rise resets the processor, through a capacitor, as
-        on every Arduino.
-        """
         self._byte_faults = ByteFaults()
-        self._due: list[Due] = []
+        self._pending: list[PendingFault] = []
         self._program = self.firmware.run()
         self._wait: Wait = BUSY
 
     @property
     def now(self) -> float:
-        """The simulator's clock, s."""
+        """Time of the simulator's clock, s."""
         return self.core.now
 
     @property
@@ -101,7 +104,7 @@ class GrblSimulator:
 
     @property
     def speed(self) -> float:
-        """Along the path, mm/s."""
+        """Speed along the path, mm/s."""
         return self.core.steppers.state(self.core.now)[1]
 
     @property
@@ -111,45 +114,39 @@ class GrblSimulator:
 
     @property
     def events(self) -> list[Event]:
-        """Everything else that was done, in order."""
+        """Every other action, in order."""
         return self.core.events
 
     def toolpath(self) -> NDArray[np.float64]:
-        """Every corner of the way that was moved, (n, 3) mm: what lies between two rows is
-        straight.
-        """
+        """Return the corners of the toolpath (n, 3), mm, with straight lines between them."""
         corners = [corner for move in self.moves for corner in (move.start, move.reached)]
         return np.array(corners or [self.position])
 
     @property
     def lost(self) -> int:
-        """Bytes that reached the board and were lost there: to a full ring or to an EEPROM
-        write.
-        """
+        """Bytes that the board has lost, to a full ring or during an EEPROM write."""
         return self.core.receiver.lost
 
     @property
     def fullest(self) -> int:
-        """The most bytes that the ring has held."""
+        """Most bytes that the ring has held."""
         return self.core.receiver.fullest
 
     def raise_dtr(self, delay: float = BOOT_TIME) -> None:
-        """A host raises DTR, as every system does when it opens a port: a reset, unless the line
-        was left up.
-        """
+        """Raise DTR, as every system does when it opens a port: a reset, unless the line was up."""
         if not (self.dtr and self.plugged):
             self.power_up(delay)
         self.dtr = True
 
     def drop_dtr(self) -> None:
-        """The host drops DTR, as closing a port does unless HUPCL is off. The board does not
-        notice.
-        """
+        """Drop DTR, as closing a port does unless HUPCL is off. The board does not react."""
         self.dtr = False
 
     def power_up(self, delay: float = BOOT_TIME) -> None:
-        """A reset: motion stops dead, position, offset (G92) and state are lost, memory stays;
-        bytes sent in ``delay`` s are lost.
+        """Reset the board.
+
+        Motion stops at once. Position, offset (G92) and state are lost; the memory is kept.
+        Bytes that arrive within ``delay`` s are lost.
         """
         core = self.core
         if core.steppers.running:
@@ -170,12 +167,12 @@ class GrblSimulator:
         self._wait = BUSY
 
     def write(self, data: bytes) -> None:
-        """The host sends."""
+        """Send bytes from the host."""
         if self.plugged:
             self.core.receiver.write(data, self.core.now)
 
     def read(self) -> bytes:
-        """What the host can read now."""
+        """Return the bytes that the host can read now."""
         return self.core.transmitter.collect(self.core.now)
 
     def inject(
@@ -186,8 +183,13 @@ class GrblSimulator:
         line: int | None = None,
         time: float | None = None,
     ) -> None:
-        """Let something go wrong: now, or at the byte or line that is the simulator's number ``byte`` or
-        ``line`` (from 1), or at a time.
+        """Cause a fault: now, or at a byte, a line or a time.
+
+        Args:
+            fault: The fault.
+            byte: Number of the received byte, from 1.
+            line: Number of the received line, from 1.
+            time: Time of the simulator's clock, s.
         """
         when = (
             -math.inf
@@ -196,19 +198,22 @@ class GrblSimulator:
             if time is None
             else time
         )
-        self._due.append(Due(fault, byte, line, when))
-        self._strike()
+        self._pending.append(PendingFault(fault, byte, line, when))
+        self._trigger_faults()
 
     def advance(self, until: float, *, answer: bool = False) -> None:
-        """Let time pass to ``until``; with ``answer``, no further than to when the host can read
-        something, or finds the cable gone.
+        """Let time pass.
+
+        Args:
+            until: Time to reach, s.
+            answer: Stop as soon as the host can read bytes, or finds the cable unplugged.
         """
         core = self.core
         while True:
             self._run_program()
             limit = min(until, core.transmitter.arrival) if answer else until
             motion, timer, byte = core.steppers.event, core.timer, core.receiver.arrival
-            other = min(motion, timer, self._wake(), self._fault_time())
+            other = min(motion, timer, self._program_time(), self._fault_time())
             time = min(byte, other)
             if answer and not self.plugged:
                 return
@@ -223,10 +228,10 @@ class GrblSimulator:
             elif time == timer:
                 core.run_timer()
             else:
-                self._strike()
+                self._trigger_faults()
 
-    def _wake(self) -> float:
-        """When the main program may go on without anything else happening."""
+    def _program_time(self) -> float:
+        """Return when the main program can continue without another event."""
         core = self.core
         if core.now < core.cpu_free:
             return core.cpu_free
@@ -237,7 +242,7 @@ class GrblSimulator:
         )
 
     def _receive(self, until: float) -> None:
-        """Bytes off the wire, as long as none of them makes something happen before ``until``."""
+        """Take bytes off the wire before ``until``, until one of them causes an event."""
         core, receiver, firmware = self.core, self.core.receiver, self.firmware
         while receiver.arrival <= until:
             core.now = max(core.now, receiver.arrival)
@@ -253,7 +258,7 @@ class GrblSimulator:
                     and not firmware.complete
                     and not core.suspended
                 ):
-                    # The program waits for bytes: they go through the ring without staying in it.
+                    # The program waits for bytes: they pass through the ring at once.
                     receiver.fullest = max(receiver.fullest, 1)
                     if firmware.buffer.feed(byte):
                         firmware.complete = True
@@ -262,12 +267,12 @@ class GrblSimulator:
                     receiver.store(byte)
                     if firmware.reading:
                         until = -math.inf
-            if self._due:
-                self._strike()
+            if self._pending:
+                self._trigger_faults()
                 until = -math.inf
 
     def _run_program(self) -> None:
-        """Let the main program go on as far as it can."""
+        """Run the main program as far as it can go."""
         core = self.core
         while core.now >= core.cpu_free:
             wait = self._wait
@@ -285,23 +290,23 @@ class GrblSimulator:
                 if core.suspended or not (core.now >= wait.until or wait.condition()):
                     return
             self._wait = next(self._program)
-            if self._due:
-                self._strike()
+            if self._pending:
+                self._trigger_faults()
 
     def _fault_time(self) -> float:
-        return min((due.time for due in self._due), default=math.inf)
+        return min((pending.time for pending in self._pending), default=math.inf)
 
-    def _strike(self) -> None:
-        """Let those faults happen whose moment has come."""
+    def _trigger_faults(self) -> None:
+        """Cause the faults that are due."""
         core = self.core
-        for due in list(self._due):
-            by_byte = due.byte is not None and core.receiver.received + 1 >= due.byte
-            by_line = due.line is not None and core.lines >= due.line
-            if by_byte or by_line or due.time <= core.now:
-                self._due.remove(due)
-                self._happen(due.fault)
+        for pending in list(self._pending):
+            by_byte = pending.byte is not None and core.receiver.received + 1 >= pending.byte
+            by_line = pending.line is not None and core.lines >= pending.line
+            if by_byte or by_line or pending.time <= core.now:
+                self._pending.remove(pending)
+                self._apply(pending.fault)
 
-    def _happen(self, fault: Fault) -> None:
+    def _apply(self, fault: Fault) -> None:
         core = self.core
         match fault:
             case Drop(count):

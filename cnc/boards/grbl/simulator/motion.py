@@ -1,5 +1,6 @@
-"""From a checked line to the planner: motions, arcs, dwells, offsets, probes, homing. Generators
-that yield what they wait for.
+"""Execution of a checked line: motions, arcs, dwells, offsets, probes, homing.
+
+Each generator yields the condition that it waits for.
 """
 
 from __future__ import annotations
@@ -11,29 +12,39 @@ from dataclasses import replace
 from cnc.boards.grbl.simulator.arcs import chords
 from cnc.boards.grbl.simulator.core import BUSY, Core, Program, Wait
 from cnc.boards.grbl.simulator.eeprom import ORIGIN
-from cnc.boards.grbl.simulator.modal import PLANES, Line, Modes
+from cnc.boards.grbl.simulator.firmware_profile import ACCELERATIONS, RATES, TRAVELS
+from cnc.boards.grbl.simulator.line_check import CheckedLine
+from cnc.boards.grbl.simulator.modal import PLANES, Modes
 from cnc.boards.grbl.simulator.planner import Move, Point, smallest_over_axes
 from cnc.boards.grbl.simulator.report import probe_report
 
 PLAN_TIME = 0.0021
-"""Seconds that an AVR takes to plan a block; with its 30 us a byte of text it takes 385 short lines
-a second.
+"""Seconds that an AVR needs to plan a block. With its 30 us for a byte it takes 385 short lines/s.
 """
 LEAST_FEED = 1.0 / 60.0
-"""mm/s: slower is not possible."""
+"""mm/s: lowest possible feed."""
 SEARCH, LOCATE = 1.5, 5.0
 """Homing looks for a switch over 1.5 travels, then over 5 pull-offs (interface.md, ALARM:9)."""
 
 
 def synchronize(core: Core) -> Program:
-    """Wait until everything planned has been run."""
+    """Wait until all planned motion has ended."""
     core.start_cycle()
     yield Wait(lambda: not core.planner.blocks and not core.steppers.running)
 
 
-def move_to(core: Core, kind: str, target: Point, line: Line, feed: float, number: int) -> Program:
-    """One straight motion into the planner, as soon as there is room. ``feed``: mm/min, or 1/min
-    for an inverse-time line.
+def move_to(
+    core: Core, kind: str, target: Point, line: CheckedLine, feed: float, number: int
+) -> Program:
+    """Put a straight motion into the planner as soon as there is space.
+
+    Args:
+        core: The board.
+        kind: rapid, feed, jog, probe or home.
+        target: Machine position, mm.
+        line: The line that it belongs to.
+        feed: mm/min, or 1/min for an inverse-time line.
+        number: The N word of the line; 0 without.
     """
     if core.setting[20] and kind not in ("jog", "home") and not within_travel(core, target):
         yield from _soft_limit(core)
@@ -47,14 +58,14 @@ def move_to(core: Core, kind: str, target: Point, line: Line, feed: float, numbe
         return
     core.work(PLAN_TIME)
     yield BUSY
-    if not core.planner.room:
+    if not core.planner.free:
         core.start_cycle()
-        yield Wait(lambda: core.planner.room > 0)
+        yield Wait(lambda: core.planner.free > 0)
     core.planned = end
     unit = (delta[0] / length, delta[1] / length, delta[2] / length)
-    rapid = smallest_over_axes(core.per_axis(110), unit) / 60.0
+    rapid = smallest_over_axes(core.per_axis(RATES), unit) / 60.0
     programmed = rapid if kind == "rapid" else feed * (length if line.inverse else 1.0) / 60.0
-    accelerations = core.per_axis(120)
+    accelerations = core.per_axis(ACCELERATIONS)
     move = Move(
         kind,
         start,
@@ -73,11 +84,10 @@ def move_to(core: Core, kind: str, target: Point, line: Line, feed: float, numbe
 
 
 def within_travel(core: Core, target: Point) -> bool:
-    """Whether a machine position lies in the travel that ``$130`` to ``$132`` give: 0 down to minus
-    the travel.
-    """
+    """Return whether a machine position lies within the travel (``$130`` to ``$132``)."""
     return all(
-        -travel <= value <= 0.0 for value, travel in zip(target, core.per_axis(130), strict=True)
+        -travel <= value <= 0.0
+        for value, travel in zip(target, core.per_axis(TRAVELS), strict=True)
     )
 
 
@@ -93,7 +103,7 @@ def _soft_limit(core: Core) -> Program:
     yield Wait(lambda: False)
 
 
-def perform(core: Core, line: Line) -> Program:
+def perform(core: Core, line: CheckedLine) -> Program:
     """Carry out a line that has passed the checks, in the order of the language's standard."""
     before, core.modes = core.modes, line.modes
     modes = line.modes
@@ -113,15 +123,13 @@ def perform(core: Core, line: Line) -> Program:
         yield from _end_or_pause(core, line.flow, check)
 
 
-def _outputs(core: Core, line: Line, before: Modes, modes: Modes) -> Program:
-    """Spindle and coolant, each after the motion before it; a laser changes its power on the
-    way.
-    """
-    on_the_way = (
+def _outputs(core: Core, line: CheckedLine, before: Modes, modes: Modes) -> Program:
+    """Switch spindle and coolant after the motion before; a laser changes its power in motion."""
+    in_motion = (
         core.setting[32] and before.spindle == modes.spindle and line.action in ("G1", "G2", "G3")
     )
     if (before.spindle, before.speed) != (modes.spindle, modes.speed):
-        if not on_the_way:
+        if not in_motion:
             yield from synchronize(core)
         core.set_spindle(modes.spindle, modes.speed)
     if (before.flood, before.mist) != (modes.flood, modes.mist):
@@ -135,8 +143,8 @@ def _dwell(core: Core, seconds: float) -> Program:
     yield Wait(lambda: False, until=core.now + seconds)
 
 
-def _act(core: Core, line: Line) -> Program:
-    """What uses the axis words, and what is stored before that."""
+def _act(core: Core, line: CheckedLine) -> Program:
+    """Carry out the command that uses the axis words, after the values that are stored first."""
     action = line.action
     if line.before == "G92.1":
         yield from synchronize(core)
@@ -163,7 +171,7 @@ def _act(core: Core, line: Line) -> Program:
         core.shift, core.wco_counter = _shifted(core, line), 0
 
 
-def _arc(core: Core, line: Line) -> Program:
+def _arc(core: Core, line: CheckedLine) -> Program:
     ends = chords(
         core.parsed,
         line.target,
@@ -177,9 +185,10 @@ def _arc(core: Core, line: Line) -> Program:
         yield from move_to(core, "feed", end, line, feed, line.number)
 
 
-def _go_home(core: Core, line: Line) -> Program:
-    """G28, G30: to the stored place, by way of the words if there are some, which then name the
-    axes.
+def _go_home(core: Core, line: CheckedLine) -> Program:
+    """Carry out G28 or G30: move to the stored position.
+
+    With axis words, move to these first; then only the named axes move to the stored position.
     """
     stored = core.eeprom.systems[line.action]
     if line.axes:
@@ -189,8 +198,8 @@ def _go_home(core: Core, line: Line) -> Program:
     core.parsed = (x, y, z)
 
 
-def _shifted(core: Core, line: Line) -> Point:
-    """G92: the offset with which the tool stands at the words."""
+def _shifted(core: Core, line: CheckedLine) -> Point:
+    """Return the G92 offset with which the tool stands at the words."""
     system, shift = core.eeprom.systems[line.modes.coordinates], list(core.shift)
     for index in line.axes:
         length = core.tool_length if index == 2 else 0.0
@@ -198,8 +207,8 @@ def _shifted(core: Core, line: Line) -> Point:
     return (shift[0], shift[1], shift[2])
 
 
-def _probe(core: Core, line: Line) -> Program:
-    """G38.2 to G38.5 (interface.md, ALARM:4, ALARM:5): until the probe touches, or lets go."""
+def _probe(core: Core, line: CheckedLine) -> Program:
+    """Carry out G38.2 to G38.5 until the probe touches or lets go (ALARM:4, ALARM:5)."""
     towards, must = line.action in ("G38.2", "G38.3"), line.action in ("G38.2", "G38.4")
     yield from synchronize(core)
     if core.state == "Check":
@@ -216,7 +225,7 @@ def _probe(core: Core, line: Line) -> Program:
     yield Wait(lambda: not core.planner.blocks and not core.steppers.running)
     core.probe_wanted = None
     if not core.probe_succeeded and must:
-        # the place of the probe before this one stays
+        # the contact position of the probe before stays
         core.alarm(5)
         yield Wait()
     elif not core.probe_succeeded:
@@ -227,9 +236,7 @@ def _probe(core: Core, line: Line) -> Program:
 
 
 def _end_or_pause(core: Core, flow: str, check: bool) -> Program:
-    """M0 waits for a cycle start. M1 is taken and does nothing. M2, M30: modes and outputs as at
-    the start.
-    """
+    """M0 waits for a cycle start. M1 does nothing. M2 and M30 set modes and outputs back."""
     if flow == "M0":
         yield from synchronize(core)
         if not check:
@@ -260,7 +267,7 @@ def _end_or_pause(core: Core, flow: str, check: bool) -> Program:
 
 
 def write_eeprom(core: Core, write: Callable[[], int]) -> Program:
-    """Write, with all motion at rest; what arrives meanwhile may be lost."""
+    """Write with all motion at rest; bytes that arrive meanwhile may be lost."""
     yield from synchronize(core)
     written = write()
     if written and core.profile.eeprom_blinds:
@@ -270,16 +277,14 @@ def write_eeprom(core: Core, write: Callable[[], int]) -> Program:
 
 
 def home(core: Core) -> Program:
-    """``$H``: Z, then X, then Y: fast to the switch, off it, slowly to it again, off it. ALARM:8,
-    ALARM:9.
-    """
+    """Home Z, X, Y: fast to the switch, off it, slowly to it, off it. ALARM:8, ALARM:9."""
     core.state = "Home"
-    line = Line(Modes())
+    line = CheckedLine(Modes())
     for axis in (2, 0, 1):
         sign = -1.0 if int(core.setting[23]) >> axis & 1 else 1.0
         off = core.setting[27]
         for feed, search in (
-            (core.setting[25], SEARCH * core.setting[130 + axis]),
+            (core.setting[25], SEARCH * core.setting[TRAVELS + axis]),
             (core.setting[24], LOCATE * off),
         ):
             if not (yield from _until_switch(core, axis, sign * search, feed, line)):
@@ -290,7 +295,7 @@ def home(core: Core) -> Program:
             if "XYZ"[axis] in core.environment.tripped(core.position):
                 yield from _homing_failed(core, 8)
         here = list(core.position)
-        there = -off if sign > 0.0 else off - core.setting[130 + axis]
+        there = -off if sign > 0.0 else off - core.setting[TRAVELS + axis]
         shift = list(core.environment.offset)
         shift[axis] += here[axis] - there
         here[axis] = there
@@ -301,7 +306,7 @@ def home(core: Core) -> Program:
 
 
 def _homing_failed(core: Core, code: int) -> Program:
-    """An alarm and a reset."""
+    """Raise an alarm and reset."""
     core.stop_dead()
     core.flags.reset = True
     core.alarm(code)
@@ -309,17 +314,19 @@ def _homing_failed(core: Core, code: int) -> Program:
 
 
 def _until_switch(
-    core: Core, axis: int, way: float, feed: float, line: Line
+    core: Core, axis: int, distance: float, feed: float, line: CheckedLine
 ) -> Generator[Wait, None, bool]:
-    """One axis towards its switch; whether it was found."""
-    yield from _stroke(core, axis, way, feed, line, "home")
+    """Move one axis towards its switch, and return whether it was found."""
+    yield from _stroke(core, axis, distance, feed, line, "home")
     return "XYZ"[axis] in core.environment.tripped(core.position)
 
 
-def _stroke(core: Core, axis: int, way: float, feed: float, line: Line, kind: str) -> Program:
-    """One axis by ``way`` mm, homing."""
+def _stroke(
+    core: Core, axis: int, distance: float, feed: float, line: CheckedLine, kind: str
+) -> Program:
+    """Move one axis by ``distance`` mm while homing."""
     target = list(core.position)
-    target[axis] += way
+    target[axis] += distance
     core.sync_position()
     yield from move_to(core, kind, (target[0], target[1], target[2]), line, feed, 0)
     core.steppers.start(core.now)

@@ -1,16 +1,16 @@
-r"""The planner: how fast each block may be entered.
+r"""The planner: the speed at which each block may be entered.
 
-The method is the one that GRBL documents (settings.md ``$11``; S. Jeon, "Improving Grbl: Cornering
-Algorithm", 2011). At a corner the tool is taken to run through a circle that touches both lines and
+The method is that of GRBL's documentation (settings.md ``$11``; S. Jeon, "Improving Grbl: Cornering
+Algorithm", 2011). At a corner the tool is assumed to follow a circle that touches both lines and
 misses the corner by the junction deviation d:
 
             \  |  /
-             \ | /  d        half angle between the lines: theta/2,   R = d sin(theta/2) / (1 - sin(theta/2))
-              \|/            v_junction^2 = a R
+             \ | /  d        half angle between the lines: theta/2,
+              \|/            R = d sin(theta/2) / (1 - sin(theta/2)),   v_junction^2 = a R
           -----*-----
 
-Then one pass from the newest block back (each must be able to brake to what follows) and one from
-the running block on (each must be able to get as fast as that) give the entry speeds.
+One pass goes from the newest block back: each must be able to brake to the speed of the next. One
+pass goes from the running block on: each must be able to accelerate to that speed.
 """
 
 from __future__ import annotations
@@ -22,13 +22,15 @@ from dataclasses import dataclass, field
 Point = tuple[float, float, float]
 
 STRAIGHT = 0.999999
-"""Cosine above which two lines are one, or the way back."""
+"""Cosine above which two directions are the same or opposite."""
 
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """Motion along a block at one acceleration: from ``time`` s on, ``duration`` s, from ``s`` mm
-    on at ``v`` mm/s, ``a`` mm/s^2.
+    """A part of a block with one acceleration.
+
+    It begins at ``time`` s and takes ``duration`` s, from path length ``s`` mm at ``v`` mm/s with
+    ``a`` mm/s^2.
     """
 
     time: float
@@ -38,28 +40,41 @@ class Phase:
     a: float
 
     def at(self, time: float) -> tuple[float, float]:
-        """Way (mm) and speed (mm/s) at a moment."""
+        """Return path length (mm) and speed (mm/s) at a time."""
         t = min(max(time - self.time, 0.0), self.duration)
         return self.s + (self.v + 0.5 * self.a * t) * t, max(self.v + self.a * t, 0.0)
 
     def when(self, s: float) -> float | None:
-        """The moment at which the way ``s`` is reached, if it is in this phase."""
-        way = s - self.s
+        """Return the time at which the path length ``s`` is reached; None outside this phase."""
+        distance = s - self.s
         end, _ = self.at(self.time + self.duration)
-        if way < 0.0 or s > end:
+        if distance < 0.0 or s > end:
             return None
-        # The smaller root of v t + a t^2 / 2 = way, in the form that loses no digits.
-        root = math.sqrt(max(self.v * self.v + 2.0 * self.a * way, 0.0))
-        return self.time + (2.0 * way / (self.v + root) if self.v + root > 0.0 else 0.0)
+        # The smaller root of v t + a t^2 / 2 = distance, in the form that loses no digits.
+        root = math.sqrt(max(self.v * self.v + 2.0 * self.a * distance, 0.0))
+        return self.time + (2.0 * distance / (self.v + root) if self.v + root > 0.0 else 0.0)
 
 
 @dataclass(slots=True)
 class Move:
-    """A block of the planner and, afterwards, the record of it.
+    """A block of the planner, and afterwards its record.
 
-    kind: rapid, feed, jog, probe or home. start, end: machine position in mm, on the grid of steps.
-    number: the N word, 0 without. source: which received line it is of, from 1. phases: how it was
-    run. cut: whether it ended before ``end``.
+    Attributes:
+        kind: rapid, feed, jog, probe or home.
+        start: Machine position in mm, on the grid of steps.
+        end: Machine position in mm, on the grid of steps.
+        unit: Direction.
+        length: mm.
+        acceleration: mm/s^2.
+        rapid_rate: Highest speed in this direction, mm/s.
+        programmed: Programmed speed, mm/s.
+        number: The N word; 0 without.
+        source: Number of the received line, from 1.
+        spindle: State and speed of the spindle.
+        junction_sq: Square of the highest speed at its beginning.
+        entry_sq: Square of the planned speed at its beginning.
+        phases: How it was carried out.
+        cut: Whether it ended before ``end``.
     """
 
     kind: str
@@ -79,7 +94,7 @@ class Move:
     cut: bool = False
 
     def point(self, s: float) -> Point:
-        """Machine position after ``s`` mm of the way."""
+        """Return the machine position after ``s`` mm of the block."""
         if s >= self.length:
             return self.end
         (x, y, z), (i, j, k) = self.start, self.unit
@@ -87,7 +102,7 @@ class Move:
 
     @property
     def reached(self) -> Point:
-        """Where it ended."""
+        """Machine position where the block ended."""
         if not self.cut:
             return self.end
         last = self.phases[-1]
@@ -95,24 +110,24 @@ class Move:
 
     @property
     def begin_time(self) -> float:
-        """When it began to move, s."""
+        """Time of its beginning, s."""
         return self.phases[0].time
 
     @property
     def end_time(self) -> float:
-        """When it came to its end, s."""
+        """Time of its end, s."""
         return self.phases[-1].time + self.phases[-1].duration
 
 
 def smallest_over_axes(limits: Point, unit: Point) -> float:
-    """The largest value along ``unit`` at which no axis exceeds its own limit."""
+    """Return the largest value along ``unit`` at which no axis exceeds its own limit."""
     return min(
         limit / abs(part) if part else math.inf for limit, part in zip(limits, unit, strict=True)
     )
 
 
 def junction_speed_sq(before: Point, after: Point, accelerations: Point, deviation: float) -> float:
-    """Square of the speed (mm/s) through the corner between two directions."""
+    """Return the square of the speed (mm/s) through the corner between two directions."""
     cosine = -(before[0] * after[0] + before[1] * after[1] + before[2] * after[2])
     if cosine > STRAIGHT:
         return 0.0
@@ -128,7 +143,7 @@ def junction_speed_sq(before: Point, after: Point, accelerations: Point, deviati
 
 
 class Planner:
-    """The blocks that wait, the running one first."""
+    """The waiting blocks, the running one first."""
 
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
@@ -137,14 +152,12 @@ class Planner:
         self.rapid_override = 100
 
     @property
-    def room(self) -> int:
-        """Blocks that may be added."""
+    def free(self) -> int:
+        """Number of blocks that may be added."""
         return self.capacity - len(self.blocks)
 
     def nominal(self, move: Move) -> float:
-        """The speed (mm/s) that a block is to be run at, overrides applied. Jogs and probes know
-        none.
-        """
+        """Return the speed of a block, mm/s, with overrides; jogs and probes have none."""
         if move.kind == "rapid":
             return move.rapid_rate * self.rapid_override / 100.0
         if move.kind == "feed":
@@ -152,7 +165,7 @@ class Planner:
         return min(move.programmed, move.rapid_rate)
 
     def add(self, move: Move, accelerations: Point, deviation: float) -> None:
-        """One more block behind the others."""
+        """Append a block."""
         if self.blocks:
             move.junction_sq = junction_speed_sq(
                 self.blocks[-1].unit, move.unit, accelerations, deviation
@@ -160,8 +173,11 @@ class Planner:
         self.blocks.append(move)
 
     def plan(self, speed: float, left: float) -> None:
-        """Entry speeds of all blocks. ``speed``: of the running block now, mm/s; ``left``: what is
-        left of it, mm.
+        """Compute the entry speeds of all blocks.
+
+        Args:
+            speed: Present speed of the running block, mm/s.
+            left: Length that is left of it, mm.
         """
         blocks = self.blocks
         if not blocks:

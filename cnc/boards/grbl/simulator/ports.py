@@ -1,9 +1,8 @@
-"""The host's end of the simulator's cable, in the same process: :class:`cnc.boards.port.Port` and the
-clock that goes with it.
+"""The host's end of the simulator's cable in the same process, and its clocks.
 
-In virtual time a read moves the simulator's clock to the next answer, or by the time-out if there is
-none; nothing sleeps. Against the wall's clock, the simulator is taken along whenever the host reads,
-writes or asks, ``factor`` times as fast as the wall.
+It is a :class:`cnc.boards.port.Port`. In virtual time a read advances the simulator's clock to the
+next answer, or by the timeout; nothing sleeps. With the real clock, the simulator is advanced
+whenever the host reads, writes or asks, ``factor`` times as fast as real time.
 """
 
 from __future__ import annotations
@@ -14,33 +13,33 @@ import time
 from cnc.boards.grbl.simulator.grbl_simulator import BOOT_TIME, GrblSimulator
 from cnc.boards.port import port_lost
 
-NAME = "the board in the simulator"
+NAME = "the GRBL simulator"
 
 
 class VirtualTime:
-    """The simulator's own clock, which only moves when somebody waits."""
+    """The simulator's own clock, which advances only while the host waits."""
 
     def __init__(self, simulator: GrblSimulator) -> None:
         self._simulator = simulator
 
     def now(self) -> float:
-        """Seconds since the simulator was made."""
+        """Return the seconds since the simulator was made."""
         return self._simulator.now
 
     def sleep(self, seconds: float) -> None:
-        """Let the simulator run on."""
+        """Advance the simulator."""
         self._simulator.advance(self._simulator.now + max(seconds, 0.0))
 
     def catch_up(self) -> None:
-        """Nothing to do: the simulator is where its clock is."""
+        """Do nothing: the simulator is at the time of its clock."""
 
     def await_answer(self, timeout: float) -> None:
-        """To the next answer, ``timeout`` s at most."""
+        """Advance to the next answer, by at most ``timeout`` s."""
         self._simulator.advance(self._simulator.now + max(timeout, 0.0), answer=True)
 
 
 class ScaledTime:
-    """The wall's clock, ``factor`` times as fast."""
+    """The real clock, ``factor`` times as fast."""
 
     def __init__(self, simulator: GrblSimulator, factor: float = 1.0) -> None:
         self._simulator = simulator
@@ -49,22 +48,20 @@ class ScaledTime:
         self._origin = simulator.now
 
     def now(self) -> float:
-        """Seconds of the simulator."""
+        """Return the time of the simulator, s."""
         return self._origin + (time.monotonic() - self._start) * self._factor
 
     def sleep(self, seconds: float) -> None:
-        """Wait that long by the simulator's clock."""
+        """Wait for a time of the simulator's clock."""
         time.sleep(max(seconds, 0.0) / self._factor)
         self.catch_up()
 
     def catch_up(self) -> None:
-        """Bring the simulator to now."""
+        """Advance the simulator to the present time."""
         self._simulator.advance(max(self.now(), self._simulator.now))
 
     def await_answer(self, timeout: float) -> None:
-        """Until there is an answer, ``timeout`` s of the simulator at most. The wall is slept away in
-        steps that the simulator's next answer allows.
-        """
+        """Wait for an answer, for at most ``timeout`` s of the simulator's clock."""
         end = self.now() + max(timeout, 0.0)
         while True:
             self.catch_up()
@@ -75,19 +72,22 @@ class ScaledTime:
                 or not self._simulator.plugged
             ):
                 return
-            time.sleep(min(left, LONGEST_NAP) / self._factor)
+            time.sleep(min(left, LONGEST_SLEEP) / self._factor)
 
 
-LONGEST_NAP = 0.002
-"""Seconds between two looks for an answer."""
+LONGEST_SLEEP = 0.002
+"""Seconds between two checks for an answer."""
 
 
 class GrblSimulatorPort:
-    """The host's end. Opening it raises DTR, which resets the board unless the line was left up.
+    """The host's end of the cable. Opening it raises DTR, which resets the board unless it was up.
 
-    boot_time: seconds of the boot loader after a reset. hang_up: closing the port drops DTR, as
-    systems do until HUPCL is cleared. lowered: DTR is down from the opening on, as our port has it
-    on Windows.
+    Args:
+        simulator: The board.
+        clock: Its clock; None for virtual time.
+        boot_time: Seconds of the boot loader after a reset.
+        hang_up: Whether closing the port drops DTR, as systems do until HUPCL is cleared.
+        lowered: Whether DTR is down from the opening on, as our port has it on Windows.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class GrblSimulatorPort:
             simulator.raise_dtr(boot_time)
 
     def read(self, timeout: float) -> bytes:
-        """What has arrived, after ``timeout`` s at most. PortLost after an unplugging."""
+        """Return the bytes that arrive within ``timeout`` s. PortLost after an unplugging."""
         with self._lock:
             self.clock.catch_up()
             self._refuse_if_lost()
@@ -124,7 +124,7 @@ class GrblSimulatorPort:
             return data
 
     def write(self, data: bytes) -> None:
-        """Onto the wire at once. PortLost after an unplugging."""
+        """Put bytes onto the wire at once. PortLost after an unplugging."""
         with self._lock:
             self.clock.catch_up()
             self._refuse_if_lost()
@@ -138,7 +138,7 @@ class GrblSimulatorPort:
             self.simulator.raise_dtr(self._boot_time)
 
     def close(self) -> None:
-        """Let go of the board, which goes on by itself."""
+        """Close the port; the board continues by itself."""
         if self._open and self.hang_up:
             self.simulator.drop_dtr()
         self._open = False

@@ -1,10 +1,10 @@
-"""The simulator behind a pseudo-terminal, so that any sender can open it as a serial port (Unix only).
+"""The GRBL simulator at a pseudo-terminal, which any sender can open as a serial port (Unix only).
 
-A thread of its own takes the simulator along with the wall's clock. A pseudo-terminal has no modem lines,
-so DTR is modelled. While nobody has the terminal open, the system reports a hang-up on our side.
-The end of that is the opening, which raises DTR: a reset, unless it was up. Closing drops DTR if
-the terminal's HUPCL is set, as it is at first: a serial port's is. A cable that is pulled is the
-end of the terminal.
+A thread advances the simulator with the real clock. A pseudo-terminal has no modem lines, so DTR is
+modelled. While no host has the terminal open, the system reports a hang-up on our side. When that
+ends, a host has opened the terminal, which raises DTR: a reset, unless it was up. Closing drops DTR
+if the terminal's HUPCL is set, as it is at first, like that of a serial port. Unplugging the cable
+ends the terminal.
 """
 
 from __future__ import annotations
@@ -15,18 +15,21 @@ import select
 import threading
 
 from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
-from cnc.boards.grbl.simulator.ports import LONGEST_NAP, ScaledTime
+from cnc.boards.grbl.simulator.ports import LONGEST_SLEEP, ScaledTime
 
 READ_SIZE = 4096
 CFLAG = 2
-"""Where tcgetattr has the control modes."""
+"""Index of the control modes in the result of tcgetattr."""
 UNREAD = 65536
-"""Bytes that wait for a host that does not read; more are lost, as in a serial port."""
+"""Bytes that wait for a host that does not read; more are lost, as at a serial port."""
 
 
 class PtyServer:
-    """A terminal called ``name``; ``with`` closes it. ``factor``: how much faster than the wall the
-    simulator's clock runs.
+    """A terminal with the name ``name``; ``with`` closes it.
+
+    Args:
+        simulator: The board.
+        factor: Speed of its clock relative to real time.
     """
 
     def __init__(self, simulator: GrblSimulator, factor: float = 1.0) -> None:
@@ -41,7 +44,7 @@ class PtyServer:
         settings[CFLAG] |= termios.HUPCL
         termios.tcsetattr(theirs, termios.TCSANOW, settings)
         self.name = os.ttyname(theirs)
-        # Nobody has it open any more: the next hang-up that ends is a host.
+        # The terminal is closed now: the next end of a hang-up is a host.
         os.close(theirs)
         os.set_blocking(self._ours, False)
         self._unread = b""
@@ -62,7 +65,7 @@ class PtyServer:
             self._thread.join()
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Until the terminal has ended (an unplugging); whether it has."""
+        """Wait until the terminal has ended (an unplugging), and return whether it has."""
         return self._ended.wait(timeout)
 
     def _serve(self) -> None:
@@ -70,8 +73,10 @@ class PtyServer:
         poll.register(self._ours, select.POLLIN)
         is_open = False
         try:
-            while not self._ended.wait(0.0 if is_open else LONGEST_NAP):
-                events = dict(poll.poll(LONGEST_NAP * 1000.0 if is_open else 0)).get(self._ours, 0)
+            while not self._ended.wait(0.0 if is_open else LONGEST_SLEEP):
+                events = dict(poll.poll(LONGEST_SLEEP * 1000.0 if is_open else 0)).get(
+                    self._ours, 0
+                )
                 was_open, is_open = is_open, not events & select.POLLHUP
                 self._clock.catch_up()
                 if is_open and not was_open:
@@ -89,9 +94,7 @@ class PtyServer:
             self._ended.set()
 
     def _hangs_up(self) -> bool:
-        """Whether closing the terminal drops DTR: its settings, which outlive the closing, are ours
-        to read.
-        """
+        """Return whether closing drops DTR, by the settings of the terminal, which remain."""
         import termios
 
         return bool(termios.tcgetattr(self._ours)[CFLAG] & termios.HUPCL)

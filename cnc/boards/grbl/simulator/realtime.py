@@ -1,8 +1,10 @@
-"""Real-time commands (commands.md, "Realtime commands"): noted as their byte comes in, carried out
-when the main program next looks.
+"""Real-time commands (commands.md, "Realtime commands").
+
+Each is noted as its byte arrives, and carried out when the main program next serves them.
 
 Idle --queued motion--> Run --!--> Hold:1 --at rest--> Hold:0 --~--> Run or Idle
-any of these --0x84--> Door:2 --at rest--> Door:0 (Door:1 while the door is open) --~--> Door:3 --> Run or Idle
+any of these --0x84--> Door:2 --at rest--> Door:0 (Door:1 while the door is open)
+Door:0 --~--> Door:3 --> Run or Idle
 Jog --! or 0x85--> at rest, the queue dropped --> Idle
 """
 
@@ -12,10 +14,10 @@ from cnc.boards.grbl.simulator.core import CRITICAL, Core
 from cnc.boards.grbl.simulator.report import status_report
 
 RESET = 0x18
-TYPED = {ord("?"): "status", ord("~"): "start", ord("!"): "hold"}
+PRINTABLE = {ord("?"): "status", ord("~"): "start", ord("!"): "hold"}
 EXTENDED = {0x84: "door", 0x85: "jog_cancel"}
 HAL = {0x80: "status", 0x81: "start", 0x82: "hold", 0x87: "status"}
-"""grblHAL's second set, for hosts that would rather not send characters that can be typed."""
+"""grblHAL's second set, for hosts that do not send printable characters."""
 FEED = {0x90: 0, 0x91: 10, 0x92: -10, 0x93: 1, 0x94: -1}
 RAPID = {0x95: 100, 0x96: 50, 0x97: 25}
 SPINDLE = {0x99: 0, 0x9A: 10, 0x9B: -10, 0x9C: 1, 0x9D: -1}
@@ -23,26 +25,22 @@ SPINDLE_STOP, FLOOD, MIST = 0x9E, 0xA0, 0xA1
 LEAST, LARGEST = 10, 200
 """Per cent of a feed or spindle override."""
 SPINDLE_DELAY, COOLANT_DELAY = 4.0, 1.0
-"""Seconds that are waited for spindle and coolant before motion goes on after a door or a spindle
-stop.
-"""
+"""Seconds for spindle and coolant before motion resumes after a door or a spindle stop."""
 
 
 def is_realtime(byte: int) -> bool:
-    """Whether a byte is picked out of the stream: the typed ones, and everything above ASCII, known
-    or not.
-    """
-    return byte in TYPED or byte == RESET or byte >= 0x80
+    """Return whether a byte is taken out of the stream: the printable ones, and all above ASCII."""
+    return byte in PRINTABLE or byte == RESET or byte >= 0x80
 
 
 def receive(core: Core, byte: int) -> None:
-    """Note a real-time command; a reset stops the machine on the spot."""
+    """Note a real-time command; a reset stops the machine at once."""
     flags = core.flags
     if byte == RESET:
         reset(core)
         return
     name = (
-        TYPED.get(byte)
+        PRINTABLE.get(byte)
         or EXTENDED.get(byte)
         or (HAL.get(byte) if core.profile.name == "grblhal" else None)
     )
@@ -53,9 +51,7 @@ def receive(core: Core, byte: int) -> None:
 
 
 def reset(core: Core) -> None:
-    """What 0x18 does before anything else: outputs off, motion stopped, with an alarm if there was
-    some.
-    """
+    """Switch outputs off and stop motion, with an alarm if there was motion (0x18)."""
     if core.flags.reset:
         return
     core.flags.reset = True
@@ -66,7 +62,7 @@ def reset(core: Core) -> None:
 
 
 def serve(core: Core) -> None:
-    """Carry out what has been noted."""
+    """Carry out the commands that have been noted."""
     flags = core.flags
     if flags.alarm:
         code, flags.alarm = flags.alarm, 0
@@ -78,7 +74,7 @@ def serve(core: Core) -> None:
         if core.now < core.cpu_free:
             return
     if core.locking:
-        # a reset that came while the alarm was told is forgotten
+        # a reset that came while the alarm was printed is ignored
         core.say("[MSG:Reset to continue]")
         core.locking, core.locked, flags.reset = False, True, False
         return
@@ -104,7 +100,7 @@ def serve(core: Core) -> None:
 
 
 def _serve_homing(core: Core) -> None:
-    """During a homing cycle only the door is heard."""
+    """Serve the door, the only command during homing."""
     if core.flags.door:
         core.flags.door = False
         core.stop_dead()
@@ -114,7 +110,7 @@ def _serve_homing(core: Core) -> None:
 
 
 def _serve_holds(core: Core) -> None:
-    """Hold, jog cancel, door, sleep."""
+    """Serve hold, jog cancel, door and sleep."""
     flags, state = core.flags, core.state
     if flags.hold or flags.jog_cancel:
         jogging = state == "Jog" and not core.jog_cancelling
@@ -138,7 +134,7 @@ def _serve_holds(core: Core) -> None:
 
 
 def _cancel_jog(core: Core) -> None:
-    """Brake, then drop what is queued."""
+    """Brake, then drop the queue."""
     core.note("hold")
     if core.steppers.running:
         core.jog_cancelling = True
@@ -146,7 +142,7 @@ def _cancel_jog(core: Core) -> None:
 
 
 def _open_door(core: Core) -> None:
-    """The safety door: as a hold, with the outputs off at rest."""
+    """Serve the safety door: as a hold, with the outputs off at rest."""
     core.say("[MSG:Check Door]")
     core.note("door")
     if core.state == "Jog":
@@ -160,7 +156,7 @@ def _open_door(core: Core) -> None:
 
 
 def _serve_start(core: Core) -> None:
-    """Cycle start, resume."""
+    """Serve cycle start and resume."""
     if not core.flags.start:
         return
     core.flags.start = False
@@ -191,7 +187,7 @@ def _serve_start(core: Core) -> None:
 
 
 def _resume(core: Core) -> None:
-    """Go on after a hold."""
+    """Resume after a hold."""
     core.note("resume")
     core.resuming = core.hold_complete = False
     core.steppers.holding = False
@@ -202,7 +198,7 @@ def _resume(core: Core) -> None:
 
 
 def _override(core: Core, byte: int) -> None:
-    """Feed, rapid and spindle overrides; toggles of spindle and coolants."""
+    """Serve overrides of feed, rapid and spindle, and toggles of spindle and coolants."""
     planner = core.planner
     before = (planner.feed_override, planner.rapid_override, core.spindle_override)
     if byte in FEED:
@@ -231,5 +227,5 @@ def _override(core: Core, byte: int) -> None:
 
 
 def _scaled(percent: int, change: int) -> int:
-    """A new override: 0 sets it back to 100."""
+    """Return a new override; a change of 0 sets it to 100."""
     return min(max(percent + change, LEAST), LARGEST) if change else 100

@@ -1,6 +1,4 @@
-"""What the board prints of itself: status reports, parser state, parameters, settings, build info
-(interface.md).
-"""
+"""Reports of the board: status, parser state, parameters, settings, build info."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"
 
 
 def status_report(core: Core) -> str:
-    """The answer to ``?``, counting down to the fields that come now and then."""
+    """Return the answer to ``?``, with the fields that come at intervals."""
     position, speed = core.steppers.state(core.now)
     wanted = int(core.setting[10])
     offset = core.offset
@@ -27,7 +25,7 @@ def status_report(core: Core) -> str:
         fields = [_state(core), f"WPos:{_lengths(core, _minus(position, offset))}"]
     if wanted & 2:
         fields.append(
-            f"Bf:{core.planner.room},{core.profile.rx_capacity - len(core.receiver.ring)}"
+            f"Bf:{core.planner.free},{core.profile.rx_capacity - len(core.receiver.ring)}"
         )
     blocks = core.planner.blocks
     if core.profile.line_numbers and blocks and blocks[0].number and blocks[0].kind != "jog":
@@ -59,7 +57,7 @@ def status_report(core: Core) -> str:
 
 
 def _state(core: Core) -> str:
-    """The state with its sub-state."""
+    """Return the state with its sub-state."""
     if core.state == "Hold":
         return "Hold:0" if core.hold_complete else "Hold:1"
     if core.state == "Door":
@@ -72,9 +70,7 @@ def _state(core: Core) -> str:
 
 
 def _pins(core: Core, position: Point) -> str:
-    """Inputs that are triggered. Limit switches are wired where hard limits or homing are switched
-    on.
-    """
+    """Return the active inputs; limit switches are wired where hard limits or homing are on."""
     limits = core.environment.tripped(position) if core.setting[21] or core.setting[22] else ""
     return limits + "P" * core.environment.touches(position) + "D" * core.environment.door_open
 
@@ -85,20 +81,19 @@ def _accessories(core: Core) -> str:
 
 
 def parser_state(core: Core) -> str:
-    """The answer to ``$G``."""
+    """Return the answer to ``$G``."""
     modes = core.modes
     coolant = " ".join(word for word, on in (("M7", modes.mist), ("M8", modes.flood)) if on) or "M9"
-    # As every number that is reported: settings.md, $13.
+    # All reported numbers follow $13 (settings.md).
     inches = bool(core.setting[13])
     feed = modes.feed / (MM_PER_INCH if inches else 1.0)
-    return (
-        f"[GC:{modes.motion} {modes.coordinates} {modes.plane} {modes.units} {modes.distance} {modes.feed_mode} "
-        f"{modes.spindle} {coolant} T{modes.tool} F{feed:.{1 if inches else 0}f} S{modes.speed:.0f}]"
-    )
+    words = f"{modes.motion} {modes.coordinates} {modes.plane} {modes.units} {modes.distance}"
+    values = f"T{modes.tool} F{feed:.{1 if inches else 0}f} S{modes.speed:.0f}"
+    return f"[GC:{words} {modes.feed_mode} {modes.spindle} {coolant} {values}]"
 
 
 def parameters(core: Core) -> list[str]:
-    """The answer to ``$#``."""
+    """Return the answer to ``$#``."""
     lines = [f"[{name}:{_lengths(core, core.eeprom.systems[name])}]" for name in SYSTEMS]
     lines.append(f"[G92:{_lengths(core, core.shift)}]")
     lines.append(f"[TLO:{_length(core, core.tool_length)}]")
@@ -107,22 +102,22 @@ def parameters(core: Core) -> list[str]:
 
 
 def probe_report(core: Core) -> str:
-    """Where the last probe touched, and whether it did."""
+    """Return the position of the last probe contact, and whether there was one."""
     return f"[PRB:{_lengths(core, core.probe_position)}:{int(core.probe_succeeded)}]"
 
 
 def settings_list(core: Core) -> list[str]:
-    """The answer to ``$$``."""
+    """Return the answer to ``$$``."""
     return [setting_text(number, value) for number, value in core.setting.items()]
 
 
 def startup_lines(core: Core) -> list[str]:
-    """The answer to ``$N``."""
+    """Return the answer to ``$N``."""
     return [f"$N{index}={text}" for index, text in enumerate(core.eeprom.startup)]
 
 
 def build_info(core: Core) -> list[str]:
-    """The answer to ``$I``: version, options with the sizes of both buffers."""
+    """Return the answer to ``$I``: version, options with the sizes of both buffers."""
     profile = core.profile
     sizes = f"{profile.planner_blocks},{profile.rx_reported}"
     return [

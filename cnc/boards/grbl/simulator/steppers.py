@@ -1,9 +1,9 @@
 r"""The steppers: the running block over time, in closed form.
 
-v ^        ______           at most three phases of constant acceleration, computed anew from where the motion is
-|       /      \          whenever the plan, an override or a hold changes what is to come; a hold brakes as
-|      /        \___      hard as the block allows, across as many blocks as that takes
-|_____/________________> t
+v ^        ______           at most three phases of constant acceleration, computed again from the
+|       /      \          present motion whenever the plan, an override or a hold changes the rest;
+|      /        \___      a hold brakes with the block's acceleration, across as many blocks as it
+|_____/________________> t      takes
 """
 
 from __future__ import annotations
@@ -14,12 +14,16 @@ from collections.abc import Callable
 from cnc.boards.grbl.simulator.planner import Move, Phase, Planner, Point
 
 TINY = 1e-12
-"""mm, or mm/s: rounding."""
+"""mm or mm/s: rounding."""
 
 
 class Steppers:
-    """What moves. ``moves``: the record of every block that has begun. ``trip_at``: on which way of
-    a block a switch or the probe trips.
+    """The moving part of the board.
+
+    Attributes:
+        moves: The record of every block that has begun.
+        trip_at: Returns the path length of a block at which a switch or the probe trips.
+        stop_at: Path length (mm) of the running block at which one will trip; None for none.
     """
 
     def __init__(self, planner: Planner, trip_at: Callable[[Move], float | None]) -> None:
@@ -30,14 +34,13 @@ class Steppers:
         self.running = False
         self.holding = False
         self.stop_at: float | None = None
-        """Way (mm) of the running block at which a switch or a probe will trip."""
         self._phases: list[Phase] = []
         self._s = 0.0
         self._v = 0.0
 
     @property
     def event(self) -> float:
-        """When the running block ends, comes to rest, or trips something, s."""
+        """When the running block ends, comes to rest, or trips a switch or the probe, s."""
         if not self.running:
             return math.inf
         if self.stop_at is not None:
@@ -49,7 +52,7 @@ class Steppers:
         return last.time + last.duration
 
     def start(self, now: float) -> None:
-        """Begin, if there is something to run."""
+        """Begin, if a block waits."""
         if not self.running and self.planner.blocks:
             self.running = True
             self._s = self._v = 0.0
@@ -57,7 +60,7 @@ class Steppers:
             self.replan(now)
 
     def resume(self, now: float) -> None:
-        """Go on with the block that a hold has stopped in."""
+        """Continue with the block in which a hold has stopped."""
         self.holding = False
         if not self.running and self.planner.blocks:
             self.running = True
@@ -67,13 +70,13 @@ class Steppers:
             self.replan(now)
 
     def hold(self, now: float) -> None:
-        """Brake to a rest."""
+        """Brake to rest."""
         self.holding = True
         if self.running:
             self.replan(now)
 
     def replan(self, now: float) -> None:
-        """The plan has changed: go on from here by the new one."""
+        """Continue by the new plan."""
         if not self.running:
             self.planner.plan(
                 0.0, self.planner.blocks[0].length - self._s if self.planner.blocks else 0.0
@@ -87,16 +90,14 @@ class Steppers:
         move.phases.extend(self._phases)
 
     def state(self, now: float) -> tuple[Point, float]:
-        """Machine position (mm) and speed (mm/s)."""
+        """Return machine position (mm) and speed (mm/s)."""
         if not self.running:
             return self.position, 0.0
         s, v = self._now(now)
         return self.planner.blocks[0].point(s), v
 
     def settle(self, now: float) -> str:
-        """What happened at :attr:`event`: ``tripped``, ``held``, ``next`` (a further block begins)
-        or ``done``.
-        """
+        """Return the kind of :attr:`event`: ``tripped``, ``held``, ``next`` block or ``done``."""
         s, v = self._now(now)
         move = self.planner.blocks[0]
         if self.stop_at is not None and s >= self.stop_at - TINY and s < move.length:
@@ -124,7 +125,7 @@ class Steppers:
         return "next"
 
     def halt(self, now: float) -> None:
-        """Stop dead, forget what waits."""
+        """Stop at once, and drop the waiting blocks."""
         if self.running:
             s, _ = self._now(now)
             self.position = self.planner.blocks[0].point(s)
@@ -132,7 +133,7 @@ class Steppers:
         self.flush()
 
     def flush(self) -> None:
-        """Forget the blocks; the record keeps what was run of the first."""
+        """Drop the blocks; the record keeps the part of the first that was carried out."""
         if self.planner.blocks and self.moves and self.moves[-1] is self.planner.blocks[0]:
             self.moves[-1].cut = True
             if not self.moves[-1].phases:
@@ -149,7 +150,7 @@ class Steppers:
         self.stop_at = self.trip_at(move)
 
     def _now(self, now: float) -> tuple[float, float]:
-        """Way and speed in the running block."""
+        """Return path length and speed in the running block."""
         for phase in self._phases:
             if now < phase.time + phase.duration:
                 return phase.at(now)
@@ -159,7 +160,7 @@ class Steppers:
         return self._s, self._v
 
     def _cut_record(self, now: float) -> None:
-        """Take from the running block's record what has not been run."""
+        """Remove from the record of the running block the part that was not carried out."""
         phases = self.planner.blocks[0].phases
         while phases and phases[-1].time >= now:
             phases.pop()
@@ -169,37 +170,36 @@ class Steppers:
                 phases[-1] = Phase(last.time, now - last.time, last.s, last.v, last.a)
 
     def _profile(self, move: Move, now: float) -> list[Phase]:
-        """The phases from here to the end of the block, or to the rest that a hold asks for."""
+        """Return the phases to the end of the block, or to the rest of a hold."""
         s, v, a, left = self._s, self._v, move.acceleration, move.length - self._s
         phases: list[Phase] = []
 
-        def run(way: float, end_speed: float) -> None:
-            """One phase of constant acceleration over ``way``."""
+        def run(distance: float, end_speed: float) -> None:
+            """Append a phase of constant acceleration over ``distance``."""
             nonlocal s, v
-            if way <= TINY or v + end_speed <= 0.0:
+            if distance <= TINY or v + end_speed <= 0.0:
                 return
             time = phases[-1].time + phases[-1].duration if phases else now
-            duration = 2.0 * way / (v + end_speed)
+            duration = 2.0 * distance / (v + end_speed)
             phases.append(Phase(time, duration, s, v, (end_speed - v) / duration))
-            s, v = s + way, end_speed
+            s, v = s + distance, end_speed
 
         if self.holding:
-            way = v * v / (2.0 * a)
-            if way < left:
-                run(way, 0.0)
+            distance = v * v / (2.0 * a)
+            if distance < left:
+                run(distance, 0.0)
             else:
                 run(left, math.sqrt(max(v * v - 2.0 * a * left, 0.0)))
             return phases or [Phase(now, 0.0, s, v, 0.0)]
         nominal, leave = self.planner.nominal(move), math.sqrt(self.planner.exit_sq)
         if v > nominal:
-            way = min((v * v - nominal * nominal) / (2.0 * a), left)
-            run(way, math.sqrt(max(v * v - 2.0 * a * way, 0.0)))
-            left -= way
+            distance = min((v * v - nominal * nominal) / (2.0 * a), left)
+            run(distance, math.sqrt(max(v * v - 2.0 * a * distance, 0.0)))
+            left -= distance
         if left > 0.0:
             peak = math.sqrt(a * left + 0.5 * (v * v + leave * leave))
             if peak <= max(v, leave):
-                # Only up or only down: what the distance allows, which may be more than what was
-                # asked for.
+                # Only acceleration or only braking, as far as the distance allows.
                 least, most = (
                     math.sqrt(max(v * v - 2.0 * a * left, 0.0)),
                     math.sqrt(v * v + 2.0 * a * left),

@@ -1,13 +1,14 @@
-"""The two directions of the cable: bytes take time, rings have an end.
+"""The two directions of the cable: bytes take time, rings have a capacity.
 
 A byte is 10 bit times on the wire (8N1): at 115200 baud 11 520 bytes/s. Towards the board:
 
-    write(t) --> | . . . . | --> the UART's two bytes --> real-time byte? --> acted on at once, whatever the ring holds
-                  10 bits         (all there is while               |
-                  each            the EEPROM is written)            +------> RX ring; full: the byte is lost, and nobody says so
+    write(t) --> | . . . . | --> the UART's two bytes --> real-time byte? --> carried out at once
+                  10 bits         (only these while the         |
+                  each            EEPROM is written)            +------> RX ring; if it is full,
+                                                                         the byte is lost unnoticed
 
-Towards the host bytes leave the TX ring one after another; a program that prints into a full ring
-waits. The host's USB collects what came within a frame of 1 ms.
+Towards the host, bytes leave the TX ring one after another; a program that prints into a full ring
+waits. The host's USB collects the bytes of a frame of 1 ms.
 """
 
 from __future__ import annotations
@@ -18,19 +19,18 @@ from collections import deque
 BITS_A_BYTE = 10
 """Start bit, eight data bits, stop bit."""
 USB_FRAME = 0.001
-"""Seconds between two looks of a host at its full-speed USB device (USB 2.0, 5.3)."""
+"""Seconds between two polls of a full-speed USB device by the host (USB 2.0, 5.3)."""
 UART_BYTES = 2
-"""Bytes that the AVR's receiver keeps while interrupts are off (ATmega328P data sheet, 20.7: a
-two-level FIFO).
+"""Bytes that the AVR's receiver keeps while interrupts are off.
+
+ATmega328P data sheet, 20.7: a two-level FIFO.
 """
 EEPROM_BYTE_TIME = 0.0034
-"""Seconds that a byte of EEPROM takes to be erased and written (ATmega328P data sheet, table
-8-2).
-"""
+"""Seconds to erase and write a byte of EEPROM (ATmega328P data sheet, table 8-2)."""
 
 
 class Receiver:
-    """Host to board: bytes on the wire, then those that wait in the ring.
+    """Host to board: the bytes on the wire, then those in the ring.
 
     Counters for tests: ``received``, ``overflowed`` (lost to a full ring), ``blinded`` (lost during
     EEPROM writes), ``fullest``.
@@ -54,25 +54,25 @@ class Receiver:
 
     @property
     def lost(self) -> int:
-        """Bytes that came off the wire and went nowhere."""
+        """Number of bytes that were lost after the wire."""
         return self.overflowed + self.blinded
 
     @property
     def arrival(self) -> float:
-        """When the next byte will have come off the wire, s."""
+        """When the next byte will be off the wire, s."""
         if not self._wire:
             return math.inf
         return self._wire[0][0] + (self._next + 1) * self.byte_time
 
     def write(self, data: bytes, now: float) -> None:
-        """The host hands over ``data``."""
+        """Send bytes from the host."""
         if data:
             start = max(now, self._line_free)
             self._line_free = start + len(data) * self.byte_time
             self._wire.append((start, data))
 
     def take(self) -> int:
-        """The next byte, off the wire."""
+        """Take the next byte off the wire."""
         _, data = self._wire[0]
         byte = data[self._next]
         self._next += 1
@@ -83,21 +83,24 @@ class Receiver:
         return byte
 
     def unplug(self) -> None:
-        """What is on the wire is lost."""
+        """Drop the bytes on the wire."""
         self._wire.clear()
         self._next = 0
 
     def blind(self, bytes_written: int, now: float) -> float:
-        """The processor writes that many bytes of EEPROM from ``now`` on, interrupts off for each.
-        When it is done.
+        """Write bytes of EEPROM from ``now`` on, with interrupts off for each.
+
+        Returns:
+            The time of the end, s.
         """
         self._blind_from, self._blind_until = now, now + bytes_written * EEPROM_BYTE_TIME
         self._window, self._kept = -1, 0
         return self._blind_until
 
     def seen(self, now: float) -> bool:
-        """Whether a byte that arrives now is taken from the UART. During an EEPROM write only the
-        first two of each byte's time are.
+        """Return whether a byte that arrives now is taken from the UART.
+
+        During an EEPROM write only the first two bytes in the time of each written byte are.
         """
         if now >= self._blind_until:
             return True
@@ -111,7 +114,7 @@ class Receiver:
         return True
 
     def store(self, byte: int) -> None:
-        """Into the ring, or nowhere if it is full."""
+        """Put a byte into the ring; it is lost if the ring is full."""
         if len(self.ring) >= self.capacity:
             self.overflowed += 1
             return
@@ -135,8 +138,10 @@ class Transmitter:
         return self._out[0][0] if self._out else math.inf
 
     def send(self, data: bytes, now: float) -> float:
-        """Print ``data``. When the printing program may go on: at once, or as soon as the ring has
-        room for the last byte.
+        """Print bytes.
+
+        Returns:
+            When the printing program can continue, s: the ring has space for the last byte.
         """
         start = max(now, self._free)
         self._free = start + len(data) * self.byte_time
@@ -152,12 +157,12 @@ class Transmitter:
         return max(now, self._free - self.capacity * self.byte_time)
 
     def collect(self, now: float) -> bytes:
-        """All that the host can read now."""
+        """Return all bytes that the host can read now."""
         parts = []
         while self._out and self._out[0][0] <= now:
             parts.append(self._out.popleft()[1])
         return b"".join(parts)
 
     def unplug(self) -> None:
-        """What is on the wire is lost."""
+        """Drop the bytes on the wire."""
         self._out.clear()

@@ -1,5 +1,6 @@
-"""The simulator against the tables of GRBL's interface documentation: errors, alarms, real-time commands,
-reports, ``$`` commands.
+"""The simulator against the tables of GRBL's interface documentation.
+
+Errors, alarms, real-time commands, reports, ``$`` commands.
 
 Codes and causes: ``doc/csv/error_codes_en_US.csv``, ``alarm_codes_en_US.csv`` and ``doc/markdown``
 of GRBL 1.1.
@@ -34,11 +35,15 @@ ERRORS = [
     (5, "$H"),
     (6, "$0=2"),
     (10, "$20=1"),
-    (3, "$J"), (3, "$JX1F10"), (35, "$J=G2X1F10"), (36, "$J=X1F10S5"), (16, "$J=M3X1F10"), (16, "$J=G2X1I0.5F10"),
-    (20, "G5X1"), (20, "G64"), (20, "M6"), (20, "A10"), (20, "G10L3P1X1"), (20, "G10L2P1R2X1"), (20, "G81"),
-    (21, "G17G18"), (21, "M3M5"), (21, "G54G55"), (21, "G90G91"), (21, "M8M9"), (21, "G20G21"), (21, "G93G94"), (21, "G80G80"),
+    (3, "$J"), (3, "$JX1F10"), (35, "$J=G2X1F10"), (36, "$J=X1F10S5"), (16, "$J=M3X1F10"),
+    (16, "$J=G2X1I0.5F10"),
+    (20, "G5X1"), (20, "G64"), (20, "M6"), (20, "A10"), (20, "G10L3P1X1"), (20, "G10L2P1R2X1"),
+    (20, "G81"),
+    (21, "G17G18"), (21, "M3M5"), (21, "G54G55"), (21, "G90G91"), (21, "M8M9"), (21, "G20G21"),
+    (21, "G93G94"), (21, "G80G80"),
     (22, "G1"), (22, "G1X1"), (22, "G2X1I0.5"), (22, "G38.2Z-1"), (22, "G93G1X1"), (22, "$J=X1"),
-    (23, "G1.5X1"), (23, "M3.1"), (23, "G59.1"), (23, "G80.1"), (20, "G28.2"), (20, "G61.1"), (20, "G90.1"), (20, "G92.2"), (20, "G38.6X1"),
+    (23, "G1.5X1"), (23, "M3.1"), (23, "G59.1"), (23, "G80.1"), (20, "G28.2"), (20, "G61.1"),
+    (20, "G90.1"), (20, "G92.2"), (20, "G38.6X1"),
     (24, "G0G1X1"), (24, "G10L2P1G1X1F10"), (24, "G28G92X1"), (24, "G43.1Z1G0X1"),
     (25, "G1X1X2F10"), (25, "F1F2"), (25, "N1N2"),
     (26, "G92"), (26, "G10L2P1"), (26, "G2F10"), (26, "G38.2F10"), (26, "$J=F10"),
@@ -73,11 +78,15 @@ def test_each_error_has_its_documented_cause(profile, code, line):
 
 
 LEGAL = [
-    "", "(a comment) ; and another", "g1 x1 f100", "/G0X1", "G0", "G1F9", "G17G21G90G94G54", "G18", "G19", "G91.1", "G40", "G49", "G61",
-    "N10000000", "N1.5", "T255", "T1.5", "M1", "M5", "M9", "G80", "G4P0.01", "G4P0", "G43.1Z1", "G92X1", "G92.1", "G53G0X1", "G28", "G30.1",
-    "G10L20P0X0", "G10L2P6Z1", "G10L2X1", "G93G1X1F60", "G94", "G38.3Z-0.1F100", "G2X0Y0I0.01F500", "M3S100", "M4", "$", "$$", "$#",
+    "", "(a comment) ; and another", "g1 x1 f100", "/G0X1", "G0", "G1F9", "G17G21G90G94G54",
+    "G18", "G19", "G91.1", "G40", "G49", "G61",
+    "N10000000", "N1.5", "T255", "T1.5", "M1", "M5", "M9", "G80", "G4P0.01", "G4P0", "G43.1Z1",
+    "G92X1", "G92.1", "G53G0X1", "G28", "G30.1",
+    "G10L20P0X0", "G10L2P6Z1", "G10L2X1", "G93G1X1F60", "G94", "G38.3Z-0.1F100",
+    "G2X0Y0I0.01F500", "M3S100", "M4", "$", "$$", "$#",
     "$G", "$I", "$N", "$X", "$N0=G21", "$10=3",
-    "$J=G91G21X0.1F500", "$J=G53X0F500", "$J=G20G90Y0F10", "G0 X + 1", "G1X.5F1000", "G1X5.F1000", "$I=my board",
+    "$J=G91G21X0.1F500", "$J=G53X0F500", "$J=G20G90Y0F10", "G0 X + 1", "G1X.5F1000", "G1X5.F1000",
+    "$I=my board",
 ]  # fmt: skip
 
 
@@ -87,7 +96,7 @@ def test_legal_lines_are_ok(line, profile):
     assert Bench(profile).reply(line, 5.0) == "ok"
 
 
-def test_error_7_damaged_memory_is_told_at_power_up_and_set_back():
+def test_error_7_damaged_memory_is_reported_and_restored():
     bench = Bench()
     bench.reply("$110=777")
     bench.simulator.core.eeprom.damaged.add("settings")
@@ -106,7 +115,7 @@ def test_error_8_while_moving():
     assert bench.reply("$G", 0.2) == "ok"
 
 
-def test_error_9_in_an_alarm_and_amid_a_jog():
+def test_error_9_in_an_alarm_and_during_a_jog():
     bench = Bench(settings={22: 1.0})
     assert bench.welcome[-1] == "[MSG:'$H'|'$X' to unlock]"
     assert bench.reply("G0X1") == "error:9"
@@ -127,7 +136,7 @@ def test_error_13_door_open():
     assert bench.reply("$H") == "error:13"
 
 
-def test_error_14_a_text_that_the_memory_has_no_room_for():
+def test_error_14_a_text_that_is_too_long_for_the_memory():
     bench = Bench(GRBLHAL)
     assert [
         bench.reply(command + "X" * length) for command in ("$I=", "$N1=(") for length in (80,)
@@ -161,7 +170,7 @@ def test_eighty_characters_without_spaces_and_comments(text, code):
     assert Bench().reply(text) == code
 
 
-def test_grbl_goes_on_after_an_error_grblhal_repeats_it_until_an_empty_line():
+def test_grbl_continues_after_an_error_and_grblhal_repeats_it():
     program = "G21\nG1X\nG90\nG90\n\nG90\n"
     assert Bench().send(program) == ["ok", "error:2", "ok", "ok", "ok", "ok"]
     assert Bench(GRBLHAL).send(program) == ["ok", "error:2", "error:2", "error:2", "ok", "ok"]
@@ -176,7 +185,7 @@ def test_line_ends():
 
 
 def locked(bench):
-    """Nothing but a reset is heard."""
+    """Assert that only a reset is accepted."""
     return bench.send("?$X\n\nG0X0\n?", 1.0) == []
 
 
@@ -222,7 +231,7 @@ def test_alarm_3_reset_while_moving():
     assert bench.reply("G0X1") == "error:9"
 
 
-def test_a_reset_at_rest_or_after_a_hold_is_no_alarm():
+def test_a_reset_at_rest_raises_no_alarm():
     bench = Bench()
     assert bench.send(b"\x18") == ["Grbl 1.1h ['$' for help]"]
     bench.send("G1X10F300\n", 1.0)
@@ -234,7 +243,7 @@ def test_a_reset_at_rest_or_after_a_hold_is_no_alarm():
     assert bench.simulator.position == pytest.approx(stood, abs=0.004)
 
 
-def test_a_reset_during_the_braking_is():
+def test_a_reset_during_braking_raises_an_alarm():
     bench = Bench(settings={120: 1.0})
     bench.send("G1X50F300\n", 10.0)
     bench.send("!", 0.1)
@@ -269,7 +278,7 @@ def test_alarm_5_probe_misses():
     assert Bench().send("G38.3Z-1F100\n", 3.0) == ["[PRB:0.000,0.000,-1.000:0]", "ok"]
 
 
-def test_an_alarm_is_told_for_half_a_second_in_which_a_reset_is_forgotten_if_it_was_a_limit():
+def test_a_reset_within_half_a_second_of_a_limit_alarm_is_ignored():
     """As GRBL 1.1h on an ATmega328P does."""
     bench = Bench()
     bench.send("G1X10F500\n", 0.3)
@@ -283,7 +292,7 @@ def test_an_alarm_is_told_for_half_a_second_in_which_a_reset_is_forgotten_if_it_
 
 
 @pytest.mark.parametrize(("line", "place"), [("G28.1X1", "G28"), ("G30.1X1", "G30")])
-def test_axis_words_beside_a_stored_place_are_a_motion(line, place):
+def test_axis_words_with_a_stored_position_are_a_motion(line, place):
     """As GRBL 1.1h on an ATmega328P does: the place is stored, then the machine moves."""
     bench = Bench()
     bench.send("G1X2F500\n", 3.0)
@@ -301,14 +310,14 @@ def test_homing():
     assert bench.status()["state"] == "Idle"
 
 
-def test_homing_to_the_other_side_runs_the_start_up_lines():
+def test_homing_downwards_runs_the_start_up_lines():
     bench = Bench(settings=HOMING | {23: 3.0})
     bench.send("$X\n$N0=G20\n", 1.0)
     assert bench.send("$H\n", 40.0) == [">G20:ok", "ok"]
     assert bench.simulator.position == (-199.0, -199.0, -1.0)
 
 
-def test_alarm_6_reset_amid_homing():
+def test_alarm_6_reset_during_homing():
     bench = Bench(settings=HOMING)
     bench.send("$H\n", 0.5)
     assert bench.send("?", 0.5) == []
@@ -320,7 +329,7 @@ def test_alarm_6_reset_amid_homing():
     ]
 
 
-def test_alarm_7_door_amid_homing():
+def test_alarm_7_door_during_homing():
     bench = Bench(settings=HOMING)
     bench.send("$H\n", 0.5)
     assert bench.send(b"\x84") == [
@@ -355,7 +364,7 @@ def test_status_fields_come_as_documented():
     assert bench.status()["WPos"] == "-5.000,0.000,0.000"
 
 
-def test_inches_are_reported_where_asked_for():
+def test_positions_are_reported_in_inches():
     bench = Bench(settings={13: 1.0})
     bench.send("G1X25.4F254\n", 1.0)
     assert bench.status()["FS"].startswith("10.0,")
@@ -429,7 +438,7 @@ def test_an_override_is_in_the_next_report_with_the_accessories():
     assert (report["Ov"], report["A"]) == ("110,100,90", "CF")
 
 
-def test_spindle_stop_only_in_a_hold_and_back_on_resuming():
+def test_spindle_stop_works_only_in_a_hold():
     bench = Bench()
     bench.send("M3S500\n")
     bench.send(b"\x9e")
@@ -489,7 +498,7 @@ def test_hold_at_rest_is_complete_at_once():
     assert bench.status()["state"] == "Idle"
 
 
-def test_door_puts_the_outputs_off_and_waits_for_them_on_the_way_back():
+def test_the_door_switches_outputs_off_and_waits_for_them():
     bench = Bench()
     bench.send("M3S500\nM8\nG1X10F300\n", 1.5)
     assert bench.send(b"\x84", 0.05) == ["[MSG:Check Door]"]
@@ -523,7 +532,7 @@ def test_jog_cancel_drops_the_queue(stop):
     assert bench.simulator.position == (x, 1.0, 0.0)
 
 
-def test_jog_cancel_is_nothing_else():
+def test_jog_cancel_affects_only_jogs():
     bench = Bench()
     bench.send("G1X1F300\n", 0.1)
     bench.send(b"\x85")
@@ -537,7 +546,7 @@ def test_bytes_above_ascii_never_enter_a_line(byte):
     assert bench.send(b"G2" + bytes([byte]) + b"1\n", 0.5)[-1] == "ok"
 
 
-def test_grblhal_has_a_second_set_that_grbl_drops():
+def test_grblhal_has_a_second_set_of_real_time_commands():
     assert len(Bench(GRBLHAL).send(b"\x80", 0.1)) == 1
     assert Bench().send(b"\x80", 0.1) == []
     bench = Bench(GRBLHAL)
@@ -557,7 +566,7 @@ def test_m0_is_ok_only_after_a_cycle_start():
     assert bench.send("~", 5.0) == ["ok", "ok"]
 
 
-def test_the_feed_is_told_in_the_unit_of_reports_whatever_the_program_s_is():
+def test_the_feed_is_reported_in_the_unit_of_reports():
     bench = Bench()
     bench.send("G20G1F10\n")
     assert " G20 " in bench.send("$G\n")[0] and " F254 " in bench.send("$G\n")[0]
@@ -565,7 +574,7 @@ def test_the_feed_is_told_in_the_unit_of_reports_whatever_the_program_s_is():
     assert " F10.0 " in bench.send("$G\n")[0]
 
 
-def test_m30_sets_the_modes_back():
+def test_m30_resets_the_modes():
     bench = Bench()
     bench.send("G91G18G20G93G55M3S100M8F10\n", 1.0)
     assert bench.send("M30\n") == ["[MSG:Pgm End]", "ok"]
@@ -625,7 +634,7 @@ def test_restoring(what):
     assert ("$N1=" in everything) == (what == "*")
 
 
-def test_memory_survives_a_power_cycle_and_position_does_not():
+def test_a_power_cycle_keeps_the_memory_and_loses_the_position():
     bench = Bench()
     bench.reply("$110=777")
     bench.reply("G10L2P2Y5")
@@ -652,7 +661,7 @@ def test_offsets_add_up():
     assert bench.simulator.core.offset == pytest.approx(bench.simulator.position)
 
 
-def test_offsets_change_when_the_motion_before_them_has_ended():
+def test_offsets_change_after_the_motion_before():
     bench = Bench()
     bench.status()
     bench.send("G1X1F60\n", 0.2)

@@ -1,6 +1,4 @@
-"""The simulator's motion against the textbook: trapezoids in closed form, corners by the junction
-deviation, paths as programmed.
-"""
+"""The simulator's motion against theory: trapezoids, and corners by the junction deviation."""
 
 import itertools
 import math
@@ -74,7 +72,7 @@ def test_the_slowest_axis_sets_speed_and_acceleration(line, length, speed, accel
 
 @pytest.mark.parametrize("turn", [10.0, 30.0, 60.0, 90.0, 120.0, 170.0])
 @pytest.mark.parametrize("deviation", [0.01, 0.05])
-def test_a_corner_is_taken_at_the_speed_of_its_circle(turn, deviation):
+def test_a_corner_is_passed_at_the_speed_of_its_circle(turn, deviation):
     """v^2 = a R with R = d sin(b) / (1 - sin(b)), b half the angle between the two lines."""
     half = math.radians(180.0 - turn) / 2.0
     radius = deviation * math.sin(half) / (1.0 - math.sin(half))
@@ -98,7 +96,7 @@ def test_a_corner_is_taken_at_the_speed_of_its_circle(turn, deviation):
     assert last.at(last.time + last.duration)[1] == pytest.approx(second.phases[0].v, rel=1e-6)
 
 
-def test_a_straight_run_is_one_trapezoid_however_it_is_cut():
+def test_a_straight_run_in_pieces_is_one_trapezoid():
     whole, cut = Bench(settings=FAST), Bench(settings=FAST)
     whole.send("G1X60F3000\n")
     cut.send("".join(f"G1X{x}F3000\n" for x in range(5, 65, 5)))
@@ -145,7 +143,7 @@ def test_arcs_stay_within_their_tolerance(line, center, radius):
     )
 
 
-def test_fifteen_blocks_wait_and_the_next_ok_waits_for_room():
+def test_the_sixteenth_ok_waits_for_planner_space():
     bench = Bench(settings=FAST | {10: 3})
     bench.send("".join(f"G1X{10 * (n % 2)}F1000\n" for n in range(1, 6)), 0.3)
     assert bench.status()["Bf"] == "10,128"
@@ -159,7 +157,7 @@ def test_fifteen_blocks_wait_and_the_next_ok_waits_for_room():
 
 
 def test_speed_never_jumps_and_position_follows_it():
-    """Every phase begins where, when and as fast as the one before it ended."""
+    """Every phase begins with the time, position and speed at which the phase before ended."""
     bench = Bench(settings=FAST)
     bench.send("G1X20F3000\nY15\nG2X0Y15I-10J4\nG1X-5\n", 0.4)
     bench.send(b"\x91\x91!", 0.3)
@@ -192,9 +190,7 @@ NUDGES = st.lists(
 @given(CORNERS, NUDGES)
 @settings(max_examples=share(400, 25))
 def test_no_run_of_lines_breaks_a_limit(corners, nudges):
-    """Rates and accelerations of every axis, speeds of every corner, whatever overrides and holds
-    come between.
-    """
+    """Limits of axes and corners hold under all overrides and holds."""
     bench = Bench(settings=FAST)
     budget = "".join(
         f"G1X{x:.3f}Y{y:.3f}Z{z:.3f}F{feed:.0f}\n" for x, y, z, feed in corners
@@ -227,8 +223,8 @@ def test_no_run_of_lines_breaks_a_limit(corners, nudges):
 
 
 def time_by_small_steps(moves, accelerations, deviation, pieces=400):
-    """Second opinion on a whole run known beforehand: v^2 on a fine grid, held down from behind,
-    then from the front.
+    """Return the time of a known run by another method: v^2 on a fine grid, limited backwards
+    and forwards.
     """
     most, reach, ways = [], [], []
     for number, move in enumerate(moves):
@@ -257,7 +253,7 @@ def time_by_small_steps(moves, accelerations, deviation, pieces=400):
     )
 )
 @settings(max_examples=share(200, 20))
-def test_a_run_that_fits_the_planner_is_as_fast_as_it_can_be(corners):
+def test_a_run_that_fits_the_planner_is_time_optimal(corners):
     bench = Bench(settings=FAST | {120: 50.0, 121: 50.0})
     bench.send("".join(f"G1X{x:.2f}Y{y:.2f}F{feed:.0f}\n" for x, y, feed in corners))
     bench.finish()

@@ -1,6 +1,4 @@
-"""The simulator's serial side: rings that overflow, EEPROM writes that lose bytes, real-time bytes that
-never wait.
-"""
+"""The simulator's serial side: full rings, EEPROM writes, real-time bytes, times of bytes."""
 
 import math
 
@@ -20,7 +18,7 @@ def busy_bench(profile=GRBL):
 
 @pytest.mark.parametrize(("profile", "capacity"), [(GRBL, 128), (GRBLHAL, 1023)])
 @pytest.mark.parametrize("over", [-1, 0, 1, 51, 200])
-def test_a_full_ring_loses_what_is_over(profile, capacity, over):
+def test_a_full_ring_loses_further_bytes(profile, capacity, over):
     bench = busy_bench(profile)
     bench.send(b"\n" * (capacity + over), 1.0)
     lost = max(over, 0)
@@ -29,10 +27,8 @@ def test_a_full_ring_loses_what_is_over(profile, capacity, over):
     assert bench.hear(30.0).count("ok") == 1 + capacity + over - lost
 
 
-def test_a_wrong_budget_of_a_burst_merges_lines():
-    """Two hundred bytes onto a busy board: 128 stay, and the line that was cut runs into the next
-    one sent.
-    """
+def test_an_overflow_merges_lines():
+    """Of 200 bytes 128 stay, and the line that is cut runs into the next."""
     bench = busy_bench()
     burst = b"G1X1.000Y2.000F900\n" * 11
     bench.send(burst[:200], 1.0)
@@ -60,8 +56,9 @@ def test_bytes_take_ten_bits_each():
 
 
 def test_an_eeprom_write_loses_what_arrives():
-    """G10 with three new numbers writes up to 13 bytes, 3.4 ms each, and two bytes of each 3.4 ms
-    get through.
+    """G10 with three new numbers writes up to 13 bytes in 3.4 ms each.
+
+    Two bytes of the wire are kept in each 3.4 ms.
     """
     bench = Bench()
     bench.port.write(b"G10L2P1X1.5Y-2.7Z3.1\n" + b"G1X1F100\n" * 12)
@@ -84,14 +81,14 @@ def test_an_eeprom_write_alone_loses_nothing():
     assert bench.simulator.lost == 0
 
 
-def test_writing_what_is_there_already_costs_nothing():
+def test_writing_equal_bytes_takes_no_time():
     bench = Bench()
     bench.port.write(b"G10L2P1X0Y0Z0\n" + b"G4P0\n" * 12)
     assert bench.hear(1.0).count("ok") == 13
     assert bench.simulator.lost == 0
 
 
-def test_check_mode_is_bound_by_the_wire():
+def test_check_mode_is_limited_by_the_wire():
     """26-byte lines at 115200 baud: 443 a second, all of them answered."""
     bench = Bench()
     bench.send("$C\n")

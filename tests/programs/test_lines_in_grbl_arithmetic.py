@@ -1,6 +1,4 @@
-"""Programs of known geometry as lines, played as GRBL plays them: the same motion, in the same
-order, in the travel and without errors.
-"""
+"""Lines of programs with known geometry, carried out in GRBL's arithmetic: the same motion."""
 
 import math
 
@@ -35,7 +33,7 @@ from tests.support.soak import share
 
 ROUTER = load_machine("grbl-uno")
 FLOATS = 1e-4
-"""mm: what the truth itself may be off, being chords."""
+"""mm: largest distance of the chords of the expected path from it."""
 
 
 def with_travel(machine: Machine, spans: list[tuple[float, float] | None]) -> Machine:
@@ -79,7 +77,7 @@ OFFSETS = st.tuples(*[st.floats(-300, 300).map(lambda x: round(x, 3))] * 3)
     tolerance=st.sampled_from([0.01, 0.01, 0.005, 0.002, 0.001, 0.05]),
     arc_tolerance=st.sampled_from([0.002, 0.002, 0.001, 0.005, 0.01]),
 )
-def test_random_programs_are_played_as_the_same_motion(seed, offset, tolerance, arc_tolerance):
+def test_random_programs_are_the_same_motion_in_grbl(seed, offset, tolerance, arc_tolerance):
     made = geometry(seed)
     texts = lines_of(
         made.lines, ANYWHERE, tolerance, work_offset=offset, arc_tolerance=arc_tolerance
@@ -97,10 +95,8 @@ def test_random_programs_are_played_as_the_same_motion(seed, offset, tolerance, 
 @given(
     seed=st.integers(0, 10**6), offset=OFFSETS, error=st.tuples(*[st.floats(-4.9e-4, 4.9e-4)] * 3)
 )
-def test_what_is_sent_never_leaves_the_travel_that_the_program_keeps_to(seed, offset, error):
-    """The travel ends where the program's path does, and the board's offset is one that it tells
-    with three decimals.
-    """
+def test_lines_stay_within_the_travel(seed, offset, error):
+    """The travel ends at the program's path, and the reported offset of the board is rounded."""
     made = geometry(seed)
     truth = np.concatenate(made.points)
     spans = [
@@ -114,12 +110,12 @@ def test_what_is_sent_never_leaves_the_travel_that_the_program_keeps_to(seed, of
 
 
 @pytest.mark.parametrize("seed", [211, 595, 1045])
-def test_sums_of_floats_along_a_helix_far_from_zero_stay_small(seed):
+def test_rounding_along_a_helix_far_from_zero_is_small(seed):
     made = geometry(seed)
     compare(np.concatenate(made.points), lines_of(made.lines, ANYWHERE), 0.01)
 
 
-def test_a_circle_that_touches_the_end_of_the_travel_is_said_without_an_alarm():
+def test_a_circle_that_touches_the_end_of_the_travel_raises_no_alarm():
     machine = with_travel(ROUTER, [(-100.0, 0.0), (-100.0, 0.0), (-50.0, 0.0)])
     program = [
         "G21 G90 G17",
@@ -152,11 +148,11 @@ def test_a_circle_that_touches_the_end_of_the_travel_is_said_without_an_alarm():
         ("0", 0.0),
     ],
 )
-def test_the_judge_reads_numbers(text, value):
+def test_replay_reads_numbers_as_grbl_does(text, value):
     assert read_number(text) == pytest.approx(value, rel=3e-7)
 
 
-def test_the_judge_refuses_what_grbl_does():
+def test_replay_refuses_the_errors_of_grbl():
     begun = ["G21 G90", "G1 X10 F100"]
     for line in [
         "G2 X20 I4",
@@ -173,10 +169,8 @@ def test_the_judge_refuses_what_grbl_does():
         replayed([*begun, "G2 X20 I5"], travel=((-1.0, 100.0), (-1.0, 4.9), (-1.0, 1.0)))
 
 
-def test_the_judge_sees_another_order():
-    """There, back and there again is not the same as there, although no point is far from the other
-    way.
-    """
+def test_comparison_detects_another_order():
+    """A motion to and fro and again is another motion, although its points are the same."""
     there = np.array([[0.0, 0, 0], [10, 0, 0]])
     again = np.array([[0.0, 0, 0], [6, 0, 0], [4, 0, 0], [10, 0, 0]])
     assert leash_of(there, again) == pytest.approx(1.0, abs=1e-3)
@@ -190,10 +184,8 @@ def test_the_judge_sees_another_order():
 
 @settings(max_examples=share(300, 6))
 @given(seed=st.integers(0, 10**6))
-def test_lines_are_a_program_in_grbls_dialect_with_the_same_path(seed):
-    """What is written can be read again here, as GRBL's dialect and nothing else, and leads the
-    same way.
-    """
+def test_lines_are_a_program_in_the_dialect_of_grbl(seed):
+    """The lines are a program in GRBL's dialect alone, with the same path."""
     made = geometry(seed)
     again = interpret(
         Text.of_lines(lines_of(made.lines, ANYWHERE), "again.nc"),
@@ -210,9 +202,10 @@ def test_lines_are_a_program_in_grbls_dialect_with_the_same_path(seed):
 
 @settings(max_examples=share(300, 6))
 @given(seed=st.integers(0, 10**6))
-def test_feeds_are_positive_bends_are_slow_and_lines_come_no_faster_than_a_board_reads_them(seed):
-    """Centripetal acceleration is at most what two axes give together; of F words a twentieth is
-    left out. 385 short lines a second.
+def test_feeds_respect_acceleration_and_line_rate(seed):
+    """Centripetal acceleration is at most that of two axes together; a board reads 385 lines/s.
+
+    F words may be left out within a twentieth of the feed.
     """
     replay = replayed(lines_of(geometry(seed).lines, ANYWHERE))
     points, feeds = np.array(replay.points), np.array(replay.feeds) / 60.0
@@ -238,7 +231,7 @@ def test_feeds_are_positive_bends_are_slow_and_lines_come_no_faster_than_a_board
 
 
 def chords(points: np.ndarray, tolerance: float) -> int:
-    """How many chords between points of a curve, each as long as it stays within the tolerance."""
+    """Return the number of chords along a curve, each as long as the tolerance allows."""
     count, begin, last = 0, 0, len(points) - 1
     while begin < last:
         good, reach = begin + 1, 2
@@ -261,8 +254,10 @@ def straight(points: np.ndarray, tolerance: float) -> bool:
 
 @pytest.mark.parametrize("degree", [2, 3, 4, 5])
 def test_splines_take_fewer_lines_than_chords(degree):
-    """Random ones in a plane, with weights and knots of all kinds: at most six tenths of as many
-    lines as chords of the same tolerance, which end on the curve and are as long as they can be.
+    """Random splines in a plane need at most six tenths of the lines that chords need.
+
+    Weights and knots are of all kinds. The chords have the same tolerance, end on the curve, and
+    are as long as possible.
     """
     ours = theirs = 0
     for seed in range(share(40, 4)):

@@ -1,0 +1,312 @@
+"""The checks of a line, with every reason to refuse it: error codes 1 to 38 of the documentation.
+
+The words of a line are read and sorted (:mod:`cnc.boards.grbl.simulator.modal`). Then the whole
+line is checked before anything is carried out: a line with an error does nothing (interface.md,
+"error:X"). Lengths are mm from here on, whatever the units of the program.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from cnc.boards.grbl.simulator.modal import (
+    AXES,
+    MM_PER_INCH,
+    MOTION,
+    PLANES,
+    STORES,
+    WITH_AXES,
+    Modes,
+    Refused,
+    SortedWords,
+    sort_words,
+)
+from cnc.boards.grbl.simulator.planner import Point
+
+ARC_ERROR_MOST = 0.5
+ARC_ERROR_LEAST = 0.005
+ARC_ERROR_SHARE = 0.001
+"""The end of an arc may lie 0.005 mm off its circle, or 0.1 % of the radius where that is more, but
+never 0.5 mm (config.h, by the wiki).
+"""
+
+
+@dataclass(slots=True)
+class CheckedLine:
+    """A line that has passed the checks. Lengths are mm.
+
+    Attributes:
+        modes: The modes after the line.
+        action: The last command, which may move: "" or one of WITH_AXES.
+        before: One of STORES that comes before it.
+        target: Target, or the values to store, in machine coordinates.
+        axes: Numbers of the axes that the line names.
+        words: Values of the axis words.
+        center: Centre of an arc from its start, along the axes of its plane.
+        clockwise: Sense of an arc.
+        feed: mm/min, or 1/min with ``inverse``.
+        inverse: Whether the feed is an inverse time (G93).
+        dwell: Seconds of G4.
+        number: The N word; 0 without.
+        flow: M0, M1, M2 or M30.
+        coolant: M7, M8 or M9.
+        length_offset: New tool length; None without.
+        select: New coordinate system.
+        store: Coordinate system that G10 stores.
+        relative: Whether G91 is in effect.
+        sets_spindle: Whether the line has a spindle command or a new speed.
+    """
+
+    modes: Modes
+    action: str = ""
+    before: str = ""
+    target: Point = (0.0, 0.0, 0.0)
+    axes: frozenset[int] = frozenset()
+    words: tuple[float | None, float | None, float | None] = (None, None, None)
+    center: tuple[float, float] = (0.0, 0.0)
+    clockwise: bool = False
+    feed: float = 0.0
+    inverse: bool = False
+    dwell: float | None = None
+    number: int = 0
+    flow: str = ""
+    coolant: str = ""
+    length_offset: float | None = None
+    select: str = ""
+    store: str = ""
+    relative: bool = False
+    sets_spindle: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ParserPosition:
+    """The position of the parser.
+
+    Attributes:
+        position: Machine position, mm.
+        stored: Stored offsets by name (G54.., G28, G30, G92), mm.
+        length: Tool length, mm.
+        mist: Whether M7 is compiled in.
+    """
+
+    position: Point
+    stored: dict[str, Point]
+    length: float
+    mist: bool = False
+
+    def offset(self, coordinates: str) -> Point:
+        """Return the work offset: system, G92 and tool length together (interface.md, WCO)."""
+        (a, b, c), (d, e, f) = self.stored[coordinates], self.stored["G92"]
+        return (a + d, b + e, c + f + self.length)
+
+
+def check_line(text: str, modes: Modes, place: ParserPosition) -> CheckedLine:
+    """Return the line with its effect; Refused if anything in it is wrong."""
+    found = sort_words(text, place.mist)
+    number = found.use("N")
+    line = CheckedLine(modes, number=int(number or 0))
+    modes = _set_modes(line, found)
+    scale = MM_PER_INCH if modes.units == "G20" else 1.0
+    _set_words(line, found, modes, scale)
+    other = found.commands.get("other", "")
+    if other == "G4":
+        line.dwell = found.use("P")
+        if line.dwell is None:
+            raise Refused(28)
+    if found.commands.get("length"):
+        _set_length(line, found.commands["length"])
+    action = _action(line, found.commands, modes)
+    if other == "G53" and modes.motion not in ("G0", "G1"):
+        raise Refused(30)
+    moves_by = action or ("G1" if found.commands.get("motion") == "G1" else "")
+    modes = _set_feed(line, modes, found.use("F"), scale, moves_by)
+    after = replace(
+        place, length=line.length_offset if line.length_offset is not None else place.length
+    )
+    line.target = _target(line, modes, after, machine=other == "G53")
+    if action == "G10":
+        _store(line, found, modes, after)
+    elif action in ("G2", "G3"):
+        _arc(line, found, modes, place, scale)
+    else:
+        _check_axes(line, action, place)
+    for letter in "ST" if not action else AXES + "ST":
+        found.use(letter)
+    if found.values:
+        raise Refused(36)
+    line.action, line.modes = action, modes
+    return line
+
+
+def _set_words(line: CheckedLine, found: SortedWords, modes: Modes, scale: float) -> None:
+    given = [found.values.get(axis) for axis in AXES]
+    line.axes = frozenset(index for index, value in enumerate(given) if value is not None)
+    scaled = tuple(None if value is None else value * scale for value in given)
+    line.words = (scaled[0], scaled[1], scaled[2])
+    line.relative = modes.distance == "G91"
+
+
+def _check_axes(line: CheckedLine, action: str, place: ParserPosition) -> None:
+    """Check that G92 and probes have axis words. Errors 26, 33."""
+    if action != "G92" and not action.startswith("G38"):
+        return
+    if not line.axes:
+        raise Refused(26)
+    if action != "G92" and line.target == place.position:
+        raise Refused(33)
+
+
+def _set_modes(line: CheckedLine, found: SortedWords) -> Modes:
+    """Return the modes after the line, except for the feed."""
+    commands, modes = found.commands, line.modes
+    line.flow, line.coolant = commands.get("flow", ""), commands.get("coolant", "")
+    line.select = commands.get("coordinates", "")
+    line.sets_spindle = "spindle" in commands or found.values.get("S", modes.speed) != modes.speed
+    coolant = line.coolant
+    return replace(
+        modes,
+        motion=commands.get("motion", modes.motion),
+        coordinates=line.select or modes.coordinates,
+        plane=commands.get("plane", modes.plane),
+        units=commands.get("units", modes.units),
+        distance=commands.get("distance", modes.distance),
+        feed_mode=commands.get("feed", modes.feed_mode),
+        spindle=commands.get("spindle", modes.spindle),
+        flood=coolant == "M8" or (modes.flood and coolant != "M9"),
+        mist=coolant == "M7" or (modes.mist and coolant != "M9"),
+        tool=int(found.values.get("T", modes.tool)),
+        speed=found.values.get("S", modes.speed),
+    )
+
+
+def _set_length(line: CheckedLine, word: str) -> None:
+    """Set the tool length: G49, or G43.1 with Z alone."""
+    if word == "G49":
+        line.length_offset = 0.0
+    elif line.axes != {2} or line.words[2] is None:
+        raise Refused(37)
+    else:
+        line.length_offset = line.words[2]
+
+
+def _action(line: CheckedLine, commands: dict[str, str], modes: Modes) -> str:
+    """Return the command that the axis words belong to."""
+    other, motion = commands.get("other", ""), commands.get("motion", "")
+    if other in WITH_AXES:
+        return other
+    if other in STORES:
+        line.before = other
+    if commands.get("length") == "G43.1":
+        return "G43.1"
+    if motion in ("G2", "G3") or motion.startswith("G38"):
+        return motion
+    if line.axes:
+        if modes.motion == "G80":
+            raise Refused(31)
+        return modes.motion
+    return ""
+
+
+def _set_feed(
+    line: CheckedLine, modes: Modes, word: float | None, scale: float, action: str
+) -> Modes:
+    """Set the feed, and return the modes with it.
+
+    It is in mm/min, or in 1/min in G93, where each motion has its own. Error 22 without one.
+    """
+    line.inverse = modes.feed_mode == "G93"
+    moves = action in MOTION and action not in ("G0", "G80")
+    if line.inverse:
+        if moves and not word:
+            raise Refused(22)
+        line.feed = word or 0.0
+        return replace(modes, feed=word or 0.0)
+    kept = modes.feed if line.modes.feed_mode == "G94" else 0.0
+    line.feed = kept if word is None else word * scale
+    if moves and line.feed == 0.0:
+        raise Refused(22)
+    return replace(modes, feed=line.feed)
+
+
+def _target(line: CheckedLine, modes: Modes, place: ParserPosition, machine: bool) -> Point:
+    """Return the machine coordinates that the axis words name."""
+    offset = (0.0, 0.0, 0.0) if machine else place.offset(modes.coordinates)
+    target = list(place.position)
+    for index in line.axes:
+        word = line.words[index] or 0.0
+        if modes.distance == "G91" and not machine:
+            target[index] = place.position[index] + word
+        else:
+            target[index] = word + offset[index]
+    return (target[0], target[1], target[2])
+
+
+def _store(line: CheckedLine, found: SortedWords, modes: Modes, place: ParserPosition) -> None:
+    """Set the system (P0: the present one) and values that G10 L2 or L20 stores."""
+    if not line.axes:
+        raise Refused(26)
+    how, system = found.use("L"), found.use("P")
+    if how is None and system is None:
+        raise Refused(28)
+    # GRBL 1.1h accepts one of them alone; the other is 0 then
+    system = system or 0.0
+    if how not in (2, 20) or "R" in found.values:
+        raise Refused(20)
+    if system >= 7.0:
+        raise Refused(29)
+    line.store = f"G{53 + int(system)}" if system >= 1.0 else modes.coordinates
+    stored, shift = list(place.stored[line.store]), place.stored["G92"]
+    for index in line.axes:
+        word = line.words[index] or 0.0
+        length = place.length if index == 2 else 0.0
+        # L2: the words themselves. L20: offsets with which the tool stands at the words.
+        stored[index] = word if how == 2 else place.position[index] - shift[index] - length - word
+    line.target = (stored[0], stored[1], stored[2])
+
+
+def _arc(
+    line: CheckedLine, found: SortedWords, modes: Modes, place: ParserPosition, scale: float
+) -> None:
+    """Set the centre of G2 or G3 from the start. Errors 26, 32 to 35."""
+    if not line.axes:
+        raise Refused(26)
+    first, second, _ = PLANES[modes.plane]
+    if not line.axes & {first, second}:
+        raise Refused(32)
+    line.clockwise = modes.motion == "G2"
+    start, end = place.position, line.target
+    x, y = end[first] - start[first], end[second] - start[second]
+    radius = found.use("R")
+    if radius is not None:
+        if line.target == place.position:
+            raise Refused(33)
+        line.center = _center_of_radius(x, y, radius * scale, line.clockwise)
+        return
+    i, j = found.values.get("IJK"[first]), found.values.get("IJK"[second])
+    if i is None and j is None:
+        raise Refused(35)
+    found.use("IJK"[first])
+    found.use("IJK"[second])
+    i, j = (i or 0.0) * scale, (j or 0.0) * scale
+    of_start, of_end = math.hypot(i, j), math.hypot(x - i, y - j)
+    wrong = abs(of_end - of_start)
+    if wrong > ARC_ERROR_LEAST and (wrong > ARC_ERROR_MOST or wrong > ARC_ERROR_SHARE * of_start):
+        raise Refused(33)
+    line.center = (i, j)
+
+
+def _center_of_radius(x: float, y: float, radius: float, clockwise: bool) -> tuple[float, float]:
+    """Return the centre of the arc to (x, y) with a radius; a negative one gives the longer arc.
+
+    Error 34 if the points are too far apart. The centre is on the bisector of the chord, h off the
+    chord: h^2 = r^2 - (chord/2)^2.
+    """
+    chord = math.hypot(x, y)
+    h_sq = radius * radius - chord * chord / 4.0
+    if chord == 0.0 or h_sq < 0.0:
+        raise Refused(34)
+    side = math.sqrt(h_sq) / chord
+    if clockwise != (radius < 0.0):
+        side = -side
+    return (x / 2.0 - side * y, y / 2.0 + side * x)

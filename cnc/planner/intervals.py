@@ -1,0 +1,85 @@
+"""A stretch of path as intervals with constant bounds: made, cut and joined."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cnc.kernels.path.pieces import Pieces
+from cnc.kernels.planner.intervals import LEVELS, SAMPLES, Intervals
+from cnc.kernels.planner.limits import Junction, piece_junction
+from cnc.kernels.planner.subdivision import chunk_intervals
+from cnc.path.chunk import PathChunk
+from cnc.planner.limits import Limits
+
+STANDSTILL = Junction(0.0, True)
+"""A junction at which the motion rests."""
+
+
+def junction_between(before: PathChunk, after: PathChunk, limits: Limits) -> Junction:
+    """Return the junction of two chunks that follow each other."""
+    if before.stop_after[-1]:
+        return STANDSTILL
+    return piece_junction(
+        Pieces(before.kind, before.at, before.data),
+        len(before) - 1,
+        limits.feeds(before)[-1],
+        Pieces(after.kind, after.at, after.data),
+        0,
+        limits.feeds(after)[0],
+        min(before.length[-1], after.length[0]),
+        limits.arrays,
+        np.zeros((2, 4, len(before.axes))),
+    )
+
+
+def intervals_of(path: PathChunk, limits: Limits, before: Junction, after: Junction) -> Intervals:
+    """Cut a chunk into intervals with constant bounds; arc lengths begin with 0."""
+    space = 4 * len(path) + 1024
+    while True:
+        found = Intervals(
+            end=np.empty(space),
+            speed=np.empty(space),
+            top=np.empty(space),
+            accel=np.empty((space, LEVELS)),
+            jerk=np.empty((space, LEVELS)),
+            flat=np.empty(space, np.bool_),
+            sampled=np.empty((space, 2)),
+            samples=np.empty((space, SAMPLES, 3, len(path.axes))),
+        )
+        count = chunk_intervals(
+            Pieces(path.kind, path.at, path.data),
+            path.length,
+            limits.feeds(path),
+            path.stop_after,
+            before,
+            after,
+            limits.arrays,
+            found,
+        )
+        if count >= 0:
+            return Intervals._make(array[:count] for array in found)
+        space *= 2
+
+
+def between(known: Intervals, start: float, stop: float) -> Intervals:
+    """Return the intervals from ``start`` to ``stop``, mm; the last one is cut there.
+
+    A stop at ``stop`` is one of them, a stop at ``start`` is not.
+    """
+    count = len(known.end)
+    first = int(np.searchsorted(known.end, start, side="right"))
+    last = int(np.searchsorted(known.end, stop, side="right"))
+    cut = last < count and (last == 0 or known.end[last - 1] < stop) and last >= first
+    part = Intervals._make(array[first : last + cut] for array in known)
+    return part._replace(end=np.minimum(part.end, stop)) if cut else part
+
+
+def joined(parts: Sequence[Intervals], bases: Sequence[float]) -> Intervals:
+    """Return the intervals of stretches that follow each other and begin at ``bases``, mm."""
+    moved = [
+        part._replace(end=part.end + base, sampled=part.sampled + base)
+        for part, base in zip(parts, bases, strict=True)
+    ]
+    return Intervals._make(np.concatenate(arrays) for arrays in zip(*moved, strict=True))

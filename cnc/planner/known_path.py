@@ -1,0 +1,110 @@
+"""The path in the planner's window: sections in order, measured by one arc length."""
+
+from __future__ import annotations
+
+from collections import deque
+from math import inf
+
+import numpy as np
+
+from cnc.kernels.planner.intervals import Intervals
+from cnc.path.chunk import PathChunk
+from cnc.planner.intervals import between, joined
+from cnc.planner.limits import Limits
+from cnc.planner.section import Section, Stretch
+
+SAME_PLACE = 1e-7
+"""mm; places of the path that differ by less are the same; every move is longer."""
+
+
+def rounding_of(s: float) -> float:
+    """Return the rounding error of an arc length in the window, mm.
+
+    Arc lengths are rounded again whenever the window is measured from another section.
+    """
+    return 1e-12 + 8.0 * float(np.spacing(s))
+
+
+class KnownPath:
+    """Sections that follow each other, cut into intervals under the limits in effect."""
+
+    def __init__(self, limits: Limits) -> None:
+        self.limits = limits
+        self.sections: deque[Section] = deque()
+        self._travelled = 0.0
+
+    def under(self, limits: Limits) -> KnownPath:
+        """Return the same path under other limits."""
+        other = KnownPath(limits)
+        other.sections.extend(
+            Section(each.stretch, limits, each.base, each.travelled) for each in self.sections
+        )
+        other._travelled = self._travelled
+        return other
+
+    def add(
+        self, path: PathChunk, previous: PathChunk | None, following: PathChunk | None
+    ) -> Section:
+        """Append a chunk; None for a neighbour at which the motion rests."""
+        base = self.sections[-1].end if self.sections else 0.0
+        section = Section(Stretch(path, previous, following), self.limits, base, self._travelled)
+        self.sections.append(section)
+        self._travelled += float(section.piece_s[-1])
+        return section
+
+    def rebase(self) -> float:
+        """Measure arc length from the start of the first section again.
+
+        Returns:
+            The length by which all arc lengths become smaller, mm.
+        """
+        shift = self.sections[0].base if self.sections else 0.0
+        for section in self.sections:
+            section.base -= shift
+        return shift
+
+    def goal(self, at: float) -> tuple[float, bool]:
+        """Return the place to which the path behind ``at`` can be planned.
+
+        Returns:
+            The last known stop and True, or behind it the last place at which the motion may come
+            to rest, and False; -inf if there is none.
+        """
+        stop = max((section.base + section.last_stop for section in self.sections), default=-inf)
+        if stop > at + rounding_of(at):
+            return stop, True
+        ends = (section.base + section.last_open for section in self.sections)
+        return max(ends, default=-inf), False
+
+    def intervals(self, limits: Limits, start: float, stop: float) -> Intervals:
+        """Return the intervals under some limits from ``start`` to ``stop``."""
+        wanted = [
+            section for section in self.sections if section.end > start and section.base < stop
+        ]
+        parts = [
+            section.intervals if limits is self.limits else section.stretch.intervals(limits)
+            for section in wanted
+        ]
+        known = joined(parts, [section.base for section in wanted])
+        return between(known, start + rounding_of(start), stop)
+
+    def has_overlap(self, s: float) -> bool:
+        """Return whether ramps shall overlap at a corner at ``s``."""
+        for section in self.sections:
+            here = s - section.base
+            k = int(np.searchsorted(section.piece_s, here - SAME_PLACE))
+            if k == len(section.piece_s) or section.piece_s[k] > here + SAME_PLACE:
+                continue
+            path = section.stretch.path if k else section.stretch.previous
+            return path is not None and bool(
+                path.tolerance[k - 1] > 0.0 and not path.stop_after[k - 1]
+            )
+        return False
+
+    def place(self, s: float) -> tuple[str, int]:
+        """Return file and line of the motion that begins at ``s``, in the first section."""
+        section = self.sections[0]
+        path = section.stretch.path
+        here = s - section.base + rounding_of(s)
+        piece = int(np.searchsorted(section.piece_s, here, side="right")) - 1
+        return path.file, int(path.line[min(max(piece, 0), len(path) - 1)])

@@ -1,0 +1,214 @@
+"""A new plan from the middle of a motion that has to slow: for a hold, or for a lower feed.
+
+      v  |-----.  lead
+         |      `.         slowing        at the new feeds, or at rest
+         |        `.____
+         |              `.__________________
+         +------|-------|------------------- s
+              start   works
+
+The motion first ends its acceleration: at once, or, where it slows already, as planned. Behind that
+lead, the speed may be above the new feeds on some length, which a search makes as short as
+possible. On that length the motion may keep its speed, but not raise it. It ends where no junction
+needs a constant speed, since a motion that stops has to start there again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf
+
+import numpy as np
+
+from cnc.kernels.planner.intervals import Intervals
+from cnc.kernels.planner.lookahead import PLANNED
+from cnc.kernels.planner.phases import Phases
+from cnc.planner.intervals import between, joined
+from cnc.planner.known_path import KnownPath, rounding_of
+from cnc.planner.limits import Limits
+from cnc.planner.phases import end_of, first_steady, plan_to_rest, release
+
+HORIZON = 8.0
+"""Motion is slowed within this many stopping distances, or not at all."""
+
+MARGIN = 1e-8
+"""Relative: larger than the margin for rounding of the bounds on speed."""
+
+HALVINGS = 5
+"""Number of times that the length is halved between too short and long enough."""
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A wanted change of the motion.
+
+    Attributes:
+        path: the known path, under the new limits.
+        plan: the plan so far, from where the change begins.
+        at: arc length there, mm.
+        goal: where the new plan shall rest, mm; for a stop, at the latest.
+        rests: whether the motion will rest at ``goal``, or has only to be able to.
+        stops: whether to come to rest as soon as possible.
+    """
+
+    path: KnownPath
+    plan: Phases
+    at: float
+    goal: float
+    rests: bool
+    stops: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SlowedPlan:
+    """A plan that slows.
+
+    Attributes:
+        phases: the plan.
+        goal: where it rests, mm.
+        rests: whether the motion will rest there.
+        known: intervals over which it was made.
+        lead: number of phases at its start that are settled.
+        slow_from: from here on the limits in effect hold, mm.
+        limits: those before.
+    """
+
+    phases: Phases
+    goal: float
+    rests: bool
+    known: Intervals
+    lead: int
+    slow_from: float
+    limits: Limits
+
+
+def slowed(request: Request) -> SlowedPlan | None:
+    """Return a plan for the request; None if there is none."""
+    plan = request.plan
+    speed, acceleration = float(plan[0]["v"]), float(plan[0]["a"])
+    lead = plan[: first_steady(plan) if acceleration != 0.0 else 0]
+    leads = []
+    if acceleration > 0.0 and (released := release(plan)) is not None:
+        leads.append((released, *end_of(released)))
+    if not len(lead):
+        leads.append((lead, float(plan[0]["s"]), speed))
+    elif len(lead) < len(plan):
+        leads.append((lead, float(plan[len(lead)]["s"]), float(plan[len(lead)]["v"])))
+    for phases, s, v in leads:
+        if v > 0.0 and s < request.goal - rounding_of(request.goal):
+            found = _Search(request, phases, s, v).run()
+            if found is not None:
+                return found
+    return None
+
+
+class _Search:
+    """The search for the shortest length on which the motion slows, behind one lead."""
+
+    def __init__(self, request: Request, lead: Phases, s: float, v: float) -> None:
+        self.request, self.lead, self.s, self.v = request, lead, s, v
+        path, goal, limits = request.path, request.goal, request.path.limits
+        self.slowing = replace(
+            limits,
+            slowing_from=v * (1.0 + MARGIN),
+            feed_factor=0.0 if request.stops else limits.feed_factor,
+        )
+        fastest = max(v, float(request.plan[0]["v"]))
+        self.before_limits = replace(self.slowing, slowing_from=fastest * (1.0 + MARGIN))
+        self.far_off = HORIZON * limits.stopping_distance(v, any_direction=True)
+        horizon = min(goal, s + self.far_off)
+        self.near = path.intervals(self.slowing, s, horizon)
+        self.before = []
+        if len(lead):
+            self.before = [path.intervals(self.before_limits, request.at, s)]
+        stops = self.near.end[self.near.flat & (self.near.speed == 0.0)]
+        self.stop_ahead = len(stops) > 0
+        self.horizon = float(stops[0]) if self.stop_ahead else horizon
+        # A stop is only where no junction would need a constant speed at any feed.
+        self.level = self.near
+        if request.stops:
+            self.level = path.intervals(replace(limits, feed_factor=inf), s, self.horizon)
+        self.far = None if request.stops else path.intervals(limits, s, goal)
+
+    def run(self) -> SlowedPlan | None:
+        """Return the plan with the shortest length that the search finds."""
+        found = self._first()
+        if found is None:
+            return None
+        works, phases = self._shorter(*found)
+        if self.far is not None:
+            whole = self._attempt(works, whole=True)
+            if whole is None:
+                return None
+            phases = whole
+        request = self.request
+        return SlowedPlan(
+            phases=phases,
+            goal=works if request.stops else request.goal,
+            rests=request.stops or request.rests,
+            known=self.near if self.far is None else self.far,
+            lead=first_steady(phases) if len(self.lead) else 0,
+            slow_from=works,
+            limits=self.before_limits,
+        )
+
+    def _attempt(self, up_to: float, whole: bool = False) -> Phases | None:
+        """Return a plan that slows up to ``up_to``, and goes on to the goal or a part of it."""
+        parts = [*self.before, between(self.near, self.s, up_to)]
+        if self.far is not None:
+            end = self.request.goal
+            if not whole:
+                end = min(end, _beyond_flat(self.far, up_to + self.far_off))
+            parts.append(between(self.far, up_to, end))
+        known = joined(parts, [0.0] * len(parts))
+        status, phases = plan_to_rest(self.s, known, self.v, self.slowing, self.lead)
+        return phases if status == PLANNED else None
+
+    def _first(self) -> tuple[float, float, Phases] | None:
+        """Return a length that is too short, a longer one that is enough, and the plan for it."""
+        stopping = self.request.path.limits.stopping_distance(self.v)
+        works = failed = _beyond_flat(self.level, self.s)
+        found = None
+        if self.far is not None and works < self.horizon:
+            found = self._attempt(works)
+        length = stopping / 16.0 if self.far is not None else stopping
+        while found is None:
+            if works == self.horizon:
+                return None
+            failed, works = works, _beyond_flat(self.level, works + length)
+            if works >= self.horizon:
+                if not self.stop_ahead:
+                    return None
+                works = self.horizon
+            found = self._attempt(works)
+            length *= 1.5
+        return failed, works, found
+
+    def _shorter(self, failed: float, works: float, found: Phases) -> tuple[float, Phases]:
+        """Halve the difference of the two lengths a few times."""
+        for _ in range(HALVINGS):
+            middle = _beyond_flat(self.level, 0.5 * (failed + works))
+            if not failed < middle < works:
+                break
+            better = self._attempt(middle)
+            if better is None:
+                failed = middle
+            else:
+                works, found = middle, better
+        return works, found
+
+
+def _beyond_flat(known: Intervals, s: float) -> float:
+    """Return the first place from ``s`` on at which the motion may come to rest.
+
+    It is not in or at a stretch of constant speed; inf if there is none.
+    """
+    end, flat, count = known.end, known.flat, len(known.end)
+    k = int(np.searchsorted(end, s, side="right"))
+    if (k < count and flat[k]) or (0 < k < count and flat[k - 1] and end[k - 1] == s):
+        while k < count and flat[k]:
+            k += 1
+        if k == count:
+            return inf
+        s = 0.5 * float(end[k - 1] + end[k]) if k > 0 else s
+    return s
