@@ -107,11 +107,11 @@ def moves_of(path: Path) -> int:
     return moves
 
 
-def seconds(work: Callable[[], object], who: int = resource.RUSAGE_SELF) -> float:
+def seconds(work: Callable[[], object], process: int = resource.RUSAGE_SELF) -> float:
     """Return the CPU seconds of some work, in this process or its children."""
-    before = resource.getrusage(who)
+    before = resource.getrusage(process)
     work()
-    after = resource.getrusage(who)
+    after = resource.getrusage(process)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 

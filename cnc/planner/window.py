@@ -52,9 +52,7 @@ STOPS_KNOWN = 4.0
 """Stopping distances that the window holds when it is planned."""
 
 MANY = 16384
-"""So many intervals are planned in any case: their plan shows the distance that the motion really
-needs to stop.
-"""
+"""So many intervals are planned in any case: their plan shows the real stopping distance."""
 
 MOST = 65536
 """Upper bound on the window, in intervals; half are settled when it is reached. It bounds the

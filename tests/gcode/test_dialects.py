@@ -36,13 +36,13 @@ def test_every_code_has_a_modal_group(name: str) -> None:
 
 
 def test_named_unsupported_codes_are_in_no_dialect() -> None:
-    spoken = [dialects.load(name) for name in dialects.NAMES]
+    rules = [dialects.load(name) for name in dialects.NAMES]
     known = tomllib.loads(files(dialects).joinpath("known.toml").read_text(encoding="utf-8"))
     for kind, unit in (("g", 10), ("m", 1)):
         assert not {
             code
             for code in known[kind]
-            if any(round(float(code) * unit) in getattr(each, kind) for each in spoken)
+            if any(round(float(code) * unit) in getattr(each, kind) for each in rules)
         }
 
 

@@ -44,8 +44,8 @@ class Case:
 
 def _codes(name: str) -> set[str]:
     """The codes of a dialect without leading zeros."""
-    spoken = dialects.load(name)
-    return {code.written for code in spoken.g} | {f"M{code}" for code in spoken.m}
+    rules = dialects.load(name)
+    return {code.written for code in rules.g} | {f"M{code}" for code in rules.m}
 
 
 def _cases() -> Iterator[Case]:

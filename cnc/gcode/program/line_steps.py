@@ -12,7 +12,7 @@ from cnc.gcode.codes.prepared_lines import QuickMove, kinds_of_letters, move_of
 from cnc.gcode.program import block_matching, control_flow, numbered_programs, subprograms
 from cnc.gcode.program.call_stack import NOTHING, Flow, Page, Step
 from cnc.gcode.program.line_index import Place
-from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, StraightLane
+from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, StraightRuns
 from cnc.gcode.syntax.source_text import Window
 from cnc.gcode.syntax.statement import Control, Statement
 
@@ -30,7 +30,7 @@ class StepMaker:
         self._dialect = dialect
         self._macro = dialect.flavour == "macro-b"
         self._kinds = kinds_of_letters(dialect, flow.interpreter.motion.column)
-        self._lane = StraightLane(flow.interpreter)
+        self._runs = StraightRuns(flow.interpreter)
 
     def step(self, page: Page, index: int) -> Step | Statement:
         """Return the step of a line, and keep it if the line is likely to be executed again.
@@ -76,7 +76,7 @@ class StepMaker:
     def _make(self, window: Window, line: int, index: int) -> Step | Statement:
         flow = self._flow
         if window.straight[index] >= SHORTEST:
-            return _Run(self._lane, window)
+            return _Run(self._runs, window)
         if window.plain[index] and not (
             flow.interpreter.points_wanted and window.find(WITHOUT_POINT, index, index + 1) == index
         ):
@@ -126,16 +126,16 @@ class StepMaker:
 class _Run:
     """The first line of a run of straight moves."""
 
-    __slots__ = ("_lane", "_window")
+    __slots__ = ("_runs", "_window")
 
-    def __init__(self, lane: StraightLane, window: Window) -> None:
-        self._lane = lane
+    def __init__(self, runs: StraightRuns, window: Window) -> None:
+        self._runs = runs
         self._window = window
 
     def run(self, flow: Flow, line: int) -> int:
         """Execute the run on arrays, or else its first line as a statement."""
         window, listing = self._window, flow.listing
-        count = self._lane.run(window, line - window.first)
+        count = self._runs.run(window, line - window.first)
         if not count:
             return _execute_statement(flow, window, line)
         last = line + count - 1

@@ -34,7 +34,7 @@ _F = ord("F")
 _MODES: dict[G | None, int] = {G.G0: kernel.TRAVERSE, G.G1: kernel.FEED}
 
 
-class StraightLane:
+class StraightRuns:
     """Executes runs of straight moves in place of an interpreter."""
 
     def __init__(self, interpreter: Interpreter) -> None:

@@ -76,56 +76,6 @@ class Moves(NamedTuple):
 
 
 @njit
-def _state_after(
-    words: Words, first: int, end: int, setup: Setup, state: State
-) -> tuple[bool, bool, State]:
-    """Apply the G and F words of a line.
-
-    Returns:
-        Whether the line can be executed, whether it has a move, and the state.
-    """
-    code, linear, rotary = state.mode, state.linear, state.rotary
-    moving = False
-    for w in range(first, end):
-        char = int(words.letter[w])
-        if char == _G:
-            code = int(words.number[w])
-        elif char == _F:
-            linear = words.number[w] * setup.feed_scale / 60.0
-            rotary = words.number[w] / 60.0
-            if rotary < setup.min_feed:
-                return False, moving, state
-        elif char != _N:
-            moving = True
-            if setup.column[char - _A] == NO_AXIS:
-                return False, moving, state
-    if moving and (code == NO_MOTION or (code == FEED and np.isnan(linear))):
-        return False, moving, state
-    return True, moving, State(code, linear, rotary)
-
-
-@njit
-def _set_target(words: Words, first: int, end: int, setup: Setup, target: Floats) -> bool:
-    """Move ``target`` (n,) from the start to the end of a move; return whether only axes turn."""
-    turned = False
-    shifted = False
-    for w in range(first, end):
-        char = int(words.letter[w])
-        if char in (_G, _F, _N):
-            continue
-        i = setup.column[char - _A]
-        value = words.number[w] * setup.scale[i]
-        value = value + setup.zero[i] if setup.absolute else target[i] + value
-        if value != target[i]:
-            if setup.turns[i] != 0.0:
-                turned = True
-            else:
-                shifted = True
-        target[i] = value
-    return turned and not shifted
-
-
-@njit
 def straight(
     first: Counts,
     words: Words,
@@ -156,20 +106,51 @@ def straight(
     Returns:
         Number of lines executed, number of moves, and the state after them.
     """
+    letter, value, column = words.letter, words.number, setup.column
+    scale, zero, turns = setup.scale, setup.zero, setup.turns
+    points, feeds, numbers = moves
+    mode, linear, rotary = state
     count = 0
+    # One function: calls for each line take a fifth of the time.
     for k in range(begin, end):
-        known, moving, after = _state_after(words, first[k], first[k + 1], setup, state)
-        if not known:
-            return k - begin, count, state
-        state = after
+        code, line_linear, line_rotary = mode, linear, rotary
+        moving = False
+        for w in range(first[k], first[k + 1]):
+            char = int(letter[w])
+            if char == _G:
+                code = int(value[w])
+            elif char == _F:
+                line_linear = value[w] * setup.feed_scale / 60.0
+                line_rotary = value[w] / 60.0
+                if line_rotary < setup.min_feed:
+                    return k - begin, count, State(mode, linear, rotary)
+            elif char != _N:
+                moving = True
+                if column[char - _A] == NO_AXIS:
+                    return k - begin, count, State(mode, linear, rotary)
+        if moving and (code == NO_MOTION or (code == FEED and np.isnan(line_linear))):
+            return k - begin, count, State(mode, linear, rotary)
+        mode, linear, rotary = code, line_linear, line_rotary
         if not moving:
             continue
-        turning = _set_target(words, first[k], first[k + 1], setup, position)
+        turned = False
+        shifted = False
+        for w in range(first[k], first[k + 1]):
+            char = int(letter[w])
+            if char in (_G, _F, _N):
+                continue
+            i = column[char - _A]
+            target = value[w] * scale[i]
+            target = target + zero[i] if setup.absolute else position[i] + target
+            if target != position[i]:
+                if turns[i] != 0.0:
+                    turned = True
+                else:
+                    shifted = True
+            position[i] = target
         for i in range(len(position)):
-            moves.points[count, i] = position[i]
-        moves.feeds[count] = (
-            np.nan if state.mode == TRAVERSE else state.rotary if turning else state.linear
-        )
-        moves.lines[count] = number + k - begin
+            points[count, i] = position[i]
+        feeds[count] = np.nan if mode == TRAVERSE else rotary if turned and not shifted else linear
+        numbers[count] = number + k - begin
         count += 1
-    return end - begin, count, state
+    return end - begin, count, State(mode, linear, rotary)

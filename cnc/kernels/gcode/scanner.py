@@ -132,40 +132,6 @@ def _tail_is_plain(data: Bytes, at: int, stop: int) -> bool:
 
 
 @njit
-def _number(data: Bytes, begin: int, stop: int) -> tuple[int, float]:
-    """Read the number at ``begin``, with or without a sign.
-
-    Returns:
-        The position after it, or NOT_PLAIN where exact division can not give it; and its value.
-    """
-    i = begin
-    sign = 1.0
-    if i < stop and (data[i] == _MINUS or data[i] == _PLUS):
-        if data[i] == _MINUS:
-            sign = -1.0
-        i += 1
-    mantissa = 0
-    digits = i
-    while i < stop and 0 <= int(data[i]) - _ZERO <= 9:
-        mantissa = mantissa * 10 + int(data[i]) - _ZERO
-        i += 1
-    digits = i - digits
-    decimals = 0
-    if i < stop and data[i] == _DOT:
-        i += 1
-        decimals = i
-        while i < stop and 0 <= int(data[i]) - _ZERO <= 9:
-            mantissa = mantissa * 10 + int(data[i]) - _ZERO
-            i += 1
-        decimals = i - decimals
-    digits += decimals
-    # More digits than fit have overflowed by now, which is why they are counted.
-    if digits == 0 or digits > _DIGITS or mantissa > _EXACT:
-        return NOT_PLAIN, 0.0
-    return i, sign * (mantissa / _POWERS[decimals])
-
-
-@njit
 def _read_words(
     data: Bytes, begin: int, stop: int, count: int, largest: float, words: Words
 ) -> int:
@@ -176,6 +142,7 @@ def _read_words(
     Returns:
         The new count, or NOT_PLAIN.
     """
+    letter, number, column, length = words
     i = begin
     first = count
     while i < stop:
@@ -196,13 +163,38 @@ def _read_words(
         if capital == _O or (capital == _N and count > first):
             return NOT_PLAIN
         at = i
-        i, value = _number(data, at + 1, stop)
-        if i < 0 or abs(value) > largest:
+        i += 1
+        # Reading the number here, not in a function, saves a sixth of the time of a scan.
+        sign = 1.0
+        if i < stop and (data[i] == _MINUS or data[i] == _PLUS):
+            if data[i] == _MINUS:
+                sign = -1.0
+            i += 1
+        mantissa = 0
+        digits = i
+        while i < stop and 0 <= int(data[i]) - _ZERO <= 9:
+            mantissa = mantissa * 10 + int(data[i]) - _ZERO
+            i += 1
+        digits = i - digits
+        decimals = 0
+        if i < stop and data[i] == _DOT:
+            i += 1
+            decimals = i
+            while i < stop and 0 <= int(data[i]) - _ZERO <= 9:
+                mantissa = mantissa * 10 + int(data[i]) - _ZERO
+                i += 1
+            decimals = i - decimals
+        digits += decimals
+        # More digits than fit have overflowed by now, which is why they are counted.
+        if digits == 0 or digits > _DIGITS or mantissa > _EXACT:
             return NOT_PLAIN
-        words.letter[count] = capital
-        words.number[count] = value
-        words.column[count] = at - begin + 1
-        words.length[count] = i - at
+        value = mantissa / _POWERS[decimals]
+        if value > largest:
+            return NOT_PLAIN
+        letter[count] = capital
+        number[count] = sign * value
+        column[count] = at - begin + 1
+        length[count] = i - at
         count += 1
     return count
 
@@ -252,14 +244,15 @@ def _is_straight(words: Words, first: int, end: int) -> bool:
 
     These are N, one of G0 and G1, axes and a feed.
     """
+    letter, number = words.letter, words.number
     seen = 0
     for k in range(first, end):
-        code = int(words.letter[k])
+        code = int(letter[k])
         bit = 1 << (code - _A)
         if _STRAIGHT & bit == 0 or seen & bit != 0:
             return False
         seen |= bit
-        value = words.number[k]
+        value = number[k]
         # A number with a minus is no code and no line number, not even where it is zero.
         if code == _N and (value != math.floor(value) or math.copysign(1.0, value) < 0.0):
             return False
@@ -320,36 +313,38 @@ def scan(
     Returns:
         The number of lines, and the bytes that they took.
     """
+    begin, end, head, label, plain, straight, first = lines
+    letter, number = words.letter, words.number
     count = 0
     found = 0
     at = 0
-    while at < len(data) and count < len(lines.begin):
+    while at < len(data) and count < len(begin):
         stop, after = _line_end(data, at, final)
-        if after < 0 or (found + (stop - at) // 2 > len(words.letter) and count > 0):
+        if after < 0 or (found + (stop - at) // 2 > len(letter) and count > 0):
             break
         total = NOT_PLAIN
         if stop - at <= longest:
             total = _read_words(data, at, stop, found, largest, words)
-        lines.begin[count] = at
-        lines.end[count] = stop
-        lines.first[count] = found
+        begin[count] = at
+        end[count] = stop
+        first[count] = found
         if total >= 0:
-            has_n = total > found and words.letter[found] == _N
-            n_number = words.number[found] if has_n else -1.0
+            has_n = total > found and letter[found] == _N
+            n_number = number[found] if has_n else -1.0
             is_label = n_number >= 0.0 and n_number == math.floor(n_number)
-            lines.label[count] = int(n_number) if is_label else NOT_PLAIN
+            label[count] = int(n_number) if is_label else NOT_PLAIN
             named = found + 1 if has_n else found
-            lines.head[count] = words.letter[named] if named < total else 0
-            lines.plain[count] = 1
-            lines.straight[count] = 1 if _is_straight(words, found, total) else 0
+            head[count] = letter[named] if named < total else 0
+            plain[count] = 1
+            straight[count] = 1 if _is_straight(words, found, total) else 0
             found = total
         else:
-            lines.head[count], lines.label[count] = _head(data, at, stop)
-            lines.plain[count] = 0
-            lines.straight[count] = 0
+            head[count], label[count] = _head(data, at, stop)
+            plain[count] = 0
+            straight[count] = 0
         count += 1
         at = after
-    lines.first[count] = found
-    _run_lengths(lines.plain, count)
-    _run_lengths(lines.straight, count)
+    first[count] = found
+    _run_lengths(plain, count)
+    _run_lengths(straight, count)
     return count, at

@@ -303,11 +303,11 @@ def test_linuxcnc_accepts_both_forms_of_end() -> None:
 
 
 def test_progress_is_reported_in_executed_lines() -> None:
-    told: list[int] = []
-    xs("o1 repeat [5000]\nG0 X1\no1 endrepeat", on_line=told.append)
-    assert told[-1] == 10_001
-    assert len(told) > 8
-    assert told == sorted(told)
+    reported: list[int] = []
+    xs("o1 repeat [5000]\nG0 X1\no1 endrepeat", on_line=reported.append)
+    assert reported[-1] == 10_001
+    assert len(reported) > 8
+    assert reported == sorted(reported)
 
 
 def test_blocks_of_an_endless_program_are_yielded() -> None:

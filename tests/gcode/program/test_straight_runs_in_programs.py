@@ -178,10 +178,10 @@ def test_a_distance_without_a_point_is_warned_about_once(
 
 def test_lines_of_a_run_count_as_executed_and_as_new() -> None:
     limits = Limits(repeated_lines=100)
-    told: list[int] = []
+    reported: list[int] = []
     lines = ["G1 F100", *["X1", "X2"] * 5000]
-    list(read(Text.of_lines(lines, "t"), limits=limits, on_line=told.append))
-    assert told[-1] == len(lines)
+    list(read(Text.of_lines(lines, "t"), limits=limits, on_line=reported.append))
+    assert reported[-1] == len(lines)
     loop = ["G1 F100", "o1 repeat [1000]", *["X1", "X2"] * 50, "o1 endrepeat"]
     with pytest.raises(CncError) as caught:
         list(read(Text.of_lines(loop, "t"), limits=limits))

@@ -137,7 +137,7 @@ def test_templates_give_the_statements_of_the_grammar(data: st.DataObject) -> No
     template = data.draw(st.sampled_from((MACRO if macro else NGC) + ODD))
     known = parameters(macro=macro)
 
-    def said(text: str, *, in_full: bool) -> object:
+    def result_of(text: str, *, in_full: bool) -> object:
         parse_line.cache_clear()
         return outcome(
             lambda: meaning(
@@ -150,7 +150,7 @@ def test_templates_give_the_statements_of_the_grammar(data: st.DataObject) -> No
         text = filled(
             template, [data.draw(st.sampled_from(WRITTEN)) for _ in range(template.count("_"))]
         )
-        assert said(text, in_full=False) == said(text, in_full=True), text
+        assert result_of(text, in_full=False) == result_of(text, in_full=True), text
 
 
 def lines_parsed(monkeypatch: pytest.MonkeyPatch, lines: list[str]) -> int:

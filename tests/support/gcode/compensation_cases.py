@@ -1,6 +1,4 @@
-"""Contours as short lists of moves, sent through compensation; and the distance of a point from a
-move, measured on its own.
-"""
+"""Contours as short lists of moves for compensation, and the distance of a point from a move."""
 
 from __future__ import annotations
 
@@ -53,8 +51,9 @@ Move = Line | Arc | Literal["dwell"]
 
 @dataclass
 class Recorder:
-    """What compensation sends, as rows: the kind, the end, then centre, radius and turns of an arc;
-    the line of each in ``lines``.
+    """The output of compensation as rows: kind, end, and centre, radius and turns of an arc.
+
+    ``lines`` has the line of each.
     """
 
     rows: list[Row] = field(default_factory=list)

@@ -1,5 +1,6 @@
-"""Random expressions, and what they are worth by a second opinion: recursion over the tree, in
-exact arithmetic where that can be had.
+"""Random expressions, and an oracle of their values.
+
+The oracle is a recursion over the tree, in exact arithmetic where possible.
 """
 
 from __future__ import annotations
@@ -75,9 +76,7 @@ def grow(rng: Random, depth: int, *, macro: bool = False) -> Tree:
 
 
 def spell(tree: Tree, rng: Random | None = None, *, macro: bool = False) -> str:
-    """The tree as text with no more brackets than it needs; with ``rng`` with spare ones, blanks
-    and either case.
-    """
+    """The tree as text with minimal brackets; with ``rng`` also spare ones, blanks and any case."""
     text, _ = _spell(tree, rng, macro)
     if rng is None:
         return text
@@ -88,9 +87,7 @@ def spell(tree: Tree, rng: Random | None = None, *, macro: bool = False) -> str:
 
 
 def _spell(tree: Tree, rng: Random | None, macro: bool) -> tuple[str, int]:
-    """Text, and how tightly it holds together: -1 an operand, 0 one with a sign, from 1 on the
-    levels of the operators.
-    """
+    """Text and level: -1 for an operand, 0 for one with a sign, else the level of the operator."""
     if tree.kind == "number":
         text, level = tree.text, -1
     elif tree.kind == "parameter":
@@ -126,7 +123,7 @@ def _within(tree: Tree, most: int, rng: Random | None, macro: bool) -> str:
 
 
 def worth(tree: Tree, known: dict[str, float], *, macro: bool = False) -> float:
-    """The value. NoValue where there is none, or where it is not finite."""
+    """The value of a tree. Raises NoValue if it is undefined or not finite."""
     if tree.kind == "number":
         return float(tree.text)
     if tree.kind in ("parameter", "name"):

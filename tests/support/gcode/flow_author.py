@@ -1,9 +1,8 @@
-"""Random programs of loops, branches and calls: as O-words, as FANUC's macro B, and what they do,
-worked out by a small evaluator of trees.
+"""Random programs of loops, branches and calls, as O-words and as FANUC's macro B.
 
-A program is a tree of tuples, so that the evaluator has nothing in common with an interpreter of
-lines: Python's own loops, exceptions for what leaves them, Python's own recursion for calls.
-Numbers stay small and whole, where floats are exact.
+A small evaluator computes their moves. A program is a tree of tuples, so the evaluator has nothing
+in common with an interpreter of lines. It uses Python's loops, exceptions to leave them, and
+Python's recursion for calls. Numbers stay small and whole, so that floats are exact.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import Any
 Node = tuple[Any, ...]
 
 STEPS, DEEPEST = 4000, 8
-"""What an evaluator takes part in: programs that do more are left out."""
+"""Limit of the evaluator. Programs beyond it are left out."""
 NUMBERED = 5
 """Variables #1 to #5 are the arguments and locals of every subroutine."""
 
@@ -35,7 +34,7 @@ class _Return(Exception):
 
 @dataclass
 class Program:
-    """``main`` and ``subs`` by number; ``forward``: subs that stand behind the main program."""
+    """Main program and subroutines by number; those in ``forward`` stand after the main program."""
 
     main: list[Node]
     subs: dict[int, list[Node]]
@@ -43,9 +42,7 @@ class Program:
 
 
 class Author:
-    """Writes programs. ``most_loops``: loops within each other in one body. ``repeats``: whether
-    repeat loops are known.
-    """
+    """Writes programs with up to ``most_loops`` nested loops; ``repeats``: with repeat loops."""
 
     def __init__(self, seed: int, *, most_loops: int = 9, repeats: bool = True) -> None:
         self.rng = random.Random(seed)
@@ -167,7 +164,7 @@ class Author:
 
 
 class Evaluator:
-    """The moves of a program. #103 is what the last call returned."""
+    """The moves of a program. #103 is the value of the last call."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
@@ -249,7 +246,7 @@ class Evaluator:
                 raise _Return(self.value(value, own))
 
     def round(self, label: int, counter: int, body: list[Node], own: dict[int, float]) -> bool:
-        """One round of a loop; whether it goes on."""
+        """Execute one round of a loop; return whether the loop continues."""
         self.shared[counter] += 1
         try:
             self.body(body, own)
@@ -279,9 +276,7 @@ def bracket(node: Node) -> str:
 
 
 class OWords:
-    """A program in RS274/NGC. Labels are numbers or names; what #103 is to hold comes from
-    ``#<_value>``.
-    """
+    """A program in RS274/NGC. Labels are numbers or names; #103 is set from ``#<_value>``."""
 
     def __init__(self, program: Program, seed: int) -> None:
         self.program = program

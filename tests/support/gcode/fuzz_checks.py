@@ -89,16 +89,16 @@ def limited(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGVTALRM, before)
 
 
-def blocks_of(what: Program, **options: Any) -> list[Block]:
+def blocks_of(sample: Program, **options: Any) -> list[Block]:
     """Run a program."""
-    text = Text.of_lines(what.lines, "test.nc")
+    text = Text.of_lines(sample.lines, "test.nc")
     options |= {
-        "block_delete": what.block_delete,
+        "block_delete": sample.block_delete,
         "limits": LIMITS,
         "folders": FOLDERS,
         "tools": ToolTable(TOOLS),
     }
-    return list(read(text, axes=what.axes, dialect=what.dialect, **options))
+    return list(read(text, axes=sample.axes, dialect=sample.dialect, **options))
 
 
 def check_blocks(blocks: list[Block], axes: tuple[str, ...]) -> None:
@@ -243,7 +243,7 @@ class Outcome:
         return bool(self.state == other.state and snapshot(self.blocks) == snapshot(other.blocks))
 
 
-def outcome(what: Program) -> Outcome:
+def outcome(sample: Program) -> Outcome:
     """Run a program from a start at which every word has an effect."""
     made: list[Any] = []
     whole = program.Interpreter
@@ -255,8 +255,10 @@ def outcome(what: Program) -> Outcome:
     warnings: list[Diagnostic] = []
     program.Interpreter = keep  # type: ignore[assignment, misc]
     try:
-        start = np.full(len(what.axes), 0.123)
-        blocks = blocks_of(what, parameters=known(what.dialect), start=start, warn=warnings.append)
+        start = np.full(len(sample.axes), 0.123)
+        blocks = blocks_of(
+            sample, parameters=known(sample.dialect), start=start, warn=warnings.append
+        )
     except CncError as error:
         return Outcome([], None, False, error.diagnostic)
     finally:
@@ -336,18 +338,16 @@ def variants(text: str, syntax: Syntax) -> Iterator[tuple[str, list[str]]]:
         yield text, [_assigned_otherwise(text, each.column, each.length)]
 
 
-def every_word_matters(what: Program) -> int:
+def every_word_matters(sample: Program) -> int:
     """Check the last line of an accepted program; return the number of words checked."""
-    spoken = dialects.load(what.dialect)
-    syntax = Syntax(
-        spoken.flavour, siemens=spoken.siemens, dollar=spoken.dollar, dialect=spoken.name
-    )
-    before = outcome(what)
+    rules = dialects.load(sample.dialect)
+    syntax = Syntax(rules.flavour, siemens=rules.siemens, dollar=rules.dollar, dialect=rules.name)
+    before = outcome(sample)
     assert before.error is None
     count = 0
-    for word, others in variants(what.lines[-1], syntax):
+    for word, others in variants(sample.lines[-1], syntax):
         count += 1
-        assert any(outcome(what.with_last(other)) != before for other in others), (word, what)
+        assert any(outcome(sample.with_last(other)) != before for other in others), (word, sample)
     return count
 
 
@@ -371,34 +371,34 @@ class Tally:
         self.codes |= other.codes
 
 
-def check(what: Program) -> Diagnostic | None:
+def check(sample: Program) -> Diagnostic | None:
     """Run and check a program; return its error if it is refused."""
 
     def check_warning(odd: Diagnostic) -> None:
-        check_message(odd, what.lines)
+        check_message(odd, sample.lines)
         assert odd.severity in ("warning", "note"), odd
 
     with limited(SECONDS):
         try:
-            check_blocks(blocks_of(what, warn=check_warning), what.axes)
+            check_blocks(blocks_of(sample, warn=check_warning), sample.axes)
         except CncError as refused:
-            check_message(refused.diagnostic, what.lines)
+            check_message(refused.diagnostic, sample.lines)
             return refused.diagnostic
     return None
 
 
-def check_words(what: Program, author: Author, error: Diagnostic | None) -> int:
+def check_words(sample: Program, author: Author, error: Diagnostic | None) -> int:
     """Check the words of a line after an accepted program, or after the lines before an error.
 
     Returns the number of words checked.
     """
     line = author.expand("tail").split("\n")[0]
     if error is not None:
-        what = replace(what, lines=what.lines[: error.line - 1])
-    longer = Program((*what.lines, line), what.axes, what.dialect)
+        sample = replace(sample, lines=sample.lines[: error.line - 1])
+    longer = Program((*sample.lines, line), sample.axes, sample.dialect)
     with limited(20.0 * SECONDS):
         last = outcome(longer)
-        if last.error is not None or (last.ended and outcome(what).ended):
+        if last.error is not None or (last.ended and outcome(sample).ended):
             return 0
         return every_word_matters(longer)
 
@@ -411,18 +411,19 @@ def check_seeds(first: int, count: int, words_of: int = 10) -> Tally:
     tally = Tally()
     for seed in range(first, first + count):
         author = Author(seed)
-        what = author.program()
+        sample = author.program()
         try:
-            error = check(what)
+            error = check(sample)
             tally.programs += 1
             if error is not None:
                 tally.codes.add(error.code)
             tally.accepted += error is None
             if seed % words_of == 0:
-                tally.words += check_words(what, author, error)
+                tally.words += check_words(sample, author, error)
         except Exception as wrong:
-            text = "\n".join(what.lines)
+            text = "\n".join(sample.lines)
             raise AssertionError(
-                f"seed {seed}, {what.dialect}, {what.axes}: {type(wrong).__name__}: {wrong}\n{text}"
+                f"seed {seed}, {sample.dialect}, {sample.axes}: "
+                f"{type(wrong).__name__}: {wrong}\n{text}"
             ) from wrong
     return tally

@@ -283,4 +283,4 @@ DIALECTS = {
     "auto": {},
     "grbl": {},
 }
-"""What differs in a dialect."""
+"""Differences of the dialects."""

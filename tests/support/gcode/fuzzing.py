@@ -103,8 +103,8 @@ def _shipped() -> list[str]:
 
 @lru_cache(maxsize=len(dialects.NAMES))
 def _codes(dialect: str) -> list[str]:
-    spoken = dialects.load(dialect)
-    return [code.written for code in sorted(spoken.g)] + [f"M{code}" for code in sorted(spoken.m)]
+    rules = dialects.load(dialect)
+    return [code.written for code in sorted(rules.g)] + [f"M{code}" for code in sorted(rules.m)]
 
 
 class Author:

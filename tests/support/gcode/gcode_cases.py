@@ -150,7 +150,7 @@ def error_of(source: str, **options: Any) -> Diagnostic:
 def assert_diagnostic_at(
     found: Diagnostic, code: str, marked: str, *, file: str = "test.nc"
 ) -> None:
-    """Assert that a diagnostic has the code, and the place of the mark ¦ in the text of ``file``."""
+    """Assert the code of a diagnostic, and its place at the mark ¦ in the text of ``file``."""
     before = marked[: marked.index("¦")]
     place = before.count("\n") + 1, len(before) - before.rfind("\n")
     assert (found.code, found.file, found.line, found.column) == (code, file, *place), (

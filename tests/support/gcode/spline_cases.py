@@ -1,6 +1,4 @@
-"""What the tests of splines share: a program's curves and points on them by an independent
-implementation.
-"""
+"""Helpers for tests of splines: the curves of a program, and points on them computed by scipy."""
 
 from __future__ import annotations
 
@@ -28,9 +26,7 @@ def curve(source: str, **options: Any) -> NurbsFeed:
 
 
 def points_on(block: NurbsFeed, at: Floats) -> Floats:
-    """Points of a block's curve, by scipy: ``at`` are parameters from 0 (its start) to 1 (its
-    end).
-    """
+    """Points of a block's curve at parameters from 0 (its start) to 1 (its end)."""
     knots, weights = block.knots, block.weights
     u = knots[0] + (knots[-1] - knots[0]) * at
     top = BSpline(knots, block.control_points * weights[:, None], block.degree)(u)
