@@ -1,11 +1,12 @@
-"""Grid moves with time stamps a second on one core, by kind of path and by algorithm, beside what
-the machine itself can do.
+"""Grid moves with time stamps per second on one core, by kind of path and by algorithm.
+
+The speed of a plain loop and of a memory copy is printed beside them.
 
 make bench
 python -m benchmarks.interpolators [--steps N] [--flat N]
 
-A step is one axis step: a row in which three axes step is three. Plans are made beforehand; what is
-timed is plan in, chunks of pulses out.
+A step is one step of one axis: a row in which three axes step is three. Plans are made beforehand.
+The time is that from the plan to the chunks of pulses.
 """
 
 from __future__ import annotations
@@ -98,13 +99,13 @@ CASES: Sequence[
     ("cubic NURBS, 2 axes", splines, 2, (None, "kiritsis", "crossings", "point-by-point"), 15e6),
     ("cubic NURBS, 3 axes", splines, 3, (None, "crossings"), 15e6),
 )
-"""Name, path, axes, algorithms to be timed (None: the choice by piece), steps a second wanted of
-the first.
+"""Name, path, axes, algorithms to be timed (None: the choice by piece), and the goal of the first
+in steps per second.
 """
 
 
 def plans_of(start: Floats, blocks: list[Block]) -> list[PlanChunk]:
-    """What the default machine makes of a path."""
+    """Return the plan of the default machine for a path."""
     machine = load_machine()
     names = machine.axis_names[: len(start)]
     machine = machine.model_copy(
@@ -120,8 +121,9 @@ def scale_of(axes: int) -> Floats:
 
 
 def later(chunks: list[PlanChunk], times: int) -> Iterator[PlanChunk]:
-    """The same motion again and again, each time later; paths are closed or their ends count as one
-    point.
+    """Yield the same motion again and again, each time later.
+
+    Paths are closed, or their ends count as one point.
     """
     duration = chunks[-1].t0 + chunks[-1].duration
     for k in range(times):
@@ -133,7 +135,7 @@ def later(chunks: list[PlanChunk], times: int) -> Iterator[PlanChunk]:
 def timed(
     chunks: list[PlanChunk], start: Floats, algorithm: Algorithm | None, steps_wanted: int
 ) -> tuple[float, int, int, float]:
-    """Seconds, steps, rows and largest error of about so many steps."""
+    """Return seconds, steps, rows and largest error of about so many steps."""
     scale = scale_of(len(start))
     once = sum(
         int(np.count_nonzero(rows.step))
@@ -158,8 +160,9 @@ def timed(
 
 @njit
 def bresenham(count: int, y_end: int, z_end: int, x_end: int, step: NDArray[np.int8]) -> int:
-    """The plain loop for a line in three axes, X the longest: only which axes step, into step
-    (rows, 3), again and again.
+    """Run the plain loop for a line in three axes, X the longest, and return the number of steps.
+
+    Only the steps of the axes are written, into step (rows, 3), again and again.
     """
     f = x_end >> 1
     g = x_end >> 1
@@ -198,7 +201,8 @@ def machine_itself() -> None:
         steps = bresenham(20_000_000, 700_001, 300_007, 1_000_000, step)
         seconds.append(process_time() - began)
     print(
-        f"{'plain Bresenham loop, 3 axes, no times':40} {steps / min(seconds) / 1e6:8.1f} million steps/s"
+        f"{'plain Bresenham loop, 3 axes, no times':40} "
+        f"{steps / min(seconds) / 1e6:8.1f} million steps/s"
     )
     source, target = np.zeros(1 << 27, np.int8), np.ones(1 << 27, np.int8)
     seconds = []
@@ -208,12 +212,13 @@ def machine_itself() -> None:
         seconds.append(process_time() - began)
     rate = len(source) / min(seconds)
     print(
-        f"{'memory copy':40} {rate / 1e9:8.2f} GB/s = {rate / 15e6:.0f} million rows/s of 15 bytes\n"
+        f"{'memory copy':40} {rate / 1e9:8.2f} GB/s = "
+        f"{rate / 15e6:.0f} million rows/s of 15 bytes\n"
     )
 
 
 def flat(steps_wanted: int) -> None:
-    """The memory that the process takes at most, while so many steps are made and thrown away."""
+    """Print the largest memory of the process while so many steps are made and discarded."""
     start, blocks = circles(2)
     chunks = plans_of(start, blocks)
     pulses = ReferencePulse(scale_of(2), start, 5000.0)
@@ -222,9 +227,8 @@ def flat(steps_wanted: int) -> None:
         for rows in pulses.pulses(chunk):
             steps += int(np.count_nonzero(rows.step))
         if steps >= shown:
-            print(
-                f"{steps:14d} steps {perf_counter() - began:8.1f} s {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:8.1f} MB"
-            )
+            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            print(f"{steps:14d} steps {perf_counter() - began:8.1f} s {memory:8.1f} MB")
             shown += steps_wanted // 5
         if steps >= steps_wanted:
             break
@@ -249,7 +253,8 @@ def main() -> None:
         return
     machine_itself()
     print(
-        f"{'path':26} {'algorithm':16} {'rows':>10} {'steps':>10} {'error BLU':>10} {'ns/row':>8} {'M steps/s':>10} {'wanted':>7}"
+        f"{'path':26} {'algorithm':16} {'rows':>10} {'steps':>10} {'error BLU':>10} "
+        f"{'ns/row':>8} {'M steps/s':>10} {'wanted':>7}"
     )
     for name, path, axes, algorithms, wanted in CASES:
         if arguments.only not in name:
@@ -261,7 +266,8 @@ def main() -> None:
             goal = f"{wanted / 1e6:7.0f}" if number == 0 else ""
             speed = f"{seconds / rows * 1e9:8.1f} {steps / seconds / 1e6:10.1f}"
             print(
-                f"{name:26} {algorithm or 'by piece':16} {rows:10d} {steps:10d} {error:10.6f} {speed} {goal}",
+                f"{name:26} {algorithm or 'by piece':16} {rows:10d} {steps:10d} "
+                f"{error:10.6f} {speed} {goal}",
                 flush=True,
             )
 

@@ -1,5 +1,6 @@
-"""Samples a second of a cubic NURBS on one core: of a plan, and by the paper's interpolator, which
-finds the speed as well.
+"""Samples per second of a cubic NURBS on one core: of a plan, and by the paper's interpolator.
+
+The paper's interpolator finds the speed as well.
 
 make bench
 python -m benchmarks.sampled
@@ -74,7 +75,8 @@ def main() -> None:
         ("the paper's, with look-ahead", lambda: len(interpolate(path, limits).u)),
     ]
     print(
-        f"{'samples of a cubic NURBS':34} {'samples':>8} {'us each':>8} {'wanted':>7} {'samples/s':>10}"
+        f"{'samples of a cubic NURBS':34} {'samples':>8} {'us each':>8} {'wanted':>7} "
+        f"{'samples/s':>10}"
     )
     for name, work in cases:
         count, least = work(), np.inf

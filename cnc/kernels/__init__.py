@@ -1,3 +1,4 @@
-"""Compiled numerics: scalars and arrays in, a status out, nothing raised. The shells above validate
-and raise.
+"""Compiled numerics: numbers and arrays in, a status out.
+
+Nothing is raised here. The packages above validate and raise.
 """

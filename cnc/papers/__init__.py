@@ -1,3 +1,1 @@
-"""The three papers that the interpolators come from, their experiments run again: published value
-beside ours.
-"""
+"""Experiments of the three papers behind the interpolators: published and own values."""

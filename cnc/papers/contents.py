@@ -1,4 +1,4 @@
-"""Which papers there are, in the order of the page."""
+"""The papers, in the order of the page."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cnc.papers.page import Section
 
 
 def sections() -> Iterator[Section]:
-    """Run the experiments, one paper after the other."""
+    """Run the experiments, and yield the section of each paper."""
     yield enclosing_line.section()
     yield nurbs_lookahead.section()
     yield half_step.section()

@@ -1,11 +1,10 @@
-"""A page of tables and figures: what the experiments of a paper give, and how that is written to a
-folder.
+"""A page of tables and figures, and its files.
 
     papers.md           the sections one after the other, tables as Markdown, figures as links
     NAME.png            one file a figure
 
-matplotlib draws the figures. It comes with the extra ``view`` and is imported when it is needed, as
-late as possible: the tables alone do without it.
+matplotlib draws the figures. It comes with the extra ``view`` and is imported late: the tables
+alone do not need it.
 """
 
 from __future__ import annotations
@@ -28,8 +27,9 @@ DOTS_PER_INCH = 120
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows under columns; cells that are numbers are written with six digits, integers whole. note:
-    below the table.
+    """Rows under columns.
+
+    Numbers are written with six digits, integers in full. note: text below the table.
     """
 
     title: str
@@ -40,8 +40,9 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A picture NAME.png of ``size`` (width, height) inches; ``draw`` gets the empty figure and
-    adds the axes that it needs.
+    """A picture NAME.png of ``size`` (width, height) in inches.
+
+    ``draw`` takes the empty figure and adds its axes.
     """
 
     name: str
@@ -52,7 +53,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """What one paper's experiments give."""
+    """Results of the experiments of one paper."""
 
     title: str
     text: str
@@ -61,8 +62,10 @@ class Section:
 
 
 def prepared(folder: Path) -> Path:
-    """The folder, made if need be, before any work is done. UsageError if it can't be or nothing
-    can draw.
+    """Make the folder if necessary, before any work is done.
+
+    Raises:
+        UsageError: if it cannot be made, or matplotlib is missing.
     """
     try:
         import matplotlib.figure  # noqa: F401
@@ -81,8 +84,13 @@ def prepared(folder: Path) -> Path:
 
 
 def write(sections: Iterable[Section], folder: Path) -> Path:
-    """Page and pictures into an existing folder; returns the page's file. UsageError
-    ``can-not-write``.
+    """Write page and pictures into an existing folder.
+
+    Returns:
+        The file of the page.
+
+    Raises:
+        UsageError: ``can-not-write``.
     """
     page = folder / PAGE
     try:
@@ -98,7 +106,7 @@ def write(sections: Iterable[Section], folder: Path) -> Path:
 
 
 def markdown(section: Section) -> str:
-    """The section as Markdown, its figures as links."""
+    """Return the section as Markdown, with links to its figures."""
     parts = [f"## {section.title}", section.text]
     parts += [_table(table) for table in section.tables]
     parts += [

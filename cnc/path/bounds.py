@@ -10,7 +10,7 @@ from cnc.path.chunk import PathChunk
 
 
 def bounding_box(chunk: PathChunk) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the smallest and the largest coordinate of each piece in each axis, (m, n) each, mm."""
+    """Return the smallest and the largest coordinate (m, n) of each piece in each axis, mm."""
     low = np.empty((len(chunk), len(chunk.axes)))
     high = np.empty_like(low)
     piece_boxes(chunk.kind, chunk.at, chunk.data, low, high)

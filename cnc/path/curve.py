@@ -171,9 +171,7 @@ class RecordCurve(ABC):
         return float(kernels.curve_inv_arclen(*pieces.shape[k], float(s - pieces.s[k])))
 
     def bounding_box(self) -> tuple[Floats, Floats]:
-        """Smallest and largest coordinates (n,), (n,): exact, with the bulges between the end
-        points.
-        """
+        """Smallest and largest coordinates (n,), (n,): exact, also between the end points."""
         boxes = []
         for kind, data, at in self._pieces().shape:
             low, high = np.empty((1, len(self.axes))), np.empty((1, len(self.axes)))

@@ -20,8 +20,8 @@ from cnc.kernels.path.bspline import (
     MAX_CUTS,
     NEGLIGIBLE,
     NOTICEABLE,
-    RECORD_ROOM,
-    ROOM_PER_AXIS,
+    NUMBERS_PER_AXIS,
+    RECORD_NUMBERS,
     Nurbs,
     nurbs_records,
 )
@@ -151,17 +151,11 @@ def arc_records(
     x0, y0 = float(start[i]) - center[0], float(start[j]) - center[1]
     x1, y1 = float(end[i]) - center[0], float(end[j]) - center[1]
     r0, r1 = math.hypot(x0, y0), math.hypot(x1, y1)
-    sweep = TURN * turns
-    if max(r0, r1) <= NEGLIGIBLE or abs(sweep) <= 1e-15:
+    if max(r0, r1) <= NEGLIGIBLE or abs(TURN * turns) <= 1e-15:
         if moving(start, end[None])[0]:
             yield line_records(start, end[None], classes)
         return
-    if r0 > 0.0 and r1 > 0.0:
-        between = math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
-        exact = between + TURN * round(turns - between / TURN)
-        if exact != 0.0:
-            sweep = exact
-    theta = math.atan2(y0, x0) if r0 > 0.0 else math.atan2(y1, x1) - sweep
+    sweep, theta = _sweep_and_angle((x0, y0), (x1, y1), turns)
     ex, ey = (x0 / r0, y0 / r0) if r0 > 0.0 else (math.cos(theta), math.sin(theta))
     grown = r1 - r0
     if abs(grown) <= 4e-15 * (r0 + abs(center[0]) + abs(center[1])):
@@ -174,8 +168,7 @@ def arc_records(
     )
     extent = math.hypot(sweep * 0.5 * (r0 + r1), others) / whole
     metrics = _metric_columns(classes.tobytes())[0]
-    n = len(start)
-    here = start
+    n, here = len(start), start
     for piece in range(whole):
         last = piece == whole - 1
         part = (piece + 1) / whole
@@ -223,6 +216,25 @@ def arc_records(
         here = there
 
 
+def _sweep_and_angle(
+    start: tuple[float, float], end: tuple[float, float], turns: float
+) -> tuple[float, float]:
+    """Return the sweep of an arc and the angle of its start, in rad.
+
+    start and end are measured from the centre, mm. The sweep is the angle between them, with the
+    whole turns of ``turns``.
+    """
+    (x0, y0), (x1, y1) = start, end
+    sweep = TURN * turns
+    from_centre = math.hypot(x0, y0) > 0.0
+    if from_centre and math.hypot(x1, y1) > 0.0:
+        between = math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
+        exact = between + TURN * round(turns - between / TURN)
+        if exact != 0.0:
+            sweep = exact
+    return sweep, math.atan2(y0, x0) if from_centre else math.atan2(y1, x1) - sweep
+
+
 def spline_records(
     degree: int,
     knots: Floats,
@@ -251,7 +263,7 @@ def spline_records(
     position = points[0].copy()
     most = max(most, MAX_CUTS + 1)
     data = np.empty(
-        (MAX_CUTS + 1) * (RECORD_ROOM + n * ROOM_PER_AXIS) + 512 * min(most, len(points))
+        (MAX_CUTS + 1) * (RECORD_NUMBERS + n * NUMBERS_PER_AXIS) + 512 * min(most, len(points))
     )
     at = np.empty(most, np.int64)
     length = np.empty(most)

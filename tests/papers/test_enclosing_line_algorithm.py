@@ -461,20 +461,35 @@ def test_buffers_and_parts(generator: Rows) -> None:
     check(generator, blocks, [10.0, 10.0], [20.0, 31.0], parts=37)
 
 
-BARE: dict[str, tuple[Callable[[float], list[float]], Callable[[float], list[float]], float, float]] = {
+BARE: dict[
+    str, tuple[Callable[[float], list[float]], Callable[[float], list[float]], float, float]
+] = {
     "circle": (lambda u: [np.cos(u), np.sin(u)], lambda u: [-np.sin(u), np.cos(u)], 0.0, 2 * np.pi),
-    "polynomial": (lambda u: [1.22 * u - u * u, 5.25 - u * u], lambda u: [1.22 - 2 * u, -2 * u], 0.0, 4.0),
+    "polynomial": (
+        lambda u: [1.22 * u - u * u, 5.25 - u * u],
+        lambda u: [1.22 - 2 * u, -2 * u],
+        0.0,
+        4.0,
+    ),
     "cusp": (lambda u: [u * u, u**3], lambda u: [2 * u, 3 * u * u], -1.0, 1.3),
     "astroid": (
         lambda u: [np.cos(u) ** 3, np.sin(u) ** 3],
-        lambda u: [-3 * np.cos(u) ** 2 * np.sin(u), 3 * np.sin(u) ** 2 * np.cos(u)], 0.0, 2 * np.pi,
+        lambda u: [-3 * np.cos(u) ** 2 * np.sin(u), 3 * np.sin(u) ** 2 * np.cos(u)],
+        0.0,
+        2 * np.pi,
     ),
     "corner": (lambda u: [u, abs(u - 0.3)], lambda u: [1.0, math.copysign(1.0, u - 0.3)], 0.0, 1.0),
     "knot in space": (
         lambda u: [np.sin(u) + 2 * np.sin(2 * u), np.cos(u) - 2 * np.cos(2 * u), -np.sin(3 * u)],
-        lambda u: [np.cos(u) + 4 * np.cos(2 * u), -np.sin(u) + 4 * np.sin(2 * u), -3 * np.cos(3 * u)], 0.1, 0.1 + 2 * np.pi,
+        lambda u: [
+            np.cos(u) + 4 * np.cos(2 * u),
+            -np.sin(u) + 4 * np.sin(2 * u),
+            -3 * np.cos(3 * u),
+        ],
+        0.1,
+        0.1 + 2 * np.pi,
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("algorithm", Algorithm)

@@ -8,7 +8,10 @@ FILES = [
     Path(__file__).parent / f"test_{name}.py"
     for name in ("curve_kernels", "turning_and_bounds", "build", "shells")
 ]
-SHARE = "spans_are_the_nurbs or arcs_in_all or spirals or measured_over or a_cusp or repeated_control or one_chunk or subsegment"
+SHARE = (
+    "spans_are_the_nurbs or arcs_in_all or spirals or measured_over or a_cusp or "
+    "repeated_control or one_chunk or subsegment"
+)
 
 
 def test_the_same_without_the_compiler() -> None:

@@ -1,5 +1,6 @@
-"""Half-step deviation in integers, as in Shu et al. 2019: a circle about the origin with its radius
-on the grid.
+"""Half-step deviation in integers (Shu et al. 2019): a circle about the origin.
+
+Both the centre and the radius are on the grid.
 
 The deviation F and its differences are those of :mod:`cnc.kernels.papers.point_by_point`. The
 faster axis, y where |x| >= |y|, steps alone or with the other axis, whichever leaves the smaller

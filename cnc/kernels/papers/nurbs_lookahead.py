@@ -1,7 +1,9 @@
-r"""Sampled interpolation of a bare curve as the paper has it: the feed step is limited by chord
-error and normal acceleration, and the look-ahead goes back.
+r"""Sampled interpolation of a bare NURBS with look-ahead, as in Hui, Wei and Gao 2013.
 
-Hui, Wei, Gao, TELKOMNIKA 11(5), 2013, sections 3.2 and 4. This is the baseline beside the planner
+Their paper is in TELKOMNIKA 11(5), 2013; this is sections 3.2 and 4. The chord error and the normal
+acceleration limit the feed step, and the look-ahead goes back.
+
+This is the baseline beside the planner
 and :mod:`cnc.kernels.pulses.sampled`. There is no plan: each period T finds its own step, a chord
 from the last sample r(u_i) to the next.
 

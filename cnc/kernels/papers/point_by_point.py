@@ -1,5 +1,6 @@
-"""Point-by-point comparison in integers, as in Shu et al. 2019: a line from the origin, and a
-circle about it with its radius on the grid.
+"""Point-by-point comparison in integers (Shu et al. 2019): a line and a circle.
+
+The line begins at the origin. The circle is about it, with its radius on the grid.
 
 F is the deviation of the grid point: Xe Yi - Xi Ye of a line to (Xe, Ye) (equation 1), x^2 + y^2 -
 R^2 of a circle. It is never computed anew, since a step changes it by a difference: -Ye or +Xe on

@@ -1,5 +1,7 @@
-"""The table of the arc length: made once for each piece, read by curve_arclen and curve_inv_arclen
-of :mod:`cnc.kernels.path.curve`.
+"""The table of the arc length of a piece, and its making.
+
+It is made once for each piece. curve_arclen and curve_inv_arclen of :mod:`cnc.kernels.path.curve`
+read it.
 
     s |            ____x      Rows are laid from u0 to u1. A row from a to b is tried: four panels
       |        _x''           of Gauss-Legendre give s at the three quarter points and at b. The

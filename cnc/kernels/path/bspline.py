@@ -60,9 +60,9 @@ HAIRPIN = 1.0 / 32.0
 CUSP = 1e-7
 """Parts of the mean |dr/du|."""
 MAX_CUTS = 8
-ROOM_PER_AXIS = 2 + MAX_DEGREE + 1 + 1 + MAX_TURNING_POINTS
-RECORD_ROOM = START + SPAN_BODY + MAX_DEGREE + 1 + 3 + ROW * (MAX_ROWS + 1)
-"""The longest span record of n axes has RECORD_ROOM + n ROOM_PER_AXIS numbers."""
+NUMBERS_PER_AXIS = 2 + MAX_DEGREE + 1 + 1 + MAX_TURNING_POINTS
+RECORD_NUMBERS = START + SPAN_BODY + MAX_DEGREE + 1 + 3 + ROW * (MAX_ROWS + 1)
+"""The longest span record of n axes has RECORD_NUMBERS + n NUMBERS_PER_AXIS numbers."""
 
 
 class Nurbs(NamedTuple):
@@ -490,7 +490,7 @@ def nurbs_records(
     n = points.shape[1]
     work = _new_work(n)
     form = work.form
-    longest = (MAX_CUTS + 1) * (RECORD_ROOM + n * ROOM_PER_AXIS)
+    longest = (MAX_CUTS + 1) * (RECORD_NUMBERS + n * NUMBERS_PER_AXIS)
     pieces = 0
     used = 0
     k = first

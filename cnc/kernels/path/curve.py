@@ -1,5 +1,4 @@
-"""Curves as records in flat arrays: position, derivatives, arc length and its inverse, turning
-points.
+"""Curves as records in flat arrays: position, derivatives, arc length, turning points.
 
 A path is made of pieces, each smooth inside. A piece is a record in a float64 array ``data`` that
 starts at index ``at``:
@@ -452,7 +451,7 @@ def curve_turning_points(kind: int, data: Floats, at: int, axis: int, out: Float
     # Along the first axis rho cos(theta) turns where tan(theta) = g / rho, g = d rho / d theta,
     # that is where h(theta) = theta - atan(g / rho) is a multiple of pi. h rises with a slope
     # between 1 and 2 whatever the spiral, so each multiple is met once and Newton finds it. The
-    # second axis is the first seen from 90 degrees further on.
+    # second axis is the first, turned by 90 degrees.
     sweep = data[body + 4]
     radius = data[body + 2]
     g = data[body + 3] / sweep

@@ -1,5 +1,4 @@
-"""Cubic splines through chains of short straight moves: knots, their refinement, and the proof of
-the tolerance.
+"""Cubic splines through chains of short straight moves, with proof of the tolerance.
 
 The moves are a polyline; t is the length along it over its metric axes. Knots t_k with their points
 p_k of the polyline are laid as widely as the tolerance permits. The control points follow from
@@ -60,21 +59,19 @@ RATIO = 2.6
 apart.
 """
 WIDEST = 64
-"""Vertices in a span at most."""
+"""Most vertices in a span."""
 FAR = 256
-"""Vertices that are looked at to see where a corner is."""
+"""Most vertices that are searched on either side of a corner."""
 FORWARD = 0.2
 """Least part of a third of its chord that each leg of a span's control polygon advances along the
 chord: no cusps, no loops.
 """
 USED = 0.8
-"""Part of the tolerance that a span may use."""
+"""Part of the tolerance that a span may take."""
 USED_ONE = 0.98
-"""The same for a span that is one move: nothing wider holds there."""
+"""The same for a span that is one move, where no wider span holds."""
 USED_STRAIGHT = 0.25
-"""The same for a span beside a part of a segment: what is straight stays so as nearly as smoothness
-allows.
-"""
+"""The same for a span beside a part of a segment, so that the segment stays nearly straight."""
 INWARD = 0.625
 """Part of the step from p_k to d_k with which the spline runs midway between vertices on a circle
 and their chords.

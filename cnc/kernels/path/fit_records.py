@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
 from cnc.kernels.path.arclength import measure
-from cnc.kernels.path.bspline import NEGLIGIBLE, RECORD_ROOM, ROOM_PER_AXIS
+from cnc.kernels.path.bspline import NEGLIGIBLE, NUMBERS_PER_AXIS, RECORD_NUMBERS
 from cnc.kernels.path.curve import (
     AXES,
     LENGTH,
@@ -277,7 +277,7 @@ def write_pieces(
     end = np.empty(n)
     line_end = np.empty(n)
     state = np.zeros(1, STATE)
-    longest = RECORD_ROOM + n * ROOM_PER_AXIS
+    longest = RECORD_NUMBERS + n * NUMBERS_PER_AXIS
     k = first
     while k < last:
         inner = knots[k]["vertex"] + 1

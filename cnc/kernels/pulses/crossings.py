@@ -11,8 +11,8 @@ nearest to P, so a step is due where P crosses a half-grid line:
 
 The axis is cut at its turning points into stretches in which P only rises or only falls. The
 position at the end of a stretch gives the grid point there, hence the number of crossings on the
-way. So no step is lost or made twice, whatever rounding does to the places of the crossings. The
-crossings of each axis come in order, and the axes are merged by their place on the path.
+way there. So no step is lost or made twice, whatever rounding does to the places of the crossings.
+The crossings of each axis come in order, and the axes are merged by their place on the path.
 
 On a line a crossing has a closed form. On arcs and spans it is a zero of the polynomial of a window
 (:mod:`cnc.kernels.pulses.windows`).

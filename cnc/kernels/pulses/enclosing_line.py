@@ -1,5 +1,6 @@
-"""Reference pulses by enclosing lines (Samad & Wan Yusof, Jurnal Teknologi 37(D), 2002), for any
-number of axes.
+"""Reference pulses by enclosing lines (Samad & Wan Yusof 2002), in any number of axes.
+
+The paper is in Jurnal Teknologi 37(D), 2002.
 
 A square (in space: a cube) with sides of 2 BLU lies about the grid point P. The interpolator finds
 the point r at which the curve leaves it; the grid point nearest to r is the next one.

@@ -1,5 +1,6 @@
-"""Reference pulses by half-step deviation (Shu et al. 2019) on lines and arcs in any number of
-axes.
+"""Reference pulses by half-step deviation (Shu et al. 2019) on lines and arcs.
+
+The number of axes is free.
 
 In units of one step (BLU) the fastest axis, the leader, steps in every row, and each other axis
 steps with it or not. As in the paper it steps to the nearer of two candidates. They are one BLU

@@ -1,5 +1,6 @@
-"""Reference pulses by the shortest normal (Kiritsis, Computer-Aided Design 26(11), 1994; equations
-2 and 3 of Samad & Wan Yusof, 2002).
+"""Reference pulses by the shortest normal (Kiritsis 1994).
+
+The source is Computer-Aided Design 26(11), 1994, as equations 2 and 3 of Samad & Wan Yusof, 2002.
 
 This is the baseline beside :mod:`cnc.kernels.pulses.enclosing_line`. The tangent at r, the point of
 the curve at the last step, gives the quadrant in which the path goes on. There the grid point P has

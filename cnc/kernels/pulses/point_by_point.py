@@ -1,5 +1,6 @@
-"""Reference pulses by point-by-point comparison, the baseline of Shu et al. 2019: each move is of
-one axis, so that the grid points are 4-connected.
+"""Reference pulses by point-by-point comparison, with one axis in each move.
+
+This is the baseline of Shu et al. 2019. The grid points are 4-connected.
 
 The method compares on which side of the curve the grid point P is, by the sign of a deviation F,
 and steps towards the curve or along it. That keeps P within a whole BLU only. Moved by half a step

@@ -1,8 +1,8 @@
-"""The reference pulse interpolator of Samad & Wan Yusof (2002), and Kiritsis's (1994) beside it, on
-a bare curve.
+"""Reference pulses on a bare curve by enclosing lines and by Kiritsis.
 
-Without a plan: grid points and where on the curve they are due. The kernels are those of production
-(:mod:`cnc.kernels.pulses.monotone`), and the paper's procedures as printed, for comparison.
+There is no plan: the results are grid points and their places on the curve. The kernels are those
+that run programs (:mod:`cnc.kernels.pulses.monotone`), and the paper's procedures as printed, for
+comparison.
 """
 
 from __future__ import annotations
@@ -34,17 +34,15 @@ ROWS = 65536
 """Most iterations at a time."""
 DEGREE = 7
 NODES = np.array([0.0, 1 / 3, 2 / 3, 1.0])
-"""Where in a piece the polynomial has the curve's position and derivative."""
+"""Places in a piece at which the polynomial has the position and the derivative of the curve."""
 CHECKS = np.array([0.15, 0.5, 0.85])
 NARROWEST = 2.0**-40
-"""Part of the whole range that is not divided any more: a jump in the derivative lies in it."""
+"""Part of the whole range that is not divided any more, because the derivative jumps in it."""
 AXES = ("x", "y", "z", "a", "b", "c", "u", "v", "w")
 
 
 class Algorithm(Enum):
-    """Which neighbour is taken: the one next to where the curve leaves the square, or the one with
-    the shortest normal.
-    """
+    """Choice of the next grid point: nearest to the exit from the square, or shortest normal."""
 
     ENCLOSING_LINE = "enclosing line"
     KIRITSIS = "Kiritsis"
@@ -58,11 +56,15 @@ PRINTED = {
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """One row an iteration.
+    """One row for each iteration.
 
-    step (m, n): -1, 0, 1 each axis. u (m,): the curve's parameter there. grid (m + 1, n): the grid
-    points, with the first. error_blu: largest distance of a grid point from r(u), in any axis, or
-    straight where the procedure is as printed. seconds: computing time.
+    Attributes:
+        step: (m, n): -1, 0 or 1 for each axis.
+        u: (m,): parameter of the curve.
+        grid: (m + 1, n): grid points, with the first.
+        error_blu: largest distance of a grid point from r(u), in any axis, or straight where the
+            procedure is as printed.
+        seconds: computing time.
     """
 
     step: NDArray[np.int8]
@@ -73,15 +75,16 @@ class Steps:
 
     @property
     def null(self) -> int:
-        """Iterations in which no axis steps."""
+        """Number of iterations in which no axis steps."""
         return int((self.step == 0).all(axis=1).sum())
 
 
 def interpolate(
     curve: PathChunk, steps_per_mm: ArrayLike, algorithm: Algorithm = Algorithm.ENCLOSING_LINE
 ) -> Steps:
-    """The grid points of a curve in any number of axes, each within half a BLU of it in every axis,
-    from its start to its end, rounded.
+    """Return the grid points of a curve, from its rounded start to its rounded end.
+
+    Each is within half a BLU of the curve in every axis.
     """
     pieces, grid = _arrays(curve, steps_per_mm)
     first = grid.point.copy()
@@ -112,11 +115,12 @@ def interpolate(
 def as_printed(
     curve: PathChunk, steps_per_mm: ArrayLike, algorithm: Algorithm = Algorithm.ENCLOSING_LINE
 ) -> Steps:
-    """The paper's procedure on a curve of one piece in two axes, with nothing mended but signs. It
-    ends before it would pass the end.
+    """Carry out the printed procedure on a curve of one piece in two axes.
+
+    Only signs are corrected. It stops before it would pass the end.
     """
     if len(curve) != 1 or len(curve.axes) != 2:
-        raise ValueError("as printed, the procedures take one smooth curve in two axes")
+        raise ValueError("the printed procedures take one smooth curve in two axes")
     kernel = PRINTED[algorithm]
     pieces, grid = _arrays(curve, steps_per_mm)
     first = grid.point.copy()
@@ -131,11 +135,10 @@ def as_printed(
 def fitted(
     position: Function, derivative: Function, u0: float, u1: float, accuracy: float = 1e-9
 ) -> PathChunk:
-    """A curve r(u) given as two functions, position (mm) and derivative by u, as pieces of path, to
-    ``accuracy`` mm.
+    """Return a curve r(u), given as position (mm) and derivative by u, as pieces of path.
 
-    Each piece is the polynomial of degree 7 with r and r' at four places (Hermite), halved until
-    three places between agree.
+    Each piece is the polynomial of degree 7 with r and r' at four places (Hermite). It is halved
+    until three places between agree to ``accuracy`` mm.
     """
     breaks = [u0]
     points = [np.asarray(position(u0), dtype=np.float64)[None]]
@@ -175,20 +178,20 @@ def fitted(
 
 
 def _bernstein(t: Floats, degree: int = DEGREE) -> Floats:
-    """The Bernstein polynomials at t (k,): (k, degree + 1)."""
+    """Return the Bernstein polynomials at t (k,): (k, degree + 1)."""
     i = np.arange(degree + 1)
     choose = np.array([comb(degree, k) for k in i.tolist()], dtype=np.float64)
     return np.asarray(choose * t[:, None] ** i * (1.0 - t[:, None]) ** (degree - i))
 
 
 def _bernstein_slopes(t: Floats) -> Floats:
-    """Their derivatives (The NURBS Book, equation 1.9)."""
+    """Return their derivatives (The NURBS Book, equation 1.9)."""
     lower = _bernstein(t, DEGREE - 1)
     return DEGREE * (np.pad(lower, ((0, 0), (1, 0))) - np.pad(lower, ((0, 0), (0, 1))))
 
 
 FROM_NODES = np.linalg.inv(np.concatenate((_bernstein(NODES), _bernstein_slopes(NODES))))
-"""Values and derivatives by t at NODES to Bernstein coefficients."""
+"""Matrix from values and derivatives by t at NODES to Bernstein coefficients."""
 
 
 def _arrays(curve: PathChunk, steps_per_mm: ArrayLike) -> tuple[Pieces, Grid]:

@@ -1,5 +1,6 @@
-"""Half-step deviation (Shu et al. 2019) on the data of the paper: a line from the origin and a
-circle about it, both on the grid.
+"""Half-step deviation (Shu et al. 2019) on the data of the paper: lines and circles.
+
+The line begins at the origin, and the circle is about it, both on the grid.
 
 :mod:`cnc.kernels.pulses.half_step` interpolates lines and arcs of a path anywhere, and this line,
 too.

@@ -1,5 +1,6 @@
-"""The sampled NURBS interpolator of Hui, Wei and Gao (TELKOMNIKA 11(5), 2013) on a bare curve, from
-rest to rest.
+"""The sampled NURBS interpolator of Hui, Wei and Gao on a bare curve, from rest to rest.
+
+The paper is in TELKOMNIKA 11(5), 2013.
 
 Programs are planned (:mod:`cnc.planner`) and sampled from the plan (:mod:`cnc.pulses.sampled`).
 This is the method of the paper, for comparison.

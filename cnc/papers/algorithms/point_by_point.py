@@ -1,5 +1,6 @@
-"""Point-by-point comparison, the baseline of Shu et al. 2019, on the data of the paper: a line from
-the origin and a circle about it.
+"""Point-by-point comparison (Shu et al. 2019) on the data of the paper.
+
+They are a line from the origin and a circle about it. The method is the baseline of the paper.
 
 :mod:`cnc.kernels.pulses.point_by_point` interpolates pieces of a path, within half a BLU instead of
 one.

@@ -1,5 +1,7 @@
-"""Samad & Wan Yusof, "Reference pulse CNC interpolator based on enclosing line for 2D parametric
-curve", Jurnal Teknologi 37(D), 2002.
+"""Experiments of Samad & Wan Yusof, 2002: a circle and a polynomial by two interpolators.
+
+The paper is "Reference pulse CNC interpolator based on enclosing line for 2D parametric curve",
+Jurnal Teknologi 37(D).
 
 A circle and a polynomial, by the enclosing line and by Kiritsis's interpolator: as printed, and as
 they are made here.
@@ -33,14 +35,13 @@ REPEATS = 20
 """Times are the least of so many."""
 EQUATIONS = {
     Algorithm.KIRITSIS: (
-        "uo - ((Xi - xo) * x1 + (Yi - yo) * y1) / ((Xi - xo) * x2 + (Yi - yo) * y2 - x1**2 - y1**2)",
+        "uo - ((Xi - xo) * x1 + (Yi - yo) * y1) / ((Xi - xo) * x2 + (Yi - yo) * y2 - x1**2 - "
+        "y1**2)",
         "(Xi - xi)**2 + (Yi - yi)**2",
     ),
     Algorithm.ENCLOSING_LINE: ("abs(x1) * dy - abs(y1) * dx", "(X + S) - x", "(Y + S) - y"),
 }
-"""What Table 6 counts: equations 2 and 3, once a neighbour; geometric factor and distances (Figure
-2).
-"""
+"""Equations counted in Table 6: 2 and 3 for each neighbour; geometric factor and distances."""
 OPERATORS: tuple[tuple[type[ast.operator], ...], ...] = (
     (ast.Add, ast.Sub),
     (ast.Mult, ast.Div),
@@ -51,7 +52,7 @@ ORDER = (Algorithm.KIRITSIS, Algorithm.ENCLOSING_LINE)
 
 
 def section() -> Section:
-    """Tables 6 to 8, Figures 4 and 5, and what became of the algorithm."""
+    """Tables 6 to 8, Figures 4 and 5, and the extensions of the algorithm."""
     circle_table = _table(
         "Table 7: the circle, BLU 0.001 mm",
         circle(),
@@ -63,9 +64,12 @@ def section() -> Section:
     )  # fmt: skip
     return Section(
         "Reference pulses by enclosing lines (Samad & Wan Yusof, 2002)",
-        "The circle (cos u, sin u), 0 <= u <= 2 pi, and the polynomial (1.22 u - u^2, 5.25 - u^2), 0 <= u <= 4, in mm; the paper calls it "
-        "cubic. *As printed* is the paper's procedure with signs mended: abs(x') and abs(y') in the geometric factor and in Table 4. "
-        "*Ours* finds the place on the enclosing line by Newton's iteration, checks which line comes first, and ends on the rounded end "
+        "The circle (cos u, sin u), 0 <= u <= 2 pi, and the polynomial (1.22 u - u^2, 5.25 - "
+        "u^2), 0 <= u <= 4, in mm; the paper calls it "
+        "cubic. *As printed* is the paper's procedure with signs corrected: abs(x') and abs(y') "
+        "in the geometric factor and in Table 4. "
+        "*Ours* finds the place on the enclosing line by Newton's iteration, checks which line "
+        "comes first, and ends on the rounded end "
         "point; it is what runs programs. Published times are those of a 500 MHz Celeron.",
         (_operations(), circle_table, polynomial_table, _further()),
         (
@@ -131,10 +135,19 @@ def _table(title: str, curve: PathChunk, published: dict[Algorithm, tuple[float,
         ours = _timed(partial(interpolate, curve, FINE, algorithm))
         error, microseconds = published[algorithm]
         times.append(_cost(printed))
-        rows.append([
-            algorithm.value, f"{error:g}", f"{printed.error_blu:.6f}", f"{ours.error_blu:.6f}", f"{microseconds:g}",
-            f"{_cost(printed):.4f}", f"{_cost(ours):.4f}", len(printed.step), len(ours.step),
-        ])  # fmt: skip
+        rows.append(
+            [
+                algorithm.value,
+                f"{error:g}",
+                f"{printed.error_blu:.6f}",
+                f"{ours.error_blu:.6f}",
+                f"{microseconds:g}",
+                f"{_cost(printed):.4f}",
+                f"{_cost(ours):.4f}",
+                len(printed.step),
+                len(ours.step),
+            ]
+        )
     ratio = published[ORDER[0]][1] / published[ORDER[1]][1]
     rows.append(
         [
@@ -150,18 +163,27 @@ def _table(title: str, curve: PathChunk, published: dict[Algorithm, tuple[float,
         ]
     )
     columns = (
-        "interpolator", "error, BLU: published", "as printed", "ours", "us an iteration: published", "as printed, here", "ours",
-        "iterations, as printed", "ours",
-    )  # fmt: skip
+        "interpolator",
+        "error, BLU: published",
+        "as printed",
+        "ours",
+        "us an iteration: published",
+        "as printed, here",
+        "ours",
+        "iterations, as printed",
+        "ours",
+    )
     note = (
-        "Kiritsis's largest error is published nearer to half a BLU than it comes out here; how it was measured is not told. Ours "
-        "evaluates a polynomial that stands for some 150 steps of the curve, which helps Kiritsis's most, with three times the evaluations."
+        "Kiritsis's largest error is published nearer to half a BLU than it comes out here; the "
+        "paper does not say how it was measured. Ours "
+        "evaluates a polynomial that stands for some 150 steps of the curve, which helps "
+        "Kiritsis's most, with three times the evaluations."
     )
     return Table(title, columns, rows, note)
 
 
 def _further() -> Table:
-    """What the paper leaves open: a coarse BLU, cusps, turning back inside the square, space."""
+    """Return results beyond the paper: a coarse BLU, cusps, turns inside the square, space."""
     curves: dict[str, tuple[PathChunk, Sequence[float]]] = {
         "circle, BLU 1 mm": (circle(), (COARSE, COARSE)),
         "polynomial, BLU 1 mm": (polynomial(), (COARSE, COARSE)),
@@ -195,11 +217,13 @@ def _further() -> Table:
                 ]
             )
     note = (
-        "As printed both stop before the end, and at a coarse BLU the tangent alone leads astray: a null step and more than half a BLU on "
-        "the polynomial, normals that lead elsewhere. In space the square is a box and Kiritsis has seven neighbours to try."
+        "As printed both stop before the end, and at a coarse BLU the tangent alone leads astray: "
+        "a null step and more than half a BLU on "
+        "the polynomial, normals that lead elsewhere. In space the square is a box and Kiritsis "
+        "has seven neighbours to try."
     )
     return Table(
-        "Mended and carried on",
+        "Corrected and extended",
         (
             "curve",
             "interpolator",
@@ -225,9 +249,14 @@ def trefoil() -> PathChunk:
     """A closed curve in space, 6 mm across."""
     return fitted(
         lambda u: [np.sin(u) + 2 * np.sin(2 * u), np.cos(u) - 2 * np.cos(2 * u), -np.sin(3 * u)],
-        lambda u: [np.cos(u) + 4 * np.cos(2 * u), -np.sin(u) + 4 * np.sin(2 * u), -3 * np.cos(3 * u)],
-        0.0, 2.0 * np.pi,
-    )  # fmt: skip
+        lambda u: [
+            np.cos(u) + 4 * np.cos(2 * u),
+            -np.sin(u) + 4 * np.sin(2 * u),
+            -3 * np.cos(3 * u),
+        ],
+        0.0,
+        2.0 * np.pi,
+    )
 
 
 def _path(block: Block, start: Floats) -> PathChunk:

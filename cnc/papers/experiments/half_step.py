@@ -1,8 +1,8 @@
-"""Shu et al., "An Optimization Algorithm of Circular Interpolation Aiming at Point-by-Point
-Comparison Method", 2019: section 4.
+"""Experiments of Shu et al., 2019, section 4: circles by two methods.
 
-A full circle of radius 10 on the grid, by point-by-point comparison and by half-step deviation;
-then every radius below 400, the moves of figure 6, and a line.
+The paper is "An Optimization Algorithm of Circular Interpolation Aiming at Point-by-Point
+Comparison Method". A full circle of radius 10 on the grid is made by point-by-point comparison and
+by half-step deviation. Then come every radius below 400, the moves of figure 6, and a line.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ METHODS: dict[str, Callable[[int], Points]] = {
 
 
 def off(radius: int, walked: Points) -> tuple[float, float]:
-    """How far the innermost and the outermost grid point are from the circle, BLU."""
+    """Return the distances of the innermost and the outermost grid point from the circle, BLU."""
     radii = np.hypot(walked[:, 0], walked[:, 1]) - radius
     return float(radii.min()), float(radii.max())
 
@@ -55,10 +55,22 @@ def off(radius: int, walked: Points) -> tuple[float, float]:
 def circle_of_ten() -> Table:
     """Figures 7 and 8 in numbers."""
     published = {
-        "point-by-point, F > 0 goes inward": ("80", "9.06 .. 10.77", "by section 4; but the largest radius is that of F >= 0"),
-        "point-by-point, F >= 0 goes inward": ("80", "9.06 .. 10.77", "by section 3.1.1; but the smallest radius is that of F > 0"),
-        "half-step": ("64", "9.85 .. 10.44", "the path with these radii has 56 steps: 30 % fewer than 80, not 20 %"),
-    }  # fmt: skip
+        "point-by-point, F > 0 goes inward": (
+            "80",
+            "9.06 .. 10.77",
+            "by section 4; but the largest radius is that of F >= 0",
+        ),
+        "point-by-point, F >= 0 goes inward": (
+            "80",
+            "9.06 .. 10.77",
+            "by section 3.1.1; but the smallest radius is that of F > 0",
+        ),
+        "half-step": (
+            "64",
+            "9.85 .. 10.44",
+            "the path with these radii has 56 steps: 30 % fewer than 80, not 20 %",
+        ),
+    }
     rows: list[list[Cell]] = []
     for name, circle in METHODS.items():
         walked = circle(RADIUS)
@@ -110,7 +122,8 @@ def every_radius() -> Table:
             "ns a step",
         ),
         rows,
-        "Errors in pulses. Computing time of the recursion in integers and of the list of its grid points.",
+        "Errors in pulses. Computing time of the recursion in integers and of the list of its "
+        "grid points.",
     )
 
 
@@ -153,7 +166,10 @@ def octants() -> Table:
     )
 
 
-OCTANTS = "The signs in rules (1) and (2) of section 3.1.1 are garbled. Each octant has one move along an axis and one of both."
+OCTANTS = (
+    "The signs in rules (1) and (2) of section 3.1.1 are garbled. Each octant has one move along "
+    "an axis and one of both."
+)
 
 
 def lines() -> Table:
@@ -171,11 +187,14 @@ def lines() -> Table:
     )
 
 
-LINES = "Table 1 of the paper, with the end of section 3 mended: f >= 0 steps X alone, f < 0 both; it is printed the other way round there."
+LINES = (
+    "Table 1 of the paper, with the end of section 3 corrected: f >= 0 steps X alone, f < 0 both; "
+    "it is printed the other way round there."
+)
 
 
 def picture(walked: Points, title: str) -> Callable[[Canvas], None]:
-    """The walked circle on the grid, between the circles that hold it."""
+    """Return a drawing of the grid points, between the circles that enclose them."""
 
     def draw(canvas: Canvas) -> None:
         axes: Any = canvas.add_subplot(
@@ -204,21 +223,30 @@ def figures() -> list[Figure]:
     """Figures 7 and 8."""
     published = point_by_point.circle(RADIUS, inward_on_circle=False)
     return [
-        Figure("half-step-7-point-by-point", "Figure 7. Circular interpolation by point-by-point comparison",
-               picture(published, "point-by-point, 80 steps"), (5.0, 5.2)),
-        Figure("half-step-8-half-step", "Figure 8. Circular interpolation by half-step deviation",
-               picture(half_step.circle(RADIUS), "half-step, 56 steps"), (5.0, 5.2)),
-    ]  # fmt: skip
+        Figure(
+            "half-step-7-point-by-point",
+            "Figure 7. Circular interpolation by point-by-point comparison",
+            picture(published, "point-by-point, 80 steps"),
+            (5.0, 5.2),
+        ),
+        Figure(
+            "half-step-8-half-step",
+            "Figure 8. Circular interpolation by half-step deviation",
+            picture(half_step.circle(RADIUS), "half-step, 56 steps"),
+            (5.0, 5.2),
+        ),
+    ]
 
 
 TEXT = """\
-Two ways to walk a circle on the grid. Point-by-point comparison moves one axis at a time, towards the circle or along it by the sign of
-F = x² + y² - R². Half-step deviation moves the faster axis of the octant alone or with the other, whichever leaves the smaller |F|, and
-keeps within half a pulse. Both run as the paper describes them, in integers; it leaves the recursion on arcs to the reader."""
+Two methods for a circle on the grid. Point-by-point comparison moves one axis at a time, towards
+the circle or along it by the sign of F = x² + y² - R². Half-step deviation moves the faster axis of
+the octant alone or with the other, whichever leaves the smaller |F|, and keeps within half a pulse.
+Both run as in the paper, in integers. The paper leaves the recursion on arcs to the reader."""
 
 
 def section() -> Section:
-    """All of it."""
+    """Return the whole section."""
     tables = [circle_of_ten(), every_radius(), octants(), lines()]
     return Section(
         "Half-step deviation and point-by-point comparison (Shu et al. 2019)",

@@ -1,8 +1,8 @@
-"""Hui, Wei, Gao, "Study on the algorithm for real-time interpolation of NURBS curve and
-simulation", TELKOMNIKA 11(5), 2013: section 5.
+"""Experiments of Hui, Wei and Gao, 2013, section 5: a NURBS sampled with and without look-ahead.
 
-The trident at 18 m/min, sampled every millisecond: by the paper's interpolator without and with its
-look-ahead, and by our plan.
+The paper is "Study on the algorithm for real-time interpolation of NURBS curve and simulation",
+TELKOMNIKA 11(5). The trident runs at 18 m/min and is sampled every millisecond: by the paper's
+interpolator without and with its look-ahead, and by our plan.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cnc.kernels.path.curve import START
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.blocks import NurbsFeed
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 KNOTS = (0.0, 0.0, 0.0, 0.0, 0.25, 0.5, 0.75, 1.0, 1.0, 1.0, 1.0)
-"""Ten are printed, 7 points of degree 3 have 11; and seven weights of one where six are printed."""
+"""Ten are printed, but 7 points of degree 3 need 11. Of the seven weights of 1 six are printed."""
 TRIDENT = ((10, 0), (20, 20), (12, 8), (10, 20), (8, 8), (0, 20), (10, 0))
 """Control points (mm) of the curve of Figure 4."""
 AS_PRINTED = ((10, 10), (20, 10), (12, 8), (10, 20), (8, 8), (0, 20), (10, 0))
@@ -46,11 +47,21 @@ METRES = per_minute(1.0) / 1e3
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One row a period T: position, and of the period before it what the paper shows.
+    """One row for each period T.
 
-    position mm, feed mm/s, acceleration mm/s^2 and jerk mm/s^3 along the path (the feed's
-    differences; of our plan the plan's own), chord error mm, deviation of the step, relative. cost:
-    computing time of a sample, s. went_back: how often the look-ahead did.
+    Acceleration and jerk are differences of the feed; those of our plan are the plan's own.
+
+    Attributes:
+        name: for the tables.
+        period: s.
+        position: mm.
+        feed: in the period before, mm/s.
+        accel: along the path, mm/s^2.
+        jerk: along the path, mm/s^3.
+        chord_error: mm.
+        deviation: relative deviation of the step.
+        cost: computing time of a sample, s.
+        went_back: how often the look-ahead went back.
     """
 
     name: str
@@ -66,20 +77,21 @@ class Run:
 
     @property
     def time(self) -> Floats:
-        """s, of each row."""
+        """Time of each row, s."""
         return self.period * np.arange(len(self.feed), dtype=np.float64)
 
 
 @cache
 def machine() -> Machine:
-    """The paper's limits: F 18 m/min, T 1 ms, a_N 0.5 g, A 2400 mm/s^2, J 48000 mm/s^3, h_max 1 um,
-    delta_max 0.001.
+    """Return the machine with the limits of the paper.
+
+    F 18 m/min, T 1 ms, a_N 0.5 g, A 2400 mm/s^2, J 48000 mm/s^3, h_max 1 um, delta_max 0.001.
     """
     return load_machine("paper-nurbs")
 
 
 def curve(points: Sequence[tuple[float, float]]) -> PathChunk:
-    """The cubic NURBS with weights of one over these control points."""
+    """Return the cubic NURBS with weights of 1 over these control points."""
     control = np.array([(x, y, 0.0) for x, y in points])
     block = NurbsFeed(
         "", 1, 3, np.array(KNOTS), control, np.ones(len(control)), machine().path.max_feed
@@ -93,7 +105,7 @@ def curve(points: Sequence[tuple[float, float]]) -> PathChunk:
 
 
 def papers_run(path: PathChunk, *, look_ahead: bool) -> Run:
-    """The paper's interpolator, with or without section 4.2."""
+    """Run the paper's interpolator, with or without section 4.2."""
     limits = machine().path
     cost, samples = _timed(lambda: interpolate(path, limits, look_ahead=look_ahead))
     period = limits.period
@@ -101,17 +113,26 @@ def papers_run(path: PathChunk, *, look_ahead: bool) -> Run:
     jerk = np.diff(accel, prepend=0.0) / period
     name = "paper, with look-ahead" if look_ahead else "paper, adaptive step alone"
     return Run(
-        name, period, samples.position, samples.feed, accel, jerk, samples.chord_error, samples.deviation, cost / len(samples.u),
+        name,
+        period,
+        samples.position,
+        samples.feed,
+        accel,
+        jerk,
+        samples.chord_error,
+        samples.deviation,
+        cost / len(samples.u),
         samples.went_back,
-    )  # fmt: skip
+    )
 
 
 def planned_run(path: PathChunk) -> Run:
-    """Our plan, sampled. The chord errors are measured in the middle of each period, by samples at
-    twice the rate.
+    """Run our plan, sampled.
+
+    The chord errors are measured in the middle of each period, by samples at twice the rate.
     """
     limits = machine().path
-    start = path.data[path.at[0] :][9 : 9 + len(path.axes)]
+    start = path.data[path.at[0] :][START : START + len(path.axes)]
     plans = [item for item in LookAhead(machine()).plan([path]) if isinstance(item, PlanChunk)]
     end = plans[-1].t0 + plans[-1].duration
 
@@ -146,7 +167,7 @@ NAMES = ("position", "feed", "accel", "jerk", "step_deviation")
 
 
 def _timed(work: Callable[[], Any]) -> tuple[float, Any]:
-    """Least processor time of some runs in s, and what the work gives."""
+    """Return the least processor time of some runs (s), and the result of the work."""
     least = float("inf")
     for _ in range(REPEATS):
         began = process_time()
@@ -156,14 +177,14 @@ def _timed(work: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def table_1(printed: Run, trident: Run, ours: Run) -> Table:
-    """The paper's extremes beside those of its algorithm on both curves and of our plan."""
+    """Return the extremes of the paper, of its algorithm on both curves, and of our plan."""
 
     def row(
         what: str, published: str, value: Callable[[Run], float], remark: str = ""
     ) -> list[Cell]:
         return [what, published, *(f"{value(run):.5g}" for run in (printed, trident, ours)), remark]
 
-    # without the start, which no step leads to, and the last step, which is what is left
+    # Without the start, to which no step leads, and the last step, which may be any part.
     return Table(
         "Table 1. Results of the interpolation",
         (
@@ -213,11 +234,14 @@ def table_1(printed: Run, trident: Run, ours: Run) -> Table:
     )
 
 
-FEED_REMARK = "from rest with these A and J it takes 26 mm; the adaptive step alone reaches it if nothing holds it back"
+FEED_REMARK = (
+    "from rest with these A and J it takes 26 mm; the adaptive step alone reaches it without a "
+    "limit"
+)
 
 
 def legality(runs: Sequence[Run]) -> Table:
-    """What each keeps of the limits of acceleration and jerk, and the time that it takes."""
+    """Return which limits of acceleration and jerk each run keeps, and the time that it takes."""
     limits = machine().path
     rows: list[list[Cell]] = [
         [
@@ -233,7 +257,7 @@ def legality(runs: Sequence[Run]) -> Table:
         for run in runs
     ]
     return Table(
-        "The trident: what keeps to the limits",
+        "The trident: limits that each keeps",
         (
             "",
             "periods",
@@ -245,9 +269,10 @@ def legality(runs: Sequence[Run]) -> Table:
             "went back",
         ),
         rows,
-        f"The limits along the path are {limits.max_tangential_acceleration:.0f} mm/s^2 and {limits.max_jerk:.0f} mm/s^3. "
-        "The adaptive step alone comes to the end of the curve at full speed. Going back holds the acceleration; only the plan holds both, "
-        "and the deviation of the chord from the arc. That is what it spends its time on.",
+        f"The limits along the path are {limits.max_tangential_acceleration:.0f} mm/s^2 "
+        f"and {limits.max_jerk:.0f} mm/s^3. The adaptive step alone comes to the end of the curve "
+        "at full speed. Going back limits the acceleration. Only the plan limits both, and the "
+        "deviation of the chord from the arc. That takes the additional time.",
     )
 
 
@@ -366,14 +391,15 @@ def figures(trident: PathChunk, printed: PathChunk, runs: Sequence[Run]) -> list
 
 
 TEXT = """\
-The trident, a closed cubic NURBS, with F 18 m/min, T 1 ms, a_N 0.5 g, A 2400 mm/s², J 48 000 mm/s³, h_max 1 µm, delta_max 0.001. The
-paper's interpolator runs in its mended form: equation 7 with `dL1` outside of the root, equation 5 iterated to delta_max, 11 knots and 7
-weights (10 and 6 are printed), and control points that give the curve of its Figure 4 (as printed it is lopsided). Our plan keeps to the
-same limits of the path, and to the jerk, too."""
+The trident, a closed cubic NURBS, with F 18 m/min, T 1 ms, a_N 0.5 g, A 2400 mm/s², J 48 000 mm/s³,
+h_max 1 µm, delta_max 0.001. The paper's interpolator runs in its corrected form: equation 7 with
+`dL1` outside of the root, equation 5 iterated to delta_max, 11 knots and 7 weights (10 and 6 are
+printed), and control points that give the curve of its Figure 4 (as printed it is lopsided). Our
+plan keeps to the same limits of the path, and to the jerk, too."""
 
 
 def section() -> Section:
-    """All of it."""
+    """Return the whole section."""
     trident, printed = curve(TRIDENT), curve(AS_PRINTED)
     runs = [
         papers_run(trident, look_ahead=False),

@@ -1,6 +1,4 @@
-"""All algorithms for grid moves side by side, as they run programs: steps, distance from the path
-and time, on paths of every kind.
-"""
+"""All algorithms for grid moves side by side: steps, distance from the path, and time."""
 
 from __future__ import annotations
 
@@ -33,10 +31,12 @@ def section() -> Section:
     ]
     return Section(
         "All algorithms side by side",
-        "The same paths at a constant 10 mm/s and 1000 steps/mm by every algorithm that takes them (`--algorithm` of cncrun; if none is "
+        "The same paths at a constant 10 mm/s and 1000 steps/mm by every algorithm that takes "
+        "them (`--algorithm` of cncrun; if none is "
         "named, half steps on lines and arcs, enclosing lines on other curves). "
         "A row is a grid move of one axis or several. *Distance* is the largest, over axes and "
-        "rows, of a grid point from the path where the row is due; the time of a row includes its time stamp.",
+        "rows, of a grid point from the path where the row is due; the time of a row includes its "
+        "time stamp.",
         (
             Table(
                 "Steps, distance and time",

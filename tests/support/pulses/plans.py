@@ -82,8 +82,16 @@ def rest_to_rest(length: float, v: float, a: float, j: float) -> list[tuple[floa
     return [(t1, j), (t2, 0.0), (t1, -j), (t4, 0.0), (t1, -j), (t2, 0.0), (t1, j)]
 
 
-def plan_of(path: PathChunk, phases: Sequence[tuple[float, float]] | None = None, *, t0: float = 0.0, s0: float = 0.0,
-            v: float = 50.0, a: float = 1000.0, j: float = 20000.0) -> PlanChunk:  # fmt: skip
+def plan_of(
+    path: PathChunk,
+    phases: Sequence[tuple[float, float]] | None = None,
+    *,
+    t0: float = 0.0,
+    s0: float = 0.0,
+    v: float = 50.0,
+    a: float = 1000.0,
+    j: float = 20000.0,
+) -> PlanChunk:
     """``phases`` as (duration, jerk) from rest over the whole path; rest to rest within v, a, j
     where none are given. The last one ends exactly at the path's end.
     """
@@ -95,9 +103,14 @@ def plan_of(path: PathChunk, phases: Sequence[tuple[float, float]] | None = None
     for index, (dt, jerk) in enumerate(todo):
         t, s, speed, acc = rows[-1]
         acc0 = acc if index == 0 or rows[-1][3] != 0.0 else 0.0
-        rows.append((
-            t + dt, s + dt * (speed + dt * (acc0 / 2 + dt * jerk / 6)), speed + dt * (acc0 + dt * jerk / 2), acc0 + dt * jerk,
-        ))  # fmt: skip
+        rows.append(
+            (
+                t + dt,
+                s + dt * (speed + dt * (acc0 / 2 + dt * jerk / 6)),
+                speed + dt * (acc0 + dt * jerk / 2),
+                acc0 + dt * jerk,
+            )
+        )
     table = np.array(rows)
     table[-1, 1:] = piece_s[-1], 0.0, 0.0
     return PlanChunk(
@@ -147,8 +160,18 @@ def at_rest(path: PathChunk, s0: float, grid: Grid, moves: Moves) -> tuple[int, 
 def pieces(path: PathChunk, first: int, last: int) -> PathChunk:
     """Pieces first .. last of a path."""
     some = slice(first, last + 1)
-    return PathChunk(path.axes, path.file, path.kind[some], path.at[some], path.data, path.length[some], path.feed[some],
-                     path.line[some], path.stop_after[some], path.tolerance[some])  # fmt: skip
+    return PathChunk(
+        path.axes,
+        path.file,
+        path.kind[some],
+        path.at[some],
+        path.data,
+        path.length[some],
+        path.feed[some],
+        path.line[some],
+        path.stop_after[some],
+        path.tolerance[some],
+    )
 
 
 def cut(plan: PlanChunk, times: Sequence[float]) -> list[PlanChunk]:
@@ -175,7 +198,16 @@ def cut(plan: PlanChunk, times: Sequence[float]) -> list[PlanChunk]:
         )
         base = plan.piece_s[first]
         chunks.append(
-            PlanChunk(pieces(plan.path, first, last), plan.piece_s[first : last + 2] - base, plan.t0 + begin, plan.s0 + base,
-                      t - begin, s - base, v, a, plan.phase_j[k])
-        )  # fmt: skip
+            PlanChunk(
+                pieces(plan.path, first, last),
+                plan.piece_s[first : last + 2] - base,
+                plan.t0 + begin,
+                plan.s0 + base,
+                t - begin,
+                s - base,
+                v,
+                a,
+                plan.phase_j[k],
+            )
+        )
     return chunks
