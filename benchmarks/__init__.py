@@ -1,3 +1,1 @@
-"""Speed of the planner, the interpolators, the reader and the boards, each against a baseline of
-the same run.
-"""
+"""Speed of each part, against a baseline of the same run."""

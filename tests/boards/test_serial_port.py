@@ -153,7 +153,8 @@ def test_refused_socket_is_reported() -> None:
         (OSError(errno.EIO, "Input/output error"), "port-not-usable"),
         (
             OSError(
-                "could not open port 'COM9': FileNotFoundError(2, 'The system cannot find the file specified.', None, 2)"
+                "could not open port 'COM9': FileNotFoundError(2, "
+                "'The system cannot find the file specified.', None, 2)"
             ),
             "no-such-port",
         ),

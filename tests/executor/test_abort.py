@@ -23,7 +23,10 @@ from cnc.model.streams import PulseChunk
 
 MILL = load_machine(None)
 GRBL = load_machine("grbl-uno")
-PROBED = "G21 G90\nM3 S1000\nG38.3 Z-5 F600\no1 if [#5070 EQ {}]\nG0 X3\nG1 X7 F6000\n(ABORT, contact %d#5070)\no1 endif\nG0 X9\nM2\n"
+PROBED = (
+    "G21 G90\nM3 S1000\nG38.3 Z-5 F600\no1 if [#5070 EQ {}]\nG0 X3\nG1 X7 F6000\n"
+    "(ABORT, contact %d#5070)\no1 endif\nG0 X9\nM2\n"
+)
 ABORT = 7
 """Its line."""
 

@@ -181,7 +181,8 @@ def test_duration_equals_the_time_played(program):
     report, board, told = scripted(program)
     dwells = [block for _, block in board.commands if isinstance(block, Dwell)]
     assert sum(dwell.seconds for dwell in dwells) == 0.25
-    # Pulses are in whole ns. The last step of a ramp to rest comes shortly before its end: half a BLU before it at a jerk
+    # Pulses are in whole ns. The last step of a ramp to rest comes shortly before its end:
+    # half a BLU before it at a jerk
     # of 40000 mm/s^3.
     assert -1e-9 <= report.duration_s - board.last_s <= (6 * 0.01 / 40000) ** (1 / 3)
     assert told[-1].time == pytest.approx(report.duration_s, abs=1e-9)

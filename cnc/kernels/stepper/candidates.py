@@ -42,8 +42,12 @@ from cnc.kernels.stepper.windows import Bounds, Floats, Polygon, Windows, longes
 
 
 class GridMoves(NamedTuple):
-    """Buffers of grid moves, each (n,): masks of the axes that step and that step down, due time
-    in ns.
+    """Buffers of grid moves.
+
+    Attributes:
+        axes: (n,): mask of the axes that step.
+        backward: (n,): mask of the axes that step down.
+        due: (n,): due time, ns.
     """
 
     axes: Ints

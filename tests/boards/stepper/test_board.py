@@ -41,7 +41,7 @@ class TestStepper(PulseBoardConformance):
 if REAL_PORT:
 
     class TestStepperOnAPort(PulseBoardConformance):
-        """The same on a real board, by hand (docs/how-to/stepper-board.md): it moves a few steps."""
+        """The suite on a real board, by hand (docs/how-to/stepper-board.md): a few steps."""
 
         least = 18_000
         plays_at_once = False
@@ -117,13 +117,11 @@ def test_pins_take_the_estimated_time(program: Path | None, small: Path, tmp_pat
 
 SHIPPED = sorted(path.name for path in PROGRAMS.glob("*.nc"))
 SENSING = ("turned-thread.nc",)
-"""What this board does not feel: the turning spindle."""
+"""Programs that need a spindle sensor, which this board lacks."""
 DENSE = ("crossings", "point-by-point")
-"""Algorithms that give each axis rows of its own, which may be more than the connection carries: that is
-said before anything moves.
-"""
+"""Algorithms with rows for each axis. The connection may not carry them: an error before motion."""
 PROBING = ("probing.nc",)
-"""What needs something to touch."""
+"""Programs that need a probe contact."""
 
 
 @pytest.mark.parametrize("algorithm", share(ALGORITHMS, ("crossings",)))

@@ -131,7 +131,8 @@ def test_unsuitable_machine_is_refused(
     """
     (tmp_path / "p.ngc").write_text("G21 G90\nG1 X1 F600\nM2\n")
     text = "".join(
-        f"[axes.{letter}]\nsteps_per_mm = 1000\nmax_velocity = {velocity}\nmax_acceleration = 4000\nmax_jerk = 300000\n"
+        f"[axes.{letter}]\nsteps_per_mm = 1000\nmax_velocity = {velocity}\n"
+        "max_acceleration = 4000\nmax_jerk = 300000\n"
         for letter in letters
     )
     (tmp_path / "m.toml").write_text(text + '[board]\nkind = "stepper"\nmax_step_rate = 200000\n')
