@@ -25,8 +25,9 @@ CHUNK = 65536
 
 
 def crossings(path: NDArray[np.float64], seconds: float) -> tuple[Times, Steps]:
-    """Moves where a path (points, axes) in steps, made in even time, is halfway between grid
-    points.
+    """Return the moves of a path (points, axes) in steps, traversed in even time.
+
+    A move is due where the path is halfway between two grid points.
     """
     grid = np.floor(path + 0.5).astype(np.int64)
     times, axes, signs = [], [], []
