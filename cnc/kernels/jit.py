@@ -26,6 +26,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -151,26 +152,31 @@ def _remove_old_code() -> None:
 def _last_written(folder: Path) -> float:
     """Return the time at which anything in ``folder`` was last written, s since the epoch."""
     times = [0.0]
-    for path in (folder, *folder.rglob("*")):
-        try:
-            times.append(path.stat().st_mtime)
-        except OSError:  # another process has removed it
-            continue
+    # os.walk passes over folders that another process removes meanwhile; Path.rglob raises.
+    for place, _, names in os.walk(folder):
+        for path in (place, *(os.path.join(place, name) for name in names)):
+            with suppress(OSError):
+                times.append(os.stat(path).st_mtime)
     return max(times)
 
 
 def njit(function: Kernel) -> Kernel:
     """Compile ``function`` without Python objects, cached on disk.
 
+    Kernels in a zip file are not cached, because numba needs the time of a source file. No kernel
+    is called from C, so the wrapper for that is left out; it costs 5 % of the compilation.
+
     A constant in a call between kernels has a type of its own, for which numba would compile the
     called kernel once more. Here it has the type of its value.
     """
     config: Any = numba.config
-    folder = _folder_of(Path(function.__code__.co_filename))
+    source = Path(function.__code__.co_filename)
+    folder = _folder_of(source)
     if compiling() and not folder.exists():
         _remove_old_code()
     config.CACHE_DIR = str(folder)
-    kernel: Any = numba.njit(cache=True, error_model="numpy")(function)
+    compiler = numba.njit(cache=source.is_file(), error_model="numpy", no_cfunc_wrapper=True)
+    kernel: Any = compiler(function)
     if compiling():
         template = kernel.get_call_template
 
