@@ -170,12 +170,13 @@ def njit(function: Kernel) -> Kernel:
     called kernel once more. Here it has the type of its value.
     """
     config: Any = numba.config
+    numba_njit: Any = numba.njit  # its stub lacks an option
     source = Path(function.__code__.co_filename)
     folder = _folder_of(source)
     if compiling() and not folder.exists():
         _remove_old_code()
     config.CACHE_DIR = str(folder)
-    compiler = numba.njit(cache=source.is_file(), error_model="numpy", no_cfunc_wrapper=True)
+    compiler = numba_njit(cache=source.is_file(), error_model="numpy", no_cfunc_wrapper=True)
     kernel: Any = compiler(function)
     if compiling():
         template = kernel.get_call_template
