@@ -8,10 +8,9 @@ interpolator without and with its look-ahead, and by our plan.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from time import process_time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,65 +19,27 @@ from cnc.kernels.path.curve import START
 from cnc.machine.load import load_machine
 from cnc.machine.models import Machine
 from cnc.model.blocks import NurbsFeed
-from cnc.model.units import per_minute
 from cnc.papers.algorithms.nurbs_lookahead import interpolate
-from cnc.papers.page import Cell, Figure, Section, Table
+from cnc.papers.experiments.nurbs_lookahead_figures import (
+    AS_PRINTED,
+    METRES,
+    TRIDENT,
+    LookaheadFigures,
+    Run,
+)
+from cnc.papers.page import Cell, Section, Table
 from cnc.path.build import build
 from cnc.path.chunk import PathChunk
 from cnc.planner.lookahead import LookAhead
 from cnc.planner.plan import PlanChunk
 from cnc.pulses.sampled import Sampled
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
-
 Floats = NDArray[np.float64]
 
 KNOTS = (0.0, 0.0, 0.0, 0.0, 0.25, 0.5, 0.75, 1.0, 1.0, 1.0, 1.0)
 """Ten are printed, but 7 points of degree 3 need 11. Of the seven weights of 1 six are printed."""
-TRIDENT = ((10, 0), (20, 20), (12, 8), (10, 20), (8, 8), (0, 20), (10, 0))
-"""Control points (mm) of the curve of Figure 4."""
-AS_PRINTED = ((10, 10), (20, 10), (12, 8), (10, 20), (8, 8), (0, 20), (10, 0))
 REPEATS = 20
 """Times are the least of so many."""
-METRES = per_minute(1.0) / 1e3
-"""m/min, of 1 mm/s."""
-
-
-@dataclass(frozen=True, slots=True)
-class Run:
-    """One row for each period T.
-
-    Acceleration and jerk are differences of the feed; those of our plan are the plan's own.
-
-    Attributes:
-        name: for the tables.
-        period: s.
-        position: mm.
-        feed: in the period before, mm/s.
-        accel: along the path, mm/s^2.
-        jerk: along the path, mm/s^3.
-        chord_error: mm.
-        deviation: relative deviation of the step.
-        cost: computing time of a sample, s.
-        went_back: how often the look-ahead went back.
-    """
-
-    name: str
-    period: float
-    position: Floats
-    feed: Floats
-    accel: Floats
-    jerk: Floats
-    chord_error: Floats
-    deviation: Floats
-    cost: float
-    went_back: int = 0
-
-    @property
-    def time(self) -> Floats:
-        """Time of each row, s."""
-        return self.period * np.arange(len(self.feed), dtype=np.float64)
 
 
 @cache
@@ -276,120 +237,6 @@ def legality(runs: Sequence[Run]) -> Table:
     )
 
 
-def figures(trident: PathChunk, printed: PathChunk, runs: Sequence[Run]) -> list[Figure]:
-    """Figures 4 to 10."""
-    limits = machine().path
-    back = runs[1]
-
-    def over_time(
-        axes: Any,
-        shown: Sequence[Run],
-        value: Callable[[Run], Floats],
-        label: str,
-        *bounds: float | None,
-    ) -> None:
-        for run in shown:
-            axes.plot(run.time, value(run), label=run.name, color=f"C{runs.index(run)}")
-        for bound in bounds:
-            if bound is not None:
-                axes.axhline(bound, color="0.3", linestyle=":", linewidth=0.8)
-        axes.set(xlabel="time, s", ylabel=label)
-        axes.legend()
-
-    def figure_4(canvas: Canvas) -> None:
-        for k, (name, points, path) in enumerate(
-            (("the trident", TRIDENT, trident), ("as printed", AS_PRINTED, printed))
-        ):
-            axes = canvas.add_subplot(
-                1, 2, k + 1, aspect="equal", title=name, xlabel="x, mm", ylabel="y, mm"
-            )
-            axes.plot(*np.array(points, float).T, "o--", color="0.6", linewidth=0.8, markersize=3)
-            axes.plot(*interpolate(path, limits).position[:, :2].T)
-
-    def figure_5(canvas: Canvas) -> None:
-        axes = canvas.add_subplot(
-            projection="3d", xlabel="x, mm", ylabel="y, mm", zlabel="z, mm", zlim=(-1.0, 1.0)
-        )
-        axes.plot(*back.position.T, ".-", markersize=3, linewidth=0.5)
-        axes.set_box_aspect(None, zoom=0.85)  # type: ignore[attr-defined, unused-ignore]
-
-    def figure_6(canvas: Canvas) -> None:
-        axes = canvas.add_subplot(aspect="equal", xlabel="x, mm", ylabel="y, mm")
-        points = axes.scatter(back.position[:, 0], back.position[:, 1], c=METRES * back.feed, s=5)
-        canvas.colorbar(points, ax=axes, label="feed, m/min")
-
-    def figure_7(canvas: Canvas) -> None:
-        over_time(
-            canvas.add_subplot(),
-            runs,
-            lambda run: METRES * run.feed,
-            "feed, m/min",
-            METRES * limits.max_feed,
-        )
-
-    def figure_8(canvas: Canvas) -> None:
-        over_time(
-            canvas.add_subplot(),
-            runs,
-            lambda run: 1e3 * run.chord_error,
-            "chord error, µm",
-            1e3 * limits.chord_error,
-        )
-
-    def figure_9(canvas: Canvas) -> None:
-        over_time(
-            canvas.add_subplot(),
-            runs[1:],
-            lambda run: run.deviation,
-            "deviation of the step",
-            limits.step_deviation,
-        )
-
-    def figure_10(canvas: Canvas) -> None:
-        most, jerk = limits.max_tangential_acceleration or 0.0, limits.max_jerk or 0.0
-        over_time(
-            canvas.add_subplot(2, 1, 1),
-            runs[1:],
-            lambda run: run.accel,
-            "acceleration, mm/s²",
-            -most,
-            most,
-        )
-        axes = canvas.add_subplot(2, 1, 2)
-        over_time(axes, runs[1:], lambda run: run.jerk, "jerk, mm/s³", -jerk, jerk)
-        axes.set_yscale("symlog", linthresh=2.0 * jerk)
-
-    return [
-        Figure(
-            "nurbs-4-curve",
-            "Figure 4. The curve with its control points, and as they are printed",
-            figure_4,
-            (8.0, 4.5),
-        ),
-        Figure(
-            "nurbs-5-trajectory",
-            "Figure 5. Trajectory of the interpolation: the paper's algorithm with its look-ahead",
-            figure_5,
-            (5.5, 5.0),
-        ),
-        Figure(
-            "nurbs-6-projection",
-            "Figure 6. Its projection on the plane XY, a point a period",
-            figure_6,
-            (5.5, 4.5),
-        ),
-        Figure("nurbs-7-feed", "Figure 7. Feed", figure_7),
-        Figure("nurbs-8-chord-error", "Figure 8. Chord error", figure_8),
-        Figure("nurbs-9-deviation", "Figure 9. Deviation of the step", figure_9),
-        Figure(
-            "nurbs-10-acceleration",
-            "Figure 10. Acceleration along the path, and the jerk that goes with it",
-            figure_10,
-            (7.0, 6.0),
-        ),
-    ]
-
-
 TEXT = """\
 The trident, a closed cubic NURBS, with F 18 m/min, T 1 ms, a_N 0.5 g, A 2400 mm/s², J 48 000 mm/s³,
 h_max 1 µm, delta_max 0.001. The paper's interpolator runs in its corrected form: equation 7 with
@@ -411,5 +258,5 @@ def section() -> Section:
         "Sampled interpolation of NURBS with look-ahead (Hui, Wei, Gao 2013)",
         TEXT,
         tables,
-        figures(trident, printed, runs),
+        LookaheadFigures(trident, printed, runs, machine().path).figures(),
     )
