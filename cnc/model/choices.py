@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 DialectName = Literal["auto", "linuxcnc", "grbl", "fanuc", "paper"]
-"""How a program is read. ``auto`` finds the dialect from the program."""
+"""How a program is read. ``auto`` is LinuxCNC's language with more forms of splines."""
 Interpolator = Literal["reference-pulse", "sampled"]
 """``reference-pulse`` makes grid moves. ``sampled`` also samples positions at a fixed period."""
 Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis", "crossings"]

@@ -103,10 +103,12 @@ def assert_sound(chunks):
             more, right = evaluate_s(b, j, ends(b, j)[0])
             assert faults == more == 0
             size = min(a.length[i], b.length[j])
-            assert np.abs(left[1] - right[1]).max() <= 1e-6
+            # Derivatives are differences of coordinates that are rounded: at 1 km by 1e-10 mm.
+            rounding = 8.0 * np.spacing(np.abs(left[0]).max()) / size
+            assert np.abs(left[1] - right[1]).max() <= 1e-6 + rounding
             assert (
                 np.abs(left[2] - right[2]).max() * size
-                <= 1e-6 + 1e-12 / size + 1e-5 * np.abs(left[2]).max() * size
+                <= 1e-6 + 1e-12 / size + 1e-5 * np.abs(left[2]).max() * size + rounding
             )
 
 

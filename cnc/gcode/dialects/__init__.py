@@ -11,15 +11,16 @@ import tomllib
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from cnc.gcode.syntax.code_numbers import G_OF_TENTHS, M_OF_NUMBER, G, M
 from cnc.gcode.syntax.parser import Flavour
 from cnc.gcode.syntax.words import Word, fault
 from cnc.model.blocks import PathControl
+from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic, GcodeError, UsageError
 
-NAMES = ("auto", "linuxcnc", "grbl", "fanuc", "paper")
+NAMES: tuple[str, ...] = get_args(DialectName)
 
 
 @dataclass(frozen=True, slots=True)
