@@ -9,7 +9,8 @@ read-only, or else in a private folder under the system's temporary folder.
 
 numba compares a kernel's code with its own file only, but the code contains that of every kernel
 that it calls. So each file has a folder of its own, named by a digest of its text and of the texts
-of all kernel files that it imports. A change compiles only the files that depend on it.
+of all kernel files that it imports. A change compiles only the files that depend on it. The names
+do not contain the place of the sources, so the compiled code can be copied to another place.
 
 The folders of earlier texts are removed when a process is about to compile. A folder in which code
 was written within the last hour stays, since another process may still use it.
@@ -25,6 +26,7 @@ import stat
 import sys
 import tempfile
 import time
+import uuid
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -36,6 +38,8 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 _IMPORT = re.compile(r"^from cnc\.kernels\.([\w.]+) import", re.MULTILINE)
 _SOURCES = Path(__file__).parent
 _TAG = sys.implementation.cache_tag or sys.implementation.name
+_OURS = uuid.uuid4().hex[:12]
+"""Part of the names of files that this process writes."""
 _KEPT_S = 3600.0
 """s. A folder of an earlier text stays so long after code was last written to it."""
 
@@ -87,7 +91,20 @@ _cache_folder = _choose_cache_folder()
 os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder)  # for child processes as well
 
 import numba  # noqa: E402 - reads NUMBA_CACHE_DIR when it is imported
+from numba.core.caching import UserProvidedCacheLocator  # noqa: E402
 from numba.core.types import unliteral  # noqa: E402
+
+
+class FolderOfFile(UserProvidedCacheLocator):
+    """Tells numba to keep a kernel's code in ``numba.config.CACHE_DIR`` itself.
+
+    numba would add a subfolder that is named by the path of the sources.
+    """
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        """Return no subfolder."""
+        return ""
 
 
 @cache
@@ -175,10 +192,19 @@ def njit(function: Kernel) -> Kernel:
     folder = _folder_of(source)
     if compiling() and not folder.exists():
         _remove_old_code()
-    config.CACHE_DIR = str(folder)
     compiler = numba_njit(cache=source.is_file(), error_model="numpy", no_cfunc_wrapper=True)
-    kernel: Any = compiler(function)
+    config.CACHE_DIR, classes = str(folder), config.CACHE_LOCATOR_CLASSES
+    config.CACHE_LOCATOR_CLASSES = f"{__name__}.{FolderOfFile.__name__}"
+    try:
+        kernel: Any = compiler(function)
+    finally:
+        config.CACHE_LOCATOR_CLASSES = classes
     if compiling():
+        if source.is_file():
+            # numba numbers the files of a kernel's variants. Two processes that write at once would
+            # use one number for two variants, and one of them would then run the other's code.
+            files = kernel._cache._cache_file
+            files._data_name_pattern = files._data_name_pattern.replace(".nbc", f".{_OURS}.nbc")
         template = kernel.get_call_template
 
         def without_literals(args: Any, kws: Any) -> Any:
