@@ -13,7 +13,7 @@ from cnc.kernels.planner.subdivision import chunk_intervals
 from cnc.path.chunk import PathChunk
 from cnc.planner.limits import Limits
 
-STANDSTILL = Junction(0.0, True)
+STANDSTILL = Junction(0.0, True, 1.0, 0.0)
 """A junction at which the motion rests."""
 
 
@@ -45,6 +45,7 @@ def intervals_of(path: PathChunk, limits: Limits, before: Junction, after: Junct
             accel=np.empty((space, LEVELS)),
             jerk=np.empty((space, LEVELS)),
             flat=np.empty(space, np.bool_),
+            share=np.empty(space),
             sampled=np.empty((space, 2)),
             samples=np.empty((space, SAMPLES, 3, len(path.axes))),
         )

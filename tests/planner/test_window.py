@@ -32,6 +32,7 @@ def planned(bound_s, speeds, accels, jerks, flat, v_start):
         accel=accels,
         jerk=jerks,
         flat=flat,
+        share=np.ones(n),
         sampled=np.zeros((n, 2)),
         samples=np.zeros((n, SAMPLES, 3, 1)),
     )

@@ -44,6 +44,7 @@ class Cells(NamedTuple):
         length: (n,): mm.
         top: (n, 2): speed bounds in the middle and at the end of each cell, mm/s.
         share: (n,): share of the limits of acceleration and jerk that a cell may use.
+        pace: (n,): share of its speed bounds that it may use; ``top`` includes it.
         q: (n, 3, 3, axes + 1): q', q'', q''' at the start, in the middle and at the end; the last
             column is for the path itself.
     """
@@ -54,6 +55,7 @@ class Cells(NamedTuple):
     length: Floats
     top: Floats
     share: Floats
+    pace: Floats
     q: Floats
 
 
@@ -120,3 +122,41 @@ def cell_phases(
     elif middle < 0.0 < a1:
         lowest = v_middle - middle * middle / (2.0 * j2)
     return lowest > 0.0
+
+
+@njit
+def empty_cells(n: int, columns: int) -> Cells:
+    """Return arrays for ``n`` cells; each may use all of the limits.
+
+    ``columns``: number of axes, and 1 for the path.
+    """
+    return Cells(
+        np.empty(n + 1),
+        np.empty(n + 1),
+        np.empty(n + 1),
+        np.empty(n),
+        np.empty((n, 2)),
+        np.ones(n),
+        np.ones(n),
+        np.empty((n, 3, 3, columns)),
+    )
+
+
+@njit
+def with_motion(cells: Cells, v: Floats, a: Floats) -> Cells:
+    """Return the same cells with another motion."""
+    return Cells(cells.s, v, a, cells.length, cells.top, cells.share, cells.pace, cells.q)
+
+
+@njit
+def duration_of(cells: Cells) -> float:
+    """Return the duration of the motion through all cells, s; infinite if there is none."""
+    x = np.empty(5)
+    slope = np.empty((5, 4))
+    v, a = cells.v, cells.a
+    total = 0.0
+    for m in range(len(cells.length)):
+        if not cell_phases(v[m], a[m], v[m + 1], a[m + 1], cells.length[m], x, slope):
+            return math.inf
+        total += 2.0 * x[H]
+    return total

@@ -8,14 +8,22 @@ junctions, and the middle of a cruise at the largest speed.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.planner.cell_motion import Cells
-from cnc.kernels.planner.intervals import Intervals, SumLimits, derivatives, interval_at
+from cnc.kernels.planner.cell_motion import Cells, cell_phases, empty_cells
+from cnc.kernels.planner.intervals import (
+    SAMPLES,
+    Intervals,
+    SumLimits,
+    derivatives,
+    interval_at,
+)
 from cnc.kernels.planner.phases import Phases, phase_at
+from cnc.kernels.planner.scurve import phase_time
 
 Flags = NDArray[np.bool_]
 
@@ -39,6 +47,43 @@ FASTEST = 0.985
 
 STEEPEST = 0.85
 """The same for acceleration and jerk, as parts of their bounds on a straight path."""
+
+
+REACHED = 1.6
+"""The refinement may be this much faster than the bound that leaves acceleration for any direction.
+"""
+
+JUMP = 0.01
+"""A cell is cut at a knot where the jump of q'' v^2 or q''' v^3 is this share of a limit."""
+
+STEP = 0.04
+"""A cell is cut where the speed bound changes by this share at once."""
+
+NEAR_KNOT = 0.35
+"""Part of a cell within which a knot takes the place of a cut."""
+
+NEAR_END = 1e-9
+"""mm; a knot this near to an end of a stretch, or to another, is not a cut."""
+
+
+class Stretch(NamedTuple):
+    """Rows of a plan that are refined together.
+
+    Attributes:
+        rows: the phases of the plan.
+        first: the first of them in the stretch.
+        last: the one behind it.
+        end_s: arc length at its end, mm.
+        end_v: speed there, mm/s; the acceleration is 0.
+        rough: whether the plan itself may be illegal.
+    """
+
+    rows: Phases
+    first: int
+    last: int
+    end_s: float
+    end_v: float
+    rough: bool
 
 
 @njit
@@ -141,15 +186,11 @@ def can_gain(rows: Phases, first: int, last: int, known: Intervals, limits: SumL
 
 
 @njit
-def place_cuts(
-    rows: Phases, first: int, last: int, known: Intervals, cells: Cells, write: bool
-) -> int:
-    """Cut the motion of the rows [first, last) into cells.
+def place_cuts(stretch: Stretch, known: Intervals, cells: Cells, write: bool) -> int:
+    """Cut the motion of a stretch into cells.
 
     Args:
-        rows: the phases.
-        first: the first of them in the range.
-        last: the one behind the range.
+        stretch: of the plan.
         known: the intervals of the path.
         cells: receives arc length, speed and acceleration at the cuts.
         write: whether to write them, or only to count.
@@ -158,6 +199,7 @@ def place_cuts(
         The number of cells.
     """
     end = known.end
+    rows, first, last = stretch.rows, stretch.first, stretch.last
     ramp = 0.0
     whole = 0.0
     for r in range(first, last):
@@ -195,12 +237,6 @@ def place_cuts(
             if t + 1.4 * size >= duration:
                 break
             t += size
-    if write:
-        row = rows[last - 1]
-        s, v, _ = phase_at(row["duration"], row["s"], row["v"], row["a"], row["j"])
-        cells.s[count] = s
-        cells.v[count] = v
-        cells.a[count] = 0.0
     return count
 
 
@@ -217,10 +253,123 @@ def describe(cells: Cells, known: Intervals) -> None:
         middle = 0.5 * (s[m] + s[m + 1])
         k = interval_at(middle, k, end)
         derivatives(k, middle, known, q[m, 1])
-        cell_top[m, 0] = top[k]
+        cell_top[m, 0] = cells.pace[m] * top[k]
         k = interval_at(s[m + 1], k, end)
-        cell_top[m, 1] = top[k]
+        cell_top[m, 1] = cells.pace[m] * top[k]
         if k > 0 and s[m + 1] <= end[k - 1]:
             k -= 1
-            cell_top[m, 1] = min(cell_top[m, 1], top[k])
+            cell_top[m, 1] = min(cell_top[m, 1], cells.pace[m] * top[k])
         derivatives(k, s[m + 1], known, q[m, 2])
+
+
+@njit
+def matters(known: Intervals, k: int, limits: SumLimits) -> bool:
+    """Return whether the path or its bounds jump at the end of interval ``k``."""
+    if known.share[k] != known.share[k + 1]:
+        return True
+    if abs(known.top[k + 1] - known.top[k]) > STEP * min(known.top[k], known.top[k + 1]):
+        return True
+    v = REACHED * min(known.speed[k], known.speed[k + 1])
+    v = min(v, known.top[k], known.top[k + 1])
+    before, after = known.samples[k, SAMPLES - 1], known.samples[k + 1, 0]
+    for i in range(known.samples.shape[3]):
+        if abs(after[1, i] - before[1, i]) * v * v > JUMP * limits.a[i]:
+            return True
+        if abs(after[2, i] - before[2, i]) * v * v * v > JUMP * limits.j[i]:
+            return True
+    return False
+
+
+@njit
+def with_knots(cells: Cells, stretch: Stretch, known: Intervals, limits: SumLimits) -> Cells:
+    """Return the cells with cuts where q'' or q''' jumps; cuts near to these are left out.
+
+    Only arc length, speed and acceleration at the cuts are set.
+    """
+    end, s, rows = known.end, cells.s, stretch.rows
+    n = len(cells.length)
+    first = np.searchsorted(end, s[0] + NEAR_END)
+    last = np.searchsorted(end, s[n] - NEAR_END)
+    out = empty_cells(n + max(last - first, 0), cells.q.shape[3])
+    out.s[0], out.v[0], out.a[0] = s[0], cells.v[0], cells.a[0]
+    count = 1
+    at_knot = False
+    k = first
+    r = stretch.first
+    for m in range(1, n + 1):
+        while k < last and end[k] < s[m] + NEAR_KNOT * (s[m] - s[m - 1]):
+            if k + 1 < len(end) and matters(known, k, limits):
+                while r + 1 < stretch.last and rows[r + 1]["s"] <= end[k]:
+                    r += 1
+                row = rows[r]
+                t = phase_time(row["v"], row["a"], row["j"], row["duration"], end[k] - row["s"])
+                _, v, a = phase_at(t, row["s"], row["v"], row["a"], row["j"])
+                close = NEAR_KNOT * (s[m] - s[m - 1])
+                if not at_knot and count > 1 and end[k] - out.s[count - 1] < close:
+                    count -= 1
+                if end[k] > out.s[count - 1] + NEAR_END:
+                    out.s[count], out.v[count], out.a[count] = end[k], v, a
+                    count += 1
+                    at_knot = True
+            k += 1
+        if m == n:
+            break
+        close = NEAR_KNOT * min(s[m] - s[m - 1], s[m + 1] - s[m])
+        if s[m] > out.s[count - 1] + (close if at_knot else 0.0):
+            out.s[count], out.v[count], out.a[count] = s[m], cells.v[m], cells.a[m]
+            count += 1
+            at_knot = False
+    out.s[count], out.v[count], out.a[count] = s[n], cells.v[n], cells.a[n]
+    return part_of(out, 0, count)
+
+
+@njit
+def plan_cells(stretch: Stretch, known: Intervals, limits: SumLimits) -> Cells:
+    """Return the cells of a stretch of the plan, with the plan's motion and nothing else set."""
+    columns = len(limits.a)
+    number = place_cuts(stretch, known, empty_cells(0, columns), False)
+    cells = empty_cells(number, columns)
+    place_cuts(stretch, known, cells, True)
+    cells.s[number], cells.v[number], cells.a[number] = stretch.end_s, stretch.end_v, 0.0
+    return with_phases(with_knots(cells, stretch, known, limits), stretch)
+
+
+@njit
+def with_phases(cells: Cells, stretch: Stretch) -> Cells:
+    """Return the cells, cut at the ends of the plan's phases where else no motion leads through.
+
+    A cell within one phase has the motion of that phase.
+    """
+    rows = stretch.rows
+    n = len(cells.length)
+    x = np.empty(5)
+    slope = np.empty((5, 4))
+    out = empty_cells(n + stretch.last - stretch.first, cells.q.shape[3])
+    count = 0
+    r = stretch.first
+    for m in range(n):
+        out.s[count], out.v[count], out.a[count] = cells.s[m], cells.v[m], cells.a[m]
+        count += 1
+        while r < stretch.last and rows[r]["s"] <= cells.s[m] + NEAR_END:
+            r += 1
+        v, a = cells.v, cells.a
+        if cell_phases(v[m], a[m], v[m + 1], a[m + 1], cells.length[m], x, slope):
+            continue
+        while r < stretch.last and rows[r]["s"] < cells.s[m + 1] - NEAR_END:
+            if rows[r]["s"] > out.s[count - 1] + NEAR_END:
+                out.s[count], out.v[count], out.a[count] = rows[r]["s"], rows[r]["v"], rows[r]["a"]
+                count += 1
+            r += 1
+    out.s[count], out.v[count], out.a[count] = cells.s[n], cells.v[n], cells.a[n]
+    return part_of(out, 0, count)
+
+
+@njit
+def part_of(cells: Cells, first: int, last: int) -> Cells:
+    """Return copies of the cells [first, last), without what follows from the path."""
+    out = empty_cells(last - first, cells.q.shape[3])
+    out.s[:] = cells.s[first : last + 1]
+    out.v[:] = cells.v[first : last + 1]
+    out.a[:] = cells.a[first : last + 1]
+    out.length[:] = out.s[1:] - out.s[:-1]
+    return out

@@ -8,8 +8,8 @@ neighbours only. The descent minimises
 
 by Newton's method with the Gauss-Newton part of the barrier's Hessian. That is block tridiagonal
 with blocks of 2 x 2, so that a step costs O(n). The speeds change along v^2, in which the
-constraints are nearly linear. If the first motion is at or beyond a limit, all limits are raised at
-first, and lowered again as the motion leaves them.
+constraints are nearly linear. Where the first motion is at or beyond a limit, the limits of that
+cell are raised at first, and lowered again as the motion leaves them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.planner.cell_motion import A_MIDDLE, J1, J2, V_MIDDLE, Cells, H, cell_phases
+from cnc.kernels.planner.barrier import add_point, point_barrier, start_with_time
+from cnc.kernels.planner.cell_motion import (
+    A_MIDDLE,
+    J1,
+    J2,
+    V_MIDDLE,
+    Cells,
+    H,
+    cell_phases,
+    with_motion,
+)
 from cnc.kernels.planner.intervals import SumLimits
 
 Floats = NDArray[np.float64]
@@ -56,56 +66,29 @@ class NewtonSystem(NamedTuple):
         upper: (n + 1, 2, 2): the blocks beside the diagonal.
         gradient: (n + 1, 2).
         step: (n + 1, 2): the solution.
+        lift: (n,): share by which the limits of each cell are raised.
+        used: (n,): the largest constraint of each cell, as a share of the limit not raised.
     """
 
     diagonal: Floats
     upper: Floats
     gradient: Floats
     step: Floats
+    lift: Floats
+    used: Floats
 
 
 @njit
-def start_with_time(weight: float, h: float, dx: Floats, rest: Floats, block: Floats) -> None:
-    """Set gradient and Hessian of a cell to those of its time.
-
-    Args:
-        weight: of the time.
-        h: half the duration of the cell, s.
-        dx: (5, 4): the derivatives of :func:`cell_phases`.
-        rest: (4,): receives the gradient.
-        block: (4, 4): receives the Hessian.
-    """
-    curved = 6.0 * weight / h
-    for m in range(4):
-        rest[m] = 2.0 * weight * dx[H, m]
-        for o in range(4):
-            block[m, o] = curved * dx[H, m] * dx[H, o]
-
-
-@njit
-def constraint_slope(p: int, by_v: float, by_a: float, by_j: float, dx: Floats, c: Floats) -> None:
-    """Compute the derivatives of a constraint by the variables of a cell.
-
-    Args:
-        p: the point: 0 for the start, 1 and 2 for the middle, 3 for the end.
-        by_v: derivative of the constraint by the speed there.
-        by_a: by the acceleration.
-        by_j: by the jerk.
-        dx: (5, 4): the derivatives of :func:`cell_phases`.
-        c: (4,): receives the result.
-    """
-    jerk_row = J1 if p < 2 else J2
-    for m in range(4):
-        c[m] = by_j * dx[jerk_row, m]
-    if p == 0:
-        c[0] += by_v
-        c[1] += by_a
-    elif p == 3:
-        c[2] += by_v
-        c[3] += by_a
-    else:
-        for m in range(4):
-            c[m] += by_v * dx[V_MIDDLE, m] + by_a * dx[A_MIDDLE, m]
+def system_for(n: int, lift: float) -> NewtonSystem:
+    """Return a system for ``n`` cells whose limits are all raised by ``lift``."""
+    return NewtonSystem(
+        np.zeros((n + 1, 2, 2)),
+        np.zeros((n + 1, 2, 2)),
+        np.zeros((n + 1, 2)),
+        np.zeros((n + 1, 2)),
+        np.full(n, lift),
+        np.zeros(n),
+    )
 
 
 @njit
@@ -115,7 +98,6 @@ def merit(
     cells: Cells,
     limits: SumLimits,
     weight: float,
-    lift: float,
     slopes: bool,
     system: NewtonSystem,
 ) -> tuple[float, float, float]:
@@ -127,107 +109,67 @@ def merit(
         cells: the cells and the motion.
         limits: for the sums.
         weight: of the time.
-        lift: share by which the limits are raised.
         slopes: whether to write the gradient and the blocks of the Hessian to ``system``.
-        system: receives them.
+        system: has the lift of each cell; receives them, and the constraint of each cell.
 
     Returns:
         The value, the largest constraint, and the time; infinite beyond a raised limit.
     """
-    v, a, share, q = cells.v, cells.a, cells.share, cells.q
-    length, top = cells.length, cells.top
-    limit_a, limit_j = limits.a, limits.j
-    diagonal, upper, gradient = system.diagonal, system.upper, system.gradient
+    v, a, q = cells.v, cells.a, cells.q
     x = np.empty(5)
     dx = np.empty((5, 4))
-    c = np.empty(4)
     block = np.empty((4, 4))
     rest = np.empty(4)
-    axes = q.shape[3]
+    gradient = np.empty(3)
+    curved = np.empty((3, 3))
     value = 0.0
     worst = 0.0
     time = 0.0
     if slopes:
-        diagonal[first : last + 1] = 0.0
-        upper[first:last] = 0.0
-        gradient[first : last + 1] = 0.0
+        system.diagonal[first : last + 1] = 0.0
+        system.upper[first:last] = 0.0
+        system.gradient[first : last + 1] = 0.0
     for k in range(first, last):
-        if not cell_phases(v[k], a[k], v[k + 1], a[k + 1], length[k], x, dx):
+        if not cell_phases(v[k], a[k], v[k + 1], a[k + 1], cells.length[k], x, dx):
             return math.inf, math.inf, math.inf
         time += 2.0 * x[H]
-        allowed = (1.0 + lift) * share[k]
+        raised = 1.0 + system.lift[k]
+        allowed = raised * cells.share[k]
         product = 1.0
+        used = 0.0
         if slopes:
             start_with_time(weight, x[H], dx, rest, block)
         for p in range(4):
             # Start, end of the first phase, start of the second, end.
+            speed, accel = x[V_MIDDLE], x[A_MIDDLE]
             if p == 0:
-                speed = v[k]
-                accel = a[k]
+                speed, accel = v[k], a[k]
             elif p == 3:
-                speed = v[k + 1]
-                accel = a[k + 1]
-            else:
-                speed = x[V_MIDDLE]
-                accel = x[A_MIDDLE]
+                speed, accel = v[k + 1], a[k + 1]
             jerk = x[J1] if p < 2 else x[J2]
-            place = (p + 1) // 2
-            for i in range(axes):
-                q1 = q[k, place, 0, i]
-                q2 = q[k, place, 1, i]
-                q3 = q[k, place, 2, i]
-                for order in range(2):
-                    if order == 0:
-                        if p == 2 or limit_a[i] == math.inf:
-                            continue
-                        scale = 1.0 / (limit_a[i] * allowed)
-                        taken = scale * (q1 * accel + q2 * speed * speed)
-                        by_v = scale * 2.0 * q2 * speed
-                        by_a = scale * q1
-                        by_j = 0.0
-                    else:
-                        if limit_j[i] == math.inf:
-                            continue
-                        scale = 1.0 / (limit_j[i] * allowed)
-                        taken = scale * (
-                            q1 * jerk + 3.0 * q2 * speed * accel + q3 * speed * speed * speed
-                        )
-                        by_v = scale * 3.0 * (q2 * accel + q3 * speed * speed)
-                        by_a = scale * 3.0 * q2 * speed
-                        by_j = scale * q1
-                    slack = 1.0 - taken * taken
-                    worst = max(worst, abs(taken))
-                    if not slack > 0.0:
-                        return math.inf, math.inf, math.inf
-                    product *= slack
-                    if slopes:
-                        constraint_slope(p, by_v, by_a, by_j, dx, c)
-                        pull = 2.0 * taken / slack
-                        stiff = 2.0 * (1.0 + taken * taken) / (slack * slack)
-                        for m in range(4):
-                            rest[m] += pull * c[m]
-                            for o in range(m, 4):
-                                block[m, o] += stiff * c[m] * c[o]
+            left, taken = point_barrier(
+                q[k, (p + 1) // 2], speed, accel, jerk, limits, allowed, slopes, gradient, curved
+            )
+            used = max(used, taken)
             if p == 1 or (p == 3 and k + 1 < last):
-                taken = speed / (top[k, p // 2] * (1.0 + lift))
-                slack = 1.0 - taken
-                worst = max(worst, taken)
-                if not slack > 0.0:
-                    return math.inf, math.inf, math.inf
-                product *= slack
-                if slopes:
-                    for m in range(4):
-                        c[m] = taken / speed * dx[V_MIDDLE, m] if p == 1 else 0.0
-                    if p == 3:
-                        c[2] = taken / speed
-                    for m in range(4):
-                        rest[m] += c[m] / slack
-                        for o in range(m, 4):
-                            block[m, o] += c[m] * c[o] / (slack * slack)
+                scale = 1.0 / (cells.top[k, p // 2] * raised)
+                slack = 1.0 - scale * speed
+                used = max(used, scale * speed)
+                left *= max(slack, 0.0)
+                if slopes and slack > 0.0:
+                    gradient[0] += scale / slack
+                    curved[0, 0] += scale * scale / (slack * slack)
+            if not left > 0.0:
+                return math.inf, math.inf, math.inf
+            product *= left
+            if slopes:
+                add_point(p, gradient, curved, dx, rest, block)
+        system.used[k] = used * raised
+        worst = max(worst, used * raised)
         value -= math.log(product)
         if slopes:
             add_to_system(k, rest, block, system)
-    return value + weight * time, worst * (1.0 + lift), time
+    return value + weight * time, worst, time
 
 
 @njit
@@ -297,6 +239,34 @@ def newton_step(first: int, last: int, system: NewtonSystem) -> float:
 
 
 @njit
+def start_lifts(first: int, last: int, system: NewtonSystem) -> bool:
+    """Raise the limits of the cells that are at or beyond them; return whether there are any."""
+    lifted = False
+    for k in range(first, last):
+        system.lift[k] = 0.0
+        if system.used[k] >= NEAR:
+            system.lift[k] = 1.5 * max(system.used[k] - 1.0, 0.0) + LIFT
+            lifted = True
+    return lifted
+
+
+@njit
+def lower_lifts(first: int, last: int, part: float, system: NewtonSystem) -> bool:
+    """Lower the raised limits after a step of length ``part``; return whether some stay raised."""
+    lifted = False
+    for k in range(first, last):
+        lift = system.lift[k]
+        if lift > 0.0:
+            if system.used[k] < NEAR:
+                system.lift[k] = 0.0
+            else:
+                lifted = True
+                if part > 0.4:
+                    system.lift[k] -= 0.5 * (1.0 + lift - system.used[k])
+    return lifted
+
+
+@njit
 def centre(first: int, last: int, cells: Cells, limits: SumLimits, weight: float) -> float:
     """Move speed and acceleration at the cuts inside [first, last] to the minimum for one weight.
 
@@ -311,23 +281,18 @@ def centre(first: int, last: int, cells: Cells, limits: SumLimits, weight: float
         The largest constraint: more than 1 if the limits could not be kept.
     """
     v, a = cells.v, cells.a
-    system = NewtonSystem(
-        np.zeros((last + 1, 2, 2)),
-        np.zeros((last + 1, 2, 2)),
-        np.zeros((last + 1, 2)),
-        np.zeros((last + 1, 2)),
-    )
+    system = system_for(last, HIGH)
     step = system.step
     v2 = v.copy()
     a2 = a.copy()
-    trial = Cells(cells.s, v2, a2, cells.length, cells.top, cells.share, cells.q)
-    _, worst, time = merit(first, last, cells, limits, 0.0, HIGH, False, system)
+    trial = with_motion(cells, v2, a2)
+    _, worst, time = merit(first, last, cells, limits, 0.0, False, system)
     if not time < math.inf:
         return math.inf
-    lift = 0.0 if worst < NEAR else 1.5 * max(worst - 1.0, 0.0) + LIFT
+    lifted = start_lifts(first, last, system)
     weight *= (last - first) / time
     for _ in range(STEPS):
-        before, worst, _ = merit(first, last, cells, limits, weight, lift, True, system)
+        before, worst, _ = merit(first, last, cells, limits, weight, True, system)
         slope = newton_step(first, last, system)
         if not slope < 0.0:
             break
@@ -337,7 +302,7 @@ def centre(first: int, last: int, cells: Cells, limits: SumLimits, weight: float
             for k in range(first + 1, last):
                 v2[k] = math.sqrt(max(v[k] * (v[k] + 2.0 * part * step[k, 0]), 0.0))
                 a2[k] = a[k] + part * step[k, 1]
-            after, reached, _ = merit(first, last, trial, limits, weight, lift, False, system)
+            after, reached, _ = merit(first, last, trial, limits, weight, False, system)
             if after < before + 0.1 * part * slope:
                 moved = True
                 break
@@ -348,11 +313,8 @@ def centre(first: int, last: int, cells: Cells, limits: SumLimits, weight: float
         for k in range(first + 1, last):
             v[k] = v2[k]
             a[k] = a2[k]
-        if lift > 0.0:
-            if worst < NEAR:
-                lift = 0.0
-            elif part > 0.4:
-                lift -= 0.5 * (1.0 + lift - worst)
+        if lifted:
+            lifted = lower_lifts(first, last, part, system)
         elif -slope < CENTRED * (last - first):
             break
-    return worst if lift == 0.0 else max(worst, 1.0 + TOUCH)
+    return worst if not lifted else max(worst, 1.0 + TOUCH)

@@ -35,6 +35,7 @@ class Intervals(NamedTuple):
         jerk: (n, LEVELS): bounds on tangential jerk, mm/s^3.
         flat: (n,) bool: crossed at constant speed. A stop is a flat interval of length 0 and
             speed 0.
+        share: (n,): share of the limits of acceleration and jerk that the motion may use.
         sampled: (n, 2): arc lengths of the first and the last sample, mm.
         samples: (n, SAMPLES, 3, axes): the first three derivatives of the path by arc length.
     """
@@ -45,6 +46,7 @@ class Intervals(NamedTuple):
     accel: Floats
     jerk: Floats
     flat: NDArray[np.bool_]
+    share: Floats
     sampled: Floats
     samples: Floats
 
@@ -76,18 +78,21 @@ def interval_at(s: float, start: int, end: Floats) -> int:
 def derivatives(k: int, s: float, known: Intervals, out: Floats) -> None:
     """Write q', q'', q''' at ``s`` in interval ``k`` to ``out`` (3, axes + 1).
 
-    They follow the quartic through the five samples. The last column is for the path itself.
+    They follow the quartic through the five samples. The last column is for the path itself. All
+    are divided by the share of the limits that the interval allows, so that they compare with the
+    whole limits.
     """
     sampled, samples = known.sampled, known.samples
     axes = samples.shape[3]
     extent = sampled[k, 1] - sampled[k, 0]
     x = min(max((s - sampled[k, 0]) / extent, 0.0), 1.0) if extent > 0.0 else 0.0
     x *= 4.0
-    w0 = (x - 1.0) * (x - 2.0) * (x - 3.0) * (x - 4.0) / 24.0
-    w1 = -x * (x - 2.0) * (x - 3.0) * (x - 4.0) / 6.0
-    w2 = x * (x - 1.0) * (x - 3.0) * (x - 4.0) / 4.0
-    w3 = -x * (x - 1.0) * (x - 2.0) * (x - 4.0) / 6.0
-    w4 = x * (x - 1.0) * (x - 2.0) * (x - 3.0) / 24.0
+    unit = 1.0 / known.share[k]
+    w0 = unit * (x - 1.0) * (x - 2.0) * (x - 3.0) * (x - 4.0) / 24.0
+    w1 = -unit * x * (x - 2.0) * (x - 3.0) * (x - 4.0) / 6.0
+    w2 = unit * x * (x - 1.0) * (x - 3.0) * (x - 4.0) / 4.0
+    w3 = -unit * x * (x - 1.0) * (x - 2.0) * (x - 4.0) / 6.0
+    w4 = unit * x * (x - 1.0) * (x - 2.0) * (x - 3.0) / 24.0
     for order in range(3):
         for i in range(axes):
             out[order, i] = (
@@ -97,7 +102,7 @@ def derivatives(k: int, s: float, known: Intervals, out: Floats) -> None:
                 + w3 * samples[k, 3, order, i]
                 + w4 * samples[k, 4, order, i]
             )
-        out[order, axes] = 1.0 if order == 0 else 0.0
+        out[order, axes] = unit if order == 0 else 0.0
 
 
 @njit

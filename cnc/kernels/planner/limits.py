@@ -63,8 +63,13 @@ almost no time.
 """
 
 UNSEEN = 5e-4
-"""Share of a limit that a jump may use without a stretch of constant speed; the planner leaves that
-share of the jerk limits free.
+"""Share of a limit that a jump may always use; the planner leaves that share of the jerk limits
+free.
+"""
+
+GENTLE = 0.1
+"""Share of a limit that a jump may use without a stretch of constant speed. Beside the jump the
+motion uses no more than the rest.
 """
 
 
@@ -74,10 +79,14 @@ class Junction(NamedTuple):
     Attributes:
         speed: mm/s; 0 for a stop.
         flat: whether the speed must be constant about the junction.
+        share: share of the limits of acceleration and jerk that the motion may use about it.
+        reach: length on either side to which the last two apply, mm.
     """
 
     speed: float
     flat: bool
+    share: float
+    reach: float
 
 
 @njit
@@ -133,16 +142,25 @@ def curvature_of(data: Floats, at: int, q: Floats) -> float:
 
 @njit
 def junction_speed(
-    data: Floats, at: int, before: Floats, after: Floats, v: float, limits: LimitArrays
+    data: Floats,
+    at: int,
+    before: Floats,
+    after: Floats,
+    v: float,
+    top: float,
+    shorter: float,
+    limits: LimitArrays,
 ) -> Junction:
-    """Return the junction of two pieces for a motion at up to ``v`` mm/s.
+    """Return the junction of two pieces.
 
     Args:
         data: the records.
         at: index of the record of either piece, for its metric axes.
         before: (4, axes): the derivatives by arc length before the junction.
         after: (4, axes): those behind it.
-        v: the speed that the pieces allow there, mm/s.
+        v: the speed at which the pieces leave acceleration for any direction, mm/s.
+        top: the speed that no motion exceeds there, mm/s.
+        shorter: length of the shorter piece, mm.
         limits: of the machine.
     """
     axis_a, axis_j = limits.axis_acceleration, limits.axis_jerk
@@ -169,9 +187,13 @@ def junction_speed(
             by_v2 = max(by_v2, 0.75 * bend / (axis_j[i] * period))
     # The step across a corner is shorter than the path by turn^2 / 8 at least.
     if turn > CORNER or turn * turn > 8.0 * limits.step_deviation:
-        return Junction(0.0, True)
-    if by_v * v + by_v2 * v * v <= UNSEEN:
-        return Junction(v, False)
+        return Junction(0.0, True, 1.0, 0.0)
+    reach = FLAT_PERIODS * period * top
+    taken = by_v * top + by_v2 * top * top
+    if taken <= UNSEEN:
+        return Junction(v, False, 1.0, 0.0)
+    if taken <= GENTLE and reach <= FLAT_SHARE * shorter:
+        return Junction(v, False, 1.0 - taken, reach)
     # At constant speed the curves use part of the limits as well. The sum rises with the speed, so
     # bisection finds the largest speed.
     low = 0.0
@@ -190,8 +212,8 @@ def junction_speed(
         else:
             high = v
         v = 0.5 * (low + high)
-    v = low
-    return Junction(v, True)
+    v = min(low, FLAT_SHARE * shorter / (FLAT_PERIODS * period))
+    return Junction(v, True, 1.0, FLAT_PERIODS * period * v)
 
 
 @njit
@@ -231,15 +253,9 @@ def piece_junction(
         or differ
         or max(curvature_of(data_a, at_a, q[0]), curvature_of(data_b, at_b, q[1])) * SHORTEST > 1.0
     ):
-        return Junction(0.0, True)
+        return Junction(0.0, True, 1.0, 0.0)
     v_a, top_a = speed_bounds(data_a, at_a, q[0], feed_a, limits)
     v_b, top_b = speed_bounds(data_b, at_b, q[1], feed_b, limits)
-    v = min(v_a, v_b)
-    top = min(top_a, top_b)
-    speed, flat = junction_speed(data_a, at_a, q[0], q[1], v, limits)
-    if not flat and top > v:
-        # A refined motion may reach that speed.
-        flat = junction_speed(data_a, at_a, q[0], q[1], top, limits).flat
-    if flat:
-        speed = min(speed, FLAT_SHARE * shorter / (FLAT_PERIODS * limits.period))
-    return Junction(speed, flat)
+    return junction_speed(
+        data_a, at_a, q[0], q[1], min(v_a, v_b), min(top_a, top_b), shorter, limits
+    )

@@ -25,36 +25,36 @@ It costs 8 us a cell on a curve that binds; a plan in which no curve costs time 
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.kernels.jit import njit
-from cnc.kernels.planner.cell_motion import A_MIDDLE, J1, J2, V_MIDDLE, Cells, H, cell_phases
-from cnc.kernels.planner.cells import can_gain, describe, place_cuts, separate
-from cnc.kernels.planner.descent import HIGH, TOUCH, NewtonSystem, centre, merit
-from cnc.kernels.planner.intervals import Intervals, SumLimits, interval_at, largest_shares
+from cnc.kernels.planner.cell_motion import (
+    A_MIDDLE,
+    J1,
+    J2,
+    V_MIDDLE,
+    Cells,
+    H,
+    cell_phases,
+    empty_cells,
+)
+from cnc.kernels.planner.cells import Stretch, can_gain, describe, part_of, plan_cells, separate
+from cnc.kernels.planner.descent import TOUCH
+from cnc.kernels.planner.fastest import fastest
+from cnc.kernels.planner.intervals import Intervals, SumLimits, largest_shares
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.limits import UNSEEN
-from cnc.kernels.planner.phases import PHASE, Phases, write_phase
+from cnc.kernels.planner.phases import PHASE, Phases, phase_at, write_phase
+from cnc.kernels.planner.scurve import phase_time
 
 Floats = NDArray[np.float64]
 
 WINDOW = 400
-"""Cells that are refined together; of a longer stretch the first half is kept each time, and the
-rest refined with the cells behind it.
-"""
+"""Cells that are refined together."""
 
-FIRST_WEIGHT = 2.0
-LAST_WEIGHT = 2592.0
-WEIGHT_STEP = 6.0
-"""The weight of the time, per cell and relative to the time: in the first round, in the last, and
-its factor from one round to the next.
-"""
-
-CHECKED_FROM = 50.0
-"""From this weight on the motion is good enough to be checked between the points of the cells."""
+OVERLAP = 100
+"""Cells at the end of a window that are solved again with the next window."""
 
 MARGIN = 5e-5
 JERK_MARGIN = 2.0 * UNSEEN
@@ -62,98 +62,25 @@ JERK_MARGIN = 2.0 * UNSEEN
 derivatives, and for jumps of curvature that show in differences.
 """
 
-ROUNDS = 20
-"""Largest number of rounds: five, and more for cells whose limits had to be tightened."""
-
-SETBACKS = 4
-"""Number of rounds with an illegal motion after which the last legal one is kept."""
-
-TIGHT = 0.8
-"""A cell that uses less than this share of every limit is not tightened."""
+INSTANT = 1e-12
+"""s; a shorter rest of a phase is left out."""
 
 WORTHWHILE = 0.002
 """A refinement has to save this part of a stretch's time."""
 
 
 @njit
-def tighten(first: int, last: int, cells: Cells, known: Intervals, limits: SumLimits) -> float:
-    """Examine the motion between the points at which the descent holds the constraints.
-
-    A cell that uses more of a limit there is allowed less from now on.
-
-    Returns:
-        The largest share of a limit that is used.
-    """
-    s, v, a, share = cells.s, cells.v, cells.a, cells.share
-    x = np.empty(5)
-    dx = np.empty((5, 4))
-    scratch = np.empty((3, cells.q.shape[3]))
-    no_system = NewtonSystem(
-        np.empty((0, 2, 2)), np.empty((0, 2, 2)), np.empty((0, 2)), np.empty((0, 2))
-    )
-    k = interval_at(s[first], np.searchsorted(known.end, s[first]), known.end)
-    largest = 0.0
-    for m in range(first, last):
-        if not cell_phases(v[m], a[m], v[m + 1], a[m + 1], cells.length[m], x, dx):
-            return math.inf
-        h = x[H]
-        half = s[m] + h * (v[m] + h * (0.5 * a[m] + h * x[J1] / 6.0))
-        seen = 0.0
-        fastest = 0.0
-        for p in range(2):
-            from_s = s[m] if p == 0 else half
-            from_v = v[m] if p == 0 else x[V_MIDDLE]
-            from_a = a[m] if p == 0 else x[A_MIDDLE]
-            jerk = x[J1] if p == 0 else x[J2]
-            until = half if p == 0 else s[m + 1]
-            worst, fast, k = largest_shares(
-                h, from_s, from_v, from_a, jerk, until, k, known, limits, scratch
-            )
-            seen = max(seen, worst)
-            fastest = max(fastest, fast)
-        largest = max(largest, seen, fastest)
-        if fastest > 1.0:
-            cells.top[m] /= fastest * (1.0 + TOUCH)
-        if seen > TIGHT:
-            _, held, _ = merit(m, m + 1, cells, limits, 0.0, HIGH, False, no_system)
-            held = max(held * share[m], TIGHT)
-            if seen > held * (1.0 + TOUCH):
-                share[m] = min(share[m], (1.0 - TOUCH) * held / seen)
-    return largest
-
-
-@njit
-def descend(first: int, last: int, cells: Cells, known: Intervals, limits: SumLimits) -> bool:
-    """Bring the motion of the cells [first, last) near to the least time, from any motion.
-
-    Returns:
-        Whether a legal motion was found.
-    """
-    v, a = cells.v, cells.a
-    weight = FIRST_WEIGHT
-    good = 0.0
-    setbacks = 0
-    good_v = v[first : last + 1].copy()
-    good_a = a[first : last + 1].copy()
-    for _ in range(ROUNDS):
-        legal = centre(first, last, cells, limits, weight) <= 1.0
-        if weight > CHECKED_FROM:
-            seen = tighten(first, last, cells, known, limits)
-            legal = legal and seen <= 1.0 + TOUCH
-            if legal and weight > good:
-                good = weight
-                good_v[:] = v[first : last + 1]
-                good_a[:] = a[first : last + 1]
-            setbacks += not legal
-            if good >= LAST_WEIGHT or (good > 0.0 and setbacks >= SETBACKS):
-                break
-        elif not legal:
-            break
-        # A low weight lets the motion leave limits that have become tighter.
-        weight = weight * WEIGHT_STEP if legal else FIRST_WEIGHT * WEIGHT_STEP
-    v[first : last + 1] = good_v
-    a[first : last + 1] = good_a
-    return good > 0.0
+def sum_limits(limits: LimitArrays) -> SumLimits:
+    """Return the limits of each axis and of the path, less the margins."""
+    axes = len(limits.axis_acceleration)
+    a = np.empty(axes + 1)
+    j = np.empty(axes + 1)
+    for i in range(axes):
+        a[i] = limits.axis_acceleration[i] * (1.0 - MARGIN)
+        j[i] = limits.axis_jerk[i] * (1.0 - JERK_MARGIN)
+    a[axes] = limits.tangential_acceleration * (1.0 - 1e-6)
+    j[axes] = limits.tangential_jerk * (1.0 - 1e-6)
+    return SumLimits(a, j)
 
 
 @njit
@@ -183,42 +110,138 @@ def write_cell(cells: Cells, m: int, x: Floats, dx: Floats, out: Phases, count: 
 
 
 @njit
-def sum_limits(limits: LimitArrays) -> SumLimits:
-    """Return the limits of each axis and of the path, less the margins."""
-    axes = len(limits.axis_acceleration)
-    a = np.empty(axes + 1)
-    j = np.empty(axes + 1)
-    for i in range(axes):
-        a[i] = limits.axis_acceleration[i] * (1.0 - MARGIN)
-        j[i] = limits.axis_jerk[i] * (1.0 - JERK_MARGIN)
-    a[axes] = limits.tangential_acceleration * (1.0 - 1e-6)
-    j[axes] = limits.tangential_jerk * (1.0 - 1e-6)
-    return SumLimits(a, j)
+def write_cells(cells: Cells, first: int, last: int, out: Phases, count: int) -> int:
+    """Append the phases of the cells [first, last) to ``out``; return the new count."""
+    x = np.empty(5)
+    dx = np.empty((5, 4))
+    for m in range(first, last):
+        count = write_cell(cells, m, x, dx, out, count)
+    return count
 
 
 @njit
-def empty_cells(n: int, axes: int) -> Cells:
-    """Return arrays for ``n`` cells; each may use all of the limits."""
-    return Cells(
-        np.empty(n + 1),
-        np.empty(n + 1),
-        np.empty(n + 1),
-        np.empty(n),
-        np.empty((n, 2)),
-        np.ones(n),
-        np.empty((n, 3, 3, axes + 1)),
-    )
+def write_rows(
+    stretch: Stretch, low: float, high: float, known: Intervals, limits: SumLimits, out: Phases
+) -> tuple[int, bool]:
+    """Write the phases of the plan between two arc lengths, as they are.
+
+    Args:
+        stretch: the stretch of the plan.
+        low: arc length at the start, mm.
+        high: arc length at the end.
+        known: the intervals of the path.
+        limits: for the sums.
+        out: receives the phases.
+
+    Returns:
+        Their number, and whether they are legal. Only a rough plan may be illegal.
+    """
+    rows = stretch.rows
+    scratch = np.empty((3, len(limits.a)))
+    count = 0
+    place = 0
+    legal = True
+    for r in range(stretch.first, stretch.last):
+        duration, s, v = rows[r]["duration"], rows[r]["s"], rows[r]["v"]
+        a, j = rows[r]["a"], rows[r]["j"]
+        stop = rows[r + 1]["s"] if r + 1 < stretch.last else stretch.end_s
+        if stop <= low or s >= high:
+            continue
+        start = 0.0 if s >= low else phase_time(v, a, j, duration, low - s)
+        if stop > high:
+            duration = phase_time(v, a, j, duration, high - s)
+        if duration - start < INSTANT:
+            continue
+        here, v, a = phase_at(start, s, v, a, j)
+        write_phase(out, count, duration - start, max(here, low), v, a, j)
+        count += 1
+        if stretch.rough:
+            worst, fastest, place = largest_shares(
+                duration - start, here, v, a, j, min(stop, high), place, known, limits, scratch
+            )
+            legal = legal and max(worst, fastest) <= 1.0 + TOUCH
+    return count, legal
 
 
 @njit
-def duration_of(cells: Cells, x: Floats, dx: Floats) -> float:
-    """Return the duration of the motion through all cells, s; x (5,), dx (5, 4): scratch."""
-    v, a = cells.v, cells.a
-    total = 0.0
-    for m in range(len(cells.length)):
-        cell_phases(v[m], a[m], v[m + 1], a[m + 1], cells.length[m], x, dx)
-        total += 2.0 * x[H]
-    return total
+def window_of(head: Cells, plan: Cells, first: int, last: int, known: Intervals) -> Cells:
+    """Return the cells of ``head``, and behind them the cells [first, last) of the plan."""
+    n = len(head.length)
+    out = empty_cells(n + last - first, plan.q.shape[3])
+    out.s[: n + 1], out.v[: n + 1], out.a[: n + 1] = head.s, head.v, head.a
+    out.s[n + 1 :] = plan.s[first + 1 : last + 1]
+    out.v[n + 1 :] = plan.v[first + 1 : last + 1]
+    out.a[n + 1 :] = plan.a[first + 1 : last + 1]
+    describe(out, known)
+    return out
+
+
+@njit
+def with_space(out: Phases, count: int, more: int) -> Phases:
+    """Return ``out`` with space for so many phases behind ``count``."""
+    if count + more <= len(out):
+        return out
+    grown = np.empty(2 * (count + more), PHASE)
+    grown[:count] = out[:count]
+    return grown
+
+
+@njit
+def refine_stretch(
+    stretch: Stretch, known: Intervals, limits: SumLimits, out: Phases, count: int
+) -> tuple[bool, Phases, int]:
+    """Append the fastest motion over a stretch to ``out``, a window of cells at a time.
+
+    Of each window the last cells are solved again together with the next ones. A window without a
+    legal motion keeps the phases of the plan.
+
+    Returns:
+        Whether the motion is legal, ``out`` or a larger copy, and the new count.
+    """
+    rows = stretch.rows
+    plan = plan_cells(stretch, known, limits)
+    n = len(plan.length)
+    if n < 2:
+        out = with_space(out, count, stretch.last - stretch.first)
+        written, legal = write_rows(
+            stretch, rows[stretch.first]["s"], stretch.end_s, known, limits, out[count:]
+        )
+        return legal, out, count + written
+    start, before = count, 0.0
+    for r in range(stretch.first, stretch.last):
+        before += rows[r]["duration"]
+    most = stretch.last - stretch.first + 2
+    legal = True
+    head = part_of(plan, 0, 0)
+    done = 0
+    while done < n:
+        size = max(WINDOW - len(head.length), OVERLAP)
+        until = n if n - done <= size + OVERLAP else done + size
+        solved, cells = fastest(window_of(head, plan, done, until, known), known, limits)
+        out = with_space(out, count, 4 * (len(cells.length) + len(head.length)) + most)
+        if not solved:
+            count = write_cells(head, 0, len(head.length), out, count)
+            written, fits = write_rows(
+                stretch, plan.s[done], plan.s[until], known, limits, out[count:]
+            )
+            count += written
+            legal = legal and fits
+            head = part_of(plan, until, until)
+        else:
+            size = len(cells.length)
+            finished = size if until == n else max(size - OVERLAP, size // 2)
+            count = write_cells(cells, 0, finished, out, count)
+            head = part_of(cells, finished, size)
+        done = until
+    after = 0.0
+    for k in range(start, count):
+        after += out[k]["duration"]
+    if not stretch.rough and not after < before * (1.0 - WORTHWHILE):
+        count = start
+        for r in range(stretch.first, stretch.last):
+            out[count] = rows[r]
+            count += 1
+    return legal, out, count
 
 
 @njit
@@ -237,75 +260,27 @@ def refine(
         Whether the result is legal, and its phases.
     """
     limits = sum_limits(machine)
-    axes = len(machine.axis_acceleration)
-    finish = known.end[-1]
     rows = np.empty(3 * len(phases), PHASE)
     fixed = np.empty(3 * len(phases), np.bool_)
     total = separate(phases, known, rows, fixed)
-    out = np.empty(2 * total + 256, PHASE)
+    out = np.empty(4 * total + 256, PHASE)
     count = 0
-    x = np.empty(5)
-    dx = np.empty((5, 4))
-    scratch = np.empty((3, axes + 1))
-    cells = empty_cells(0, axes)
     legal = True
-    place = 0
     first = 0
     while first < total:
         last = first + 1
         if not fixed[first]:
             while last < total and not fixed[last] and rows[last]["v"] > 0.0:
                 last += 1
-        number = 0
+        end_s = rows[last]["s"] if last < total else known.end[-1]
+        end_v = rows[last]["v"] if last < total else 0.0
+        stretch = Stretch(rows, first, last, end_s, end_v, rough)
+        out = with_space(out, count, last - first)
         if not fixed[first] and (rough or can_gain(rows, first, last, known, limits)):
-            number = place_cuts(rows, first, last, known, cells, False)
-        refined = False
-        if number > 1:
-            cells = empty_cells(number, axes)
-            place_cuts(rows, first, last, known, cells, True)
-            cells.s[number] = rows[last]["s"] if last < total else finish
-            cells.v[number] = rows[last]["v"] if last < total else 0.0
-            describe(cells, known)
-            # A window at a time.
-            refined = True
-            done = 0
-            while refined and done < number:
-                until = min(done + WINDOW, number)
-                refined = descend(done, until, cells, known, limits)
-                done = until if until == number else done + WINDOW // 2
-            if refined:
-                before = 0.0
-                for r in range(first, last):
-                    before += rows[r]["duration"]
-                after = duration_of(cells, x, dx)
-                refined = rough or after < before * (1.0 - WORTHWHILE)
-        needed = count + 4 * number + (last - first) + 2 * total
-        if needed > len(out):
-            grown = np.empty(2 * needed, PHASE)
-            grown[:count] = out[:count]
-            out = grown
-        if refined:
-            for m in range(number):
-                count = write_cell(cells, m, x, dx, out, count)
+            fits, out, count = refine_stretch(stretch, known, limits, out, count)
         else:
-            for r in range(first, last):
-                row = rows[r]
-                out[count] = row
-                count += 1
-                if rough:
-                    reached = rows[r + 1]["s"] if r + 1 < total else finish
-                    worst, fastest, place = largest_shares(
-                        row["duration"],
-                        row["s"],
-                        row["v"],
-                        row["a"],
-                        row["j"],
-                        reached,
-                        place,
-                        known,
-                        limits,
-                        scratch,
-                    )
-                    legal = legal and max(worst, fastest) <= 1.0 + TOUCH
+            written, fits = write_rows(stretch, rows[first]["s"], end_s, known, limits, out[count:])
+            count += written
+        legal = legal and fits
         first = last
     return legal, out[:count]

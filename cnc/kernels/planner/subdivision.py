@@ -19,7 +19,6 @@ from cnc.kernels.path.pieces import Pieces
 from cnc.kernels.planner.intervals import LEVELS, SAMPLES, Intervals
 from cnc.kernels.planner.limit_arrays import LimitArrays
 from cnc.kernels.planner.limits import (
-    FLAT_PERIODS,
     SHORTEST,
     UNSEEN,
     Junction,
@@ -78,7 +77,7 @@ def write_interval(
         v: bound that leaves acceleration for any direction, mm/s.
         top: speed that no motion exceeds, mm/s.
         flat: whether it is crossed at constant speed.
-        share: share of the bounds on acceleration and jerk that is used.
+        share: share of the limits of acceleration and jerk that the motion may use.
         sampling: samples of the interval.
         limits: of the machine.
         out: the intervals.
@@ -92,6 +91,7 @@ def write_interval(
     out.speed[count] = v * (1.0 - 1e-9)
     out.top[count] = top * (1.0 - 1e-9)
     out.flat[count] = flat
+    out.share[count] = share
     out.sampled[count, 0] = start
     out.sampled[count, 1] = end
     for m in range(SAMPLES):
@@ -210,10 +210,10 @@ def chunk_intervals(
                 pieces, k, feed[k], pieces, k + 1, feed[k + 1], shorter, limits, q
             )
         if stop_after[k]:
-            leave = Junction(0.0, True)
+            leave = Junction(0.0, True, 1.0, 0.0)
         line, at, whole = pieces.kind[k] == LINE, pieces.at[k], length[k]
-        flat_from = FLAT_PERIODS * limits.period * entry.speed if entry.flat else 0.0
-        flat_to = whole - (FLAT_PERIODS * limits.period * leave.speed if leave.flat else 0.0)
+        beside_from = entry.reach
+        beside_to = whole - leave.reach
         fastest = feed[k]
         if not line:
             fastest = attainable_speed(pieces, k, whole, fastest, limits, q)
@@ -223,8 +223,11 @@ def chunk_intervals(
             if count + 2 > len(out.end):
                 return -1
             # Stretches of constant speed are cut like the others; those that touch have one speed.
-            flat = start < flat_from or start >= flat_to
-            limit = flat_from if start < flat_from else flat_to if start < flat_to else whole
+            flat, share, limit = False, 1.0, beside_to
+            if start < beside_from:
+                flat, share, limit = entry.flat, entry.share, beside_from
+            elif start >= beside_to:
+                flat, share, limit = leave.flat, leave.share, whole
             end = min(start + step, limit)
             if limit - end < 1e-9 * whole:
                 end = limit
@@ -237,7 +240,6 @@ def chunk_intervals(
                 if not bounds_vary(sampling, min(top, REFINED * v), spacing, limits):
                     break
                 end = start + 0.5 * (end - start)
-            share = 1.0
             if end - start <= SHORTEST and (
                 (entry.speed == 0.0 and start == 0.0 and is_sharp(data, at, q[0]))
                 or (leave.speed == 0.0 and end == whole and is_sharp(data, at, q[SAMPLES - 1]))
@@ -249,7 +251,7 @@ def chunk_intervals(
                 a, j = tangential_bounds(sampling, 0.0, limits)
                 v = top = min(fastest, reachable_speed(0.0, end - start, share * a, share * j))
             if flat:
-                v = min(v, entry.speed if start < flat_from else leave.speed)
+                v = min(v, entry.speed if start < beside_from else leave.speed)
             step = 2.0 * (end - start)
             count = write_interval(
                 base + start, base + end, v, top, flat, share, sampling, limits, out, count

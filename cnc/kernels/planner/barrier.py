@@ -1,0 +1,174 @@
+"""Derivatives of the time and of the barrier of the limits within a cell.
+
+The barrier of a limit is -log(1 - share^2). Its derivatives are by speed, acceleration and jerk at
+a point first. One change of variables for each point then gives those by the speeds and
+accelerations at the ends of the cell.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cnc.kernels.jit import njit
+from cnc.kernels.planner.cell_motion import A_MIDDLE, J1, J2, V_MIDDLE, H
+from cnc.kernels.planner.intervals import SumLimits
+
+Floats = NDArray[np.float64]
+
+
+@njit
+def start_with_time(weight: float, h: float, dx: Floats, rest: Floats, block: Floats) -> None:
+    """Set gradient and Hessian of a cell to those of its time.
+
+    Args:
+        weight: of the time.
+        h: half the duration of the cell, s.
+        dx: (5, 4): the derivatives of :func:`cell_phases`.
+        rest: (4,): receives the gradient.
+        block: (4, 4): receives the Hessian.
+    """
+    curved = 6.0 * weight / h
+    for m in range(4):
+        rest[m] = 2.0 * weight * dx[H, m]
+        for o in range(4):
+            block[m, o] = curved * dx[H, m] * dx[H, o]
+
+
+@njit
+def add_constraint(
+    taken: float,
+    slack: float,
+    by_v: float,
+    by_a: float,
+    by_j: float,
+    gradient: Floats,
+    curved: Floats,
+) -> None:
+    """Add a constraint on an absolute value to the barrier's derivatives at a point.
+
+    Args:
+        taken: the share of the limit, with its sign.
+        slack: 1 less its square.
+        by_v: derivative of ``taken`` by the speed there.
+        by_a: by the acceleration.
+        by_j: by the jerk.
+        gradient: (3,): by speed, acceleration and jerk.
+        curved: (3, 3): the Gauss-Newton Hessian, of which the upper half counts.
+    """
+    pull = 2.0 * taken / slack
+    stiff = 2.0 * (1.0 + taken * taken) / (slack * slack)
+    gradient[0] += pull * by_v
+    gradient[1] += pull * by_a
+    gradient[2] += pull * by_j
+    curved[0, 0] += stiff * by_v * by_v
+    curved[0, 1] += stiff * by_v * by_a
+    curved[0, 2] += stiff * by_v * by_j
+    curved[1, 1] += stiff * by_a * by_a
+    curved[1, 2] += stiff * by_a * by_j
+    curved[2, 2] += stiff * by_j * by_j
+
+
+@njit
+def point_barrier(
+    q: Floats,
+    speed: float,
+    accel: float,
+    jerk: float,
+    limits: SumLimits,
+    allowed: float,
+    slopes: bool,
+    gradient: Floats,
+    curved: Floats,
+) -> tuple[float, float]:
+    """Evaluate the limits of acceleration and jerk at a point of a cell.
+
+    Args:
+        q: (3, columns): q', q'', q''' there.
+        speed: mm/s.
+        accel: mm/s^2.
+        jerk: mm/s^3.
+        limits: for the sums.
+        allowed: share of the limits that may be used.
+        slopes: whether to compute the derivatives of the barrier.
+        gradient: (3,): receives those by speed, acceleration and jerk.
+        curved: (3, 3): receives the upper half of the Hessian.
+
+    Returns:
+        The product of 1 - share^2 of all limits, 0 beyond a limit; and the largest share.
+    """
+    product = 1.0
+    worst = 0.0
+    if slopes:
+        gradient[:] = 0.0
+        curved[:] = 0.0
+    for i in range(q.shape[1]):
+        q1, q2, q3 = q[0, i], q[1, i], q[2, i]
+        if q1 == 0.0 and q2 == 0.0 and q3 == 0.0:
+            continue
+        if limits.a[i] < math.inf:
+            scale = 1.0 / (limits.a[i] * allowed)
+            taken = scale * (q1 * accel + q2 * speed * speed)
+            slack = 1.0 - taken * taken
+            worst = max(worst, abs(taken))
+            if not slack > 0.0:
+                return 0.0, worst
+            product *= slack
+            if slopes:
+                by_v = 2.0 * scale * q2 * speed
+                add_constraint(taken, slack, by_v, scale * q1, 0.0, gradient, curved)
+        if limits.j[i] < math.inf:
+            scale = 1.0 / (limits.j[i] * allowed)
+            taken = scale * (q1 * jerk + speed * (3.0 * q2 * accel + q3 * speed * speed))
+            slack = 1.0 - taken * taken
+            worst = max(worst, abs(taken))
+            if not slack > 0.0:
+                return 0.0, worst
+            product *= slack
+            if slopes:
+                by_v = 3.0 * scale * (q2 * accel + q3 * speed * speed)
+                by_a = 3.0 * scale * q2 * speed
+                add_constraint(taken, slack, by_v, by_a, scale * q1, gradient, curved)
+    return product, worst
+
+
+@njit
+def add_point(
+    p: int, gradient: Floats, curved: Floats, dx: Floats, rest: Floats, block: Floats
+) -> None:
+    """Add the derivatives at a point of a cell to those by the cell's variables.
+
+    Args:
+        p: the point: 0 for the start, 1 and 2 for the middle, 3 for the end.
+        gradient: (3,): by speed, acceleration and jerk there.
+        curved: (3, 3): the upper half of the Hessian.
+        dx: (5, 4): the derivatives of :func:`cell_phases`.
+        rest: (4,): receives the gradient.
+        block: (4, 4): receives the upper half of the Hessian.
+    """
+    jerk_row = J1 if p < 2 else J2
+    middle = p == 1 or p == 2
+    for m in range(4):
+        v_m = dx[V_MIDDLE, m] if middle else 0.0
+        a_m = dx[A_MIDDLE, m] if middle else 0.0
+        if (p == 0 and m == 0) or (p == 3 and m == 2):
+            v_m = 1.0
+        if (p == 0 and m == 1) or (p == 3 and m == 3):
+            a_m = 1.0
+        j_m = dx[jerk_row, m]
+        rest[m] += gradient[0] * v_m + gradient[1] * a_m + gradient[2] * j_m
+        by_v = curved[0, 0] * v_m + curved[0, 1] * a_m + curved[0, 2] * j_m
+        by_a = curved[0, 1] * v_m + curved[1, 1] * a_m + curved[1, 2] * j_m
+        by_j = curved[0, 2] * v_m + curved[1, 2] * a_m + curved[2, 2] * j_m
+        for o in range(m, 4):
+            total = by_j * dx[jerk_row, o]
+            if middle:
+                total += by_v * dx[V_MIDDLE, o] + by_a * dx[A_MIDDLE, o]
+            elif p == 0:
+                if o < 2:
+                    total += by_v if o == 0 else by_a
+            elif o >= 2:
+                total += by_v if o == 2 else by_a
+            block[m, o] += total

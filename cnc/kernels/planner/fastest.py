@@ -1,0 +1,201 @@
+"""Search for the fastest legal motion through a row of cells, which does not give up.
+
+The descent of :mod:`cnc.kernels.planner.descent` needs a motion strictly inside the limits, and it
+holds the limits at four points of a cell. So the search
+
+1. slows the clock first: if the motion is made in 1 / l of its speed, velocity, acceleration and
+   jerk of every axis fall to l, l^2 and l^3 of theirs;
+2. raises the weight of the time in steps, and keeps the motion of each step;
+3. examines the motion between the points when the weight is large enough. Cells that exceed a
+   limit there are cut or allowed less (:mod:`cnc.kernels.planner.examination`), and the descent
+   goes on from the last motion that was kept;
+4. slows the clock until the motion is legal, if it runs out of tries.
+
+A motion that starts or ends at speed keeps that speed: towards such an end the clock is slowed less
+and less. Cells that are not inside their limits at first are left to the descent, which raises the
+limits of these cells for a while.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cnc.kernels.jit import njit
+from cnc.kernels.planner.cell_motion import Cells, duration_of, with_motion
+from cnc.kernels.planner.cells import describe
+from cnc.kernels.planner.descent import HIGH, TOUCH, centre, merit, system_for
+from cnc.kernels.planner.examination import Shares, examine, passable, tighten, with_cuts
+from cnc.kernels.planner.intervals import Intervals, SumLimits
+
+FIRST_WEIGHT = 2.0
+WEIGHT_STEP = 6.0
+LEVELS = 5
+"""The weight of the time, per cell and relative to the time: in the first step of the descent, its
+factor from one step to the next, and the number of steps.
+"""
+
+CHECKED_LEVEL = 2
+"""From this step on the motion is good enough to be examined between the points of the cells."""
+
+TRIES = 30
+"""Largest number of steps of the descent that may fail."""
+
+START = 0.93
+"""Part of its speed to which a motion between rests is slowed at first."""
+
+SLOWER = 0.9
+"""Part of its speed to which it is slowed when the descent does not get inside the limits."""
+
+INSIDE = 0.97
+"""Largest share of a limit that the first motion may use."""
+
+SLOWINGS = 12
+"""Largest number of times that the clock is slowed to reach a share of the limits."""
+
+END_CELLS = 8
+"""Cells beside an end at speed in which the clock is slowed less."""
+
+
+@njit
+def slow_clock(cells: Cells, part: float) -> None:
+    """Make the motion at ``part`` of its speed; towards an end at speed the part rises to 1."""
+    v, a = cells.v, cells.a
+    n = len(v)
+    near = max(min(END_CELLS, n // 3), 1)
+    starts_moving, ends_moving = v[0] > 0.0, v[n - 1] > 0.0
+    for k in range(n):
+        scale = part
+        if starts_moving and k < near:
+            scale = max(scale, 1.0 - (1.0 - part) * k / near)
+        if ends_moving and n - 1 - k < near:
+            scale = max(scale, 1.0 - (1.0 - part) * (n - 1 - k) / near)
+        v[k] *= scale
+        a[k] *= scale * scale
+
+
+@njit
+def largest_share(cells: Cells, limits: SumLimits) -> float:
+    """Return the largest share of a limit that the motion uses at the points of the cells."""
+    n = len(cells.length)
+    return merit(0, n, cells, limits, 0.0, False, system_for(n, HIGH))[1]
+
+
+@njit
+def slow_until(cells: Cells, limits: SumLimits, share: float) -> float:
+    """Slow the clock until no point uses more than ``share`` of a limit; return the largest."""
+    for _ in range(SLOWINGS):
+        used = largest_share(cells, limits)
+        if used <= share:
+            return used
+        part = 0.7
+        if used < math.inf:
+            part = max(min((share / used) ** (1.0 / 3.0) * 0.999, 0.995), 0.5)
+        slow_clock(cells, part)
+    return largest_share(cells, limits)
+
+
+@njit
+def slowed_to_legal(cells: Cells, known: Intervals, limits: SumLimits) -> bool:
+    """Slow the clock until the motion is legal between the points too; return whether it is."""
+    n = len(cells.length)
+    shares = Shares(np.empty(n), np.empty(n))
+    for _ in range(2 * SLOWINGS):
+        used = examine(cells, known, limits, shares)
+        if used <= 1.0 + TOUCH:
+            return True
+        slow_clock(cells, min(used ** (-1.0 / 3.0), 0.9999) if used < math.inf else 0.8)
+    return False
+
+
+@njit
+def after_violation(
+    cells: Cells, found: Cells, shares: Shares, known: Intervals, limits: SumLimits
+) -> Cells:
+    """Cut the cells that exceed a limit between their points, or allow them less.
+
+    Args:
+        cells: the cells with the motion that was kept last; it changes.
+        found: the same cells with the motion that exceeds limits.
+        shares: of that motion.
+        known: the intervals of the path.
+        limits: for the sums.
+
+    Returns:
+        The cells, with the motion that was kept.
+    """
+    at = np.empty((len(cells.length), 2, 3))
+    cuts = tighten(cells, known, limits, shares, found, at)
+    if cuts > 0:
+        cells = passable(with_cuts(cells, at, cuts, known), known)
+    else:
+        describe(cells, known)
+    return cells
+
+
+@njit
+def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Cells]:
+    """Bring the motion through the cells near to the least time.
+
+    Args:
+        cells: the cells with any motion; it changes.
+        known: the intervals of the path.
+        limits: for the sums.
+
+    Returns:
+        Whether a legal motion was found; the cells, cut where necessary, with that motion.
+    """
+    cells = passable(cells, known)
+    moving = cells.v[0] > 0.0 or cells.v[-1] > 0.0
+    if not moving:
+        slow_clock(cells, START)
+        slow_until(cells, limits, INSIDE)
+    good = with_motion(cells, cells.v.copy(), cells.a.copy())
+    good_level = -1
+    level = tries = 0
+    kept = 1
+    kept_v, kept_a = np.empty((LEVELS + 2, len(cells.v))), np.empty((LEVELS + 2, len(cells.v)))
+    kept_v[0], kept_a[0] = cells.v, cells.a
+    shares = Shares(np.empty(len(cells.length)), np.empty(len(cells.length)))
+    while level < LEVELS and tries <= TRIES:
+        cells.v[:], cells.a[:] = kept_v[kept - 1], kept_a[kept - 1]
+        weight = FIRST_WEIGHT * WEIGHT_STEP**level
+        legal = centre(0, len(cells.length), cells, limits, weight) <= 1.0
+        used = 0.0
+        if level >= CHECKED_LEVEL:
+            used = examine(cells, known, limits, shares)
+        if legal and used <= 1.0 + TOUCH:
+            if level >= CHECKED_LEVEL:
+                good = with_motion(cells, cells.v.copy(), cells.a.copy())
+                good_level = level
+            kept_v[kept], kept_a[kept] = cells.v, cells.a
+            kept += 1
+            level += 1
+            continue
+        tries += 1
+        if used <= 1.0 + TOUCH:
+            if kept > 1:
+                kept -= 1
+                level -= 1
+            else:
+                cells.v[:], cells.a[:] = kept_v[0], kept_a[0]
+                slow_clock(cells, SLOWER)
+                kept_v[0], kept_a[0] = cells.v, cells.a
+            continue
+        last = with_motion(cells, kept_v[kept - 1].copy(), kept_a[kept - 1].copy())
+        cells = after_violation(last, cells, shares, known, limits)
+        level = max(level - 1, 0)
+        n = len(cells.length)
+        if n + 1 != kept_v.shape[1]:
+            kept_v, kept_a = np.empty((LEVELS + 2, n + 1)), np.empty((LEVELS + 2, n + 1))
+            shares = Shares(np.empty(n), np.empty(n))
+        kept = 1
+        kept_v[0], kept_a[0] = cells.v, cells.a
+    if good_level < LEVELS - 1 and not moving:
+        last = with_motion(cells, kept_v[kept - 1].copy(), kept_a[kept - 1].copy())
+        if slowed_to_legal(last, known, limits) and (
+            good_level < 0 or duration_of(last) < duration_of(good)
+        ):
+            return True, last
+    return good_level >= 0, good
