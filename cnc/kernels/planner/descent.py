@@ -39,8 +39,15 @@ Floats = NDArray[np.float64]
 STEPS = 40
 """Largest number of Newton steps for one weight."""
 
-HALVINGS = 20
+HALVINGS = 8
 """Largest number of lengths that are tried for one step."""
+
+SHORT_STEP = 0.2
+FIRST_DAMPING, DAMPING_STEP, MOST_DAMPING = 0.1, 5.0, 1e5
+"""After a step of less than this part of its length the next one is damped, by these amounts."""
+
+SLOWEST = 0.01
+"""A step lowers the square of a speed to this share at most: no step leads back from rest."""
 
 CENTRED = 0.1
 """The descent for one weight ends when a step would gain less than this for each cell."""
@@ -191,8 +198,16 @@ def add_to_system(k: int, rest: Floats, block: Floats, system: NewtonSystem) -> 
 
 
 @njit
-def newton_step(first: int, last: int, system: NewtonSystem) -> float:
+def newton_step(first: int, last: int, cells: Cells, damping: float, system: NewtonSystem) -> float:
     """Solve the block tridiagonal system with fixed ends; its matrices are overwritten.
+
+    Args:
+        first: the first cell of the range.
+        last: the cell behind it.
+        cells: the cells and the motion.
+        damping: of steps that change a speed v, or an acceleration by v^2 over the length of a
+            cell: about there the motion through the cell ends. 0 for Newton's step.
+        system: the system.
 
     Returns:
         The slope of the merit along the step.
@@ -204,6 +219,11 @@ def newton_step(first: int, last: int, system: NewtonSystem) -> float:
     step[last] = 0.0
     for k in range(first + 1, last):
         step[k] = gradient[k]
+        if damping > 0.0:
+            square = cells.v[k] * cells.v[k]
+            reach = min(cells.length[k - 1], cells.length[k]) / square
+            diagonal[k, 0, 0] += damping / square
+            diagonal[k, 1, 1] += damping * reach * reach
         if k > first + 1:
             p00 = diagonal[k - 1, 0, 0]
             p01 = diagonal[k - 1, 0, 1]
@@ -291,30 +311,37 @@ def centre(first: int, last: int, cells: Cells, limits: SumLimits, weight: float
         return math.inf
     lifted = start_lifts(first, last, system)
     weight *= (last - first) / time
+    damping = 0.0
     for _ in range(STEPS):
         before, worst, _ = merit(first, last, cells, limits, weight, True, system)
-        slope = newton_step(first, last, system)
+        slope = newton_step(first, last, cells, damping, system)
         if not slope < 0.0:
             break
         part = 1.0
         moved = False
         for _ in range(HALVINGS):
             for k in range(first + 1, last):
-                v2[k] = math.sqrt(max(v[k] * (v[k] + 2.0 * part * step[k, 0]), 0.0))
+                v2[k] = math.sqrt(v[k] * max(v[k] + 2.0 * part * step[k, 0], SLOWEST * v[k]))
                 a2[k] = a[k] + part * step[k, 1]
             after, reached, _ = merit(first, last, trial, limits, weight, False, system)
             if after < before + 0.1 * part * slope:
                 moved = True
                 break
             part *= 0.5
+        if part < SHORT_STEP:
+            if damping >= MOST_DAMPING:
+                break
+            damping = max(DAMPING_STEP * damping, FIRST_DAMPING)
+        elif part == 1.0:
+            damping = damping / DAMPING_STEP if damping > FIRST_DAMPING else 0.0
         if not moved:
-            break
+            continue
         worst = reached
         for k in range(first + 1, last):
             v[k] = v2[k]
             a[k] = a2[k]
         if lifted:
             lifted = lower_lifts(first, last, part, system)
-        elif -slope < CENTRED * (last - first):
+        elif -slope < CENTRED * (last - first) and part == 1.0:
             break
     return worst if not lifted else max(worst, 1.0 + TOUCH)
