@@ -153,7 +153,7 @@ def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Ce
         slow_until(cells, limits, INSIDE)
     good = with_motion(cells, cells.v.copy(), cells.a.copy())
     good_level = -1
-    level = tries = 0
+    level = tries = failed = 0
     kept = 1
     kept_v, kept_a = np.empty((LEVELS + 2, len(cells.v))), np.empty((LEVELS + 2, len(cells.v)))
     kept_v[0], kept_a[0] = cells.v, cells.a
@@ -179,8 +179,11 @@ def fastest(cells: Cells, known: Intervals, limits: SumLimits) -> tuple[bool, Ce
                 kept -= 1
                 level -= 1
             else:
-                cells.v[:], cells.a[:] = kept_v[0], kept_a[0]
-                slow_clock(cells, SLOWER)
+                # The descent goes on towards the inside from where it ended, or a little slower.
+                level = 0
+                failed += 1
+                if failed % 3 == 0:
+                    slow_clock(cells, SLOWER)
                 kept_v[0], kept_a[0] = cells.v, cells.a
             continue
         last = with_motion(cells, kept_v[kept - 1].copy(), kept_a[kept - 1].copy())
