@@ -29,7 +29,7 @@ def plan_to_rest(
 ) -> tuple[int, Phases]:
     """Plan from ``start`` to rest at the end of ``known``.
 
-    Where limits for each axis bind on a curve, the plan is refined. From a speed that the
+    Where the path bends or its speed bounds change, the plan is refined. From a speed that the
     refinement has reached, or with an illegal lead, there may be no plan under the usual bounds.
     Then the refinement starts with a plan that exceeds them a little.
 
@@ -48,10 +48,8 @@ def plan_to_rest(
         known = between(known, start, float(known.end[-1]))
     status, phases = _planned(start, known, v_start)
     rough = status == START_TOO_FAST
-    if not limits.per_axis or not (rough or status == PLANNED):
-        if exceeds_bounds(lead, whole):
-            status = START_TOO_FAST
-        return status, np.concatenate((lead, phases))
+    if not (rough or status == PLANNED):
+        return status, phases
     if rough:
         freer = known._replace(
             speed=np.where(known.flat, known.speed, np.minimum(known.top, ROUGHLY * known.speed)),
@@ -73,20 +71,6 @@ def _planned(start: float, known: Intervals, v_start: float) -> tuple[int, Phase
     status, written = plan_window(start, known, v_start, phases)
     phases = phases[:written]
     return status, phases[phases["duration"] > 0.0]
-
-
-def exceeds_bounds(phases: Phases, known: Intervals) -> bool:
-    """Return whether the end of a phase is faster than the bounds of the intervals it touches."""
-    if not len(phases):
-        return False
-    end = end_of(phases)
-    s, v = np.append(phases["s"][1:], end[0]), np.append(phases["v"][1:], end[1])
-    first = np.searchsorted(known.end, phases["s"], side="right")
-    last = np.minimum(np.searchsorted(known.end, s, side="left"), len(known.end) - 1)
-    return any(
-        v[k] > known.speed[first[k] : last[k] + 1].min(initial=np.inf) * (1.0 + TOUCHING)
-        for k in range(len(phases))
-    )
 
 
 def first_steady(phases: Phases) -> int:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cnc.kernels.planner.cell_motion import cell_phases
-from cnc.kernels.planner.cells import can_gain
+from cnc.kernels.planner.cells import possible_gain
 from cnc.kernels.planner.intervals import LEVELS, Intervals, SumLimits, interval_at
 from cnc.kernels.planner.phases import PHASE
 from cnc.machine.models import Axis, Machine, PathLimits
@@ -61,7 +61,8 @@ def test_a_cruise_can_gain_if_it_is_slower_than_its_bound(speed, gains):
         samples=np.zeros((4, 5, 3, 2)),
     )
     limits = np.full(3, 100.0)
-    assert can_gain(rows, 0, 1, known, SumLimits(limits, limits)) is gains
+    gain = possible_gain(rows, 0, 1, known, SumLimits(limits, limits))
+    assert gain == pytest.approx(0.1 * (1.0 - speed / 10.0) if gains else 0.0)
 
 
 def test_samples_at_a_stop_are_those_at_the_end_of_the_path():

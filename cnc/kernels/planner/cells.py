@@ -151,14 +151,17 @@ def ramp_beside(phases: Phases, i: int, direction: int) -> float:
 
 
 @njit
-def can_gain(rows: Phases, first: int, last: int, known: Intervals, limits: SumLimits) -> bool:
-    """Return whether refinement can make some row of [first, last) faster.
+def possible_gain(
+    rows: Phases, first: int, last: int, known: Intervals, limits: SumLimits
+) -> float:
+    """Return an estimate of the time that refinement can save on the rows [first, last), s.
 
-    That is so if the speed is below its bounds, or if a ramp is below the limits that would hold on
-    a straight path.
+    A row can gain if its speed is below the speed bounds, or if its jerk or acceleration is below
+    the limits that would hold on a straight path.
     """
     end, top, samples = known.end, known.top, known.samples
     axes = samples.shape[3]
+    total = 0.0
     k = interval_at(rows[first]["s"], np.searchsorted(end, rows[first]["s"]), end)
     for r in range(first, last):
         row = rows[r]
@@ -177,12 +180,12 @@ def can_gain(rows: Phases, first: int, last: int, known: Intervals, limits: SumL
                 break
             k += 1
         if a == 0.0 and v < FASTEST * lowest and (j == 0.0 or (j > 0.0 and v > 0.0 and r > first)):
-            return True
+            total += row["duration"] * (1.0 - v / lowest)
         if j != 0.0 and abs(j) < STEEPEST * highest:
-            return True
+            total += row["duration"] * (1.0 - (abs(j) / highest) ** (1.0 / 3.0))
         if j == 0.0 and a != 0.0 and abs(a) < STEEPEST * highest:
-            return True
-    return False
+            total += row["duration"] * (1.0 - math.sqrt(abs(a) / highest))
+    return total
 
 
 @njit

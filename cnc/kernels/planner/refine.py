@@ -39,7 +39,14 @@ from cnc.kernels.planner.cell_motion import (
     cell_phases,
     empty_cells,
 )
-from cnc.kernels.planner.cells import Stretch, can_gain, describe, part_of, plan_cells, separate
+from cnc.kernels.planner.cells import (
+    Stretch,
+    describe,
+    part_of,
+    plan_cells,
+    possible_gain,
+    separate,
+)
 from cnc.kernels.planner.descent import TOUCH
 from cnc.kernels.planner.fastest import fastest
 from cnc.kernels.planner.intervals import Intervals, SumLimits, largest_shares
@@ -64,6 +71,9 @@ derivatives, and for jumps of curvature that show in differences.
 
 INSTANT = 1e-12
 """s; a shorter rest of a phase is left out."""
+
+PROMISING = 0.005
+"""A stretch is refined if this part of its time may be saved, by the estimate for each phase."""
 
 WORTHWHILE = 0.002
 """A refinement has to save this part of a stretch's time."""
@@ -276,7 +286,16 @@ def refine(
         end_v = rows[last]["v"] if last < total else 0.0
         stretch = Stretch(rows, first, last, end_s, end_v, rough)
         out = with_space(out, count, last - first)
-        if not fixed[first] and (rough or can_gain(rows, first, last, known, limits)):
+        wanted = False
+        if not fixed[first]:
+            wanted = rough
+            if not rough:
+                before = 0.0
+                for r in range(first, last):
+                    before += rows[r]["duration"]
+                gain = possible_gain(rows, first, last, known, limits)
+                wanted = gain > PROMISING * before
+        if wanted:
             fits, out, count = refine_stretch(stretch, known, limits, out, count)
         else:
             written, fits = write_rows(stretch, rows[first]["s"], end_s, known, limits, out[count:])

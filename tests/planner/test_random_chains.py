@@ -1,0 +1,81 @@
+"""Random chains of short moves on random machines, whose feed changes at every line.
+
+The operator holds, resumes and overrides at random moments. Each motion has to be legal and has to
+end at the end of its path.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+from cnc.model.blocks import Block, Held, PathMode
+from cnc.model.operator_control import Control
+from cnc.planner.lookahead import LookAhead
+from cnc.planner.plan import PlanChunk
+from tests.support.planner.motions import lines, path_of, random_blocks
+from tests.support.planner.random_jobs import random_machine
+from tests.support.soak import share
+
+TOGETHER = 25
+MOST_HOLDS = 400
+"""A run with more holds than the operator requests has no end."""
+
+
+def chain(rng: np.random.Generator, size: float) -> list[Block]:
+    """Return short moves along a bent line, with feeds that differ by up to a factor of 100."""
+    count = int(rng.integers(5, 80))
+    chord = size * 10 ** rng.uniform(-2.5, -0.7)
+    heading = np.cumsum(rng.normal(0.0, 10 ** rng.uniform(-3.0, 0.0), count))
+    if rng.random() < 0.3:
+        heading[int(rng.integers(count)) :] += rng.uniform(-math.pi, math.pi)
+    rise = rng.normal(0.0, 0.3, count) * (rng.random() < 0.5)
+    steps = np.stack((np.cos(heading), np.sin(heading), rise), axis=1)
+    steps *= chord * rng.choice((1.0, rng.uniform(0.1, 1.0)), (count, 1))
+    fastest = size * 10 ** rng.uniform(-0.5, 2.0)
+    feeds = fastest * 10 ** -rng.uniform(0.0, 2.0, count)
+    feeds = np.repeat(feeds, int(rng.choice((1, 1, 3, 20))))[:count]
+    moves = lines(np.cumsum(steps, axis=0).round(6), feeds)
+    tolerance = size * 10 ** rng.uniform(-4.0, -1.0)
+    mode = PathMode("t.nc", 1, *(("blend", tolerance) if rng.random() < 0.8 else ("exact-path",)))
+    return [mode, moves]
+
+
+def operate(rng: np.random.Generator, control: Control, often: float) -> None:
+    """Hold, resume or override at a random moment."""
+    if control.held:
+        if rng.random() < 0.5:
+            control.resume()
+    elif rng.random() < often:
+        if rng.random() < 0.4:
+            control.hold()
+        else:
+            control.override(float(10 ** rng.uniform(0.5, 2.3)))
+
+
+def run(seed: int) -> None:
+    """Plan the motion of a seed under its operator."""
+    rng = np.random.default_rng(seed)
+    mill, size = random_machine(rng, float(rng.choice((1e-3, 1e-4))))
+    blocks = chain(rng, size) if rng.random() < 0.7 else random_blocks(rng, 3)
+    operated = rng.random() < 0.6
+    control = Control() if operated else None
+    often = 10 ** rng.uniform(-2.0, -0.5)
+    ahead = LookAhead(mill, control)
+    holds, end = 0, None
+    for item in ahead.plan(path_of(blocks)):
+        if isinstance(item, Held):
+            holds += 1
+            assert holds < MOST_HOLDS, seed
+        elif isinstance(item, PlanChunk):
+            end = item
+        if control is not None:
+            operate(rng, control, often)
+    assert not ahead.audit.violations, seed
+    assert end is None or (end.phase_v[-1], end.phase_a[-1]) == (0.0, 0.0), seed
+
+
+@pytest.mark.parametrize("first", range(0, share(5000, TOGETHER), TOGETHER))
+def test_random_chains_under_an_operator_are_legal(first):
+    for seed in range(first, first + TOGETHER):
+        run(seed)
