@@ -97,7 +97,7 @@ def speeds(chunk: PlanChunk) -> np.ndarray:
     ).ravel()
 
 
-@settings(max_examples=share(500, 25))
+@settings(max_examples=share(500, 8))
 @given(seed=st.integers(0, 2**31))
 def test_random_schedules_on_random_paths_are_legal(seed):
     rng = np.random.default_rng(seed)
@@ -344,7 +344,7 @@ def grid_moves(
     return np.concatenate(moves), told, min(rested, end)
 
 
-@pytest.mark.parametrize("seed", range(share(40, 6)))
+@pytest.mark.parametrize("seed", range(share(40, 2)))
 def test_a_hold_near_a_corner_does_not_change_its_path(seed):
     """The grid moves are those of the run that is not held, in their order; it rests when it can,
     or one corner later.
