@@ -18,6 +18,7 @@ from cnc.cli import progress
 from cnc.model.diagnostics import GcodeError, MachineFileError, UsageError
 from tests.support.paths import ROOT
 from tests.support.soak import share
+from tests.support.waiting import HANG, cpu_seconds, wait_until
 
 GOOD = b"G21 G90 G94\nG0 X5 Y5\nG1 X10 F600\nG2 X20 Y5 I5 J0\nM2\n"
 
@@ -327,23 +328,19 @@ def test_workers_end_with_their_parent(tmp_path, how):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as process:
-        workers = []
-        while len(workers) < 2:
-            assert process.poll() is None
-            time.sleep(0.05)
-            workers = children(process.pid)
-        time.sleep(1.0)  # in the middle of it
+        wait_until(lambda: len(children(process.pid)) == 2 or process.poll() is not None)
+        assert process.poll() is None
+        workers = children(process.pid)
+        # They have started, and are in the middle of a program.
+        wait_until(lambda: min(map(cpu_seconds, workers)) > 2.0)
         process.send_signal(how)
-        assert process.wait(20) == (130 if how != signal.SIGKILL else -9)
+        assert process.wait(HANG) == (130 if how != signal.SIGKILL else -9)
         if how != signal.SIGKILL:
             assert (
                 process.stderr.read().decode().splitlines()[-1]
                 == "stopped by the operator; nothing has moved"
             )
-    until = time.monotonic() + 20
-    while any(alive(worker) for worker in workers):
-        assert time.monotonic() < until
-        time.sleep(0.05)
+    wait_until(lambda: not any(alive(worker) for worker in workers))
 
 
 def test_the_bar_counts_programs_on_a_terminal_only(monkeypatch):

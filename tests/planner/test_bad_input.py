@@ -17,7 +17,7 @@ from cnc.machine.models import Axis, Board, Machine, PathLimits
 from tests.support.planner.legality import Findings, examine
 from tests.support.soak import share
 
-LONGEST = 60.0
+LONGEST = 300.0
 """s."""
 REFUSALS = {
     "knots inside as often as the order": "nurbs-position-jump",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -21,6 +20,7 @@ from cnc.model.diagnostics import BoardError, UsageError
 from cnc.session import last_position
 from cnc.session.last_position import LastPosition
 from tests.support.session.runs import run_with
+from tests.support.waiting import wait_until
 
 MACHINE = load_machine("grbl-uno")
 FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
@@ -82,7 +82,7 @@ def test_two_runs_in_a_row_do_not_shift(program: Path, capsys: pytest.CaptureFix
         command = [str(program), "--machine", "grbl-uno", "--port", server.name, "--quiet"]
         assert exit_code(command) == 0, capsys.readouterr().err
         assert tool(server.simulator) == END
-        time.sleep(0.1)
+        wait_until(lambda: not server.is_open)
         assert exit_code(command) == 0, capsys.readouterr().err
         assert tool(server.simulator) == END
         assert not [
@@ -108,7 +108,7 @@ def test_a_stopped_run_continues_at_its_position(
         )
         assert first.resume_line is not None
         assert tool(server.simulator)[0] > 6.0
-        time.sleep(0.1)
+        wait_until(lambda: not server.is_open)
         more = [
             "--machine",
             "grbl-uno",
@@ -150,7 +150,7 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
             "--yes",
         ]
         for _ in range(2):
-            time.sleep(0.1)
+            wait_until(lambda: not server.is_open)
             assert exit_code(command) == 3
             said = capsys.readouterr().err
             assert "position-lost" in said
@@ -158,7 +158,7 @@ def test_yes_does_not_confirm_the_position_of_a_board_that_was_reset(
             assert f"X{stands[0]:.3f} Y{stands[1]:.3f} Z{stands[2]:.3f}" in said
             assert "--trust-position" in said
             assert tool(server.simulator) == stands
-        time.sleep(0.1)
+        wait_until(lambda: not server.is_open)
         assert exit_code([*command, "--trust-position", "--quiet"]) == 0, capsys.readouterr().err
         assert tool(server.simulator) == pytest.approx(
             [a + b for a, b in zip(stands, END, strict=True)], abs=0.01
