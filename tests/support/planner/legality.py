@@ -383,8 +383,11 @@ def _judge_path(
         on_line = straight[piece]
         a, b, q = start[piece[on_line]], end[piece[on_line]], p[rows_here[on_line]]
         best[rows_here[on_line]] = np.minimum(best[rows_here[on_line]], _from_segments(q, a, b))
-        for k in np.unique(piece[~on_line]):
-            by_curve.setdefault(int(k), []).append(rows_here[piece == k])
+        order = np.argsort(piece[~on_line], kind="stable")
+        curves, begins = np.unique(piece[~on_line][order], return_index=True)
+        on_curve = np.split(rows_here[~on_line][order], begins[1:])
+        for k, some in zip(curves.tolist(), on_curve, strict=False):
+            by_curve.setdefault(k, []).append(some)
     for everywhere in (False, True):
         for k, some in by_curve.items():
             # Only for rows that are not near enough to another piece.
@@ -435,36 +438,42 @@ def _judge_path(
     over = (ds[fed] / machine.path.period - noise) / highest[fed]
     found.ratios["feed"] = max(0.0, float(over.max(initial=0.0)))
 
-    # Every programmed corner and points along every curve lie within the tolerance of the polygon
-    # of samples. That polygon cuts a bend by the chord error at most, and a corner with a stop by
-    # the steps beside it.
-    tree = cKDTree(p)
-    for k, piece in enumerate(path):
-        targets = piece.points(33)
-        _, near = tree.query(targets, k=min(6, len(p)))
-        apart = np.full(len(targets), math.inf)
-        slack = np.full(len(targets), math.inf)
-        for candidate in near.T:
-            for a in (np.maximum(candidate - 1, 0), np.minimum(candidate, len(p) - 2)):
-                apart = np.minimum(apart, _from_segments(targets, p[a], p[a + 1]))
-                slack = np.minimum(slack, ds[a])
-        reach = max(t.tolerance for t in path[max(k - 1, 0) : k + 2])
-        allow = reach + machine.path.chord_error + APART
-        for far in np.flatnonzero(apart > allow + slack):
-            # The nearest samples may be those of another stretch, where the motion is slower.
-            apart[far] = _from_segments(
-                np.broadcast_to(targets[far], p[1:].shape), p[:-1], p[1:]
-            ).min()
-        over_by = apart - (allow + slack)
-        if (over_by > 0.0).any():
-            found.wrong.append(
-                f"the motion passes line {piece.line} by {apart[int(np.argmax(over_by))]:.3g} mm"
-            )
-            break
+    if message := _missed(path, p, ds, machine.path.chord_error):
+        found.wrong.append(message)
     if np.abs(p[-1] - path[-1].end).max() > 1e-9:
         found.wrong.append(
             f"the end point is missed by {np.abs(p[-1] - path[-1].end).max():.3g} mm"
         )
+
+
+def _missed(path: list[Piece], p: np.ndarray, ds: np.ndarray, chord_error: float) -> str:
+    """Return the error for the first piece that the samples miss; empty if there is none.
+
+    Every programmed corner and points along every curve lie within the tolerance of the polygon of
+    samples. That polygon cuts a bend by the chord error at most, and a corner with a stop by the
+    steps beside it.
+    """
+    points = [piece.points(33) for piece in path]
+    targets, which = np.concatenate(points), np.repeat(np.arange(len(path)), list(map(len, points)))
+    _, near = cKDTree(p).query(targets, k=min(6, len(p)))
+    apart, slack = np.full(len(targets), math.inf), np.full(len(targets), math.inf)
+    for candidate in near.T:
+        for a in (np.maximum(candidate - 1, 0), np.minimum(candidate, len(p) - 2)):
+            apart = np.minimum(apart, _from_segments(targets, p[a], p[a + 1]))
+            slack = np.minimum(slack, ds[a])
+    tolerance = np.pad([piece.tolerance for piece in path], 1)
+    reach = np.maximum(np.maximum(tolerance[:-2], tolerance[1:-1]), tolerance[2:])
+    allow = reach[which] + chord_error + APART
+    for far in np.flatnonzero(apart > allow + slack):
+        # The nearest samples may be those of another stretch, where the motion is slower.
+        apart[far] = _from_segments(np.broadcast_to(targets[far], p[1:].shape), p[:-1], p[1:]).min()
+    over_by = apart - (allow + slack)
+    missed = np.flatnonzero(over_by > 0.0)
+    if not len(missed):
+        return ""
+    own = np.flatnonzero(which == which[missed[0]])
+    worst = own[np.argmax(over_by[own])]
+    return f"the motion passes line {path[which[worst]].line} by {apart[worst]:.3g} mm"
 
 
 def _in_force(
