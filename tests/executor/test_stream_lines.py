@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cnc.api import Callbacks, Control, Outputs, Report, run
+from cnc.api import Callbacks, Control, Machine, Outputs, Report, run
 from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.simulator.environment import Environment
 from cnc.boards.grbl.simulator.faults import Drop, Unplug
@@ -22,6 +22,15 @@ from cnc.model.diagnostics import UsageError
 from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")
+WITHOUT_TRAVEL = MACHINE.model_copy(
+    update={
+        "axes": {
+            letter: axis.model_copy(update={"travel": None})
+            for letter, axis in MACHINE.axes.items()
+        }
+    }
+)
+FAST = {110: 5000.0, 111: 5000.0, 112: 5000.0, 120: 500.0, 121: 500.0, 122: 500.0}
 
 
 @pytest.fixture
@@ -29,13 +38,15 @@ def box() -> GrblSimulator:
     return GrblSimulator()
 
 
-def ran(box: GrblSimulator, tmp_path: Path, text: str, **arguments: object) -> Report:
+def ran(
+    box: GrblSimulator, tmp_path: Path, text: str, machine: Machine = MACHINE, **arguments: object
+) -> Report:
     program = tmp_path / "p.nc"
     program.write_text(text)
     port = GrblSimulatorPort(box)
-    board = GrblBoard(port, MACHINE, port.clock, "the simulator")
+    board = GrblBoard(port, machine, port.clock, "the simulator")
     board.connect()
-    report = run_with(program, MACHINE, board=board, **arguments)
+    report = run_with(program, machine, board=board, **arguments)
     board.close()
     return report
 
@@ -182,6 +193,30 @@ def test_home_and_unlock_are_sent_first(tmp_path: Path) -> None:
     assert box.position == pytest.approx((-1.0, -1.0, -1.0), abs=0.002)
     locked = ran(GrblSimulator(settings={22: 1}), tmp_path, "G1 X1 F100\n")
     assert [fault.diagnostic.code for fault in locked.faults] == ["board-locked"]
+
+
+@pytest.mark.parametrize("upwards", [True, False])
+@pytest.mark.parametrize("restarted", [True, False])
+def test_a_program_that_homes_goes_on_where_the_board_stands(
+    tmp_path: Path, upwards: bool, restarted: bool
+) -> None:
+    box = GrblSimulator(settings={22: 1, 23: 0 if upwards else 3, 27: 2.0} | FAST)
+    if not restarted:
+        # The position before homing has nothing to do with the one after it.
+        assert ran(box, tmp_path, "$H\nG0 X-30 Y-20\n", WITHOUT_TRAVEL, dialect="grbl").ok
+    program = "$H\nG0 X0 Y0\nG91\nG1 X-1 F500\nG90\nG53 G0 Z-5\nG1 Y-7\nM2\n"
+    report = ran(box, tmp_path, program, WITHOUT_TRAVEL, dialect="grbl")
+    assert report.ok, report.faults
+    assert box.position == pytest.approx((-1.0, -7.0, -5.0), abs=0.002)
+    assert report.end_position == pytest.approx({"x": -1.0, "y": -7.0, "z": -5.0}, abs=0.002)
+
+
+def test_a_relative_move_after_homing_begins_at_the_homed_position(tmp_path: Path) -> None:
+    box = GrblSimulator(settings={22: 1, 27: 3.0} | FAST)
+    program = "$H\nG91 G1 X-4 F500\nM2\n"
+    report = ran(box, tmp_path, program, WITHOUT_TRAVEL, dialect="grbl")
+    assert report.ok, report.faults
+    assert box.position == pytest.approx((-7.0, -3.0, -3.0), abs=0.002)
 
 
 def test_line_board_has_no_pulses(box: GrblSimulator, tmp_path: Path) -> None:

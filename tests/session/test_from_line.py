@@ -11,13 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cnc.api import Callbacks, Report, start_position
+from cnc.boards.grbl.driver import GrblBoard
 from cnc.boards.grbl.simulator.board import GrblSimulatorBoard
+from cnc.boards.grbl.simulator.grbl_simulator import GrblSimulator
+from cnc.boards.grbl.simulator.ports import GrblSimulatorPort
 from cnc.gcode.program.program import ProgramOptions, interpret
 from cnc.gcode.syntax.source_text import Text
 from cnc.machine.load import load_machine
 from cnc.model.blocks import ArcFeed, Block, Coolant, Dwell, Polyline, Spindle, Tool
 from cnc.model.diagnostics import CncError
 from cnc.session.resume import RestartPoint
+from tests.support.boards.simulator_bench import Bench
 from tests.support.session.runs import run_with
 
 MACHINE = load_machine("grbl-uno")
@@ -264,3 +268,54 @@ def test_a_run_from_a_line_ends_at_the_end_of_the_program(board: str, tmp_path: 
     refused = ran(False)
     assert refused.stopped_at_line == 0
     assert len(asked) == 2
+
+
+HOMED = {20: 1, 21: 1, 22: 1, 27: 1.5, 110: 5000.0, 111: 5000.0, 112: 5000.0}
+UNLIMITED = MACHINE.model_copy(
+    update={
+        "axes": {
+            letter: axis.model_copy(update={"travel": None})
+            for letter, axis in MACHINE.axes.items()
+        }
+    }
+)
+
+
+def on_homed_machine(tmp_path: Path, text: str, line: int) -> GrblSimulator:
+    """Home, go down to a part at machine Z-30, and begin a program at a line."""
+    box = GrblSimulator(settings=HOMED)
+    box.core.eeprom.systems["G54"] = (-150.0, -150.0, -30.0)
+    for source, begin in (("$H\nG0 X10 Y10\nZ-2\nM2\n", None), (text, line)):
+        program = tmp_path / "p.nc"
+        program.write_text(source)
+        port = GrblSimulatorPort(box, hang_up=False)
+        board = GrblBoard(port, UNLIMITED, port.clock, "the simulator")
+        board.connect()
+        before = len(box.moves)
+        report = run_with(program, UNLIMITED, board=board, from_line=begin, dialect="grbl")
+        board.close()
+        assert report.ok, report.faults
+    assert not [event for event in box.events if event.kind == "alarm"]
+    del box.moves[:before]
+    return box
+
+
+def test_a_lift_on_a_homed_machine_goes_no_higher_than_the_program(tmp_path: Path) -> None:
+    # Line 7 begins at the greatest height of the program.
+    text = "G0 Z5\nX1 Y1\nG1 Z-1 F300\nX20\nG0 Z5\nX0 Y0\nG0 X30 Y30\nG1 Z-1\nG0 Z5\nM2\n"
+    box = on_homed_machine(tmp_path, text, 7)
+    assert box.toolpath()[:, 2].max() == pytest.approx(-25.0)
+    assert box.position == pytest.approx((-120.0, -120.0, -25.0), abs=0.002)
+
+
+def test_a_lift_keeps_clear_of_the_limit_switch(tmp_path: Path) -> None:
+    text = "G0 Z5\nG53 G0 Z0\nX1 Y1\nG1 Z-1 F300\nX20\nG1 X30\nM2\n"
+    box = on_homed_machine(tmp_path, text, 6)
+    assert box.toolpath()[:, 2].max() == pytest.approx(-1.5)
+
+
+def test_a_move_to_a_limit_switch_presses_it() -> None:
+    bench = Bench(settings=HOMED | {20: 0})
+    bench.send("$H\n", 300.0)
+    heard = bench.send("G53G0Z0\n", 5.0)
+    assert "ALARM:1" in heard
