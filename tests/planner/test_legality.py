@@ -10,7 +10,7 @@ from cnc.api import load_machine
 from cnc.machine.models import Machine
 from tests.support.paths import ROOT
 from tests.support.planner.figures import Case, cases, machine, with_period
-from tests.support.planner.legality import examine, judge
+from tests.support.planner.legality import compare_files, examine
 from tests.support.planner.random_jobs import random_job
 from tests.support.soak import share
 
@@ -101,7 +101,9 @@ def test_the_check_finds_each_limit_that_is_broken(limit, tmp_path):
         path=mill.path.model_copy(update=part if where == "path" else {}),
         board=mill.board,
     )
-    found = examine("G21 G90 G61\nG2 X0 Y0 I5 J0 F9000\nM2\n", mill, tmp_path, judged_by=stricter)
+    found = examine(
+        "G21 G90 G61\nG2 X0 Y0 I5 J0 F9000\nM2\n", mill, tmp_path, compared_with=stricter
+    )
     assert [wrong.split(" is ")[0] for wrong in found.wrong] == [limit]
 
 
@@ -129,7 +131,7 @@ def test_the_check_finds_a_changed_trace(wrong, tmp_path):
     rows = dict(np.load(tmp_path / "trace.npz"))
     WRONG[wrong](rows)
     np.savez(tmp_path / "changed.npz", **rows)
-    again = judge(
+    again = compare_files(
         tmp_path / "blocks.jsonl",
         tmp_path / "changed.npz",
         tmp_path / "pulses.npz",
@@ -147,7 +149,7 @@ def test_the_check_finds_a_missing_last_pulse(tmp_path):
         tmp_path / "changed.npz",
         **{**pulses, **{name: pulses[name][:-1] for name in ("time_ns", "step", "line")}},
     )
-    again = judge(
+    again = compare_files(
         tmp_path / "blocks.jsonl",
         tmp_path / "trace.npz",
         tmp_path / "changed.npz",

@@ -121,11 +121,11 @@ class Findings:
 
 
 def examine(
-    text: str, machine: Machine, folder: Path, *, judged_by: Machine | None = None
+    text: str, machine: Machine, folder: Path, *, compared_with: Machine | None = None
 ) -> Findings:
     """Check a program with a machine, and the files that this writes to ``folder``.
 
-    They are compared with the limits of the machine, or of ``judged_by``.
+    They are compared with the limits of the machine, or of ``compared_with``.
     """
     program, blocks, trace, pulses = (
         folder / name for name in ("program.nc", "blocks.jsonl", "trace.npz", "pulses.npz")
@@ -141,7 +141,7 @@ def examine(
             refused=report.faults[0].diagnostic.code,
             wrong=[str(fault.diagnostic.message) for fault in report.faults],
         )
-    return judge(blocks, trace, pulses, judged_by or machine, report.duration_s)
+    return compare_files(blocks, trace, pulses, compared_with or machine, report.duration_s)
 
 
 Override = tuple[np.ndarray, np.ndarray]
@@ -149,7 +149,7 @@ Override = tuple[np.ndarray, np.ndarray]
 NEVER: Override = np.zeros(1), np.ones(1)
 
 
-def judge(
+def compare_files(
     blocks: Path,
     trace: Path,
     pulses: Path,
@@ -176,10 +176,10 @@ def judge(
         found.wrong.append("the trace has numbers that are not finite")
         return found
     found.moved = bool(path)
-    _judge_clock(rows, np.load(pulses), machine, duration, found)
-    _judge_limits(rows, machine, found)
+    _check_clock(rows, np.load(pulses), machine, duration, found)
+    _check_limits(rows, machine, found)
     if path:
-        _judge_path(rows, path, machine, override, found)
+        _check_path(rows, path, machine, override, found)
     for name, ratio in found.ratios.items():
         if not ratio <= 1.0 + ALLOWED:
             found.wrong.append(f"{name} is {ratio:.6g} of its limit")
@@ -283,7 +283,7 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
     return np.sqrt((vectors**2).sum(axis=1))
 
 
-def _judge_clock(
+def _check_clock(
     rows: dict, pulses: dict, machine: Machine, duration: float, found: Findings
 ) -> None:
     """Check that rows are a period apart and end with the motion, and check the last pulse.
@@ -309,7 +309,7 @@ def _judge_clock(
         )
 
 
-def _judge_limits(rows: dict, machine: Machine, found: Findings) -> None:
+def _check_limits(rows: dict, machine: Machine, found: Findings) -> None:
     """Compare differences of the positions with the limits."""
     period, p, s, path = machine.path.period, rows["position"], rows["s"], machine.path
     noise = [0.0] + [
@@ -365,7 +365,7 @@ def _crawl(machine: Machine) -> float:
     return max(2.0 * jerk * machine.path.period**3, 1e-9)
 
 
-def _judge_path(
+def _check_path(
     rows: dict, path: list[Piece], machine: Machine, override: Override, found: Findings
 ) -> None:
     """Compare the trace with the programmed path, and the path with the trace."""
