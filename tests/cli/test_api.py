@@ -164,11 +164,11 @@ def test_warnings_are_shown_unless_quiet(capsys):
 
 
 def test_the_first_run_compiles_and_reports_it_once(tmp_path, monkeypatch):
-    mark, told = tmp_path / "compiled", []
+    mark, reported = tmp_path / "compiled", []
     monkeypatch.setattr(kernel_cache, "compiled_mark", lambda: mark)
     for _ in range(2):
-        kernel_cache.ensure_compiled(lambda: told.append("compiling"))
-    assert told == ["compiling"]
+        kernel_cache.ensure_compiled(lambda: reported.append("compiling"))
+    assert reported == ["compiling"]
     assert mark.exists()
 
 

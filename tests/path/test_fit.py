@@ -372,7 +372,7 @@ def test_each_stretch_has_its_own_feed():
     curve, found, line = sampled(chunks)
     assert (np.diff(line) >= 0).all()
     middle = 0.5 * (points[:-1] + points[1:])
-    for p, feed in list(zip(curve, found, strict=True))[::7]:
+    for p, feed in list(zip(curve, found, strict=True))[:: share(7, 28)]:
         # the programmed feeds within reach of the point: near a vertex that of either side
         near = (
             np.linalg.norm(middle - p, axis=1)
