@@ -1,5 +1,6 @@
-"""Homing against the firmware in the simulator: the switches close and open where the pins have
-brought the axes.
+"""Homing against the firmware in the simulator.
+
+The switches follow the position that the pins add up to.
 """
 
 from __future__ import annotations
@@ -97,7 +98,7 @@ class Bench:
             board.close()
 
     def standing(self, machine: Machine) -> tuple[int | None, ...]:
-        """What the next program is told."""
+        """Return the known position for the next program."""
         board = self.driver(machine)
         try:
             return board.known_steps
@@ -162,7 +163,7 @@ def test_single_axis(bench: Bench, invert: bool) -> None:
 
 
 def test_axis_moves_off_a_closed_switch_first(bench: Bench) -> None:
-    """By its own axis, when that has its turn: Z goes up with X on its switch."""
+    """Each axis does so in its turn: Z goes up while X is on its switch."""
     bench.switches["x"] = (-INF, 200)
     machine = small()
     assert bench.home(machine) == {"x": 0.0, "y": -2.0, "z": 1.0}
@@ -259,7 +260,7 @@ def test_operator_stops_the_homing(bench: Bench) -> None:
 
 
 def test_reset_loses_all_positions(bench: Bench) -> None:
-    """As does a computer that dies: what counts is what the board says."""
+    """A computer that fails has the same effect: the board's answer counts."""
     board = bench.driver(small())
     real = bench.set
 
@@ -279,8 +280,9 @@ def test_reset_loses_all_positions(bench: Bench) -> None:
 @pytest.mark.parametrize("place", share([*range(-950, 950, 25)], [-950, 950]))
 @pytest.mark.parametrize(("seek", "end"), share([(20.0, "low"), (60.0, "high")], [(60.0, "high")]))
 def test_homing_from_any_position(place: int, seek: float, end: str) -> None:
-    """Within the travel of the axis, and before its switch or behind; with a latch speed of half a
-    step a look at the pins: to the step.
+    """The axis starts within its travel, on either side of its switch.
+
+    At a latch speed of half a step for each look at the pins, it ends on the exact step.
     """
     towards = 1 if end == "high" else -1
     way = Homing(end=end, seek=seek, latch=2.0, pull_off=1.0)  # type: ignore[arg-type]
@@ -296,8 +298,8 @@ def test_homing_from_any_position(place: int, seek: float, end: str) -> None:
 
 
 def test_homing_is_within_the_limits(bench: Bench) -> None:
-    """Up to the switch: from rest, and to rest again at a pull-off, no faster than asked for, no
-    more abruptly than the axis may.
+    """The moves to the switch and off it keep the requested speed, and the axis's acceleration and
+    jerk.
     """
     machine = small()
     bench.switches = {"z": (550, INF)}
@@ -324,7 +326,7 @@ def ran(bench: Bench, machine: Machine, folder: Path, **more: object) -> Report:
 
 
 def test_machine_with_switches_must_home_first(bench: Bench, tmp_path: Path) -> None:
-    """After a switch has stopped it, too: it moves on when it has come home."""
+    """This holds after a stop by a switch, too. The machine moves again after homing."""
     machine = small()
     refused = ran(bench, machine, tmp_path)
     assert [fault.diagnostic.code for fault in refused.faults] == ["not-homed"]
@@ -419,7 +421,7 @@ def test_board_without_switches() -> None:
 
 
 def test_defaults_of_homing() -> None:
-    """Z first, upwards; then the others in their order, downwards; as slow as GRBL."""
+    """Z is first, upwards; the others follow in their order, downwards, at the speeds of GRBL."""
     machine = small(axes={letter: axis((-10.0, 20.0), None) for letter in "xyz"})
     ways = homing_sequence(machine)
     assert [(way.letter, way.towards, way.rest) for way in ways] == [

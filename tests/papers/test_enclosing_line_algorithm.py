@@ -237,7 +237,7 @@ def test_against_geomdl(generator: Rows, seed: int) -> None:
 
 @BOTH
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=share(400, 20))
+@settings(max_examples=share(400, 12))
 def test_arcs_and_lines_of_any_size(generator: Rows, seed: int) -> None:
     """From 1 um to 1 m, BLU from 1e-4 to 1 mm, ends on and off the grid and between its points, the
     BLU another for each axis.

@@ -186,7 +186,7 @@ def lines(draw: st.DrawFn) -> tuple[list[Polyline], Floats, Floats]:
 
 
 @given(lines())
-@settings(max_examples=share(3000, 150), deadline=None)
+@settings(max_examples=share(3000, 75), deadline=None)
 def test_lines(case: tuple[list[Polyline], Floats, Floats]) -> None:
     blocks, start, scale = case
     ends = np.vstack((start, blocks[0].points))
@@ -228,7 +228,7 @@ def arcs(draw: st.DrawFn) -> tuple[list[ArcFeed], Floats, Floats]:
 
 
 @given(arcs())
-@settings(max_examples=share(2000, 100), deadline=None)
+@settings(max_examples=share(2000, 50), deadline=None)
 def test_arcs(case: tuple[list[ArcFeed], Floats, Floats]) -> None:
     check(*case)
 
@@ -308,7 +308,7 @@ def test_the_octants_of_the_recursion() -> None:
 
 
 @given(st.integers(-40, 40), st.integers(-40, 40))
-@settings(max_examples=share(500, 60), deadline=None)
+@settings(max_examples=share(500, 36), deadline=None)
 def test_integer_lines(xe: int, ye: int) -> None:
     """The paper's line, step by step, from equation 1: the smaller |F| of the two candidates, the
     longer axis alone on a tie.
@@ -332,7 +332,7 @@ def test_integer_lines(xe: int, ye: int) -> None:
 
 def test_integers_far_out() -> None:
     """Millions of steps, half a BLU from the first to the last."""
-    count = share(9_999_991, 999_983)
+    count = share(9_999_991, 499_991)
     ends = (count, count * 3 // 4 - 7, -count // 2 + 0.5)
     rows = run([polyline([ends])], np.zeros(3), 1.0)
     assert len(rows.step) == count
@@ -354,7 +354,7 @@ def test_ties_are_quiet(noise: float) -> None:
 
 
 @given(st.one_of(lines(), arcs()), st.integers(1, 9), st.lists(st.floats(0.01, 0.99), max_size=6))
-@settings(max_examples=share(600, 60), deadline=None)
+@settings(max_examples=share(600, 36), deadline=None)
 def test_the_same_rows_in_any_buffers_and_parts(
     case: tuple[list[Block], Floats, Floats], room: int, cuts: list[float]
 ) -> None:
@@ -382,7 +382,7 @@ def test_a_grid_point_a_whole_step_behind_is_set_right_at_once() -> None:
 
 
 @given(st.one_of(lines(), arcs()))
-@settings(max_examples=share(1000, 60), deadline=None)
+@settings(max_examples=share(1000, 36), deadline=None)
 def test_point_by_point(case: tuple[list[Block], Floats, Floats]) -> None:
     """One axis a row, half a BLU at all times, as many rows as the axes make steps."""
     blocks, start, scale = case
@@ -419,7 +419,7 @@ def test_point_by_point_as_the_paper_has_it(turn: int) -> None:
 
 
 @given(st.integers(-30, 30), st.integers(-30, 30))
-@settings(max_examples=share(300, 40), deadline=None)
+@settings(max_examples=share(300, 24), deadline=None)
 def test_lines_by_points(xe: int, ye: int) -> None:
     steps = np.empty((100, 2), np.int8)
     count = line_by_points(xe, ye, steps)

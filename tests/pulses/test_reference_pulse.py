@@ -1,5 +1,5 @@
-"""Reference pulses by crossings: order, half a BLU, counts, ends and times, against paths evaluated
-another way.
+"""Reference pulses by crossings: order, half a BLU, counts, ends and times, against an independent
+evaluation.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 def run(
     plans: Sequence[PlanChunk], steps_per_mm: ArrayLike, start: ArrayLike
 ) -> tuple[PulseChunk, ReferencePulse]:
-    """All rows in one."""
+    """Return all rows in one array."""
     interpolator = ReferencePulse(steps_per_mm, start, algorithm="crossings")
     chunks = [c for plan in plans for c in interpolator.pulses(plan)]
     axes = len(interpolator.origin_steps)
@@ -42,7 +42,7 @@ def run(
 
 
 def check_rows(rows: PulseChunk, interpolator: ReferencePulse, end: ArrayLike) -> None:
-    """What holds for the pulses of any path that ends at ``end``."""
+    """Check the pulses of a path that ends at ``end``."""
     assert (np.abs(rows.step) <= 1).all()
     assert rows.step.any(axis=1).all()
     assert (np.diff(rows.time_ns) >= 0).all()
@@ -63,8 +63,8 @@ def check(
     dense: int = 200,
     plan: PlanChunk | None = None,
 ) -> PulseChunk:
-    """Run the blocks and hold every row against the oracle: same steps in the same order at the
-    same places, at the times of the plan.
+    """Run the blocks and compare every row with the oracle: steps, order, places, and times of the
+    plan.
     """
     origin = np.asarray(start, dtype=np.float64)
     scale = np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), origin.shape)
@@ -98,8 +98,8 @@ def check(
 
 
 def check_time(plan: PlanChunk, s: float, time_ns: int) -> None:
-    """That the plan is at s at that time: to 1 ns, and to the accuracy of s where the speed is too
-    small to tell the time from it.
+    """Check that the plan is at s at that time: to 1 ns, and to the accuracy of s where the speed
+    is small.
     """
 
     def miss(t: float) -> float:
@@ -289,7 +289,7 @@ def test_lines_are_those_of_the_pieces() -> None:
 
 @pytest.mark.parametrize("noise", [0.0, 1e-13, -1e-13])
 def test_an_axis_on_a_half_grid_line_is_quiet(noise: float) -> None:
-    """Of two equally near grid points the axis keeps the one it has."""
+    """Between two equally near grid points the axis keeps its own."""
     start = np.array([0.0, 0.005])
     points = [[0.1 * k, 0.005 + noise * (-1) ** k] for k in range(1, 9)]
     rows, interpolator = run([plan_of(path_of([polyline(points)], start))], [100.0, 100.0], start)
@@ -365,7 +365,7 @@ def test_times_are_exact_after_hours() -> None:
 
 
 def test_times_never_decrease_from_chunk_to_chunk() -> None:
-    """Even where the clocks of two chunks overlap by rounding."""
+    """This holds even where rounding makes the clocks of two chunks overlap."""
     interpolator = ReferencePulse([100.0], [0.0])
     (first,) = interpolator.pulses(plan_of(path_of([polyline([[0.01]])], [0.0])))
     (second,) = interpolator.pulses(plan_of(path_of([polyline([[0.02]])], [0.01])))
@@ -392,7 +392,7 @@ def test_constant_speed_is_evenly_timed() -> None:
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=share(200, 10))
 def test_times_under_random_phases(seed: int) -> None:
-    """Random jerks between two rests: each row at the time at which s(t) reaches its place."""
+    """Between two rests with random jerks, each row comes when s(t) reaches its place."""
     rng = np.random.default_rng(seed)
     rise = [
         (float(t), float(j))
@@ -415,9 +415,7 @@ def test_times_under_random_phases(seed: int) -> None:
 
 
 def test_cusps_and_repeated_control_points() -> None:
-    """Where |dr/du| vanishes: at a start with a doubled control point, and at a cusp inside a
-    span.
-    """
+    """|dr/du| vanishes at a start with a doubled control point, and at a cusp inside a span."""
     doubled = NurbsFeed(
         FILE,
         1,
@@ -442,8 +440,8 @@ def test_cusps_and_repeated_control_points() -> None:
 
 @pytest.mark.parametrize("weight", [1e2, 1e3, 1e4])
 def test_a_strained_conic(weight: float) -> None:
-    """A heavy point rounds positions by more than polynomials may be off, however narrow their
-    windows are.
+    """A large weight rounds positions by more than the tolerance of the polynomials, however narrow
+    their windows are.
     """
     points = np.array([[0.0, 0, 0], [5, 5, 0], [10, 0, 0]])
     block = NurbsFeed(
@@ -459,7 +457,7 @@ def test_a_strained_conic(weight: float) -> None:
 
 
 def spacing(rows: PulseChunk) -> float:
-    """Least time between two pulses of one axis, ns."""
+    """Return the least time between two pulses of one axis, ns."""
     return min(
         float(np.diff(rows.time_ns[rows.step[:, i] != 0]).min(initial=10**18))
         for i in range(rows.step.shape[1])
@@ -471,9 +469,7 @@ def spacing(rows: PulseChunk) -> float:
 def test_a_graze_faster_than_the_board_makes_no_steps(
     beyond: float, rows_at_once: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The tops of these waves lie a hair above a half-grid line: there and back again within
-    microseconds.
-    """
+    """The peaks of these waves pass a half-grid line by a little, for microseconds."""
     monkeypatch.setattr(reference_pulse, "ROWS", rows_at_once)
     radius = (50.5 + beyond) / 100.0
     start = np.array([-radius, 0.0])
