@@ -1,4 +1,4 @@
-"""Enclosing lines and shortest normals, piece by piece, against paths evaluated another way."""
+"""Enclosing lines and shortest normals, piece by piece, against an independent evaluation."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ BOTH = pytest.mark.parametrize(
 
 @dataclass
 class Walk:
-    """What a generator made of a path: the rows, their path coordinates, the grid points before and
-    after each, its own largest error.
+    """Result of a generator for a path: rows, path coordinates, grid points before and after each,
+    and its largest error.
     """
 
     step: NDArray[np.int8]
@@ -93,7 +93,7 @@ def walk(
 def check(
     generator: Rows, blocks: Sequence[Block], start: ArrayLike, steps_per_mm: ArrayLike, **how: int
 ) -> Walk:
-    """What holds for every row, by the records; for some of them by the oracle, too."""
+    """Check every row by the records, and some rows by the oracle."""
     origin = np.asarray(start, dtype=np.float64)
     scale = np.array(np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), origin.shape))
     path = path_of(blocks, origin)
@@ -120,7 +120,7 @@ def check(
 
 
 def by_oracle(rows: Walk, segments: Sequence[Segment], scale: Floats) -> None:
-    """Some rows at the places where scipy's arc length puts them."""
+    """Check some rows at the places that scipy's arc length gives."""
     ends = np.cumsum([0.0] + [segment.length(1.0) for segment in segments])
     for k in range(0, len(rows.reach), max(len(rows.reach) // share(20, 4), 1)):
         number = min(int(np.searchsorted(ends, rows.reach[k], side="right")) - 1, len(segments) - 1)
@@ -133,10 +133,9 @@ def by_oracle(rows: Walk, segments: Sequence[Segment], scale: Floats) -> None:
 def by_squares(
     segments: Sequence[Segment], scale: Floats, grid: Ints, dense: int
 ) -> tuple[Ints, bool]:
-    """The rule again, on points of the path and bisection between them: the curve leaves the
-    square, the offset there is rounded.
-
-    Stops, and says so, where rounding would decide which neighbour is taken.
+    """Return the grid points of the rule, from dense points and bisection: the curve leaves the
+    square, and the offset there is rounded. The second result is False if rounding would decide
+    between two neighbours; then the points end there.
     """
     g = grid.copy()
     found = []
@@ -172,7 +171,7 @@ def by_squares(
 def check_squares(
     blocks: Sequence[Block], start: ArrayLike, steps_per_mm: ArrayLike, dense: int
 ) -> None:
-    """The enclosing line's rows are those of :func:`by_squares`, if the path is one piece."""
+    """Check that the rows equal those of :func:`by_squares`, if the path is one piece."""
     origin = np.asarray(start, dtype=np.float64)
     scale = np.array(np.broadcast_to(np.asarray(steps_per_mm, dtype=np.float64), origin.shape))
     rows = check(enclosing_line_rows, blocks, start, scale)
@@ -186,7 +185,9 @@ def check_squares(
 def nurbs(
     rng: np.random.Generator, axes: int, degree: int, points: int, heaviest: float
 ) -> NurbsFeed:
-    """Random control points in [-1, 1], weights from 1 / heaviest to heaviest."""
+    """Return a NURBS with random control points in [-1, 1] and weights from 1 / heaviest to
+    heaviest.
+    """
     inner = np.sort(rng.uniform(0.02, 0.98, points - degree - 1))
     knots = np.concatenate((np.zeros(degree + 1), inner, np.ones(degree + 1)))
     weights = np.exp(rng.uniform(-1.0, 1.0, points) * math.log(heaviest))
@@ -213,8 +214,9 @@ def test_random_curves(generator: Rows, seed: int) -> None:
 @BOTH
 @pytest.mark.parametrize("seed", range(share(60, 3)))
 def test_against_geomdl(generator: Rows, seed: int) -> None:
-    """Every grid point has a point of the curve within half a BLU in each axis, and every point of
-    the curve a grid point within one.
+    """Every grid point is within half a BLU of the curve in each axis.
+
+    Every point of the curve is within one BLU of a grid point.
     """
     rng = np.random.default_rng(seed)
     degree, axes = int(rng.integers(1, 6)), int(rng.integers(2, 4))
@@ -239,8 +241,8 @@ def test_against_geomdl(generator: Rows, seed: int) -> None:
 @given(seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=share(400, 12))
 def test_arcs_and_lines_of_any_size(generator: Rows, seed: int) -> None:
-    """From 1 um to 1 m, BLU from 1e-4 to 1 mm, ends on and off the grid and between its points, the
-    BLU another for each axis.
+    """Sizes from 1 um to 1 m, BLU from 1e-4 to 1 mm and different for each axis, ends on and off
+    the grid.
     """
     rng = np.random.default_rng(seed)
     size = 10.0 ** rng.uniform(-3.0, 3.0)
@@ -272,7 +274,7 @@ def test_arcs_and_lines_of_any_size(generator: Rows, seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(share(200, 12)))
 def test_each_row_is_the_exit_from_the_square(seed: int) -> None:
-    """One Bezier of degree 2 to 5: the steps, all of them and in order, by an independent walk."""
+    """All steps of a Bezier of degree 2 to 5, in order, by an independent walk."""
     rng = np.random.default_rng(seed)
     degree = int(rng.integers(2, 6))
     axes = int(rng.integers(2, 5))
@@ -310,8 +312,8 @@ def test_a_line_steps_with_its_longest_axis() -> None:
 
 
 def test_the_circle_of_the_paper() -> None:
-    """1 mm, BLU 0.001 mm: 8 cos(45 degrees) steps a BLU of radius, what the octants' longer axes
-    have together, and none half a BLU off.
+    """1 mm, BLU 0.001 mm: 8 cos(45 degrees) steps for a BLU of radius, the sum of the longer axes
+    of the octants, none half a BLU off.
     """
     start = np.array([1.0, 0.0])
     for generator in (enclosing_line_rows, kiritsis_rows):
@@ -326,8 +328,9 @@ def test_the_circle_of_the_paper() -> None:
 
 
 def test_as_printed() -> None:
-    """What the paper's procedure does at BLU 0.001 mm, and why it needs mending at 1 mm: a null
-    step and more than half a BLU.
+    """The paper's procedure as printed works at BLU 0.001 mm.
+
+    At 1 mm it makes a null step and is more than half a BLU off.
     """
     polynomial = fitted(*BARE["polynomial"])
     circle = path_of([arc([1.0, 0.0], (0.0, 0.0), 1.0)], [1.0, 0.0])
@@ -345,8 +348,8 @@ def test_as_printed() -> None:
 
 @pytest.mark.parametrize("radius", [10.0, 100.0, 1000.0])
 def test_windows_stay_wide_however_far_from_the_origin(radius: float) -> None:
-    """What rounding leaves of a million BLU must not be taken for the polynomial's error, which
-    narrower windows would mend.
+    """Rounding at a million BLU must not be mistaken for the polynomial's error, which narrower
+    windows would reduce.
     """
     path = path_of([arc([radius, 0.0], (0.0, 0.0), 1.0)], [radius, 0.0])
     piece = Piece(int(path.kind[0]), path.data, int(path.at[0]), 0.0)
@@ -419,7 +422,7 @@ def test_cusps_and_repeated_control_points(generator: Rows) -> None:
 
 @BOTH
 def test_off_the_grid_and_closed(generator: Rows) -> None:
-    """Ends off the grid, on half-grid lines, and where the curve began."""
+    """Ends off the grid, on half-grid lines, and at the start of the curve."""
     closed = trident()
     closed.control_points[-1] = closed.control_points[0]
     rows = check(generator, [closed], [10.0, 10.0], [10.0, 13.0])
@@ -448,7 +451,7 @@ def test_an_axis_on_a_half_grid_line_is_quiet(generator: Rows, noise: float) -> 
 
 @BOTH
 def test_buffers_and_parts(generator: Rows) -> None:
-    """Small buffers change nothing, nor does going in parts."""
+    """Small buffers and a walk in parts give the same rows."""
     blocks = [trident(), polyline([[9.5, 1.0], [8.0, 0.73]]), arc([8.0, 0.73], (9.0, 0.7), 0.6)]
     whole = check(generator, blocks, [10.0, 10.0], [20.0, 31.0])
     for room in (1, 7, len(whole.step)):
@@ -495,8 +498,8 @@ BARE: dict[
 @pytest.mark.parametrize("algorithm", Algorithm)
 @pytest.mark.parametrize("name", BARE)
 def test_bare_curves(name: str, algorithm: Algorithm) -> None:
-    """Curves given by two functions: each grid point half a BLU from them where it is due, and the
-    curve in the square until the next.
+    """Curves of two functions: each grid point is within half a BLU when it is due, and the curve
+    stays in the square until the next.
     """
     position, derivative, u0, u1 = BARE[name]
     curve = fitted(position, derivative, u0, u1)

@@ -1,5 +1,5 @@
-"""Half-step deviation: half a BLU at every row, right counts and ends, against paths evaluated
-another way.
+"""Half-step deviation: half a BLU at every row, correct counts and ends, against an independent
+evaluation.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Run:
 
     @property
     def points(self) -> Ints:
-        """Grid points, the first one included."""
+        """Grid points, with the first one."""
         return self.origin + np.concatenate(
             (
                 np.zeros((1, len(self.origin)), np.int64),
@@ -61,8 +61,9 @@ def run(
     origin: Ints | None = None,
     rows_of: Callable[..., Any] = half_step_rows,
 ) -> Run:
-    """The rows of the blocks, in buffers of ``room`` rows, each piece done in parts that end at
-    ``cuts`` (of 1).
+    """Return the rows of the blocks, in buffers of ``room`` rows.
+
+    Each piece is done in parts that end at ``cuts`` (of 1).
     """
     path = path_of(blocks, start)
     scales = np.broadcast_to(np.asarray(scale, np.float64), (len(path.axes),)).copy()
@@ -106,10 +107,9 @@ def check(
     rows_of: Callable[..., Any] = half_step_rows,
     lag: float = 1.5,
 ) -> Run:
-    """What holds for every path: at each row half a BLU in each axis, between the rows at most
-    ``lag``, so that no row is missing.
-
-    Half-step deviation: the leader is a step behind before its row, the others half of one more.
+    """Check the rows of a path: half a BLU in each axis at each row, at most ``lag`` between rows,
+    so that no row is missing. With half-step deviation the leader is a step behind before its row,
+    the others half a step more.
     """
     origin = np.asarray(start, np.float64)
     scales = np.broadcast_to(np.asarray(scale, np.float64), origin.shape)
@@ -142,7 +142,7 @@ def check(
 
 
 def _places(length: Callable[[float], float], s: Floats, whole: float) -> Floats:
-    """w of the arc lengths, by Newton's method where the length is no multiple of w."""
+    """Return w of the arc lengths, by Newton's method where the length is no multiple of w."""
     if abs(length(0.3) - 0.3 * whole) < 1e-13 * whole:
         return s / whole
     w = s / whole
@@ -159,8 +159,8 @@ EXPONENT = st.floats(-3.0, 3.0)
 
 
 def scales_for(draw: st.DrawFn, axes: int, size: float, most: float) -> Floats:
-    """Steps per mm from 1 to 10 000 (BLU 1 mm to 1e-4 mm), so that ``size`` mm are at most ``most``
-    steps.
+    """Draw steps/mm from 1 to 10 000 (BLU 1 mm to 1e-4 mm), so that ``size`` mm are at most
+    ``most`` steps.
     """
     high = min(10_000.0, most / size)
     low = min(1.0, high)
@@ -170,7 +170,7 @@ def scales_for(draw: st.DrawFn, axes: int, size: float, most: float) -> Floats:
 
 @st.composite
 def lines(draw: st.DrawFn) -> tuple[list[Polyline], Floats, Floats]:
-    """Polylines of 1 um to 1 m a move, with ends on and off the grid."""
+    """Draw polylines with moves of 1 um to 1 m, with ends on and off the grid."""
     axes = draw(st.integers(1, 5))
     size = 10.0 ** draw(EXPONENT)
     scale = scales_for(draw, axes, size, 3000.0)
@@ -200,8 +200,8 @@ def test_lines(case: tuple[list[Polyline], Floats, Floats]) -> None:
 
 @st.composite
 def arcs(draw: st.DrawFn) -> tuple[list[ArcFeed], Floats, Floats]:
-    """Arcs both ways, of up to more than two turns; helices; spirals; centre, radius and ends off
-    the grid.
+    """Draw arcs in both directions, of up to 2.3 turns, helices and spirals, with centre, radius
+    and ends off the grid.
     """
     axes = draw(st.integers(2, 4))
     radius = 10.0 ** draw(EXPONENT)
@@ -244,9 +244,7 @@ def test_arcs(case: tuple[list[ArcFeed], Floats, Floats]) -> None:
 def test_arcs_of_ten_million_steps_radius(
     size: float, fine: float, angle: float, way: int, growth: float
 ) -> None:
-    """10 mm to 1 m at BLU of 1 to 0.1 um, a few thousand rows of them; half a BLU in spite of the
-    size.
-    """
+    """Radius 10 mm to 1 m at a BLU of 1 to 0.1 um, a few thousand rows: within half a BLU."""
     radius, scale = 10.0**size, round(10.0**fine, 3)
     start = np.array([radius * math.cos(angle), radius * math.sin(angle), 0.3])
     block = arc(start, (0.0, 0.0), way * min(600.0 / (radius * scale), 1.0), rise=0.01)
@@ -277,8 +275,8 @@ def test_the_circle_of_the_paper(turns: float) -> None:
 
 @pytest.mark.parametrize("radius", [1, 2, 3, 5, 7, 12, 29, 50, *range(100, 400, share(7, 60))])
 def test_integer_circles(radius: int) -> None:
-    """The paper's recursion, in integers, and the rows of an arc: the same points but where the
-    faster axis changes, none far off.
+    """The paper's recursion in integers and the rows of an arc have the same points, except where
+    the faster axis changes.
     """
     steps = np.empty((8 * radius + 8, 2), np.int8)
     for turn in (1, -1):
@@ -295,7 +293,7 @@ def test_integer_circles(radius: int) -> None:
 
 
 def test_the_octants_of_the_recursion() -> None:
-    """Each octant by the nearer of the two points that the exact circle passes between."""
+    """In each octant the recursion takes the nearer of the two points beside the exact circle."""
     radius = 1000
     steps = np.empty((8 * radius, 2), np.int8)
     count = circle_by_half_steps(radius, 1, steps)
@@ -310,8 +308,8 @@ def test_the_octants_of_the_recursion() -> None:
 @given(st.integers(-40, 40), st.integers(-40, 40))
 @settings(max_examples=share(500, 36), deadline=None)
 def test_integer_lines(xe: int, ye: int) -> None:
-    """The paper's line, step by step, from equation 1: the smaller |F| of the two candidates, the
-    longer axis alone on a tie.
+    """The paper's line from equation 1: the smaller |F| of the two candidates, on a tie the longer
+    axis alone.
     """
     if xe == 0 and ye == 0:
         return
@@ -331,7 +329,7 @@ def test_integer_lines(xe: int, ye: int) -> None:
 
 
 def test_integers_far_out() -> None:
-    """Millions of steps, half a BLU from the first to the last."""
+    """Millions of steps are within half a BLU, from the first to the last."""
     count = share(9_999_991, 499_991)
     ends = (count, count * 3 // 4 - 7, -count // 2 + 0.5)
     rows = run([polyline([ends])], np.zeros(3), 1.0)
@@ -384,7 +382,9 @@ def test_a_grid_point_a_whole_step_behind_is_set_right_at_once() -> None:
 @given(st.one_of(lines(), arcs()))
 @settings(max_examples=share(1000, 36), deadline=None)
 def test_point_by_point(case: tuple[list[Block], Floats, Floats]) -> None:
-    """One axis a row, half a BLU at all times, as many rows as the axes make steps."""
+    """Each row steps one axis, within half a BLU at all times, and the rows are as many as the
+    steps of the axes.
+    """
     blocks, start, scale = case
     rows = check(blocks, start, scale, point_by_point_rows, lag=0.5 + 1e-3)
     assert (np.abs(rows.step).sum(axis=1) == 1).all()
@@ -392,7 +392,7 @@ def test_point_by_point(case: tuple[list[Block], Floats, Floats]) -> None:
 
 @pytest.mark.parametrize("room", [1, 2, 5])
 def test_point_by_point_in_small_buffers(room: int) -> None:
-    """Steps of one moment in different buffers."""
+    """Steps of one time are in different buffers."""
     blocks = [polyline([[10.0, 10.0, -10.0], [4.0, 7.0, 2.0]])]
     whole = run(blocks, np.zeros(3), 1.0, rows_of=point_by_point_rows)
     small = run(blocks, np.zeros(3), 1.0, room=room, rows_of=point_by_point_rows)
