@@ -35,8 +35,11 @@ Floats = NDArray[np.float64]
 
 AXES: tuple[AxisLetter, ...] = ("x", "y", "z")
 FAMILIES = ("axis", "unequal", "path", "both")
-STEPS = 24
-"""Steps of the solver for each leg."""
+STEPS = (10, 8, 10)
+"""Steps of the solver for each leg: behind a corner, in the middle, before the next corner."""
+
+SLOWED = 1.02
+"""The solver begins with our motion slowed by this, which lies inside the limits."""
 
 
 class Case(NamedTuple):
@@ -185,20 +188,6 @@ def off_polygon(r: Floats, points: Floats) -> Floats:
     return best
 
 
-def half_grid(duration: float, shortest: float, count: int) -> Floats:
-    """Return ``count`` steps that grow by a constant ratio and fill ``duration``."""
-    low, high = 1.0, 3.0
-    first = min(shortest, duration / count)
-    for _ in range(60):
-        ratio = 0.5 * (low + high)
-        if first * float((ratio ** np.arange(count)).sum()) < duration:
-            low = ratio
-        else:
-            high = ratio
-    steps = first * low ** np.arange(count)
-    return steps * (duration / steps.sum())
-
-
 def guess_of(case: Case, chunks: list[PlanChunk]) -> tuple[Guess, float]:
     """Return our motion on the solver's steps, and its deviation, mm."""
     end = chunks[-1].t0 + chunks[-1].duration
@@ -213,19 +202,25 @@ def guess_of(case: Case, chunks: list[PlanChunk]) -> tuple[Guess, float]:
         near[fine <= passed[-1]] = np.inf
         passed.append(float(fine[int(np.argmin(near))]))
     passed.append(end)
-    steps, leg = [], []
+    steps, leg, group = [], [], []
     jerk = np.abs(np.gradient(a, dt, axis=0)).max()
-    shortest = 0.3 * (24.0 * case.tolerance / jerk) ** (1.0 / 3.0)
+    near = 4.0 * (24.0 * case.tolerance / jerk) ** (1.0 / 3.0)
     for k in range(len(passed) - 1):
-        half = half_grid(0.5 * (passed[k + 1] - passed[k]), shortest, STEPS // 2)
-        steps += [*half, *half[::-1]]
-        leg += [k] * STEPS
+        whole = passed[k + 1] - passed[k]
+        side = min(0.3 * whole, near)
+        for count, duration in zip(STEPS, (side, whole - 2.0 * side, side), strict=True):
+            group += [len(group) and group[-1] + 1] * count
+            steps += [duration / count] * count
+        leg += [k] * sum(STEPS)
     t = np.concatenate(([0.0], np.cumsum(steps)))
 
     def at(values: Floats) -> Floats:
         return np.stack([np.interp(t, fine, values[:, i]) for i in range(3)], axis=1)
 
-    return Guess(t, at(r), at(v), at(a), np.array(leg)), float(off_polygon(r, case.points).max())
+    guess = Guess(
+        t * SLOWED, at(r), at(v) / SLOWED, at(a) / SLOWED**2, np.array(leg), np.array(group)
+    )
+    return guess, float(off_polygon(r, case.points).max())
 
 
 def run(case: Case) -> Result:
@@ -273,9 +268,7 @@ def main() -> None:
     for family in families:
         ratios = [each.ours / each.best for each in found if each.case.family == family]
         over = sum(ratio > 1.1 for ratio in ratios)
-        print(
-            f"{family:10} {len(ratios):6} {np.median(ratios):7.3f} {max(ratios):7.3f} {over:11}"
-        )
+        print(f"{family:10} {len(ratios):6} {np.median(ratios):7.3f} {max(ratios):7.3f} {over:11}")
     print(f"CPU {process_time() - started:.0f} s, and that of {options.jobs} processes")
 
 

@@ -1,17 +1,17 @@
 """The time-optimal motion inside the tolerance tube of a polygon, by a nonlinear solver.
 
-The motion is a sequence of short steps, each with a constant jerk of every axis and a duration of
-its own. IPOPT (through casadi) lowers the sum of the durations. Constraints:
+The motion is a sequence of short steps, each with a constant jerk of every axis. Steps of one group
+have the same duration: one group behind each corner, one before it, one between. IPOPT (through
+casadi) lowers the sum of the durations. Constraints:
 
-- In the steps of leg k the motion lies within the tolerance of that leg, ends included: the
-  distance from a point of the leg, which is a variable too.
+- In the steps of leg k the motion lies within the tolerance of that leg, ends included.
 - The motion is within the tolerance of a corner where it goes from one leg to the next, so that no
   part of the polygon is left out.
 - Speed, acceleration and jerk keep to the limits of each axis and to those along the path. With
   r(t) and v = |r'|: v' = r'.r''/v, v'' = (r''.r'' + r'.r''' - v'^2) / v, and the normal
   acceleration is sqrt(r''.r'' - v'^2).
 
-Constraints hold at the ends and the middle of each step. Between them they may be exceeded a
+Constraints hold at the start and the middle of each step. Between them they may be exceeded a
 little. So the result is evaluated at many points, and its clock is slowed until every limit holds:
 by a factor l, speeds become l times as large, accelerations l^2 and jerks l^3. The duration is then
 that of a motion that is legal. It is a local optimum, so it bounds the true one from above.
@@ -30,13 +30,16 @@ from cnc.planner.limits import Limits
 
 Floats = NDArray[np.float64]
 
-SHARE = (0.0, 0.5, 1.0)
+SHARE = (0.0, 0.5)
 """Places in a step at which constraints hold."""
 
 FINE = 16
 """Points of a step at which the result is evaluated."""
 
-SLOWEST = 1e-3
+INSIDE = 0.994
+"""Part of the tolerance that the motion may use at the places where the constraint holds."""
+
+SLOWEST = 1e-2
 """Speeds below this part of the largest are too slow for a direction."""
 
 
@@ -96,6 +99,7 @@ class Guess(NamedTuple):
         v: (m + 1, axes): velocities, mm/s.
         a: (m + 1, axes): accelerations, mm/s^2.
         leg: (m,): the leg that each step belongs to.
+        group: (m,): its group, counted from 0. Their durations are equal.
     """
 
     t: Floats
@@ -103,6 +107,7 @@ class Guess(NamedTuple):
     v: Floats
     a: Floats
     leg: NDArray[np.int64]
+    group: NDArray[np.int64]
 
 
 def states(motion: Motion, start: Floats, share: Floats) -> tuple[Floats, Floats, Floats]:
@@ -160,8 +165,11 @@ def deviation(tube: Tube, motion: Motion) -> float:
     return float(np.linalg.norm(r - nearest, axis=2).max())
 
 
-def optimum(tube: Tube, guess: Guess, iterations: int = 800) -> tuple[float, Motion]:
+def optimum(tube: Tube, guess: Guess, iterations: int = 300) -> tuple[float, Motion]:
     """Return the least duration found, s, and its motion; infinity if the solver failed.
+
+    In a group, derivatives are by the part of the group's steps that has passed. So the motion is
+    linear in the variables, and only the limits contain the durations.
 
     Args:
         tube: the constraints.
@@ -170,79 +178,72 @@ def optimum(tube: Tube, guess: Guess, iterations: int = 800) -> tuple[float, Mot
     """
     points, limits = tube.points, tube.limits
     n, m = points.shape[1], len(guess.leg)
+    groups = int(guess.group[-1]) + 1
+    counts = np.bincount(guess.group)
     steps = np.diff(guess.t)
-    # Units in which all variables are near 1: a mean step, and the displacement of the motion.
-    clock = float(guess.t[-1]) / m
+    spans = np.bincount(guess.group, steps)
+    # Units in which the variables are near 1: the mean duration of a group, the longest leg.
+    clock = float(guess.t[-1]) / groups
     size = float(np.linalg.norm(np.diff(points, axis=0), axis=1).max())
-    eps = tube.tolerance / size
-    per_v, per_a, per_j = clock / size, clock**2 / size, clock**3 / size
+    eps = tube.tolerance * INSIDE / size
+    unit = np.array([clock / size, clock**2 / size, clock**3 / size])
     opti = casadi.Opti()
-    h = opti.variable(m)
-    r, v, a = opti.variable(n, m + 1), opti.variable(n, m + 1), opti.variable(n, m + 1)
+    span = opti.variable(groups)
+    r, v, a = opti.variable(n, m), opti.variable(n, m), opti.variable(n, m)
     j = opti.variable(n, m)
-    foot = opti.variable(len(SHARE), m)
-    feed = tube.feed * per_v
-    tangential = (limits.tangential_acceleration * per_a, limits.tangential_jerk * per_j)
-    normal = tube.normal * per_a
-    along_path = np.isfinite([tangential[0], tangential[1], limits.normal_acceleration])
-    chord_binds = normal < np.linalg.norm(limits.axis_acceleration) * per_a
-    opti.minimize(casadi.sum1(h))
-    opti.subject_to(opti.bounded(0.0, h, 20.0 * np.maximum(steps / clock, 1.0)))
-    for i in range(n):
-        for values, bound in (
-            (v[i, :], limits.axis_velocity[i] * per_v),
-            (a[i, :], limits.axis_acceleration[i] * per_a),
-            (j[i, :], limits.axis_jerk[i] * per_j),
-        ):
-            if np.isfinite(bound):
-                opti.subject_to(opti.bounded(-bound, values, bound))
+    beyond = opti.variable(len(SHARE), m)
+    opti.minimize(casadi.sum1(span))
+    opti.subject_to(span >= 1e-6)
     place = points / size
     opti.subject_to(r[:, 0] == place[0])
-    opti.subject_to(r[:, m] == place[-1])
-    for end in (0, m):
-        opti.subject_to(v[:, end] == 0)
-        opti.subject_to(a[:, end] == 0)
-    soft = 1e-6 * feed
+    opti.subject_to(v[:, 0] == 0)
+    opti.subject_to(a[:, 0] == 0)
     for k in range(m):
+        g = int(guess.group[k])
+        leg = int(guess.leg[k])
+        length = float(np.linalg.norm(place[leg + 1] - place[leg]))
+        along = (place[leg + 1] - place[leg]) / length
         for x, share in enumerate(SHARE):
-            t = share * h[k]
+            t = share / counts[g]
             rk = r[:, k] + t * (v[:, k] + t * (a[:, k] / 2 + t * j[:, k] / 6))
             vk = v[:, k] + t * (a[:, k] + t * j[:, k] / 2)
             ak = a[:, k] + t * j[:, k]
-            if share == 1.0:
-                opti.subject_to(r[:, k + 1] == rk)
-                opti.subject_to(v[:, k + 1] == vk)
-                opti.subject_to(a[:, k + 1] == ak)
-            leg = int(guess.leg[k])
-            start, along = place[leg], place[leg + 1] - place[leg]
-            off = rk - start - foot[x, k] * along
-            opti.subject_to(opti.bounded(0.0, foot[x, k], 1.0))
-            opti.subject_to(casadi.sumsqr(off) / eps**2 <= 1.0)
-            squared = casadi.sumsqr(vk) + soft**2
-            opti.subject_to(squared / feed**2 <= 1.0)
-            speed = casadi.sqrt(squared)
-            dot = casadi.dot(vk, ak)
-            if np.isfinite(tangential[0]):
-                opti.subject_to(opti.bounded(-1.0, dot / (speed * tangential[0]), 1.0))
-            if np.isfinite(normal) and (along_path[2] or chord_binds):
-                bend = casadi.sumsqr(ak) * squared - dot**2
-                opti.subject_to(bend / (squared * normal**2) <= 1.0)
-            if np.isfinite(tangential[1]):
-                change = (casadi.sumsqr(ak) + casadi.dot(vk, j[:, k]) - dot**2 / squared) / speed
-                opti.subject_to(opti.bounded(-1.0, change / tangential[1], 1.0))
-        if k + 1 < m and guess.leg[k + 1] > guess.leg[k]:
-            corner = place[int(guess.leg[k + 1])]
-            opti.subject_to(casadi.sumsqr(r[:, k + 1] - corner) / eps**2 <= 1.0)
-    opti.set_initial(h, steps / clock)
-    opti.set_initial(r, guess.r.T / size)
-    opti.set_initial(v, guess.v.T * per_v)
-    opti.set_initial(a, guess.a.T * per_a)
-    opti.set_initial(j, (np.diff(guess.a, axis=0) / steps[:, None]).T * per_j)
-    for x, share in enumerate(SHARE):
-        middle = guess.r[:-1] + share * (guess.r[1:] - guess.r[:-1])
-        along = points[guess.leg + 1] - points[guess.leg]
-        on = ((middle - points[guess.leg]) * along).sum(1) / (along**2).sum(1)
-        opti.set_initial(foot[x, :], np.clip(on, 0.0, 1.0))
+            off = rk - place[leg]
+            on = casadi.dot(off, along)
+            across = casadi.sumsqr(off - on * along) / eps**2
+            first, last = k == 0 or guess.leg[k - 1] < leg, k == m - 1 or guess.leg[k + 1] > leg
+            if guess.group[k] % 3 != 1:
+                opti.subject_to(beyond[x, k] * eps >= -on)
+                opti.subject_to(beyond[x, k] * eps >= on - length)
+                opti.subject_to(across + beyond[x, k] ** 2 <= 1.0)
+            else:
+                opti.subject_to(across <= 1.0)
+                opti.subject_to(beyond[x, k] == 0.0)
+            if not (first and x == 0 and leg == 0):
+                vs = guess.v[k] + share * (guess.v[k + 1] - guess.v[k])
+                at = float(np.linalg.norm(vs)) * spans[g] / size
+                _limit(opti, tube, unit, span[g], (vk, ak, j[:, k]), at)
+        t = 1.0 / counts[g]
+        rk = r[:, k] + t * (v[:, k] + t * (a[:, k] / 2 + t * j[:, k] / 6))
+        vk = v[:, k] + t * (a[:, k] + t * j[:, k] / 2)
+        ak = a[:, k] + t * j[:, k]
+        if k + 1 == m:
+            opti.subject_to(rk == place[-1])
+            opti.subject_to(vk == 0)
+            opti.subject_to(ak == 0)
+            continue
+        slower = span[int(guess.group[k + 1])] / span[g] if guess.group[k + 1] > g else 1.0
+        opti.subject_to(r[:, k + 1] == rk)
+        opti.subject_to(v[:, k + 1] == vk * slower)
+        opti.subject_to(a[:, k + 1] == ak * slower**2)
+        if last:
+            opti.subject_to(casadi.sumsqr(rk - place[leg + 1]) / eps**2 <= 1.0)
+    per = spans[guess.group][:, None]
+    opti.set_initial(span, spans / clock)
+    opti.set_initial(r, guess.r[:-1].T / size)
+    opti.set_initial(v, (guess.v[:-1] * per).T / size)
+    opti.set_initial(a, (guess.a[:-1] * per**2).T / size)
+    opti.set_initial(j, (np.diff(guess.a, axis=0) / steps[:, None] * per**3).T / size)
     opti.solver(
         "ipopt",
         {"print_time": False},
@@ -250,20 +251,73 @@ def optimum(tube: Tube, guess: Guess, iterations: int = 800) -> tuple[float, Mot
             "print_level": 0,
             "sb": "yes",
             "max_iter": iterations,
-            "tol": 1e-5,
+            "tol": 1e-4,
             "constr_viol_tol": 1e-7,
-            "mu_strategy": "adaptive",
+            "mu_init": 1e-3,
         },
     )
     try:
         solved = opti.solve()
     except RuntimeError:
         solved = opti.debug
-        if solved.stats()["iterations"]["inf_pr"][-1] > 1e-6:
-            return np.inf, Motion(steps, np.diff(guess.a, axis=0) / steps[:, None], guess.leg)
+    final = np.asarray(solved.value(span)) * clock
     motion = Motion(
-        np.asarray(solved.value(h)) * clock,
-        np.atleast_2d(solved.value(j)).T / per_j,
+        (final / counts)[guess.group],
+        np.atleast_2d(solved.value(j)).T * size / final[guess.group][:, None] ** 3,
         guess.leg,
     )
+    if not solved.stats()["success"] and solved.stats()["iterations"]["inf_pr"][-1] > 1e-5:
+        return np.inf, motion
     return float(motion.h.sum()) / slowest_clock(tube, motion), motion
+
+
+def _limit(
+    opti: casadi.Opti,
+    tube: Tube,
+    unit: Floats,
+    span: casadi.MX,
+    derivatives: tuple[casadi.MX, ...],
+    start: float,
+) -> None:
+    """Hold speed, acceleration and jerk at a place within the limits.
+
+    Args:
+        opti: the problem.
+        tube: the limits.
+        unit: (3,): the solver's units of these in mm and s.
+        span: duration of the group.
+        derivatives: the first three, by the part of the group.
+        start: the speed at which the solver begins, by the part of the group.
+    """
+    limits = tube.limits
+    v, a, j = derivatives
+    by_axis = (limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk)
+    for order, (values, bounds) in enumerate(zip(derivatives, by_axis, strict=True)):
+        for i in range(v.shape[0]):
+            bound = float(bounds[i]) * unit[order]
+            if np.isfinite(bound):
+                opti.subject_to(values[i] <= bound * span ** (order + 1))
+                opti.subject_to(-values[i] <= bound * span ** (order + 1))
+    feed = tube.feed * unit[0] * span
+    opti.subject_to(casadi.sumsqr(v) <= feed**2)
+    along = (limits.tangential_acceleration, limits.tangential_jerk, tube.normal)
+    if not min(along) < np.inf:
+        return
+    # The speed as a variable of its own keeps the constraints polynomials.
+    speed = opti.variable()
+    opti.subject_to(speed >= 0.0)
+    opti.subject_to(speed**2 == casadi.sumsqr(v) + (1e-5 * feed) ** 2)
+    opti.set_initial(speed, start)
+    dot = casadi.dot(v, a)
+    if np.isfinite(limits.tangential_acceleration):
+        most = limits.tangential_acceleration * unit[1] * span**2
+        opti.subject_to(dot <= most * speed)
+        opti.subject_to(-dot <= most * speed)
+    if tube.normal < float(np.linalg.norm(limits.axis_acceleration)):
+        most = tube.normal * unit[1] * span**2
+        opti.subject_to(casadi.sumsqr(a) * speed**2 - dot**2 <= (most * speed) ** 2)
+    if np.isfinite(limits.tangential_jerk):
+        most = limits.tangential_jerk * unit[2] * span**3
+        change = (casadi.sumsqr(a) + casadi.dot(v, j)) * speed**2 - dot**2
+        opti.subject_to(change <= most * speed**3)
+        opti.subject_to(-change <= most * speed**3)
