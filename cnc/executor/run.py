@@ -70,6 +70,7 @@ class Progress:
         ahead: Motion that the board has not played yet, s.
         file: Program of the last motion sent.
         at: Line that the motion has reached with certainty, 0 if none is known.
+        at_rest: Whether a hold has come to rest.
     """
 
     time: float
@@ -83,6 +84,7 @@ class Progress:
     ahead: float | None = None
     file: str = ""
     at: int = 0
+    at_rest: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,6 +224,7 @@ class _Run:
             hold_reason=reason,
             file=self.file,
             at=self.line,
+            at_rest=held,
         )
         if self.playing is not None:
             state = self.playing.motion_state

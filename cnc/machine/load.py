@@ -100,10 +100,12 @@ def load_machine(path: Path | str | None = None) -> Machine:
         header = Header.model_validate(tables.pop("machine", {}))
     except ValidationError as error:
         raise _validation_error(file, text, error, ("machine",)) from None
-    if "name" in tables:
-        raise _error(file, text, ("name",), "there is no such key", "put the name into [machine]")
+    for key in ("name", "kind"):
+        if key in tables:
+            hint = f"put the {key} into [machine]"
+            raise _error(file, text, (key,), "there is no such key", hint)
     try:
-        machine = Machine.model_validate({"name": header.name, **tables})
+        machine = Machine.model_validate({"name": header.name, "kind": header.kind, **tables})
     except ValidationError as error:
         raise _validation_error(file, text, error) from None
     for wrong in machine.inconsistencies():
@@ -217,7 +219,10 @@ def _toml(value: str | int | float) -> str:
 def _unknown_key(file: Traversable, text: str, key: tuple[str, ...]) -> MachineFileError:
     known: list[str]
     if len(key) == 1:
-        known = ["machine", *(field for field in Machine.model_fields if field != "name")]
+        known = [
+            "machine",
+            *(field for field in Machine.model_fields if field not in Header.model_fields),
+        ]
     elif key[0] == "axes":
         if len(key) > 3:
             known = list(Homing.model_fields)

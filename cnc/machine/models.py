@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
 
 from cnc.model.blocks import AxisLetter
-from cnc.model.choices import DialectName
+from cnc.model.choices import DialectName, MachineKind
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NonNegative = Annotated[FiniteFloat, Field(ge=0)]
@@ -61,6 +61,10 @@ class Header(Section):
     """The machine file's statements about itself."""
 
     name: str = Field(default="machine", description="Name of the machine, for reports.")
+    kind: MachineKind = Field(
+        default="mill",
+        description="Kind of machine. The power of a laser (S) changes during motion.",
+    )
 
 
 class Homing(Section):
@@ -293,6 +297,7 @@ class Machine(Section):
     """A machine. The order of ``axes`` is the order of the columns of every position."""
 
     name: str = Field(default="machine", description="Name of the machine, for reports.")
+    kind: MachineKind = Field(default="mill", description="Kind of machine.")
     axes: Annotated[dict[AxisLetter, Axis], Field(min_length=1)] = Field(
         description="The axes, each as a table [axes.x]; their order is the order of the columns."
     )

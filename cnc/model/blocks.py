@@ -316,9 +316,25 @@ class SwitchMove(Probe):
 
 @dataclass(frozen=True, slots=True)
 class BoardCommand(Block):
-    """A line for the board itself, such as GRBL's ``$H``. It is sent unchanged."""
+    """A line for the board itself, such as GRBL's ``$H``. It is sent unchanged.
+
+    Attributes:
+        text: The line.
+        answer: Position of each axis after a command that homes, mm.
+    """
 
     text: str
+    answer: Answer = field(default_factory=Answer, compare=False)
+
+    @property
+    def homes(self) -> bool:
+        """Whether the board homes: it stands elsewhere afterwards."""
+        return self.text.replace(" ", "").upper().startswith("$H")
+
+    @property
+    def expected(self) -> tuple[float, ...]:
+        """Answer in a run without a board: none, so that the position stays."""
+        return ()
 
 
 @dataclass(frozen=True, slots=True)

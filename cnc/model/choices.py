@@ -6,6 +6,8 @@ from typing import Literal
 
 DialectName = Literal["auto", "linuxcnc", "grbl", "fanuc", "paper"]
 """How a program is read. ``auto`` is LinuxCNC's language with more forms of splines."""
+MachineKind = Literal["mill", "lathe", "laser", "printer"]
+"""Kind of machine."""
 Interpolator = Literal["reference-pulse", "sampled"]
 """``reference-pulse`` makes grid moves. ``sampled`` also samples positions at a fixed period."""
 Algorithm = Literal["enclosing-line", "half-step", "point-by-point", "kiritsis", "crossings"]

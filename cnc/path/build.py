@@ -27,6 +27,7 @@ from cnc.model.blocks import (
     PLANE_AXES,
     ArcFeed,
     Block,
+    BoardCommand,
     Message,
     NurbsFeed,
     PathMode,
@@ -200,6 +201,8 @@ class _Builder:
         else:
             yield from self.rest()
             yield block
+            if isinstance(block, BoardCommand) and block.answer.values is not None:
+                self._position[:] = block.answer.values
 
     def rest(self) -> Iterator[PathChunk | Block]:
         """Yield everything: motion rests here."""

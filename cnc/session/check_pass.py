@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from cnc.checks.hints import Hints
 from cnc.checks.travel import TravelCheck
-from cnc.model.blocks import ArcFeed, Block, NurbsFeed, Polyline, Probe, WaitInput
+from cnc.model.blocks import ArcFeed, Block, BoardCommand, NurbsFeed, Polyline, Probe, WaitInput
 from cnc.model.diagnostics import CncError
 from cnc.outputs.blocks import BlockWriter
 from cnc.path.chunk import PathChunk
@@ -68,7 +68,9 @@ class CheckPass:
             else:
                 self._capabilities.check(item)
                 survey.between(item)
-                if isinstance(item, Probe | WaitInput):
+                if isinstance(item, Probe | WaitInput) or (
+                    isinstance(item, BoardCommand) and item.homes
+                ):
                     self.depends_on_answers = True
                 # The next reading may differ if it depends on answers.
                 capacity = -1 if self.depends_on_answers else capacity - 16

@@ -16,7 +16,7 @@ from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block
+from cnc.model.blocks import Block, BoardCommand
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic
 from cnc.path.build import build
@@ -55,6 +55,8 @@ class ProgramReader:
         saved: Parameters and tools before the program.
         on_line: Called with the number of lines executed so far, in each reading.
         restart: Where to begin; None for the first line.
+        homed: Position after a homing command of the program (axes,), mm; None if it is not known.
+        ceiling: Highest position of Z that keeps clear of its limit switch, mm; None without one.
         state: Parameters and tools as the latest reading leaves them.
     """
 
@@ -66,6 +68,8 @@ class ProgramReader:
     saved: SavedState
     on_line: Callable[[int], None]
     restart: RestartPoint | None = None
+    homed: tuple[float, ...] | None = None
+    ceiling: float | None = None
     state: InterpreterState | None = None
 
     def blocks(
@@ -113,6 +117,8 @@ class ProgramReader:
             return
         z = self.machine.axes.get("z")
         top = None if z is None or z.travel is None else z.travel[1]
+        if self.ceiling is not None:
+            top = self.ceiling if top is None else min(top, self.ceiling)
         restart = RestartPoint(line, self.name, self.machine.axis_names, top)
         restart.check(self._marked_blocks, self.start)
         self.restart = restart
@@ -147,7 +153,7 @@ class ProgramReader:
     ) -> Iterator[Block]:
         program = self.machine.program
         file = None if self.name == STANDARD_INPUT_NAME else Path(self.name)
-        return interpret(
+        blocks = interpret(
             text,
             axes=self.machine.axis_names,
             dialect=dialect,
@@ -162,3 +168,11 @@ class ProgramReader:
                 mark_calls=mark_calls,
             ),
         )
+        return blocks if self.homed is None else self._with_homed_position(blocks)
+
+    def _with_homed_position(self, blocks: Iterator[Block]) -> Iterator[Block]:
+        """Yield the blocks; a command that homes has its answer, until the board gives another."""
+        for block in blocks:
+            if isinstance(block, BoardCommand) and block.homes:
+                block.answer.values = self.homed
+            yield block

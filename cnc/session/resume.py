@@ -10,6 +10,7 @@ parameters are correct. Motion before line N is skipped. These moves replace it:
         o                x ──► N   4  plunge at the last plunge feed, then continue with line N
 
 The safe height is the highest position of the skipped motion, or the present one if it is higher.
+On a machine with limit switches it stays below the switch of Z.
 
 Line N belongs to the main program, and its first execution counts, as in a loop. A call belongs to
 the line that it is written on. A run cannot begin at a line of a subprogram, because it would be
@@ -29,6 +30,7 @@ from cnc.model.blocks import (
     AnalogOutput,
     ArcFeed,
     Block,
+    BoardCommand,
     CallBoundary,
     Coolant,
     DigitalOutput,
@@ -110,6 +112,8 @@ class SkippedState:
             self.settings[type(block).__name__, block.number] = replace(block, with_motion=False)
         elif isinstance(block, SpindleSync):
             self.settings["SpindleSync", 0] = block
+        elif isinstance(block, BoardCommand) and block.answer.values:
+            self.position = np.array(block.answer.values)
         elif isinstance(block, Probe | WaitInput):
             kind = "a probe" if isinstance(block, Probe) else "an input"
             message = f"the lines after this one depend on {kind} here, whose answer is not known"
@@ -173,7 +177,7 @@ class RestartPoint:
         line: The source line, from 1.
         file: The program.
         axes: Letters of the axes, in the order of the columns.
-        top: Highest machine coordinate of the Z axis, mm; None without travel.
+        top: Highest machine coordinate of the Z axis, mm; None if it is not known.
 
     Attributes:
         steps: The steps to the line, in words, after the program has been read that far.
@@ -311,8 +315,6 @@ class RestartPoint:
         across = target.copy()
         if z is not None and moved:
             height = max(min(float(state.highest[z]), top), float(start[z]), float(target[z]))
-            if height <= target[z] + SAME and top < math.inf:
-                height = max(height, top)
             up = start.copy()
             up[z] = across[z] = height
             if height > start[z] + SAME:

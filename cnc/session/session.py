@@ -153,6 +153,8 @@ class Session:
         reader = self._context.reader
         reader.machine = board.limited_to_board(reader.machine)
         reader.start = np.array(board.position)
+        reader.homed = board.homed_position
+        reader.ceiling = board.ceiling
         reader.saved.adopt(board_parameters(board, reader.machine))
 
     def _process(self, board: Board | None) -> None:

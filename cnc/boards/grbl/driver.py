@@ -155,6 +155,21 @@ class GrblBoard:
         return self._machine_axes(self.stream.position)
 
     @property
+    def homed_position(self) -> tuple[float, ...]:
+        """Machine position of each axis of the machine after homing, mm, by the settings."""
+        return tuple(self.info.homed(column) for column in self._columns)
+
+    @property
+    def holds(self) -> bool:
+        """Whether a hold has come to rest, as last reported; a door counts as a hold."""
+        return self.status.state in ("Hold", "Door") and self.status.at_rest
+
+    @property
+    def ceiling(self) -> float | None:
+        """Highest position of Z that keeps clear of its limit switch, mm; None without one."""
+        return self.info.top(AXIS_LETTERS.index("z")) if self.info.homes else None
+
+    @property
     def work_offset(self) -> tuple[float, ...]:
         """Offset that the board adds to coordinates in G54, mm, for each axis of the machine."""
         return self._machine_axes(self._g54_offset())

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.state.source_location import SourceLocation
-from cnc.model.blocks import Block, Polyline, Probe, WaitInput
+from cnc.model.blocks import Block, BoardCommand, Polyline, Probe, WaitInput
 
 MAX_MOVES = 4096
 """Most moves of a Polyline. Arrays of this length are efficient, and the first pulse does not wait
 long for them.
 """
 
+Question = Probe | WaitInput | BoardCommand
 TakeAnswer = Callable[[tuple[float, ...]], None]
 """Processes an answer of the board."""
 
@@ -32,7 +33,7 @@ class BlockBuffer:
 
     def __init__(self, here: SourceLocation, axes: int) -> None:
         self.ready: list[Block] = []
-        self.unanswered: list[tuple[Probe | WaitInput, TakeAnswer]] = []
+        self.unanswered: list[tuple[Question, TakeAnswer]] = []
         self.defer: Callable[[Block], None] | None = None
         self.assumed = False
         self._here = here
@@ -110,7 +111,7 @@ class BlockBuffer:
         self.flush()
         self.ready.append(block)
 
-    def ask(self, block: Probe | WaitInput, take: TakeAnswer) -> None:
+    def ask(self, block: Question, take: TakeAnswer) -> None:
         """Add a block that the board answers.
 
         ``take`` gets the answer before the next line is executed.
