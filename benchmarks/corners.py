@@ -16,6 +16,7 @@ import argparse
 import math
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from itertools import pairwise
 from time import process_time
 from typing import NamedTuple
 
@@ -181,7 +182,7 @@ def positions(chunks: list[PlanChunk], times: Floats) -> Floats:
 def off_polygon(r: Floats, points: Floats) -> Floats:
     """Return the distance of each position from the polygon, mm."""
     best = np.full(len(r), np.inf)
-    for start, end in zip(points[:-1], points[1:], strict=True):
+    for start, end in pairwise(points):
         along = end - start
         x = np.clip(((r - start) @ along) / (along @ along), 0.0, 1.0)
         best = np.minimum(best, np.linalg.norm(r - start - x[:, None] * along, axis=1))

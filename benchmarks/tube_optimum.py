@@ -168,94 +168,43 @@ def deviation(tube: Tube, motion: Motion) -> float:
 def optimum(tube: Tube, guess: Guess, iterations: int = 300) -> tuple[float, Motion]:
     """Return the least duration found, s, and its motion; infinity if the solver failed.
 
-    In a group, derivatives are by the part of the group's steps that has passed. So the motion is
-    linear in the variables, and only the limits contain the durations.
-
     Args:
         tube: the constraints.
         guess: a motion inside the tube or near it, with the steps to use.
         iterations: bound on those of the solver.
     """
-    points, limits = tube.points, tube.limits
-    n, m = points.shape[1], len(guess.leg)
     groups = int(guess.group[-1]) + 1
     counts = np.bincount(guess.group)
     steps = np.diff(guess.t)
     spans = np.bincount(guess.group, steps)
-    # Units in which the variables are near 1: the mean duration of a group, the longest leg.
     clock = float(guess.t[-1]) / groups
-    size = float(np.linalg.norm(np.diff(points, axis=0), axis=1).max())
-    eps = tube.tolerance * INSIDE / size
-    unit = np.array([clock / size, clock**2 / size, clock**3 / size])
+    size = float(np.linalg.norm(np.diff(tube.points, axis=0), axis=1).max())
     opti = casadi.Opti()
+    n, m = tube.points.shape[1], len(guess.leg)
     span = opti.variable(groups)
-    r, v, a = opti.variable(n, m), opti.variable(n, m), opti.variable(n, m)
-    j = opti.variable(n, m)
-    beyond = opti.variable(len(SHARE), m)
+    states = tuple(opti.variable(n, m) for _ in range(4))
     opti.minimize(casadi.sum1(span))
     opti.subject_to(span >= 1e-6)
-    place = points / size
-    opti.subject_to(r[:, 0] == place[0])
-    opti.subject_to(v[:, 0] == 0)
-    opti.subject_to(a[:, 0] == 0)
-    for k in range(m):
-        g = int(guess.group[k])
-        leg = int(guess.leg[k])
-        length = float(np.linalg.norm(place[leg + 1] - place[leg]))
-        along = (place[leg + 1] - place[leg]) / length
-        for x, share in enumerate(SHARE):
-            t = share / counts[g]
-            rk = r[:, k] + t * (v[:, k] + t * (a[:, k] / 2 + t * j[:, k] / 6))
-            vk = v[:, k] + t * (a[:, k] + t * j[:, k] / 2)
-            ak = a[:, k] + t * j[:, k]
-            off = rk - place[leg]
-            on = casadi.dot(off, along)
-            across = casadi.sumsqr(off - on * along) / eps**2
-            first, last = k == 0 or guess.leg[k - 1] < leg, k == m - 1 or guess.leg[k + 1] > leg
-            if guess.group[k] % 3 != 1:
-                opti.subject_to(beyond[x, k] * eps >= -on)
-                opti.subject_to(beyond[x, k] * eps >= on - length)
-                opti.subject_to(across + beyond[x, k] ** 2 <= 1.0)
-            else:
-                opti.subject_to(across <= 1.0)
-                opti.subject_to(beyond[x, k] == 0.0)
-            if not (first and x == 0 and leg == 0):
-                vs = guess.v[k] + share * (guess.v[k + 1] - guess.v[k])
-                at = float(np.linalg.norm(vs)) * spans[g] / size
-                _limit(opti, tube, unit, span[g], (vk, ak, j[:, k]), at)
-        t = 1.0 / counts[g]
-        rk = r[:, k] + t * (v[:, k] + t * (a[:, k] / 2 + t * j[:, k] / 6))
-        vk = v[:, k] + t * (a[:, k] + t * j[:, k] / 2)
-        ak = a[:, k] + t * j[:, k]
-        if k + 1 == m:
-            opti.subject_to(rk == place[-1])
-            opti.subject_to(vk == 0)
-            opti.subject_to(ak == 0)
-            continue
-        slower = span[int(guess.group[k + 1])] / span[g] if guess.group[k + 1] > g else 1.0
-        opti.subject_to(r[:, k + 1] == rk)
-        opti.subject_to(v[:, k + 1] == vk * slower)
-        opti.subject_to(a[:, k + 1] == ak * slower**2)
-        if last:
-            opti.subject_to(casadi.sumsqr(rk - place[leg + 1]) / eps**2 <= 1.0)
+    _hold_to_tube(opti, tube, guess, span, states)
     per = spans[guess.group][:, None]
     opti.set_initial(span, spans / clock)
-    opti.set_initial(r, guess.r[:-1].T / size)
-    opti.set_initial(v, (guess.v[:-1] * per).T / size)
-    opti.set_initial(a, (guess.a[:-1] * per**2).T / size)
-    opti.set_initial(j, (np.diff(guess.a, axis=0) / steps[:, None] * per**3).T / size)
-    opti.solver(
-        "ipopt",
-        {"print_time": False},
-        {
-            "print_level": 0,
-            "sb": "yes",
-            "max_iter": iterations,
-            "tol": 1e-4,
-            "constr_viol_tol": 1e-7,
-            "mu_init": 1e-3,
-        },
+    values = (
+        guess.r[:-1],
+        guess.v[:-1] * per,
+        guess.a[:-1] * per**2,
+        np.diff(guess.a, axis=0) / steps[:, None] * per**3,
     )
+    for variable, value in zip(states, values, strict=True):
+        opti.set_initial(variable, value.T / size)
+    settings = {
+        "print_level": 0,
+        "sb": "yes",
+        "max_iter": iterations,
+        "tol": 1e-4,
+        "constr_viol_tol": 1e-7,
+        "mu_init": 1e-3,
+    }
+    opti.solver("ipopt", {"print_time": False}, settings)
     try:
         solved = opti.solve()
     except RuntimeError:
@@ -263,61 +212,129 @@ def optimum(tube: Tube, guess: Guess, iterations: int = 300) -> tuple[float, Mot
     final = np.asarray(solved.value(span)) * clock
     motion = Motion(
         (final / counts)[guess.group],
-        np.atleast_2d(solved.value(j)).T * size / final[guess.group][:, None] ** 3,
+        np.atleast_2d(solved.value(states[3])).T * size / final[guess.group][:, None] ** 3,
         guess.leg,
     )
-    if not solved.stats()["success"] and solved.stats()["iterations"]["inf_pr"][-1] > 1e-5:
+    stats = solved.stats()
+    if not stats["success"] and stats["iterations"]["inf_pr"][-1] > 1e-5:
         return np.inf, motion
     return float(motion.h.sum()) / slowest_clock(tube, motion), motion
+
+
+def _hold_to_tube(
+    opti: casadi.Opti, tube: Tube, guess: Guess, span: casadi.MX, states: tuple[casadi.MX, ...]
+) -> None:
+    """Add the motion and the constraints of all steps.
+
+    In a group, derivatives are by the part of the group's steps that has passed. So the motion is
+    linear in the variables, and only the limits contain the durations. Units: the mean duration of
+    a group and the longest leg.
+
+    Args:
+        opti: the problem.
+        tube: the constraints.
+        guess: the steps.
+        span: (groups,): durations of the groups.
+        states: position, derivatives of order 1 to 3 at the start of each step.
+    """
+    r, v, a, j = states
+    m, counts = len(guess.leg), np.bincount(guess.group)
+    spans = np.bincount(guess.group, np.diff(guess.t))
+    clock = float(guess.t[-1]) / len(counts)
+    size = float(np.linalg.norm(np.diff(tube.points, axis=0), axis=1).max())
+    unit = np.array([clock / size, clock**2 / size, clock**3 / size])
+    eps, place = tube.tolerance * INSIDE / size, tube.points / size
+    beyond = opti.variable(len(SHARE), m)
+
+    def at(k: int, share: float) -> tuple[casadi.MX, ...]:
+        t = share / counts[guess.group[k]]
+        rk = r[:, k] + t * (v[:, k] + t * (a[:, k] / 2 + t * j[:, k] / 6))
+        return rk, v[:, k] + t * (a[:, k] + t * j[:, k] / 2), a[:, k] + t * j[:, k]
+
+    for value, start in zip((r, v, a), (place[0], 0.0, 0.0), strict=True):
+        opti.subject_to(value[:, 0] == start)
+    for k in range(m):
+        g, leg = int(guess.group[k]), int(guess.leg[k])
+        length = float(np.linalg.norm(place[leg + 1] - place[leg]))
+        along = (place[leg + 1] - place[leg]) / length
+        for x, share in enumerate(SHARE):
+            rk, vk, ak = at(k, share)
+            off = rk - place[leg]
+            on = casadi.dot(off, along)
+            across = casadi.sumsqr(off - on * along) / eps**2
+            # Only groups beside a corner may go beyond an end of the leg.
+            opti.subject_to(across + beyond[x, k] ** 2 <= 1.0)
+            if g % 3 == 1:
+                opti.subject_to(beyond[x, k] == 0.0)
+            else:
+                opti.subject_to(beyond[x, k] * eps >= -on)
+                opti.subject_to(beyond[x, k] * eps >= on - length)
+            if k or x:
+                begin = guess.v[k] + share * (guess.v[k + 1] - guess.v[k])
+                begins = float(np.linalg.norm(begin)) * spans[g] / size
+                _limit(
+                    opti,
+                    tube,
+                    casadi.vertcat(*(unit[o] * span[g] ** (o + 1) for o in range(3))),
+                    (vk, ak, j[:, k]),
+                    begins,
+                )
+        rk, vk, ak = at(k, 1.0)
+        if k + 1 == m:
+            for value, end in zip((rk, vk, ak), (place[-1], 0.0, 0.0), strict=True):
+                opti.subject_to(value == end)
+            continue
+        other = int(guess.group[k + 1])
+        slower = span[other] / span[g] if other > g else 1.0
+        opti.subject_to(r[:, k + 1] == rk)
+        opti.subject_to(v[:, k + 1] == vk * slower)
+        opti.subject_to(a[:, k + 1] == ak * slower**2)
+        if guess.leg[k + 1] > leg:
+            opti.subject_to(casadi.sumsqr(rk - place[leg + 1]) / eps**2 <= 1.0)
 
 
 def _limit(
     opti: casadi.Opti,
     tube: Tube,
-    unit: Floats,
-    span: casadi.MX,
+    unit: casadi.MX,
     derivatives: tuple[casadi.MX, ...],
-    start: float,
+    begins: float,
 ) -> None:
     """Hold speed, acceleration and jerk at a place within the limits.
 
     Args:
         opti: the problem.
         tube: the limits.
-        unit: (3,): the solver's units of these in mm and s.
-        span: duration of the group.
-        derivatives: the first three, by the part of the group.
-        start: the speed at which the solver begins, by the part of the group.
+        unit: (3,): the units of the derivatives, per mm/s, mm/s^2 and mm/s^3.
+        derivatives: the first three.
+        begins: the speed at which the solver begins.
     """
     limits = tube.limits
     v, a, j = derivatives
     by_axis = (limits.axis_velocity, limits.axis_acceleration, limits.axis_jerk)
     for order, (values, bounds) in enumerate(zip(derivatives, by_axis, strict=True)):
-        for i in range(v.shape[0]):
-            bound = float(bounds[i]) * unit[order]
-            if np.isfinite(bound):
-                opti.subject_to(values[i] <= bound * span ** (order + 1))
-                opti.subject_to(-values[i] <= bound * span ** (order + 1))
-    feed = tube.feed * unit[0] * span
+        for i in np.flatnonzero(np.isfinite(bounds)).tolist():
+            opti.subject_to(values[i] <= bounds[i] * unit[order])
+            opti.subject_to(-values[i] <= bounds[i] * unit[order])
+    feed = tube.feed * unit[0]
     opti.subject_to(casadi.sumsqr(v) <= feed**2)
-    along = (limits.tangential_acceleration, limits.tangential_jerk, tube.normal)
-    if not min(along) < np.inf:
+    if not min(limits.tangential_acceleration, limits.tangential_jerk, tube.normal) < np.inf:
         return
     # The speed as a variable of its own keeps the constraints polynomials.
     speed = opti.variable()
     opti.subject_to(speed >= 0.0)
     opti.subject_to(speed**2 == casadi.sumsqr(v) + (1e-5 * feed) ** 2)
-    opti.set_initial(speed, start)
+    opti.set_initial(speed, begins)
     dot = casadi.dot(v, a)
     if np.isfinite(limits.tangential_acceleration):
-        most = limits.tangential_acceleration * unit[1] * span**2
+        most = limits.tangential_acceleration * unit[1]
         opti.subject_to(dot <= most * speed)
         opti.subject_to(-dot <= most * speed)
     if tube.normal < float(np.linalg.norm(limits.axis_acceleration)):
-        most = tube.normal * unit[1] * span**2
+        most = tube.normal * unit[1]
         opti.subject_to(casadi.sumsqr(a) * speed**2 - dot**2 <= (most * speed) ** 2)
     if np.isfinite(limits.tangential_jerk):
-        most = limits.tangential_jerk * unit[2] * span**3
+        most = limits.tangential_jerk * unit[2]
         change = (casadi.sumsqr(a) + casadi.dot(v, j)) * speed**2 - dot**2
         opti.subject_to(change <= most * speed**3)
         opti.subject_to(-change <= most * speed**3)
