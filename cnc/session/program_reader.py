@@ -119,7 +119,8 @@ class ProgramReader:
         top = None if z is None or z.travel is None else z.travel[1]
         if self.ceiling is not None:
             top = self.ceiling if top is None else min(top, self.ceiling)
-        restart = RestartPoint(line, self.name, self.machine.axis_names, top)
+        laser = self.machine.kind == "laser"
+        restart = RestartPoint(line, self.name, self.machine.axis_names, top, laser=laser)
         restart.check(self._marked_blocks, self.start)
         self.restart = restart
 
@@ -166,6 +167,7 @@ class ProgramReader:
                 limits=Limits(program.max_repeated_lines, program.max_call_depth),
                 on_line=on_line or self.on_line,
                 mark_calls=mark_calls,
+                laser=self.machine.kind == "laser",
             ),
         )
         return blocks if self.homed is None else self._with_homed_position(blocks)

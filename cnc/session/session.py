@@ -118,8 +118,12 @@ class Session:
         ensure_compiled(context.observer.callbacks.on_compiling)
         report.board = board_name
         self._log_begin()
-        if isinstance(board, LineSink):
-            self._adopt_board(board)
+        try:
+            if isinstance(board, LineSink):
+                self._adopt_board(board)
+        except BoardError as error:
+            report.faults.append(error)
+            return report
         try:
             with ExitStack() as stack:
                 reader.path = stack.enter_context(readable_file(self._program))

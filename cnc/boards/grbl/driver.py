@@ -198,7 +198,16 @@ class GrblBoard:
         return "M" in self.info.options
 
     def limited_to_board(self, machine: Machine) -> Machine:
-        """Return the machine with its travel limited to the soft limits of the board."""
+        """Return the machine as the board limits it: travel by its soft limits, laser by its mode.
+
+        Raises:
+            BoardError: ``laser-mode-off`` if the board is not in laser mode, but the machine is a
+                laser: the beam would stay on in traverses and stops.
+        """
+        if machine.kind == "laser" and not self.info.laser:
+            message = "the machine is a laser, but the board is not in laser mode ($32=0)"
+            hint = "switch it on: cncrun settings 32=1"
+            raise board_error("laser-mode-off", message, hint=hint)
         return self.info.narrowed(machine)
 
     @property

@@ -191,7 +191,12 @@ class BoardInfo:
         return max(times, default=1.0)
 
     def narrowed(self, machine: Machine) -> Machine:
-        """Return the machine with its travel limited to the board's soft limits, if they are on."""
+        """Return the machine with its travel limited to the board's soft limits, if they are on.
+
+        A board in laser mode makes it a laser.
+        """
+        if self.laser:
+            machine = machine.model_copy(update={"kind": "laser"})
         if not self.soft_limits:
             return machine
         axes = dict(machine.axes)

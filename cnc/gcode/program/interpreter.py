@@ -76,6 +76,8 @@ class Interpreter:
         parameters: Parameters,
         warn: Warn | None,
         tools: ToolTable | None = None,
+        *,
+        laser: bool = False,
     ) -> None:
         self.ended = self.aborted = False
         self.begun = False
@@ -94,7 +96,7 @@ class Interpreter:
         )
         self.unused_words = UnusedWords(self.here)
         self.machine_codes = MachineCodes(
-            dialect, self.here, self.modal, self.out, self.unused_words
+            dialect, self.here, self.modal, self.out, self.unused_words, laser=laser
         )
         self.input_output_codes = InputOutputCodes(self.here, self.out, parameters)
         self.motion = Motion(

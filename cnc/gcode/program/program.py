@@ -42,6 +42,7 @@ class ProgramOptions:
         on_line: Called with the number of executed lines from time to time.
         mark_calls: Put the calls of the main program among the blocks
             (:class:`cnc.model.blocks.CallBoundary`).
+        laser: S is the power of a laser, which changes in motion.
     """
 
     block_delete: bool = False
@@ -49,6 +50,7 @@ class ProgramOptions:
     limits: Limits = field(default_factory=Limits)
     on_line: Callable[[int], None] | None = None
     mark_calls: bool = False
+    laser: bool = False
 
 
 DEFAULTS = ProgramOptions()
@@ -88,7 +90,9 @@ def interpret(
     rules = dialects.load(dialect)
     if parameters is None:
         parameters = Parameters(macro=rules.flavour == "macro-b")
-    interpreter = Interpreter(text.name, axes, rules, position, parameters, warn, tools)
+    interpreter = Interpreter(
+        text.name, axes, rules, position, parameters, warn, tools, laser=options.laser
+    )
     syntax = Syntax(rules.flavour, siemens=rules.siemens, dollar=rules.dollar, dialect=rules.name)
     listing = Listing(text, syntax, block_delete=options.block_delete)
     library = Library(options.folders, syntax, block_delete=options.block_delete)
