@@ -203,14 +203,16 @@ def guess_of(case: Case, chunks: list[PlanChunk]) -> tuple[Guess, float]:
         near[fine <= passed[-1]] = np.inf
         passed.append(float(fine[int(np.argmin(near))]))
     passed.append(end)
-    steps, leg, group = [], [], []
+    steps: list[float] = []
+    leg: list[int] = []
+    group: list[int] = []
     jerk = np.abs(np.gradient(a, dt, axis=0)).max()
     near = 4.0 * (24.0 * case.tolerance / jerk) ** (1.0 / 3.0)
     for k in range(len(passed) - 1):
         whole = passed[k + 1] - passed[k]
         side = min(0.3 * whole, near)
         for count, duration in zip(STEPS, (side, whole - 2.0 * side, side), strict=True):
-            group += [len(group) and group[-1] + 1] * count
+            group += [group[-1] + 1 if group else 0] * count
             steps += [duration / count] * count
         leg += [k] * sum(STEPS)
     t = np.concatenate(([0.0], np.cumsum(steps)))

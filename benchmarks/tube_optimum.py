@@ -19,8 +19,9 @@ that of a motion that is legal. It is a local optimum, so it bounds the true one
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi
 import numpy as np
@@ -142,7 +143,7 @@ def slowest_clock(tube: Tube, motion: Motion) -> float:
     change = ((a * a + v * j).sum(axis=2) - along**2) / safe
     normal = np.sqrt(np.maximum((a * a).sum(axis=2) - along**2, 0.0))
 
-    def most(values: Floats, where: Floats) -> float:
+    def most(values: Floats, where: NDArray[np.bool_]) -> float:
         return float(np.abs(values[where]).max(initial=0.0))
 
     first = [speed.max() / tube.feed]
@@ -196,7 +197,7 @@ def optimum(tube: Tube, guess: Guess, iterations: int = 300) -> tuple[float, Mot
     )
     for variable, value in zip(states, values, strict=True):
         opti.set_initial(variable, value.T / size)
-    settings = {
+    settings: dict[str, Any] = {
         "print_level": 0,
         "sb": "yes",
         "max_iter": iterations,
@@ -205,10 +206,9 @@ def optimum(tube: Tube, guess: Guess, iterations: int = 300) -> tuple[float, Mot
         "mu_init": 1e-3,
     }
     opti.solver("ipopt", {"print_time": False}, settings)
-    try:
-        solved = opti.solve()
-    except RuntimeError:
-        solved = opti.debug
+    with suppress(RuntimeError):
+        opti.solve()
+    solved = opti.debug
     final = np.asarray(solved.value(span)) * clock
     motion = Motion(
         (final / counts)[guess.group],
