@@ -67,6 +67,8 @@ class CheckPass:
                 self._add_faults(survey.add(item))
             else:
                 self._capabilities.check(item)
+                if skipped := self._capabilities.skipped(item):
+                    self._observer.warn(skipped)
                 survey.between(item)
                 if isinstance(item, Probe | WaitInput):
                     self.depends_on_answers = True
