@@ -221,6 +221,21 @@ class LineSink(Board, Protocol):
         """Machine position of each axis in mm (degrees), as last reported."""
 
     @property
+    def homed_position(self) -> tuple[float, ...]:
+        """Machine position of each axis in mm (degrees) after homing, by the board's settings."""
+
+    @property
+    def ceiling(self) -> float | None:
+        """Highest machine position of Z that keeps clear of its limit switch, mm.
+
+        None for a machine without switches.
+        """
+
+    @property
+    def holds(self) -> bool:
+        """Whether a hold has come to rest, as last reported."""
+
+    @property
     def moving_line(self) -> int:
         """Source line of the move at the last report, 0 where that is not known."""
 

@@ -53,7 +53,10 @@ class Header(Section):
     name: str = Field(default="machine", description="Name of the machine, for reports.")
     kind: MachineKind = Field(
         default="mill",
-        description="Kind of machine. A program for another kind is refused by its evidence.",
+        description=(
+            "Kind of machine. The power of a laser (S) changes during motion. A program that is "
+            "evidently for another kind is refused."
+        ),
     )
 
 

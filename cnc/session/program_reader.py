@@ -19,7 +19,7 @@ from cnc.gcode.state.tool_table import ToolTable
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.machine.models import Machine
-from cnc.model.blocks import Block
+from cnc.model.blocks import Block, BoardCommand
 from cnc.model.choices import DialectName
 from cnc.model.diagnostics import Diagnostic
 from cnc.path.build import build
@@ -63,6 +63,8 @@ class ProgramReader:
         block_delete: Switches of block delete that are on.
         restart: Where to begin; None for the first line.
         recognition: The language that was recognised; None before the first reading.
+        homed: Position after a homing command of the program (axes,), mm; None if it is not known.
+        ceiling: Highest position of Z that keeps clear of its limit switch, mm; None without one.
         state: Parameters and tools as the latest reading leaves them.
     """
 
@@ -77,6 +79,8 @@ class ProgramReader:
     block_delete: frozenset[int] = frozenset()
     restart: RestartPoint | None = None
     recognition: Recognition | None = None
+    homed: tuple[float, ...] | None = None
+    ceiling: float | None = None
     state: InterpreterState | None = None
 
     def blocks(
@@ -146,7 +150,10 @@ class ProgramReader:
             return
         z = self.machine.axes.get("z")
         top = None if z is None or z.travel is None else z.travel[1]
-        restart = RestartPoint(line, self.name, self.machine.axis_names, top)
+        if self.ceiling is not None:
+            top = self.ceiling if top is None else min(top, self.ceiling)
+        laser = self.machine.kind == "laser"
+        restart = RestartPoint(line, self.name, self.machine.axis_names, top, laser=laser)
         restart.check(self._marked_blocks, self.start)
         self.restart = restart
 
@@ -181,7 +188,7 @@ class ProgramReader:
     ) -> Iterator[Block]:
         program = self.machine.program
         file = None if self.name == STANDARD_INPUT_NAME else Path(self.name)
-        return interpret(
+        blocks = interpret(
             text,
             axes=self.machine.axis_names,
             dialect=rules,
@@ -196,5 +203,14 @@ class ProgramReader:
                 mark_calls=mark_calls,
                 policy=self.policy,
                 block_delete=self.block_delete,
+                laser=self.machine.kind == "laser",
             ),
         )
+        return blocks if self.homed is None else self._with_homed_position(blocks)
+
+    def _with_homed_position(self, blocks: Iterator[Block]) -> Iterator[Block]:
+        """Yield the blocks; a command that homes has its answer, until the board gives another."""
+        for block in blocks:
+            if isinstance(block, BoardCommand) and block.homes:
+                block.answer.values = self.homed
+            yield block

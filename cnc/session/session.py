@@ -122,8 +122,12 @@ class Session:
         ensure_compiled(context.observer.callbacks.on_compiling)
         report.board = board_name
         self._log_begin()
-        if isinstance(board, LineSink):
-            self._adopt_board(board)
+        try:
+            if isinstance(board, LineSink):
+                self._adopt_board(board)
+        except BoardError as error:
+            report.faults.append(error)
+            return report
         try:
             with ExitStack() as stack:
                 reader.path = stack.enter_context(readable_file(self._program))
@@ -172,6 +176,8 @@ class Session:
         reader = self._context.reader
         reader.machine = board.limited_to_board(reader.machine)
         reader.start = np.array(board.position)
+        reader.homed = board.homed_position
+        reader.ceiling = board.ceiling
         reader.saved.adopt(board_parameters(board, reader.machine))
 
     def _process(self, board: Board | None) -> None:

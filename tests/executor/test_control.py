@@ -69,10 +69,10 @@ def scripted(
     """Run with an operator who acts at machine times, and resumes as soon as the machine has come
     to rest.
     """
-    control, board, told, left = Control(), Timed(), [], list(script)
+    control, board, reported, left = Control(), Timed(), [], list(script)
 
     def on_sent(sent: Progress) -> None:
-        told.append(sent)
+        reported.append(sent)
         if sent.held:
             control.resume()
         while left and sent.time >= left[0][0]:
@@ -81,7 +81,7 @@ def scripted(
     return (
         run(program, mill(), board=board, control=control, callbacks=Callbacks(on_sent=on_sent)),
         board,
-        told,
+        reported,
     )
 
 
@@ -90,7 +90,7 @@ def test_holds_and_overrides_change_no_step(program):
     assert plain.ok
     for k in range(12):
         at = plain.duration_s * (k + 0.5) / 12
-        report, board, told = scripted(
+        report, board, reported = scripted(
             program,
             (at, Control.hold),
             (at + 0.3, lambda control: control.override(40.0)),
@@ -102,14 +102,14 @@ def test_holds_and_overrides_change_no_step(program):
         assert board.steps_by_direction.tolist() == straight.steps_by_direction.tolist()
         assert report.steps == plain.steps
         assert report.stopped_at_line is None
-        assert [sent.time for sent in told if sent.held] == pytest.approx(board.held, abs=1e-8)
+        assert [sent.time for sent in reported if sent.held] == pytest.approx(board.held, abs=1e-8)
         assert board.held
 
 
 def test_hold_is_fast_and_takes_no_machine_time(program):
     plain, _, _ = scripted(program)
-    report, board, told = scripted(program, (0.5, Control.hold))
-    asked = next(sent.time for sent in told if sent.time >= 0.5)
+    report, board, reported = scripted(program, (0.5, Control.hold))
+    asked = next(sent.time for sent in reported if sent.time >= 0.5)
     # A slice, then acceleration let go of and a ramp from 50 mm/s to rest at the axes' limits.
     assert board.held[0] - asked <= 0.1 + 1.1 * (50 / 1500 + 1500 / 40000)
     assert report.duration_s - plain.duration_s < 0.3
@@ -140,10 +140,10 @@ def test_hold_waits_without_polling(program):
     """From another thread: nothing is asked of the board, nor of the operator, until the operator
     goes on.
     """
-    control, board, resting, told = Control(), Timed(), threading.Event(), []
+    control, board, resting, reported = Control(), Timed(), threading.Event(), []
 
     def on_sent(sent: Progress) -> None:
-        told.append(sent)
+        reported.append(sent)
         if sent.held:
             resting.set()
         elif sent.time > 0.5 and not resting.is_set():
@@ -156,10 +156,10 @@ def test_hold_waits_without_polling(program):
     )
     worker.start()
     assert resting.wait(60)
-    count, rows = len(told), board.rows
+    count, rows = len(reported), board.rows
     assert not worker.join(0.2)
     assert worker.is_alive()
-    assert (len(told), board.rows) == (count, rows)
+    assert (len(reported), board.rows) == (count, rows)
     control.override(50.0)
     worker.join(0.1)
     assert worker.is_alive()
@@ -178,14 +178,14 @@ def test_hold_resumed_before_rest(program):
 
 
 def test_duration_equals_the_time_played(program):
-    report, board, told = scripted(program)
+    report, board, reported = scripted(program)
     dwells = [block for _, block in board.commands if isinstance(block, Dwell)]
     assert sum(dwell.seconds for dwell in dwells) == 0.25
     # Pulses are in whole ns. The last step of a ramp to rest comes shortly before its end:
     # half a BLU before it at a jerk
     # of 40000 mm/s^3.
     assert -1e-9 <= report.duration_s - board.last_s <= (6 * 0.01 / 40000) ** (1 / 3)
-    assert told[-1].time == pytest.approx(report.duration_s, abs=1e-9)
+    assert reported[-1].time == pytest.approx(report.duration_s, abs=1e-9)
     assert check(program, mill()).duration_s == pytest.approx(report.duration_s, rel=1e-9)
     ends = [time * 1e-9 for time, block in board.commands]
     assert ends == sorted(ends)

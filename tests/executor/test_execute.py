@@ -88,7 +88,7 @@ def go(
 
 def test_pulses_and_commands_are_in_order() -> None:
     shown: list[PulseChunk] = []
-    told: list[Progress] = []
+    reported: list[Progress] = []
     spindle, dwell, end = Spindle(FILE, 1, "cw", 100.0), Dwell(FILE, 3, 0.5), End(FILE, 5)
     outcome, board = go(
         spindle,
@@ -97,7 +97,7 @@ def test_pulses_and_commands_are_in_order() -> None:
         stretch(4, 1.5),
         end,
         on_pulses=shown.append,
-        on_progress=told.append,
+        on_progress=reported.append,
     )
     assert outcome.finished
     assert outcome.stopped_at_line is None
@@ -108,9 +108,9 @@ def test_pulses_and_commands_are_in_order() -> None:
     assert board.commands == [(0, spindle), (1_000_000_000, dwell), (2_500_000_000, end)]
     assert board.state == "idle"
     assert [c.line[0] for c in shown] == [2, 2, 4, 4]
-    assert [p.line for p in told] == [1, 2, 2, 3, 4, 4, 5]
-    assert [p.rows for p in told] == [0, 2, 4, 4, 6, 8, 8]
-    assert np.all(np.diff([p.time for p in told]) >= 0)
+    assert [p.line for p in reported] == [1, 2, 2, 3, 4, 4, 5]
+    assert [p.rows for p in reported] == [0, 2, 4, 4, 6, 8, 8]
+    assert np.all(np.diff([p.time for p in reported]) >= 0)
 
 
 def test_an_empty_program() -> None:
@@ -199,7 +199,7 @@ class TestStop:
 
 
 class Aborting(Loopback):
-    """Notes that it was told to abort; can fail at that too, and without a line."""
+    """Counts the requests to abort; can fail at that too, and without a line."""
 
     aborted = False
 

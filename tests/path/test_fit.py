@@ -280,7 +280,7 @@ def random_points(rng, count, axes):
     return np.round(points, int(rng.integers(2, 6))) if rng.random() < 0.7 else points
 
 
-@settings(max_examples=share(3000, 40), deadline=None)
+@settings(max_examples=share(3000, 15), deadline=None)
 @given(
     seed=st.integers(0, 2**31),
     count=st.integers(2, 250),
@@ -312,7 +312,7 @@ def test_random_chains(seed, count, axes, tolerance):
     )
 
 
-@settings(max_examples=share(500, 12), deadline=None)
+@settings(max_examples=share(500, 5), deadline=None)
 @given(
     seed=st.integers(0, 2**31),
     count=st.integers(2, 150),
@@ -372,7 +372,7 @@ def test_each_stretch_has_its_own_feed():
     curve, found, line = sampled(chunks)
     assert (np.diff(line) >= 0).all()
     middle = 0.5 * (points[:-1] + points[1:])
-    for p, feed in list(zip(curve, found, strict=True))[::7]:
+    for p, feed in list(zip(curve, found, strict=True))[:: share(7, 28)]:
         # the programmed feeds within reach of the point: near a vertex that of either side
         near = (
             np.linalg.norm(middle - p, axis=1)

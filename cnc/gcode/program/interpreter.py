@@ -102,7 +102,7 @@ class Interpreter:
         self.unused_words = UnusedWords(self.here)
         self._builder_codes = BuilderCodes(dialect, policy, self.here, self.out)
         self.machine_codes = MachineCodes(
-            dialect, self.here, self.modal, self.out, self.unused_words
+            dialect, self.here, self.modal, self.out, self.unused_words, laser=policy.laser
         )
         self.input_output_codes = InputOutputCodes(self.here, self.out, parameters)
         self.motion = Motion(
@@ -181,7 +181,18 @@ class Interpreter:
             self.begun = True
             self._update_plain()
         elif statement.board:
-            self.out.add(BoardCommand(self.here.file, line, statement.board))
+            self._command_board(BoardCommand(self.here.file, line, statement.board))
+
+    def _command_board(self, command: BoardCommand) -> None:
+        """Add a command of the board. After homing the program goes on where the board stands."""
+        if command.homes:
+            self.out.ask(command, self._homed)
+        else:
+            self.out.add(command)
+
+    def _homed(self, position: tuple[float, ...]) -> None:
+        if position:
+            self.motion.position = list(position)
 
     def execute_move(self, move: QuickMove, line: int) -> bool:
         """Execute a line that is nothing but a move.

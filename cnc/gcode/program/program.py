@@ -7,7 +7,7 @@ executed as often as the flow of control reaches the line.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +45,7 @@ class ProgramOptions:
         on_line: Called with the number of executed lines from time to time.
         mark_calls: Put the calls of the main program among the blocks
             (:class:`cnc.model.blocks.CallBoundary`).
+        laser: S is the power of a laser, which changes in motion.
     """
 
     block_delete: frozenset[int] | bool = False
@@ -53,6 +54,7 @@ class ProgramOptions:
     limits: Limits = field(default_factory=Limits)
     on_line: Callable[[int], None] | None = None
     mark_calls: bool = False
+    laser: bool = False
 
 
 DEFAULTS = ProgramOptions()
@@ -93,7 +95,14 @@ def interpret(
     if parameters is None:
         parameters = Parameters(macro=rules.flavour == "macro-b")
     interpreter = Interpreter(
-        text.name, axes, rules, position, parameters, warn, tools, options.policy
+        text.name,
+        axes,
+        rules,
+        position,
+        parameters,
+        warn,
+        tools,
+        replace(options.policy, laser=options.laser),
     )
     syntax = Syntax(
         rules.flavour,

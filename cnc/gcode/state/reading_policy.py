@@ -18,12 +18,14 @@ class ReadingPolicy:
         unknown_codes: Refuse M-codes without a known meaning, or skip them with a warning.
         codes: Effects of a builder's M-codes by number.
         default_feed: Feed before the first F word, mm/min; None for none.
+        laser: S is the power of a laser, which changes in motion.
     """
 
     tool_lengths: ToolLengths = "table"
     unknown_codes: UnknownCodes = "error"
     codes: Mapping[int, CodeAction] = field(default_factory=dict)
     default_feed: float | None = None
+    laser: bool = False
 
 
 STRICT = ReadingPolicy()

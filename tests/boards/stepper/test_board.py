@@ -369,7 +369,7 @@ CHANGE = "G21 G90\nG1 X1 F600\nT2 M6\nG1 X2\nM2\n"
 
 
 def test_tool_change_waits_for_the_operator(tmp_path: Path) -> None:
-    """At rest, until somebody resumes; where nobody can, it goes on, as on the board in the box."""
+    """At rest, until somebody resumes; where nobody can, it goes on, as on the GRBL simulator."""
     (tmp_path / "change.ngc").write_text(CHANGE)
     control, rests = Control(), []
     simulator = Simulator()

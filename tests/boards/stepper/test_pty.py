@@ -17,6 +17,7 @@ from cnc.boards.serial_port import open_port
 from cnc.boards.stepper.protocol import State, Status, StepperLink
 from tests.support.boards.stepper_simulator import DIRECTION_PINS, STEP_PINS, built
 from tests.support.paths import ROOT
+from tests.support.waiting import HANG, wait_until
 
 COMMAND = [sys.executable, "-c", "from cnc.cli import main; main()"]
 
@@ -40,7 +41,7 @@ class Terminal:
 
     def stop(self) -> None:
         self.process.send_signal(signal.SIGINT)
-        self.process.wait(10)
+        self.process.wait(HANG)
         assert self.process.stdout is not None
         self.process.stdout.close()
 
@@ -88,11 +89,11 @@ def test_program_and_port_in_use(terminal: Terminal, tmp_path: Path) -> None:
         terminal.name,
     )
     with cncrun(*arguments) as first:
-        out, error = first.communicate(timeout=120)
+        out, error = first.communicate(timeout=HANG)
     assert first.returncode == 0, out + error
     holder = open_port(terminal.name, 1_000_000)
     with cncrun(*arguments) as second:
-        _, error = second.communicate(timeout=60)
+        _, error = second.communicate(timeout=HANG)
     holder.close()
     assert second.returncode == 3
     assert "port-taken" in error
@@ -102,7 +103,7 @@ def test_program_and_port_in_use(terminal: Terminal, tmp_path: Path) -> None:
 
 def test_boards_command_reports_the_board(terminal: Terminal) -> None:
     with cncrun("boards", terminal.name) as listed:
-        out, error = listed.communicate(timeout=60)
+        out, error = listed.communicate(timeout=HANG)
     assert listed.returncode == 0, error
     assert all(line.startswith("#") for line in out.splitlines())
     assert "# stepper board, version 1 of the protocol  idle" in out
@@ -124,25 +125,26 @@ def test_killed_host_leaves_the_machine_on_its_path(terminal: Terminal, tmp_path
         terminal.name,
     )
     with cncrun(*arguments) as host:
-        until = time.monotonic() + 100
-        while terminal.edges.stat().st_size < 20_000 and time.monotonic() < until:
-            time.sleep(0.05)
+        wait_until(lambda: terminal.edges.stat().st_size >= 20_000)
         host.kill()
-        host.communicate(timeout=20)
-    time.sleep(0.8)
+        host.communicate(timeout=HANG)
     port, link = open_port(terminal.name, 1_000_000), StepperLink()
-    said = None
-    for _ in range(100):
+    said: Status | None = None
+
+    def is_at_rest() -> bool:
+        """Ask after a silence in which the board must stop; a busy machine simulates it late."""
+        nonlocal said
+        time.sleep(0.8)
         link.ask()
         port.write(b"\0" + link.outgoing(time.monotonic()))
         for event in link.receive(port.read(0.05), time.monotonic()):
             said = event if isinstance(event, Status) else said
-        if said is not None:
-            break
+        return said is not None and said.state == State.ALARM
+
+    wait_until(is_at_rest)
     port.close()
     terminal.stop()
     assert said is not None
-    assert said.state == State.ALARM
     assert list(said.position[:3]) == terminal.position()
     x, y, _ = said.position[:3]
     assert 0 < x < 200 * 400

@@ -4,8 +4,6 @@ and cycle by cycle.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -32,16 +30,6 @@ from tests.support.soak import share
 
 LEAST_NS = 18_000
 ORIGIN = np.zeros(3, np.int64)
-
-
-@pytest.fixture
-def simulator() -> Iterator[Simulator]:
-    made = Simulator()
-    yield made
-    assert made.lost == 0
-    assert made.worst_fill <= 2
-    assert made.stack_left > 256
-    made.close()
 
 
 def play(simulator: Simulator, time_ns, step) -> None:

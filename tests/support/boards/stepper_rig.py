@@ -5,7 +5,7 @@ the pins have to show.
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -19,11 +19,24 @@ from tests.support.boards.stepper_simulator import FREQUENCY, Simulator, Simulat
 
 CLOSE_US = 5.0
 """Edges come within this of their time."""
+STACK = 256
+"""Bytes of the stack that nothing has touched, at least."""
+LIMIT_X, PROBE_PIN, ENABLE_PIN, SPINDLE_PIN = 9, 19, 8, 11
+EMERGENCY_STOP_PIN, HOLD_PIN, RESUME_PIN = 14, 15, 16
 
 
 def machine(**changes: object) -> Machine:
     known: Machine = load_machine("stepper-uno")
     return known.model_copy(update=changes)
+
+
+def with_axes(axes: int, **board_changes: object) -> Machine:
+    """Return the shipped machine with a number of axes and changes of its board."""
+    known = machine()
+    letters = dict(zip("xyza", [*known.axes.values(), known.axes["x"]][:axes], strict=False))
+    return known.model_copy(
+        update={"axes": letters, "board": known.board.model_copy(update=board_changes)}
+    )
 
 
 @contextmanager
@@ -49,6 +62,19 @@ def chunks(
             step[part],
             np.arange(at + 1, at + 1 + len(time_ns[part]), dtype=np.int32),
         )
+
+
+def send_all(
+    driver: Stepper,
+    time_ns: NDArray[np.int64],
+    step: NDArray[np.int8],
+    after: Callable[[int], None],
+) -> None:
+    """Send rows to their end; ``after`` gets the number of rows sent so far."""
+    for part in chunks(time_ns, step, 100):
+        driver.send(part)
+        after(int(part.line[-1]))
+    driver.finish()
 
 
 def line(
