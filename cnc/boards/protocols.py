@@ -75,10 +75,12 @@ class BoardTraits:
     Attributes:
         has_port: The board is found at a port, so that ``--port`` can name one.
         takes_lines: The board takes G-code lines and plans its motion itself.
+        simulated: No machine moves: the board is a model, or writes a file.
     """
 
     has_port: bool = True
     takes_lines: bool = False
+    simulated: bool = False
 
 
 class Board(Protocol):

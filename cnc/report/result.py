@@ -115,6 +115,8 @@ class Report:
         hidden_faults: faults that are only counted.
         hidden_warnings: warnings and notes that are only counted.
         board: name of the board; None after a check.
+        dialect: dialect that the program was read in.
+        recognition: the dialect with the evidence for it; empty if the user chose it.
         lines: source lines that were read.
         blocks: canonical blocks; each move of a run of lines counts.
         check_only: whether the board has only read the program.
@@ -145,6 +147,8 @@ class Report:
     hidden_faults: int = 0
     hidden_warnings: int = 0
     board: str | None = None
+    dialect: str = ""
+    recognition: str = ""
     lines: int = 0
     blocks: int = 0
     check_only: bool = False
@@ -223,6 +227,7 @@ class Report:
         return models.Summary.model_construct(
             program=self.program,
             machine=self.machine.name,
+            dialect=self.dialect,
             ok=self.ok,
             lines=self.lines,
             blocks=self.blocks,

@@ -70,6 +70,7 @@ def print_summary(report: Report, console: Console, *, verbose: bool = False) ->
         f"{escape(report.program)}  ({spaced(report.lines)} lines, {spaced(report.blocks)} blocks)",
     )
     facts.add_row("machine", escape(report.machine.name))
+    facts.add_row("dialect", escape(_dialect(report, verbose)))
     facts.add_row("result", ("[green]" if report.ok else "[red]") + escape(verdict(report)))
     if report.offset is not None:
         facts.add_row("offset", _offset(report.offset))
@@ -111,6 +112,15 @@ def _offset(offset: AssumedOffset) -> str:
         else "assumed; that of the board is not known"
     )
     return f"G54 {place} ({source})"
+
+
+def _dialect(report: Report, verbose: bool) -> str:
+    """Return the dialect, and how it was found."""
+    if not report.recognition:
+        return report.dialect
+    if verbose:
+        return report.recognition
+    return report.dialect if report.dialect == "auto" else f"{report.dialect} (recognised)"
 
 
 def _axes(report: Report, verbose: bool) -> RenderableType:
