@@ -48,8 +48,8 @@ def pauses_of(
     [
         ("G1 X1 F600\nT3 M6\nG1 X2\n", "T3 P1 D6 ;6 mm end mill\n",
          (2, "put in tool 3: 6 mm end mill (tool table)")),
-        ("G1 X1 F600\n(drill 5 mm)\nT4 M6\nG1 X2\n", "", (3, "put in tool 4: drill 5 mm")),
-        ("G1 X1 F600\nT4 M6 (drill 5 mm)\nG1 X2\n", "", (2, "put in tool 4: drill 5 mm")),
+        ("G1 X1 F600\n(drill 5 mm)\nT4 M6\nG1 X2\n", "T4 P1\n", (3, "put in tool 4: drill 5 mm")),
+        ("G1 X1 F600\nT4 M6 (drill 5 mm)\nG1 X2\n", "T4 P1\n", (2, "put in tool 4: drill 5 mm")),
         ("G1 X1 F600\n(MSG, turn the part)\nM0\nG1 X2\n", "",
          (3, "the program stops here: turn the part")),
         ("G1 X1 F600\nM0 ; turn it\nG1 X2\n", "", (2, "the program stops here: turn it")),
