@@ -19,7 +19,7 @@ import numpy as np
 
 from cnc.gcode import dialects
 from cnc.gcode.program.interpreter import Interpreter
-from cnc.gcode.program.plain_lines import StraightRuns
+from cnc.gcode.program.plain_lines import PlainLines
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.source_text import Text
 from cnc.grbl_lines.translator import Translator
@@ -70,7 +70,7 @@ def compile_language() -> None:
     """Compile the kernels of the reader: read a straight move."""
     window = Text.of_lines(["G0 X1"], "").window(1)
     assert window is not None
-    StraightRuns(
+    PlainLines(
         Interpreter("", AXES, dialects.load("auto"), [0.0] * len(AXES), Parameters(), None)
     ).run(window, 0)
 

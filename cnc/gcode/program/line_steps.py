@@ -12,7 +12,7 @@ from cnc.gcode.codes.prepared_lines import QuickMove, kinds_of_letters, move_of
 from cnc.gcode.program import block_matching, control_flow, numbered_programs, subprograms
 from cnc.gcode.program.call_stack import NOTHING, Flow, Page, Step
 from cnc.gcode.program.line_index import Place
-from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, StraightRuns
+from cnc.gcode.program.plain_lines import SHORTEST, WITHOUT_POINT, PlainLines
 from cnc.gcode.syntax.source_text import Window
 from cnc.gcode.syntax.statement import Control, Statement
 
@@ -30,7 +30,7 @@ class StepMaker:
         self._dialect = dialect
         self._macro = dialect.flavour == "macro-b"
         self._kinds = kinds_of_letters(dialect, flow.interpreter.motion.column)
-        self._runs = StraightRuns(flow.interpreter)
+        self._runs = PlainLines(flow.interpreter)
 
     def step(self, page: Page, index: int) -> Step | Statement:
         """Return the step of a line, and keep it if the line is likely to be executed again.
@@ -74,9 +74,17 @@ class StepMaker:
             raise flow.listing.fault(at, "program-end-missing", message, hint)
 
     def _make(self, window: Window, line: int, index: int) -> Step | Statement:
+        if window.simple[index] >= SHORTEST:
+            return _Run(self._runs, self, window)
+        return self.single(window, line, index)
+
+    def single(self, window: Window, line: int, index: int) -> Step | Statement:
+        """Return the step of a line that is executed on its own.
+
+        Raises:
+            GcodeError: The line is faulty, or the block that it opens.
+        """
         flow = self._flow
-        if window.straight[index] >= SHORTEST:
-            return _Run(self._runs, window)
         if window.plain[index] and not (
             flow.interpreter.points_wanted and window.find(WITHOUT_POINT, index, index + 1) == index
         ):
@@ -124,20 +132,25 @@ class StepMaker:
 
 
 class _Run:
-    """The first line of a run of straight moves."""
+    """The first line of a run of plain lines."""
 
-    __slots__ = ("_runs", "_window")
+    __slots__ = ("_maker", "_runs", "_window")
 
-    def __init__(self, runs: StraightRuns, window: Window) -> None:
+    def __init__(self, runs: PlainLines, maker: StepMaker, window: Window) -> None:
         self._runs = runs
+        self._maker = maker
         self._window = window
 
     def run(self, flow: Flow, line: int) -> int:
-        """Execute the run on arrays, or else its first line as a statement."""
+        """Execute the run in compiled code, or else its first line on its own."""
         window, listing = self._window, flow.listing
         count = self._runs.run(window, line - window.first)
         if not count:
-            return _execute_statement(flow, window, line)
+            step = self._maker.single(window, line, line - window.first)
+            if isinstance(step, Statement):
+                flow.interpreter.execute(step, line)
+                return line + 1
+            return step.run(flow, line)
         last = line + count - 1
         flow.executed += count - 1
         flow.new += max(0, last - listing.last_executed)

@@ -1,56 +1,94 @@
-"""Runs of straight moves, executed on arrays (:mod:`cnc.kernels.gcode.plain_lines`).
+"""Runs of plain lines, executed by compiled code (:mod:`cnc.kernels.gcode.line`).
 
-A program of a million short lines makes no Python object for each line. The result is the same as
-that of the interpreter.
+A program of a million lines makes no Python object for a line, only for its blocks. The result is
+the same as that of the interpreter.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.codes.axis_words import MIN_FEED
+from cnc.gcode.codes.machine_codes import LONG_DWELL
 from cnc.gcode.program.interpreter import Interpreter
-from cnc.gcode.state.modal_groups import Feed
-from cnc.gcode.syntax.code_numbers import G
+from cnc.gcode.state.coordinates import SYSTEM_CODES
+from cnc.gcode.state.modal_groups import GROUP_OF_G, PLANES, Feed
+from cnc.gcode.syntax.code_numbers import G, M
 from cnc.gcode.syntax.source_text import Window
-from cnc.gcode.syntax.words import Word
-from cnc.kernels.gcode import plain_lines as kernel
-from cnc.model.blocks import ROTARY_LETTERS
+from cnc.kernels.gcode import line as kernel
+from cnc.kernels.gcode.arcs import Tolerance
+from cnc.model.blocks import PLANE_AXES, ROTARY_LETTERS, ArcFeed, Block, Coolant, Dwell, Spindle
+from cnc.model.diagnostics import GcodeError
+from cnc.model.parameter_numbers import CURRENT_SYSTEM
 
 SHORTEST = 6
-"""Lines. A shorter run is no faster on arrays."""
+"""Lines. A shorter run is no faster in compiled code."""
+MOST_ROWS = 8192
+"""Rows that are taken from compiled code at once; this limits the memory."""
 
 WITHOUT_POINT = re.compile(rb"[XYZABCUVWIJKR][+-]?0*[1-9][0-9]*(?![0-9.])", re.IGNORECASE)
 """A distance that is not 0, without a decimal point. A comment may match too, which does no
 harm.
 """
-_FEED_WORD = re.compile(r"F\s*[-+]?[0-9.]+", re.IGNORECASE)
-_COMMENT = re.compile(r"\([^)]*\)|;.*")
-_F = ord("F")
-_MODES: dict[G | None, int] = {G.G0: kernel.TRAVERSE, G.G1: kernel.FEED}
+_MOTIONS = (G.G0, G.G1, G.G2, G.G3)
+_PLANES = tuple(PLANES.values())
+_SPINDLE = ("off", "cw", "ccw")
+_GROUPS = {group: index for index, group in enumerate(dict.fromkeys(GROUP_OF_G.values()))}
+_ACTIONS = {
+    **dict.fromkeys(_MOTIONS, kernel.MOVE),
+    G.G80: kernel.CANCEL,
+    **dict.fromkeys(PLANES, kernel.PLANE),
+    G.G90: kernel.ABSOLUTE,
+    G.G91: kernel.INCREMENTAL,
+    G.G4: kernel.DWELL,
+}
+_M_ACTIONS = {
+    **dict.fromkeys((M.M3, M.M4, M.M5), kernel.TURN),
+    **dict.fromkeys((M.M7, M.M8, M.M9), kernel.COOL),
+}
 
 
-class StraightRuns:
-    """Executes runs of straight moves in place of an interpreter."""
+class PlainLines:
+    """Executes runs of plain lines in place of an interpreter."""
 
     def __init__(self, interpreter: Interpreter) -> None:
         self._interpreter = interpreter
-        axes = interpreter.motion.axes
-        self._column = np.full(26, kernel.NO_AXIS, np.int64)
+        dialect, axes = interpreter.dialect, interpreter.motion.axes
+        self._column = np.full(26, kernel.OTHER_WORD, np.int64)
+        self._column[[ord(letter) - ord("A") for letter in "NGMFSPIJKR"]] = kernel.TAKEN_WORD
         for index, axis in enumerate(axes):
-            if axis.upper() in interpreter.dialect.axes:
+            if axis.upper() in dialect.axes:
                 self._column[ord(axis.upper()) - ord("A")] = index
         self._turns = np.array([float(axis in ROTARY_LETTERS) for axis in axes])
+        self._planes = np.array(
+            [
+                [axes.index(axis) if axis in axes else -1 for axis in PLANE_AXES[plane]]
+                for plane in _PLANES
+            ]
+        )
+        self._group = np.zeros(1000, np.uint8)
+        for code, group in GROUP_OF_G.items():
+            if code in dialect.g and code >= 0:
+                self._group[code] = _GROUPS[group]
+        self._m_action = np.full(100, kernel.STOP, np.uint8)
+        for m, action in _M_ACTIONS.items():
+            if m in dialect.m:
+                self._m_action[m] = action
+        self._actions: dict[frozenset[G], NDArray[np.uint8]] = {}
+        self._state = np.zeros(1, kernel.STATE)
+        self._scanned = np.zeros(1)
 
     def run(self, window: Window, index: int) -> int:
-        """Execute consecutive lines of straight moves.
+        """Execute consecutive plain lines.
 
         Stops before a line that needs the interpreter. Does nothing while a mode is in effect that
-        straight moves on arrays do not support.
+        the compiled code does not support.
 
         Args:
             window: The text.
@@ -64,91 +102,216 @@ class StraightRuns:
             return 0
         if interpreter.out.unanswered:
             interpreter.out.take_answers()
-        end = index + int(window.straight[index])
+        end = index + int(window.simple[index])
         if interpreter.points_wanted:
             end = window.find(WITHOUT_POINT, index, end)
-        count, moves = self._execute(window, index, end)
-        first = window.scan.lines.first
-        interpreter.begun = interpreter.begun or bool(first[index + count] > first[index])
-        interpreter.here.line = window.first + index + count - 1
-        compensation = interpreter.motion.compensation
-        if compensation.active:
-            for point, rate, line in zip(*(values.tolist() for values in moves), strict=True):
-                compensation.move(point, rate, line)
-        else:
-            interpreter.out.moves(moves.points, moves.feeds, moves.lines)
-        if interpreter.unused_words.enabled:
-            fed = moves.lines[~np.isnan(moves.feeds)]
-            self._note_feeds(window, index, index + count, fed)
+        motion, scan = interpreter.motion, window.scan
+        rows = _rows(min(MOST_ROWS, end - index) + kernel.MOST_ROWS, len(motion.axes))
+        position = np.array(motion.position)
+        before = self._load()
+        count = int(
+            kernel.execute_lines(
+                scan.lines.first,
+                scan.words,
+                index,
+                end,
+                window.first + index,
+                self._setup(),
+                self._state,
+                position,
+                rows,
+            )
+        )
+        if count:
+            first = scan.lines.first
+            interpreter.begun = interpreter.begun or bool(first[index + count] > first[index])
+            interpreter.here.line = window.first + index + count - 1
+            motion.position = position.tolist()
+            self._give_out(rows)
+            self._store(before)
         return count
 
-    def _execute(self, window: Window, index: int, end: int) -> tuple[int, kernel.Moves]:
-        """Bring modal state and position up to date; return the number of lines and the moves."""
-        modal, motion, scan = self._interpreter.modal, self._interpreter.motion, window.scan
-        setup = kernel.Setup(
-            column=self._column,
-            scale=np.array(motion.scales),
-            zero=np.array(motion.coordinates.zero),
-            turns=self._turns,
-            absolute=int(modal.absolute),
-            feed_scale=modal.scale,
-            min_feed=MIN_FEED,
+    # State
+
+    def _setup(self) -> kernel.Setup:
+        interpreter = self._interpreter
+        modal, motion, dialect = interpreter.modal, interpreter.motion, interpreter.dialect
+        arc = dialect.arc_mm if modal.scale == 1.0 else dialect.arc_inch
+        return kernel.Setup(
+            self._column,
+            np.array(motion.scales),
+            np.array(motion.coordinates.zero),
+            self._turns,
+            self._planes,
+            self._action_of_codes(),
+            self._group,
+            self._m_action,
+            Tolerance(arc.slack, arc.relative, arc.limit, arc.reach),
+            kernel.Rules(
+                unit=modal.scale,
+                min_feed=MIN_FEED,
+                arc_absolute=modal.arc_absolute,
+                idle_center=dialect.arc_idle_center,
+                surface_speed=modal.constant_surface,
+                notes=interpreter.unused_words.enabled,
+                dwell=dialect.dwell.get("P", 0.0),
+                longest_dwell=LONG_DWELL,
+            ),
         )
-        before = kernel.State(
-            _MODES.get(modal.motion, kernel.NO_MOTION),
+
+    def _action_of_codes(self) -> NDArray[np.uint8]:
+        """Return the actions of all G-codes; codes that are in effect already change nothing."""
+        interpreter = self._interpreter
+        modal, coordinates = interpreter.modal, interpreter.motion.coordinates
+        idle = {
+            G.G21 if modal.scale == 1.0 else G.G20,
+            G.G94,
+            G.G90_1 if modal.arc_absolute else G.G91_1,
+            G.G98 if modal.initial_level else G.G99,
+        }
+        stopped: set[G] = set()
+        if interpreter.motion.compensation.active:
+            stopped = set(PLANES)
+        else:
+            idle.add(G.G40)
+            current = coordinates.parameters.values.get(CURRENT_SYSTEM)
+            if coordinates.system < len(SYSTEM_CODES) and current == coordinates.system + 1.0:
+                idle.add(SYSTEM_CODES[coordinates.system])
+        if not any(coordinates.tool_offset):
+            idle.add(G.G49)
+        key = frozenset((*idle, *stopped))
+        found = self._actions.get(key)
+        if found is None:
+            found = self._actions[key] = np.full(1000, kernel.STOP, np.uint8)
+            legal = interpreter.dialect.g
+            for code, action in {**_ACTIONS, **dict.fromkeys(idle, kernel.IDLE)}.items():
+                if code in legal and code not in stopped:
+                    found[code] = action
+        return found
+
+    def _load(self) -> tuple[int, int]:
+        """Copy the modal state for the compiled code; return the lines of unused F and S words."""
+        modal, words = self._interpreter.modal, self._interpreter.unused_words.words
+        feed, speed = words.get("F"), words.get("S")
+        lines = (feed.line if feed else 0, speed.line if speed else 0)
+        self._state[0] = (
+            kernel.NO_MOTION if modal.motion is None else _MOTIONS.index(modal.motion),
+            _PLANES.index(modal.plane),
+            modal.absolute,
             math.nan if modal.feed is None else modal.feed.linear,
             math.nan if modal.feed is None else modal.feed.rotary,
+            _SPINDLE.index(modal.spindle),
+            math.nan if modal.speed is None else modal.speed,
+            modal.mist,
+            modal.flood,
+            feed.word.number if feed else math.nan,
+            lines[0],
+            speed.word.number if speed else math.nan,
+            lines[1],
+            0,
+            0,
         )
-        position = np.array(motion.position)
-        most = end - index
-        moves = kernel.Moves(
-            np.empty((most, len(position))), np.empty(most), np.empty(most, np.int32)
-        )
-        first, words, number = scan.lines.first, scan.words, window.first + index
-        count, made, after = kernel.straight(
-            first, words, index, end, number, setup, before, position, moves
-        )
-        if after.mode != kernel.NO_MOTION:
-            modal.motion = G.G1 if after.mode == kernel.FEED else G.G0
-        if not math.isnan(after.linear):
-            modal.feed = Feed(float(after.linear), float(after.rotary))
-        motion.position = position.tolist()
-        return int(count), kernel.Moves(moves.points[:made], moves.feeds[:made], moves.lines[:made])
+        return lines
 
-    def _note_feeds(self, window: Window, begin: int, end: int, moved: NDArray[np.int32]) -> None:
-        """Report F words that no feed move uses.
+    def _store(self, before: tuple[int, int]) -> None:
+        """Bring modal state and unused words up to date. ``before`` is the result of `_load`."""
+        modal = self._interpreter.modal
+        (
+            mode, plane, absolute, linear, rotary, spindle, speed, mist, flood,
+            feed_word, feed_line, speed_word, speed_line, _, _,
+        ) = self._state[0].item()  # fmt: skip
+        modal.motion = None if mode == kernel.NO_MOTION else _MOTIONS[mode]
+        modal.plane = _PLANES[plane]
+        modal.absolute = bool(absolute)
+        if linear == linear:
+            modal.feed = Feed(linear, rotary)
+        modal.spindle = _SPINDLE[spindle]
+        if speed == speed:
+            modal.speed = speed
+        modal.mist, modal.flood = bool(mist), bool(flood)
+        if self._interpreter.unused_words.enabled:
+            self._note("F", feed_word, feed_line, before[0])
+            self._note("S", speed_word, speed_line, before[1])
 
-        Args:
-            window: The text.
-            begin: Index of the first executed line.
-            end: Index after the last executed line.
-            moved: Numbers of the lines with a feed move.
-        """
-        unused_words, scan = self._interpreter.unused_words, window.scan
-        first = scan.lines.first[begin : end + 1]
-        words = first[0] + np.flatnonzero(scan.words.letter[first[0] : first[-1]] == _F)
-        rows = begin + np.searchsorted(first, words, side="right") - 1
-        if len(moved) and (not len(words) or moved[0] < window.first + rows[0]):
-            unused_words.mark_used("F")
-        if not len(words):
+    def _note(self, letter: str, number: float, line: int, before: int) -> None:
+        """Record the F or S word that nothing has used yet; NaN for none."""
+        interpreter = self._interpreter
+        if number == number and line == before:
             return
-        nowhere = window.first + end
-        used = np.append(moved, nowhere)[np.searchsorted(moved, window.first + rows)]
-        idle = used >= np.append(window.first + rows[1:], nowhere)
-        # The note on an F word depends on the one before it. So only the first one matters, those
-        # that are idle, and those after an idle one.
-        for each in np.flatnonzero(idle | np.append(True, idle[:-1])).tolist():
-            row = int(rows[each])
-            text = window.text(row)
-            number = float(scan.words.number[words[each]])
-            unused_words.note(_feed_word(number, text), window.first + row, text)
-            if not idle[each]:
-                unused_words.mark_used("F")
+        interpreter.unused_words.mark_used(letter)
+        if number == number:
+            here = interpreter.here
+            word = next(word for word in here.words_of(line) if word.letter == letter)
+            interpreter.unused_words.note(word, line, here.text_of(line))
+
+    # Blocks
+
+    def _give_out(self, rows: kernel.Rows) -> None:
+        """Put the rows into the buffer of blocks."""
+        interpreter, count = self._interpreter, int(self._state[0]["rows"])
+        out, compensation = interpreter.out, interpreter.motion.compensation
+        if compensation.active:
+            self._compensate(rows, count)
+            return
+        begin = 0
+        others = np.flatnonzero(rows.kinds[:count])
+        for row, block in zip(others.tolist(), self._blocks(rows, others), strict=True):
+            if row > begin:
+                out.moves(rows.points[begin:row], rows.feeds[begin:row], rows.lines[begin:row])
+            out.put(block)
+            begin = row + 1
+        if count > begin:
+            out.moves(rows.points[begin:count], rows.feeds[begin:count], rows.lines[begin:count])
+
+    def _compensate(self, rows: kernel.Rows, count: int) -> None:
+        """Pass the rows through the cutter compensation."""
+        interpreter = self._interpreter
+        out, compensation, here = interpreter.out, interpreter.motion.compensation, interpreter.here
+        others = iter(self._blocks(rows, np.flatnonzero(rows.kinds[:count])))
+        for row in range(count):
+            line = here.line = int(rows.lines[row])
+            try:
+                if rows.kinds[row] == kernel.STRAIGHT:
+                    compensation.move(rows.points[row].tolist(), float(rows.feeds[row]), line)
+                elif isinstance(block := next(others), ArcFeed):
+                    compensation.arc(block)
+                else:
+                    out.add(block)
+            except GcodeError as error:
+                raise error.at(line=error.diagnostic.line or line) from None
+
+    def _blocks(self, rows: kernel.Rows, numbers: NDArray[np.intp]) -> Iterator[Block]:
+        """Yield the blocks of rows that are no straight moves."""
+        file = self._interpreter.here.file
+        for kind, line, data, end, feed in zip(
+            rows.kinds[numbers].tolist(),
+            rows.lines[numbers].tolist(),
+            rows.data[numbers].tolist(),
+            rows.points[numbers],
+            rows.feeds[numbers].tolist(),
+            strict=True,
+        ):
+            first, second, radius, turns, plane = data
+            if kind == kernel.ARC:
+                yield ArcFeed(
+                    file, line, _PLANES[int(plane)], (first, second), end, radius, turns, feed
+                )
+            elif kind == kernel.SPINDLE:
+                speed = (second or 0.0) if first else 0.0
+                yield Spindle(file, line, _SPINDLE[int(first)], speed)
+            elif kind == kernel.COOLANT:
+                yield Coolant(file, line, bool(first), bool(second))
+            else:
+                yield Dwell(file, line, first)
 
 
-def _feed_word(number: float, text: str) -> Word:
-    """Return the F word of a line."""
-    found = _FEED_WORD.search(_COMMENT.sub(lambda comment: " " * len(comment[0]), text))
-    assert found
-    written = "".join(found[0].split()).upper()
-    return Word("F", number, written, found.start() + 1, len(found[0]))
+def _rows(count: int, axes: int) -> kernel.Rows:
+    """Return space for rows."""
+    space: Any = np.empty
+    return kernel.Rows(
+        space((count, axes)),
+        space(count),
+        space(count, np.int32),
+        space(count, np.uint8),
+        space((count, 5)),
+    )

@@ -19,6 +19,10 @@ TakeAnswer = Callable[[tuple[float, ...]], None]
 """Processes an answer of the board."""
 
 
+_Run = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
+"""Points, feeds and lines of straight moves that are kept as arrays; the lists are empty then."""
+
+
 class BlockBuffer:
     """Blocks of a program in order.
 
@@ -40,9 +44,12 @@ class BlockBuffer:
         self._points: list[float] = []
         self._feeds: list[float] = []
         self._lines: list[int] = []
+        self._run: _Run | None = None
 
     def move(self, end: list[float], feed: float, line: int) -> None:
         """Add a straight move at ``feed`` mm/s; NaN for a traverse."""
+        if self._run is not None:
+            self._unpack()
         self._points += end
         self._feeds.append(feed)
         self._lines.append(line)
@@ -60,7 +67,8 @@ class BlockBuffer:
             lines: (n,) source lines.
         """
         begin, count = 0, len(feeds)
-        if self._feeds:
+        if self._feeds or self._run is not None:
+            self._unpack()
             begin = min(count, MAX_MOVES - len(self._feeds))
             self._points += points[:begin].ravel().tolist()
             self._feeds += feeds[:begin].tolist()
@@ -70,21 +78,11 @@ class BlockBuffer:
             self.flush()
         while count - begin >= MAX_MOVES:
             end = begin + MAX_MOVES
-            self.ready.append(
-                Polyline(
-                    self._here.file,
-                    int(lines[begin]),
-                    points[begin:end],
-                    feeds[begin:end],
-                    lines[begin:end],
-                )
-            )
+            self._run = points[begin:end], feeds[begin:end], lines[begin:end]
+            self.flush()
             begin = end
-        self._points, self._feeds, self._lines = (
-            points[begin:].ravel().tolist(),
-            feeds[begin:].tolist(),
-            lines[begin:].tolist(),
-        )
+        if count > begin:
+            self._run = points[begin:], feeds[begin:], lines[begin:]
 
     def add(self, block: Block) -> None:
         """Add any other block."""
@@ -128,15 +126,29 @@ class BlockBuffer:
 
     def flush(self) -> None:
         """Complete the current run of straight moves."""
-        if not self._feeds:
-            return
-        self.ready.append(
-            Polyline(
-                self._here.file,
-                self._lines[0],
-                np.array(self._points, dtype=np.float64).reshape(-1, self._axes),
-                np.array(self._feeds, dtype=np.float64),
-                np.array(self._lines, dtype=np.int32),
+        if self._run is not None:
+            points, feeds, lines = self._run
+            self.ready.append(Polyline(self._here.file, int(lines[0]), points, feeds, lines))
+            self._run = None
+        elif self._feeds:
+            self.ready.append(
+                Polyline(
+                    self._here.file,
+                    self._lines[0],
+                    np.array(self._points, dtype=np.float64).reshape(-1, self._axes),
+                    np.array(self._feeds, dtype=np.float64),
+                    np.array(self._lines, dtype=np.int32),
+                )
             )
-        )
-        self._points, self._feeds, self._lines = [], [], []
+            self._points, self._feeds, self._lines = [], [], []
+
+    def _unpack(self) -> None:
+        """Turn a run that is kept as arrays into lists, to which moves can be added."""
+        if self._run is not None:
+            points, feeds, lines = self._run
+            self._points, self._feeds, self._lines = (
+                points.ravel().tolist(),
+                feeds.tolist(),
+                lines.tolist(),
+            )
+            self._run = None

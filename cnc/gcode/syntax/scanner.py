@@ -79,7 +79,7 @@ def scan(data: bytes, *, whole: bool) -> Scan:
         head=np.empty(most_lines, np.uint8),
         label=np.empty(most_lines, np.int64),
         plain=np.empty(most_lines, np.int32),
-        straight=np.empty(most_lines, np.int32),
+        simple=np.empty(most_lines, np.int32),
         first=np.empty(most_lines + 1, np.int32),
     )
     words = kernel.Words(

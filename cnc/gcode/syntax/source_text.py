@@ -49,7 +49,7 @@ class Window:
         head: See :class:`cnc.kernels.gcode.scanner.Lines`, as for the next three.
         label: N numbers.
         plain: Numbers of consecutive plain lines.
-        straight: Numbers of consecutive straight moves.
+        simple: Numbers of consecutive lines in which no word is repeated.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Window:
         self.head: NDArray[np.uint8] = found.lines.head[:count]
         self.label: NDArray[np.int64] = found.lines.label[:count]
         self.plain: NDArray[np.int32] = found.lines.plain[:count]
-        self.straight: NDArray[np.int32] = found.lines.straight[:count]
+        self.simple: NDArray[np.int32] = found.lines.simple[:count]
         self._data, self._begin, self._end = data, found.lines.begin, found.lines.end
         self._texts = texts or {}
 
