@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cnc.gcode.syntax.parser import MEMO, Syntax, parse_line
-from cnc.gcode.syntax.scanner import Scan, scan
+from cnc.gcode.syntax.scanner import Scan, code, scan
 from cnc.gcode.syntax.statement import Statement
+from cnc.kernels.gcode.coding import Coded
 from cnc.model.diagnostics import Diagnostic, UsageError
 
 WINDOW_BYTES = 1 << 18
@@ -71,6 +72,20 @@ class Window:
         self.simple: NDArray[np.int32] = found.lines.simple[:count]
         self._data, self._begin, self._end = data, found.lines.begin, found.lines.end
         self._texts = texts or {}
+
+    @property
+    def has_expressions(self) -> bool:
+        """Whether a line may have parameters or expressions."""
+        return b"#" in self._data or b"[" in self._data
+
+    def code(self) -> Coded:
+        """Return the lines as instructions."""
+        return code(self._data, self.scan)
+
+    def name_of(self, coded: Coded, index: int) -> str:
+        """Return a name of a parameter in the lines."""
+        begin, end = int(coded.names.begin[index]), int(coded.names.end[index])
+        return self._data[begin:end].decode("ascii").lower()
 
     def text(self, index: int) -> str:
         """Return a line without its end. It is read as Latin-1 if it is not UTF-8."""

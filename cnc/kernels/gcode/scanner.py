@@ -94,7 +94,7 @@ _ACTIVE = np.array(
 
 
 @njit
-def _comment_end(data: Bytes, at: int, stop: int) -> int:
+def comment_end(data: Bytes, at: int, stop: int) -> int:
     """Return the position after the comment that opens at ``at``.
 
     NOT_PLAIN if it is not closed, holds another comment, or may be a command.
@@ -119,7 +119,7 @@ def _comment_end(data: Bytes, at: int, stop: int) -> int:
 
 
 @njit
-def _tail_is_plain(data: Bytes, at: int, stop: int) -> bool:
+def tail_is_plain(data: Bytes, at: int, stop: int) -> bool:
     """Return whether the comment from the semicolon at ``at`` has only legal characters."""
     for i in range(at, stop):
         char = int(data[i])
@@ -148,12 +148,12 @@ def _read_words(
             i += 1
             continue
         if char == _OPEN:
-            i = _comment_end(data, i, stop)
+            i = comment_end(data, i, stop)
             if i < 0:
                 return NOT_PLAIN
             continue
         if char == _SEMICOLON:
-            return count if _tail_is_plain(data, i, stop) else NOT_PLAIN
+            return count if tail_is_plain(data, i, stop) else NOT_PLAIN
         capital = char & ~_LOWER
         if char < _A or capital < _A or capital > _Z:
             return NOT_PLAIN

@@ -11,6 +11,7 @@ import pytest
 
 from cnc.gcode import dialects
 from cnc.gcode.program.interpreter import Interpreter
+from cnc.gcode.program.line_machine import LineMachine
 from cnc.gcode.program.plain_lines import PlainLines
 from cnc.gcode.syntax.parameters import Parameters
 from cnc.gcode.syntax.parser import Syntax
@@ -60,7 +61,7 @@ class Reader:
         rules = dialects.load(dialect)
         start = [0.1 * (index + 1) for index in range(len(axes))]
         self.interpreter = Interpreter("t", axes, rules, start, Parameters(), None)
-        self.on_arrays = PlainLines(self.interpreter) if fast else None
+        self.on_arrays = PlainLines(self.interpreter, LineMachine(self.interpreter)) if fast else None
         self.syntax = Syntax(rules.flavour)
         self.runs = self.executed = 0
         self.error = ""

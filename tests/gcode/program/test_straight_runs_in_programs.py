@@ -119,9 +119,11 @@ def agree(
 ) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(line_steps, "SHORTEST", shortest)
+        patch.setattr(line_steps, "MANY_LINES", 1)
         quick = outcome(lines, axes, dialect, block_delete=block_delete)
     with monkeypatch.context() as patch:
         patch.setattr(line_steps, "SHORTEST", len(lines) + 1)
+        patch.setattr(line_steps, "MANY_LINES", 1 << 40)
         patch.setattr(line_steps, "move_of", lambda *_: None)
         patch.setattr(Motion, "quick", lambda *_: False)
         slow = outcome(lines, axes, dialect, block_delete=block_delete)
