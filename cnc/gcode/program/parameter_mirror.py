@@ -39,18 +39,19 @@ class ParameterMirror:
 
     def slots(self, window: Window, coded: Coded) -> NDArray[np.int32]:
         """Return the slot of each name in the lines of a window; new names get new slots."""
-        found = np.empty(int(coded.names.count[0]), np.int32)
-        for index in range(len(found)):
-            name = window.name_of(coded, index)
-            slot = self._slots.get(name)
-            if slot is None:
-                slot = self._slots[name] = len(self._names)
-                self._names.append(name)
-                if slot == len(self._named):
-                    self._grow()
-                self._read(name)
-            found[index] = slot
-        return found
+        names, known = window.names(coded), self._slots
+        new = [name for name in names if name not in known]
+        begin = len(self._names)
+        known.update(zip(new, range(begin, begin + len(new)), strict=True))
+        self._names += new
+        while len(self._named) < len(self._names):
+            self._grow()
+        read, is_bound = self._parameters.stored_value, self._parameters.is_bound
+        self._named[begin : len(self._names)] = [read(name) for name in new]
+        self._changes.named[begin : len(self._names)] = [
+            _OF_INTERPRETER if is_bound(name) else 0 for name in new
+        ]
+        return np.array([known[name] for name in names], np.int32)
 
     def load(self, slots: NDArray[np.int32]) -> tuple[Values, Changes]:
         """Return the values of all parameters.

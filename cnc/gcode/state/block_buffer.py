@@ -19,8 +19,8 @@ TakeAnswer = Callable[[tuple[float, ...]], None]
 """Processes an answer of the board."""
 
 
-_Run = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
-"""Points, feeds and lines of straight moves that are kept as arrays; the lists are empty then."""
+_Piece = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
+"""Points, feeds and lines of straight moves that are kept as arrays, before the single moves."""
 
 
 class BlockBuffer:
@@ -44,16 +44,15 @@ class BlockBuffer:
         self._points: list[float] = []
         self._feeds: list[float] = []
         self._lines: list[int] = []
-        self._run: _Run | None = None
+        self._pieces: list[_Piece] = []
+        self._held = 0
 
     def move(self, end: list[float], feed: float, line: int) -> None:
         """Add a straight move at ``feed`` mm/s; NaN for a traverse."""
-        if self._run is not None:
-            self._unpack()
         self._points += end
         self._feeds.append(feed)
         self._lines.append(line)
-        if len(self._feeds) >= MAX_MOVES:
+        if self._held + len(self._feeds) >= MAX_MOVES:
             self.flush()
 
     def moves(
@@ -66,23 +65,18 @@ class BlockBuffer:
             feeds: (n,) mm/s; NaN for a traverse.
             lines: (n,) source lines.
         """
+        if self._feeds:
+            self._pack()
         begin, count = 0, len(feeds)
-        if self._feeds or self._run is not None:
-            self._unpack()
-            begin = min(count, MAX_MOVES - len(self._feeds))
-            self._points += points[:begin].ravel().tolist()
-            self._feeds += feeds[:begin].tolist()
-            self._lines += lines[:begin].tolist()
-            if len(self._feeds) < MAX_MOVES:
-                return
-            self.flush()
-        while count - begin >= MAX_MOVES:
-            end = begin + MAX_MOVES
-            self._run = points[begin:end], feeds[begin:end], lines[begin:end]
+        while count - begin >= MAX_MOVES - self._held:
+            end = begin + MAX_MOVES - self._held
+            self._pieces.append((points[begin:end], feeds[begin:end], lines[begin:end]))
+            self._held = MAX_MOVES
             self.flush()
             begin = end
         if count > begin:
-            self._run = points[begin:], feeds[begin:], lines[begin:]
+            self._pieces.append((points[begin:], feeds[begin:], lines[begin:]))
+            self._held += count - begin
 
     def add(self, block: Block) -> None:
         """Add any other block."""
@@ -126,29 +120,27 @@ class BlockBuffer:
 
     def flush(self) -> None:
         """Complete the current run of straight moves."""
-        if self._run is not None:
-            points, feeds, lines = self._run
-            self.ready.append(Polyline(self._here.file, int(lines[0]), points, feeds, lines))
-            self._run = None
-        elif self._feeds:
-            self.ready.append(
-                Polyline(
-                    self._here.file,
-                    self._lines[0],
-                    np.array(self._points, dtype=np.float64).reshape(-1, self._axes),
-                    np.array(self._feeds, dtype=np.float64),
-                    np.array(self._lines, dtype=np.int32),
-                )
-            )
-            self._points, self._feeds, self._lines = [], [], []
+        if self._feeds:
+            self._pack()
+        if not self._pieces:
+            return
+        if len(self._pieces) == 1:
+            points, feeds, lines = self._pieces[0]
+        else:
+            points = np.concatenate([piece[0] for piece in self._pieces])
+            feeds = np.concatenate([piece[1] for piece in self._pieces])
+            lines = np.concatenate([piece[2] for piece in self._pieces])
+        self.ready.append(Polyline(self._here.file, int(lines[0]), points, feeds, lines))
+        self._pieces, self._held = [], 0
 
-    def _unpack(self) -> None:
-        """Turn a run that is kept as arrays into lists, to which moves can be added."""
-        if self._run is not None:
-            points, feeds, lines = self._run
-            self._points, self._feeds, self._lines = (
-                points.ravel().tolist(),
-                feeds.tolist(),
-                lines.tolist(),
+    def _pack(self) -> None:
+        """Turn the single moves into arrays."""
+        self._pieces.append(
+            (
+                np.array(self._points, dtype=np.float64).reshape(-1, self._axes),
+                np.array(self._feeds, dtype=np.float64),
+                np.array(self._lines, dtype=np.int32),
             )
-            self._run = None
+        )
+        self._held += len(self._feeds)
+        self._points, self._feeds, self._lines = [], [], []

@@ -82,10 +82,11 @@ class Window:
         """Return the lines as instructions."""
         return code(self._data, self.scan)
 
-    def name_of(self, coded: Coded, index: int) -> str:
-        """Return a name of a parameter in the lines."""
-        begin, end = int(coded.names.begin[index]), int(coded.names.end[index])
-        return self._data[begin:end].decode("ascii").lower()
+    def names(self, coded: Coded) -> list[str]:
+        """Return the different names of parameters in the lines."""
+        text, count = self._data.decode("latin-1").lower(), int(coded.names.count[0])
+        begins, ends = coded.names.begin[:count].tolist(), coded.names.end[:count].tolist()
+        return [text[begin:end] for begin, end in zip(begins, ends, strict=True)]
 
     def text(self, index: int) -> str:
         """Return a line without its end. It is read as Latin-1 if it is not UTF-8."""

@@ -368,6 +368,68 @@ def _commit(
 
 
 @njit
+def _end(
+    letters: Bytes, numbers: Floats, absolute: int, setup: Setup, position: Floats, end: Floats
+) -> bool:
+    """Fill the end of a move from its axis words; return whether only rotary axes move."""
+    turned = shifted = False
+    for i in range(len(position)):
+        end[i] = position[i]
+    for w in range(len(letters)):
+        i = setup.column[int(letters[w]) - _A]
+        if i >= 0:
+            target = numbers[w] * setup.scale[i]
+            target = target + setup.zero[i] if absolute else position[i] + target
+            if target != position[i]:
+                if setup.turns[i] != 0.0:
+                    turned = True
+                else:
+                    shifted = True
+            end[i] = target
+    return turned and not shifted
+
+
+@njit
+def _execute_any(
+    letters: Bytes,
+    numbers: Floats,
+    line: int,
+    setup: Setup,
+    now: Record,
+    position: Floats,
+    rows: Rows,
+) -> bool:
+    """Execute a line of any words. Arguments as of `execute_line`; ``now`` is its modal state."""
+    known, words = _read_words(letters, numbers, setup, now)
+    if not known or not _fits(words, setup, now):
+        return False
+    is_move = not words.pausing and (words.moving or words.curved)
+    row = now["rows"]
+    if words.speed == words.speed or words.turn >= 0 or words.cool >= 0 or words.pausing:
+        row = _count_events(words, now)
+    if is_move:
+        end = rows.points[row]
+        rotates = _end(letters, numbers, words.absolute, setup, position, end)
+        rows.kinds[row] = STRAIGHT
+        if words.mode >= 2:
+            if not _arc_row(
+                setup, words.plane, words.mode == 2, words.center, words.radius, position, end,
+                rows.data[row],
+            ):  # fmt: skip
+                return False
+            rows.kinds[row] = ARC
+        rate = words.rotary if rotates else words.linear
+        rows.feeds[row] = math.nan if words.mode == 0 else rate
+        rows.lines[row] = line
+        for i in range(len(position)):
+            position[i] = end[i]
+    _commit(words, line, words.time * setup.rules.dwell, now, rows, is_move and words.mode != 0)
+    now["others"] += row - now["rows"] + int(is_move and words.mode >= 2)
+    now["rows"] = row + is_move
+    return True
+
+
+@njit
 def execute_line(
     letters: Bytes,
     numbers: Floats,
@@ -392,46 +454,24 @@ def execute_line(
         Whether the line was executed. If not, nothing was done.
     """
     now = state[0]
-    known, words = _read_words(letters, numbers, setup, now)
-    if not known or not _fits(words, setup, now):
-        return False
-    is_move = not words.pausing and (words.moving or words.curved)
-    row = now["rows"]
-    if words.speed == words.speed or words.turn >= 0 or words.cool >= 0 or words.pausing:
-        row = _count_events(words, now)
-    if is_move:
-        end = rows.points[row]
-        turned = shifted = False
-        for i in range(len(position)):
-            end[i] = position[i]
-        for w in range(len(letters)):
-            i = setup.column[int(letters[w]) - _A]
-            if i >= 0:
-                target = numbers[w] * setup.scale[i]
-                target = target + setup.zero[i] if words.absolute else position[i] + target
-                if target != position[i]:
-                    if setup.turns[i] != 0.0:
-                        turned = True
-                    else:
-                        shifted = True
-                end[i] = target
+    # Most lines of a long program are straight moves of axis words alone.
+    straight = now["mode"] == 0 or (now["mode"] == 1 and now["linear"] == now["linear"])
+    for w in range(len(letters)):
+        straight = straight and setup.column[int(letters[w]) - _A] >= 0
+    if straight:
+        row = now["rows"]
+        rotates = _end(letters, numbers, now["absolute"], setup, position, rows.points[row])
+        rate = now["rotary"] if rotates else now["linear"]
         rows.kinds[row] = STRAIGHT
-        if words.mode >= 2:
-            if not _arc_row(
-                setup, words.plane, words.mode == 2, words.center, words.radius, position, end,
-                rows.data[row],
-            ):  # fmt: skip
-                return False
-            rows.kinds[row] = ARC
-        rate = words.rotary if turned and not shifted else words.linear
-        rows.feeds[row] = math.nan if words.mode == 0 else rate
+        rows.feeds[row] = math.nan if now["mode"] == 0 else rate
         rows.lines[row] = line
         for i in range(len(position)):
-            position[i] = end[i]
-    _commit(words, line, words.time * setup.rules.dwell, now, rows, is_move and words.mode != 0)
-    now["others"] += row - now["rows"] + int(is_move and words.mode >= 2)
-    now["rows"] = row + is_move
-    return True
+            position[i] = rows.points[row, i]
+        if now["mode"] == 1:
+            now["feed_word"] = math.nan
+        now["rows"] = row + 1
+        return True
+    return _execute_any(letters, numbers, line, setup, now, position, rows)
 
 
 @njit
